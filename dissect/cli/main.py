@@ -1,0 +1,116 @@
+"""The command ``s7dissect``: its subcommands by name, its exit codes, and nothing that takes time to import.
+
+A subcommand lives in ``dissect/cli/<name>.py`` as a click command called ``command`` and is imported when it runs or when
+its own help is asked for; the list of commands is printed from the table below.
+
+Exit codes: 0 fine, 1 a gate failed, 2 usage or unreadable input, 3 finished on damaged input, 5 the output could not be
+written, 130 interrupted. A command returns its code; ``None`` means 0.
+"""
+
+from __future__ import annotations
+
+import errno
+import importlib
+import os
+import sys
+from typing import Final, NoReturn
+
+import click
+
+from dissect import __version__
+from dissect.wire.build import COMPILED
+
+EXIT_OK: Final = 0
+EXIT_GATE: Final = 1
+EXIT_USAGE: Final = 2
+EXIT_DAMAGED: Final = 3
+EXIT_OUTPUT: Final = 5
+EXIT_INTERRUPTED: Final = 130
+
+#: Each command and the line that the list of commands shows for it, in the order of that list.
+COMMANDS: Final = {
+    "analyze": "What a capture holds, how fast it went, what failed and why.",
+    "transactions": "One line per request and answer, with items and latency.",
+    "show": "One line per S7 PDU, or the fields and octets of one.",
+}
+
+
+#: Set by the shell when it asks for completions.
+_COMPLETION: Final = "_S7DISSECT_COMPLETE"
+
+
+class LazyGroup(click.Group):
+    """A group that lists its commands from `COMMANDS` and imports one only to use it."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names in the order of the table."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import and return the command, None when there is none of that name."""
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = importlib.import_module(f"dissect.cli.{cmd_name}").command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the list of commands without importing one."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.command(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(
+    __version__, prog_name="s7dissect", message=f"%(prog)s %(version)s ({'compiled' if COMPILED else 'interpreted'})"
+)
+def group() -> None:
+    """Dissect and analyze Siemens S7 communication."""
+
+
+def main(arguments: list[str] | None = None) -> NoReturn:
+    """Run the command line on ``arguments`` (default: those of the process) and end the process with its exit code."""
+    sys.exit(_run(arguments))
+
+
+def _run(arguments: list[str] | None) -> int:
+    """Run one command and turn every expected end of it into an exit code and at most one line on stderr."""
+    try:
+        result = group.main(arguments, prog_name="s7dissect", complete_var=_COMPLETION, standalone_mode=False)
+        sys.stdout.flush()
+    except click.ClickException as exc:
+        exc.show()
+        return EXIT_USAGE
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("s7dissect: interrupted", err=True)
+        return EXIT_INTERRUPTED
+    except OSError as exc:
+        return _system_refused(exc)
+    except SystemExit:
+        if _COMPLETION in os.environ:
+            raise
+        # In this mode click ends the process by itself for a closed pipe only, and with the code of a failed gate.
+        return _system_refused(BrokenPipeError(errno.EPIPE, "Broken pipe"))
+    except Exception as exc:
+        from dissect.source.packet import CaptureError
+
+        if not isinstance(exc, CaptureError):
+            raise
+        click.echo(f"s7dissect: {exc}", err=True)
+        return EXIT_USAGE
+    return result if isinstance(result, int) else EXIT_OK
+
+
+def _system_refused(exc: OSError) -> int:
+    """Return the exit code for what the system refused: a file the user named, or else the output.
+
+    A closed pipe is no fault of ours: whoever read it has seen enough.
+    """
+    if exc.filename is not None:
+        click.echo(f"s7dissect: {exc.filename}: {exc.strerror}", err=True)
+        return EXIT_USAGE
+    # Whatever is still buffered cannot be written either: let the interpreter flush it into nothing.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if exc.errno == errno.EPIPE:
+        return EXIT_OK
+    click.echo(f"s7dissect: cannot write the results: {exc.strerror or exc}", err=True)
+    return EXIT_OUTPUT

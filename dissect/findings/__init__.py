@@ -1,0 +1,1 @@
+"""What deserves attention: the catalogue and the rules that judge."""

@@ -1,0 +1,112 @@
+"""What is worth saying about a connection: negotiation, sizes, number of open jobs, how it ended (reference 7.1 and 7.2)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.findings.judge import Judge
+from dissect.iso.cotp import Tpdu
+from dissect.iso.tables import DR_REASONS, ER_CAUSES
+from dissect.s7.parameters import Parameters
+from dissect.s7.tables import SETUP_COMMUNICATION
+from dissect.transactions.connection import ISO_TSAP_PORT, Connection
+from dissect.transactions.table import Side
+from dissect.transactions.transaction import Transaction
+
+#: The smallest PDU length a setup answer can mean: it has 20 octets itself, and no real device goes below 240.
+_MIN_PDU_LENGTH: Final = 64
+#: A connection of which only one side was captured is called so from this many PDUs on.
+_ONE_SIDED_PDUS: Final = 3
+
+
+def judge_request(judge: Judge, side: Side, parameters: Parameters, open_now: i64, frame: i64, time_ns: i64) -> None:
+    """A request before communication was set up, or one more than was granted."""
+    connection = side.connection
+    number = connection.number
+    if parameters.function == SETUP_COMMUNICATION:
+        connection.setup_seen = True
+        if parameters.setup is not None:
+            connection.setup_asked = parameters.setup
+    elif not connection.setup_seen and not connection.mid_stream:
+        connection.setup_seen = True  # said once
+        judge.note("session.data_before_setup", number, [frame], time_ns, parameters.function_name)
+    allowed = connection.jobs_allowed(side.index)
+    if allowed and open_now > allowed:
+        judge.note(
+            "session.too_many_jobs", number, [frame], time_ns, f"{open_now} requests open, {allowed} granted (AmQ)"
+        )
+
+
+def judge_grant(judge: Judge, transaction: Transaction) -> None:
+    """A setup answer that grants more than was asked, or too little to work with."""
+    granted = transaction.response_parameters.setup if transaction.response_parameters is not None else None
+    asked = transaction.parameters.setup
+    if granted is None or asked is None or transaction.error_code:
+        return
+    wrong = ""
+    if granted.pdu_length > asked.pdu_length:
+        wrong = f"PDU length {granted.pdu_length} granted, {asked.pdu_length} asked"
+    elif granted.pdu_length < _MIN_PDU_LENGTH:
+        wrong = f"PDU length {granted.pdu_length} granted"
+    elif granted.max_amq_called > asked.max_amq_called or granted.max_amq_calling > asked.max_amq_calling:
+        wrong = (
+            f"AmQ {granted.max_amq_calling}/{granted.max_amq_called} granted,"
+            f" {asked.max_amq_calling}/{asked.max_amq_called} asked"
+        )
+    if wrong:
+        judge.note(
+            "session.bad_grant",
+            transaction.connection.number,
+            [transaction.request_frame, transaction.response_frame],
+            transaction.response_ns,
+            wrong,
+        )
+
+
+def judge_port(judge: Judge, connection: Connection, frame: i64, time_ns: i64) -> None:
+    """S7 communication with neither end on port 102; said once a connection."""
+    ends = connection.tcp.ends
+    if ends[0].port != ISO_TSAP_PORT and ends[1].port != ISO_TSAP_PORT:
+        judge.note("session.unusual_port", connection.number, [frame], time_ns, f"server {connection.server}")
+
+
+def judge_disconnect(judge: Judge, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
+    """A DR: a refusal when it answers a connect request, else the end of the connection."""
+    connection = side.connection
+    reason = DR_REASONS.name(tpdu.field("reason"))
+    who = connection.tcp.ends[side.index]
+    if connection.cr_seen and not connection.established:
+        tsap = connection.tsap_called
+        where = f" for called TSAP {tsap.describe()}" if tsap is not None else ""
+        connection.refused = reason
+        judge.note("cotp.refused", connection.number, [frame], time_ns, f"{who} refuses{where}: {reason}")
+    else:
+        connection.iso_ended = f"DR from {who}: {reason}"
+        judge.note("cotp.disconnected", connection.number, [frame], time_ns, f"{who}: {reason}")
+
+
+def judge_error_tpdu(judge: Judge, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
+    """An ER: something the other side sent was rejected."""
+    cause = ER_CAUSES.name(tpdu.field("cause"))
+    connection = side.connection
+    connection.iso_ended = f"ER from {connection.tcp.ends[side.index]}: {cause}"
+    judge.note("cotp.error", connection.number, [frame], time_ns, cause)
+
+
+def judge_end(judge: Judge, side: Side, frame: i64, time_ns: i64) -> None:
+    """The connection is over: was only one side of it captured?"""
+    connection = side.connection
+    peer = side.peer
+    if peer is None or connection.pdus < _ONE_SIDED_PDUS:
+        return
+    if side.stream.octets == 0 or peer.stream.octets == 0:
+        seen = side if side.stream.octets else peer
+        judge.note(
+            "capture.one_sided",
+            connection.number,
+            [connection.tcp.first_frame],
+            time_ns,
+            f"only what {connection.tcp.ends[seen.index]} sent was captured",
+        )

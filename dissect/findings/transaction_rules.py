@@ -1,0 +1,124 @@
+"""What is worth saying about a transaction (reference sections 7.2 and 7.3)."""
+
+from __future__ import annotations
+
+from mypy_extensions import i64
+
+from dissect.findings.judge import Judge
+from dissect.transactions.dialogue import (
+    BAD_DATA,
+    COUNT_MISMATCH,
+    EXPECTED_ORPHAN,
+    FUNCTION_MISMATCH,
+    REORDERED,
+    SIZE_MISMATCH,
+)
+from dissect.transactions.transaction import (
+    ANSWERED,
+    CAPTURE_ENDED,
+    HOLE,
+    ORPHAN,
+    REASON_TEXTS,
+    TABLE_FULL,
+    UNANSWERED,
+    Transaction,
+)
+
+
+def judge_transaction(judge: Judge, transaction: Transaction, slow_ns: i64) -> None:
+    """Note what is odd about a transaction that is not open any more. Call it for odd ones only: it is the slow path."""
+    if transaction.outcome == ANSWERED:
+        _judge_flags(judge, transaction)
+        latency: int = transaction.response_ns - transaction.request_ns
+        if latency > slow_ns:
+            _note(judge, "transaction.slow", transaction, f"{latency / 1e6:.1f} ms, the limit is {int(slow_ns) / 1e6:g} ms")
+    elif transaction.outcome == ORPHAN and not transaction.flags & EXPECTED_ORPHAN:
+        _note(judge, "transaction.orphan", transaction, f"reference 0x{transaction.pdu_ref:04x}")
+    if transaction.has_errors:
+        _judge_errors(judge, transaction)
+
+
+def judge_unanswered(judge: Judge, transaction: Transaction, now_ns: i64, slow_ns: i64) -> None:
+    """Note a request without answer, unless the capture is to blame or ends too soon to tell."""
+    if transaction.outcome != UNANSWERED or transaction.reason == HOLE:
+        return
+    if transaction.reason == CAPTURE_ENDED and now_ns - transaction.request_ns <= slow_ns:
+        return
+    if transaction.reason == TABLE_FULL:
+        judge.note("transaction.table_full", transaction.connection.number, _frames(transaction), transaction.request_ns)
+    _note(judge, "transaction.unanswered", transaction, REASON_TEXTS[transaction.reason])
+
+
+def _frames(transaction: Transaction) -> list[int]:
+    return [frame for frame in (transaction.request_frame, transaction.response_frame) if frame]
+
+
+def _note(judge: Judge, slug: str, transaction: Transaction, what: str) -> None:
+    number = transaction.connection.number
+    if judge.wants(slug, number):
+        time_ns = max(transaction.request_ns, transaction.response_ns)
+        judge.detail(slug, number, _frames(transaction), time_ns, f"{_subject(transaction)}: {what}")
+
+
+def _subject(transaction: Transaction) -> str:
+    """Name the request for a person: the function and, of up to three items, the address."""
+    items = transaction.parameters.items
+    if not items:
+        return transaction.function_name
+    shown = ", ".join([item.address for item in items[:3]])
+    more = f" and {len(items) - 3} more" if len(items) > 3 else ""
+    return f"{transaction.function_name} {shown}{more}"
+
+
+def _judge_flags(judge: Judge, transaction: Transaction) -> None:
+    flags = transaction.flags
+    if not flags:
+        return
+    answer = transaction.response_parameters
+    if flags & FUNCTION_MISMATCH and answer is not None:
+        _note(judge, "transaction.function_mismatch", transaction, f"answered as {answer.function_name}")
+    if flags & COUNT_MISMATCH and answer is not None:
+        asked = transaction.parameters.item_count
+        _note(judge, "transaction.count_mismatch", transaction, f"asked for {asked} items, answered {answer.item_count}")
+    if flags & SIZE_MISMATCH:
+        _note(judge, "transaction.size_mismatch", transaction, _sizes(transaction))
+    if flags & BAD_DATA:
+        response = transaction.response
+        told = response.malformed if response is not None else []
+        what = str(told[0]) if told else "the data block does not fit the item count"
+        _note(judge, "s7.malformed", transaction, what)
+    if flags & REORDERED:
+        ahead: int = transaction.request_ns - transaction.response_ns
+        _note(judge, "transaction.reordered", transaction, f"the answer stands {ahead / 1e6:.3f} ms before the request")
+
+
+def _sizes(transaction: Transaction) -> str:
+    for number, result in enumerate(transaction.results(), 1):
+        item = result.item
+        if item is not None and result.data is not None and 0 <= item.size != len(result.data):
+            return f"item {number} ({item.address}) asked for {item.size} octets, got {len(result.data)}"
+    return "an item came back with another size"
+
+
+def _judge_errors(judge: Judge, transaction: Transaction) -> None:
+    if transaction.error_code:
+        if judge.wants("transaction.refused", transaction.connection.number):
+            error = transaction.errors[0]
+            judge.detail(
+                "transaction.refused",
+                transaction.connection.number,
+                _frames(transaction),
+                transaction.response_ns,
+                f"{_subject(transaction)}: 0x{error.code:04x} {error.name}",
+            )
+        return
+    slug = "transaction.item_error"
+    for error in transaction.errors:
+        if error.where.startswith("item") and judge.wants(slug, transaction.connection.number):
+            judge.detail(
+                slug,
+                transaction.connection.number,
+                _frames(transaction),
+                transaction.response_ns,
+                f"{transaction.function_name} {error.address or error.where}: 0x{error.code:02x} {error.name}",
+            )

@@ -1,0 +1,1 @@
+"""TPKT frames, COTP TPDUs and the TSDUs they carry."""

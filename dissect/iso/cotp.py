@@ -1,0 +1,218 @@
+"""COTP: the TPDUs of X.224 as they travel in TPKTs, and the assembly of TSDUs from DTs (reference section 2)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.iso import layouts
+from dissect.iso.tables import AK, CC, CR, DC, DR, DT, EA, ED, ER, PARAMETERS, RJ, TPDU_TYPES
+from dissect.iso.tsap import Tsap
+from dissect.wire.layout import FieldValue, Layout
+from dissect.wire.malformed import Malformed
+
+TPDU_SIZE: Final = 0xC0
+CALLING_TSAP: Final = 0xC1
+CALLED_TSAP: Final = 0xC2
+PREFERRED_SIZE: Final = 0xF0
+
+#: Octets of one TSDU held while its end is still to come.
+MAX_TSDU: Final = 65536
+
+
+class Parameter:
+    """One parameter of the variable part; ``offset`` is that of its code octet within the TPDU."""
+
+    __slots__ = ("code", "offset", "value")
+
+    def __init__(self, code: int, value: bytes, offset: int) -> None:
+        self.code = code
+        self.value = value
+        self.offset = offset
+
+    @property
+    def name(self) -> str:
+        """The parameter's name, or its number when it is not known."""
+        return PARAMETERS.name(self.code)
+
+
+class Tpdu:
+    """A parsed TPDU.
+
+    ``fields`` are the fixed part in wire order (offsets within the TPDU), ``parameters`` the variable part, ``data`` the user
+    data. ``variable`` is the octets of the variable part, kept because RDP writes something else there.
+    """
+
+    __slots__ = ("data", "fields", "layout", "malformed", "parameters", "type", "variable")
+
+    def __init__(self, type_: int, layout: Layout) -> None:
+        self.type = type_
+        self.layout = layout
+        self.fields: list[FieldValue] = []
+        self.parameters: list[Parameter] = []
+        self.variable = b""
+        self.data = b""
+        self.malformed: list[Malformed] = []
+
+    @property
+    def name(self) -> str:
+        """``CR``, ``DT`` … or the number of an unknown type."""
+        return TPDU_TYPES.name(self.type)
+
+    def field(self, name: str) -> int:
+        """Return the value of a fixed field, -1 when the TPDU has none of that name or is too short for it."""
+        for value in self.fields:
+            if value.field.name == name:
+                return value.value
+        return -1
+
+    def parameter(self, code: int) -> bytes | None:
+        """Return the value of a parameter; the last one counts when a code stands twice (X.224 13.2.3)."""
+        found: bytes | None = None
+        for parameter in self.parameters:
+            if parameter.code == code:
+                found = parameter.value
+        return found
+
+    def tsap(self, code: int) -> Tsap | None:
+        """Return the calling (0xC1) or called (0xC2) TSAP, None when it is not there."""
+        value = self.parameter(code)
+        return Tsap(value) if value is not None else None
+
+    @property
+    def tpdu_size(self) -> int:
+        """The TPDU size offered or chosen in octets, 0 when none is stated (then RFC 1006 means 65531)."""
+        preferred = self.parameter(PREFERRED_SIZE)
+        if preferred is not None and 1 <= len(preferred) <= 4:
+            return int.from_bytes(preferred, "big") * 128
+        size = self.parameter(TPDU_SIZE)
+        if size is not None and len(size) == 1 and 7 <= size[0] <= 16:
+            return 65531 if size[0] == 16 else 1 << size[0]
+        return 0
+
+
+def _by_size(type_: int, li: int) -> Layout:
+    """Choose the layout of a type that has several forms by its length indicator (reference 2.2)."""
+    if type_ == DT:
+        return layouts.DT if li < 4 else (layouts.DT_NORMAL if li < 7 else layouts.DT_EXTENDED)
+    if type_ == ED:
+        return layouts.ED if li < 4 else (layouts.ED_NORMAL if li < 7 else layouts.ED_EXTENDED)
+    if type_ == AK:
+        return layouts.AK if li < 9 else layouts.AK_EXTENDED
+    if type_ == RJ:
+        return layouts.RJ if li < 9 else layouts.RJ_EXTENDED
+    return layouts.EA if li < 7 else layouts.EA_EXTENDED
+
+
+_ONE_FORM: Final[dict[int, Layout]] = {
+    CR: layouts.CR,
+    CC: layouts.CC,
+    DR: layouts.DR,
+    DC: layouts.DC,
+    ER: layouts.ER,
+}
+_SEVERAL_FORMS: Final = frozenset((DT, ED, AK, EA, RJ))
+
+
+def parse_tpdu(octets: bytes) -> Tpdu:
+    """Read one TPDU (the content of a TPKT after its four octets). Never raises; what does not fit is in ``malformed``."""
+    if len(octets) < 2:
+        tpdu = Tpdu(-1, layouts.UNKNOWN)
+        tpdu.malformed.append(Malformed("cotp", "too_short", "type", 0, 2, len(octets), "tpkt"))
+        return tpdu
+    li = octets[0]
+    type_ = octets[1] >> 4
+    layout = layouts.UNKNOWN
+    if type_ in _ONE_FORM:
+        layout = _ONE_FORM[type_]
+    elif type_ in _SEVERAL_FORMS:
+        layout = _by_size(type_, li)
+    tpdu = Tpdu(type_, layout)
+    end = li + 1
+    if li == 0 or li == 255:
+        tpdu.malformed.append(Malformed("cotp", "bad_value", "li", 0, 1, li, "li"))
+        return tpdu
+    if end > len(octets):
+        tpdu.malformed.append(Malformed("cotp", "length_beyond", "li", 0, end, len(octets), "tpkt"))
+        end = len(octets)
+    tpdu.fields = layout.read(octets[:end])
+    if layout is layouts.UNKNOWN:
+        tpdu.malformed.append(Malformed("cotp", "unknown_type", "type", 1, 0, type_, "li"))
+    elif layout.size > end:
+        tpdu.malformed.append(Malformed("cotp", "too_short", layout.name, 0, layout.size, end, "li"))
+    else:
+        tpdu.variable = octets[layout.size : end]
+        _parse_parameters(tpdu, octets, layout.size, end)
+    tpdu.data = octets[end:]
+    return tpdu
+
+
+def _parse_parameters(tpdu: Tpdu, octets: bytes, at: int, end: int) -> None:
+    while at < end:
+        if at + 2 > end:
+            tpdu.malformed.append(Malformed("cotp", "too_short", "parameter", at, 2, end - at, "li"))
+            return
+        size = octets[at + 1]
+        if at + 2 + size > end:
+            tpdu.malformed.append(Malformed("cotp", "length_beyond", "parameter", at, size, end - at - 2, "li"))
+            return
+        tpdu.parameters.append(Parameter(octets[at], octets[at + 2 : at + 2 + size], at))
+        at += 2 + size
+
+
+class Assembler:
+    """Joins the DTs of one direction to TSDUs.
+
+    ``parts`` is None between TSDUs. A TSDU that grows past `MAX_TSDU` is dropped up to its end and counted in ``overflows``.
+    An empty DT without EOT, the everyday acknowledgement of Siemens stacks, begins nothing (reference 2.5).
+    """
+
+    __slots__ = ("_dropping", "begun", "dropped", "overflows", "parts")
+
+    def __init__(self) -> None:
+        self.parts: bytearray | None = None
+        self.begun: i64 = 0  # DTs in parts
+        self.overflows: i64 = 0
+        self.dropped: i64 = 0  # octets of TSDUs that were not passed on
+        self._dropping: bool = False
+
+    @property
+    def clear(self) -> bool:
+        """True when the next DT begins a TSDU."""
+        return self.parts is None and not self._dropping
+
+    def push(self, data: bytes, eot: bool) -> bytes | None:
+        """Take the user data of one DT; return the TSDU when this was its end, else None."""
+        if self._dropping:
+            self.dropped += len(data)
+            self._dropping = not eot
+            return None
+        parts = self.parts
+        if parts is None:
+            if eot:
+                return data
+            if data:
+                self.parts = bytearray(data)
+                self.begun = 1
+            return None
+        if len(parts) + len(data) > MAX_TSDU:
+            self.overflows += 1
+            self.dropped += len(parts) + len(data)
+            self.parts = None
+            self._dropping = not eot
+            return None
+        parts += data
+        self.begun += 1
+        if not eot:
+            return None
+        self.parts = None
+        return bytes(parts)
+
+    def abandon(self) -> int:
+        """Drop an unfinished TSDU (a hole took a part of it, or the stream ended); return its octets."""
+        size = len(self.parts) if self.parts is not None else 0
+        self.dropped += size
+        self.parts = None
+        self._dropping = False
+        return size

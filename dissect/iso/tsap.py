@@ -1,0 +1,53 @@
+"""TSAPs of Siemens devices: connection type, rack and slot in two octets, or a text (reference section 2.6)."""
+
+from __future__ import annotations
+
+from dissect.iso.tables import CONNECTION_TYPES
+
+
+class Tsap:
+    """A transport service access point: its octets and what they mean on Siemens devices.
+
+    ``rack`` and ``slot`` are -1 unless the TSAP has the two-octet form; they mean something in the called TSAP only.
+    """
+
+    __slots__ = ("connection_type", "octets", "rack", "slot")
+
+    def __init__(self, octets: bytes) -> None:
+        self.octets = octets
+        self.connection_type = -1
+        self.rack = -1
+        self.slot = -1
+        if len(octets) == 2 and not self._is_text():
+            self.connection_type = octets[0]
+            self.rack = octets[1] >> 5
+            self.slot = octets[1] & 0x1F
+
+    def _is_text(self) -> bool:
+        return len(self.octets) >= 2 and all([0x20 <= octet < 0x7F for octet in self.octets])
+
+    def __str__(self) -> str:
+        if self._is_text():
+            return self.octets.decode("ascii")
+        if len(self.octets) == 2:
+            return f"{self.octets[0]:02x}.{self.octets[1]:02x}"
+        return self.octets.hex()
+
+    def describe(self) -> str:
+        """Return the TSAP for a person, for example ``01.02 (PG, rack 0 slot 2)``."""
+        if self.connection_type < 0:
+            return f'"{self}"' if self._is_text() else str(self)
+        if self.connection_type in CONNECTION_TYPES:
+            kind = CONNECTION_TYPES.name(self.connection_type)
+        else:
+            kind = f"connection resource 0x{self.connection_type:02x}"
+        return f"{self} ({kind}, rack {self.rack} slot {self.slot})"
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the TSAP as JSON-ready values."""
+        values: dict[str, object] = {"octets": self.octets.hex(), "text": str(self)}
+        if self.connection_type >= 0:
+            values["connection_type"] = self.connection_type
+            values["rack"] = self.rack
+            values["slot"] = self.slot
+        return values

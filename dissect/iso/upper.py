@@ -1,0 +1,50 @@
+"""Which protocol a TSDU speaks, told by its first octets (reference section 1.4)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+S7COMM: Final = 0
+S7COMM_PLUS: Final = 1
+MMS: Final = 2
+TLS: Final = 3
+RDP: Final = 4
+UNKNOWN: Final = 5
+EMPTY: Final = 6
+
+#: Names as reports use them, by the numbers above.
+UPPER_NAMES: Final[list[str]] = ["s7comm", "s7comm_plus", "mms", "tls", "rdp", "unknown", "empty"]
+
+#: ISO session SPDUs (X.225): connect, accept, refuse, finish, disconnect, abort.
+_SESSION: Final = frozenset((0x0D, 0x0E, 0x0C, 0x09, 0x0A, 0x19))
+
+
+def classify(octets: bytes, start: i64, end: i64) -> i64:
+    """Return the protocol number of the TSDU ``octets[start:end]``."""
+    size: i64 = end - start
+    if size == 0:
+        return EMPTY
+    first: i64 = octets[start]
+    second: i64 = octets[start + 1] if size > 1 else -1
+    if first == 0x32:
+        return S7COMM if 1 <= second <= 7 else UNKNOWN
+    if first == 0x72:
+        return S7COMM_PLUS if second in (0x01, 0x02, 0x03, 0xFE) else UNKNOWN
+    if 0x14 <= first <= 0x17 and second == 0x03:
+        return TLS
+    if first == 0x7F and (second == 0x65 or second == 0x66):
+        return RDP  # T.125 connect-initial and connect-response
+    if first == 0x01 and size >= 5 and second == 0 and octets[start + 2] == 1 and octets[start + 3] == 0:
+        return MMS  # give tokens, data transfer, then the presentation PDU
+    if first in _SESSION and (second == 0xFF or 0 <= second <= size - 2):
+        return MMS
+    return UNKNOWN
+
+
+def is_rdp_connect(variable: bytes) -> bool:
+    """Tell whether the variable part of a CR or CC is RDP's: a cookie text or a negotiation structure, no parameters."""
+    if variable.startswith(b"Cookie: "):
+        return True
+    return len(variable) >= 8 and variable[0] in (1, 2, 3) and variable[2] == 8 and variable[3] == 0

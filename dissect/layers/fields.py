@@ -1,0 +1,241 @@
+"""How Scapy's fields are made from the layouts, and the few fields that Scapy lacks.
+
+Two things are kept for every layer here: dissecting never raises, whatever the octets, and what was dissected builds the
+same octets again, also after ``clear_cache()``. So a length field that lies is kept as it stands, and octets that fit
+nowhere stay in a field of their own or in a `Raw` behind the layer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+from scapy.fields import (
+    BitEnumField,
+    BitField,
+    ByteEnumField,
+    ByteField,
+    ConditionalField,
+    FieldListField,
+    IntField,
+    PacketListField,
+    ShortEnumField,
+    ShortField,
+    ThreeBytesField,
+    X3BytesField,
+    XBitField,
+    XByteEnumField,
+    XByteField,
+    XIntField,
+    XShortEnumField,
+    XShortField,
+    XStrField,
+)
+from scapy.packet import Packet, Raw
+
+from dissect.s7.items import item_fill
+from dissect.wire.layout import Field, Layout
+
+#: What stands in a layer's list of fields: Scapy's fields, generic in two types that differ from field to field.
+ScapyField = Any
+
+#: Fields a person reads as a count or a size; every other number without names is shown in hexadecimal.
+_DECIMAL: Final = frozenset((
+    "class_",
+    "count",
+    "credit",
+    "credit_extended",
+    "data_length",
+    "db",
+    "eot",
+    "item_count",
+    "length",
+    "li",
+    "max_amq_called",
+    "max_amq_calling",
+    "next_nr",
+    "param_length",
+    "pdu_length",
+    "sequence",
+    "tpdu_nr",
+    "version",
+))  # fmt: skip
+
+_DECIMAL_FIELDS: Final[dict[int, type[ScapyField]]] = {1: ByteField, 2: ShortField, 3: ThreeBytesField, 4: IntField}
+_HEXADECIMAL_FIELDS: Final[dict[int, type[ScapyField]]] = {1: XByteField, 2: XShortField, 3: X3BytesField, 4: XIntField}
+_NAMED_FIELDS: Final = {
+    (1, True): ByteEnumField,
+    (2, True): ShortEnumField,
+    (1, False): XByteEnumField,
+    (2, False): XShortEnumField,
+}
+
+
+def header_fields(
+    layout: Layout,
+    defaults: Mapping[str, int | None] | None = None,
+    replace: Mapping[str, ScapyField] | None = None,
+) -> list[ScapyField]:
+    """Return the Scapy fields of a fixed header, in wire order.
+
+    ``defaults`` are the values of a new packet (0 where none is given, None for a field that building fills in); ``replace``
+    puts another Scapy field in the place of one of the layout's. Raises ValueError for a name that the layout does not have.
+    """
+    defaults = dict(defaults or {})
+    replace = dict(replace or {})
+    fields: list[ScapyField] = []
+    for field in layout.fields:
+        default = defaults.pop(field.name, 0)
+        other = replace.pop(field.name, None)
+        fields.append(other if other is not None else _scapy_field(field, default))
+    if defaults or replace:
+        message = (
+            f"{layout.name} has no field {', '.join([*defaults, *replace])}; it has {[f.name for f in layout.fields]}"
+        )
+        raise ValueError(message)
+    return fields
+
+
+def _scapy_field(field: Field, default: int | None) -> ScapyField:
+    if field.bits is not None:
+        size = field.bits[0].bit_count()
+        number = default or 0
+        if field.codes is not None:
+            return BitEnumField(field.name, number, size, field.codes.names())
+        return (BitField if field.name in _DECIMAL else XBitField)(field.name, number, size)
+    decimal = field.name in _DECIMAL
+    if field.codes is not None:
+        return _NAMED_FIELDS[field.size, decimal](field.name, default, field.codes.names())
+    return (_DECIMAL_FIELDS if decimal else _HEXADECIMAL_FIELDS)[field.size](field.name, default)
+
+
+def consumed(pkt: Packet, rest: bytes) -> int:
+    """Return how many of the layer's octets the fields before this one took, while dissecting."""
+    return len(pkt.original) - len(rest)
+
+
+class OctetsField(XStrField):
+    """Octets shown in hexadecimal: as many as ``size(packet, octets left)`` says, or as there are."""
+
+    __slots__ = ["size"]
+
+    def __init__(self, name: str, size: Callable[[Packet, bytes], int]) -> None:
+        super().__init__(name, b"")
+        self.size = size
+
+    def getfield(self, pkt: Packet, s: bytes) -> tuple[bytes, bytes]:
+        """Take the octets (Scapy's interface)."""
+        size = max(0, self.size(pkt, s))
+        return s[size:], s[:size]
+
+
+class Leftover(ConditionalField):
+    """Octets that stand where nothing is expected. Shown and built only when there are any."""
+
+    def __init__(self, name: str, size: Callable[[Packet, bytes], int]) -> None:
+        super().__init__(OctetsField(name, size), lambda pkt: bool(pkt.getfieldval(name)))
+
+    def getfield(self, pkt: Packet, s: bytes) -> tuple[bytes, bytes | None]:
+        """Take the octets; None tells Scapy that the field is not there."""
+        rest, octets = self.fld.getfield(pkt, s)
+        return rest, octets or None
+
+    def i2h(self, pkt: Packet | None, val: Any) -> Any:
+        """Return the octets, empty rather than None when there are none."""
+        return val
+
+
+class FillField(ConditionalField):
+    """The octet that makes an odd item even: what is left of the item's octets.
+
+    None, the default, lets the list that holds the item decide. Shown only when there is one.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(XStrField("fill", None), lambda pkt: bool(pkt.getfieldval("fill")))
+
+    def getfield(self, pkt: Packet, s: bytes) -> tuple[bytes, bytes]:
+        """Take what is left (Scapy's interface)."""
+        return b"", s
+
+    def i2h(self, pkt: Packet | None, val: Any) -> Any:
+        """Return the octet; empty when there was none, None when that is left to the list."""
+        return val
+
+
+#: One element of a list: its class and its octets.
+Piece = tuple[type[Packet], bytes]
+
+
+class PiecesField(PacketListField):
+    """A list of packets whose octets ``carve(packet, octets left)`` cuts apart; what it leaves goes to the next field."""
+
+    __slots__ = ["carve"]
+
+    def __init__(self, name: str, carve: Callable[[Packet, bytes], list[Piece]]) -> None:
+        super().__init__(name, [], Raw)
+        self.carve = carve
+
+    def getfield(self, pkt: Packet, s: bytes) -> tuple[bytes, list[Any]]:
+        """Take the pieces (Scapy's interface)."""
+        pieces = self.carve(pkt, s)
+        packets = [cls(octets, _internal=1, _parent=pkt) for cls, octets in pieces]
+        return s[sum([len(octets) for _, octets in pieces]) :], packets
+
+
+class ItemsField(PiecesField):
+    """Items, each with a `FillField`, and fill octets between them: where ``fill`` is None, the engine's rule decides."""
+
+    def addfield(self, pkt: Packet, s: bytes, val: Any) -> bytes:
+        """Append the items (Scapy's interface)."""
+        last = len(val) - 1
+        for number, item in enumerate(val):
+            octets = bytes(self.i2m(pkt, item))
+            s += octets
+            if isinstance(item, WireLayer) and item.getfieldval("fill") is None:
+                s += bytes(item_fill(len(octets), number == last))
+        return s
+
+
+class CodesField(FieldListField):
+    """One octet an element, each with its name: as many as ``size(packet, octets left)`` says, or as there are."""
+
+    __slots__ = ["size"]
+
+    def __init__(self, name: str, names: dict[int, str], size: Callable[[Packet, bytes], int]) -> None:
+        super().__init__(name, [], XByteEnumField("", 0, names))
+        self.size = size
+
+    def getfield(self, pkt: Packet, s: bytes) -> tuple[bytes, list[Any]]:
+        """Take the octets (Scapy's interface)."""
+        size = max(0, self.size(pkt, s))
+        return s[size:], list(s[:size])
+
+
+def fill_number(octets: bytes, offset: int, size: int, value: int, what: str) -> bytes:
+    """Return ``octets`` with ``value`` written at ``offset``; ValueError when the field's ``size`` octets cannot hold it."""
+    if value >= 1 << 8 * size:
+        message = (
+            f"{what} would be {value}, more than its {size} octet(s) can say: send less, or set the field yourself"
+        )
+        raise ValueError(message)
+    return octets[:offset] + value.to_bytes(size, "big") + octets[offset + size :]
+
+
+class WireLayer(Packet):
+    """What every layer of this package shares: octets too short for its fixed part become a `Raw`.
+
+    ``least`` is that size; the classes set it. Scapy looks for ``dispatch_hook`` in the class itself, so each gets one.
+    """
+
+    least = 0
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Give the class its own ``dispatch_hook``, unless it brings one."""
+        super().__init_subclass__(**kwargs)
+        if "dispatch_hook" not in cls.__dict__:
+            cls.dispatch_hook = classmethod(_raw_when_short)  # type: ignore[attr-defined]  # set, not declared: see above
+
+
+def _raw_when_short(cls: type[WireLayer], _pkt: bytes | None = None, *_args: Any, **_kwargs: Any) -> type[Packet]:
+    return Raw if _pkt and len(_pkt) < cls.least else cls

@@ -1,0 +1,166 @@
+"""`S7Session`: Scapy's ``sniff`` on this package's own reassembly instead of Scapy's.
+
+::
+
+    sniff(offline="plant.pcapng", session=S7Session)
+    sniff(iface="eth0", session=S7Session, prn=lambda packet: packet.summary())
+
+Scapy's own TCP session takes Ethernet padding for payload, fills holes with zeros and knows no COTP fragments. Here each
+packet goes through `dissect.pipeline`, which recognises ISO-on-TCP on every port, and what comes out is one packet for each
+whole TPKT, in the order of the stream: ``Ether / IP / TCP / TPKT / …``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, Final
+
+from scapy.config import conf
+from scapy.layers.inet import IP, TCP
+from scapy.layers.inet6 import IPv6
+from scapy.layers.l2 import Dot1Q, Ether
+from scapy.sessions import DefaultSession
+from scapy.utils import EDecimal
+
+from dissect.layers.cotp import COTP_DT
+from dissect.layers.s7 import S7
+from dissect.layers.tpkt import TPKT
+from dissect.pipeline import Observer, Pipeline
+from dissect.tcp.ip import address_text
+
+if TYPE_CHECKING:
+    from scapy.packet import Packet
+    from scapy.supersocket import SuperSocket
+
+    from dissect.transactions.table import Side
+
+_NO_MAC: Final = "00:00:00:00:00:00"
+_NS: Final = 10**9
+_IPV6_SIZE: Final = 16
+_VIDS: Final = 4096
+
+
+class _Found:
+    """A TPKT, or a PDU that the capture cut: its octets, direction and time, and the S7 PDU that it completed."""
+
+    __slots__ = ("cut", "fragment", "octets", "pdu", "side", "time_ns")
+
+    def __init__(self, side: Side, time_ns: int, octets: bytes, fragment: bool, cut: bool) -> None:
+        self.side = side
+        self.time_ns = time_ns
+        self.octets = octets
+        self.fragment = fragment
+        self.cut = cut
+        self.pdu = b""
+
+
+class _Witness(Observer):
+    """Collects what the pipeline finds until `S7Session` asks for it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.wants_tpdus = True
+        self.wants_pdus = True
+        self.found: list[_Found] = []
+
+    def tpdu(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
+        """A TPKT; a DT inside a TSDU that began before is a fragment, whatever its octets look like."""
+        self.found.append(_Found(side, time_ns, octets, not side.assembler.clear, False))
+
+    def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
+        """An S7 PDU: that of the TPKT told just before, or one the capture cut."""
+        if cut:
+            self.found.append(_Found(side, time_ns, octets, False, True))
+        else:
+            self.found[-1].pdu = octets
+
+
+class S7Session(DefaultSession):
+    """Delivers one packet for each whole TPKT, whatever the segmentation; packets of other protocols are not delivered.
+
+    * The packet's time is that of the packet which completed the TPKT. Addresses, ports and VLAN are those of the direction;
+      MAC addresses are known when the completing packet has them; sequence numbers are not kept.
+    * An S7 PDU spread over several DTs hangs as `S7` on the last of them, whole, while the earlier DTs hold their fragments as
+      `Raw`. ``packet[TPKT].length`` stays what was on the wire, so such a packet is longer than its TPKT says.
+    * A PDU that the capture cut comes as ``TCP / S7`` without TPKT, as far as it was captured.
+
+    Each capture or interface that ``sniff`` reads has a pipeline of its own; ``pipelines`` holds them, with the counts of what
+    became of every packet and octet.
+    """
+
+    def __init__(self, supersession: Any = None) -> None:
+        super().__init__(supersession)
+        self.pipelines: dict[SuperSocket, Pipeline] = {}
+
+    def recv(self, sock: SuperSocket) -> Iterator[Packet]:
+        """Take a packet from ``sock``, deliver what it completed (Scapy's interface). At the end, what was held comes too."""
+        pipeline = self.pipelines.get(sock)
+        if pipeline is None:
+            pipeline = self.pipelines[sock] = Pipeline(_Witness())
+        try:
+            packet = sock.recv(stop_dissection_after=TCP)
+        except EOFError:
+            pipeline.finish()
+            yield from _delivered(pipeline, None)
+            raise
+        if packet is None:
+            return
+        octets = bytes(packet)
+        link_type = conf.l2types.layer2num.get(type(packet), -1)
+        pipeline.frame(int(packet.time * _NS), octets, 0, len(octets), packet.wirelen or len(octets), link_type)
+        yield from _delivered(pipeline, packet)
+
+
+def _delivered(pipeline: Pipeline, packet: Packet | None) -> Iterator[Packet]:
+    """Make a packet of each thing found since the last call."""
+    witness = pipeline.observer
+    assert isinstance(witness, _Witness)
+    found, witness.found = witness.found, []
+    for one in found:
+        built = _built(one)
+        whole = _lower(one.side, packet) / built
+        whole.time = EDecimal(one.time_ns) / _NS
+        yield whole
+
+
+def _built(found: _Found) -> Packet:
+    """Return the TPKT, its DT holding the S7 PDU it completed."""
+    if found.cut:
+        return S7(found.octets)
+    tpkt: Packet = TPKT(found.octets)
+    content = tpkt.payload
+    if isinstance(content, COTP_DT) and (found.fragment or found.pdu):
+        octets = bytes(content.payload)
+        if found.pdu != octets:
+            content.remove_payload()
+            content.add_payload(S7(found.pdu) if found.pdu else octets)
+    return tpkt
+
+
+def _lower(side: Side, packet: Packet | None) -> Packet:
+    """Return the layers under the TPKT, as the direction has them."""
+    source, target = side.tcp.ends[side.index], side.tcp.ends[1 - side.index]
+    src, dst = address_text(source.address), address_text(target.address)
+    macs = _macs(packet, src, dst)
+    lower: Packet = Ether(src=macs[0], dst=macs[1])
+    vids = []
+    tags = int(side.tcp.vlan)
+    while tags:
+        tags, vid = divmod(tags, _VIDS)
+        vids.append(vid)
+    for vid in reversed(vids):
+        lower /= Dot1Q(vlan=vid)
+    network = IPv6 if len(source.address) == _IPV6_SIZE else IP
+    return lower / network(src=src, dst=dst) / TCP(sport=source.port, dport=target.port, flags="PA")
+
+
+def _macs(packet: Packet | None, src: str, dst: str) -> tuple[str, str]:
+    """Return the MAC addresses of a direction if ``packet`` is of its connection, in either direction."""
+    if packet is not None and type(packet) is Ether:
+        network = packet.getlayer(IP) or packet.getlayer(IPv6)
+        if network is not None:
+            if (network.src, network.dst) == (src, dst):
+                return packet.src, packet.dst
+            if (network.dst, network.src) == (src, dst):
+                return packet.dst, packet.src
+    return _NO_MAC, _NO_MAC

@@ -1,0 +1,273 @@
+"""Read Var and Write Var as Scapy layers: request items, data items, and the four bodies (reference section 3.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from scapy.fields import FieldLenField
+from scapy.packet import Packet, bind_top_down
+
+from dissect.layers.fields import (
+    CodesField,
+    FillField,
+    ItemsField,
+    OctetsField,
+    Piece,
+    ScapyField,
+    WireLayer,
+    fill_number,
+    header_fields,
+)
+from dissect.layers.s7 import BODIES, S7, S7_Body, body_fields, data_left, parameters_left
+from dissect.s7 import layouts, tables
+from dissect.s7.address import address_text
+from dissect.s7.items import DATA_HEAD, SPECIFICATION, data_size, item_fill
+
+_BIT: Final = 0x03
+_BYTES: Final = 0x04
+#: Items named in a summary before the rest is only counted.
+_NAMED: Final = 4
+
+
+class S7_Item(WireLayer):
+    """A request item, which names a variable: `S7_Any` or `S7_OtherItem`."""
+
+    name = "S7 item"
+    fields_desc = [*header_fields(layouts.ITEM_HEAD, {"specification": SPECIFICATION, "length": None})]
+
+    def describe(self) -> str:
+        """Return the item as people write it."""
+        return ""
+
+    def mysummary(self) -> str:
+        """Return one line (Scapy's interface)."""
+        return self.describe()
+
+
+class S7_Any(S7_Item):
+    """An item of syntax S7ANY: an area, an address in it, and how many elements of what size.
+
+    ``address`` is the octet address times 8 plus the bit, a plain number for counters and timers. ``fill`` is the octet that
+    makes an odd item even (S7ANY items are 12 octets, so they have none).
+    """
+
+    name = "S7ANY item"
+    least = layouts.S7ANY_ITEM.size
+    fields_desc = [
+        *header_fields(
+            layouts.S7ANY_ITEM,
+            {
+                "specification": SPECIFICATION,
+                "length": layouts.S7ANY_ITEM.size - 2,
+                "syntax_id": tables.S7ANY,
+                "transport_size": 2,
+                "count": 1,
+                "area": 0x84,
+            },
+        ),
+        FillField(),
+    ]
+
+    def describe(self) -> str:
+        """Return the address and the count, for example ``DB10.DBW4*3``."""
+        text = address_text(self.area, self.db, self.address, self.transport_size)
+        return text if self.count == 1 else f"{text}*{self.count}"
+
+
+class S7_OtherItem(S7_Item):
+    """An item of another syntax (NCK, DBREAD, 1200SYM …), its address kept in ``octets``; ``length`` is filled in."""
+
+    name = "S7 item"
+    least = layouts.ITEM_HEAD.size
+    fields_desc = [
+        *header_fields(layouts.ITEM_HEAD, {"specification": SPECIFICATION, "length": None}),
+        OctetsField("octets", lambda pkt, _: pkt.length - 1),
+        FillField(),
+    ]
+
+    def post_build(self, pkt: bytes, pay: bytes) -> bytes:
+        """Fill in the length (Scapy's interface)."""
+        if self.getfieldval("length") is None:
+            size = len(pkt) - 2 - len(self.getfieldval("fill") or b"")
+            pkt = fill_number(pkt, 1, 1, size, "the length of the item")
+        return pkt + pay
+
+    def describe(self) -> str:
+        """Return the syntax and the octets, for example ``NCK:41000100017f01``."""
+        return f"{tables.SYNTAX_IDS.name(self.syntax_id)}:{self.octets.hex()}"
+
+
+class S7_DataItem(WireLayer):
+    """A data item of an answer: return code, transport size, length (bits or octets, by transport size) and the octets.
+
+    ``length`` is filled in from the octets when left out; one octet of BIT counts as one bit. ``fill`` is the octet after an
+    odd item that is not the last, put there when left out.
+    """
+
+    name = "S7 data item"
+    least = layouts.DATA_ITEM.size
+    fields_desc = [
+        *header_fields(layouts.DATA_ITEM, {"return_code": tables.SUCCESS, "transport_size": _BYTES, "length": None}),
+        OctetsField("octets", lambda pkt, _: data_size(pkt.transport_size, pkt.length)),
+        FillField(),
+    ]
+
+    def post_build(self, pkt: bytes, pay: bytes) -> bytes:
+        """Fill in the length (Scapy's interface)."""
+        if self.getfieldval("length") is None:
+            size = len(self.octets)
+            if self.transport_size == _BIT and size == 1:
+                length = 1
+            else:
+                length = size * 8 if self.transport_size in tables.LENGTH_IN_BITS else size
+            pkt = fill_number(pkt, 2, 2, length, "the length of the data item")
+        return pkt + pay
+
+    def mysummary(self) -> str:
+        """Return one line (Scapy's interface)."""
+        return f"{tables.RETURN_CODES.name(self.return_code)} {self.octets.hex()}".rstrip()
+
+
+class S7_WriteDataItem(S7_DataItem):
+    """A data item of a Write Var request: its return code means nothing and is 0."""
+
+    name = "S7 write data item"
+    least = layouts.DATA_ITEM.size
+    fields_desc = [
+        *header_fields(layouts.DATA_ITEM, {"transport_size": _BYTES, "length": None}),
+        *S7_DataItem.fields_desc[-2:],
+    ]
+
+
+def _carve_items(pkt: Packet, s: bytes) -> list[Piece]:
+    """Cut the request items of a parameter block, as far as the item count and the lengths go."""
+    end = min(len(s), parameters_left(pkt, s))
+    count = pkt.item_count
+    pieces: list[Piece] = []
+    at = 0
+    while len(pieces) < count and at + layouts.ITEM_HEAD.size <= end:
+        size = s[at + 1] + 2
+        if size < layouts.ITEM_HEAD.size or at + size > end:
+            break
+        any_item = s[at + 2] == tables.S7ANY and size == layouts.S7ANY_ITEM.size
+        step = min(size + item_fill(size, len(pieces) + 1 == count), end - at)
+        pieces.append((S7_Any if any_item else S7_OtherItem, s[at : at + step]))
+        at += step
+    return pieces
+
+
+def carve_data(
+    cls: type[Packet], response: bool, count: Callable[[Packet], int]
+) -> Callable[[Packet, bytes], list[Piece]]:
+    """Return what cuts a data block into items. In a response, an item that is no success is its head alone."""
+
+    def carve(pkt: Packet, s: bytes) -> list[Piece]:
+        end = min(len(s), data_left(pkt, s))
+        items = count(pkt)
+        pieces: list[Piece] = []
+        at = 0
+        while len(pieces) < items and at + DATA_HEAD <= end:
+            size = DATA_HEAD
+            if s[at] == tables.SUCCESS or not response:
+                size += data_size(s[at + 1], int.from_bytes(s[at + 2 : at + 4], "big"))
+            size = min(size + item_fill(size, len(pieces) + 1 == items), end - at)
+            pieces.append((cls, s[at : at + size]))
+            at += size
+        return pieces
+
+    return carve
+
+
+def _variables(function: int, count_of: str) -> list[ScapyField]:
+    counted = FieldLenField("item_count", None, count_of=count_of, fmt="B")
+    return header_fields(layouts.VARIABLES_HEAD, {"function": function}, {"item_count": counted})
+
+
+def _joined(texts: list[str]) -> str:
+    more = len(texts) - _NAMED
+    return ", ".join(texts[:_NAMED] + ([f"+{more} more"] if more > 0 else []))
+
+
+def _items_text(items: list[Packet]) -> str:
+    return _joined([item.describe() if isinstance(item, S7_Item) else bytes(item).hex() for item in items])
+
+
+def _codes_text(codes: list[int]) -> str:
+    """Return what the items came to: how many were well, and the names of the refusals."""
+    refused = [tables.RETURN_CODES.name(code) for code in codes if code != tables.SUCCESS]
+    well = len(codes) - len(refused)
+    return _joined([*([f"{well} ok"] if well or not refused else []), *refused])
+
+
+class S7_ReadVarRequest(S7_Body):
+    """Read Var: which variables to read. ``item_count`` is filled in when left out."""
+
+    name = "S7 Read Var request"
+    least = layouts.VARIABLES_HEAD.size
+    fields_desc = body_fields(*_variables(tables.READ_VAR, "items"), ItemsField("items", _carve_items))
+
+    def detail(self) -> str:
+        """Return the addresses."""
+        return _items_text(self.items)
+
+
+class S7_WriteVarRequest(S7_Body):
+    """Write Var: which variables to write, and a data item for each. ``item_count`` is filled in when left out."""
+
+    name = "S7 Write Var request"
+    least = layouts.VARIABLES_HEAD.size
+    data_fields = ("data", "data_rest")
+    fields_desc = body_fields(
+        *_variables(tables.WRITE_VAR, "items"),
+        ItemsField("items", _carve_items),
+        data=[ItemsField("data", carve_data(S7_WriteDataItem, False, lambda pkt: int(pkt.item_count)))],
+    )
+
+    def detail(self) -> str:
+        """Return the addresses."""
+        return _items_text(self.items)
+
+
+class S7_ReadVarAnswer(S7_Body):
+    """Answer to Read Var: a data item for each variable asked for. ``item_count`` is filled in when left out."""
+
+    name = "S7 Read Var answer"
+    least = layouts.VARIABLES_HEAD.size
+    data_fields = ("data", "data_rest")
+    fields_desc = body_fields(
+        *_variables(tables.READ_VAR, "data"),
+        data=[ItemsField("data", carve_data(S7_DataItem, True, lambda pkt: int(pkt.item_count)))],
+    )
+
+    def detail(self) -> str:
+        """Return what became of the items."""
+        return _codes_text([item.return_code for item in self.data if isinstance(item, S7_DataItem)])
+
+
+class S7_WriteVarAnswer(S7_Body):
+    """Answer to Write Var: a return code for each variable. ``item_count`` is filled in when left out."""
+
+    name = "S7 Write Var answer"
+    least = layouts.VARIABLES_HEAD.size
+    data_fields = ("return_codes", "data_rest")
+    fields_desc = body_fields(
+        *_variables(tables.WRITE_VAR, "return_codes"),
+        data=[
+            CodesField(
+                "return_codes", tables.RETURN_CODES.names(), lambda pkt, s: min(pkt.item_count, data_left(pkt, s))
+            )
+        ],
+    )
+
+    def detail(self) -> str:
+        """Return what became of the items."""
+        return _codes_text(self.return_codes)
+
+
+BODIES[False, tables.READ_VAR] = S7_ReadVarRequest
+BODIES[True, tables.READ_VAR] = S7_ReadVarAnswer
+BODIES[False, tables.WRITE_VAR] = S7_WriteVarRequest
+BODIES[True, tables.WRITE_VAR] = S7_WriteVarAnswer
+for _answer in (S7_ReadVarAnswer, S7_WriteVarAnswer):
+    bind_top_down(S7, _answer, rosctr=tables.ACK_DATA)

@@ -1,0 +1,404 @@
+"""The whole path of a byte: packet, segment, octets in order, TPKT, TPDU, TSDU, S7 PDU, transaction, finding.
+
+Read this file first. `Pipeline.frame` takes one packet, and everything it makes complete happens before it returns; there is
+no clock, file or thread in here, time comes in with each packet. In the order in which a byte passes:
+
+    Pipeline      frame → _packet → _segment → _chunks       packets to octets in order, holes told as holes
+    Conversation  octets → _tpkt → _tsdu → _pdu → _ask / _answered → done     octets to transactions and findings
+
+The common case goes straight down: a segment that is the next one and holds whole TPKTs, each a DT with a whole S7 PDU.
+Whatever is irregular leaves that road for `_slow_frame`, `_lifecycle` and `_irregular`, and meets it again as soon as it
+can. An `Observer` is told what happens.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.conversation import Conversation, Observer, Options
+from dissect.findings.judge import Judge
+from dissect.source.packet import PacketSink
+from dissect.tcp import ip, link, stream
+from dissect.tcp.connection import ACK, FIN, RST, SYN
+from dissect.transactions import accounts
+from dissect.transactions.accounts import CATEGORIES, OctetAccount
+from dissect.transactions.connection import FOREIGN, ISO, PROBING
+from dissect.transactions.dialogue import Dialogue
+from dissect.transactions.table import ConnectionTable, Side
+from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
+from dissect.wire.build import COMPILED
+from dissect.wire.octets import u16, u32
+
+__all__ = ["Observer", "Options", "Pipeline"]
+
+#: Ethernet, IPv4 without options, TCP, read at once when interpreted.
+_FUSED: Final = struct.Struct(">12xHBxHxxHxB2x12sIIH")
+_FUSED_SIZE: Final = 54
+
+#: How often (capture time) what waits is looked at.
+_TICK_NS: Final = 50_000_000
+_FAR_FUTURE: Final = 0x7FFFFFFFFFFFFFFF
+
+
+class Pipeline(PacketSink):
+    """Packets in, transactions and findings out. See the module for the way through."""
+
+    def __init__(self, observer: Observer, options: Options | None = None) -> None:
+        options = options if options is not None else Options()
+        self.observer: Observer = observer
+        self.conversation: Conversation = Conversation(observer, options)
+        self._judge: Judge = self.conversation.judge
+        self._dialogue: Dialogue = self.conversation.dialogue
+        self.table: ConnectionTable = ConnectionTable()
+        self.fragments: ip.FragmentStore = ip.FragmentStore()
+        self.octets: OctetAccount = OctetAccount()
+        self.frames: i64 = 0
+        self.cut_frames: i64 = 0
+        self.first_ns: i64 = 0
+        self.now_ns: i64 = 0
+        self._packets: list[int] = [0] * len(CATEGORIES)
+        self._strict: bool = options.strict
+        self._waiting: list[Side] = []  # sides with held segments or held answers
+        self._deadline_ns: i64 = _FAR_FUTURE
+
+    # ---- packet → segment -------------------------------------------------------------------------------------------
+
+    def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
+        """Take one packet (see `PacketSink.frame`)."""
+        self.frames += 1
+        if time_ns < self.now_ns:
+            if self.now_ns - time_ns > 1_000_000:  # a millisecond of disorder is what two capture queues do
+                self._judge.note("capture.time_backwards", 0, [self.frames], time_ns, f"by {int(self.now_ns - time_ns) / 1e9:.6f} s")
+        elif self.frames == 1:
+            self.first_ns = time_ns
+        self.now_ns = time_ns
+        if time_ns >= self._deadline_ns:
+            self._tick()
+        if wire_length > end - start:
+            self.cut_frames += 1
+            self._judge.note("capture.cut_frames", 0, [self.frames], time_ns, f"{end - start} of {wire_length} octets kept")
+        category: i64
+        if self._strict:
+            category = self._packet(buf, start, end, link_type)
+        else:
+            try:
+                category = self._packet(buf, start, end, link_type)
+            except Exception as bug:
+                category = accounts.FAILED
+                self._judge.note("internal.bug", 0, [self.frames], time_ns, f"{type(bug).__name__}: {bug}")
+        self._packets[category] += 1
+        if self._dialogue.holding:
+            for side in self._dialogue.holding:
+                self._wait(side)
+            self._dialogue.holding = []
+        if self._judge.fresh:
+            self.conversation.tell_findings()
+
+    def comment(self, text: str) -> None:
+        """Take a comment the capture holds about the packet that comes next."""
+        self.observer.comment(self.frames + 1, text)
+
+    def _packet(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
+        if link_type != 1 or end - start < _FUSED_SIZE:
+            return self._slow_frame(buf, start, end, link_type)
+        key: bytes
+        seq: i64
+        ack: i64
+        word: i64
+        total: i64
+        if COMPILED:
+            if (
+                u16(buf, start + 12) != 0x0800
+                or buf[start + 14] != 0x45
+                or buf[start + 23] != 6
+                or u16(buf, start + 20) & 0x3FFF
+            ):
+                return self._slow_frame(buf, start, end, link_type)
+            total = u16(buf, start + 16)
+            key = buf[start + 26 : start + 38]
+            seq = u32(buf, start + 38)
+            ack = u32(buf, start + 42)
+            word = u16(buf, start + 46)
+        else:
+            ethertype, version, total, fragment, protocol, key, seq, ack, word = _FUSED.unpack_from(buf, start)
+            if ethertype != 0x0800 or version != 0x45 or protocol != 6 or fragment & 0x3FFF:
+                return self._slow_frame(buf, start, end, link_type)
+        data: i64 = start + 34 + ((word >> 12) << 2)
+        stop: i64 = start + 14 + total
+        if stop > end or data > stop or word < 0x5000:
+            return self._slow_frame(buf, start, end, link_type)
+        side = self.table.sides.get(key)
+        if side is None or word & 7:  # SYN, FIN, RST
+            return self._lifecycle(side, key, 0, seq, ack, word & 0x3F, buf[data:stop], 0)
+        return self._segment(side, seq, ack, word, buf[data:stop], 0)
+
+    def _slow_frame(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
+        """Any link, any IP: find the TCP segment, or say why there is none."""
+        at, vlan = link.find_ip(buf, start, end, link_type)
+        if at < 0:
+            if at == link.CUT:
+                return accounts.CUT
+            return accounts.LINK_TYPE if at == link.UNSUPPORTED else accounts.NOT_IP
+        packet = ip.parse_ip(buf, at, end)
+        if packet.problem:
+            return accounts.CUT if packet.problem == "cut" else accounts.BAD_HEADER
+        tag = int(vlan).to_bytes(8, "big") if vlan else b""
+        if not packet.fragment_key:
+            if packet.protocol != ip.TCP:
+                return accounts.NOT_TCP
+            return self._tcp(packet.addresses, tag, vlan, buf, packet.start, packet.end, packet.missing)
+        if packet.protocol != ip.TCP and not packet.fragment_offset:
+            return accounts.NOT_TCP
+        if packet.missing:
+            return accounts.CUT  # a datagram with a cut piece can never be whole
+        whole = self.fragments.add(
+            packet.fragment_key + tag, packet.fragment_offset, packet.more, buf[packet.start : packet.end], self.now_ns
+        )
+        if whole is not None:
+            if packet.protocol != ip.TCP and packet.fragment_offset == 0:
+                return accounts.NOT_TCP
+            return self._tcp(packet.addresses, tag, vlan, whole, 0, len(whole), 0)
+        return accounts.FRAGMENT_WAITING
+
+    def _tcp(self, addresses: bytes, tag: bytes, vlan: i64, buf: bytes, at: i64, end: i64, missing: i64) -> i64:
+        if end - at < 20:
+            return accounts.CUT if missing else accounts.BAD_HEADER
+        word: i64 = u16(buf, at + 12)
+        header: i64 = (word >> 12) << 2
+        if header < 20:
+            return accounts.BAD_HEADER
+        if at + header > end:
+            return accounts.CUT if missing else accounts.BAD_HEADER
+        key = b"%b%b%b" % (addresses, buf[at : at + 4], tag)
+        seq: i64 = u32(buf, at + 4)
+        ack: i64 = u32(buf, at + 8)
+        side = self.table.sides.get(key)
+        octets = buf[at + header : end]
+        if side is None or word & 7:
+            return self._lifecycle(side, key, vlan, seq, ack, word & 0x3F, octets, missing)
+        return self._segment(side, seq, ack, word, octets, missing)
+
+    def _lifecycle(
+        self, side: Side | None, key: bytes, vlan: i64, seq: i64, ack: i64, flags: i64, octets: bytes, missing: i64
+    ) -> i64:
+        """The first packet of a connection, and packets with SYN, FIN or RST."""
+        if flags & SYN and side is not None and side.tcp.is_new_connection(side.index, seq):
+            if not side.tcp.ended:
+                side.tcp.ended = "reused"
+                side.tcp.ended_frame = self.frames
+                side.tcp.ended_ns = self.now_ns
+                if side.connection.state == ISO:
+                    self._judge.note("stream.reused", side.connection.number, [self.frames], self.now_ns)
+            self._finish(side, CONNECTION_CLOSED)
+            side = None
+        if side is None:
+            if flags & SYN and not flags & ACK and not octets:
+                self.table.note_syn(key, seq, self.frames, self.now_ns)
+                return accounts.NO_PAYLOAD
+            if not (octets or missing or flags & SYN):
+                return accounts.NO_PAYLOAD  # only octets, or a handshake, make a connection worth remembering
+            side = self._open(key, vlan)
+            if flags & SYN and flags & ACK and side.tcp.initiator < 0:
+                side.tcp.initiator = 1 - side.index
+                side.connection.set_client(1 - side.index)
+        if flags & SYN:
+            seq = (seq + 1) & stream.MASK
+            if side.stream.next_seq < 0:
+                side.stream.start(seq)
+        category = self._segment(side, seq, ack, flags, octets, missing)
+        if flags & RST:
+            if not side.tcp.note_reset(side.index, seq, self.frames, self.now_ns):
+                if side.connection.state == ISO:
+                    self._judge.note("stream.reset_ignored", side.connection.number, [self.frames], self.now_ns)
+                return accounts.RESET_IGNORED
+            self.table.linger(side)
+        elif flags & FIN:
+            was_closed = side.tcp.closed
+            side.tcp.note_fin(side.index, self.frames, self.now_ns)
+            if side.tcp.closed and not was_closed:
+                self.table.linger(side)
+        if self._deadline_ns == _FAR_FUTURE:
+            self._deadline_ns = self.now_ns + _TICK_NS
+        return category
+
+    def _open(self, key: bytes, vlan: i64) -> Side:
+        for idle in self.table.overflow():
+            idle.tcp.ended = idle.tcp.ended or "evicted"
+            if idle.connection.state == ISO:
+                self._judge.note("stream.evicted", idle.connection.number, [self.frames], self.now_ns)
+            self._finish(idle, CONNECTION_EVICTED)
+        return self.table.open(key, vlan, self.frames, self.now_ns)
+
+    # ---- segment → octets in order ----------------------------------------------------------------------------------
+
+    def _segment(self, side: Side, seq: i64, ack: i64, flags: i64, octets: bytes, missing: i64) -> i64:
+        tcp = side.tcp
+        tcp.packets += 1
+        tcp.last_frame = self.frames
+        tcp.last_ns = self.now_ns
+        peer = side.peer
+        assert peer is not None
+        side.last_ack = ack if flags & ACK else -1
+        if side.waiting or peer.waiting:
+            self._note_passing(side, peer, ack, flags)
+        size: i64 = len(octets)
+        if size == 0 and missing == 0:
+            return accounts.NO_PAYLOAD
+        half = side.stream
+        if seq == half.next_seq and half.held is None and missing == 0 and side.connection.state == ISO:
+            half.passed(octets)
+            side.end_seq = half.next_seq
+            self.conversation.octets(side, octets, self.frames, self.now_ns)
+            return accounts.PAYLOAD
+        return self._irregular(side, seq, octets, missing)
+
+    def _irregular(self, side: Side, seq: i64, octets: bytes, missing: i64) -> i64:
+        """A segment that is not simply the next one, or of a connection that is not known to be ISO-on-TCP yet."""
+        connection = side.connection
+        half = side.stream
+        if connection.state == FOREIGN:
+            return accounts.OTHER_PROTOCOL
+        if side.tcp.fin_seen[side.index] and side.tcp.ended == "reset":
+            return accounts.AFTER_CLOSE
+        what: i64 = stream.NEW
+        conflicts: i64 = half.conflicts
+        if octets:
+            what = half.accept(seq, octets, self.frames, self.now_ns)
+        elif half.next_seq < 0:
+            half.start(seq)
+        if half.conflicts > conflicts:
+            self._judge.note("stream.conflict", connection.number, [self.frames], self.now_ns, f"{len(octets)} octets at {seq}")
+        if missing and half.held is None and half.next_seq == (seq + len(octets)) & stream.MASK:
+            self._chunks(side)
+            half.skip(missing, self.frames, self.now_ns)
+            self._chunks(side, True)
+        elif half.ready:
+            self._chunks(side)
+        if half.held is not None:
+            self._wait(side)
+        if connection.state == FOREIGN:
+            return accounts.OTHER_PROTOCOL
+        if what == stream.NEW:
+            return accounts.PAYLOAD
+        if what == stream.OLD:
+            return accounts.RETRANSMISSION
+        return accounts.KEEP_ALIVE if what == stream.KEEP_ALIVE else accounts.BEFORE_START
+
+    def _note_passing(self, side: Side, peer: Side, ack: i64, flags: i64) -> None:
+        """Something of this connection waits: the packet at hand may be what it waited for."""
+        if peer.stream.held is not None and flags & ACK:
+            peer.stream.acknowledged(ack, self.now_ns)
+        for end in (peer, side):
+            if end.stream.held is not None:
+                end.stream.passing(self.frames, self.now_ns)
+                if end.stream.ready:
+                    self._chunks(end)
+        # Only then the answers: the request one of them waits for may just have come out.
+        self._expire_answers(peer)
+        self._expire_answers(side)
+
+    def _chunks(self, side: Side, cut: bool = False) -> None:
+        """Pass on what a stream has ready: octets and holes, in order. ``cut``: the capture cut the frame there."""
+        half = side.stream
+        ready = half.ready
+        half.ready = []
+        for chunk in ready:
+            side.end_seq = chunk.end_seq
+            if chunk.hole:
+                self.octets.holes += 1
+                self.octets.missing += chunk.hole
+                self.conversation.hole(side, chunk.hole, cut, chunk.frame, chunk.time_ns)
+            elif side.connection.state == PROBING:
+                self.conversation.probe(side, chunk.octets, chunk.frame, chunk.time_ns)
+            else:
+                self.conversation.octets(side, chunk.octets, chunk.frame, chunk.time_ns)
+
+    # ---- what waits for time to pass --------------------------------------------------------------------------------
+
+    def _wait(self, side: Side) -> None:
+        """Look at ``side`` again when time passes or its connection shows another packet."""
+        if not side.waiting:
+            side.waiting = True
+            self._waiting.append(side)
+        if self._deadline_ns == _FAR_FUTURE:
+            self._deadline_ns = self.now_ns + _TICK_NS
+
+    def _expire_answers(self, side: Side) -> None:
+        self._dialogue.expire(side, self.now_ns)
+        if self._dialogue.also:
+            self.conversation.beside(self.frames, self.now_ns)
+
+    def _tick(self) -> None:
+        """Time has passed: give up what waited too long, forget connections that are over."""
+        waiting = self._waiting
+        self._waiting = []
+        for side in waiting:
+            side.stream.expire(self.frames, self.now_ns)
+            if side.stream.ready:
+                self._chunks(side)
+        for side in waiting:  # only then the answers: the request one of them waits for may just have come out
+            self._expire_answers(side)
+            side.waiting = side.stream.time_bound or self._has_orphans(side)
+            if side.waiting:
+                self._waiting.append(side)
+        for side in self.table.closed(self.now_ns):
+            self._finish(side, CONNECTION_CLOSED)
+        busy = bool(self._waiting) or self.table.lingering
+        self._deadline_ns = self.now_ns + _TICK_NS if busy else _FAR_FUTURE
+
+    def _has_orphans(self, side: Side) -> bool:
+        return side.connection.open_requests[1 - side.index].orphans is not None
+
+    # ---- the end ----------------------------------------------------------------------------------------------------
+
+    def _finish(self, side: Side, reason: str) -> None:
+        """A connection is over: pass on what is held, close what is open, add up its octets."""
+        peer = side.peer
+        assert peer is not None
+        if self.table.sides.get(side.key) is not side and self.table.sides.get(peer.key) is not peer:
+            return  # finished before, when another connection took its addresses
+        for end in (side, peer):
+            end.stream.finish(self.frames, self.now_ns)
+            if end.stream.ready:
+                self._chunks(end)
+            end.waiting = False
+        if side.connection.state == ISO:
+            if side.tcp.ended and reason == CAPTURE_ENDED:
+                reason = CONNECTION_CLOSED
+            self.conversation.end(side, reason, self.frames, self.now_ns)
+        for end in (side, peer):
+            self.octets.delivered += end.stream.octets
+            self.octets.framed += end.framer.framed
+            self.octets.skipped += end.framer.skipped
+            self.octets.buffered += end.framer.buffered
+        self.table.remove(side)
+
+    def finish(self) -> None:
+        """The capture ends: every connection still open is closed, everything held is told."""
+        for side in self.table.closed(self.now_ns, True):
+            self._finish(side, CONNECTION_CLOSED)
+        for side in self.table.all_open():
+            self._finish(side, CAPTURE_ENDED)
+        self._waiting = []
+        self._deadline_ns = _FAR_FUTURE
+        self.conversation.tell_findings()
+
+    def restart_clock(self, time_ns: i64) -> None:
+        """Another capture begins, at any time; it may well be older than the one before."""
+        self.now_ns = time_ns
+
+    def note_damage(self, detail: str) -> None:
+        """The source found its capture damaged."""
+        self._judge.note("capture.damaged", 0, [self.frames] if self.frames else [], self.now_ns, detail)
+
+    def packet_counts(self) -> dict[str, int]:
+        """Return what became of every packet, by category; the numbers add up to ``frames``."""
+        counts = dict(zip(CATEGORIES, self._packets, strict=True))
+        # A fragment's fate is known later than its packet: the store keeps the books.
+        counts["fragment_waiting"] = self.fragments.waiting
+        counts["fragment_used"] = self.fragments.used
+        counts["fragment_dropped"] = self.fragments.dropped
+        return counts

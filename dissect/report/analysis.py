@@ -1,0 +1,152 @@
+"""The fold of a whole run: what `analyze` tells. Bounded: counters are exact, lists hold what weighs most."""
+
+from __future__ import annotations
+
+import heapq
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.conversation import Observer
+from dissect.findings.finding import Finding
+from dissect.pipeline import Pipeline
+from dissect.report.latency import Latencies
+from dissect.s7.parameters import Parameters
+from dissect.source.packet import SourceFile
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
+
+#: Connections described one by one; the others are only counted.
+MAX_CONNECTIONS: Final = 1000
+#: Slowest and failed transactions kept for showing.
+MAX_SLOWEST: Final = 10
+MAX_FAILED: Final = 100
+
+
+class FunctionStatistics:
+    """The transactions of one function (for userdata: of one group and subfunction)."""
+
+    __slots__ = ("answered", "errors", "latencies", "name", "total", "unanswered")
+
+    def __init__(self, name: str) -> None:
+        self.name: str = name
+        self.total: i64 = 0
+        self.answered: i64 = 0
+        self.unanswered: i64 = 0
+        self.errors: i64 = 0
+        self.latencies: Latencies = Latencies()
+
+
+class Analysis(Observer):
+    """Everything `analyze` says about a run. Fill it through a pipeline, then `take` the pipeline's own counters."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.total: i64 = 0
+        self.answered: i64 = 0
+        self.unanswered: i64 = 0
+        self.orphans: i64 = 0
+        self.unsolicited: i64 = 0
+        self.with_errors: i64 = 0
+        self.latencies: Latencies = Latencies()
+        self.functions: dict[int, FunctionStatistics] = {}
+        self.unanswered_reasons: dict[str, int] = {}
+        self.connections: list[Connection] = []
+        self.connections_not_listed: i64 = 0
+        self.findings: list[Finding] = []
+        self.failed: list[Transaction] = []
+        self._slowest: list[tuple[int, int, Transaction]] = []
+        self._slow_floor: i64 = -1
+        self.pipeline: Pipeline | None = None
+        self.files: list[SourceFile] = []
+
+    def take(self, pipeline: Pipeline, files: list[SourceFile]) -> None:
+        """Take over what the pipeline counted and the files that were read."""
+        self.pipeline = pipeline
+        self.files = files
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the analysis as the JSON contract has it (docs/json.md)."""
+        from dissect.report.contract import analysis_as_dict
+
+        return analysis_as_dict(self)
+
+    def locate(self, frame: int) -> tuple[str, int]:
+        """Return (file name, number of the packet within it) of a packet of the run."""
+        found = self.files[0]
+        for file in self.files:
+            if file.first_frame > frame:
+                break
+            found = file
+        return found.name, frame - found.first_frame + 1
+
+    # ---- observer ---------------------------------------------------------------------------------------------------
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Count a transaction."""
+        self.total += 1
+        statistics = self._statistics(transaction.parameters)
+        statistics.total += 1
+        outcome: i64 = transaction.outcome
+        if outcome == ANSWERED:
+            self.answered += 1
+            statistics.answered += 1
+            latency: i64 = transaction.response_ns - transaction.request_ns
+            self.latencies.add(latency)
+            statistics.latencies.add(latency)
+            if latency > self._slow_floor:
+                self._keep_slow(latency, transaction)
+        elif outcome == UNANSWERED:
+            self.unanswered += 1
+            statistics.unanswered += 1
+            self.unanswered_reasons[transaction.reason] = self.unanswered_reasons.get(transaction.reason, 0) + 1
+            self._keep_failed(transaction)
+        elif outcome == ORPHAN:
+            self.orphans += 1
+        elif outcome == PUSH:
+            self.unsolicited += 1
+        if transaction.has_errors:
+            self.with_errors += 1
+            statistics.errors += 1
+            self._keep_failed(transaction)
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Keep a connection for the list."""
+        if len(self.connections) < MAX_CONNECTIONS:
+            self.connections.append(connection)
+        else:
+            self.connections_not_listed += 1
+
+    def finding(self, finding: Finding) -> None:
+        """Keep a detailed finding."""
+        self.findings.append(finding)
+
+    # ---- what is kept -----------------------------------------------------------------------------------------------
+
+    def _statistics(self, parameters: Parameters) -> FunctionStatistics:
+        key: i64 = parameters.function
+        userdata = parameters.userdata
+        if userdata is not None:
+            key = 0x10000 | (userdata.group << 8) | userdata.subfunction
+        found = self.functions.get(key)
+        if found is None:
+            found = FunctionStatistics(parameters.function_name)
+            self.functions[key] = found
+        return found
+
+    def _keep_slow(self, latency: i64, transaction: Transaction) -> None:
+        entry = (int(latency), -int(transaction.number), transaction)
+        if len(self._slowest) < MAX_SLOWEST:
+            heapq.heappush(self._slowest, entry)
+        else:
+            heapq.heappushpop(self._slowest, entry)
+        if len(self._slowest) == MAX_SLOWEST:
+            self._slow_floor = self._slowest[0][0]
+
+    def _keep_failed(self, transaction: Transaction) -> None:
+        if len(self.failed) < MAX_FAILED and (not self.failed or self.failed[-1] is not transaction):
+            self.failed.append(transaction)
+
+    def slowest(self) -> list[Transaction]:
+        """Return the slowest answered transactions, slowest first."""
+        return [transaction for _, _, transaction in sorted(self._slowest, reverse=True)]

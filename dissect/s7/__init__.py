@@ -1,0 +1,1 @@
+"""S7comm messages and the tables that name what they hold."""

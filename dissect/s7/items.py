@@ -1,0 +1,141 @@
+"""Items: what a Read Var or Write Var names (request items) and what comes back (data items). Reference section 3.5."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.s7.address import address_text
+from dissect.s7.tables import ELEMENT_OCTETS, LENGTH_IN_BITS, S7ANY, SUCCESS, SYNTAX_IDS
+from dissect.wire.malformed import Malformed
+from dissect.wire.octets import u16, u24
+
+SPECIFICATION: Final = 0x12
+DATA_HEAD: Final = 4
+_BIT: Final = 0x01
+
+
+class Item:
+    """A request item.
+
+    ``offset`` is within the S7 PDU's parameter block; ``octets`` are the item's own, head included. For S7ANY the fields
+    are filled; for every other syntax they are -1 and ``address`` names the syntax.
+    ``size`` is the count of octets a good answer carries, -1 when it cannot be known.
+    """
+
+    __slots__ = ("address", "area", "count", "db", "fragment", "octets", "offset", "size", "start_bit", "syntax_id", "transport_size")
+
+    def __init__(self, octets: bytes, offset: i64) -> None:
+        self.octets: bytes = octets
+        self.offset: i64 = offset
+        self.syntax_id: i64 = octets[2] if len(octets) > 2 else -1
+        self.transport_size: i64 = -1
+        self.count: i64 = -1
+        self.db: i64 = -1
+        self.area: i64 = -1
+        self.start_bit: i64 = -1
+        self.size: i64 = -1
+        self.address: str = ""
+        self.fragment: str = ""  # a report's cached text of the fields above; polling repeats the same items for hours
+
+    def __repr__(self) -> str:
+        return f"Item({self.address!r}, count={self.count})"
+
+
+def parse_item(octets: bytes, offset: i64) -> Item:
+    """Read one request item, head included (``octets`` at least 3). Never raises."""
+    item = Item(octets, offset)
+    if item.syntax_id == S7ANY and len(octets) == 12:
+        item.transport_size = octets[3]
+        item.count = u16(octets, 4)
+        item.db = u16(octets, 6)
+        item.area = octets[8]
+        item.start_bit = u24(octets, 9)
+        element: i64 = ELEMENT_OCTETS.get(item.transport_size, -1)
+        # Servers differ in how they pack several bits, so only the single bit has a known size.
+        if element > 0 and not (item.transport_size == _BIT and item.count != 1):
+            item.size = element * item.count
+        item.address = address_text(item.area, item.db, item.start_bit, item.transport_size)
+    else:
+        item.address = f"{SYNTAX_IDS.name(item.syntax_id)}:{octets[3:].hex()}"
+    return item
+
+
+def parse_items(octets: bytes, at: i64, end: i64, count: i64, malformed: list[Malformed]) -> list[Item]:
+    """Read up to ``count`` request items from ``octets[at:end]``; what does not fit is told in ``malformed``."""
+    items: list[Item] = []
+    for number in range(count):
+        if at + 3 > end:
+            malformed.append(Malformed("s7", "count_mismatch", "item_count", 1, count, number, "param"))
+            return items
+        size: i64 = octets[at + 1] + 2
+        if size < 3:
+            malformed.append(Malformed("s7", "length_below", "item.length", at, 1, size - 2, "item"))
+            return items
+        if at + size > end:
+            malformed.append(Malformed("s7", "length_beyond", "item.length", at, size, end - at, "param"))
+            return items
+        items.append(parse_item(octets[at : at + size], at))
+        at += size + item_fill(size, number + 1 == count)
+    if at < end:
+        malformed.append(Malformed("s7", "trailing_octets", "items", at, 0, end - at, "param"))
+    return items
+
+
+def item_fill(size: i64, last: bool) -> i64:
+    """Return the fill octets (0 or 1) after an item of ``size`` octets: an odd one that is not the last is padded to even.
+
+    The same rule holds for request items and for data items (reference 3.5).
+    """
+    return 0 if last else size & 1
+
+
+def data_size(transport_size: i64, length: i64) -> i64:
+    """Return the octets of a data item's content from its length field, which counts bits for some transport sizes."""
+    return (length + 7) >> 3 if transport_size in LENGTH_IN_BITS else length
+
+
+class DataItem:
+    """A data item: ``return_code``, the data ``transport_size``, the ``length`` field as it stands, and the content."""
+
+    __slots__ = ("data", "length", "offset", "return_code", "transport_size")
+
+    def __init__(self, return_code: int, transport_size: int, length: int, data: bytes, offset: int) -> None:
+        self.return_code = return_code
+        self.transport_size = transport_size
+        self.length = length
+        self.data = data
+        self.offset = offset
+
+
+def parse_data_items(
+    octets: bytes, at: i64, end: i64, count: i64, response: bool, malformed: list[Malformed]
+) -> list[DataItem]:
+    """Read up to ``count`` data items from ``octets[at:end]``.
+
+    In a ``response`` an item whose return code is not success is its four head octets, whatever its length field says.
+    One octet left over after an odd last item is tolerated: one client pads the last item too (reference 3.5).
+    """
+    items: list[DataItem] = []
+    size: i64 = 0
+    for number in range(count):
+        if at + DATA_HEAD > end:
+            malformed.append(Malformed("s7", "count_mismatch", "data items", at, count, number, "data"))
+            return items
+        return_code: i64 = octets[at]
+        transport_size: i64 = octets[at + 1]
+        length: i64 = u16(octets, at + 2)
+        size = data_size(transport_size, length)
+        if response and return_code != SUCCESS:
+            size = 0
+        body: i64 = at + DATA_HEAD
+        if body + size > end:
+            malformed.append(Malformed("s7", "length_beyond", "data.length", at, size, end - body, "data"))
+            items.append(DataItem(return_code, transport_size, length, octets[body:end], at))
+            return items
+        items.append(DataItem(return_code, transport_size, length, octets[body : body + size], at))
+        at = body + size + item_fill(size, number + 1 == count)
+    if at < end and not (end - at == 1 and size & 1):
+        malformed.append(Malformed("s7", "trailing_octets", "data items", at, 0, end - at, "data"))
+    return items

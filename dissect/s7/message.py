@@ -1,0 +1,180 @@
+"""The S7 header and one S7 PDU as an object (reference section 3.1)."""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.s7.items import DataItem, parse_data_items
+from dissect.s7.parameters import Parameters, parse_parameters
+from dissect.s7.tables import ACK, ACK_DATA, FUNCTIONS, JOB, READ_VAR, ROSCTR, SUCCESS, USERDATA, WRITE_VAR
+from dissect.wire.build import COMPILED
+from dissect.wire.malformed import Malformed
+from dissect.wire.octets import u16
+
+PROTOCOL_ID: Final = 0x32
+HEADER_SIZE: Final = 10
+ACK_HEADER_SIZE: Final = 12
+
+_HEADER: Final = struct.Struct(">BxxHHH")
+
+
+def read_header(octets: bytes, at: i64) -> tuple[i64, i64, i64, i64]:
+    """Return (ROSCTR, PDU reference, parameter length, data length) of the header at ``at``; ten octets must be there."""
+    if COMPILED:
+        rosctr: i64 = octets[at + 1]
+        return rosctr, u16(octets, at + 4), u16(octets, at + 6), u16(octets, at + 8)
+    return _HEADER.unpack_from(octets, at + 1)
+
+
+def header_size(rosctr: i64) -> i64:
+    """Return the octets of the header: 12 for Ack and Ack_Data, else 10."""
+    return ACK_HEADER_SIZE if rosctr == ACK or rosctr == ACK_DATA else HEADER_SIZE
+
+
+class Pdu:
+    """One S7 PDU and the packet that completed it.
+
+    ``octets`` is the whole TSDU. ``parameters`` is never None; ``malformed`` gathers what the header, the parameters and
+    the data block have against themselves, offsets within the PDU. ``cut`` is true when the capture cut the PDU.
+    """
+
+    __slots__ = (
+        "connection",
+        "cut",
+        "data_length",
+        "error_class",
+        "error_code",
+        "frame",
+        "malformed",
+        "octets",
+        "param_length",
+        "parameters",
+        "pdu_ref",
+        "redundancy_id",
+        "rosctr",
+        "side",
+        "time_ns",
+    )
+
+    def __init__(self, octets: bytes, frame: int, time_ns: int, connection: int, side: int) -> None:
+        self.octets = octets
+        self.frame = frame
+        self.time_ns = time_ns
+        self.connection = connection
+        self.side = side
+        self.cut = False
+        self.rosctr = -1
+        self.redundancy_id = 0
+        self.pdu_ref = -1
+        self.param_length = 0
+        self.data_length = 0
+        self.error_class = -1
+        self.error_code = -1
+        self.parameters = Parameters(b"", 0)
+        self.malformed: list[Malformed] = []
+
+    @property
+    def header_size(self) -> int:
+        """Octets of the header, 10 or 12."""
+        return header_size(self.rosctr)
+
+    @property
+    def function(self) -> int:
+        """The function octet, -1 when there are no parameters."""
+        return self.parameters.function
+
+    @property
+    def rosctr_name(self) -> str:
+        """``Job``, ``Ack``, ``Ack_Data``, ``Userdata`` or the number."""
+        return ROSCTR.name(self.rosctr)
+
+    @property
+    def function_name(self) -> str:
+        """Name of the function, for userdata of group and subfunction."""
+        return self.parameters.function_name if self.function >= 0 else FUNCTIONS.name(0) if self.rosctr == USERDATA else ""
+
+    @property
+    def data_offset(self) -> int:
+        """Where the data block begins within ``octets`` (it may lie past their end in a damaged PDU)."""
+        return self.header_size + self.param_length
+
+    @property
+    def data(self) -> bytes:
+        """The data block, as much of it as is there."""
+        return self.octets[self.data_offset : self.data_offset + self.data_length]
+
+    def data_items(self, malformed: list[Malformed] | None = None) -> list[DataItem]:
+        """Return the data items of a read answer or a write request, offsets within the PDU; empty for other PDUs."""
+        told: list[Malformed] = [] if malformed is None else malformed
+        end = min(len(self.octets), self.data_offset + self.data_length)
+        count = self.parameters.item_count
+        if count >= 0 and (
+            (self.rosctr == ACK_DATA and self.function == READ_VAR) or (self.rosctr == JOB and self.function == WRITE_VAR)
+        ):
+            if count and not self.data_length and self.rosctr == ACK_DATA and (self.error_class or self.error_code):
+                return []  # refused as a whole: no items come back
+            return parse_data_items(self.octets, self.data_offset, end, count, self.rosctr == ACK_DATA, told)
+        return []
+
+    def return_codes(self) -> list[int]:
+        """Return the item return codes of a read or write answer, in wire order; empty for other PDUs."""
+        if self.rosctr != ACK_DATA:
+            return []
+        if self.function == WRITE_VAR:
+            return list(self.data)
+        return [item.return_code for item in self.data_items()]
+
+    @property
+    def refused(self) -> bool:
+        """True when the header or the userdata head carries an error code, or an item was not successful."""
+        if self.error_class > 0 or self.error_code > 0:
+            return True
+        head = self.parameters.userdata
+        if head is not None and head.error_code:
+            return True
+        for code in self.return_codes():
+            if code != SUCCESS:
+                return True
+        return False
+
+
+def parse_pdu(octets: bytes, frame: int = 0, time_ns: int = 0, connection: int = 0, side: int = 0, cut: bool = False) -> Pdu:
+    """Read one S7 PDU (a whole TSDU that begins with 0x32). Never raises; ``cut`` says the capture cut it short."""
+    pdu = Pdu(octets, frame, time_ns, connection, side)
+    pdu.cut = cut
+    limit = "snaplen" if cut else "tsdu"
+    size = len(octets)
+    if size >= 2:
+        pdu.rosctr = octets[1]
+    if size < HEADER_SIZE:
+        pdu.malformed.append(Malformed("s7", "too_short", "header", 0, HEADER_SIZE, size, limit))
+        return pdu
+    if pdu.rosctr not in ROSCTR:
+        pdu.malformed.append(Malformed("s7", "unknown_type", "rosctr", 1, 0, pdu.rosctr, limit))
+    pdu.redundancy_id = u16(octets, 2)
+    _, pdu.pdu_ref, pdu.param_length, pdu.data_length = read_header(octets, 0)
+    head = header_size(pdu.rosctr)
+    if size < head:
+        pdu.malformed.append(Malformed("s7", "too_short", "header", 0, head, size, limit))
+        return pdu
+    if head == ACK_HEADER_SIZE:
+        pdu.error_class = octets[10]
+        pdu.error_code = octets[11]
+    total = head + pdu.param_length + pdu.data_length
+    if total > size:
+        field = "param_length" if head + pdu.param_length > size else "data_length"
+        pdu.malformed.append(Malformed("s7", "length_beyond", field, 6 if field == "param_length" else 8, total, size, limit))
+    elif total < size:
+        pdu.malformed.append(Malformed("s7", "trailing_octets", "pdu", total, total, size, limit))
+    pdu.parameters = parse_parameters(octets[head : head + pdu.param_length], pdu.rosctr)
+    if head + pdu.param_length <= size:  # else the block's own complaints only repeat the one above
+        for told in pdu.parameters.malformed:
+            pdu.malformed.append(
+                Malformed(told.layer, told.reason, told.field, told.offset + head, told.needed, told.available, told.limit)
+            )
+        if total <= size:
+            pdu.data_items(pdu.malformed)
+    return pdu

@@ -1,0 +1,409 @@
+"""The code tables of S7comm: function, area, transport size, return code, block type, userdata group (reference appendix A)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.wire.codes import CodeTable
+
+JOB: Final = 1
+ACK: Final = 2
+ACK_DATA: Final = 3
+USERDATA: Final = 7
+
+CPU_SERVICES: Final = 0x00
+MODE_TRANSITION: Final = 0x01
+READ_VAR: Final = 0x04
+WRITE_VAR: Final = 0x05
+REQUEST_DOWNLOAD: Final = 0x1A
+DOWNLOAD_BLOCK: Final = 0x1B
+DOWNLOAD_ENDED: Final = 0x1C
+START_UPLOAD: Final = 0x1D
+UPLOAD: Final = 0x1E
+END_UPLOAD: Final = 0x1F
+PI_SERVICE: Final = 0x28
+PLC_STOP: Final = 0x29
+SETUP_COMMUNICATION: Final = 0xF0
+
+SUCCESS: Final = 0xFF
+OBJECT_DOES_NOT_EXIST: Final = 0x0A
+
+S7ANY: Final = 0x10
+
+ROSCTR: Final = CodeTable(
+    "ROSCTR",
+    2,
+    [
+        (0x01, "Job", "Request; the PLC sends jobs of its own in a block download."),
+        (0x02, "Ack", "Answer without parameters and data, used for errors."),
+        (0x03, "Ack_Data", "Answer with parameters."),
+        (0x07, "Userdata", "Request, response or push of a function group; the type stands in the parameters."),
+    ],
+)
+
+FUNCTIONS: Final = CodeTable(
+    "S7 function",
+    2,
+    [
+        (0x00, "CPU services", "Userdata head: the function group says what it is."),
+        (0x01, "Mode transition indication", "Sent as ROSCTR 7 push from PLC; parameters: 8 octets: 01, item count 00, 4 unknown, mode, 1 unknown."),
+        (0x04, "Read Var", "Sent as Job; parameters: function, item count, items."),
+        (0x05, "Write Var", "Sent as Job; parameters: function, item count, items."),
+        (0x1a, "Request download", "Sent as Job, client to PLC; parameters: status, 2 unknown, 4 unknown, file name, length part."),
+        (0x1b, "Download block", "Sent as Job, PLC to client; parameters: status, 2 unknown, 4 unknown, file name."),
+        (0x1c, "Download ended", "Sent as Job, PLC to client; parameters: status, error code(2), 4 unknown, file name."),
+        (0x1d, "Start upload", "Sent as Job; parameters: status, 2 unknown, upload id(4), file name."),
+        (0x1e, "Upload", "Sent as Job; parameters: status, 2 unknown, upload id(4)."),
+        (0x1f, "End upload", "Sent as Job; parameters: status, error code(2), upload id(4)."),
+        (0x28, "PI service", "Sent as Job; parameters: 7 unknown, parameter block length(2), block, service name."),
+        (0x29, "PLC stop", "Sent as Job; parameters: 5 unknown, service name P_PROGRAM."),
+        (0xf0, "Setup communication", "Sent as Job; parameters: reserved, max AmQ calling(2), max AmQ called(2), PDU length(2)."),
+    ],
+)
+
+AREAS: Final = CodeTable(
+    "S7 area",
+    2,
+    [
+        (0x00, "raw memory", "Libnodave name for S5 raw memory; not an S7 area."),
+        (0x01, "data record", "RDREC; count = maximum length, DB field = record index, address = logical id."),
+        (0x03, "system information (200 family)", "Libnodave daveSysInfo."),
+        (0x05, "system flags SM (200 family)", "Libnodave daveSysFlags."),
+        (0x06, "analog inputs (200 family)", "Libnodave sends transport size WORD."),
+        (0x07, "analog outputs (200 family)", "Libnodave sends transport size WORD."),
+        (0x1c, "S7 counters", "Transport size 0x1c; address is NOT multiplied by 8; 2 octets per counter."),
+        (0x1d, "S7 timers", "Transport size 0x1d; address is NOT multiplied by 8; 2 octets per timer (S5TIME)."),
+        (0x1e, "IEC counters (200 family)", "Counter number."),
+        (0x1f, "IEC timers (200 family)", "Timer number."),
+        (0x80, "direct peripheral access", "Bit address."),
+        (0x81, "process image of inputs", "Bit address."),
+        (0x82, "process image of outputs", "Bit address."),
+        (0x83, "flags (bit memory)", "Bit address."),
+        (0x84, "data block", "DB number field used."),
+        (0x85, "instance data block", "DB number field used."),
+        (0x86, "local data", "Not normally reachable over the network; libnodave reuses the value for S5 system data."),
+        (0x87, "local data of the caller", "V stands for Vorgaenger (predecessor); on S7-200 the V memory is read as DB 1 in area 0x84, not here."),
+    ],
+)
+
+#: How people write an area in an address (international mnemonics).
+AREA_LETTERS: Final[dict[int, str]] = {
+    0x00: "RAW",
+    0x01: "RECORD",
+    0x03: "SI200",
+    0x05: "SF200",
+    0x06: "AI200",
+    0x07: "AO200",
+    0x1c: "C",
+    0x1d: "T",
+    0x1e: "C200",
+    0x1f: "T200",
+    0x80: "P",
+    0x81: "I",
+    0x82: "Q",
+    0x83: "M",
+    0x84: "DB",
+    0x85: "DI",
+    0x86: "L",
+    0x87: "V",
+}
+
+#: Areas whose address is a plain number of an object, not an octet address times 8.
+NUMBERED_AREAS: Final = frozenset((0x1c, 0x1d, 0x1e, 0x1f))
+
+#: Areas in which the DB number field is used.
+DB_AREAS: Final = frozenset((0x84, 0x85))
+
+TRANSPORT_SIZES: Final = CodeTable(
+    "S7 transport size of a request item",
+    2,
+    [
+        (0x01, "BIT", "One octet per bit in the data; more than 1 bit is refused by most CPUs (return code 0x06)."),
+        (0x02, "BYTE", ""),
+        (0x03, "CHAR", "Answered with data size 0x09."),
+        (0x04, "WORD", ""),
+        (0x05, "INT", "Answered with data size 0x05."),
+        (0x06, "DWORD", ""),
+        (0x07, "DINT", "Answered with data size 0x05, length in bits (21,482 of 21,482 captured items), never 0x06."),
+        (0x08, "REAL", "IEEE 754 single, big-endian."),
+        (0x09, "DATE", "Days since 1990-01-01; Wireshark defines the number but prints no name."),
+        (0x0a, "TOD", "Milliseconds since midnight."),
+        (0x0b, "TIME", "Signed milliseconds."),
+        (0x0c, "S5TIME", "Time base in bits 13-12, 3 BCD digits."),
+        (0x0f, "DATE_AND_TIME", "BCD."),
+        (0x13, "WCHAR", "S7-1200/1500; answered with data size 0x09; Wireshark has no name for it."),
+        (0x1c, "COUNTER", "3 BCD digits."),
+        (0x1d, "TIMER", "S5TIME form."),
+        (0x1e, "IEC TIMER/COUNTER", "Wireshark: constant named counter, text says timer; sources disagree."),
+        (0x1f, "IEC COUNTER/TIMER", "See 0x1e; libnodave area 30 = counters, 31 = timers (200 family)."),
+        (0x20, "HS COUNTER", "High-speed counter (200 family)."),
+        (0x30, "LREAL", "One source only (PLC4X), not seen in captures."),
+    ],
+)
+
+#: Octets of one element of a request transport size; sizes missing here have no known element size.
+ELEMENT_OCTETS: Final[dict[int, int]] = {
+    0x01: 1,
+    0x02: 1,
+    0x03: 1,
+    0x04: 2,
+    0x05: 2,
+    0x06: 4,
+    0x07: 4,
+    0x08: 4,
+    0x09: 2,
+    0x0a: 4,
+    0x0b: 4,
+    0x0c: 2,
+    0x0f: 8,
+    0x13: 2,
+    0x1c: 2,
+    0x1d: 2,
+    0x30: 8,
+}
+
+DATA_TRANSPORT_SIZES: Final = CodeTable(
+    "S7 transport size of a data item",
+    2,
+    [
+        (0x00, "NULL", "With return codes other than success, and userdata answers without payload."),
+        (0x03, "BIT", "1 bit takes 1 octet."),
+        (0x04, "BYTE/WORD/DWORD", "Length in octets = ceil(bits / 8)."),
+        (0x05, "INTEGER", "Length in octets = ceil(bits / 8)."),
+        (0x06, "DINTEGER", "Never seen in captures (DINT comes as 0x05); Wireshark and PLC4X: octets; Snap7 family divides by 8: if they disagree, the remaining data length decides."),
+        (0x07, "REAL", ""),
+        (0x09, "OCTET STRING", "Timers, counters, DBREAD, all userdata payloads."),
+        (0x11, "NCK ADDRESS1", "Items of addresses follow instead of values (Sinumerik)."),
+        (0x12, "NCK ADDRESS2", "Items of addresses follow instead of values (Sinumerik)."),
+    ],
+)
+
+#: Data transport sizes whose length field counts bits (the others count octets).
+LENGTH_IN_BITS: Final = frozenset((0x03, 0x04, 0x05))
+
+#: The data transport size a CPU answers a request transport size with, without exception in captures (reference 3.5).
+ANSWER_TRANSPORT_SIZE: Final[dict[int, int]] = {
+    0x01: 0x03,
+    0x02: 0x04,
+    0x03: 0x09,
+    0x04: 0x04,
+    0x05: 0x05,
+    0x06: 0x04,
+    0x07: 0x05,
+    0x08: 0x07,
+    0x13: 0x09,
+    0x1C: 0x09,
+    0x1D: 0x09,
+}
+
+RETURN_CODES: Final = CodeTable(
+    "S7 return code",
+    2,
+    [
+        (0x00, "Reserved", "In a write request: no meaning; in a response: undefined."),
+        (0x01, "Hardware error", "No peripheral at the address / hardware fault."),
+        (0x03, "Access not allowed", "Object may not be accessed (also: timers and counters not writable); libnodave: item not available on the 200 family."),
+        (0x05, "Invalid address", "Address outside the area."),
+        (0x06, "Data type not supported", "For example a bit block with a count other than 1."),
+        (0x07, "Data type inconsistent", "Length of write data does not match the item."),
+        (0x0a, "Object does not exist", "For example a missing DB; in userdata also the normal head of an answer without payload (look at the error code)."),
+        (0xff, "Success", "Data follow."),
+    ],
+)
+
+SYNTAX_IDS: Final = CodeTable(
+    "S7 syntax id",
+    2,
+    [
+        (0x10, "S7ANY", "Transport size(1) count(2) DB number(2) area(1) address(3)."),
+        (0x11, "ParameterShort", "Userdata head: type+group(1) subfunction(1) sequence(1)."),
+        (0x12, "ParameterExtended", "Userdata head: type+group(1) subfunction(1) sequence(1) data unit reference(1) last data unit(1) error code(2)."),
+        (0x13, "PBC-R_ID", "Unknown(1) R_ID(4)."),
+        (0x15, "ALARM_LOCKFREE", "Number of associated values(1) event id(4)."),
+        (0x16, "ALARM_IND", "Associated values(1) event id(4) event state(1) state(1) ack going(1) ack coming(1)."),
+        (0x19, "ALARM_ACK", "Associated values(1) event id(4) ack going(1) ack coming(1)."),
+        (0x1a, "ALARM_QUERYREQ", "Unknown(1) query type(1) unknown(1) alarm type or event id(4)."),
+        (0x1c, "NOTIFY_IND", "As ALARM_IND, then event going(1) event coming(1) last changed(1) reserved(1)."),
+        (0x82, "NCK", "Area and unit(1) column(2) line(2) module(1) line count(1)."),
+        (0x83, "NCK_M", "As NCK, metric units."),
+        (0x84, "NCK_I", "As NCK, inch units."),
+        (0xa2, "DRIVEESANY", "Unknown(1) unknown(2) unknown(2) parameter number(2) parameter index(2)."),
+        (0xb0, "DBREAD", "Number of areas(1), then per area octets(1) DB(2) start octet(2)."),
+        (0xb2, "1200SYM", "Reserved 0xff(1) root area(2) area or DB(2) CRC(4), then n x flags+value(4)."),
+    ],
+)
+
+#: Block type as the two text digits of a file name.
+BLOCK_TYPES: Final[dict[str, str]] = {
+    "08": "OB",
+    "09": "CMod",
+    "0A": "DB",
+    "0B": "SDB",
+    "0C": "FC",
+    "0D": "SFC",
+    "0E": "FB",
+    "0F": "SFB",
+}
+
+USERDATA_TYPES: Final = CodeTable(
+    "S7 userdata type",
+    1,
+    [
+        (0x0, "push", "Unsolicited indication."),
+        (0x1, "request", "Request."),
+        (0x2, "response", "Response."),
+        (0x3, "unused", "Not used by any known device."),
+    ],
+)
+
+USERDATA_GROUPS: Final = CodeTable(
+    "S7 userdata function group",
+    2,
+    [
+        (0x00, "mode transition", ""),
+        (0x01, "programmer commands (test and installation)", ""),
+        (0x02, "cyclic services", ""),
+        (0x03, "block functions", ""),
+        (0x04, "CPU functions", ""),
+        (0x05, "security", ""),
+        (0x06, "PBC (programmable block communication)", ""),
+        (0x07, "time functions", ""),
+        (0x20, "data record routing", ""),
+        (0x3f, "NC programming (Sinumerik)", ""),
+    ],
+)
+
+#: Subfunctions by function group.
+USERDATA_SUBFUNCTIONS: Final[dict[int, CodeTable]] = {
+    0x00: CodeTable(
+        "S7 mode transition subfunction",
+        2,
+        [
+            (0x00, "STOP", "Push; state change."),
+            (0x01, "warm restart", "Push; state change."),
+            (0x02, "RUN", "Push; state change."),
+            (0x03, "hot restart", "Push; state change."),
+            (0x04, "HOLD", "Push; state change."),
+            (0x06, "cold restart", "Push; state change."),
+            (0x09, "RUN_R (H system redundant)", "Push; state change."),
+            (0x0b, "LINK-UP", "Push; state change."),
+            (0x0c, "UPDATE", "Push; state change."),
+        ],
+    ),
+    0x01: CodeTable(
+        "S7 programmer commands (test and installation) subfunction",
+        2,
+        [
+            (0x01, "block status", "Request/response/push; debug."),
+            (0x02, "variable status", "Request/response/push; read."),
+            (0x03, "output ISTACK", "Request/response/push; debug."),
+            (0x04, "output BSTACK", "Request/response/push; debug."),
+            (0x05, "output LSTACK", "Request/response/push; debug."),
+            (0x06, "time measurement", "Request/response/push; debug."),
+            (0x07, "force selection", "Request/response; debug."),
+            (0x08, "modify variable", "Request/response/push; write."),
+            (0x09, "force", "Request/response/push; write."),
+            (0x0a, "breakpoint", "Request/response/push; control."),
+            (0x0b, "exit HOLD", "Request/response; control."),
+            (0x0c, "memory reset", "Request/response; destructive."),
+            (0x0d, "disable job", "Request/response; debug."),
+            (0x0e, "enable job", "Request/response; debug."),
+            (0x0f, "delete job", "Request/response; debug."),
+            (0x10, "read job list", "Request/response; read."),
+            (0x11, "read job", "Request/response; read."),
+            (0x12, "replace job", "Request/response; debug."),
+            (0x13, "block status v2", "Request/response/push; debug."),
+            (0x16, "flash LED", "Request/response; control."),
+        ],
+    ),
+    0x02: CodeTable(
+        "S7 cyclic services subfunction",
+        2,
+        [
+            (0x01, "cyclic transfer", "Request/response/push; read."),
+            (0x04, "unsubscribe", "Request/response; session."),
+            (0x05, "change driven transfer", "Request/response/push; read."),
+            (0x07, "change driven transfer modify", "Request/response/push; read."),
+            (0x08, "RDREC (read data record)", "Request/response; read."),
+        ],
+    ),
+    0x03: CodeTable(
+        "S7 block functions subfunction",
+        2,
+        [
+            (0x01, "list blocks", "Request/response; read."),
+            (0x02, "list blocks of type", "Request/response; read."),
+            (0x03, "get block info", "Request/response; read."),
+        ],
+    ),
+    0x04: CodeTable(
+        "S7 CPU functions subfunction",
+        2,
+        [
+            (0x01, "read SZL", "Request/response; read."),
+            (0x02, "message service", "Request/response; session."),
+            (0x03, "diagnostic message", "Push; state change."),
+            (0x05, "ALARM_8 indication", "Push; alarm."),
+            (0x06, "NOTIFY indication", "Push; alarm."),
+            (0x07, "ALARM_8 lock", "Request/response; write."),
+            (0x08, "ALARM_8 unlock", "Request/response; write."),
+            (0x09, "SCAN indication", "Push; alarm."),
+            (0x0b, "ALARM ack", "Request/response; write."),
+            (0x0c, "ALARM ack indication", "Push; alarm."),
+            (0x0d, "ALARM lock indication", "Push; alarm."),
+            (0x0e, "ALARM unlock indication", "Push; alarm."),
+            (0x10, "AR_SEND indication", "Push; alarm."),
+            (0x11, "ALARM_SQ indication", "Push; alarm."),
+            (0x12, "ALARM_S indication", "Push; alarm."),
+            (0x13, "ALARM query", "Request/response; read."),
+            (0x16, "NOTIFY_8 indication", "Push; alarm."),
+        ],
+    ),
+    0x05: CodeTable(
+        "S7 security subfunction",
+        2,
+        [
+            (0x01, "PLC password", "Request/response; authentication."),
+            (0x02, "clear session password", "Request/response; authentication."),
+        ],
+    ),
+    0x06: CodeTable(
+        "S7 PBC (programmable block communication) subfunction",
+        2,
+        [
+            (0x01, "BSEND", "Request/response; data push."),
+        ],
+    ),
+    0x07: CodeTable(
+        "S7 time functions subfunction",
+        2,
+        [
+            (0x01, "read clock", "Request/response; read."),
+            (0x02, "set clock", "Request/response; write."),
+            (0x03, "read clock (following)", "Request/response; read."),
+            (0x04, "set clock (second form)", "Request/response; write."),
+        ],
+    ),
+    0x20: CodeTable(
+        "S7 data record routing subfunction",
+        2,
+        [
+            (0x01, "DRR init", "Request/response; session."),
+            (0x02, "DRR finish", "Request/response; session."),
+            (0x03, "DRR data", "Request/response; read/write."),
+        ],
+    ),
+    0x3f: CodeTable(
+        "S7 NC programming (Sinumerik) subfunction",
+        2,
+        [
+            (0x01, "request download", "Request/response; program change."),
+            (0x02, "download block", "Push/response; program change."),
+            (0x03, "continue download", "Push; program change."),
+            (0x04, "download ended", "Request/response; program change."),
+            (0x06, "start upload", "Request/response; program read."),
+            (0x07, "upload", "Push/response; program read."),
+            (0x08, "continue upload", "Push; program read."),
+        ],
+    ),
+}

@@ -1,0 +1,158 @@
+"""Values of data items, decoded by the transport size the request asked with (reference 3.5, 3.6).
+
+A value is a Python number, text or bool; several elements give a list. What cannot be decoded (wrong size, a code that is not
+BCD, a transport size without a known type) gives None: the octets stand beside it, nothing is invented.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+from dissect.wire.clock import civil
+
+#: Decoded value of one item.
+Value = bool | int | float | str | list["bool | int | float | str | None"] | None
+
+_FLOAT: Final = struct.Struct(">f")
+_DOUBLE: Final = struct.Struct(">d")
+_MS_PER_DAY: Final = 86_400_000
+_S5_BASE_MS: Final = (10, 100, 1000, 10000)
+
+BIT: Final = 0x01
+BYTE: Final = 0x02
+CHAR: Final = 0x03
+WCHAR: Final = 0x13
+
+
+def decode_value(transport_size: int, octets: bytes) -> Value:
+    """Return the value of ``octets`` read or written with request transport size ``transport_size``."""
+    if transport_size == CHAR:
+        return octets.decode("latin-1")
+    if transport_size == WCHAR:
+        return octets.decode("utf-16-be", "replace") if len(octets) % 2 == 0 else None
+    size = _ELEMENT.get(transport_size)
+    if size is None or not octets or len(octets) % size:
+        return None
+    if len(octets) == size:
+        return _element(transport_size, octets)
+    return [_element(transport_size, octets[at : at + size]) for at in range(0, len(octets), size)]
+
+
+#: Octets of the elements that can be decoded.
+_ELEMENT: Final[dict[int, int]] = {
+    0x01: 1,
+    0x02: 1,
+    0x04: 2,
+    0x05: 2,
+    0x06: 4,
+    0x07: 4,
+    0x08: 4,
+    0x09: 2,
+    0x0A: 4,
+    0x0B: 4,
+    0x0C: 2,
+    0x0F: 8,
+    0x1C: 2,
+    0x1D: 2,
+    0x30: 8,
+}
+
+
+def _element(transport_size: int, octets: bytes) -> bool | int | float | str | None:
+    if transport_size == BIT:
+        return octets[0] & 1 == 1
+    if transport_size == 0x02 or transport_size == 0x04 or transport_size == 0x06:
+        return int.from_bytes(octets, "big")
+    if transport_size == 0x05 or transport_size == 0x07:
+        return int.from_bytes(octets, "big", signed=True)
+    if transport_size == 0x08:
+        return real(octets)
+    if transport_size == 0x30:
+        wide: float = _DOUBLE.unpack(octets)[0]
+        return wide
+    if transport_size == 0x1C:
+        return bcd(octets[0] & 0x0F, octets[1])
+    if transport_size == 0x0C or transport_size == 0x1D:
+        return s5time(octets)
+    number = int.from_bytes(octets, "big", signed=transport_size == 0x0B)
+    if transport_size == 0x09:
+        return date_text(number)
+    if transport_size == 0x0A:
+        return time_of_day(number)
+    if transport_size == 0x0B:
+        return duration(number)
+    return date_and_time(octets)
+
+
+def real(octets: bytes) -> float:
+    """Return an IEEE 754 single as the shortest decimal that reads back to the same four octets."""
+    exact: float = _FLOAT.unpack(octets)[0]
+    if exact != exact or exact in (float("inf"), float("-inf")):
+        return exact
+    for digits in (6, 7, 8):
+        short = float(f"{exact:.{digits}g}")
+        if abs(short) <= 3.4028234663852886e38 and _FLOAT.pack(short) == octets:
+            return short
+    return float(f"{exact:.9g}")
+
+
+def bcd(*octets: int) -> int | None:
+    """Return the number of BCD octets, most significant first; None when a digit is above 9."""
+    number = 0
+    for octet in octets:
+        high, low = octet >> 4, octet & 0x0F
+        if high > 9 or low > 9:
+            return None
+        number = number * 100 + high * 10 + low
+    return number
+
+
+def s5time(octets: bytes) -> str | None:
+    """Return an S5TIME (time base in bits 13-12, three BCD digits) as text, for example ``S5T#1s500ms``."""
+    digits = bcd(octets[0] & 0x0F, octets[1])
+    if digits is None:
+        return None
+    return "S5" + duration(digits * _S5_BASE_MS[(octets[0] >> 4) & 3])
+
+
+def duration(ms: int) -> str:
+    """Return milliseconds as IEC 61131-3 text, for example ``T#-1d2h3m4s5ms``."""
+    sign = "-" if ms < 0 else ""
+    left = abs(ms)
+    parts = ""
+    for unit, size in (("d", _MS_PER_DAY), ("h", 3_600_000), ("m", 60_000), ("s", 1000), ("ms", 1)):
+        count, left = divmod(left, size)
+        if count:
+            parts += f"{count}{unit}"
+    return f"T#{sign}{parts or '0ms'}"
+
+
+def time_of_day(ms: int) -> str | None:
+    """Return milliseconds since midnight as ``TOD#hh:mm:ss.mmm``; None for a day or more."""
+    if ms >= _MS_PER_DAY:
+        return None
+    seconds, rest = divmod(ms, 1000)
+    return f"TOD#{seconds // 3600:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}.{rest:03d}"
+
+
+_DAYS_TO_1990: Final = 7305
+
+
+def date_text(days: int) -> str:
+    """Return days since 1990-01-01 as ``D#yyyy-mm-dd``."""
+    year, month, day = civil(days + _DAYS_TO_1990)
+    return f"D#{year:04d}-{month:02d}-{day:02d}"
+
+
+def date_and_time(octets: bytes) -> str | None:
+    """Return the 8-octet BCD form (year, month, day, hour, minute, second, ms, weekday) as ``DT#…``; None when it is no time."""
+    fields = [bcd(octet) for octet in octets[:7]]
+    year, month, day, hour, minute, second, centi = fields
+    if year is None or month is None or day is None or hour is None or minute is None or second is None or centi is None:
+        return None
+    units = octets[7] >> 4
+    if not (1 <= month <= 12 and 1 <= day <= 31 and hour < 24 and minute < 60 and second < 60 and units < 10):
+        return None
+    full = year + (2000 if year < 90 else 1900)
+    return f"DT#{full:04d}-{month:02d}-{day:02d}-{hour:02d}:{minute:02d}:{second:02d}.{centi * 10 + units:03d}"

@@ -1,0 +1,158 @@
+"""Captures joined to the pipeline: `open` iterates events, `analyze` folds them.
+
+Files given together are read one after another. A file that goes on where the one before it ended (its first packet comes no
+more than `CONTINUES_NS` later, as the files of a ring buffer do) continues its connections; any other file stands for itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.conversation import Observer, Options
+from dissect.findings.finding import Finding
+from dissect.pipeline import Pipeline
+from dissect.report.analysis import Analysis
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.source.files import open_capture
+from dissect.source.packet import PacketSink, Reader, SourceFile
+from dissect.transactions.connection import Connection
+from dissect.transactions.table import Side
+from dissect.transactions.transaction import Transaction
+
+#: A file whose first packet comes this soon after the last one of the file before it continues its connections.
+CONTINUES_NS: Final = 60_000_000_000
+
+#: What `open` yields.
+Event = Connection | Pdu | Transaction | Finding
+
+
+class _Joint(PacketSink):
+    """Between a file and the pipeline: looks at the first packet to see whether the file continues the one before."""
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+
+    def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
+        self._run.join(time_ns)
+        self._run.pipeline.frame(time_ns, buf, start, end, wire_length, link_type)
+
+    def comment(self, text: str) -> None:
+        self._run.pipeline.comment(text)
+
+
+class Run:
+    """Files read one after another into a pipeline that tells ``observer``.
+
+    Raises `CaptureError` from `step` when a file cannot be read at all.
+    """
+
+    def __init__(self, paths: Sequence[str], observer: Observer, options: Options | None = None) -> None:
+        self._paths = list(paths)
+        self._observer = observer
+        self._options = options
+        self._reader: Reader | None = None
+        self._joined = False
+        self._finished = False
+        self.pipeline = Pipeline(observer, options)
+        self.files: list[SourceFile] = []
+
+    def step(self) -> bool:
+        """Read some more (about 256 KiB); False when everything was read and every connection is closed."""
+        reader = self._reader
+        if reader is None:
+            if not self._paths:
+                self.finish()
+                return False
+            path = self._paths.pop(0)
+            reader = open_capture(path)
+            self._reader = reader
+            self._joined = not self.files
+            self.files.append(SourceFile("stdin" if path == "-" else path, self.pipeline.frames + 1))
+        more = reader.step(self.pipeline if self._joined and reader.packets else _Joint(self))
+        file = self.files[-1]
+        file.packets = reader.packets
+        file.octets = reader.octets
+        if not more:
+            self._close(reader, file)
+        return True
+
+    def join(self, time_ns: int) -> None:
+        """The first packet of a file: does it go on where the one before it ended?"""
+        if self._joined:
+            return
+        self._joined = True
+        gap = time_ns - self.pipeline.now_ns
+        if not 0 <= gap <= CONTINUES_NS:
+            self.pipeline.finish()
+            self.pipeline.restart_clock(time_ns)
+
+    def finish(self) -> None:
+        """Close every connection; may be called early, and twice."""
+        if self._reader is not None:
+            self._close(self._reader, self.files[-1])
+        if not self._finished:
+            self._finished = True
+            self.pipeline.finish()
+
+    def _close(self, reader: Reader, file: SourceFile) -> None:
+        self._reader = None
+        file.packets = reader.packets
+        file.octets = reader.octets
+        file.damage = reader.damage
+        file.rejected = reader.rejected
+        file.notes = list(reader.notes)
+        if reader.damage:
+            self.pipeline.note_damage(f"{file.name}: {reader.damage}")
+        reader.close()
+
+
+class _Queue(Observer):
+    """Collects events until the iterator hands them out."""
+
+    def __init__(self, pdus: bool) -> None:
+        super().__init__()
+        self.wants_pdus = pdus
+        self.events: list[Event] = []
+
+    def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        self.events.append(parse_pdu(octets, frame, time_ns, side.connection.number, side.index, cut))
+
+    def transaction(self, transaction: Transaction) -> None:
+        self.events.append(transaction)
+
+    def finding(self, finding: Finding) -> None:
+        self.events.append(finding)
+
+    def connection_closed(self, connection: Connection) -> None:
+        self.events.append(connection)
+
+
+def open(path: str, *more: str, pdus: bool = True, slow_ns: int = 1_000_000_000) -> Iterator[Event]:
+    """Iterate the events of one capture or several: `Pdu`, `Transaction`, `Finding`, and `Connection` when it ends.
+
+    Events come in the order in which they become certain; a transaction follows its PDUs. ``pdus=False`` leaves the single
+    PDUs out, which is faster. Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding.
+    """
+    queue = _Queue(pdus)
+    run = Run([path, *more], queue, Options(slow_ns))
+    while run.step():
+        yield from queue.events
+        queue.events = []
+    yield from queue.events
+
+
+def analyze(path: str, *more: str, slow_ns: int = 1_000_000_000) -> Analysis:
+    """Fold one capture or several into an `Analysis`: connections, transactions by function, answer times, findings, loss.
+
+    ``slow_ns``: an answer later than this many nanoseconds is a finding. Raises `CaptureError` when a file cannot be read
+    at all; damage inside one is a finding.
+    """
+    analysis = Analysis()
+    run = Run([path, *more], analysis, Options(slow_ns))
+    while run.step():
+        pass
+    analysis.take(run.pipeline, run.files)
+    return analysis

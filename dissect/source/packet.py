@@ -1,0 +1,68 @@
+"""What a source of packets delivers to, whatever it reads from."""
+
+from __future__ import annotations
+
+from mypy_extensions import i64
+
+
+class PacketSink:
+    """Takes packets one at a time; the pipeline is the one the product uses.
+
+    The base class drops what it is given, so that a sink need only override what it wants.
+    """
+
+    def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
+        """Take one packet: its octets are ``buf[start:end]``.
+
+        ``time_ns`` is nanoseconds since 1970-01-01 UTC. ``wire_length`` is what the packet measured on the wire, larger than
+        ``end - start`` when the capture cut it. ``link_type`` is the LINKTYPE number of pcap and pcapng.
+        ``buf`` may hold many packets; it is never changed after the call.
+        """
+
+    def comment(self, text: str) -> None:
+        """Take a comment that the capture holds about the packet delivered next."""
+
+
+class Reader:
+    """A capture being read: every kind of file or pipe gives this.
+
+    ``packets`` and ``octets`` count what was read so far. ``damage`` is empty, or one sentence that says where the capture
+    was found damaged or cut; what came before it was delivered. ``rejected`` counts blocks that were given up while reading
+    went on, and ``notes`` says in sentences why, and what else in the capture is odd: one for each kind, with where it was
+    first met and how often.
+    """
+
+    def __init__(self) -> None:
+        self.packets: i64 = 0
+        self.octets: i64 = 0
+        self.damage: str = ""
+        self.rejected: i64 = 0
+        self.notes: list[str] = []
+
+    def step(self, sink: PacketSink) -> bool:
+        """Read some more and deliver its packets to ``sink``; False when there is nothing more to read.
+
+        One call delivers a bounded number of packets (about 256 KiB of file), so that a caller can look at results,
+        show progress or stop in between. Never raises on what the capture holds.
+        """
+        return False
+
+    def close(self) -> None:
+        """Release the file. May be called twice."""
+
+
+class CaptureError(Exception):
+    """The user's own input cannot be used: no such file, not a capture, a decompressor that is not installed."""
+
+
+class SourceFile:
+    """One file of a run: its name, the number of its first packet in the run, what was read of it, its damage."""
+
+    def __init__(self, name: str, first_frame: i64) -> None:
+        self.name: str = name
+        self.first_frame: i64 = first_frame
+        self.packets: i64 = 0
+        self.octets: i64 = 0
+        self.damage: str = ""
+        self.rejected: i64 = 0
+        self.notes: list[str] = []

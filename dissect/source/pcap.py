@@ -1,0 +1,268 @@
+"""Classic pcap files, and what every reader of a capture shares: chunks, joined where a record spans two of them.
+
+The format is draft-ietf-opsawg-pcap: a header of 24 octets, then records of a header of 16 octets and the packet.
+Both byte orders, microseconds and nanoseconds, the "modified" format of old tcpdump patches (magic 0xa1b2cd34, record
+headers of 24 octets), and the swapped length fields of files older than version 2.4.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final, Protocol
+
+from mypy_extensions import i64
+
+from dissect.source.packet import PacketSink, Reader
+from dissect.wire.build import COMPILED
+from dissect.wire.octets import u32
+
+#: How many octets are asked for at a time.
+CHUNK: Final = 256 * 1024
+
+#: The largest packet believed, on Ethernet and on any other link; a record that claims more is damage (libpcap's
+#: bound is the first, for all links).
+MAX_ETHERNET_PACKET: Final = 256 * 1024
+MAX_PACKET: Final = 16 * 1024 * 1024
+
+LINKTYPE_ETHERNET: Final = 1
+
+#: The first four octets of a pcap file -> (big-endian, nanoseconds, size of a record header).
+PCAP_MAGICS: Final[dict[bytes, tuple[bool, bool, int]]] = {
+    b"\xd4\xc3\xb2\xa1": (False, False, 16),
+    b"\xa1\xb2\xc3\xd4": (True, False, 16),
+    b"\x4d\x3c\xb2\xa1": (False, True, 16),
+    b"\xa1\xb2\x3c\x4d": (True, True, 16),
+    b"\x34\xcd\xb2\xa1": (False, False, 24),
+    b"\xa1\xb2\xcd\x34": (True, False, 24),
+}
+
+_FILE_HEADER: Final = 24
+
+_ODD_FRACTION: Final = "a time stamp holds {} parts of a second, a whole second or more, and was read as it stands"
+_SHORT_WIRE: Final = "a packet claims only {} octets on the wire, fewer than were captured, and was taken as uncut"
+_ODD_VERSION: Final = "the file says it is version {} of the format, and was read as version 2.4"
+
+
+def u32le(octets: bytes, at: i64) -> i64:
+    """Return the four octets at ``at`` as a little-endian number; IndexError when they are not there."""
+    first: i64 = octets[at]
+    second: i64 = octets[at + 1]
+    third: i64 = octets[at + 2]
+    fourth: i64 = octets[at + 3]
+    return (fourth << 24) | (third << 16) | (second << 8) | first
+
+
+def packet_limit(link_type: i64) -> i64:
+    """Return the largest packet, in octets, that is believed on ``link_type``."""
+    return MAX_ETHERNET_PACKET if link_type == LINKTYPE_ETHERNET else MAX_PACKET
+
+
+class OctetSource(Protocol):
+    """The octets of a capture, whatever they come out of (see `files`)."""
+
+    @property
+    def damage(self) -> str:
+        """Empty, or what went wrong below the capture: a failing disk, compressed data that is cut or corrupt."""
+
+    def read(self, size: int) -> bytes:
+        """Return between one and ``size`` octets, waiting for them if need be; none at the end. Never raises."""
+
+    def close(self) -> None:
+        """Release what is held. May be called twice."""
+
+
+class _Oddity:
+    """Something odd met while reading: a sentence with a number in it, where it was first met, how often since."""
+
+    def __init__(self, sentence: str, number: i64, offset: i64) -> None:
+        self.text: str = sentence.replace("{}", str(number))
+        self.offset: i64 = offset
+        self.count: i64 = 0
+
+    def __str__(self) -> str:
+        times = f", the first of {self.count} like it" if self.count > 1 else ""
+        return f"{self.text} (at octet {self.offset}{times})"
+
+
+class ChunkReader(Reader):
+    """A reader of records that come in chunks of any size.
+
+    ``head`` is what was already taken from ``source`` to find out what it holds. ``octets`` counts what came out of the
+    source, decompressed. A subclass scans `_buf` from `_pos`, and asks `_fill` for as much as the next record needs.
+    """
+
+    def __init__(self, source: OctetSource, head: bytes) -> None:
+        super().__init__()
+        self.octets = len(head)
+        self._source: OctetSource = source
+        self._buf: bytes = head
+        self._pos: i64 = 0
+        self._need: i64 = 0
+        self._done: bool = False
+        self._oddities: dict[str, _Oddity] = {}
+        self._told: bool = True
+
+    def close(self) -> None:
+        """Release the file. May be called twice; nothing is read after it."""
+        self._done = True
+        self._buf = b""
+        self._pos = 0
+        self._source.close()
+
+    def _offset(self, at: i64) -> i64:
+        """Return where in the capture ``_buf[at]`` stands."""
+        return self.octets - len(self._buf) + at
+
+    def _fill(self, need: i64) -> bool:
+        """Have at least ``need`` octets stand at ``_pos``; False when the source ends before."""
+        have: i64 = len(self._buf) - self._pos
+        if have >= need:
+            return True
+        # Joined once, however small the pieces: a pipe may give one octet at a time. What was scanned goes first, so that
+        # its memory is there for the next piece.
+        pieces = [self._buf[self._pos :]] if have else []
+        self._buf = b""
+        self._pos = 0
+        while have < need:
+            piece = self._source.read(CHUNK)
+            if not piece:
+                break
+            pieces.append(piece)
+            have += len(piece)
+            self.octets += len(piece)
+        self._buf = pieces[0] if len(pieces) == 1 else b"".join(pieces)
+        return have >= need
+
+    def _finish(self, inside: str) -> None:
+        """End where the source ended; ``inside`` says what is cut if octets are left over."""
+        damage = self._source.damage
+        if self._pos < len(self._buf):
+            cut = f"cut off at octet {self.octets}, {inside}"
+            damage = f"{damage}; what it held is {cut}" if damage else cut
+        self._end(damage)
+
+    def _stop(self, at: i64, why: str) -> None:
+        """End at ``_buf[at]`` because what stands there cannot be read and nothing after it can be found."""
+        self._end(f"damaged at octet {self._offset(at)}, after {self.packets} packets: {why}")
+
+    def _end(self, damage: str) -> None:
+        self.damage = damage
+        self._tell()
+        self.close()
+
+    def _note(self, sentence: str, number: i64, at: i64) -> None:
+        """Remember an oddity at ``_buf[at]``, by its sentence; ``number`` is put in for the braces, of the first one only."""
+        oddity = self._oddities.get(sentence)
+        if oddity is None:
+            oddity = _Oddity(sentence, number, self._offset(at))
+            self._oddities[sentence] = oddity
+        oddity.count += 1
+        self._told = False
+
+    def _reject(self, sentence: str, number: i64, at: i64) -> None:
+        """Give up the block at ``_buf[at]`` and remember why."""
+        self.rejected += 1
+        self._note(sentence, number, at)
+
+    def _tell(self) -> None:
+        """Bring ``notes`` up to date with the oddities."""
+        if not self._told:
+            self.notes = [str(oddity) for oddity in self._oddities.values()]
+            self._told = True
+
+
+class PcapReader(ChunkReader):
+    """A classic pcap file. ``head`` begins with one of `PCAP_MAGICS`."""
+
+    def __init__(self, source: OctetSource, head: bytes) -> None:
+        super().__init__(source, head)
+        big, nanoseconds, header = PCAP_MAGICS[head[:4]]
+        self._big: bool = big
+        self._parts: i64 = 1_000_000_000 if nanoseconds else 1_000_000
+        self._header: i64 = header
+        self._record: struct.Struct = struct.Struct(">IIII" if big else "<IIII")
+        self._old: bool = False
+        self._link_type: i64 = 0
+        self._begun: bool = False
+        self._need = _FILE_HEADER
+
+    def step(self, sink: PacketSink) -> bool:
+        """Read about one chunk and deliver its packets to ``sink``; False when there is nothing more to read."""
+        if self._done:
+            return False
+        if not self._fill(self._need):
+            inside = f"inside the record of packet {self.packets + 1}" if self._begun else "inside the file header"
+            self._finish(inside)
+            return False
+        if not self._begun:
+            self._begin()
+        self._scan(sink)
+        self._tell()
+        return not self._done
+
+    def _begin(self) -> None:
+        """Read the file header; the time zone, accuracy and snap length in it change nothing."""
+        order = ">" if self._big else "<"
+        major, minor, link = struct.unpack_from(f"{order}4xHH12xI", self._buf)
+        if major != 2 or minor > 4:
+            self._note(_ODD_VERSION.replace("{}", f"{major}.{minor}"), 0, 4)
+        self._old = major == 2 and minor < 4
+        # The upper half tells about frame check sequences, which the IP length leaves out anyway.
+        self._link_type = link & 0xFFFF
+        self._begun = True
+        self._pos = _FILE_HEADER
+
+    def _scan(self, sink: PacketSink) -> None:
+        """Deliver every whole record in the buffer."""
+        buf = self._buf
+        size: i64 = len(buf)
+        pos: i64 = self._pos
+        count: i64 = self.packets
+        header: i64 = self._header
+        need: i64 = header
+        link_type: i64 = self._link_type
+        limit: i64 = packet_limit(link_type)
+        parts: i64 = self._parts
+        unit: i64 = 1_000_000_000 // parts
+        big = self._big
+        compiled = COMPILED
+        unpack = self._record.unpack_from
+        seconds: i64
+        fraction: i64
+        captured: i64
+        wire: i64
+        absurd: i64 = 0
+        try:
+            while pos + header <= size:
+                if not compiled:
+                    seconds, fraction, captured, wire = unpack(buf, pos)
+                elif big:
+                    seconds, fraction = u32(buf, pos), u32(buf, pos + 4)
+                    captured, wire = u32(buf, pos + 8), u32(buf, pos + 12)
+                else:
+                    seconds, fraction = u32le(buf, pos), u32le(buf, pos + 4)
+                    captured, wire = u32le(buf, pos + 8), u32le(buf, pos + 12)
+                if wire < captured and self._old:
+                    captured, wire = wire, captured
+                if captured > limit:
+                    absurd = captured
+                    break
+                start = pos + header
+                end = start + captured
+                if end > size:
+                    need = header + captured
+                    break
+                if wire < captured:
+                    self._note(_SHORT_WIRE, wire, pos)
+                    wire = captured
+                if fraction >= parts:
+                    self._note(_ODD_FRACTION, fraction, pos)
+                pos = end
+                count += 1
+                sink.frame(seconds * 1_000_000_000 + fraction * unit, buf, start, end, wire, link_type)
+        finally:
+            self._pos = pos
+            self.packets = count
+            self._need = need
+        if absurd:
+            self._stop(pos, f"a record claims a packet of {absurd} octets")

@@ -1,0 +1,360 @@
+"""pcapng files (draft-ietf-opsawg-pcapng): sections, interfaces and packets in any number and either byte order.
+
+Read are the Section Header, Interface Description, Enhanced Packet and Simple Packet Blocks and the obsolete Packet
+Block, with the comments of packets. Every other block is skipped by its length. A Simple Packet Block has no time;
+its packet gets the time of the packet before it (0 when there is none).
+
+A block that contradicts itself is given up, counted in ``rejected`` and explained in ``notes``. Reading stops only
+where the way to the next block is lost: an impossible block length, or two blocks one after the other whose lengths
+at front and end differ.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.source.packet import PacketSink
+from dissect.source.pcap import ChunkReader, OctetSource, packet_limit, u32le
+from dissect.wire.build import COMPILED
+from dissect.wire.octets import u32
+
+#: The first four octets of a section, which read the same in both byte orders, and what stands at offset 8.
+PCAPNG_MAGIC: Final = b"\x0a\x0d\x0d\x0a"
+BYTE_ORDER_MAGICS: Final = (b"\x1a\x2b\x3c\x4d", b"\x4d\x3c\x2b\x1a")
+
+#: The largest block believed (libpcap's and Wireshark's bound), and the most interfaces kept for a section.
+MAX_BLOCK: Final = 16 * 1024 * 1024
+MAX_INTERFACES: Final = 65_536
+
+_SECTION: Final = 0x0A0D0D0A
+_INTERFACE: Final = 1
+_OLD_PACKET: Final = 2
+_SIMPLE_PACKET: Final = 3
+_ENHANCED_PACKET: Final = 6
+
+_MIN_BLOCK: Final = 12
+_MIN_SECTION: Final = 28
+_MIN_INTERFACE: Final = 20
+_MIN_SIMPLE: Final = 16
+_MIN_PACKET: Final = 32
+
+_OPT_END: Final = 0
+_OPT_COMMENT: Final = 1
+_IF_TSRESOL: Final = 9
+_IF_TSOFFSET: Final = 14
+
+_MAX_TIME: Final = 2**63 - 1
+
+_OPTION_OVERRUN: Final = "an option claims {} octets, more than its block holds, and was left out with those after it"
+_OPTION_SIZE: Final = "a time option of an interface holds {} octets, which is not its size, and was left out"
+_ODD_RESOLUTION: Final = (
+    "an interface claims a time resolution of 10 or 2 to the minus {}, and was given the finest believed"
+)
+_ODD_TIME: Final = "the time of a packet is before 1970 or after 2262, and was put to the nearest of the two"
+_NO_TIME: Final = "a Simple Packet Block has no time, and was given that of the packet before it"
+_SHORT_WIRE: Final = "a packet claims only {} octets on the wire, fewer than were captured, and was taken as uncut"
+_TRAILER: Final = "a block repeats its length as {} at its end, which is not what it says at its front"
+_SHORT_BLOCK: Final = "a block of {} octets is shorter than its kind must be"
+_NO_INTERFACE: Final = "a packet names interface {}, which its section has not described"
+_LONG_PACKET: Final = "a packet claims {} captured octets, more than its block holds or its link can carry"
+_MANY_INTERFACES: Final = f"a section describes more than {MAX_INTERFACES} interfaces"
+
+
+class Interface:
+    """What a section says about one interface, as far as its packets need it.
+
+    ``link_type`` is a LINKTYPE number, -1 when the description could not be read. A tick of its clock is ``base **
+    -exponent`` seconds (``base`` 2 or 10), its zero ``offset`` seconds after 1970-01-01 UTC. When a tick is a whole
+    number of nanoseconds and the offset 0, ``multiplier`` is that number and ``safe_high`` the first upper half of a
+    time that may not fit.
+    """
+
+    __slots__ = ("base", "divisor", "exponent", "limit", "link_type", "multiplier", "offset", "safe_high", "snaplen")
+
+    def __init__(self, link_type: i64, snaplen: i64) -> None:
+        self.link_type: i64 = link_type
+        self.snaplen: i64 = snaplen
+        self.limit: i64 = packet_limit(link_type)
+        self.base: int = 10
+        self.exponent: int = 6
+        self.offset: int = 0
+        self.divisor: int = 1
+        self.multiplier: i64 = 0
+        self.safe_high: i64 = 0
+        self.settle()
+
+    def settle(self) -> None:
+        """Work out ``divisor`` (ticks a second), ``multiplier`` and ``safe_high`` from the rest."""
+        self.divisor = self.base**self.exponent
+        if self.base == 10 and self.exponent <= 9 and self.offset == 0:
+            multiplier = 10 ** (9 - self.exponent)
+            self.multiplier = multiplier
+            self.safe_high = (_MAX_TIME // multiplier) >> 32
+        else:
+            self.multiplier = 0
+            self.safe_high = 0
+
+    def exact_time_ns(self, ticks: int) -> int:
+        """Return the time of ``ticks`` in nanoseconds since 1970-01-01 UTC, rounded down and of any size."""
+        return ticks * 1_000_000_000 // self.divisor + self.offset * 1_000_000_000
+
+
+class PcapngReader(ChunkReader):
+    """A pcapng file. ``head`` begins with `PCAPNG_MAGIC`."""
+
+    def __init__(self, source: OctetSource, head: bytes) -> None:
+        super().__init__(source, head)
+        self._big: bool = False
+        self._single: struct.Struct = struct.Struct("<I")
+        self._pair: struct.Struct = struct.Struct("<II")
+        self._fields: struct.Struct = struct.Struct("<IIIII")
+        self._interfaces: list[Interface] = []
+        self._time_ns: i64 = 0
+        self._doubt: bool = False
+        self._need = _MIN_BLOCK
+
+    def step(self, sink: PacketSink) -> bool:
+        """Read about one chunk and deliver its packets to ``sink``; False when there is nothing more to read."""
+        if self._done:
+            return False
+        if not self._fill(self._need):
+            after = f", after packet {self.packets}" if self.packets else ""
+            self._finish(f"inside the block at octet {self._offset(self._pos)}{after}")
+            return False
+        self._scan(sink)
+        self._tell()
+        return not self._done
+
+    def _scan(self, sink: PacketSink) -> None:
+        """Deliver the packets of every whole block in the buffer."""
+        buf = self._buf
+        size: i64 = len(buf)
+        at: i64 = self._pos
+        kind: i64
+        total: i64
+        trailer: i64
+        compiled = COMPILED
+        self._need = _MIN_BLOCK
+        while at + _MIN_BLOCK <= size:
+            if not compiled:
+                kind, total = self._pair.unpack_from(buf, at)
+            elif self._big:
+                kind, total = u32(buf, at), u32(buf, at + 4)
+            else:
+                kind, total = u32le(buf, at), u32le(buf, at + 4)
+            if kind == _SECTION:
+                if not self._order(at):
+                    return
+                total = self._u32(at + 4)
+            if total < _MIN_BLOCK or total > MAX_BLOCK or total & 3:
+                self._stop(at, f"a block claims a length of {total} octets")
+                return
+            if at + total > size:
+                self._need = total
+                return
+            # Before its packet is delivered, so that a sink that raises does not get it again.
+            self._pos = at + total
+            if not compiled:
+                (trailer,) = self._single.unpack_from(buf, at + total - 4)
+            else:
+                trailer = self._u32(at + total - 4)
+            if trailer == total:
+                self._doubt = False
+                self._block(sink, kind, at, total)
+            else:
+                self._contradiction(sink, kind, at, total, trailer)
+            if self._done:
+                return
+            at += total
+
+    def _u32(self, at: i64) -> i64:
+        return u32(self._buf, at) if self._big else u32le(self._buf, at)
+
+    def _order(self, at: i64) -> bool:
+        """Take the byte order of the section that begins at ``at``; False when it has none."""
+        magic = self._buf[at + 8 : at + 12]
+        if magic not in BYTE_ORDER_MAGICS:
+            self._stop(at, f"a section header has no byte-order magic but {magic.hex(' ')}")
+            return False
+        self._big = magic == BYTE_ORDER_MAGICS[0]
+        order = ">" if self._big else "<"
+        self._single = struct.Struct(f"{order}I")
+        self._pair = struct.Struct(f"{order}II")
+        self._fields = struct.Struct(f"{order}IIIII")
+        return True
+
+    def _contradiction(self, sink: PacketSink, kind: i64, at: i64, total: i64, trailer: i64) -> None:
+        """Judge a block whose lengths differ; sections and interfaces are read anyway, what follows needs them."""
+        if self._doubt:
+            self._stop(at, "two blocks one after the other have lengths that differ at front and end")
+            return
+        self._doubt = True
+        if kind == _SECTION or kind == _INTERFACE:
+            self._note(_TRAILER, trailer, at)
+            self._block(sink, kind, at, total)
+        else:
+            self._reject(_TRAILER, trailer, at)
+
+    def _block(self, sink: PacketSink, kind: i64, at: i64, total: i64) -> None:
+        """Read one whole block."""
+        if kind == _ENHANCED_PACKET or kind == _OLD_PACKET:
+            self._packet(sink, kind, at, total)
+        elif kind == _SECTION:
+            self._section(at, total)
+        elif kind == _INTERFACE:
+            self._interface(at, total)
+        elif kind == _SIMPLE_PACKET:
+            self._simple(sink, at, total)
+
+    def _section(self, at: i64, total: i64) -> None:
+        """Begin a section: what the one before said about interfaces is over."""
+        if total < _MIN_SECTION:
+            self._stop(at, f"a section header claims a length of {total} octets")
+            return
+        version = self._u32(at + 12)
+        major = version >> 16 if self._big else version & 0xFFFF
+        if major != 1:
+            self._stop(at, f"a section is of version {major} of the format, which nobody has defined")
+            return
+        self._interfaces = []
+
+    def _interface(self, at: i64, total: i64) -> None:
+        """Add an interface; one that cannot be read keeps its place, or the numbers of those after it would be wrong."""
+        if len(self._interfaces) >= MAX_INTERFACES:
+            self._reject(_MANY_INTERFACES, 0, at)
+            return
+        if total < _MIN_INTERFACE:
+            self._interfaces.append(Interface(-1, 0))
+            self._reject(_SHORT_BLOCK, total, at)
+            return
+        link = self._u32(at + 8)
+        interface = Interface(link >> 16 if self._big else link & 0xFFFF, self._u32(at + 12))
+        self._interfaces.append(interface)
+        option = at + 16
+        end = at + total - 4
+        while True:
+            code, start, length = self._option(option, end)
+            if code == _OPT_END:
+                break
+            if code == _IF_TSRESOL or code == _IF_TSOFFSET:
+                self._clock(interface, code, start, length)
+            option = start + ((length + 3) & ~3)
+        interface.settle()
+
+    def _option(self, at: i64, end: i64) -> tuple[i64, i64, i64]:
+        """Return (code, where its value starts, size) of the option at ``at``; the code is 0 when there is none."""
+        if at + 4 > end:
+            return _OPT_END, at, 0
+        word = self._u32(at)
+        code = word >> 16 if self._big else word & 0xFFFF
+        length = word & 0xFFFF if self._big else word >> 16
+        if code == _OPT_END:
+            return _OPT_END, at, 0
+        if at + 4 + length > end:
+            self._note(_OPTION_OVERRUN, length, at)
+            return _OPT_END, at, 0
+        return code, at + 4, length
+
+    def _clock(self, interface: Interface, code: i64, start: i64, length: i64) -> None:
+        """Take an option about an interface's clock."""
+        if length != (1 if code == _IF_TSRESOL else 8):
+            self._note(_OPTION_SIZE, length, start - 4)
+        elif code == _IF_TSOFFSET:
+            octets = self._buf[start : start + 8]
+            interface.offset = int.from_bytes(octets, "big" if self._big else "little", signed=True)
+        else:
+            value: i64 = self._buf[start]
+            exponent = value & 0x7F
+            # Finer than these, 64 bits of ticks do not even last a second.
+            finest: i64 = 63 if value & 0x80 else 19
+            if exponent > finest:
+                self._note(_ODD_RESOLUTION, exponent, start - 4)
+                exponent = finest
+            interface.base = 2 if value & 0x80 else 10
+            interface.exponent = exponent
+
+    def _packet(self, sink: PacketSink, kind: i64, at: i64, total: i64) -> None:
+        """Deliver the packet of an Enhanced or an obsolete Packet Block, which differ in their first field only."""
+        if total < _MIN_PACKET:
+            self._reject(_SHORT_BLOCK, total, at)
+            return
+        buf = self._buf
+        number: i64
+        high: i64
+        low: i64
+        captured: i64
+        wire: i64
+        if not COMPILED:
+            number, high, low, captured, wire = self._fields.unpack_from(buf, at + 8)
+        elif self._big:
+            number, high, low = u32(buf, at + 8), u32(buf, at + 12), u32(buf, at + 16)
+            captured, wire = u32(buf, at + 20), u32(buf, at + 24)
+        else:
+            number, high, low = u32le(buf, at + 8), u32le(buf, at + 12), u32le(buf, at + 16)
+            captured, wire = u32le(buf, at + 20), u32le(buf, at + 24)
+        if kind == _OLD_PACKET:
+            number = number >> 16 if self._big else number & 0xFFFF
+        if number >= len(self._interfaces) or self._interfaces[number].link_type < 0:
+            self._reject(_NO_INTERFACE, number, at)
+            return
+        interface = self._interfaces[number]
+        start = at + 28
+        end = start + captured
+        if captured > total - _MIN_PACKET or captured > interface.limit:
+            self._reject(_LONG_PACKET, captured, at)
+            return
+        if high < interface.safe_high:
+            self._time_ns = ((high << 32) | low) * interface.multiplier
+        else:
+            self._time_ns = self._slow_time(interface, high, low, at)
+        option = start + ((captured + 3) & ~3)
+        if option + 4 <= at + total - 4:
+            self._comments(sink, option, at + total - 4)
+        self._deliver(sink, interface, start, end, wire)
+
+    def _simple(self, sink: PacketSink, at: i64, total: i64) -> None:
+        """Deliver the packet of a Simple Packet Block: interface 0, no time, and cut at the interface's snap length."""
+        if total < _MIN_SIMPLE:
+            self._reject(_SHORT_BLOCK, total, at)
+            return
+        if not self._interfaces or self._interfaces[0].link_type < 0:
+            self._reject(_NO_INTERFACE, 0, at)
+            return
+        interface = self._interfaces[0]
+        wire = self._u32(at + 8)
+        captured = min(wire, interface.snaplen) if interface.snaplen else wire
+        if captured > total - _MIN_SIMPLE or captured > interface.limit:
+            self._reject(_LONG_PACKET, captured, at)
+            return
+        self._note(_NO_TIME, 0, at)
+        self._deliver(sink, interface, at + 12, at + 12 + captured, wire)
+
+    def _deliver(self, sink: PacketSink, interface: Interface, start: i64, end: i64, wire: i64) -> None:
+        if wire < end - start:
+            self._note(_SHORT_WIRE, wire, start)
+            wire = end - start
+        self.packets += 1
+        sink.frame(self._time_ns, self._buf, start, end, wire, interface.link_type)
+
+    def _slow_time(self, interface: Interface, high: i64, low: i64, at: i64) -> i64:
+        """Return the time where 64 bits may not do: fine or binary resolutions, offsets, absurd values (clamped)."""
+        upper: int = high
+        lower: int = low
+        exact = interface.exact_time_ns(upper << 32 | lower)
+        if exact < 0 or exact > _MAX_TIME:
+            self._note(_ODD_TIME, 0, at)
+            return 0 if exact < 0 else _MAX_TIME
+        return exact
+
+    def _comments(self, sink: PacketSink, at: i64, end: i64) -> None:
+        """Deliver the comments among the options of a packet."""
+        while True:
+            code, start, length = self._option(at, end)
+            if code == _OPT_END:
+                return
+            if code == _OPT_COMMENT and length:
+                sink.comment(self._buf[start : start + length].decode("utf-8", "backslashreplace"))
+            at = start + ((length + 3) & ~3)

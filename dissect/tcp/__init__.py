@@ -1,0 +1,1 @@
+"""From a frame to each direction's octets in order, holes told as holes."""

@@ -1,0 +1,280 @@
+"""One direction of a TCP connection: segments in any order become octets in order, and holes told as holes.
+
+`HalfStream` does no I/O and knows no clock; time comes in with each segment. A segment that is exactly the next one is the
+common case and costs one comparison, which the pipeline makes itself (`next_seq`, `held`). Everything else comes here:
+
+* the first copy of an octet wins; a later copy that differs is counted as a conflict;
+* a segment ahead of its turn is held, in order of position, until the octets before it arrive or are given up;
+* octets are given up (a hole) when the far end acknowledged them and a short grace has passed, because captures also show
+  a segment after its own acknowledgement; else after `MAX_HELD` held segments; else after `HOLE_TIMEOUT_NS` of capture time;
+  else at the end of the stream. Nothing is ever filled in.
+
+Positions are counted from the first octet seen, without wrap; sequence numbers wrap at 2**32.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+MASK: Final = 0xFFFFFFFF
+HALF_SPACE: Final = 0x80000000
+
+#: Segments and octets held for one direction before its first hole is given up.
+MAX_HELD: Final = 16
+MAX_HELD_OCTETS: Final = 1024 * 1024
+#: A hole that nothing explains is given up after this much capture time.
+HOLE_TIMEOUT_NS: Final = 1_000_000_000
+#: After the far end acknowledged a missing octet: segments of the connection, or time, that it may still turn up in.
+ACK_GRACE_SEGMENTS: Final = 8
+ACK_GRACE_NS: Final = 50_000_000
+#: A segment further ahead than this is believed only when the far end acknowledges it or others follow it.
+FAR_AHEAD: Final = 1024 * 1024
+
+#: What became of a segment's octets (`HalfStream.accept`).
+NEW: Final = 0
+OLD: Final = 1
+KEEP_ALIVE: Final = 2
+BEFORE_START: Final = 3
+
+
+class Held:
+    """A stretch of octets waiting for its turn, with the packet that brought it."""
+
+    __slots__ = ("at", "frame", "octets", "time_ns")
+
+    def __init__(self, at: i64, octets: bytes, frame: i64, time_ns: i64) -> None:
+        self.at: i64 = at
+        self.octets: bytes = octets
+        self.frame: i64 = frame
+        self.time_ns: i64 = time_ns
+
+
+class Chunk:
+    """What comes out: octets in order (``hole`` is 0), or a hole of ``hole`` octets.
+
+    ``end_seq`` is the sequence number after it; ``frame`` and ``time_ns`` are of the packet that made the octets available.
+    """
+
+    __slots__ = ("end_seq", "frame", "hole", "octets", "time_ns")
+
+    def __init__(self, octets: bytes, hole: i64, end_seq: i64, frame: i64, time_ns: i64) -> None:
+        self.octets: bytes = octets
+        self.hole: i64 = hole
+        self.end_seq: i64 = end_seq
+        self.frame: i64 = frame
+        self.time_ns: i64 = time_ns
+
+
+class HalfStream:
+    """Reassembly of one direction. `accept` takes segments; `ready` holds what can be read, in order."""
+
+    __slots__ = (
+        "_acked_latest",
+        "_acked_ns",
+        "_acked_segments",
+        "_acked_to",
+        "before",
+        "before_at",
+        "conflicts",
+        "held",
+        "held_octets",
+        "last",
+        "last_at",
+        "next_seq",
+        "octets",
+        "position",
+        "ready",
+        "start_seq",
+    )
+
+    def __init__(self) -> None:
+        self.next_seq: i64 = -1  # sequence number of the next octet, -1 before the first
+        self.start_seq: i64 = -1
+        self.position: i64 = 0  # octets and holes passed since the start
+        self.octets: i64 = 0  # octets passed on, holes not counted
+        self.held: list[Held] | None = None  # None while nothing is held, so that the fast path need not look inside
+        self.held_octets: i64 = 0
+        self.ready: list[Chunk] = []
+        self.conflicts: i64 = 0
+        # The two latest stretches passed on in place, to compare a retransmission with.
+        self.last: bytes = b""
+        self.last_at: i64 = 0
+        self.before: bytes = b""
+        self.before_at: i64 = 0
+        self._acked_to: i64 = -1  # position the far end acknowledged while a hole was open, -1 for none
+        self._acked_latest: i64 = -1
+        self._acked_ns: i64 = 0
+        self._acked_segments: i64 = 0
+
+    def start(self, seq: i64) -> None:
+        """Begin at sequence number ``seq`` (the octet after a SYN, or the first one seen)."""
+        self.next_seq = seq & MASK
+        self.start_seq = self.next_seq
+
+    def passed(self, octets: bytes) -> None:
+        """Account for octets the caller took straight from an in-order segment."""
+        size: i64 = len(octets)
+        self.before = self.last
+        self.before_at = self.last_at
+        self.last = octets
+        self.last_at = self.position
+        self.position += size
+        self.octets += size
+        self.next_seq = (self.next_seq + size) & MASK
+
+    def accept(self, seq: i64, octets: bytes, frame: i64, time_ns: i64) -> i64:
+        """Take one segment's octets (at least one); say what became of them: NEW, OLD, KEEP_ALIVE or BEFORE_START."""
+        size: i64 = len(octets)
+        if self.next_seq < 0:
+            self.start(seq)
+        ahead: i64 = (seq - self.next_seq) & MASK
+        if ahead >= HALF_SPACE:
+            ahead -= MASK + 1
+        at: i64 = self.position + ahead
+        if at + size <= self.position:
+            if at + size <= 0:
+                return BEFORE_START
+            if size == 1 and ahead == -1:
+                return KEEP_ALIVE  # its octet is arbitrary (RFC 1122 4.2.3.6), so it is not compared
+            self._compare_passed(at, octets)
+            return OLD
+        if at < self.position:
+            self._compare_passed(at, octets)
+            octets = octets[self.position - at :]
+            at = self.position
+        if at == self.position and self.held is None:
+            self._pass(octets, frame, time_ns)
+            return NEW
+        new: bool = self._hold(at, octets, frame, time_ns)
+        self._drain(frame, time_ns)
+        if self.held is not None and (len(self.held) >= MAX_HELD or self.held_octets > MAX_HELD_OCTETS):
+            self.give_up(frame, time_ns)
+        return NEW if new else OLD
+
+    def acknowledged(self, ack: i64, time_ns: i64) -> None:
+        """The far end acknowledged up to ``ack``; call it only while something is held."""
+        held = self.held
+        if held is None:
+            return
+        ahead: i64 = (ack - self.next_seq) & MASK
+        if ahead >= HALF_SPACE or self.position + ahead < held[0].at:
+            return
+        self._acked_latest = max(self._acked_latest, self.position + ahead)
+        if self._acked_to < 0:
+            self._acked_to = self._acked_latest
+            self._acked_ns = time_ns
+            self._acked_segments = 0
+
+    def passing(self, frame: i64, time_ns: i64) -> None:
+        """A segment of the connection went by; gives holes up when their time is over. Call it only while holding."""
+        self._acked_segments += 1
+        self.expire(frame, time_ns)
+
+    def expire(self, frame: i64, time_ns: i64) -> None:
+        """Give up holes whose time is over; a far jump that nothing confirmed is left waiting for confirmation."""
+        if self._acked_to >= 0 and (
+            self._acked_segments > ACK_GRACE_SEGMENTS or time_ns - self._acked_ns > ACK_GRACE_NS
+        ):
+            while self.held is not None and self.held[0].at <= self._acked_to:
+                self.give_up(frame, time_ns)
+            # What was acknowledged since then gets a grace of its own.
+            self._acked_to = self._acked_latest if self._acked_latest > self._acked_to else -1
+            self._acked_ns = time_ns
+            self._acked_segments = 0
+        while self.held is not None and time_ns - self.held[0].time_ns > HOLE_TIMEOUT_NS and self.time_bound:
+            self.give_up(frame, time_ns)
+
+    @property
+    def time_bound(self) -> bool:
+        """True while something is held that the passing of time alone may release."""
+        held = self.held
+        return held is not None and (held[0].at - self.position <= FAR_AHEAD or len(held) > 1)
+
+    def give_up(self, frame: i64, time_ns: i64) -> None:
+        """Declare the first hole and pass on what waited behind it."""
+        held = self.held
+        if held is None:
+            return
+        hole: i64 = held[0].at - self.position
+        if hole > 0:
+            self.skip(hole, frame, time_ns)
+        self._drain(-1, 0)
+
+    def skip(self, hole: i64, frame: i64, time_ns: i64) -> None:
+        """Declare the next ``hole`` octets missing (also used for octets the capture cut off)."""
+        self.position += hole
+        self.next_seq = (self.next_seq + hole) & MASK
+        self.ready.append(Chunk(b"", hole, self.next_seq, frame, time_ns))
+
+    def finish(self, frame: i64, time_ns: i64) -> None:
+        """The stream ends: give up every hole and pass on what is held."""
+        while self.held is not None:
+            self.give_up(frame, time_ns)
+
+    def _pass(self, octets: bytes, frame: i64, time_ns: i64) -> None:
+        self.passed(octets)
+        self.ready.append(Chunk(octets, 0, self.next_seq, frame, time_ns))
+
+    def _hold(self, at: i64, octets: bytes, frame: i64, time_ns: i64) -> bool:
+        """Keep those octets of a stretch that no held one covers; True when there were any."""
+        held = self.held
+        if held is None:
+            held = []
+            self.held = held
+        start: i64 = at
+        end: i64 = at + len(octets)
+        index: i64 = 0
+        while index < len(held) and held[index].at + len(held[index].octets) <= start:
+            index += 1
+        new: bool = False
+        while start < end:
+            stop: i64 = end
+            if index < len(held) and held[index].at < end:
+                other = held[index]
+                if other.at <= start:
+                    stop = min(end, other.at + len(other.octets))
+                    mine = octets[start - at : stop - at]
+                    if other.octets[start - other.at : stop - other.at] != mine:
+                        self.conflicts += 1
+                    start = stop
+                    index += 1
+                    continue
+                stop = other.at
+            held.insert(index, Held(start, octets[start - at : stop - at], frame, time_ns))
+            self.held_octets += stop - start
+            new = True
+            index += 1
+            start = stop
+        return new
+
+    def _drain(self, frame: i64, time_ns: i64) -> None:
+        """Pass on held stretches that are next. ``frame`` is the packet that filled a hole, -1 when one was given up."""
+        held = self.held
+        if held is None:
+            return
+        count: i64 = 0
+        for stretch in held:
+            if stretch.at != self.position:
+                break
+            if frame < stretch.frame:
+                frame = stretch.frame
+                time_ns = stretch.time_ns
+            self.held_octets -= len(stretch.octets)
+            self._pass(stretch.octets, frame, time_ns)
+            count += 1
+        if count == len(held):
+            self.held = None
+        elif count:
+            self.held = held[count:]
+
+    def _compare_passed(self, at: i64, octets: bytes) -> None:
+        """Count a conflict when ``octets`` differ from those passed on at the same positions, as far as they are kept."""
+        if self._differs(self.last_at, self.last, at, octets) or self._differs(self.before_at, self.before, at, octets):
+            self.conflicts += 1
+
+    def _differs(self, kept_at: i64, kept: bytes, at: i64, octets: bytes) -> bool:
+        start: i64 = max(kept_at, at)
+        end: i64 = min(kept_at + len(kept), at + len(octets))
+        return start < end and kept[start - kept_at : end - kept_at] != octets[start - at : end - at]

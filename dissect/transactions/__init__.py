@@ -1,0 +1,1 @@
+"""Who asked, who answered, how long it took and what failed."""

@@ -1,0 +1,77 @@
+"""What became of every packet and every octet: nothing is lost without being counted."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+# Categories of packets.
+PAYLOAD: Final = 0
+NO_PAYLOAD: Final = 1
+RETRANSMISSION: Final = 2
+KEEP_ALIVE: Final = 3
+FRAGMENT_USED: Final = 4
+NOT_IP: Final = 5
+NOT_TCP: Final = 6
+FRAGMENT_WAITING: Final = 7
+FRAGMENT_DROPPED: Final = 8
+OTHER_PROTOCOL: Final = 9
+BEFORE_START: Final = 10
+AFTER_CLOSE: Final = 11
+RESET_IGNORED: Final = 12
+CUT: Final = 13
+BAD_HEADER: Final = 14
+LINK_TYPE: Final = 15
+FAILED: Final = 16
+
+#: Names of the categories, by the numbers above.
+CATEGORIES: Final[list[str]] = [
+    "payload",
+    "no_payload",
+    "retransmission",
+    "keep_alive",
+    "fragment_used",
+    "not_ip",
+    "not_tcp",
+    "fragment_waiting",
+    "fragment_dropped",
+    "other_protocol",
+    "before_start",
+    "after_close",
+    "reset_ignored",
+    "cut",
+    "bad_header",
+    "link_type",
+    "failed",
+]
+#: From here on a category means that the packet was not used.
+FIRST_IGNORED: Final = NOT_IP
+
+
+class OctetAccount:
+    """Octets of TCP payload, summed over the directions of connections that ended.
+
+    ``delivered`` = ``framed`` + ``skipped`` + ``buffered`` always holds; ``missing`` are octets in holes, not delivered.
+    """
+
+    __slots__ = ("buffered", "delivered", "framed", "holes", "missing", "skipped")
+
+    def __init__(self) -> None:
+        self.delivered: i64 = 0
+        self.framed: i64 = 0
+        self.skipped: i64 = 0
+        self.buffered: i64 = 0
+        self.missing: i64 = 0
+        self.holes: i64 = 0
+
+    def as_dict(self) -> dict[str, int]:
+        """Return the six sums by name."""
+        return {
+            "delivered": self.delivered,
+            "framed": self.framed,
+            "skipped": self.skipped,
+            "buffered": self.buffered,
+            "missing": self.missing,
+            "holes": self.holes,
+        }

@@ -1,0 +1,148 @@
+"""A transport connection as the user knows it: who, TSAPs, what was negotiated, what is open, how it ended."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.iso.cotp import Tpdu
+from dissect.iso.tsap import Tsap
+from dissect.s7.parameters import Setup
+from dissect.tcp.connection import Endpoint, TcpConnection
+from dissect.transactions.pairing import OpenRequests
+
+# What is known of the protocol a TCP connection carries.
+PROBING: Final = 0
+ISO: Final = 1
+FOREIGN: Final = 2
+
+#: The port ISO-on-TCP is registered on.
+ISO_TSAP_PORT: Final = 102
+
+
+class Connection:
+    """One transport connection over one TCP connection.
+
+    ``number`` counts from 1 in order of first octets. Sides are those of ``tcp``. ``client_side`` is the side that asked for
+    the connection, by the best evidence there is: SYN, CR, role of the jobs, port 102; ``client_known`` tells whether more
+    than a port number says so. Values of a negotiation that was not captured are None or 0, never a guess.
+    """
+
+    __slots__ = (
+        "answered",
+        "client_known",
+        "client_side",
+        "closed_reason",
+        "cr_seen",
+        "errors",
+        "granted",
+        "iso_ended",
+        "mid_stream",
+        "number",
+        "open_at_end",
+        "open_requests",
+        "orphans",
+        "pdu_length",
+        "pdus",
+        "probed",
+        "protocol",
+        "refused",
+        "setup_asked",
+        "setup_seen",
+        "state",
+        "tcp",
+        "tpdu_size",
+        "tpdu_size_asked",
+        "tsap_called",
+        "tsap_calling",
+        "unanswered",
+        "unsolicited",
+    )
+
+    def __init__(self, number: i64, tcp: TcpConnection) -> None:
+        self.number: i64 = number
+        self.tcp: TcpConnection = tcp
+        self.state: i64 = PROBING
+        self.probed: i64 = 0  # segments with octets looked at while probing
+        self.protocol: str = ""  # what the TSDUs speak, as far as one name does
+        self.client_side: i64 = 0
+        self.client_known: bool = False
+        if tcp.initiator >= 0:
+            self.set_client(tcp.initiator)
+        elif tcp.ends[0].port == ISO_TSAP_PORT and tcp.ends[1].port != ISO_TSAP_PORT:
+            self.client_side = 1
+        self.mid_stream: bool = not tcp.known_start
+        self.cr_seen: bool = False
+        self.tsap_calling: Tsap | None = None
+        self.tsap_called: Tsap | None = None
+        self.tpdu_size_asked: i64 = 0
+        self.tpdu_size: i64 = 0
+        self.refused: str = ""
+        self.iso_ended: str = ""  # a DR or ER, in words
+        self.setup_asked: Setup | None = None
+        self.granted: Setup | None = None
+        self.setup_seen: bool = False
+        self.pdu_length: i64 = 0  # granted, 0 while unknown
+        self.open_requests: list[OpenRequests] = [OpenRequests(), OpenRequests()]
+        self.pdus: i64 = 0
+        self.answered: i64 = 0
+        self.unanswered: i64 = 0
+        self.orphans: i64 = 0
+        self.unsolicited: i64 = 0
+        self.errors: i64 = 0
+        self.closed_reason: str = ""
+        self.open_at_end: i64 = 0
+
+    @property
+    def client(self) -> Endpoint:
+        """The end that asked for the connection."""
+        return self.tcp.ends[self.client_side]
+
+    @property
+    def server(self) -> Endpoint:
+        """The other end."""
+        return self.tcp.ends[1 - self.client_side]
+
+    def set_client(self, side: i64) -> None:
+        """Evidence says that ``side`` is the client; the first such evidence counts."""
+        if not self.client_known:
+            self.client_side = side
+            self.client_known = True
+
+    @property
+    def established(self) -> bool:
+        """True when data or a CC was seen."""
+        return self.state == ISO and (self.pdus > 0 or self.tpdu_size > 0)
+
+    def note_cr(self, side: i64, tpdu: Tpdu) -> None:
+        """A connect request: who asks, which TSAPs, which size."""
+        self.cr_seen = True
+        self.set_client(side)
+        self.tsap_calling = tpdu.tsap(0xC1)
+        self.tsap_called = tpdu.tsap(0xC2)
+        self.tpdu_size_asked = tpdu.tpdu_size
+
+    def note_cc(self, side: i64, tpdu: Tpdu) -> None:
+        """A connect confirm: the size that holds; the TSAPs when the CR was not captured."""
+        self.set_client(1 - side)
+        self.tpdu_size = tpdu.tpdu_size or 65531
+        if self.tsap_calling is None:
+            self.tsap_calling = tpdu.tsap(0xC1)
+        if self.tsap_called is None:
+            self.tsap_called = tpdu.tsap(0xC2)
+
+    def grant(self, setup: Setup) -> None:
+        """A setup answer: these values hold from now on."""
+        self.granted = setup
+        self.pdu_length = setup.pdu_length
+
+    def jobs_allowed(self, asked_by: i64) -> i64:
+        """Return how many requests ``asked_by`` may have open, 0 when that was not captured.
+
+        The setup names the sides by who sent the setup job, the client in every capture (reference 3.4).
+        """
+        granted = self.granted
+        if granted is None:
+            return 0
+        return granted.max_amq_called if asked_by == self.client_side else granted.max_amq_calling

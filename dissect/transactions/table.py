@@ -1,0 +1,186 @@
+"""The table of TCP connections: from the addresses in a packet to the side of a connection it belongs to.
+
+Bounded: connection attempts without answer wait in a small table of their own, and when too many connections are open the
+longest idle ones have to leave.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.iso.cotp import Assembler
+from dissect.iso.tpkt import Framer
+from dissect.tcp.connection import Endpoint, TcpConnection
+from dissect.tcp.stream import MASK, HalfStream
+from dissect.transactions.connection import Connection
+
+MAX_CONNECTIONS: Final = 16384
+#: Connections that leave together when the table is full, so that looking for the idle ones stays cheap.
+EVICTED_AT_ONCE: Final = 1024
+MAX_HALF_OPEN: Final = 4096
+#: A closed connection is kept this long, because captures show packets out of order.
+LINGER_NS: Final = 1_000_000_000
+MAX_LINGERING: Final = 2048
+
+_PORTS: Final = 4
+_VLAN: Final = 8
+
+
+class Side:
+    """One direction of a connection: everything that reads what side ``index`` sends."""
+
+    __slots__ = (
+        "assembler",
+        "connection",
+        "end_seq",
+        "framer",
+        "garbage",
+        "hole_frame",
+        "holes",
+        "index",
+        "key",
+        "last_ack",
+        "missing",
+        "peer",
+        "requests",
+        "stream",
+        "tcp",
+        "waiting",
+    )
+
+    def __init__(self, index: i64, key: bytes, tcp: TcpConnection, connection: Connection) -> None:
+        self.index: i64 = index
+        self.key: bytes = key
+        self.tcp: TcpConnection = tcp
+        self.connection: Connection = connection
+        self.stream: HalfStream = tcp.streams[index]
+        self.framer: Framer = Framer()
+        self.assembler: Assembler = Assembler()
+        self.peer: Side | None = None
+        self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
+        self.end_seq: i64 = 0  # sequence number after the octets at hand
+        self.requests: i64 = 0
+        self.holes: i64 = 0
+        self.missing: i64 = 0  # octets in holes
+        self.hole_frame: i64 = 0  # packet at which the latest hole was given up
+        self.waiting: bool = False  # in the pipeline's list of sides to look at when time passes
+        self.garbage: bool = False  # inside a stretch that was already told
+
+
+class _Syn:
+    __slots__ = ("frame", "seq", "time_ns")
+
+    def __init__(self, seq: i64, frame: i64, time_ns: i64) -> None:
+        self.seq: i64 = seq
+        self.frame: i64 = frame
+        self.time_ns: i64 = time_ns
+
+
+def reverse_key(key: bytes) -> bytes:
+    """Return the key of the other direction: addresses and ports change places, a VLAN stays."""
+    size = 4 if len(key) in (8 + _PORTS, 8 + _PORTS + _VLAN) else 16
+    ports = 2 * size
+    return b"%b%b%b%b%b" % (
+        key[size:ports],
+        key[:size],
+        key[ports + 2 : ports + 4],
+        key[ports : ports + 2],
+        key[ports + 4 :],
+    )
+
+
+def endpoints(key: bytes) -> tuple[Endpoint, Endpoint]:
+    """Return (sender, receiver) of the packets that carry ``key``."""
+    size = 4 if len(key) in (8 + _PORTS, 8 + _PORTS + _VLAN) else 16
+    ports = 2 * size
+    sender = Endpoint(key[:size], int.from_bytes(key[ports : ports + 2], "big"))
+    return sender, Endpoint(key[size:ports], int.from_bytes(key[ports + 2 : ports + 4], "big"))
+
+
+class ConnectionTable:
+    """Open connections by the key of either direction.
+
+    ``evicted`` and ``half_open_evicted`` count what had to leave because the table was full.
+    """
+
+    def __init__(self) -> None:
+        self.sides: dict[bytes, Side] = {}
+        self._half_open: dict[bytes, _Syn] = {}
+        self._lingering: deque[Side] = deque()
+        self.evicted: i64 = 0
+        self.half_open_evicted: i64 = 0
+
+    def note_syn(self, key: bytes, seq: i64, frame: i64, time_ns: i64) -> None:
+        """Remember a connection attempt until the other side answers or data follows."""
+        if key in self._half_open:
+            return
+        self._half_open[key] = _Syn(seq, frame, time_ns)
+        if len(self._half_open) > MAX_HALF_OPEN:
+            del self._half_open[next(iter(self._half_open))]
+            self.half_open_evicted += 1
+
+    def open(self, key: bytes, vlan: i64, frame: i64, time_ns: i64) -> Side:
+        """Make a connection for a packet with ``key``; return the side that sent it."""
+        reverse = reverse_key(key)
+        mine = self._half_open.pop(key, None)
+        theirs = self._half_open.pop(reverse, None) if mine is None else None
+        first = reverse if theirs is not None else key
+        syn = mine if mine is not None else theirs
+        a, b = endpoints(first)
+        tcp = TcpConnection(a, b, vlan, syn.frame if syn is not None else frame, syn.time_ns if syn is not None else time_ns)
+        if syn is not None:
+            tcp.initiator = 0
+            tcp.streams[0].start((syn.seq + 1) & MASK)
+            tcp.packets += 1
+        connection = Connection(0, tcp)
+        side0 = Side(0, first, tcp, connection)
+        side1 = Side(1, reverse_key(first), tcp, connection)
+        side0.peer = side1
+        side1.peer = side0
+        self.sides[side0.key] = side0
+        self.sides[side1.key] = side1
+        return side1 if theirs is not None else side0
+
+    def remove(self, side: Side) -> None:
+        """Forget a connection, unless another one took its place already."""
+        for end in (side, side.peer):
+            if end is not None and self.sides.get(end.key) is end:
+                del self.sides[end.key]
+
+    @property
+    def lingering(self) -> bool:
+        """True while closed connections are kept."""
+        return len(self._lingering) > 0
+
+    def linger(self, side: Side) -> None:
+        """The connection of ``side`` is closed: keep it for a moment."""
+        self._lingering.append(side)
+
+    def closed(self, time_ns: i64, everything: bool = False) -> list[Side]:
+        """Return one side of each closed connection whose moment is over, and stop keeping it."""
+        gone: list[Side] = []
+        lingering = self._lingering
+        while lingering:
+            side = lingering[0]
+            if not everything and len(lingering) <= MAX_LINGERING and time_ns - side.tcp.last_ns <= LINGER_NS:
+                break
+            lingering.popleft()
+            gone.append(side)
+        return gone
+
+    def overflow(self) -> list[Side]:
+        """Return one side of each connection that has to leave because too many are open."""
+        if len(self.sides) <= 2 * MAX_CONNECTIONS:
+            return []
+        idle = [(side.tcp.last_ns, side.tcp.first_frame, side.key) for side in self.sides.values() if side.index == 0]
+        idle.sort()
+        gone = [self.sides[key] for _, _, key in idle[:EVICTED_AT_ONCE]]
+        self.evicted += len(gone)
+        return gone
+
+    def all_open(self) -> list[Side]:
+        """Return side 0 of every connection in the table, in the order they were opened."""
+        return [side for side in self.sides.values() if side.index == 0]

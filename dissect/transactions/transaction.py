@@ -1,0 +1,269 @@
+"""A transaction: a request and its answer, either half of which may be missing."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from mypy_extensions import i64
+
+from dissect.s7.errors import ERROR_CODES
+from dissect.s7.items import DataItem, Item
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.parameters import Parameters
+from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, SUCCESS, WRITE_VAR
+from dissect.s7.values import Value, decode_value
+from dissect.wire.malformed import Malformed
+
+if TYPE_CHECKING:
+    from dissect.transactions.connection import Connection
+
+# What became of a transaction.
+OPEN: Final = 0
+ANSWERED: Final = 1
+UNANSWERED: Final = 2
+ORPHAN: Final = 3
+PUSH: Final = 4
+
+#: Names of the outcomes, by the numbers above.
+OUTCOMES: Final[list[str]] = ["open", "answered", "unanswered", "orphan_answer", "unsolicited"]
+
+#: Why a request stayed without answer.
+CONNECTION_CLOSED: Final = "connection_closed"
+CAPTURE_ENDED: Final = "capture_ended"
+HOLE: Final = "hole"
+REFERENCE_REUSED: Final = "reference_reused"
+TABLE_FULL: Final = "table_full"
+CONNECTION_EVICTED: Final = "connection_evicted"
+#: One sentence for each reason.
+REASON_TEXTS: Final[dict[str, str]] = {
+    CONNECTION_CLOSED: "the connection ended before an answer came",
+    CAPTURE_ENDED: "the capture ends before an answer came",
+    HOLE: "octets of the answering side are missing from the capture, the answer may be among them",
+    REFERENCE_REUSED: "the asking side used the reference again without waiting for the answer",
+    TABLE_FULL: "too many requests were open at once, this one was dropped from the table",
+    CONNECTION_EVICTED: "too many connections were open at once, this one was dropped from the table",
+}
+
+
+class TransactionError:
+    """One thing the answer says no to.
+
+    ``where`` is ``header``, ``parameter`` or ``item N`` (N counts from 1); ``code`` is the number on the wire, ``name`` and
+    ``text`` its name and sentence; ``address`` is the item's address where there is one.
+    """
+
+    __slots__ = ("address", "code", "name", "text", "where")
+
+    def __init__(self, where: str, code: int, name: str, text: str, address: str = "") -> None:
+        self.where = where
+        self.code = code
+        self.name = name
+        self.text = text
+        self.address = address
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the error as the JSON contract has it."""
+        return {"where": self.where, "code": self.code, "name": self.name, "text": self.text}
+
+
+class ItemResult:
+    """An item of the request joined with its own answer (either may be missing)."""
+
+    __slots__ = ("answer", "data", "item", "return_code", "value")
+
+    def __init__(self, item: Item | None, return_code: int, data: bytes | None, value: Value, answer: DataItem | None) -> None:
+        self.item = item
+        self.return_code = return_code  # -1 when there is no answer
+        self.data = data
+        self.value = value
+        self.answer = answer
+
+
+class Transaction:
+    """A request and its answer.
+
+    Sides are 0 and 1 of ``connection``; ``asked_by`` is the side whose request this is (for an orphan answer and a push: the
+    side it was sent to). Times are nanoseconds since 1970; frames count from 1, 0 means there is none. ``outcome`` is one of
+    the numbers above, ``reason`` tells why a request stayed unanswered. ``flags`` gathers what was odd (`flag` values).
+
+    The octets of both PDUs are kept as (buffer, offset, size) and read only when somebody looks.
+    """
+
+    __slots__ = (
+        "asked_by",
+        "connection",
+        "earlier",
+        "error_code",
+        "flags",
+        "has_errors",
+        "number",
+        "outcome",
+        "parameters",
+        "pdu_ref",
+        "reason",
+        "request_buf",
+        "request_frame",
+        "request_ns",
+        "request_offset",
+        "request_size",
+        "response_buf",
+        "response_frame",
+        "response_ns",
+        "response_offset",
+        "response_parameters",
+        "response_rosctr",
+        "response_size",
+        "rosctr",
+    )
+
+    def __init__(
+        self, number: i64, connection: Connection, asked_by: i64, rosctr: i64, pdu_ref: i64, parameters: Parameters
+    ) -> None:
+        self.number: i64 = number
+        self.connection: Connection = connection
+        self.asked_by: i64 = asked_by
+        self.rosctr: i64 = rosctr
+        self.pdu_ref: i64 = pdu_ref
+        self.parameters: Parameters = parameters  # of the request; of the answer when there is no request
+        self.request_frame: i64 = 0
+        self.request_ns: i64 = 0
+        self.request_buf: bytes = b""
+        self.request_offset: i64 = 0
+        self.request_size: i64 = 0
+        self.response_frame: i64 = 0
+        self.response_ns: i64 = 0
+        self.response_buf: bytes = b""
+        self.response_offset: i64 = 0
+        self.response_size: i64 = 0
+        self.response_rosctr: i64 = 0
+        self.response_parameters: Parameters | None = None
+        self.outcome: i64 = OPEN
+        self.reason: str = ""
+        self.error_code: i64 = 0  # header class and code, or the userdata error code
+        self.has_errors: bool = False
+        self.flags: i64 = 0
+        self.earlier: Transaction | None = None  # an identical request with the same reference, still open
+
+    def __repr__(self) -> str:
+        return f"Transaction({self.number}, {self.function_name}, {self.outcome_name})"
+
+    @property
+    def outcome_name(self) -> str:
+        """``answered``, ``unanswered``, ``orphan_answer`` or ``unsolicited``."""
+        return OUTCOMES[self.outcome]
+
+    @property
+    def function(self) -> int:
+        """Function code; an Ack without parameters takes it from the request, -1 when nobody knows."""
+        return self.parameters.function
+
+    @property
+    def function_name(self) -> str:
+        """Name of the function, for userdata of group and subfunction."""
+        return self.parameters.function_name
+
+    @property
+    def latency_ns(self) -> int | None:
+        """Time from the request's last packet to the answer's last packet, None unless both are there."""
+        return self.response_ns - self.request_ns if self.outcome == ANSWERED else None
+
+    @property
+    def request_octets(self) -> bytes:
+        """The request's S7 PDU, empty when there is none."""
+        return self.request_buf[self.request_offset : self.request_offset + self.request_size]
+
+    @property
+    def response_octets(self) -> bytes:
+        """The answer's S7 PDU, empty when there is none."""
+        return self.response_buf[self.response_offset : self.response_offset + self.response_size]
+
+    @property
+    def request(self) -> Pdu | None:
+        """The request, parsed anew at each access; None when there is none."""
+        if not self.request_size:
+            return None
+        return parse_pdu(
+            self.request_octets, self.request_frame, self.request_ns, self.connection.number, self.asked_by
+        )
+
+    @property
+    def response(self) -> Pdu | None:
+        """The answer, parsed anew at each access; None when there is none."""
+        if not self.response_size:
+            return None
+        return parse_pdu(
+            self.response_octets, self.response_frame, self.response_ns, self.connection.number, 1 - self.asked_by
+        )
+
+    def results(self) -> list[ItemResult]:
+        """Return every item of a read or write joined with its answer, in wire order; empty for other functions."""
+        function = self.function
+        if function == READ_VAR and self.rosctr == JOB:
+            return self._read_results()
+        if function == WRITE_VAR and self.rosctr == JOB:
+            return self._write_results()
+        return []
+
+    def _read_results(self) -> list[ItemResult]:
+        answers: list[DataItem] = []
+        if self.response_size:
+            answers = self._data_items(self.response_octets)
+        items = self.parameters.items if self.request_size else []
+        results = []
+        for index in range(max(len(items), len(answers))):
+            item = items[index] if index < len(items) else None
+            answer = answers[index] if index < len(answers) else None
+            if answer is None:
+                results.append(ItemResult(item, -1, None, None, None))
+                continue
+            value: Value = None
+            if item is not None and answer.return_code == SUCCESS and (item.size < 0 or item.size == len(answer.data)):
+                value = decode_value(item.transport_size, answer.data)
+            data = answer.data if answer.return_code == SUCCESS else None
+            results.append(ItemResult(item, answer.return_code, data, value, answer))
+        return results
+
+    def _write_results(self) -> list[ItemResult]:
+        items = self.parameters.items if self.request_size else []
+        written = self._data_items(self.request_octets) if self.request_size else []
+        codes = self._write_codes()
+        results = []
+        for index in range(max(len(items), len(codes))):
+            item = items[index] if index < len(items) else None
+            data_item = written[index] if index < len(written) else None
+            value: Value = None
+            if item is not None and data_item is not None and (item.size < 0 or item.size == len(data_item.data)):
+                value = decode_value(item.transport_size, data_item.data)
+            code = codes[index] if index < len(codes) else -1
+            data = data_item.data if data_item is not None else None
+            results.append(ItemResult(item, code, data, value, data_item))
+        return results
+
+    def _data_items(self, octets: bytes) -> list[DataItem]:
+        told: list[Malformed] = []
+        return parse_pdu(octets).data_items(told)
+
+    def _write_codes(self) -> list[int]:
+        if not self.response_size or self.response_rosctr != ACK_DATA:
+            return []
+        return parse_pdu(self.response_octets).return_codes()
+
+    @property
+    def errors(self) -> list[TransactionError]:
+        """Everything the answer says no to, in wire order: header, parameter, items. Empty when all is well."""
+        if not self.has_errors:
+            return []
+        errors = []
+        if self.error_code:
+            where = "parameter" if self.parameters.userdata is not None else "header"
+            errors.append(
+                TransactionError(where, self.error_code, ERROR_CODES.name(self.error_code), ERROR_CODES.text(self.error_code))
+            )
+        for number, result in enumerate(self.results(), 1):
+            code = result.return_code
+            if code >= 0 and code != SUCCESS:
+                address = result.item.address if result.item is not None else ""
+                errors.append(
+                    TransactionError(f"item {number}", code, RETURN_CODES.name(code), RETURN_CODES.text(code), address)
+                )
+        return errors

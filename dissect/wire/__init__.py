@@ -1,0 +1,1 @@
+"""What every room shares: codes, layouts, malformed facts, octets."""

@@ -1,0 +1,68 @@
+"""Open enumerations: a code, its name and one sentence, each written once.
+
+Parsers, Scapy layers, reports and documentation all read the same rows. A number that is not in a table is a value like any
+other, never an error: it is shown as a number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+
+class Code:
+    """One row: the number on the wire, its short name, one sentence that says what it means."""
+
+    __slots__ = ("name", "number", "text")
+
+    def __init__(self, number: int, name: str, text: str) -> None:
+        self.number = number
+        self.name = name
+        self.text = text
+
+    def __repr__(self) -> str:
+        return f"Code({self.number:#x}, {self.name!r})"
+
+
+class CodeTable:
+    """The rows of one field, looked up by number.
+
+    ``digits`` is the count of hexadecimal digits an unknown number is shown with (2 for one octet, 4 for two).
+    """
+
+    __slots__ = ("_rows", "digits", "title")
+
+    def __init__(self, title: str, digits: int, rows: list[tuple[int, str, str]]) -> None:
+        self.title = title
+        self.digits = digits
+        self._rows: dict[int, Code] = {number: Code(number, name, text) for number, name, text in rows}
+
+    def __contains__(self, number: int) -> bool:
+        return number in self._rows
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __iter__(self) -> Iterator[Code]:
+        return iter(self._rows.values())
+
+    def get(self, number: int) -> Code | None:
+        """Return the row of ``number``, or None when the table does not know it."""
+        return self._rows.get(number)
+
+    def name(self, number: int) -> str:
+        """Return the name of ``number``; an unknown number names itself, for example ``0x2f``."""
+        row = self._rows.get(number)
+        return row.name if row is not None else self.hex(number)
+
+    def text(self, number: int) -> str:
+        """Return the sentence of ``number``, empty when the table does not know it."""
+        row = self._rows.get(number)
+        return row.text if row is not None else ""
+
+    def hex(self, number: int) -> str:
+        """Return ``number`` as the field is written, for example ``0x04``."""
+        return f"0x{number:0{self.digits}x}"
+
+    def names(self) -> dict[int, str]:
+        """Return {number: name} for every row, in table order (Scapy's enumeration fields take this form)."""
+        return {row.number: row.name for row in self._rows.values()}

@@ -1,0 +1,58 @@
+"""Malformed: what a parser tells when the octets contradict themselves. Wire data never raises."""
+
+from __future__ import annotations
+
+from typing import Final
+
+#: Every reason a parser may give; the set is closed so that reports and gates can rely on it.
+REASONS: Final = (
+    "too_short",        # a fixed header or field needs more octets than there are
+    "length_beyond",    # a length field claims more than its container holds
+    "length_below",     # a length field is smaller than what must follow it
+    "bad_value",        # a field holds a value the standard forbids
+    "trailing_octets",  # octets are left over where nothing may follow
+    "count_mismatch",   # a count field and what stands there differ
+    "unknown_type",     # a type octet that is in no table, so what follows cannot be read
+)  # fmt: skip
+
+#: Whose length field set the limit that was broken.
+LIMITS: Final = ("snaplen", "ip", "tpkt", "li", "tsdu", "param", "data", "item")
+
+
+class Malformed:
+    """One fact: in ``layer`` at ``offset`` (absolute within the TPDU or TSDU) something does not fit.
+
+    ``needed`` and ``available`` are sizes in octets (or counts, for ``count_mismatch``); ``limit`` names the length field that
+    set the bound (one of `LIMITS`). What was read before the fault is kept by the parser that reports it.
+    """
+
+    __slots__ = ("available", "field", "layer", "limit", "needed", "offset", "reason")
+
+    def __init__(
+        self, layer: str, reason: str, field: str, offset: int, needed: int, available: int, limit: str
+    ) -> None:
+        self.layer = layer
+        self.reason = reason
+        self.field = field
+        self.offset = offset
+        self.needed = needed
+        self.available = available
+        self.limit = limit
+
+    def __str__(self) -> str:
+        return (
+            f"{self.layer}: {self.field} {self.reason.replace('_', ' ')} at octet {self.offset}"
+            f" (needed {self.needed}, available {self.available}, set by {self.limit})"
+        )
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the fact as JSON-ready values, keys in a fixed order."""
+        return {
+            "layer": self.layer,
+            "reason": self.reason,
+            "field": self.field,
+            "offset": self.offset,
+            "needed": self.needed,
+            "available": self.available,
+            "limit": self.limit,
+        }
