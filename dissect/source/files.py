@@ -19,9 +19,6 @@ from dissect.source.pcapng import BYTE_ORDER_MAGICS, PCAPNG_MAGIC, PcapngReader
 #: The largest window of a zstd frame that is decompressed, in octets: enough for ``zstd --ultra -20`` and all below it.
 MAX_ZSTD_WINDOW: Final = 32 * 1024 * 1024
 
-#: How much compressed data is asked for at a time.
-_PIECE: Final = 64 * 1024
-
 #: How many octets tell what a file is.
 _HEAD: Final = 12
 
@@ -158,7 +155,7 @@ class PlainSource:
         self._taken = 0
 
     def read(self, size: int) -> bytes:
-        """Return between one and ``size`` octets, waiting for them if need be; none at the end."""
+        """Return up to ``size`` octets, waiting for them if need be; none at the end."""
         if self.damage:
             return b""
         try:
@@ -193,7 +190,7 @@ class _CompressedSource:
         self._ended = False
 
     def read(self, size: int) -> bytes:
-        """Return between one and ``size`` decompressed octets, waiting for them if need be; none at the end."""
+        """Return some decompressed octets, waiting for them if need be; none at the end."""
         octets = b""
         try:
             while not octets and not self._ended:
@@ -214,7 +211,7 @@ class _CompressedSource:
 
     def _more(self) -> bytes:
         """Return some octets more from below; none at the end."""
-        piece = self._source.read(_PIECE)
+        piece = self._source.read(CHUNK)
         self._taken += len(piece)
         return piece
 
@@ -335,7 +332,7 @@ class ZstdSource(_CompressedSource):
         dictionary = self._take((0, 1, 2, 4)[flags & 3])
         content = self._take((single, 2, 4, 8)[flags >> 6])
         if single:
-            needed = int.from_bytes(content, "little") + (256 if len(content) == 2 else 0)
+            needed = int.from_bytes(content, "little")
         else:
             unit = 1 << (10 + (window[0] >> 3))
             needed = unit + (unit >> 3) * (window[0] & 7)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from mypy_extensions import i64
+from mypy_extensions import i64, mypyc_attr
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class PacketSink:
     """Takes packets one at a time; the pipeline is the one the product uses.
 
@@ -23,6 +24,7 @@ class PacketSink:
         """Take a comment that the capture holds about the packet delivered next."""
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class Reader:
     """A capture being read: every kind of file or pipe gives this.
 

@@ -17,7 +17,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.source.packet import PacketSink
-from dissect.source.pcap import ChunkReader, OctetSource, packet_limit, u32le
+from dissect.source.pcap import SHORT_WIRE, ChunkReader, OctetSource, packet_limit, u32le
 from dissect.wire.build import COMPILED
 from dissect.wire.octets import u32
 
@@ -55,7 +55,6 @@ _ODD_RESOLUTION: Final = (
 )
 _ODD_TIME: Final = "the time of a packet is before 1970 or after 2262, and was put to the nearest of the two"
 _NO_TIME: Final = "a Simple Packet Block has no time, and was given that of the packet before it"
-_SHORT_WIRE: Final = "a packet claims only {} octets on the wire, fewer than were captured, and was taken as uncut"
 _TRAILER: Final = "a block repeats its length as {} at its end, which is not what it says at its front"
 _SHORT_BLOCK: Final = "a block of {} octets is shorter than its kind must be"
 _NO_INTERFACE: Final = "a packet names interface {}, which its section has not described"
@@ -334,7 +333,7 @@ class PcapngReader(ChunkReader):
 
     def _deliver(self, sink: PacketSink, interface: Interface, start: i64, end: i64, wire: i64) -> None:
         if wire < end - start:
-            self._note(_SHORT_WIRE, wire, start)
+            self._note(SHORT_WIRE, wire, start)
             wire = end - start
         self.packets += 1
         sink.frame(self._time_ns, self._buf, start, end, wire, interface.link_type)
