@@ -35,7 +35,7 @@ class COTP(WireLayer):
             return COTP_DT
         if len(_pkt) < cls.least:
             return Raw
-        layout = parse_tpdu(_pkt).layout
+        layout = parse_tpdu(bytes(_pkt)).layout
         fits = layout.size <= _pkt[0] + 1 <= len(_pkt)
         return _CLASSES.get(layout, COTP_Unknown) if fits else COTP_Unknown
 
@@ -57,8 +57,8 @@ class COTP(WireLayer):
         """Tell whether this TPDU answers ``other`` (Scapy's interface)."""
         return 0
 
-    def mysummary(self) -> str:
-        """Return one line (Scapy's interface)."""
+    def line(self) -> str:
+        """Return one line."""
         return f"COTP {tables.TPDU_TYPES.name(self.type)}"
 
     def parameter(self, code: int) -> bytes | None:
@@ -92,8 +92,8 @@ class COTP_CR(COTP):
         """Return the reference that the answer gives back (Scapy's interface)."""
         return int(self.src_ref).to_bytes(2, "big")
 
-    def mysummary(self) -> str:
-        """Return one line with both TSAPs (Scapy's interface)."""
+    def line(self) -> str:
+        """Return one line with both TSAPs."""
         return f"COTP CR{self._tsaps()}"
 
 
@@ -112,8 +112,8 @@ class COTP_CC(COTP):
         """Tell whether ``other`` is the CR that this confirms (Scapy's interface)."""
         return int(isinstance(other, COTP_CR) and self.dst_ref == other.src_ref)
 
-    def mysummary(self) -> str:
-        """Return one line with both TSAPs (Scapy's interface)."""
+    def line(self) -> str:
+        """Return one line with both TSAPs."""
         return f"COTP CC{self._tsaps()}"
 
 
@@ -132,8 +132,8 @@ class COTP_DR(COTP):
         """Tell whether ``other`` is the CR that this refuses (Scapy's interface)."""
         return int(isinstance(other, COTP_CR) and self.dst_ref == other.src_ref)
 
-    def mysummary(self) -> str:
-        """Return one line with the reason (Scapy's interface)."""
+    def line(self) -> str:
+        """Return one line with the reason."""
         return f"COTP DR {tables.DR_REASONS.name(self.reason)}"
 
 
@@ -178,8 +178,8 @@ class COTP_DT(COTP):
             return 0
         return self.payload.answers(other.payload)
 
-    def mysummary(self) -> str:
-        """Return one line (Scapy's interface)."""
+    def line(self) -> str:
+        """Return one line."""
         end = " EOT" if self.eot else ""
         empty = " empty" if isinstance(self.payload, NoPayload) else ""
         return f"COTP DT{end}{empty}"
@@ -288,8 +288,8 @@ class COTP_ER(COTP):
         """Tell whether ``other`` is the CR that this rejects (Scapy's interface)."""
         return int(isinstance(other, COTP_CR) and self.dst_ref == other.src_ref)
 
-    def mysummary(self) -> str:
-        """Return one line with the cause (Scapy's interface)."""
+    def line(self) -> str:
+        """Return one line with the cause."""
         return f"COTP ER {tables.ER_CAUSES.name(self.cause)}"
 
 

@@ -32,6 +32,7 @@ from scapy.fields import (
     XStrField,
 )
 from scapy.packet import Packet, Raw
+from scapy.volatile import RandBin, RandNum, VolatileValue
 
 from dissect.s7.items import item_fill
 from dissect.wire.layout import Field, Layout
@@ -60,6 +61,9 @@ _DECIMAL: Final = frozenset((
     "tpdu_nr",
     "version",
 ))  # fmt: skip
+
+#: Most octets that ``fuzz()`` puts into one field.
+_FUZZED: Final = 64
 
 _DECIMAL_FIELDS: Final[dict[int, type[ScapyField]]] = {1: ByteField, 2: ShortField, 3: ThreeBytesField, 4: IntField}
 _HEXADECIMAL_FIELDS: Final[dict[int, type[ScapyField]]] = {1: XByteField, 2: XShortField, 3: X3BytesField, 4: XIntField}
@@ -127,6 +131,10 @@ class OctetsField(XStrField):
         """Take the octets (Scapy's interface)."""
         size = max(0, self.size(pkt, s))
         return s[size:], s[:size]
+
+    def randval(self) -> RandBin:
+        """Return what ``fuzz()`` puts here: few enough octets for any length field."""
+        return RandBin(RandNum(0, _FUZZED))
 
 
 class Leftover(ConditionalField):
@@ -235,6 +243,25 @@ class WireLayer(Packet):
         super().__init_subclass__(**kwargs)
         if "dispatch_hook" not in cls.__dict__:
             cls.dispatch_hook = classmethod(_raw_when_short)  # type: ignore[attr-defined]  # set, not declared: see above
+
+    def mysummary(self) -> Any:
+        """Return `line`, or nothing while a value is still to be drawn, as in a fuzzed packet (Scapy's interface)."""
+        return self.line() if settled(self) and settled(self.payload) else ""
+
+    def line(self) -> Any:
+        """Return what the layer says in one line: a text, or what Scapy takes from ``mysummary``."""
+        return ""
+
+
+def settled(packet: Packet) -> bool:
+    """Tell whether every field of a layer has a value, in the packets of its lists too: ``fuzz()`` leaves them to be drawn."""
+    for values in (packet.fields, packet.overloaded_fields, packet.default_fields) if packet.fields_desc else ():
+        for value in values.values():
+            listed = value if isinstance(value, list) else [value]
+            for one in listed:
+                if isinstance(one, VolatileValue) or (isinstance(one, Packet) and not settled(one)):
+                    return False
+    return True
 
 
 def _raw_when_short(cls: type[WireLayer], _pkt: bytes | None = None, *_args: Any, **_kwargs: Any) -> type[Packet]:

@@ -105,8 +105,8 @@ class COTP_Parameter(WireLayer):
             return f"{value.hex()} ({int.from_bytes(value, 'big')} {_UNITS[code]})"
         return value.hex()
 
-    def mysummary(self) -> str:
-        """Return one line (Scapy's interface)."""
+    def line(self) -> str:
+        """Return one line."""
         return f"{tables.PARAMETERS.name(self.code)} {self.describe(self.value)}"
 
 

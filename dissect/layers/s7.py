@@ -97,8 +97,8 @@ class S7(WireLayer):
             return int(mine.responds_to(theirs))
         return 0
 
-    def mysummary(self) -> Any:
-        """Return one line for header and body; every S7 of a chain wants one (Scapy's interface)."""
+    def line(self) -> Any:
+        """Return one line for header and body; every S7 of a chain wants one."""
         body = self.payload.describe() if isinstance(self.payload, S7_Body) else ""
         parts = ["S7", tables.ROSCTR.name(self.rosctr), *([body] if body else []), f"ref=0x{self.pdu_ref:04x}"]
         if isinstance(self.payload, S7_Body) and self.payload.detail():

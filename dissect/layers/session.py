@@ -13,6 +13,7 @@ whole TPKT, in the order of the stream: ``Ether / IP / TCP / TPKT / …``.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 from scapy.config import conf
@@ -117,8 +118,7 @@ def _delivered(pipeline: Pipeline, packet: Packet | None) -> Iterator[Packet]:
     assert isinstance(witness, _Witness)
     found, witness.found = witness.found, []
     for one in found:
-        built = _built(one)
-        whole = _lower(one.side, packet) / built
+        whole = _stacked([*_lower(one.side, packet), _built(one)])
         whole.time = EDecimal(one.time_ns) / _NS
         yield whole
 
@@ -137,21 +137,30 @@ def _built(found: _Found) -> Packet:
     return tpkt
 
 
-def _lower(side: Side, packet: Packet | None) -> Packet:
+def _stacked(layers: list[Packet]) -> Packet:
+    """Put each layer on the one before; Scapy's ``/`` would copy them all each time."""
+    for under, layer in pairwise(layers):
+        under.add_payload(layer)
+    return layers[0]
+
+
+def _lower(side: Side, packet: Packet | None) -> list[Packet]:
     """Return the layers under the TPKT, as the direction has them."""
     source, target = side.tcp.ends[side.index], side.tcp.ends[1 - side.index]
     src, dst = address_text(source.address), address_text(target.address)
     macs = _macs(packet, src, dst)
-    lower: Packet = Ether(src=macs[0], dst=macs[1])
-    vids = []
-    tags = int(side.tcp.vlan)
-    while tags:
-        tags, vid = divmod(tags, _VIDS)
-        vids.append(vid)
-    for vid in reversed(vids):
-        lower /= Dot1Q(vlan=vid)
+    tags: list[Packet] = []
+    left = int(side.tcp.vlan)
+    while left:
+        left, vid = divmod(left, _VIDS)
+        tags.append(Dot1Q(vlan=vid))
     network = IPv6 if len(source.address) == _IPV6_SIZE else IP
-    return lower / network(src=src, dst=dst) / TCP(sport=source.port, dport=target.port, flags="PA")
+    return [
+        Ether(src=macs[0], dst=macs[1]),
+        *reversed(tags),
+        network(src=src, dst=dst),
+        TCP(sport=source.port, dport=target.port, flags="PA"),
+    ]
 
 
 def _macs(packet: Packet | None, src: str, dst: str) -> tuple[str, str]:

@@ -61,7 +61,7 @@ class TPKT(WireLayer):
         """Tell a TPKT from what is none: strictly under TCP, by size alone elsewhere."""
         if not _pkt:
             return cls
-        if isinstance(_underlayer, TCP) and not (_size_at(_pkt, 0) and plausible(_pkt, 0, len(_pkt))):
+        if isinstance(_underlayer, TCP) and not (_size_at(_pkt, 0) and plausible(bytes(_pkt), 0, len(_pkt))):
             return Raw
         return cls if len(_pkt) >= cls.least else Raw
 

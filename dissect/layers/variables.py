@@ -40,8 +40,8 @@ class S7_Item(WireLayer):
         """Return the item as people write it."""
         return ""
 
-    def mysummary(self) -> str:
-        """Return one line (Scapy's interface)."""
+    def line(self) -> str:
+        """Return one line."""
         return self.describe()
 
 
@@ -124,8 +124,8 @@ class S7_DataItem(WireLayer):
             pkt = fill_number(pkt, 2, 2, length, "the length of the data item")
         return pkt + pay
 
-    def mysummary(self) -> str:
-        """Return one line (Scapy's interface)."""
+    def line(self) -> str:
+        """Return one line."""
         return f"{tables.RETURN_CODES.name(self.return_code)} {self.octets.hex()}".rstrip()
 
 

@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scapy.packet import Packet, Raw
+
+from dissect.iso import layouts as iso_layouts
+from dissect.layers import fields
+from dissect.layers.fields import WireLayer, fill_number, header_fields
+from dissect.s7 import layouts as s7_layouts
+from dissect.wire.layout import Layout
+from tests.layers.support import shown
+
+LAYOUTS = [
+    value for module in (iso_layouts, s7_layouts) for value in vars(module).values() if isinstance(value, Layout)
+]
+
+
+def layer_of(layout: Layout) -> type[Packet]:
+    return type(
+        "Layer", (WireLayer,), {"name": layout.name, "fields_desc": header_fields(layout), "least": layout.size}
+    )
+
+
+@pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.name)
+@given(octets=st.binary(min_size=16, max_size=16))
+def test_the_fields_read_what_the_layout_reads(layout: Layout, octets: bytes) -> None:
+    packet = layer_of(layout)(octets)
+    for value in layout.read(octets):
+        assert packet.getfieldval(value.field.name) == value.value
+    packet.clear_cache()
+    assert bytes(packet) == octets
+
+
+@pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.name)
+def test_the_fields_take_as_many_octets_as_the_layout(layout: Layout) -> None:
+    assert len(bytes(layer_of(layout)())) == layout.size
+
+
+def test_codes_show_their_names() -> None:
+    assert "Ack_Data" in shown(layer_of(s7_layouts.HEADER)(rosctr=3))
+
+
+def test_a_default_or_replacement_of_no_field_is_refused() -> None:
+    with pytest.raises(ValueError, match="TPKT has no field lenght; it has"):
+        header_fields(iso_layouts.TPKT, {"lenght": 1})
+    with pytest.raises(ValueError, match="has no field size"):
+        header_fields(iso_layouts.TPKT, replace={"size": fields.FillField()})
+
+
+def test_octets_shorter_than_the_fixed_part_are_raw() -> None:
+    layer = layer_of(iso_layouts.TPKT)
+    assert isinstance(layer(b"\x03\x00\x00"), Raw)
+    assert isinstance(layer(b"\x03\x00\x00\x07"), layer)
+
+
+def test_a_number_too_large_for_its_field_is_refused() -> None:
+    assert fill_number(b"abcd", 1, 2, 0x3132, "x") == b"a12d"
+    with pytest.raises(ValueError, match=r"the TPKT length would be 65536, more than its 2 octet"):
+        fill_number(b"abcd", 2, 2, 65536, "the TPKT length")
