@@ -1,0 +1,66 @@
+# make demo    a fresh machine: environment, install, analysis of a shipped capture, result on screen
+# make test    everything that has to hold, the engine both compiled and interpreted
+#
+# What is installed is a wheel in .venv, built from this tree; a run of pytest from there tests that wheel, and with
+# PYTHONPATH set to this folder the same tests run on the sources, interpreted. tests/conftest.py refuses a stale wheel.
+
+VENV ?= .venv
+DEMO ?= captures/item-errors.pcapng
+# Processes that run tests side by side.
+JOBS ?= auto
+
+BIN := $(VENV)/bin
+PYTEST := $(BIN)/pytest
+# The tests of the engine itself, which run on both builds.
+ENGINE := $(wildcard tests/wire tests/source tests/tcp tests/iso tests/s7 tests/transactions tests/findings \
+	tests/test_conversation.py tests/test_pipeline.py tests/test_session.py tests/report tests/property)
+
+export PYTHONSAFEPATH := 1
+export VENV
+
+.PHONY: demo test lint types test-installed test-interpreted environment test-environment format coverage clean
+.NOTPARALLEL:
+
+demo: environment
+	$(BIN)/s7dissect analyze $(DEMO)
+
+test: test-environment lint types test-installed test-interpreted
+
+environment:
+	scripts/environment.sh
+
+test-environment:
+	scripts/environment.sh test
+	scripts/install-tshark.sh
+
+lint:
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types:
+	$(BIN)/mypy
+
+# The installed wheel. Without a C compiler it is interpreted, which a person may want to test and CI must not let pass.
+test-installed:
+	@build=$$($(BIN)/s7dissect --version | sed 's/.*(\(.*\))/\1/'); \
+	if [ "$$build" != compiled ] && [ -n "$$CI" ]; then \
+		echo "make test: the wheel is not compiled; why stands in $(VENV)/s7dissect-wheel/build.log" >&2; exit 1; \
+	fi; \
+	export S7DISSECT_EXPECT=$$build S7DISSECT_WHEEL="$$(echo $(abspath $(VENV))/s7dissect-wheel/*.whl)"; \
+	set -ex; \
+	$(PYTEST) -n $(JOBS) --dist loadfile -m "not measured"; \
+	$(PYTEST) -m measured || [ $$? -eq 5 ]
+
+test-interpreted:
+	S7DISSECT_EXPECT=interpreted PYTHONPATH=$(CURDIR) $(PYTEST) -n $(JOBS) --dist loadfile -m "not measured" $(ENGINE)
+
+format: test-environment
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+# Only interpreted code can be traced.
+coverage: test-environment
+	PYTHONPATH=$(CURDIR) $(PYTEST) -n $(JOBS) --dist loadfile -m "not measured" --cov --cov-report=term $(ENGINE)
+
+clean:
+	rm -rf $(VENV) build *.egg-info .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -1,0 +1,71 @@
+#!/usr/bin/env bash
+# Make the virtual environment and install the package into it the way a user gets it: as a wheel, compiled where that is
+# possible. With the argument "test", what the tests need comes with it. Nothing is done twice for the same sources.
+#
+# VENV names the folder (.venv), PYTHON the interpreter to make it with (the first of python3, python3.13 … that will do).
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+venv=${VENV:-.venv}
+extra=${1:-}
+wheels=$venv/s7dissect-wheel
+
+find_python() {
+  local candidate
+  for candidate in ${PYTHON:-python3 python3.14 python3.13 python3.12 python3.11}; do
+    if "$candidate" -c 'import sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
+      echo "$candidate"
+      return
+    fi
+  done
+  echo "environment: no Python 3.11 or newer with its venv module was found (tried ${PYTHON:-python3, python3.11 and newer})" >&2
+  exit 1
+}
+
+# Whatever changes what is installed: the sources, how they are built, and for which interpreter.
+fingerprint() {
+  "$venv/bin/python" - <<'PROGRAM'
+import hashlib, os, pathlib, sys
+
+seen = hashlib.sha256(repr((sys.version, os.environ.get("CC"), os.environ.get("S7DISSECT_INTERPRETED"))).encode())
+files = [path for path in pathlib.Path("dissect").rglob("*") if path.is_file() and path.suffix != ".pyc"]
+for path in [*sorted(files), *map(pathlib.Path, ("setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"))]:
+    seen.update(repr((str(path), path.read_bytes())).encode())
+print(seen.hexdigest())
+PROGRAM
+}
+
+if ! "$venv/bin/python" -c 'import pip' 2>/dev/null; then
+  python=$(find_python)
+  echo "environment: making $venv with $("$python" --version)"
+  rm -rf "$venv"
+  "$python" -m venv "$venv"
+fi
+pip=("$venv/bin/python" -m pip --disable-pip-version-check --no-input -q)
+
+print=$(fingerprint)
+if [ "$(cat "$wheels/built" 2>/dev/null)" != "$print" ]; then
+  echo "environment: building the package"
+  # Never pack what an earlier build left behind.
+  rm -rf build s7dissect.egg-info "$wheels"
+  mkdir -p "$wheels"
+  if ! "$venv/bin/python" -m pip --disable-pip-version-check --no-input -v wheel --no-deps --wheel-dir "$wheels" . \
+    >"$wheels/build.log" 2>&1 </dev/null; then
+    cat "$wheels/build.log" >&2
+    exit 1
+  fi
+  # pip keeps to itself what the build said; what mypyc objected to, and the line that tells of the fallback, matter.
+  grep -E 's7dissect: the engine is NOT compiled|^ *dissect/[^ ]*\.py:[0-9]+: error' "$wheels/build.log" | sed 's/^ *//' || true
+  rm -rf build s7dissect.egg-info
+  echo "$print" >"$wheels/built"
+fi
+
+wheel=$(echo "$wheels"/*.whl)
+if [ ! -e "$wheels/installed-$extra" ]; then
+  echo "environment: installing it${extra:+ with what the ${extra}s need}"
+  "${pip[@]}" install "$wheel${extra:+[$extra]}" </dev/null
+  # The same version is not the same build.
+  "${pip[@]}" install --force-reinstall --no-deps "$wheel" </dev/null
+  touch "$wheels/installed-" "$wheels/installed-$extra"
+fi
+"$venv/bin/s7dissect" --version

@@ -1,0 +1,128 @@
+"""What every test shares: which build is under test, where captures are, how hard the property tests try."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import hypothesis
+import pytest
+
+import dissect
+from dissect.wire.build import COMPILED
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+LOCATION: Final = Path(dissect.__file__).resolve().parent
+MODE: Final = "compiled" if COMPILED else "interpreted"
+
+# At the end of the path, after `dissect` is imported: tests may import `tests.…` and `benchmarks.…`, and still test the
+# package that is installed.
+sys.path.append(str(ROOT))
+
+# Processes that tests start find the same package: never by the folder they happen to run in.
+os.environ["PYTHONSAFEPATH"] = "1"
+if LOCATION.parent == ROOT:
+    os.environ["PYTHONPATH"] = str(ROOT)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Refuse to test another build than the one asked for, or an installed package that is not this tree."""
+    expected = os.environ.get("S7DISSECT_EXPECT")
+    if expected is not None and expected != MODE:
+        message = f"S7DISSECT_EXPECT={expected}, but the package in {LOCATION} runs {MODE}"
+        raise pytest.UsageError(message)
+    stale = _differing()
+    if stale:
+        message = (
+            f"the package in {LOCATION} is not this tree ({', '.join(stale[:5])}): install it again, or run `make test`"
+        )
+        raise pytest.UsageError(message)
+    examples = os.environ.get("S7DISSECT_EXAMPLES")
+    slow = [hypothesis.HealthCheck.too_slow]  # two workers on two cores also wait for each other
+    hypothesis.settings.register_profile(
+        "ci",
+        max_examples=int(examples or 200),
+        deadline=None,
+        derandomize=True,
+        database=None,
+        suppress_health_check=slow,
+    )
+    hypothesis.settings.register_profile(
+        "dev", max_examples=int(examples or 100), deadline=None, suppress_health_check=slow
+    )
+    hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "dev")
+
+
+def pytest_report_header(config: pytest.Config) -> str:
+    """Say what is tested."""
+    return f"s7dissect {dissect.__version__} ({MODE}) from {LOCATION}"
+
+
+def _differing() -> list[str]:
+    """Return the modules that differ between this tree and the package under test (none when it is the tree)."""
+    tree = {path.relative_to(ROOT / "dissect"): path for path in (ROOT / "dissect").rglob("*.py")}
+    tested = {path.relative_to(LOCATION): path for path in LOCATION.rglob("*.py")}
+    # In one site-packages with another project's `dissect.…` there are more folders than ours.
+    rooms = {name.parts[0] for name in tree}
+    return sorted(
+        name.as_posix()
+        for name in tree.keys() | {name for name in tested if name.parts[0] in rooms}
+        if name not in tree or name not in tested or tree[name].read_bytes() != tested[name].read_bytes()
+    )
+
+
+class Command:
+    """The command line, run as a process of its own the way a person runs it."""
+
+    def __call__(
+        self, *arguments: str | Path, stdin: bytes = b"", stdout: int | None = None
+    ) -> subprocess.CompletedProcess[bytes]:
+        """Run ``s7dissect`` with ``arguments``; ``stdout`` is a file descriptor to write to instead of being collected."""
+        return subprocess.run(
+            [sys.executable, "-m", "dissect", *map(str, arguments)],
+            input=stdin,
+            stdout=subprocess.PIPE if stdout is None else stdout,
+            stderr=subprocess.PIPE,
+            check=False,
+            timeout=300,
+        )
+
+
+@pytest.fixture(scope="session")
+def s7dissect() -> Command:
+    """Run the command line: ``s7dissect("analyze", path).stdout``."""
+    return Command()
+
+
+@pytest.fixture(scope="session")
+def corpus() -> Path:
+    """The folder of the shared public captures, which are not part of this repository."""
+    path = Path(os.environ.get("S7DISSECT_CORPUS") or ROOT.parent / "shared" / "captures")
+    if not path.is_dir():
+        pytest.skip(f"no shared captures in {path} (S7DISSECT_CORPUS names their folder)")
+    return path
+
+
+@pytest.fixture(scope="session")
+def reference(corpus: Path) -> Path:
+    """The folder of the protocol reference, which stands beside the shared captures."""
+    path = corpus.parent / "reference"
+    if not path.is_dir():
+        pytest.skip(f"no protocol reference in {path}")
+    return path
+
+
+@pytest.fixture(scope="session")
+def capture() -> Callable[[str], Path]:
+    """Give the path of one of our own captures by its file name."""
+
+    def path_of(name: str) -> Path:
+        path = ROOT / "captures" / name
+        assert path.is_file(), f"captures/{name} is part of the repository and missing"
+        return path
+
+    return path_of

@@ -1,0 +1,382 @@
+"""The rules of the house: who may import whom, what the engine must not touch, names and sizes."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+import dissect
+
+PACKAGE: Final = Path(__file__).resolve().parent.parent / "dissect"
+
+#: The way of a byte. A room imports itself and what stands before it.
+ORDER: Final = (
+    "wire",
+    "source",
+    "tcp",
+    "iso",
+    "s7",
+    "transactions",
+    "findings",
+    "conversation",
+    "pipeline",
+    "report",
+    "session",  # analyze() folds what it reads with report.analysis
+    "layers",
+    "oracle",
+    "testing",
+    "cli",
+)
+#: Rooms that show the package to somebody; only they may ask the package itself for its version or its public names.
+FACES: Final = frozenset(("report", "layers", "oracle", "testing", "cli"))
+
+#: Rooms between a packet and a finding: no file, socket, clock, thread or log.
+PURE: Final = frozenset(("tcp", "iso", "s7", "transactions", "findings", "conversation", "pipeline"))
+PURE_IMPORTS: Final = frozenset(
+    (
+        "__future__",
+        "bisect",
+        "collections",
+        "datetime",
+        "enum",
+        "functools",
+        "hashlib",
+        "heapq",
+        "itertools",
+        "math",
+        "mypy_extensions",
+        "operator",
+        "struct",
+        "typing",
+        "zlib",
+    )
+)
+IMPURE_CALLS: Final = frozenset(("breakpoint", "input", "open", "print"))
+CLOCK_CALLS: Final = frozenset(("now", "today", "utcnow"))
+
+#: Third-party packages that stay in one room.
+LOCKED: Final = {"scapy": "layers", "pyshark": "oracle"}
+
+#: They run what they read.
+DANGEROUS_IMPORTS: Final = frozenset(("cPickle", "dill", "jsonpickle", "marshal", "pickle", "shelve", "yaml"))
+DANGEROUS_CALLS: Final = frozenset(("__import__", "compile", "eval", "exec"))
+
+#: What another project keeps in a namespace called `dissect`; whoever has both installed needs both.
+FOREIGN: Final = frozenset(
+    (
+        "apfs",
+        "archive",
+        "btrfs",
+        "cim",
+        "clfs",
+        "container",
+        "cramfs",
+        "cstruct",
+        "database",
+        "disc",
+        "esedb",
+        "etl",
+        "eventlog",
+        "evidence",
+        "executable",
+        "extfs",
+        "fat",
+        "ffs",
+        "fve",
+        "hypervisor",
+        "jffs",
+        "memory",
+        "network",
+        "ntfs",
+        "ole",
+        "qnxfs",
+        "regf",
+        "shellitem",
+        "sql",
+        "squashfs",
+        "target",
+        "thumbcache",
+        "util",
+        "vmfs",
+        "volume",
+        "xfs",
+    )
+)
+EMPTY_NAMES: Final = frozenset(("base", "common", "helpers", "manager", "misc", "util", "utils"))
+
+MAX_LINES: Final = 400
+#: Tables are as long as what they list.
+TABLES: Final = re.compile(r"(^|_)(tables|errors)\.py$")
+
+Import = tuple[int, str]
+Rule = Callable[[str, ast.Module], list[str]]
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def room_of(module: str) -> str:
+    """Return the room of a module of ours, empty for the package itself."""
+    parts = module.split(".")
+    return parts[1] if len(parts) > 1 else ""
+
+
+def imports(tree: ast.Module) -> Iterator[Import]:
+    """Give (line, module) for every import, those inside functions and for type checkers included.
+
+    ``from dissect import wire`` gives ``dissect.wire``, ``from dissect import __version__`` gives ``dissect``.
+    """
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield node.lineno, alias.name
+        elif isinstance(node, ast.ImportFrom):
+            if node.level:
+                yield node.lineno, "." * node.level + (node.module or "")
+            elif node.module == "dissect":
+                for alias in node.names:
+                    yield node.lineno, f"dissect.{alias.name}" if alias.name in ORDER else "dissect"
+            else:
+                yield node.lineno, node.module or ""
+
+
+def calls(tree: ast.Module) -> Iterator[tuple[int, str, bool]]:
+    """Give (line, name, whether it is an attribute) for every call."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call):
+            if isinstance(node.func, ast.Name):
+                yield node.lineno, node.func.id, False
+            elif isinstance(node.func, ast.Attribute):
+                yield node.lineno, node.func.attr, True
+
+
+def imports_only_point_down(module: str, tree: ast.Module) -> list[str]:
+    room = room_of(module)
+    if room in {"", "__main__"}:
+        return []
+    if room not in ORDER:
+        return [f"{module}: the room {room} has no place on the way of a byte"]
+    wrong = []
+    for line, name in imports(tree):
+        if name.startswith("."):
+            wrong.append(f"{module}:{line}: a relative import")
+        elif name == "dissect" and room not in FACES:
+            wrong.append(f"{module}:{line}: imports the package itself")
+        elif name.startswith("dissect."):
+            target = room_of(name)
+            if target not in ORDER:
+                wrong.append(f"{module}:{line}: {name} is in no room")
+            elif ORDER.index(target) > ORDER.index(room):
+                wrong.append(f"{module}:{line}: {room} imports {name}, which comes later")
+    return wrong
+
+
+def packages_stay_in_their_room(module: str, tree: ast.Module) -> list[str]:
+    return [
+        f"{module}:{line}: {name} belongs in {LOCKED[name.split('.')[0]]}/"
+        for line, name in imports(tree)
+        if LOCKED.get(name.split(".")[0], room_of(module)) != room_of(module)
+    ]
+
+
+def the_engine_is_pure(module: str, tree: ast.Module) -> list[str]:
+    if room_of(module) not in PURE:
+        return []
+    wrong = [
+        f"{module}:{line}: imports {name}"
+        for line, name in imports(tree)
+        if name.split(".")[0] not in PURE_IMPORTS | {"dissect"}
+    ]
+    wrong += [
+        f"{module}:{line}: calls {name}()"
+        for line, name, attribute in calls(tree)
+        if not attribute and name in IMPURE_CALLS
+    ]
+    wrong += [
+        f"{module}:{line}: asks .{name}() the time"
+        for line, name, attribute in calls(tree)
+        if attribute and name in CLOCK_CALLS
+    ]
+    return wrong
+
+
+def nothing_runs_what_it_reads(module: str, tree: ast.Module) -> list[str]:
+    wrong = [f"{module}:{line}: {name}" for line, name in imports(tree) if name.split(".")[0] in DANGEROUS_IMPORTS]
+    return wrong + [
+        f"{module}:{line}: {name}()"
+        for line, name, attribute in calls(tree)
+        if not attribute and name in DANGEROUS_CALLS
+    ]
+
+
+def names_say_something(module: str, tree: ast.Module) -> list[str]:
+    parts = module.split(".")
+    wrong = [f"{module}: another project's {parts[1]}"] if len(parts) > 1 and parts[1] in FOREIGN else []
+    if not EMPTY_NAMES.isdisjoint(word for part in parts for word in part.split("_")):
+        wrong.append(f"{module}: a name that says nothing")
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef):
+            words = re.findall(r"[A-Z][a-z]+|[a-z]+", node.name)
+            if not EMPTY_NAMES.isdisjoint(word.lower() for word in words):
+                wrong.append(f"{module}:{node.lineno}: {node.name} says nothing")
+    return wrong
+
+
+#: What an assert may be made of, besides the question for a type: names, constants and comparisons.
+NARROWING: Final = (
+    *(ast.expr_context, ast.boolop, ast.cmpop, ast.operator, ast.unaryop, ast.BoolOp, ast.Compare, ast.UnaryOp),
+    *(ast.Name, ast.Attribute, ast.Constant, ast.Subscript),
+)
+
+
+def asserts_only_narrow_types(module: str, tree: ast.Module) -> list[str]:
+    """An assert may compare names or ask for a type; anything else would be missing under ``python -O``."""
+    wrong = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assert):
+            parts = list(ast.walk(node.test))
+            asked = {id(part) for call in parts if is_type_question(call) for part in ast.walk(call)}
+            if not all(isinstance(part, NARROWING) or id(part) in asked for part in parts):
+                wrong.append(f"{module}:{node.lineno}: an assert that does more than narrow a type")
+    return wrong
+
+
+def is_type_question(node: ast.AST) -> bool:
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "isinstance"
+
+
+RULES: Final[tuple[Rule, ...]] = (
+    imports_only_point_down,
+    packages_stay_in_their_room,
+    the_engine_is_pure,
+    nothing_runs_what_it_reads,
+    names_say_something,
+    asserts_only_narrow_types,
+)
+
+
+@pytest.fixture(scope="module")
+def modules() -> dict[str, ast.Module]:
+    """Every module of the package, parsed."""
+    found = {module_name(path): ast.parse(path.read_bytes(), str(path)) for path in sorted(PACKAGE.rglob("*.py"))}
+    assert {"dissect", "dissect.wire.codes", "dissect.cli.main"} <= found.keys()
+    return found
+
+
+@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)
+def test_rule_holds(rule: Rule, modules: dict[str, ast.Module]) -> None:
+    assert [wrong for module, tree in modules.items() for wrong in rule(module, tree)] == []
+
+
+@pytest.mark.parametrize(
+    ("rule", "module", "source"),
+    [
+        (imports_only_point_down, "dissect.tcp.stream", "from dissect.s7.tables import JOB"),
+        (imports_only_point_down, "dissect.tcp.stream", "from dissect import cli"),
+        (imports_only_point_down, "dissect.tcp.stream", "def late():\n    import dissect.report.text"),
+        (imports_only_point_down, "dissect.tcp.stream", "from dissect import __version__"),
+        (imports_only_point_down, "dissect.tcp.stream", "from .ip import Packet"),
+        (imports_only_point_down, "dissect.cli.show", "from dissect.nowhere import thing"),
+        (imports_only_point_down, "dissect.attic.thing", ""),
+        (packages_stay_in_their_room, "dissect.cli.show", "def late():\n    from scapy.all import rdpcap"),
+        (packages_stay_in_their_room, "dissect.layers.s7", "import pyshark"),
+        (the_engine_is_pure, "dissect.s7.message", "import time"),
+        (the_engine_is_pure, "dissect.pipeline", "from asyncio import sleep"),
+        (the_engine_is_pure, "dissect.findings.rules", "print('found')"),
+        (the_engine_is_pure, "dissect.iso.tpkt", "octets = open('x').read()"),
+        (the_engine_is_pure, "dissect.s7.values", "from datetime import datetime\nt = datetime.now()"),
+        (nothing_runs_what_it_reads, "dissect.report.json", "import pickle"),
+        (nothing_runs_what_it_reads, "dissect.cli.show", "eval('1')"),
+        (names_say_something, "dissect.network", ""),
+        (names_say_something, "dissect.tcp.stream_utils", ""),
+        (names_say_something, "dissect.tcp.stream", "class ConnectionManager:\n    pass"),
+        (asserts_only_narrow_types, "dissect.tcp.stream", "assert queue.pop() == 1"),
+        (asserts_only_narrow_types, "dissect.tcp.stream", "assert (first := 1) and first"),
+    ],
+)
+def test_rule_sees_its_breach(rule: Rule, module: str, source: str) -> None:
+    assert rule(module, ast.parse(source)) != []
+
+
+@pytest.mark.parametrize(
+    ("rule", "module", "source"),
+    [
+        (
+            imports_only_point_down,
+            "dissect.s7.message",
+            "from dissect.s7 import tables\nfrom dissect.wire import codes",
+        ),
+        (imports_only_point_down, "dissect.cli.main", "from dissect import __version__, session"),
+        (packages_stay_in_their_room, "dissect.layers.s7", "from scapy.packet import Packet"),
+        (the_engine_is_pure, "dissect.s7.values", "from datetime import timedelta\nimport struct"),
+        (the_engine_is_pure, "dissect.source.files", "import os\nopen('x')"),
+        (nothing_runs_what_it_reads, "dissect.cli.show", "import re\nre.compile('a')"),
+        (names_say_something, "dissect.s7.timebase", "class Database:\n    pass"),
+        (asserts_only_narrow_types, "dissect.tcp.stream", "assert held is not None and isinstance(held.octets, bytes)"),
+    ],
+)
+def test_rule_lets_the_rest_be(rule: Rule, module: str, source: str) -> None:
+    assert rule(module, ast.parse(source)) == []
+
+
+def test_files_are_short() -> None:
+    lengths = {
+        module_name(path): len(path.read_bytes().splitlines())
+        for path in PACKAGE.rglob("*.py")
+        if not TABLES.search(path.name)
+    }
+    assert {module: length for module, length in lengths.items() if length > MAX_LINES} == {}
+
+
+def test_every_public_name_is_there() -> None:
+    assert sorted(dissect._PUBLIC) == [name for name in dir(dissect) if name in dissect._PUBLIC]
+    for name in dissect._PUBLIC:
+        assert callable(getattr(dissect, name)), name
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        getattr(dissect, "nonsense")  # noqa: B009 - a type checker refuses the plain form, which is the point
+
+
+@pytest.mark.parametrize(
+    "statement", ["import dissect", "import dissect.cli.main", "import dissect.wire.codes, dissect.cli.main"]
+)
+def test_importing_is_cheap(statement: str) -> None:
+    heavy = [
+        "scapy",
+        "rich",
+        "msgspec",
+        "pyshark",
+        "asyncio",
+        "logging",
+        "dissect.session",
+        "dissect.pipeline",
+        "dissect.s7",
+    ]
+    code = f"{statement}\nimport sys\nprint(*[name for name in {heavy!r} if name in sys.modules])"
+    assert python("-c", code).stdout.split() == []
+
+
+@pytest.mark.parametrize("option", ["--version", "--help"])
+def test_version_and_help_are_cheap(option: str) -> None:
+    ran = python("-X", "importtime", "-m", "dissect", option)
+    assert ran.stdout.startswith("s7dissect 0." if option == "--version" else "Usage: s7dissect ")
+    imported = {line.rsplit("|", 1)[1].strip() for line in ran.stderr.splitlines() if line.startswith("import time:")}
+    assert "click" in imported
+    assert {name for name in imported if name.split(".")[0] in {"scapy", "rich", "msgspec", "pyshark"}} == set()
+    ours = {name for name in imported if name.startswith("dissect")}
+    assert ours == {"dissect", "dissect.cli", "dissect.cli.main", "dissect.wire", "dissect.wire.build"}
+
+
+def python(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the interpreter of these tests, which finds the same package, and give what it said."""
+    return subprocess.run(
+        [sys.executable, *arguments], stdin=subprocess.DEVNULL, capture_output=True, text=True, check=True
+    )

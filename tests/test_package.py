@@ -1,0 +1,198 @@
+"""The wheel as people get it: what is in it, beside another project's `dissect.…`, with and without a compiler."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+import dissect
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+SOURCES: Final = ("dissect", "setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE")
+
+#: What is compiled, said once more and independently of setup.py.
+HOT: Final = re.compile(
+    r"dissect/((wire|tcp|iso|s7|transactions|findings)/\w+|source/(packet|pcap|pcapng)|conversation|pipeline|report/(analysis|jsonl|latency))\.py"
+)
+
+#: The namespace of another project that responders to incidents have installed too.
+FOREIGN: Final = "dissect.util"
+
+
+def run(*arguments: str | Path, **environment: str) -> str:
+    """Run a program away from this tree, give what it printed; a failure shows everything it said."""
+    ran = subprocess.run(
+        list(map(str, arguments)),
+        cwd=Path(sys.prefix),
+        env={**without_path(), **environment},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stdout
+    return ran.stdout
+
+
+def without_path() -> dict[str, str]:
+    return {
+        name: value for name, value in os.environ.items() if name not in {"PYTHONPATH", "S7DISSECT_INTERPRETED", "CC"}
+    }
+
+
+def pip(*arguments: str | Path, **environment: str) -> str:
+    return run(sys.executable, "-m", "pip", "--disable-pip-version-check", "--no-input", *arguments, **environment)
+
+
+def build_wheel(into: Path, **environment: str) -> Path:
+    """Build a wheel from a copy of the sources, so that nothing is left in this tree nor taken from an earlier build."""
+    tree = into / "tree"
+    tree.mkdir(parents=True)
+    for name in SOURCES:
+        source = ROOT / name
+        if source.is_dir():
+            shutil.copytree(source, tree / name, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
+        elif source.exists():
+            shutil.copy(source, tree / name)
+    (into / "log").write_text(
+        pip("-v", "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", into, tree, **environment),
+        encoding="utf-8",
+    )
+    (wheel,) = into.glob("*.whl")
+    return wheel
+
+
+def environment(folder: Path, dependencies: Path) -> Path:
+    """Make an empty virtual environment that sees the dependencies; give its Python."""
+    run(sys.executable, "-m", "venv", "--without-pip", folder)
+    python = folder / "bin" / "python"
+    packages = run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip()
+    Path(packages, "dependencies.pth").write_text(f"{dependencies}\n", encoding="utf-8")
+    return python
+
+
+def install(python: Path, *what: str | Path) -> None:
+    pip("--python", python, "install", "--no-deps", *what)
+
+
+@pytest.fixture(scope="session")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel of this tree: the one under test where there is one, else built here."""
+    given = os.environ.get("S7DISSECT_WHEEL")
+    return Path(given) if given else build_wheel(tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture(scope="session")
+def interpreted_build(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a build on a machine whose C compiler does not work: its wheel and its log."""
+    folder = tmp_path_factory.mktemp("interpreted")
+    build_wheel(folder, CC="false")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def dependencies(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what the package needs at run time, and without the package."""
+    with zipfile.ZipFile(wheel) as archive:
+        (metadata,) = [name for name in archive.namelist() if name.endswith(".dist-info/METADATA")]
+        lines = archive.read(metadata).decode().splitlines()
+    needed = [line.split(": ", 1)[1] for line in lines if line.startswith("Requires-Dist:") and "extra ==" not in line]
+    folder = tmp_path_factory.mktemp("dependencies")
+    pip("install", "--target", folder, *needed)
+    return folder
+
+
+def contents(wheel: Path) -> set[str]:
+    with zipfile.ZipFile(wheel) as archive:
+        return set(archive.namelist())
+
+
+def sources() -> set[str]:
+    return {path.relative_to(ROOT).as_posix() for path in (ROOT / "dissect").rglob("*.py")}
+
+
+def test_wheel_holds_the_package_and_nothing_else(wheel: Path) -> None:
+    names = contents(wheel)
+    assert {name for name in names if name.endswith(".py")} == sources()
+    assert "dissect/py.typed" in names
+    tops = {name.split("/")[0] for name in names if "/" in name}
+    assert tops == {"dissect", f"s7dissect-{dissect.__version__}.dist-info"}
+    assert {name for name in names if "/" not in name and not name.startswith("s7dissect__mypyc.")} == set()
+
+
+def test_every_hot_module_is_compiled_and_keeps_its_source(wheel: Path) -> None:
+    if not wheel_is_compiled(wheel):
+        pytest.skip("no C compiler here, so the wheel is the interpreted one (CI refuses that)")
+    compiled = {
+        re.sub(r"\.[^/]*\.so$", ".py", name) for name in contents(wheel) if name.endswith(".so") and "/" in name
+    }
+    hot = {name for name in sources() if HOT.fullmatch(name) and not name.endswith("__init__.py")}
+    assert "dissect/wire/build.py" in hot
+    assert compiled == hot
+
+
+def test_both_builds_hold_the_same_sources(wheel: Path, interpreted_build: Path) -> None:
+    (plain,) = interpreted_build.glob("*.whl")
+    assert plain.name.endswith("-py3-none-any.whl")
+    with zipfile.ZipFile(wheel) as one, zipfile.ZipFile(plain) as other:
+        for name in sources():
+            assert one.read(name) == other.read(name), name
+
+
+def test_without_a_compiler_the_build_says_why_in_one_line(interpreted_build: Path) -> None:
+    log = (interpreted_build / "log").read_text(encoding="utf-8")
+    lines = [line.strip() for line in log.splitlines() if "NOT compiled" in line]
+    reason = "the C compiler 'false' is missing or does not find Python's headers"
+    assert lines == [f"s7dissect: the engine is NOT compiled and runs interpreted, slower: {reason}"]
+
+
+def test_without_a_compiler_it_runs_interpreted(interpreted_build: Path, dependencies: Path, tmp_path: Path) -> None:
+    (wheel,) = interpreted_build.glob("*.whl")
+    python = environment(tmp_path / "venv", dependencies)
+    install(python, wheel)
+    assert run(python.parent / "s7dissect", "--version") == f"s7dissect {dissect.__version__} (interpreted)\n"
+    assert run(python, "-m", "dissect", "--version") == f"s7dissect {dissect.__version__} (interpreted)\n"
+
+
+IMPORT_BOTH: Final = f"""
+import {FOREIGN}, dissect, dissect.wire.codes, dissect.session, dissect.wire.build
+import {FOREIGN}.compression
+print(dissect.__version__, callable(dissect.analyze), dissect.wire.build.COMPILED)
+"""
+
+
+@pytest.mark.parametrize("order", [("ours", "theirs"), ("theirs", "ours")])
+def test_beside_another_dissect_in_one_environment(
+    order: tuple[str, str], wheel: Path, dependencies: Path, tmp_path: Path
+) -> None:
+    python = environment(tmp_path / "venv", dependencies)
+    for which in order:
+        install(python, wheel if which == "ours" else FOREIGN)
+    assert run(python, "-c", IMPORT_BOTH) == f"{dissect.__version__} True {wheel_is_compiled(wheel)}\n"
+    # Neither takes anything of the other along when it goes.
+    pip("--python", python, "uninstall", "--yes", "s7dissect")
+    run(python, "-c", f"import {FOREIGN}")
+
+
+@pytest.mark.parametrize("order", [("ours", "theirs"), ("theirs", "ours")])
+def test_beside_another_dissect_elsewhere_on_the_path(
+    order: tuple[str, str], wheel: Path, dependencies: Path, tmp_path: Path
+) -> None:
+    for folder, what in (("ours", wheel), ("theirs", FOREIGN)):
+        pip("install", "--no-deps", "--target", tmp_path / folder, what)
+    python = environment(tmp_path / "venv", dependencies)
+    path = os.pathsep.join(str(tmp_path / folder) for folder in order)
+    assert run(python, "-c", IMPORT_BOTH, PYTHONPATH=path) == f"{dissect.__version__} True {wheel_is_compiled(wheel)}\n"
+
+
+def wheel_is_compiled(wheel: Path) -> bool:
+    return any(name.endswith(".so") for name in contents(wheel))
