@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from mypy_extensions import i64
+from mypy_extensions import i64, mypyc_attr
 
 from dissect.findings.finding import Finding
 from dissect.findings.judge import Judge
@@ -50,6 +50,7 @@ class Options:
         self.strict: bool = strict
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class Observer:
     """Is told what happens; override what you want to know. The ``wants_`` flags must be set before the first packet."""
 

@@ -12,6 +12,8 @@ from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u24
 
 SPECIFICATION: Final = 0x12
+#: `LENGTH_IN_BITS` by index, because this is asked for every item.
+_COUNTS_BITS: Final = bytes([1 if code in LENGTH_IN_BITS else 0 for code in range(256)])
 DATA_HEAD: Final = 4
 _BIT: Final = 0x01
 
@@ -93,7 +95,7 @@ def item_fill(size: i64, last: bool) -> i64:
 
 def data_size(transport_size: i64, length: i64) -> i64:
     """Return the octets of a data item's content from its length field, which counts bits for some transport sizes."""
-    return (length + 7) >> 3 if transport_size in LENGTH_IN_BITS else length
+    return (length + 7) >> 3 if _COUNTS_BITS[transport_size] else length
 
 
 class DataItem:
@@ -101,12 +103,12 @@ class DataItem:
 
     __slots__ = ("data", "length", "offset", "return_code", "transport_size")
 
-    def __init__(self, return_code: int, transport_size: int, length: int, data: bytes, offset: int) -> None:
-        self.return_code = return_code
-        self.transport_size = transport_size
-        self.length = length
-        self.data = data
-        self.offset = offset
+    def __init__(self, return_code: i64, transport_size: i64, length: i64, data: bytes, offset: i64) -> None:
+        self.return_code: i64 = return_code
+        self.transport_size: i64 = transport_size
+        self.length: i64 = length
+        self.data: bytes = data
+        self.offset: i64 = offset
 
 
 def parse_data_items(

@@ -9,13 +9,19 @@ from __future__ import annotations
 import struct
 from typing import Final
 
+from mypy_extensions import i64
+
+from dissect.s7.tables import ELEMENT_OCTETS
 from dissect.wire.clock import civil
+from dissect.wire.octets import u16, u32
 
 #: Decoded value of one item.
 Value = bool | int | float | str | list["bool | int | float | str | None"] | None
 
 _FLOAT: Final = struct.Struct(">f")
 _DOUBLE: Final = struct.Struct(">d")
+#: Half the distance of neighbouring singles, by exponent field (the smallest two share theirs).
+_HALF_STEP: Final = [2.0 ** (max(exponent, 1) - 127 - 24) for exponent in range(256)]
 _MS_PER_DAY: Final = 86_400_000
 _S5_BASE_MS: Final = (10, 100, 1000, 10000)
 
@@ -25,49 +31,47 @@ CHAR: Final = 0x03
 WCHAR: Final = 0x13
 
 
-def decode_value(transport_size: int, octets: bytes) -> Value:
+def decode_value(transport_size: i64, octets: bytes) -> Value:
     """Return the value of ``octets`` read or written with request transport size ``transport_size``."""
     if transport_size == CHAR:
         return octets.decode("latin-1")
     if transport_size == WCHAR:
         return octets.decode("utf-16-be", "replace") if len(octets) % 2 == 0 else None
-    size = _ELEMENT.get(transport_size)
-    if size is None or not octets or len(octets) % size:
+    size: i64 = _ELEMENT[transport_size] if 0 <= transport_size < 256 else 0
+    total: i64 = len(octets)
+    if size == 0 or total == 0 or total % size:
         return None
-    if len(octets) == size:
+    if total == size:
         return _element(transport_size, octets)
-    return [_element(transport_size, octets[at : at + size]) for at in range(0, len(octets), size)]
+    values: list[bool | int | float | str | None] = []
+    at: i64 = 0
+    while at < total:
+        values.append(_element(transport_size, octets[at : at + size]))
+        at += size
+    return values
 
 
-#: Octets of the elements that can be decoded.
-_ELEMENT: Final[dict[int, int]] = {
-    0x01: 1,
-    0x02: 1,
-    0x04: 2,
-    0x05: 2,
-    0x06: 4,
-    0x07: 4,
-    0x08: 4,
-    0x09: 2,
-    0x0A: 4,
-    0x0B: 4,
-    0x0C: 2,
-    0x0F: 8,
-    0x1C: 2,
-    0x1D: 2,
-    0x30: 8,
-}
+#: Octets of one element by transport size, 0 where the octets have no known meaning.
+_ELEMENT: Final = bytes([ELEMENT_OCTETS.get(code, 0) if code != 0x30 else 8 for code in range(256)])
 
 
-def _element(transport_size: int, octets: bytes) -> bool | int | float | str | None:
+def _element(transport_size: i64, octets: bytes) -> bool | int | float | str | None:
     if transport_size == BIT:
         return octets[0] & 1 == 1
-    if transport_size == 0x02 or transport_size == 0x04 or transport_size == 0x06:
-        return int.from_bytes(octets, "big")
-    if transport_size == 0x05 or transport_size == 0x07:
-        return int.from_bytes(octets, "big", signed=True)
+    if transport_size == 0x02:
+        return octets[0]
+    if transport_size == 0x04:
+        return u16(octets, 0)
+    if transport_size == 0x06:
+        return u32(octets, 0)
     if transport_size == 0x08:
         return real(octets)
+    if transport_size == 0x05:
+        word: i64 = u16(octets, 0)
+        return word - 0x10000 if word >= 0x8000 else word
+    if transport_size == 0x07:
+        double: i64 = u32(octets, 0)
+        return double - 0x100000000 if double >= 0x80000000 else double
     if transport_size == 0x30:
         wide: float = _DOUBLE.unpack(octets)[0]
         return wide
@@ -87,14 +91,29 @@ def _element(transport_size: int, octets: bytes) -> bool | int | float | str | N
 
 def real(octets: bytes) -> float:
     """Return an IEEE 754 single as the shortest decimal that reads back to the same four octets."""
+    return float(real_text(octets))
+
+
+def real_text(octets: bytes) -> str:
+    """Return an IEEE 754 single as the text of `real`, for example ``123.456``, ``1e+20``, ``inf`` or ``nan``.
+
+    A double that lies within half a step of single precision from the exact value reads back to it; seven digits serve
+    what people write (%g drops the zeros of shorter numbers), nine always do.
+    """
     exact: float = _FLOAT.unpack(octets)[0]
-    if exact != exact or exact in (float("inf"), float("-inf")):
-        return exact
-    for digits in (6, 7, 8):
-        short = float(f"{exact:.{digits}g}")
-        if abs(short) <= 3.4028234663852886e38 and _FLOAT.pack(short) == octets:
-            return short
-    return float(f"{exact:.9g}")
+    exponent: i64 = (u16(octets, 0) >> 7) & 0xFF
+    if exponent == 255:
+        return repr(exact)
+    half_step: float = _HALF_STEP[exponent]
+    if octets[1] & 0x7F == 0 and octets[2] == 0 and octets[3] == 0:
+        half_step *= 0.5  # below a power of two the steps are half as wide
+    text = f"{exact:.7g}"
+    if abs(float(text) - exact) < half_step:
+        return text
+    text = f"{exact:.8g}"
+    if abs(float(text) - exact) < half_step:
+        return text
+    return f"{exact:.9g}"
 
 
 def bcd(*octets: int) -> int | None:

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64
 
 from dissect.s7.errors import ERROR_CODES
-from dissect.s7.items import DataItem, Item
-from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.items import DataItem, Item, parse_data_items
+from dissect.s7.message import ACK_HEADER_SIZE, HEADER_SIZE, Pdu, parse_pdu
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, SUCCESS, WRITE_VAR
 from dissect.s7.values import Value, decode_value
-from dissect.wire.malformed import Malformed
 
 if TYPE_CHECKING:
     from dissect.transactions.connection import Connection
@@ -67,16 +66,35 @@ class TransactionError:
 
 
 class ItemResult:
-    """An item of the request joined with its own answer (either may be missing)."""
+    """An item of the request joined with its own answer (either may be missing).
 
-    __slots__ = ("answer", "data", "item", "return_code", "value")
+    ``return_code`` is -1 when there is no answer; ``data`` the octets read or written, None when there are none.
+    ``decodable`` tells whether ``data`` has the size that the item asked for, so that ``value`` can be decoded.
+    """
 
-    def __init__(self, item: Item | None, return_code: int, data: bytes | None, value: Value, answer: DataItem | None) -> None:
-        self.item = item
-        self.return_code = return_code  # -1 when there is no answer
-        self.data = data
-        self.value = value
-        self.answer = answer
+    __slots__ = ("answer", "data", "item", "return_code")
+
+    def __init__(self, item: Item | None, return_code: i64, data: bytes | None, answer: DataItem | None) -> None:
+        self.item: Item | None = item
+        self.return_code: i64 = return_code
+        self.data: bytes | None = data
+        self.answer: DataItem | None = answer
+
+    @property
+    def decodable(self) -> bool:
+        """True when there are octets of the size the item asked for (any size where that is not known)."""
+        item = self.item
+        data = self.data
+        return item is not None and data is not None and (item.size < 0 or item.size == len(data))
+
+    @property
+    def value(self) -> Value:
+        """The decoded value, None when there is none (see `decode_value`)."""
+        item = self.item
+        data = self.data
+        if item is None or data is None or not self.decodable:
+            return None
+        return decode_value(item.transport_size, data)
 
 
 class Transaction:
@@ -205,48 +223,61 @@ class Transaction:
         return []
 
     def _read_results(self) -> list[ItemResult]:
-        answers: list[DataItem] = []
-        if self.response_size:
-            answers = self._data_items(self.response_octets)
+        answers = self.answered_items()
         items = self.parameters.items if self.request_size else []
-        results = []
-        for index in range(max(len(items), len(answers))):
-            item = items[index] if index < len(items) else None
-            answer = answers[index] if index < len(answers) else None
-            if answer is None:
-                results.append(ItemResult(item, -1, None, None, None))
-                continue
-            value: Value = None
-            if item is not None and answer.return_code == SUCCESS and (item.size < 0 or item.size == len(answer.data)):
-                value = decode_value(item.transport_size, answer.data)
-            data = answer.data if answer.return_code == SUCCESS else None
-            results.append(ItemResult(item, answer.return_code, data, value, answer))
+        results: list[ItemResult] = []
+        asked: i64 = len(items)
+        told: i64 = len(answers)
+        index: i64 = 0
+        while index < asked or index < told:
+            item = items[index] if index < asked else None
+            if index >= told:
+                results.append(ItemResult(item, -1, None, None))
+            else:
+                answer = answers[index]
+                code: i64 = answer.return_code
+                results.append(ItemResult(item, code, answer.data if code == SUCCESS else None, answer))
+            index += 1
         return results
 
     def _write_results(self) -> list[ItemResult]:
         items = self.parameters.items if self.request_size else []
-        written = self._data_items(self.request_octets) if self.request_size else []
+        written = self.written_items()
         codes = self._write_codes()
-        results = []
+        results: list[ItemResult] = []
         for index in range(max(len(items), len(codes))):
             item = items[index] if index < len(items) else None
             data_item = written[index] if index < len(written) else None
-            value: Value = None
-            if item is not None and data_item is not None and (item.size < 0 or item.size == len(data_item.data)):
-                value = decode_value(item.transport_size, data_item.data)
             code = codes[index] if index < len(codes) else -1
             data = data_item.data if data_item is not None else None
-            results.append(ItemResult(item, code, data, value, data_item))
+            results.append(ItemResult(item, code, data, data_item))
         return results
 
-    def _data_items(self, octets: bytes) -> list[DataItem]:
-        told: list[Malformed] = []
-        return parse_pdu(octets).data_items(told)
+    def answered_items(self) -> list[DataItem]:
+        """Return the data items of a read answer; their offsets are within the buffer."""
+        answer = self.response_parameters
+        if answer is None or answer.item_count <= 0 or self.response_rosctr != ACK_DATA:
+            return []
+        at: i64 = self.response_offset + ACK_HEADER_SIZE + len(answer.octets)
+        end: i64 = self.response_offset + self.response_size
+        if self.error_code and at >= end:
+            return []  # refused as a whole: no items come back
+        return parse_data_items(self.response_buf, at, end, answer.item_count, True, [])
+
+    def written_items(self) -> list[DataItem]:
+        """Return the data items of a write request; their offsets are within the buffer."""
+        if self.parameters.item_count <= 0 or not self.request_size:
+            return []
+        at: i64 = self.request_offset + HEADER_SIZE + len(self.parameters.octets)
+        end: i64 = self.request_offset + self.request_size
+        return parse_data_items(self.request_buf, at, end, self.parameters.item_count, False, [])
 
     def _write_codes(self) -> list[int]:
-        if not self.response_size or self.response_rosctr != ACK_DATA:
+        answer = self.response_parameters
+        if answer is None or self.response_rosctr != ACK_DATA:
             return []
-        return parse_pdu(self.response_octets).return_codes()
+        at: i64 = self.response_offset + ACK_HEADER_SIZE + len(answer.octets)
+        return list(self.response_buf[at : self.response_offset + self.response_size])
 
     @property
     def errors(self) -> list[TransactionError]:

@@ -1,0 +1,275 @@
+"""Transactions and PDUs as JSON lines, one object a line, keys in a fixed order (docs/json.md).
+
+This is the bulk output, so lines are put together from cached pieces: what a polled item or a request block looks like is
+written once and used for every transaction that repeats it.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.conversation import Observer
+from dissect.s7.items import Item
+from dissect.s7.message import Pdu
+from dissect.s7.parameters import Parameters, UserdataHead
+from dissect.s7.tables import FUNCTIONS, READ_VAR, ROSCTR, SUCCESS, USERDATA_TYPES
+from dissect.s7.values import Value, decode_value, real_text
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
+from dissect.wire.clock import Clock
+from dissect.wire.malformed import Malformed
+
+TRANSACTION_SCHEMA: Final = "s7dissect.transaction/1"
+PDU_SCHEMA: Final = "s7dissect.pdu/1"
+
+_HEAD: Final = f'{{"schema":"{TRANSACTION_SCHEMA}","number":'
+#: Cached pieces are forgotten together when there are this many.
+_MAX_CACHED: Final = 8192
+
+_SMALL: Final = [str(number) for number in range(256)]
+
+_NO_ITEM: Final = (
+    '{"address":null,"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null,"return_code":'
+)
+
+
+def json_text(value: str) -> str:
+    """Return a JSON string, ASCII only."""
+    return json.dumps(value)
+
+
+def value_text(value: Value) -> str:
+    """Return a decoded value as JSON; NaN and the infinities, which JSON has no numbers for, as strings."""
+    if value is None:
+        return "null"
+    if value is True:
+        return "true"
+    if value is False:
+        return "false"
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        text = repr(value)
+        return f'"{text}"' if text in {"nan", "inf", "-inf"} else text
+    if isinstance(value, str):
+        return json_text(value)
+    return f"[{','.join([value_text(element) for element in value])}]"
+
+
+def octets_value(transport_size: i64, octets: bytes) -> str:
+    """Return the JSON of ``decode_value(transport_size, octets)``, written straight for the sizes polling is made of."""
+    size: i64 = len(octets)
+    if transport_size == 0x01 and size == 1:
+        return "true" if octets[0] & 1 else "false"
+    if transport_size == 0x02:
+        if size == 1:
+            return _SMALL[octets[0]]
+        return f"[{','.join([_SMALL[octet] for octet in octets])}]" if size else "null"
+    if transport_size == 0x08 and size and size % 4 == 0:
+        texts = [_real(octets[at : at + 4]) for at in range(0, size, 4)]
+        return texts[0] if size == 4 else f"[{','.join(texts)}]"
+    return value_text(decode_value(transport_size, octets))
+
+
+def _real(octets: bytes) -> str:
+    text = real_text(octets)
+    if "." in text or "e" in text:
+        return text
+    return f'"{text}"' if "n" in text else text + ".0"
+
+
+def function_text(parameters: Parameters) -> str:
+    """Return the ``function`` object of a parameter block, and for userdata the ``userdata`` object after it."""
+    if not parameters.fragment:
+        code: i64 = parameters.function
+        if code < 0:
+            text = '{"code":null,"name":null}'
+        else:
+            text = f'{{"code":{code},"name":{json_text(FUNCTIONS.name(code))}}}'
+        userdata = parameters.userdata
+        if userdata is not None:
+            text += f',"userdata":{userdata_text(userdata)}'
+        parameters.fragment = text
+    return parameters.fragment
+
+
+def userdata_text(head: UserdataHead) -> str:
+    """Return a userdata head as a JSON object."""
+    text = (
+        f'{{"type":{head.type},"type_name":{json_text(USERDATA_TYPES.name(head.type))}'
+        f',"group":{head.group},"group_name":{json_text(head.group_name)}'
+        f',"subfunction":{head.subfunction},"subfunction_name":{json_text(head.subfunction_name)}'
+        f',"sequence":{head.sequence}'
+    )
+    if head.extended:
+        text += (
+            f',"data_unit_ref":{head.data_unit_ref},"last_data_unit":{head.last_data_unit},"error_code":{head.error_code}'
+        )
+    return text + "}"
+
+
+def item_text(item: Item) -> str:
+    """Return the beginning of an item's object, up to its return code."""
+    if not item.fragment:
+        if item.transport_size < 0:
+            text = '"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null'
+        else:
+            text = (
+                f'"area":{item.area},"db":{item.db},"start_bit":{item.start_bit}'
+                f',"transport_size":{item.transport_size},"count":{item.count}'
+            )
+        item.fragment = f'{{"address":{json_text(item.address)},"syntax_id":{item.syntax_id},{text},"return_code":'
+    return item.fragment
+
+
+class TransactionLines(Observer):
+    """Writes transactions as lines of JSON; ``lines`` collects them until somebody takes them away."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lines: list[str] = []
+        self._clock: Clock = Clock()
+        self._ends: dict[int, str] = {}
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Add the line of a transaction."""
+        self.lines.append(self.line(transaction))
+
+    def line(self, transaction: Transaction) -> str:
+        """Return the line of one transaction, without a line end."""
+        asked: i64 = transaction.request_frame
+        told: i64 = transaction.response_frame
+        outcome: i64 = transaction.outcome
+        request = f'{asked},"response_frame":' if asked else 'null,"response_frame":'
+        response = f'{told},"request_time":' if told else 'null,"request_time":'
+        at = f'"{self._clock.iso(transaction.request_ns)}"' if asked else "null"
+        latency = str(transaction.response_ns - transaction.request_ns) if outcome == ANSWERED else "null"
+        reason = f'"{transaction.reason}"' if transaction.reason else "null"
+        return (
+            f"{_HEAD}{transaction.number}{self._connection(transaction.connection, transaction.asked_by)}"
+            f',"pdu_ref":{transaction.pdu_ref},"rosctr":{transaction.rosctr},"function":{function_text(transaction.parameters)}'
+            f',"request_frame":{request}{response}{at},"latency_ns":{latency}'
+            f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{self._setup(transaction)}'
+            f',"items":[{self._items(transaction)}],"errors":[{_errors(transaction)}]}}'
+        )
+
+    def _connection(self, connection: Connection, asked_by: i64) -> str:
+        key: i64 = connection.number * 2 + asked_by
+        found = self._ends.get(key)
+        if found is None:
+            if len(self._ends) >= _MAX_CACHED:
+                self._ends.clear()
+            ends = connection.tcp.ends
+            found = (
+                f',"connection":{connection.number},"asked_by":{json_text(str(ends[asked_by]))}'
+                f',"answered_by":{json_text(str(ends[1 - asked_by]))}'
+            )
+            self._ends[key] = found
+        return found
+
+    def _setup(self, transaction: Transaction) -> str:
+        asked = transaction.parameters.setup
+        answer = transaction.response_parameters
+        granted = answer.setup if answer is not None else None
+        if asked is None and granted is None:
+            return ""
+        wish = json.dumps(asked.as_dict(), separators=(",", ":")) if asked is not None else "null"
+        given = json.dumps(granted.as_dict(), separators=(",", ":")) if granted is not None else "null"
+        return f',"setup":{{"asked":{wish},"granted":{given}}}'
+
+    def _items(self, transaction: Transaction) -> str:
+        parts: list[str] = []
+        if transaction.outcome == ANSWERED and transaction.parameters.function == READ_VAR:
+            items = transaction.parameters.items
+            answers = transaction.answered_items()
+            if len(items) == len(answers):  # nearly always; each item meets its own answer without an object in between
+                for index, answer in enumerate(answers):
+                    good: bool = answer.return_code == SUCCESS
+                    parts.append(_item(items[index], answer.return_code, answer.data if good else None))
+                return ",".join(parts)
+        for result in transaction.results():
+            parts.append(_item(result.item, result.return_code, result.data))
+        return ",".join(parts)
+
+
+def _item(item: Item | None, code: i64, data: bytes | None) -> str:
+    """Return one item of a transaction joined with its return code (-1 for none) and octets."""
+    head = item_text(item) if item is not None else _NO_ITEM
+    told = _SMALL[code] if code >= 0 else "null"
+    if data is None:
+        return f'{head}{told},"data":null,"value":null}}'
+    known: bool = item is not None and (item.size < 0 or item.size == len(data))
+    value = octets_value(item.transport_size, data) if item is not None and known else "null"
+    return f'{head}{told},"data":"{data.hex()}","value":{value}}}'
+
+
+def _errors(transaction: Transaction) -> str:
+    if not transaction.has_errors:
+        return ""
+    return ",".join(
+        [
+            f'{{"where":"{error.where}","code":{error.code},"name":{json_text(error.name)},"text":{json_text(error.text)}}}'
+            for error in transaction.errors
+        ]
+    )
+
+
+class PduLines:
+    """Writes S7 PDUs as lines of JSON."""
+
+    def __init__(self) -> None:
+        self._clock: Clock = Clock()
+
+    def line(self, pdu: Pdu, connection: Connection) -> str:
+        """Return the line of one PDU, without a line end."""
+        ends = connection.tcp.ends
+        error = f'{pdu.error_class},"error_code":{pdu.error_code}' if pdu.error_class >= 0 else 'null,"error_code":null'
+        told = ",".join([_malformed(fact) for fact in pdu.malformed])
+        return (
+            f'{{"schema":"{PDU_SCHEMA}","frame":{pdu.frame},"time":"{self._clock.iso(pdu.time_ns)}"'
+            f',"connection":{pdu.connection},"src":{json_text(str(ends[pdu.side]))},"dst":{json_text(str(ends[1 - pdu.side]))}'
+            f',"protocol":"s7comm","rosctr":{pdu.rosctr},"rosctr_name":{json_text(ROSCTR.name(pdu.rosctr))}'
+            f',"redundancy_id":{pdu.redundancy_id}'
+            f',"pdu_ref":{pdu.pdu_ref},"param_length":{pdu.param_length},"data_length":{pdu.data_length}'
+            f',"error_class":{error},"function":{function_text(pdu.parameters)}'
+            f"{_body(pdu)}"
+            f',"cut":{"true" if pdu.cut else "false"},"malformed":[{told}]}}'
+        )
+
+
+def _malformed(fact: Malformed) -> str:
+    return json.dumps(fact.as_dict(), separators=(",", ":"))
+
+
+def _body(pdu: Pdu) -> str:
+    """Return what the PDU carries: setup values, request items, data items, return codes, and what is kept as octets."""
+    parameters = pdu.parameters
+    text = ""
+    if parameters.item_count >= 0:
+        text += f',"item_count":{parameters.item_count}'
+    if parameters.setup is not None:
+        text += f',"setup":{json.dumps(parameters.setup.as_dict(), separators=(",", ":"))}'
+    if parameters.items:
+        items = ",".join([item_text(item)[: -len(',"return_code":')] + "}" for item in parameters.items])
+        text += f',"items":[{items}]'
+    data_items = pdu.data_items()
+    if data_items:
+        values = ",".join(
+            [
+                f'{{"return_code":{item.return_code},"transport_size":{item.transport_size},"length":{item.length}'
+                f',"data":"{item.data.hex()}"}}'
+                for item in data_items
+            ]
+        )
+        return f'{text},"data_items":[{values}]'
+    codes = pdu.return_codes()
+    if codes:
+        return f'{text},"return_codes":[{",".join([str(code) for code in codes])}]'
+    if parameters.setup is None and not parameters.items and len(parameters.octets) > 2:
+        text += f',"parameters":"{parameters.octets.hex()}"'
+    if pdu.data:
+        text += f',"data":"{pdu.data.hex()}"'
+    return text
