@@ -80,7 +80,7 @@ class Run:
         return True
 
     def join(self, time_ns: int) -> None:
-        """The first packet of a file: does it go on where the one before it ended?"""
+        """Take the time of a file's first packet: unless it goes on where the file before it ended, start anew."""
         if self._joined:
             return
         self._joined = True

@@ -57,8 +57,8 @@ class Tpdu:
 
     @property
     def name(self) -> str:
-        """``CR``, ``DT`` … or the number of an unknown type."""
-        return TPDU_TYPES.name(self.type)
+        """``CR``, ``DT`` … or the number of an unknown type; ``TPDU`` when it is too short to have a type."""
+        return TPDU_TYPES.name(self.type) if self.type >= 0 else "TPDU"
 
     def field(self, name: str) -> int:
         """Return the value of a fixed field, -1 when the TPDU has none of that name or is too short for it."""
@@ -93,16 +93,22 @@ class Tpdu:
 
 
 def _by_size(type_: int, li: int) -> Layout:
-    """Choose the layout of a type that has several forms by its length indicator (reference 2.2)."""
-    if type_ == DT:
-        return layouts.DT if li < 4 else (layouts.DT_NORMAL if li < 7 else layouts.DT_EXTENDED)
-    if type_ == ED:
-        return layouts.ED if li < 4 else (layouts.ED_NORMAL if li < 7 else layouts.ED_EXTENDED)
+    """Choose the layout of a type that has several forms by its length indicator (reference 2.2).
+
+    One octet more than the extended form needs cannot be a parameter, so it is the normal form with a longer variable part:
+    LI 8 is what the normal form with a checksum has.
+    """
+    normal = li < 9 or li == 10
     if type_ == AK:
-        return layouts.AK if li < 9 else layouts.AK_EXTENDED
+        return layouts.AK if normal else layouts.AK_EXTENDED
     if type_ == RJ:
-        return layouts.RJ if li < 9 else layouts.RJ_EXTENDED
-    return layouts.EA if li < 7 else layouts.EA_EXTENDED
+        return layouts.RJ if normal else layouts.RJ_EXTENDED
+    normal = li < 7 or li == 8
+    if type_ == EA:
+        return layouts.EA if normal else layouts.EA_EXTENDED
+    if type_ == ED:
+        return layouts.ED if li < 4 else (layouts.ED_NORMAL if normal else layouts.ED_EXTENDED)
+    return layouts.DT if li < 4 else (layouts.DT_NORMAL if normal else layouts.DT_EXTENDED)
 
 
 _ONE_FORM: Final[dict[int, Layout]] = {

@@ -6,7 +6,8 @@ everything else, so the state here is what is left between segments:
 * ``pending``: the first octets of a TPKT whose rest is still to come;
 * ``skip``: octets of a TPKT that a hole damaged, still to be passed over (a hole of known size inside a TPKT does not cost
   the synchronisation);
-* ``synced`` false: the next TPKT has to be searched for.
+* ``synced`` false: the next TPKT has to be searched for. What may be the beginning of one is kept until that is certain, so
+  that small segments, in which no TPKT lies whole, do not cost more than the octets that were lost.
 """
 
 from __future__ import annotations
@@ -22,9 +23,18 @@ HEADER: Final = 4
 #: Smallest packet with a TPDU in it: an empty DT.
 MIN_LENGTH: Final = 7
 MAX_LENGTH: Final = 65535
+#: A TPKT that begins inside a segment and ends in a later one is found while searching when it is no longer than this.
+MAX_SOUGHT: Final = 4096
+#: Places looked at for that at once; of more, the latest count.
+_MAX_CANDIDATES: Final = 32
 
 _TPDU_CODES: Final = frozenset((0x1, 0x2, 0x5, 0x6, 0x7, 0x8, 0xC, 0xD, 0xE, 0xF))
 _DT: Final = 0xF0
+
+# Answers of `judge_beginning`.
+NO: Final = 0
+YES: Final = 1
+UNDECIDED: Final = 2
 
 #: Faults of a TPKT header (`Framer.faults`).
 BAD_VERSION: Final = "version"
@@ -49,24 +59,34 @@ def plausible(octets: bytes, at: i64, end: i64) -> bool:
     return (octets[at + 5] >> 4) in _TPDU_CODES
 
 
-def convincing(octets: bytes, at: i64, end: i64) -> bool:
+def judge_beginning(octets: bytes, at: i64, end: i64) -> i64:
     """Tell whether a TPKT begins at ``at``, judged as strictly as a place inside a segment needs (reference 1.3).
 
     Beyond `plausible`: a DT must be empty or carry a known protocol, and the TPKT must be followed by another plausible one
-    or by the end of the octets.
+    or by the end of the octets. `UNDECIDED` when its end is still to come; ``octets[at]`` must be there.
     """
-    if end - at < MIN_LENGTH or not plausible(octets, at, end):
-        return False
+    if end - at < HEADER:
+        return UNDECIDED if _may_follow(octets, at, end) else NO
+    if not plausible(octets, at, end):
+        return NO
     length: i64 = u16(octets, at + 2)
+    follower: i64 = at + length
+    if follower > end:
+        return UNDECIDED if length <= MAX_SOUGHT else NO
     if octets[at + 5] & 0xF0 == _DT:
         data: i64 = at + 5 + octets[at + 4]
-        if data < at + length:
-            if data >= end:
-                return False
-            upper: i64 = classify(octets, data, min(at + length, end))
+        if data < follower:
+            upper: i64 = classify(octets, data, follower)
             if upper != S7COMM and upper != S7COMM_PLUS and upper != MMS and upper != TLS and upper != RDP:
-                return False
-    return at + length == end or plausible(octets, at + length, end)
+                return NO
+    return YES if follower == end or _may_follow(octets, follower, end) else NO
+
+
+def _may_follow(octets: bytes, at: i64, end: i64) -> bool:
+    """Tell whether the octets at ``at``, be they fewer than a header, fit the beginning of a TPKT."""
+    if end - at >= HEADER:
+        return plausible(octets, at, end)
+    return octets[at] == 3 and (at + 1 == end or octets[at + 1] == 0)
 
 
 class Fault:
@@ -85,11 +105,13 @@ class Framer:
     Every octet given is accounted for: ``framed`` (in whole TPKTs and in TPKTs told as cut) + ``skipped`` + ``buffered``.
     """
 
-    __slots__ = ("_need", "cut_packet", "faults", "framed", "packets", "pending", "skip", "skipped", "synced")
+    __slots__ = ("_candidates", "_need", "_sought", "cut_packet", "faults", "framed", "packets", "pending", "skip", "skipped", "synced")
 
     def __init__(self) -> None:
         self.pending: bytearray | None = None
         self._need: i64 = 0  # size of the pending TPKT, 0 while its header is not complete
+        self._sought: bytes = b""  # while searching: octets from the first on with which a TPKT may begin
+        self._candidates: list[int] = []  # the places in them where one may begin, if its end comes to fit
         self.skip: i64 = 0
         self.synced: bool = False
         self.packets: list[bytes] = []
@@ -100,18 +122,19 @@ class Framer:
 
     @property
     def buffered(self) -> int:
-        """Octets of an unfinished TPKT held back."""
-        return len(self.pending) if self.pending is not None else 0
-
-    @property
-    def idle(self) -> bool:
-        """True when the next octet is the first of a TPKT."""
-        return self.synced and self.pending is None and self.skip == 0
+        """Octets held back: of an unfinished TPKT, or of what may become one."""
+        return len(self.pending) if self.pending is not None else len(self._sought)
 
     def push(self, octets: bytes, start: i64, at_segment_start: bool) -> None:
         """Take ``octets[start:]``; whole TPKTs are appended to ``packets``."""
-        end: i64 = len(octets)
         at: i64 = start
+        fresh: i64 = start
+        if self._sought:
+            at = 0
+            fresh = len(self._sought)
+            octets = self._sought + octets[start:]
+            self._sought = b""
+        end: i64 = len(octets)
         while at < end:
             if self.skip:
                 step: i64 = min(self.skip, end - at)
@@ -121,7 +144,7 @@ class Framer:
             elif self.pending is not None:
                 at = self._continue(octets, at, end)
             elif not self.synced:
-                at = self._search(octets, at, end, at_segment_start and at == start)
+                at = self._search(octets, at, max(at, fresh), end, at_segment_start and at <= fresh)
             else:
                 at = self._begin(octets, at, end)
 
@@ -134,9 +157,12 @@ class Framer:
         self.cut_packet = b""
         if self.skip:
             self._pass_hole(self.skip, size)
-            return self.skip >= 0 and self.synced
+            return self.synced
         pending = self.pending
         if pending is None:
+            self.skipped += len(self._sought)
+            self._sought = b""
+            self._candidates = []
             self.synced = False
             return False
         have: i64 = len(pending)
@@ -151,14 +177,6 @@ class Framer:
             return False
         self._pass_hole(self._need - have, size)
         return self.synced
-
-    def lose_sync(self) -> None:
-        """Forget where the next TPKT begins (a new connection took over the octets)."""
-        if self.pending is not None:
-            self.skipped += len(self.pending)
-            self.pending = None
-        self.skip = 0
-        self.synced = False
 
     def _pass_hole(self, left: i64, size: i64) -> None:
         """A hole of ``size`` where ``left`` octets of a TPKT were still to come."""
@@ -233,17 +251,46 @@ class Framer:
             self.pending = None
         return at + take
 
-    def _search(self, octets: bytes, at: i64, end: i64, at_segment_start: bool) -> i64:
-        """Out of step: look for the next TPKT; a segment usually begins with one."""
-        if at_segment_start and plausible(octets, at, end):
-            self.synced = True
-            return at
-        here: i64 = octets.find(b"\x03\x00", at)
-        while 0 <= here < end:
-            if convincing(octets, here, end):
-                self.synced = True
-                self.skipped += here - at
-                return here
+    def _search(self, octets: bytes, at: i64, fresh: i64, end: i64, segment_start: bool) -> i64:
+        """Out of step: look for the next TPKT in ``octets[at:end]``, of which those before ``fresh`` were looked at before.
+
+        When a segment starts at ``fresh``, as it usually does with a TPKT, that place comes first.
+        """
+        found: i64 = -1
+        candidates: list[int] = []
+        if segment_start and plausible(octets, fresh, end):
+            found = fresh
+        else:
+            found = self._settle(octets, end, candidates)
+        here: i64 = octets.find(b"\x03\x00", fresh) if found < 0 else -1
+        while here >= 0:
+            judged: i64 = judge_beginning(octets, here, end)
+            if judged == YES:
+                found = here
+                break
+            if judged == UNDECIDED:
+                candidates.append(here)
             here = octets.find(b"\x03\x00", here + 1)
-        self.skipped += end - at
+        if found >= 0:
+            self._candidates = []
+            self.synced = True
+            self.skipped += found - at
+            return found
+        if octets[end - 1] == 3:
+            candidates.append(end - 1)
+        candidates = candidates[-_MAX_CANDIDATES:]
+        keep: i64 = candidates[0] if candidates else end
+        self._candidates = [place - keep for place in candidates]
+        self._sought = octets[keep:]
+        self.skipped += keep - at
         return end
+
+    def _settle(self, octets: bytes, end: i64, undecided: list[int]) -> i64:
+        """Return the first candidate that now is certain, -1 for none; those still open go to ``undecided``."""
+        for place in self._candidates:
+            judged: i64 = judge_beginning(octets, place, end)
+            if judged == YES:
+                return place
+            if judged == UNDECIDED:
+                undecided.append(place)
+        return -1

@@ -33,15 +33,15 @@ class Tsap:
             return f"{self.octets[0]:02x}.{self.octets[1]:02x}"
         return self.octets.hex()
 
-    def describe(self) -> str:
-        """Return the TSAP for a person, for example ``01.02 (PG, rack 0 slot 2)``."""
+    def describe(self, called: bool = True) -> str:
+        """Return the TSAP for a person, for example ``01.02 (PG, rack 0 slot 2)``; a calling one has no rack and slot."""
         if self.connection_type < 0:
             return f'"{self}"' if self._is_text() else str(self)
         if self.connection_type in CONNECTION_TYPES:
             kind = CONNECTION_TYPES.name(self.connection_type)
         else:
             kind = f"connection resource 0x{self.connection_type:02x}"
-        return f"{self} ({kind}, rack {self.rack} slot {self.slot})"
+        return f"{self} ({kind}, rack {self.rack} slot {self.slot})" if called else f"{self} ({kind})"
 
     def as_dict(self) -> dict[str, object]:
         """Return the TSAP as JSON-ready values."""

@@ -36,8 +36,9 @@ def classify(octets: bytes, start: i64, end: i64) -> i64:
         return TLS
     if first == 0x7F and (second == 0x65 or second == 0x66):
         return RDP  # T.125 connect-initial and connect-response
-    if first == 0x01 and size >= 5 and second == 0 and octets[start + 2] == 1 and octets[start + 3] == 0:
-        return MMS  # give tokens, data transfer, then the presentation PDU
+    if size >= 5 and first == 1 and second == 0 and octets[start + 2] == 1 and octets[start + 3] == 0:
+        # Give tokens, data transfer, then the presentation PDU: user data, always fully encoded.
+        return MMS if octets[start + 4] == 0x61 else UNKNOWN
     if first in _SESSION and (second == 0xFF or 0 <= second <= size - 2):
         return MMS
     return UNKNOWN

@@ -105,9 +105,7 @@ def userdata_text(head: UserdataHead) -> str:
         f',"sequence":{head.sequence}'
     )
     if head.extended:
-        text += (
-            f',"data_unit_ref":{head.data_unit_ref},"last_data_unit":{head.last_data_unit},"error_code":{head.error_code}'
-        )
+        text += f',"data_unit_ref":{head.data_unit_ref},"last_data_unit":{head.last_data_unit},"error_code":{head.error_code}'
     return text + "}"
 
 
@@ -128,15 +126,23 @@ def item_text(item: Item) -> str:
 class TransactionLines(Observer):
     """Writes transactions as lines of JSON; ``lines`` collects them until somebody takes them away."""
 
-    def __init__(self) -> None:
+    def __init__(self, failed_only: bool = False) -> None:
         super().__init__()
+        self._failed_only: bool = failed_only
         self.lines: list[str] = []
         self._clock: Clock = Clock()
         self._ends: dict[int, str] = {}
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the line of a transaction."""
-        self.lines.append(self.line(transaction))
+        if not self._failed_only or transaction.failed:
+            self.lines.append(self.line(transaction))
+
+    def take(self) -> list[str]:
+        """Return the lines collected since the last call."""
+        lines = self.lines
+        self.lines = []
+        return lines
 
     def line(self, transaction: Transaction) -> str:
         """Return the line of one transaction, without a line end."""

@@ -90,7 +90,7 @@ class Latencies:
 def _bucket(latency_ns: i64) -> int:
     """Return the bucket number: the doubling times `_STEPS`, plus the step within it."""
     if latency_ns < _STEPS:
-        return latency_ns if latency_ns > 0 else 0
+        return max(0, latency_ns)
     doubling: i64 = 0
     value: i64 = latency_ns
     while value >= 2 * _STEPS:

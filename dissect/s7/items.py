@@ -12,10 +12,16 @@ from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u24
 
 SPECIFICATION: Final = 0x12
-#: `LENGTH_IN_BITS` by index, because this is asked for every item.
-_COUNTS_BITS: Final = bytes([1 if code in LENGTH_IN_BITS else 0 for code in range(256)])
 DATA_HEAD: Final = 4
 _BIT: Final = 0x01
+_RECORD: Final = 0x01
+_S7ANY_SIZE: Final = 12
+
+_BITS: Final = 1
+_UNCLEAR: Final = 2
+_DINTEGER: Final = 0x06
+#: What a length field counts, by index, because this is asked for every item.
+_COUNTED: Final = bytes([_BITS if code in LENGTH_IN_BITS else _UNCLEAR if code == _DINTEGER else 0 for code in range(256)])
 
 
 class Item:
@@ -23,7 +29,8 @@ class Item:
 
     ``offset`` is within the S7 PDU's parameter block; ``octets`` are the item's own, head included. For S7ANY the fields
     are filled; for every other syntax they are -1 and ``address`` names the syntax.
-    ``size`` is the count of octets a good answer carries, -1 when it cannot be known.
+    ``size`` is the count of octets a good answer carries, -1 when it cannot be known (a data record may be shorter than asked
+    for, and devices differ in how they pack several bits).
     """
 
     __slots__ = ("address", "area", "count", "db", "fragment", "octets", "offset", "size", "start_bit", "syntax_id", "transport_size")
@@ -41,6 +48,15 @@ class Item:
         self.address: str = ""
         self.fragment: str = ""  # a report's cached text of the fields above; polling repeats the same items for hours
 
+    def fits(self, size: i64) -> bool:
+        """Tell whether ``size`` octets are as many as the item asks for, so that their value can be told.
+
+        Where ``size`` of the item is not known any number fits, but not bits that share octets: their order is not known.
+        """
+        if self.size >= 0:
+            return self.size == size
+        return self.transport_size != _BIT or self.area == _RECORD or self.count == size
+
     def __repr__(self) -> str:
         return f"Item({self.address!r}, count={self.count})"
 
@@ -48,15 +64,14 @@ class Item:
 def parse_item(octets: bytes, offset: i64) -> Item:
     """Read one request item, head included (``octets`` at least 3). Never raises."""
     item = Item(octets, offset)
-    if item.syntax_id == S7ANY and len(octets) == 12:
+    if item.syntax_id == S7ANY and len(octets) == _S7ANY_SIZE:
         item.transport_size = octets[3]
         item.count = u16(octets, 4)
         item.db = u16(octets, 6)
         item.area = octets[8]
         item.start_bit = u24(octets, 9)
         element: i64 = ELEMENT_OCTETS.get(item.transport_size, -1)
-        # Servers differ in how they pack several bits, so only the single bit has a known size.
-        if element > 0 and not (item.transport_size == _BIT and item.count != 1):
+        if element > 0 and item.area != _RECORD and not (item.transport_size == _BIT and item.count != 1):
             item.size = element * item.count
         item.address = address_text(item.area, item.db, item.start_bit, item.transport_size)
     else:
@@ -78,7 +93,13 @@ def parse_items(octets: bytes, at: i64, end: i64, count: i64, malformed: list[Ma
         if at + size > end:
             malformed.append(Malformed("s7", "length_beyond", "item.length", at, size, end - at, "param"))
             return items
-        items.append(parse_item(octets[at : at + size], at))
+        item = parse_item(octets[at : at + size], at)
+        if octets[at] != SPECIFICATION:
+            malformed.append(Malformed("s7", "bad_value", "item.specification", at, SPECIFICATION, octets[at], "item"))
+        if item.syntax_id == S7ANY and size != _S7ANY_SIZE:
+            reason = "length_below" if size < _S7ANY_SIZE else "trailing_octets"
+            malformed.append(Malformed("s7", reason, "item.length", at + 1, _S7ANY_SIZE - 2, size - 2, "item"))
+        items.append(item)
         at += size + item_fill(size, number + 1 == count)
     if at < end:
         malformed.append(Malformed("s7", "trailing_octets", "items", at, 0, end - at, "param"))
@@ -95,7 +116,18 @@ def item_fill(size: i64, last: bool) -> i64:
 
 def data_size(transport_size: i64, length: i64) -> i64:
     """Return the octets of a data item's content from its length field, which counts bits for some transport sizes."""
-    return (length + 7) >> 3 if _COUNTS_BITS[transport_size] else length
+    return (length + 7) >> 3 if _COUNTED[transport_size] == _BITS else length
+
+
+def data_size_within(transport_size: i64, length: i64, room: i64) -> i64:
+    """Return what `data_size` does, for content of which ``room`` octets are there.
+
+    Sources disagree whether 0x06 counts octets or bits, so the octets that are left decide (reference 3.6).
+    """
+    counted: i64 = _COUNTED[transport_size]
+    if counted == 0:
+        return length
+    return (length + 7) >> 3 if counted == _BITS or length > room else length
 
 
 class DataItem:
@@ -128,10 +160,10 @@ def parse_data_items(
         return_code: i64 = octets[at]
         transport_size: i64 = octets[at + 1]
         length: i64 = u16(octets, at + 2)
-        size = data_size(transport_size, length)
+        body: i64 = at + DATA_HEAD
+        size = data_size_within(transport_size, length, end - body)
         if response and return_code != SUCCESS:
             size = 0
-        body: i64 = at + DATA_HEAD
         if body + size > end:
             malformed.append(Malformed("s7", "length_beyond", "data.length", at, size, end - body, "data"))
             items.append(DataItem(return_code, transport_size, length, octets[body:end], at))

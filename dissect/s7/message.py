@@ -177,4 +177,14 @@ def parse_pdu(octets: bytes, frame: int = 0, time_ns: int = 0, connection: int =
             )
         if total <= size:
             pdu.data_items(pdu.malformed)
+            _check_return_codes(pdu)
     return pdu
+
+
+def _check_return_codes(pdu: Pdu) -> None:
+    """A write answer holds one octet for each item, nothing else; refused as a whole it may hold none."""
+    if pdu.rosctr != ACK_DATA or pdu.function != WRITE_VAR or pdu.parameters.item_count < 0:
+        return
+    count, there = pdu.parameters.item_count, pdu.data_length
+    if there != count and (there or not (pdu.error_class or pdu.error_code)):
+        pdu.malformed.append(Malformed("s7", "count_mismatch", "return codes", pdu.data_offset, count, there, "data"))

@@ -10,10 +10,12 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.items import Item, parse_items
+from dissect.s7.items import SPECIFICATION, Item, parse_items
 from dissect.s7.tables import (
+    ACK,
     CPU_SERVICES,
     FUNCTIONS,
+    JOB,
     MODE_TRANSITION,
     READ_VAR,
     SETUP_COMMUNICATION,
@@ -32,6 +34,8 @@ RESPONSE: Final = 2
 
 _SHORT: Final = 8
 _EXTENDED: Final = 12
+_SYNTAX_SHORT: Final = 0x11
+_SYNTAX_EXTENDED: Final = 0x12
 _USEND: Final = 0x13
 _GROUP_PBC: Final = 6
 
@@ -91,7 +95,6 @@ class Parameters:
     """A parsed parameter block. ``function`` is -1 when the block is empty; ``item_count`` -1 when it has none."""
 
     __slots__ = (
-        "answer_size",
         "fragment",
         "function",
         "item_count",
@@ -112,8 +115,12 @@ class Parameters:
         self.setup: Setup | None = None
         self.userdata: UserdataHead | None = None
         self.malformed: list[Malformed] = []
-        self.answer_size: i64 = -1
         self.fragment: str = ""  # a report's cached text
+
+    @property
+    def userdata_extended(self) -> bool:
+        """True when the block is an extended userdata head of 12 octets."""
+        return self.userdata is not None and self.userdata.extended
 
     @property
     def function_name(self) -> str:
@@ -139,12 +146,13 @@ def parse_parameters(octets: bytes, rosctr: i64) -> Parameters:
             _wrong_size(parameters, "setup", 8, size)
     elif function == READ_VAR or function == WRITE_VAR:
         if size < 2:
+            if rosctr == ACK:
+                return parameters  # has no parameters by rule; one that names the function contradicts nothing
             _wrong_size(parameters, "item_count", 2, size)
             return parameters
         parameters.item_count = octets[1]
-        if rosctr == 1:
+        if rosctr == JOB:
             parameters.items = parse_items(octets, 2, size, parameters.item_count, parameters.malformed)
-            parameters.answer_size = _answer_size(parameters)
         elif size > 2:
             _wrong_size(parameters, "item_count", 2, size)
     return parameters
@@ -155,24 +163,12 @@ def _wrong_size(parameters: Parameters, field: str, needed: i64, available: i64)
     parameters.malformed.append(Malformed("s7", reason, field, min(needed, available), needed, available, "param"))
 
 
-def _answer_size(parameters: Parameters) -> i64:
-    """Return the octets of the S7 PDU that a wholly good answer to a read has, -1 when an item's size is unknown."""
-    if parameters.function != READ_VAR:
-        return -1
-    size: i64 = 14
-    left: i64 = len(parameters.items)
-    for item in parameters.items:
-        left -= 1
-        if item.size < 0:
-            return -1
-        size += 4 + item.size + (item.size & 1 if left else 0)
-    return size
-
-
 def _parse_userdata(parameters: Parameters, octets: bytes, size: i64) -> None:
     function: i64 = octets[0]
-    if function == MODE_TRANSITION and size >= 7:  # a layout of its own (reference 4.9): the mode stands in octet 6
+    if function == MODE_TRANSITION and size >= _SHORT:  # a layout of its own (reference 4.9): the mode stands in octet 6
         parameters.userdata = UserdataHead(PUSH, 0, octets[6], 0)
+        if size != _SHORT:
+            _wrong_size(parameters, "mode transition", _SHORT, size)
         return
     if size < _SHORT:
         _wrong_size(parameters, "userdata head", _SHORT, size)
@@ -187,27 +183,57 @@ def _parse_userdata(parameters: Parameters, octets: bytes, size: i64) -> None:
         head.data_unit_ref = octets[8]
         head.last_data_unit = octets[9]
         head.error_code = u16(octets, 10)
-    if octets[4] == _USEND and head.group == _GROUP_PBC:
-        return  # USEND puts its R_ID where others have the head
-    if function != CPU_SERVICES or octets[2] != 0x12 or rest + 4 != size or (rest != 4 and rest != 8):
-        parameters.malformed.append(Malformed("s7", "bad_value", "userdata head", 3, size - 4, rest, "param"))
+    if octets[4] != _USEND or head.group != _GROUP_PBC:  # USEND puts its R_ID where others have the head
+        _check_head(parameters, octets, size)
+
+
+def _check_head(parameters: Parameters, octets: bytes, size: i64) -> None:
+    """Hold a userdata head to the two forms there are (reference 4.1); tells the first fault only."""
+    rest: i64 = octets[3]
+    if octets[0] != CPU_SERVICES:
+        _bad_head(parameters, "bad_value", "function", 0, CPU_SERVICES, octets[0])
+    elif octets[1] != 1:
+        _bad_head(parameters, "bad_value", "item_count", 1, 1, octets[1])
+    elif octets[2] != SPECIFICATION:
+        _bad_head(parameters, "bad_value", "specification", 2, SPECIFICATION, octets[2])
+    elif rest + 4 > size:
+        _bad_head(parameters, "length_beyond", "length", 3, rest, size - 4)
+    elif rest + 4 < size:
+        _bad_head(parameters, "trailing_octets", "length", 3, rest, size - 4)
+    elif rest != 4 and rest != 8:
+        _bad_head(parameters, "bad_value", "length", 3, 4 if rest < 8 else 8, rest)
+    elif octets[4] != (_SYNTAX_SHORT if rest == 4 else _SYNTAX_EXTENDED):
+        _bad_head(parameters, "bad_value", "syntax_id", 4, _SYNTAX_SHORT if rest == 4 else _SYNTAX_EXTENDED, octets[4])
+
+
+def _bad_head(parameters: Parameters, reason: str, field: str, offset: i64, needed: i64, available: i64) -> None:
+    parameters.malformed.append(Malformed("s7", reason, f"userdata head.{field}", offset, needed, available, "param"))
 
 
 class ParameterCache:
-    """Distinct parameter blocks, each parsed once. Bounded: when it is full it starts anew."""
+    """Distinct parameter blocks, each parsed once. Bounded in blocks and octets: when it is full it starts anew."""
 
+    #: Blocks with one ROSCTR, and octets of all of them; an item takes some thirty times its octets in memory.
     CAPACITY: Final = 4096
+    OCTETS: Final = 1024 * 1024
 
     def __init__(self) -> None:
         self._by_octets: list[dict[bytes, Parameters]] = [{}, {}, {}, {}, {}, {}, {}, {}]
+        self._octets: i64 = 0
 
     def get(self, octets: bytes, rosctr: i64) -> Parameters:
         """Return the parsed block for ``octets`` of a PDU with ROSCTR 0 to 7."""
-        known = self._by_octets[rosctr]
-        parameters = known.get(octets)
+        parameters = self._by_octets[rosctr].get(octets)
         if parameters is None:
-            if len(known) >= self.CAPACITY:
-                known.clear()
             parameters = parse_parameters(octets, rosctr)
-            known[octets] = parameters
+            self._keep(parameters, rosctr)
         return parameters
+
+    def _keep(self, parameters: Parameters, rosctr: i64) -> None:
+        size: i64 = len(parameters.octets)
+        if len(self._by_octets[rosctr]) >= self.CAPACITY or self._octets + size > self.OCTETS:
+            for known in self._by_octets:
+                known.clear()
+            self._octets = 0
+        self._by_octets[rosctr][parameters.octets] = parameters
+        self._octets += size

@@ -6,6 +6,7 @@ BCD, a transport size without a known type) gives None: the octets stand beside 
 
 from __future__ import annotations
 
+import math
 import struct
 from typing import Final
 
@@ -22,6 +23,14 @@ _FLOAT: Final = struct.Struct(">f")
 _DOUBLE: Final = struct.Struct(">d")
 #: Half the distance of neighbouring singles, by exponent field (the smallest two share theirs).
 _HALF_STEP: Final = [2.0 ** (max(exponent, 1) - 127 - 24) for exponent in range(256)]
+#: Digits to begin with, by exponent field. Seven print what people write, except where the steps are wider than the seventh
+#: digit (just above a power of two that begins with nine, such as 2**-10 = 0.000976…) and among the subnormal numbers.
+_FIRST_DIGITS: Final = bytes(
+    [
+        1 if exponent == 0 else 6 if 2 * step > 10.0 ** (math.floor(math.log10(2.0 ** (exponent - 127))) - 6) else 7
+        for exponent, step in enumerate(_HALF_STEP)
+    ]
+)
 _MS_PER_DAY: Final = 86_400_000
 _S5_BASE_MS: Final = (10, 100, 1000, 10000)
 
@@ -97,8 +106,8 @@ def real(octets: bytes) -> float:
 def real_text(octets: bytes) -> str:
     """Return an IEEE 754 single as the text of `real`, for example ``123.456``, ``1e+20``, ``inf`` or ``nan``.
 
-    A double that lies within half a step of single precision from the exact value reads back to it; seven digits serve
-    what people write (%g drops the zeros of shorter numbers), nine always do.
+    A double less than half a step of single precision from the exact value reads back to it, however ties are rounded; %g drops the zeros of
+    numbers with fewer digits than asked for, and nine digits always do.
     """
     exact: float = _FLOAT.unpack(octets)[0]
     exponent: i64 = (u16(octets, 0) >> 7) & 0xFF
@@ -107,6 +116,12 @@ def real_text(octets: bytes) -> str:
     half_step: float = _HALF_STEP[exponent]
     if octets[1] & 0x7F == 0 and octets[2] == 0 and octets[3] == 0:
         half_step *= 0.5  # below a power of two the steps are half as wide
+    digits: i64 = _FIRST_DIGITS[exponent]
+    while digits < 7:
+        text = f"{exact:.{digits}g}"
+        if abs(float(text) - exact) < half_step:
+            return text
+        digits += 1
     text = f"{exact:.7g}"
     if abs(float(text) - exact) < half_step:
         return text
@@ -171,7 +186,14 @@ def date_and_time(octets: bytes) -> str | None:
     if year is None or month is None or day is None or hour is None or minute is None or second is None or centi is None:
         return None
     units = octets[7] >> 4
-    if not (1 <= month <= 12 and 1 <= day <= 31 and hour < 24 and minute < 60 and second < 60 and units < 10):
-        return None
     full = year + (2000 if year < 90 else 1900)
+    if not (1 <= month <= 12 and 1 <= day <= _days(full, month) and hour < 24 and minute < 60 and second < 60 and units < 10):
+        return None
     return f"DT#{full:04d}-{month:02d}-{day:02d}-{hour:02d}:{minute:02d}:{second:02d}.{centi * 10 + units:03d}"
+
+
+def _days(year: int, month: int) -> int:
+    """Return the days of a month; the four-year rule holds from 1990 to 2089."""
+    if month == 2:
+        return 29 if year % 4 == 0 else 28
+    return 30 if month in (4, 6, 9, 11) else 31

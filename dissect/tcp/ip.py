@@ -14,7 +14,12 @@ from dissect.wire.octets import u16
 
 TCP: Final = 6
 _EXTENSION_HEADERS: Final = frozenset((0, 43, 51, 60, 135, 139, 140))
+_MAX_EXTENSION_HEADERS: Final = 16
+_AUTHENTICATION: Final = 51
 _FRAGMENT_HEADER: Final = 44
+_CUT: Final = -1  # instead of a protocol
+#: Size of the fragment key of IPv6 (addresses, identification, next header); that of IPv4 is 11, a VLAN may follow.
+_V6_KEY: Final = 37
 
 #: Fragments of one datagram are dropped when it is not whole after this much capture time.
 FRAGMENT_TIMEOUT_NS: Final = 30_000_000_000
@@ -23,14 +28,17 @@ MAX_DATAGRAMS: Final = 4096
 MAX_FRAGMENT_OCTETS: Final = 32 * 1024 * 1024
 MAX_DATAGRAM_OCTETS: Final = 65535
 _MAX_FRAGMENTS: Final = 1024
+#: Octets of memory that a stretch of a datagram takes besides its content, counted with it.
+_PIECE_COST: Final = 128
 
 
 class IpPacket:
     """What `parse_ip` found: addresses, the upper protocol and its octets.
 
-    ``problem`` is empty, or why the packet cannot be used: ``bad_header``, ``cut``, ``not_ip``.
+    ``problem`` is empty, or why the packet cannot be used: ``bad_header``, ``cut``.
     ``start``/``end`` bound the payload within the captured octets; ``missing`` counts payload octets the IP length claims and
-    the capture does not hold. For a fragment ``fragment_key`` is not empty.
+    the capture does not hold. For a fragment that may be of a TCP segment ``fragment_key`` is not empty, and the payload is
+    what `FragmentStore.add` takes, IPv6 extension headers behind the fragment header included.
     """
 
     __slots__ = ("addresses", "end", "fragment_key", "fragment_offset", "missing", "more", "problem", "protocol", "start")
@@ -70,14 +78,14 @@ def _parse_v4(packet: IpPacket, buf: bytes, at: i64, end: i64) -> None:
     low: i64 = buf[at] & 0x0F
     header: i64 = low * 4
     total: i64 = u16(buf, at + 2)
-    if total == 0:  # segmentation offload: the stack left the length to the card
-        total = end - at
-    if header < 20 or total < header:
+    if header < 20 or 0 < total < header:
         packet.problem = "bad_header"
         return
     if end - at < header:
         packet.problem = "cut"
         return
+    if total == 0:  # segmentation offload: the stack left the length to the card
+        total = end - at
     packet.protocol = buf[at + 9]
     packet.addresses = buf[at + 12 : at + 20]
     packet.start = at + header
@@ -89,7 +97,8 @@ def _parse_v4(packet: IpPacket, buf: bytes, at: i64, end: i64) -> None:
     if flags & 0x3FFF:
         packet.fragment_offset = (flags & 0x1FFF) * 8
         packet.more = bool(flags & 0x2000)
-        packet.fragment_key = b"%b%b%b" % (packet.addresses, buf[at + 4 : at + 6], buf[at + 9 : at + 10])
+        if packet.protocol == TCP:
+            packet.fragment_key = b"%b%b%b" % (packet.addresses, buf[at + 4 : at + 6], buf[at + 9 : at + 10])
 
 
 def _parse_v6(packet: IpPacket, buf: bytes, at: i64, end: i64) -> None:
@@ -102,37 +111,55 @@ def _parse_v6(packet: IpPacket, buf: bytes, at: i64, end: i64) -> None:
     if packet.end > end:
         packet.missing = packet.end - end
         packet.end = end
-    next_header: i64 = buf[at + 6]
-    here: i64 = at + 40
-    for _ in range(16):
-        if next_header == _FRAGMENT_HEADER:
-            if here + 8 > packet.end:
-                packet.problem = "cut" if packet.missing else "bad_header"
-                return
-            word: i64 = u16(buf, here + 2)
-            packet.fragment_offset = word & 0xFFF8
-            packet.more = bool(word & 1)
-            if packet.fragment_offset or packet.more:  # else an atomic fragment: whole by itself
-                packet.fragment_key = packet.addresses + buf[here + 4 : here + 8] + buf[here : here + 1]
-            next_header = buf[here]
-            here += 8
-            if packet.fragment_offset:
-                break  # what follows is the middle of a datagram, no header
-            continue
-        if next_header not in _EXTENSION_HEADERS:
-            break
-        if here + 8 > packet.end:
-            packet.problem = "cut" if packet.missing else "bad_header"
-            return
-        units: i64 = buf[here + 1]
-        size: i64 = (units + 2) * 4 if next_header == 51 else (units + 1) * 8
-        if here + size > packet.end:
-            packet.problem = "cut" if packet.missing else "bad_header"
-            return
-        next_header = buf[here]
-        here += size
-    packet.protocol = next_header
+    protocol, here = _skip_extensions(buf, at + 40, packet.end, buf[at + 6])
     packet.start = here
+    if protocol == _FRAGMENT_HEADER:
+        if here + 8 > packet.end:
+            protocol = _CUT
+        else:
+            protocol = _parse_fragment_header(packet, buf, here)
+    if protocol == _CUT:
+        packet.problem = "cut" if packet.missing else "bad_header"
+        return
+    packet.protocol = protocol
+
+
+def _parse_fragment_header(packet: IpPacket, buf: bytes, here: i64) -> i64:
+    """Read the fragment header at ``here``; return the protocol behind it and its extension headers, `_CUT` when cut."""
+    word: i64 = u16(buf, here + 2)
+    packet.fragment_offset = word & 0xFFF8
+    packet.more = bool(word & 1)
+    packet.start = here + 8
+    protocol: i64 = buf[here]
+    after: i64 = packet.start
+    if packet.fragment_offset == 0:  # elsewhere the middle of a datagram follows, no header
+        protocol, after = _skip_extensions(buf, packet.start, packet.end, protocol)
+        if not packet.more:
+            packet.start = after  # an atomic fragment is whole by itself (RFC 6946)
+            return protocol
+    if protocol == TCP or (packet.fragment_offset and protocol in _EXTENSION_HEADERS):
+        packet.fragment_key = packet.addresses + buf[here + 4 : here + 8] + buf[here : here + 1]
+    return protocol
+
+
+def _skip_extensions(buf: bytes, at: i64, end: i64, protocol: i64) -> tuple[i64, i64]:
+    """Step over the IPv6 extension headers at ``at``, the first of type ``protocol``.
+
+    Return (protocol of what follows, where it begins); the protocol is `_CUT` when the headers do not end before ``end``, and
+    that of an extension header when there are more than anybody sends.
+    """
+    for _ in range(_MAX_EXTENSION_HEADERS):
+        if protocol not in _EXTENSION_HEADERS:
+            break
+        if at + 8 > end:
+            return _CUT, at
+        units: i64 = buf[at + 1]
+        size: i64 = (units + 2) * 4 if protocol == _AUTHENTICATION else (units + 1) * 8
+        if at + size > end:
+            return _CUT, at
+        protocol = buf[at]
+        at += size
+    return protocol, at
 
 
 class _Datagram:
@@ -146,12 +173,22 @@ class _Datagram:
         self.fragments: i64 = 0
         self.conflict: bool = False
 
+    def may_end(self, end: i64, more: bool) -> bool:
+        """Tell whether a fragment that reaches to ``end`` agrees with what is known of the datagram's end."""
+        if self.total >= 0:
+            return end <= self.total if more else end == self.total
+        if more or not self.pieces:
+            return True
+        at, octets = self.pieces[-1]
+        return end >= at + len(octets)
+
 
 class FragmentStore:
     """Holds the fragments of datagrams until they are whole; first copy wins.
 
-    ``waiting``, ``used`` and ``dropped`` count packets; ``conflicts`` counts datagrams in which overlapping fragments held
-    different octets; ``evicted`` counts datagrams dropped because the store was full.
+    ``waiting``, ``used`` and ``dropped`` count packets; ``conflicts`` counts datagrams whose fragments contradict each other,
+    in their octets or in where the datagram ends; ``evicted`` counts datagrams dropped because the store was full, ``expired``
+    those that were not whole in time.
     """
 
     def __init__(self) -> None:
@@ -165,34 +202,43 @@ class FragmentStore:
         self.expired: i64 = 0
 
     def add(self, key: bytes, offset: i64, more: bool, octets: bytes, time_ns: i64) -> bytes | None:
-        """Take one fragment; return the whole payload when it is the last one missing, else None.
+        """Take one fragment; return the TCP segment when it is the last one missing, else None.
 
-        The packet that completes a datagram is not counted here: its caller accounts for it like any whole packet.
+        A fragment that cannot be, or that contradicts where its datagram ends, is dropped. The packet that completes a
+        datagram is not counted here: its caller accounts for it like any whole packet.
         """
         self._expire(time_ns)
         end: i64 = offset + len(octets)
-        datagram = self._datagrams.get(key)
-        bad: bool = end > MAX_DATAGRAM_OCTETS or (more and len(octets) % 8 != 0)
-        if bad or (datagram is not None and datagram.fragments >= _MAX_FRAGMENTS):
+        if end > MAX_DATAGRAM_OCTETS or (more and len(octets) % 8 != 0):
             self.dropped += 1
             return None
+        datagram = self._datagrams.get(key)
         if datagram is None:
             datagram = _Datagram(time_ns)
             self._datagrams[key] = datagram
+        elif datagram.fragments >= _MAX_FRAGMENTS:
+            self.dropped += 1
+            return None
+        elif not datagram.may_end(end, more):
+            self._note_conflict(datagram)
+            self.dropped += 1
+            return None
         datagram.fragments += 1
         self.waiting += 1
         if not more:
-            if datagram.total >= 0 and datagram.total != end:
-                datagram.conflict = True
-            else:
-                datagram.total = end
+            datagram.total = end
         self._insert(datagram, offset, octets)
-        if datagram.total >= 0 and datagram.octets >= datagram.total:
+        if datagram.octets == datagram.total:
             return self._complete(key, datagram)
         while len(self._datagrams) > MAX_DATAGRAMS or self._octets > MAX_FRAGMENT_OCTETS:
             self._drop(next(iter(self._datagrams)))
             self.evicted += 1
         return None
+
+    def _note_conflict(self, datagram: _Datagram) -> None:
+        if not datagram.conflict:
+            datagram.conflict = True
+            self.conflicts += 1
 
     def _insert(self, datagram: _Datagram, offset: i64, octets: bytes) -> None:
         """Put the part of ``octets`` that is new between the pieces already there."""
@@ -200,47 +246,45 @@ class FragmentStore:
         start: i64 = offset
         end: i64 = offset + len(octets)
         index: i64 = 0
-        count: i64 = len(pieces)
-        # Fragments mostly arrive in order: look at the end first, so that a flood of them stays linear.
-        if count:
-            last_at, last_octets = pieces[count - 1]
-            if start >= last_at + len(last_octets):
-                index = count
+        above: i64 = len(pieces)
+        while index < above:  # the first piece that ends behind the start
+            middle: i64 = (index + above) >> 1
+            piece_at, piece = pieces[middle]
+            if piece_at + len(piece) <= start:
+                index = middle + 1
+            else:
+                above = middle
         while start < end:
-            if index == len(pieces):
-                self._place(datagram, index, start, octets[start - offset :])
-                return
-            piece_at, piece = pieces[index]
-            piece_end: i64 = piece_at + len(piece)
-            if piece_end <= start:
-                index += 1
-                continue
-            if piece_at > start:
-                stop: i64 = min(end, piece_at)
-                self._place(datagram, index, start, octets[start - offset : stop - offset])
-                start = stop
-                index += 1
-                continue
-            stop = min(end, piece_end)
-            if piece[start - piece_at : stop - piece_at] != octets[start - offset : stop - offset]:
-                datagram.conflict = True
+            stop: i64 = end
+            if index < len(pieces):
+                piece_at, piece = pieces[index]
+                if piece_at <= start:
+                    stop = min(end, piece_at + len(piece))
+                    if piece[start - piece_at : stop - piece_at] != octets[start - offset : stop - offset]:
+                        self._note_conflict(datagram)
+                    start = stop
+                    index += 1
+                    continue
+                stop = min(end, piece_at)
+            pieces.insert(index, (start, octets[start - offset : stop - offset]))
+            datagram.octets += stop - start
+            self._octets += stop - start + _PIECE_COST
             start = stop
             index += 1
 
-    def _place(self, datagram: _Datagram, index: i64, at: i64, octets: bytes) -> None:
-        datagram.pieces.insert(index, (at, octets))
-        datagram.octets += len(octets)
-        self._octets += len(octets)
-
-    def _complete(self, key: bytes, datagram: _Datagram) -> bytes | None:
-        del self._datagrams[key]
-        self._octets -= datagram.octets
-        self.waiting -= datagram.fragments
-        if datagram.conflict:
-            self.conflicts += 1
-        whole = b"".join([piece for _, piece in datagram.pieces])
+    def _complete(self, key: bytes, datagram: _Datagram) -> bytes:
+        self._forget(key, datagram)
         self.used += datagram.fragments - 1
-        return whole[: datagram.total]
+        whole = b"".join([piece for _, piece in datagram.pieces])
+        if len(key) < _V6_KEY:
+            return whole
+        protocol, at = _skip_extensions(whole, 0, len(whole), key[_V6_KEY - 1])
+        return whole[at:] if protocol == TCP else b""
+
+    def _forget(self, key: bytes, datagram: _Datagram) -> None:
+        del self._datagrams[key]
+        self._octets -= datagram.octets + _PIECE_COST * len(datagram.pieces)
+        self.waiting -= datagram.fragments
 
     def _expire(self, time_ns: i64) -> None:
         """Drop datagrams that waited too long; they stand in order of arrival, so only the oldest need a look."""
@@ -252,9 +296,8 @@ class FragmentStore:
             self.expired += 1
 
     def _drop(self, key: bytes) -> None:
-        datagram = self._datagrams.pop(key)
-        self._octets -= datagram.octets
-        self.waiting -= datagram.fragments
+        datagram = self._datagrams[key]
+        self._forget(key, datagram)
         self.dropped += datagram.fragments
 
 
@@ -277,5 +320,3 @@ def address_text(address: bytes) -> str:
     if best_at < 0:
         return ":".join(texts)
     return ":".join(texts[:best_at]) + "::" + ":".join(texts[best_at + best_size :])
-
-

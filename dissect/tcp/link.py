@@ -35,19 +35,16 @@ def find_ip(buf: bytes, start: i64, end: i64, link_type: i64) -> tuple[i64, i64]
     The offset is `NOT_IP`, `CUT` or `UNSUPPORTED` when there is none. The VLAN key is 0 for an untagged frame (and for a tag
     with VLAN id 0, which is only a priority), and differs for different stacks of VLAN ids.
     """
-    at: i64
     if link_type == ETHERNET:
-        return _after_tags(buf, start + 12, end)
+        return _after_tags(buf, start + 12, start + 14, end)
     if link_type == LINUX_SLL:
-        return _after_tags(buf, start + 14, end)
-    if link_type == LINUX_SLL2:
-        if end - start < 20:
-            return CUT, 0
-        return _by_ethertype(u16(buf, start), start + 20), 0
+        return _after_tags(buf, start + 14, start + 16, end)
+    if link_type == LINUX_SLL2:  # its EtherType stands first
+        return _after_tags(buf, start, start + 20, end)
     if link_type == RAW or link_type == RAW_BSD or link_type == RAW_OPENBSD or link_type == IPV4 or link_type == IPV6:
         return start, 0
     if link_type == NULL or link_type == LOOP:
-        at = start + 4
+        at: i64 = start + 4
         if end - start < 5:
             return CUT, 0
         # The address family is in the byte order of the machine that captured, and IPv6's number differs between
@@ -57,24 +54,23 @@ def find_ip(buf: bytes, start: i64, end: i64, link_type: i64) -> tuple[i64, i64]
     return UNSUPPORTED, 0
 
 
-def _after_tags(buf: bytes, at: i64, end: i64) -> tuple[i64, i64]:
-    """Step over VLAN tags from the EtherType at ``at`` on."""
+def _after_tags(buf: bytes, type_at: i64, at: i64, end: i64) -> tuple[i64, i64]:
+    """Step over VLAN tags: the EtherType stands at ``type_at``, what it announces at ``at``."""
     vlan: i64 = 0
     tags: i64 = 0
     while True:
-        if at + 2 > end:
+        if at > end:
             return CUT, 0
-        ethertype: i64 = u16(buf, at)
-        if ethertype != 0x8100 and ethertype != 0x88A8 and ethertype != 0x9100:
-            return _by_ethertype(ethertype, at + 2), vlan
-        if at + 4 > end or tags == _MAX_TAGS:
-            return CUT if tags < _MAX_TAGS else NOT_IP, 0
-        vid: i64 = u16(buf, at + 2) & 0x0FFF
+        ethertype: i64 = u16(buf, type_at)
+        if ethertype == _ETHERTYPE_IPV4 or ethertype == _ETHERTYPE_IPV6:
+            return at, vlan
+        if (ethertype != 0x8100 and ethertype != 0x88A8 and ethertype != 0x9100) or tags == _MAX_TAGS:
+            return NOT_IP, 0
+        if at + 4 > end:
+            return CUT, 0
+        vid: i64 = u16(buf, at) & 0x0FFF
         if vid != 0:
             vlan = vlan * 4096 + vid
         tags += 1
+        type_at = at + 2
         at += 4
-
-
-def _by_ethertype(ethertype: i64, at: i64) -> i64:
-    return at if ethertype == _ETHERTYPE_IPV4 or ethertype == _ETHERTYPE_IPV6 else NOT_IP

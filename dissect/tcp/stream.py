@@ -29,7 +29,7 @@ HOLE_TIMEOUT_NS: Final = 1_000_000_000
 #: After the far end acknowledged a missing octet: segments of the connection, or time, that it may still turn up in.
 ACK_GRACE_SEGMENTS: Final = 8
 ACK_GRACE_NS: Final = 50_000_000
-#: A segment further ahead than this is believed only when the far end acknowledges it or others follow it.
+#: A segment further ahead than this is believed only when the far end acknowledges it or another follows it closely.
 FAR_AHEAD: Final = 1024 * 1024
 
 #: What became of a segment's octets (`HalfStream.accept`).
@@ -134,10 +134,10 @@ class HalfStream:
             ahead -= MASK + 1
         at: i64 = self.position + ahead
         if at + size <= self.position:
-            if at + size <= 0:
-                return BEFORE_START
             if size == 1 and ahead == -1:
                 return KEEP_ALIVE  # its octet is arbitrary (RFC 1122 4.2.3.6), so it is not compared
+            if at + size <= 0:
+                return BEFORE_START
             self._compare_passed(at, octets)
             return OLD
         if at < self.position:
@@ -149,7 +149,7 @@ class HalfStream:
             return NEW
         new: bool = self._hold(at, octets, frame, time_ns)
         self._drain(frame, time_ns)
-        if self.held is not None and (len(self.held) >= MAX_HELD or self.held_octets > MAX_HELD_OCTETS):
+        while self.held is not None and (len(self.held) >= MAX_HELD or self.held_octets > MAX_HELD_OCTETS):
             self.give_up(frame, time_ns)
         return NEW if new else OLD
 
@@ -190,7 +190,9 @@ class HalfStream:
     def time_bound(self) -> bool:
         """True while something is held that the passing of time alone may release."""
         held = self.held
-        return held is not None and (held[0].at - self.position <= FAR_AHEAD or len(held) > 1)
+        if held is None:
+            return False
+        return held[0].at - self.position <= FAR_AHEAD or (len(held) > 1 and held[1].at - held[0].at <= FAR_AHEAD)
 
     def give_up(self, frame: i64, time_ns: i64) -> None:
         """Declare the first hole and pass on what waited behind it."""
@@ -199,7 +201,7 @@ class HalfStream:
             return
         hole: i64 = held[0].at - self.position
         if hole > 0:
-            self.skip(hole, frame, time_ns)
+            self.skip(hole, held[0].frame, held[0].time_ns)  # told at the packet that shows it
         self._drain(-1, 0)
 
     def skip(self, hole: i64, frame: i64, time_ns: i64) -> None:

@@ -3,7 +3,9 @@
 One table of open requests per connection and asking side, because either end asks and their references are independent and
 may collide. The key is (ROSCTR, PDU reference); a reference is opaque, zero is valid, it wraps and is used again at once. So
 an answered request leaves the table, and a request that finds its reference still open replaces the old one, which stays
-unanswered, unless both are the same octets: then both wait and are answered in turn.
+unanswered. Only when both are the same octets and one came shortly after the other do both wait and are answered in turn; a
+client that asks the same again after a second has given the first one up, and if both waited, every later answer of a
+client that never changes its reference would meet the request before its own.
 
 An answer that finds no request is held for a moment, because captures show packets out of order. A request that turns up
 later takes it only when the answer acknowledged the request's octets (TCP ACK), so that it cannot take an older answer.
@@ -22,13 +24,19 @@ if TYPE_CHECKING:
 
 #: Requests open at once per connection and side; the granted AmQ is 8 or less in practice.
 MAX_OPEN: Final = 4096
+#: Requests open at once on all connections; when there are more, each side keeps only its latest `FEW_OPEN`.
+MAX_OPEN_ALL: Final = 65536
+FEW_OPEN: Final = 16
 #: Orphan answers held per connection and side, and for how long.
 MAX_ORPHANS: Final = 64
 ORPHAN_HOLD_NS: Final = 1_000_000_000
 ORPHAN_HOLD_FRAMES: Final = 50
 
-#: Identical requests that may wait under one reference.
+#: Identical requests that may wait under one reference, and how long after the one before them they may come.
 MAX_REPEATS: Final = 8
+REPEAT_NS: Final = 1_000_000_000
+#: Clients wait two seconds at least before they give a request up (reference 5.6).
+GIVEN_UP_NS: Final = 2_000_000_000
 
 #: Added to the reference of a userdata request: ROSCTR is part of the key.
 USERDATA_KEY: Final = 0x10000
@@ -56,25 +64,31 @@ class OpenRequests:
         self.count: i64 = 0  # identical requests share a key, so this may be more than len(table)
         self.orphans: list[Orphan] | None = None
 
-    def add(self, key: i64, transaction: Transaction) -> Transaction | None:
-        """Open a request; return the one it replaces (and by ``earlier`` those before it), which stay unanswered."""
+    def add(self, key: i64, transaction: Transaction, lost: bool) -> Transaction | None:
+        """Open a request; return the one it replaces (and by ``earlier`` those before it), which stay unanswered.
+
+        ``lost``: the answer of whatever waits under ``key`` may be in a hole, so it is not waited for any longer.
+        """
         old = self.table.get(key)
         self.count += 1
         if old is not None:
             depth = self._depth(old)
-            if depth < MAX_REPEATS and old.request_octets == transaction.request_octets:
+            if (
+                not lost
+                and depth < MAX_REPEATS
+                and transaction.request_ns - old.request_ns <= REPEAT_NS
+                and old.request_octets == transaction.request_octets
+            ):
                 transaction.earlier = old
                 old = None
             else:
                 self.count -= depth
+                del self.table[key]  # so that the new one goes to the end: the table stays in the order of asking
         self.table[key] = transaction
         return old
 
-    def take(self, key: i64) -> Transaction | None:
-        """Return the oldest open request of ``key`` and close it, None when there is none."""
-        found = self.table.get(key)
-        if found is None:
-            return None
+    def take(self, key: i64, found: Transaction) -> Transaction:
+        """Close the oldest open request of ``key`` and return it; ``found`` is what `table` holds there."""
         self.count -= 1
         if found.earlier is None:
             del self.table[key]
@@ -88,27 +102,37 @@ class OpenRequests:
         return oldest
 
     def oldest(self) -> Transaction | None:
-        """Remove and return the entry that is open longest (the table is full), None when nothing is open."""
-        for key in self.table:
-            return self.take(key)
+        """Remove and return the request that is open longest (the table is full), None when nothing is open."""
+        for key, found in self.table.items():
+            return self.take(key, found)
         return None
 
     def drain(self) -> list[Transaction]:
         """Remove and return every open request, oldest first."""
         found: list[Transaction] = []
         for entry in self.table.values():
-            chain: list[Transaction] = []
             link: Transaction | None = entry
             while link is not None:
-                chain.append(link)
+                found.append(link)
                 link = link.earlier
-            chain.reverse()
-            found.extend(chain)
         for transaction in found:
             transaction.earlier = None
+        found.sort(key=_number)
         self.table = {}
         self.count = 0
         return found
+
+    def open_since(self, time_ns: i64, enough: i64) -> i64:
+        """Return how many requests were asked at ``time_ns`` or later and are still open; stops counting at ``enough``."""
+        count: i64 = 0
+        for transaction in reversed(self.table.values()):
+            link: Transaction | None = transaction
+            while link is not None and link.request_ns >= time_ns:
+                count += 1
+                link = link.earlier
+            if transaction.request_ns < time_ns or count >= enough:
+                break
+        return count
 
     def _depth(self, transaction: Transaction) -> i64:
         size: i64 = 1
@@ -129,18 +153,22 @@ class OpenRequests:
             return orphans.pop(0).transaction
         return None
 
-    def match_orphan(self, key: i64, end_seq: i64) -> Transaction | None:
-        """Return the held answer that fits a request ending at sequence number ``end_seq``, and release it."""
+    def find_orphan(self, key: i64, end_seq: i64) -> Orphan | None:
+        """Return the held answer that fits a request ending at sequence number ``end_seq``, None when there is none."""
         orphans = self.orphans
-        if orphans is None:
-            return None
-        for index, orphan in enumerate(orphans):
-            if orphan.key == key and orphan.ack >= 0 and ((orphan.ack - end_seq) & MASK) < HALF_SPACE:
-                del orphans[index]
-                if not orphans:
-                    self.orphans = None
-                return orphan.transaction
+        if orphans is not None:
+            for orphan in orphans:
+                if orphan.key == key and orphan.ack >= 0 and ((orphan.ack - end_seq) & MASK) < HALF_SPACE:
+                    return orphan
         return None
+
+    def release_orphan(self, orphan: Orphan) -> None:
+        """Stop holding an answer: its request turned up."""
+        orphans = self.orphans
+        if orphans is not None:
+            orphans.remove(orphan)
+            if not orphans:
+                self.orphans = None
 
     def expired_orphans(self, time_ns: i64, packet: i64) -> list[Transaction]:
         """Remove and return the held answers whose time is over."""
@@ -156,3 +184,7 @@ class OpenRequests:
         if not orphans:
             self.orphans = None
         return gone
+
+
+def _number(transaction: Transaction) -> int:
+    return transaction.number

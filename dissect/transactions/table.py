@@ -69,6 +69,11 @@ class Side:
         self.waiting: bool = False  # in the pipeline's list of sides to look at when time passes
         self.garbage: bool = False  # inside a stretch that was already told
 
+    @property
+    def captured(self) -> bool:
+        """True when any packet of this side was captured."""
+        return self.last_ack >= 0 or self.stream.start_seq >= 0
+
 
 class _Syn:
     __slots__ = ("frame", "seq", "time_ns")
@@ -115,8 +120,9 @@ class ConnectionTable:
 
     def note_syn(self, key: bytes, seq: i64, frame: i64, time_ns: i64) -> None:
         """Remember a connection attempt until the other side answers or data follows."""
-        if key in self._half_open:
-            return
+        known = self._half_open.get(key)
+        if known is not None and known.seq == seq:
+            return  # sent again; another number is another attempt, and that is the one an answer counts from
         self._half_open[key] = _Syn(seq, frame, time_ns)
         if len(self._half_open) > MAX_HALF_OPEN:
             del self._half_open[next(iter(self._half_open))]
@@ -126,9 +132,9 @@ class ConnectionTable:
         """Make a connection for a packet with ``key``; return the side that sent it."""
         reverse = reverse_key(key)
         mine = self._half_open.pop(key, None)
-        theirs = self._half_open.pop(reverse, None) if mine is None else None
-        first = reverse if theirs is not None else key
+        theirs = self._half_open.pop(reverse, None)
         syn = mine if mine is not None else theirs
+        first = reverse if mine is None and theirs is not None else key
         a, b = endpoints(first)
         tcp = TcpConnection(a, b, vlan, syn.frame if syn is not None else frame, syn.time_ns if syn is not None else time_ns)
         if syn is not None:
@@ -142,7 +148,7 @@ class ConnectionTable:
         side1.peer = side0
         self.sides[side0.key] = side0
         self.sides[side1.key] = side1
-        return side1 if theirs is not None else side0
+        return side0 if first == key else side1
 
     def remove(self, side: Side) -> None:
         """Forget a connection, unless another one took its place already."""

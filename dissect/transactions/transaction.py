@@ -82,10 +82,10 @@ class ItemResult:
 
     @property
     def decodable(self) -> bool:
-        """True when there are octets of the size the item asked for (any size where that is not known)."""
+        """True when there are octets of the size the item asked for (see `Item.fits`)."""
         item = self.item
         data = self.data
-        return item is not None and data is not None and (item.size < 0 or item.size == len(data))
+        return item is not None and data is not None and item.fits(len(data))
 
     @property
     def value(self) -> Value:
@@ -186,6 +186,11 @@ class Transaction:
         return self.response_ns - self.request_ns if self.outcome == ANSWERED else None
 
     @property
+    def failed(self) -> bool:
+        """True when the answer says no to anything, or never came."""
+        return self.has_errors or self.outcome == UNANSWERED
+
+    @property
     def request_octets(self) -> bytes:
         """The request's S7 PDU, empty when there is none."""
         return self.request_buf[self.request_offset : self.request_offset + self.request_size]
@@ -256,7 +261,7 @@ class Transaction:
     def answered_items(self) -> list[DataItem]:
         """Return the data items of a read answer; their offsets are within the buffer."""
         answer = self.response_parameters
-        if answer is None or answer.item_count <= 0 or self.response_rosctr != ACK_DATA:
+        if answer is None or answer.item_count <= 0 or answer.function != READ_VAR or self.response_rosctr != ACK_DATA:
             return []
         at: i64 = self.response_offset + ACK_HEADER_SIZE + len(answer.octets)
         end: i64 = self.response_offset + self.response_size
@@ -266,15 +271,16 @@ class Transaction:
 
     def written_items(self) -> list[DataItem]:
         """Return the data items of a write request; their offsets are within the buffer."""
-        if self.parameters.item_count <= 0 or not self.request_size:
+        asked = self.parameters
+        if asked.item_count <= 0 or asked.function != WRITE_VAR or self.rosctr != JOB or not self.request_size:
             return []
-        at: i64 = self.request_offset + HEADER_SIZE + len(self.parameters.octets)
+        at: i64 = self.request_offset + HEADER_SIZE + len(asked.octets)
         end: i64 = self.request_offset + self.request_size
-        return parse_data_items(self.request_buf, at, end, self.parameters.item_count, False, [])
+        return parse_data_items(self.request_buf, at, end, asked.item_count, False, [])
 
     def _write_codes(self) -> list[int]:
         answer = self.response_parameters
-        if answer is None or self.response_rosctr != ACK_DATA:
+        if answer is None or answer.function != WRITE_VAR or self.response_rosctr != ACK_DATA:
             return []
         at: i64 = self.response_offset + ACK_HEADER_SIZE + len(answer.octets)
         return list(self.response_buf[at : self.response_offset + self.response_size])

@@ -28,8 +28,8 @@ class Clock:
     __slots__ = ("_second", "_text")
 
     def __init__(self) -> None:
-        self._second: i64 = -1
-        self._text: str = ""
+        self._second: i64 = 0
+        self._text: str = "1970-01-01T00:00:00."
 
     def iso(self, time_ns: i64) -> str:
         """Return ISO 8601 in UTC with nanoseconds, for example ``2016-02-08T14:51:37.916123000Z``."""
