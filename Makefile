@@ -5,7 +5,7 @@
 # PYTHONPATH set to this folder the same tests run on the sources, interpreted. tests/conftest.py refuses a stale wheel.
 
 VENV ?= .venv
-DEMO ?= captures/item-errors.pcapng
+DEMO ?= captures/nodes7-poll-missing.pcapng
 # Processes that run tests side by side.
 JOBS ?= auto
 
@@ -13,12 +13,12 @@ BIN := $(VENV)/bin
 PYTEST := $(BIN)/pytest
 # The tests of the engine itself, which run on both builds.
 ENGINE := $(wildcard tests/wire tests/source tests/tcp tests/iso tests/s7 tests/transactions tests/findings \
-	tests/test_conversation.py tests/test_pipeline.py tests/test_session.py tests/report tests/property)
+	tests/test_conversation.py tests/test_pipeline.py tests/test_session.py tests/report tests/properties)
 
 export PYTHONSAFEPATH := 1
 export VENV
 
-.PHONY: demo test lint types test-installed test-interpreted environment test-environment format coverage clean
+.PHONY: demo test lint types test-installed test-interpreted environment test-environment format coverage record clean
 .NOTPARALLEL:
 
 demo: environment
@@ -61,6 +61,10 @@ format: test-environment
 # Only interpreted code can be traced.
 coverage: test-environment
 	PYTHONPATH=$(CURDIR) $(PYTEST) -n $(JOBS) --dist loadfile -m "not measured" --cov --cov-report=term $(ENGINE)
+
+# Record captures/ anew with real peers; needs root, node and npm.
+record:
+	env -u PYTHONSAFEPATH python3 captures/record/record.py $(NAMES)
 
 clean:
 	rm -rf $(VENV) build *.egg-info .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -17,13 +17,35 @@ __version__: Final = "0.1.0"
 
 #: Each public name and the module that defines it. The imports below say the same to a type checker.
 _PUBLIC: Final = {
+    "CaptureError": "dissect.source.packet",
+    "Connection": "dissect.transactions.connection",
+    "Finding": "dissect.findings.finding",
+    "Observer": "dissect.conversation",
+    "Options": "dissect.conversation",
+    "Analysis": "dissect.report.analysis",
+    "Pdu": "dissect.s7.message",
+    "Pipeline": "dissect.pipeline",
+    "Run": "dissect.session",
+    "Transaction": "dissect.transactions.transaction",
+    "TransactionError": "dissect.transactions.transaction",
     "analyze": "dissect.session",
     "open": "dissect.session",
 }
 
 if TYPE_CHECKING:
+    from dissect.conversation import Observer as Observer
+    from dissect.conversation import Options as Options
+    from dissect.findings.finding import Finding as Finding
+    from dissect.pipeline import Pipeline as Pipeline
+    from dissect.report.analysis import Analysis as Analysis
+    from dissect.s7.message import Pdu as Pdu
+    from dissect.session import Run as Run
     from dissect.session import analyze as analyze
     from dissect.session import open as open
+    from dissect.source.packet import CaptureError as CaptureError
+    from dissect.transactions.connection import Connection as Connection
+    from dissect.transactions.transaction import Transaction as Transaction
+    from dissect.transactions.transaction import TransactionError as TransactionError
 else:
 
     def __getattr__(name: str) -> object:

@@ -1,0 +1,57 @@
+"""The documents tell the truth: snippets run, printed output is real output, the catalogue's page is the catalogue."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+SNIPPETS = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+
+
+def run(*arguments: str) -> str:
+    done = subprocess.run([sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_readme_has_snippets() -> None:
+    assert len(SNIPPETS) == 3
+
+
+@pytest.mark.parametrize("snippet", SNIPPETS)
+def test_a_snippet_runs_and_prints(snippet: str) -> None:
+    assert run("-c", snippet).strip()
+
+
+def test_the_output_in_the_readme_is_real() -> None:
+    block = re.search(r"```\n\$ s7dissect (analyze .*?)\n(.*?)```", README, re.DOTALL)
+    assert block is not None
+    printed = [line for line in block[2].splitlines() if line.strip() != "…"]
+    real = run("-m", "dissect", *block[1].split()).splitlines()
+    assert printed == real[: len(printed)]
+
+
+def test_every_command_and_option_in_the_recipes_exists() -> None:
+    recipes = re.findall(r"`s7dissect (\w+) ([^`]*)`", README)
+    assert len(recipes) >= 8
+    help_texts = {name: run("-m", "dissect", name, "--help") for name in {name for name, _ in recipes}}
+    for name, arguments in recipes:
+        for option in re.findall(r"(?<!\S)(--?[A-Za-z][\w-]*)", arguments):
+            assert option in help_texts[name], f"s7dissect {name} has no {option}"
+
+
+def test_links_lead_somewhere() -> None:
+    for document in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
+        for target in re.findall(r"\]\(([^)#]+)\)", document.read_text(encoding="utf-8")):
+            if "://" not in target:
+                assert (document.parent / target).exists(), f"{document.name}: {target}"
+
+
+def test_the_page_of_findings_is_the_catalogue() -> None:
+    assert run("scripts/findings_doc.py") == (ROOT / "docs" / "findings.md").read_text(encoding="utf-8")
