@@ -19,15 +19,14 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.conversation import Conversation, Observer, Options
-from dissect.findings.judge import Judge
-from dissect.source.packet import PacketSink
-from dissect.tcp import ip, link, stream
+from dissect.findings.books import Books
+from dissect.iso.recognition import is_connect_request
+from dissect.tcp import stream
 from dissect.tcp.connection import ACK, FIN, RST, SYN
 from dissect.transactions import accounts
-from dissect.transactions.accounts import CATEGORIES, OctetAccount
 from dissect.transactions.connection import FOREIGN, ISO, PROBING
 from dissect.transactions.dialogue import Dialogue
-from dissect.transactions.table import ConnectionTable, Side
+from dissect.transactions.table import MAX_CONNECTIONS, Side
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
 from dissect.wire.build import COMPILED
 from dissect.wire.octets import u16, u32
@@ -40,26 +39,23 @@ _FUSED_SIZE: Final = 54
 
 #: How often (capture time) what waits is looked at.
 _TICK_NS: Final = 50_000_000
+#: Steps back of the clock up to this are what two capture queues do.
+_DISORDER_NS: Final = 1_000_000
+#: Sides that wait are sought out of those whose connection is over when the list has grown to this.
+_MANY_WAITING: Final = 4 * MAX_CONNECTIONS
+#: After a reset a segment this far ahead may have been captured out of order; anything else comes too late.
+_AFTER_RESET: Final = 65536
 _FAR_FUTURE: Final = 0x7FFFFFFFFFFFFFFF
 
 
-class Pipeline(PacketSink):
+class Pipeline(Books):
     """Packets in, transactions and findings out. See the module for the way through."""
 
     def __init__(self, observer: Observer, options: Options | None = None) -> None:
         options = options if options is not None else Options()
-        self.observer: Observer = observer
         self.conversation: Conversation = Conversation(observer, options)
-        self._judge: Judge = self.conversation.judge
+        super().__init__(observer, self.conversation.judge)
         self._dialogue: Dialogue = self.conversation.dialogue
-        self.table: ConnectionTable = ConnectionTable()
-        self.fragments: ip.FragmentStore = ip.FragmentStore()
-        self.octets: OctetAccount = OctetAccount()
-        self.frames: i64 = 0
-        self.cut_frames: i64 = 0
-        self.first_ns: i64 = 0
-        self.now_ns: i64 = 0
-        self._packets: list[int] = [0] * len(CATEGORIES)
         self._strict: bool = options.strict
         self._waiting: list[Side] = []  # sides with held segments or held answers
         self._deadline_ns: i64 = _FAR_FUTURE
@@ -70,25 +66,22 @@ class Pipeline(PacketSink):
         """Take one packet (see `PacketSink.frame`)."""
         self.frames += 1
         if time_ns < self.now_ns:
-            if self.now_ns - time_ns > 1_000_000:  # a millisecond of disorder is what two capture queues do
-                self._judge.note("capture.time_backwards", 0, [self.frames], time_ns, f"by {int(self.now_ns - time_ns) / 1e9:.6f} s")
+            self._step_back(time_ns)
         elif self.frames == 1:
             self.first_ns = time_ns
         self.now_ns = time_ns
         if time_ns >= self._deadline_ns:
             self._tick()
         if wire_length > end - start:
-            self.cut_frames += 1
-            self._judge.note("capture.cut_frames", 0, [self.frames], time_ns, f"{end - start} of {wire_length} octets kept")
+            self._note_cut(end - start, wire_length)
         category: i64
-        if self._strict:
+        try:
             category = self._packet(buf, start, end, link_type)
-        else:
-            try:
-                category = self._packet(buf, start, end, link_type)
-            except Exception as bug:
-                category = accounts.FAILED
-                self._judge.note("internal.bug", 0, [self.frames], time_ns, f"{type(bug).__name__}: {bug}")
+        except Exception as bug:
+            if self._strict:
+                raise
+            category = accounts.FAILED
+            self.conversation.note_bug(bug, self.frames, time_ns)
         self._packets[category] += 1
         if self._dialogue.holding:
             for side in self._dialogue.holding:
@@ -97,9 +90,12 @@ class Pipeline(PacketSink):
         if self._judge.fresh:
             self.conversation.tell_findings()
 
-    def comment(self, text: str) -> None:
-        """Take a comment the capture holds about the packet that comes next."""
-        self.observer.comment(self.frames + 1, text)
+    def _step_back(self, time_ns: i64) -> None:
+        """The clock of the capture runs backwards: what waits must not wait until it has caught up."""
+        if self.now_ns - time_ns > _DISORDER_NS:
+            self._note("capture.time_backwards", f"by {int(self.now_ns - time_ns) / 1e9:.6f} s")
+        if self._deadline_ns != _FAR_FUTURE:
+            self._deadline_ns = min(self._deadline_ns, time_ns + _TICK_NS)
 
     def _packet(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
         if link_type != 1 or end - start < _FUSED_SIZE:
@@ -137,66 +133,27 @@ class Pipeline(PacketSink):
 
     def _slow_frame(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
         """Any link, any IP: find the TCP segment, or say why there is none."""
-        at, vlan = link.find_ip(buf, start, end, link_type)
-        if at < 0:
-            if at == link.CUT:
-                return accounts.CUT
-            return accounts.LINK_TYPE if at == link.UNSUPPORTED else accounts.NOT_IP
-        packet = ip.parse_ip(buf, at, end)
-        if packet.problem:
-            return accounts.CUT if packet.problem == "cut" else accounts.BAD_HEADER
-        tag = int(vlan).to_bytes(8, "big") if vlan else b""
-        if not packet.fragment_key:
-            if packet.protocol != ip.TCP:
-                return accounts.NOT_TCP
-            return self._tcp(packet.addresses, tag, vlan, buf, packet.start, packet.end, packet.missing)
-        if packet.protocol != ip.TCP and not packet.fragment_offset:
-            return accounts.NOT_TCP
-        if packet.missing:
-            return accounts.CUT  # a datagram with a cut piece can never be whole
-        whole = self.fragments.add(
-            packet.fragment_key + tag, packet.fragment_offset, packet.more, buf[packet.start : packet.end], self.now_ns
-        )
-        if whole is not None:
-            if packet.protocol != ip.TCP and packet.fragment_offset == 0:
-                return accounts.NOT_TCP
-            return self._tcp(packet.addresses, tag, vlan, whole, 0, len(whole), 0)
-        return accounts.FRAGMENT_WAITING
-
-    def _tcp(self, addresses: bytes, tag: bytes, vlan: i64, buf: bytes, at: i64, end: i64, missing: i64) -> i64:
-        if end - at < 20:
-            return accounts.CUT if missing else accounts.BAD_HEADER
-        word: i64 = u16(buf, at + 12)
-        header: i64 = (word >> 12) << 2
-        if header < 20:
-            return accounts.BAD_HEADER
-        if at + header > end:
-            return accounts.CUT if missing else accounts.BAD_HEADER
-        key = b"%b%b%b" % (addresses, buf[at : at + 4], tag)
-        seq: i64 = u32(buf, at + 4)
-        ack: i64 = u32(buf, at + 8)
-        side = self.table.sides.get(key)
-        octets = buf[at + header : end]
-        if side is None or word & 7:
-            return self._lifecycle(side, key, vlan, seq, ack, word & 0x3F, octets, missing)
-        return self._segment(side, seq, ack, word, octets, missing)
+        found = self._find_segment(buf, start, end, link_type)
+        if found.problem:
+            return accounts.CATEGORIES.index(found.problem)
+        side = self.table.sides.get(found.key)
+        if side is None or found.word & 7:
+            flags: i64 = found.word & 0x3F
+            return self._lifecycle(
+                side, found.key, found.vlan, found.seq, found.ack, flags, found.octets, found.missing
+            )
+        return self._segment(side, found.seq, found.ack, found.word, found.octets, found.missing)
 
     def _lifecycle(
         self, side: Side | None, key: bytes, vlan: i64, seq: i64, ack: i64, flags: i64, octets: bytes, missing: i64
     ) -> i64:
         """The first packet of a connection, and packets with SYN, FIN or RST."""
         if flags & SYN and side is not None and side.tcp.is_new_connection(side.index, seq):
-            if not side.tcp.ended:
-                side.tcp.ended = "reused"
-                side.tcp.ended_frame = self.frames
-                side.tcp.ended_ns = self.now_ns
-                if side.connection.state == ISO:
-                    self._judge.note("stream.reused", side.connection.number, [self.frames], self.now_ns)
-            self._finish(side, CONNECTION_CLOSED)
+            self._give_way(side)
             side = None
         if side is None:
             if flags & SYN and not flags & ACK and not octets:
-                self.table.note_syn(key, seq, self.frames, self.now_ns)
+                self._note_syn(key, seq)
                 return accounts.NO_PAYLOAD
             if not (octets or missing or flags & SYN):
                 return accounts.NO_PAYLOAD  # only octets, or a handshake, make a connection worth remembering
@@ -209,26 +166,43 @@ class Pipeline(PacketSink):
             if side.stream.next_seq < 0:
                 side.stream.start(seq)
         category = self._segment(side, seq, ack, flags, octets, missing)
+        was_closed = side.tcp.closed
         if flags & RST:
             if not side.tcp.note_reset(side.index, seq, self.frames, self.now_ns):
                 if side.connection.state == ISO:
-                    self._judge.note("stream.reset_ignored", side.connection.number, [self.frames], self.now_ns)
+                    self._note("stream.reset_ignored", "", side.connection.number)
                 return accounts.RESET_IGNORED
-            self.table.linger(side)
         elif flags & FIN:
-            was_closed = side.tcp.closed
             side.tcp.note_fin(side.index, self.frames, self.now_ns)
-            if side.tcp.closed and not was_closed:
-                self.table.linger(side)
+        if side.tcp.closed and not was_closed:
+            self.table.linger(side)
+            self._forget_closed()  # not only when time passes: in some captures it stands still
         if self._deadline_ns == _FAR_FUTURE:
             self._deadline_ns = self.now_ns + _TICK_NS
         return category
+
+    def _give_way(self, side: Side) -> None:
+        """The addresses of a connection are taken by another one, so it is over."""
+        if not side.tcp.ended:
+            side.tcp.ended = "reused"
+            side.tcp.ended_frame = self.frames
+            side.tcp.ended_ns = self.now_ns
+            if side.connection.state == ISO:
+                self._note("stream.reused", "", side.connection.number)
+        self._finish(side, CONNECTION_CLOSED)
+
+    def _reopen(self, side: Side, seq: i64, octets: bytes, missing: i64) -> i64:
+        """A connect request far from where the stream is: another connection, of which no SYN was captured."""
+        ack: i64 = side.last_ack
+        self._give_way(side)
+        fresh = self._open(side.key, side.tcp.vlan)
+        return self._segment(fresh, seq, ack, ACK if ack >= 0 else 0, octets, missing)
 
     def _open(self, key: bytes, vlan: i64) -> Side:
         for idle in self.table.overflow():
             idle.tcp.ended = idle.tcp.ended or "evicted"
             if idle.connection.state == ISO:
-                self._judge.note("stream.evicted", idle.connection.number, [self.frames], self.now_ns)
+                self._note("stream.evicted", "", idle.connection.number)
             self._finish(idle, CONNECTION_EVICTED)
         return self.table.open(key, vlan, self.frames, self.now_ns)
 
@@ -261,8 +235,13 @@ class Pipeline(PacketSink):
         half = side.stream
         if connection.state == FOREIGN:
             return accounts.OTHER_PROTOCOL
-        if side.tcp.fin_seen[side.index] and side.tcp.ended == "reset":
-            return accounts.AFTER_CLOSE
+        if half.next_seq >= 0:
+            ahead: i64 = (seq - half.next_seq) & stream.MASK
+            if side.tcp.ended == "reset" and half.held is None and ahead > _AFTER_RESET:
+                return accounts.AFTER_CLOSE
+            if stream.FAR_AHEAD < ahead < stream.MASK - stream.FAR_AHEAD and connection.established:
+                if is_connect_request(octets):
+                    return self._reopen(side, seq, octets, missing)
         what: i64 = stream.NEW
         conflicts: i64 = half.conflicts
         if octets:
@@ -270,7 +249,7 @@ class Pipeline(PacketSink):
         elif half.next_seq < 0:
             half.start(seq)
         if half.conflicts > conflicts:
-            self._judge.note("stream.conflict", connection.number, [self.frames], self.now_ns, f"{len(octets)} octets at {seq}")
+            self._note("stream.conflict", f"{len(octets)} octets at {seq}", connection.number)
         if missing and half.held is None and half.next_seq == (seq + len(octets)) & stream.MASK:
             self._chunks(side)
             half.skip(missing, self.frames, self.now_ns)
@@ -279,8 +258,8 @@ class Pipeline(PacketSink):
             self._chunks(side)
         if half.held is not None:
             self._wait(side)
-        if connection.state == FOREIGN:
-            return accounts.OTHER_PROTOCOL
+        if connection.state == FOREIGN or (connection.state == PROBING and half.held is None):
+            return accounts.OTHER_PROTOCOL  # told by now, or still to be told: nothing of it was used
         if what == stream.NEW:
             return accounts.PAYLOAD
         if what == stream.OLD:
@@ -308,11 +287,14 @@ class Pipeline(PacketSink):
         for chunk in ready:
             side.end_seq = chunk.end_seq
             if chunk.hole:
-                self.octets.holes += 1
-                self.octets.missing += chunk.hole
+                if side.connection.state == ISO:
+                    self.octets.holes += 1
+                    self.octets.missing += chunk.hole
                 self.conversation.hole(side, chunk.hole, cut, chunk.frame, chunk.time_ns)
             elif side.connection.state == PROBING:
                 self.conversation.probe(side, chunk.octets, chunk.frame, chunk.time_ns)
+            elif side.connection.state == FOREIGN:
+                side.framer.skipped += len(chunk.octets)
             else:
                 self.conversation.octets(side, chunk.octets, chunk.frame, chunk.time_ns)
 
@@ -323,6 +305,8 @@ class Pipeline(PacketSink):
         if not side.waiting:
             side.waiting = True
             self._waiting.append(side)
+            if len(self._waiting) > _MANY_WAITING:
+                self._waiting = [one for one in self._waiting if one.waiting]
         if self._deadline_ns == _FAR_FUTURE:
             self._deadline_ns = self.now_ns + _TICK_NS
 
@@ -333,24 +317,32 @@ class Pipeline(PacketSink):
 
     def _tick(self) -> None:
         """Time has passed: give up what waited too long, forget connections that are over."""
-        waiting = self._waiting
-        self._waiting = []
+        self._deadline_ns = self.now_ns + _TICK_NS
+        try:
+            self._give_up_waiting()
+            self._forget_closed()
+        except Exception as bug:
+            if self._strict:
+                raise
+            self.conversation.note_bug(bug, self.frames, self.now_ns)
+        self._waiting = [side for side in self._waiting if side.waiting]
+        if not self._waiting and not self.table.lingering:
+            self._deadline_ns = _FAR_FUTURE
+
+    def _give_up_waiting(self) -> None:
+        waiting = list(self._waiting)
         for side in waiting:
             side.stream.expire(self.frames, self.now_ns)
             if side.stream.ready:
                 self._chunks(side)
         for side in waiting:  # only then the answers: the request one of them waits for may just have come out
             self._expire_answers(side)
-            side.waiting = side.stream.time_bound or self._has_orphans(side)
-            if side.waiting:
-                self._waiting.append(side)
+            asked = side.connection.open_requests[1 - side.index]
+            side.waiting = side.stream.time_bound or asked.orphans is not None
+
+    def _forget_closed(self) -> None:
         for side in self.table.closed(self.now_ns):
             self._finish(side, CONNECTION_CLOSED)
-        busy = bool(self._waiting) or self.table.lingering
-        self._deadline_ns = self.now_ns + _TICK_NS if busy else _FAR_FUTURE
-
-    def _has_orphans(self, side: Side) -> bool:
-        return side.connection.open_requests[1 - side.index].orphans is not None
 
     # ---- the end ----------------------------------------------------------------------------------------------------
 
@@ -360,21 +352,34 @@ class Pipeline(PacketSink):
         assert peer is not None
         if self.table.sides.get(side.key) is not side and self.table.sides.get(peer.key) is not peer:
             return  # finished before, when another connection took its addresses
+        try:
+            self._end(side, peer, reason)
+        except Exception as bug:
+            if self._strict:
+                raise
+            self.conversation.note_bug(bug, self.frames, self.now_ns)
+        # What never was ISO-on-TCP, nor ought to have been, is not our loss.
+        if side.connection.number or self.conversation.on_102(side):
+            for end in (side, peer):
+                if not self._strict:  # what a bug of ours left undone
+                    framer = end.framer
+                    framer.skipped += end.stream.octets - framer.framed - framer.skipped - framer.buffered
+                self._add_up(end)
+        self.table.remove(side)
+
+    def _end(self, side: Side, peer: Side, reason: str) -> None:
         for end in (side, peer):
             end.stream.finish(self.frames, self.now_ns)
             if end.stream.ready:
                 self._chunks(end)
             end.waiting = False
-        if side.connection.state == ISO:
+        connection = side.connection
+        if connection.number:
             if side.tcp.ended and reason == CAPTURE_ENDED:
                 reason = CONNECTION_CLOSED
             self.conversation.end(side, reason, self.frames, self.now_ns)
-        for end in (side, peer):
-            self.octets.delivered += end.stream.octets
-            self.octets.framed += end.framer.framed
-            self.octets.skipped += end.framer.skipped
-            self.octets.buffered += end.framer.buffered
-        self.table.remove(side)
+        elif connection.state == PROBING and connection.probed:
+            self.conversation.end_unrecognised(side, self.frames, self.now_ns)
 
     def finish(self) -> None:
         """The capture ends: every connection still open is closed, everything held is told."""
@@ -385,20 +390,3 @@ class Pipeline(PacketSink):
         self._waiting = []
         self._deadline_ns = _FAR_FUTURE
         self.conversation.tell_findings()
-
-    def restart_clock(self, time_ns: i64) -> None:
-        """Another capture begins, at any time; it may well be older than the one before."""
-        self.now_ns = time_ns
-
-    def note_damage(self, detail: str) -> None:
-        """The source found its capture damaged."""
-        self._judge.note("capture.damaged", 0, [self.frames] if self.frames else [], self.now_ns, detail)
-
-    def packet_counts(self) -> dict[str, int]:
-        """Return what became of every packet, by category; the numbers add up to ``frames``."""
-        counts = dict(zip(CATEGORIES, self._packets, strict=True))
-        # A fragment's fate is known later than its packet: the store keeps the books.
-        counts["fragment_waiting"] = self.fragments.waiting
-        counts["fragment_used"] = self.fragments.used
-        counts["fragment_dropped"] = self.fragments.dropped
-        return counts

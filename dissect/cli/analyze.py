@@ -4,17 +4,30 @@ from __future__ import annotations
 
 import click
 
-from dissect.cli.drive import complain, drive, files_argument, format_option, slow_option, styler, write
+from dissect.cli.drive import EXIT_CODES, complain, drive, files_argument, format_option, write, write_report
+from dissect.cli.main import EXIT_INTERRUPTED
 
 
-@click.command("analyze")
+@click.command("analyze", epilog=EXIT_CODES)
 @files_argument
 @format_option("text", "json")
-@slow_option
+@click.option(
+    "--slow",
+    "slow_ms",
+    type=click.FloatRange(min=0, max=1e9),
+    default=1000.0,
+    show_default=True,
+    metavar="MS",
+    help="Answers that take longer than this many milliseconds are a finding.",
+)
 def command(files: tuple[str, ...], format_: str, slow_ms: float) -> int:
-    """Tell what FILE... hold: connections, transactions by function, findings, loss.
+    """Tell what captures hold, how fast it went, what failed and why.
 
-    Several files are read one after another; files of a ring buffer continue each other. - is standard input.
+    That is: connections, transactions by function with answer times, findings, failed and slowest transactions, and what is
+    missing from the capture.
+
+    FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input. Several files are read one after another: one
+    that goes on where the file before it ended, as those of a ring buffer do, continues its connections.
     """
     from dissect.conversation import Options
     from dissect.report.analysis import Analysis
@@ -27,10 +40,12 @@ def command(files: tuple[str, ...], format_: str, slow_ms: float) -> int:
     if format_ == "json":
         import json
 
-        write([json.dumps(analysis.as_dict(), indent=1)])
+        from dissect.report.contract import analysis_as_dict
+
+        write([json.dumps(analysis_as_dict(analysis, code == EXIT_INTERRUPTED), indent=1)])
     else:
         from dissect.report.text import analysis_lines
 
-        write(analysis_lines(analysis, styler()))
+        write_report(analysis_lines(analysis))
     complain(run, code)
     return code

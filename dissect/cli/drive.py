@@ -3,39 +3,43 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import click
 
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
+from dissect.source import files as reading
+from dissect.source.packet import CaptureError
+from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
+    from dissect.report.places import Places
+    from dissect.report.text import Line
     from dissect.session import Run
 
 #: Files smaller than this are read faster than a progress bar appears.
 _WORTH_A_BAR: Final = 20_000_000
+#: What a compressed file may grow to, to judge whether it is worth a bar.
+_GROWS: Final = 10
 
 _COLOURS: Final = {"heading": "cyan", "error": "red", "warning": "yellow", "note": "blue"}
 
 #: The files to read: `-` is standard input.
 files_argument = click.argument("files", nargs=-1, required=True, type=click.Path(), metavar="FILE...")
 
-#: The limit from which an answer is slow.
-slow_option = click.option(
-    "--slow",
-    "slow_ms",
-    type=click.FloatRange(min=0, max=1e9),
-    default=1000.0,
-    show_default=True,
-    metavar="MS",
-    help="An answer later than this many milliseconds is a finding.",
+
+#: What the help of each command ends with.
+EXIT_CODES: Final = (
+    "Exit code: 0 all read, 2 wrong use or a file that cannot be read, 3 a file is damaged or cut off (results given), "
+    "5 the output failed, 130 interrupted (results given)."
 )
 
 
@@ -52,44 +56,67 @@ def format_option(*formats: str) -> Callable[[Any], Any]:
     )
 
 
+# ---- output ---------------------------------------------------------------------------------------------------------
+
+
 def write(lines: Iterable[str]) -> None:
     """Write lines to stdout, in UTF-8 whatever the locale says, so that the same input gives the same octets everywhere."""
     text = "\n".join(lines)
     if text:
         sys.stdout.buffer.write(text.encode("utf-8", "backslashreplace") + b"\n")
+        sys.stdout.buffer.flush()  # who reads a live capture wants to see what there is
 
 
-def styler() -> Callable[[str, str], str]:
-    """Return a function that colours text on a terminal and leaves it alone elsewhere (and with NO_COLOR set)."""
-    if not sys.stdout.isatty() or os.environ.get("NO_COLOR"):
-        return lambda text, _style: text
-
-    def coloured(text: str, style: str) -> str:
-        if style == "dim":
-            return click.style(text, dim=True)
-        return click.style(text, fg=_COLOURS.get(style), bold=style in {"heading", "error"})
-
-    return coloured
+def write_report(lines: Iterable[Line]) -> None:
+    """Write lines that have a style: as they are, or on a terminal in its width and (unless NO_COLOR is set) in colours."""
+    if not sys.stdout.isatty():
+        write([line.text for line in lines])
+        return
+    write(_on_terminal(lines, shutil.get_terminal_size().columns, not os.environ.get("NO_COLOR")))
 
 
-def drive(run: Run, files: tuple[str, ...], each: Callable[[], None] | None = None) -> int:
+def _on_terminal(lines: Iterable[Line], width: int, coloured: bool) -> Iterator[str]:
+    for line in lines:
+        for text in line.wrapped(width):
+            if not coloured or not line.style or not text:
+                yield text
+            elif line.style == "dim":
+                yield click.style(text, dim=True)
+            else:
+                yield click.style(text, fg=_COLOURS[line.style], bold=line.style in {"heading", "error"})
+
+
+def places_of(run: Run, files: Sequence[str]) -> Places:
+    """Return how packets of ``run`` over ``files`` are named; it may be asked while the run goes on."""
+    from dissect.report.places import Places
+
+    return Places(run.files, len(files) > 1)
+
+
+# ---- the drive ------------------------------------------------------------------------------------------------------
+
+
+def drive(run: Run, files: Sequence[str], each: Callable[[], None] | None = None) -> int:
     """Read every file of ``run``, call ``each`` after each step, and return the exit code.
 
-    An interruption ends the reading; what was read is kept and told, and the code says so.
+    An interruption (SIGINT, SIGTERM) ends the reading between two steps, or while input is awaited; what was read is kept and
+    told, and the code says so. Raises `CaptureError` before anything is read when one of ``files`` is no capture.
     """
     code = EXIT_OK
-    previous = signal.signal(signal.SIGTERM, _interrupt)
+    _check(files)
     try:
-        with _Bar(files) as bar:
-            while run.step():
+        with _Interruption() as interruption, _Bar(files, each is not None) as bar:
+            while not interruption.asked and run.step():
                 if each is not None:
                     each()
                 bar.show(run)
+            if interruption.asked:
+                code = EXIT_INTERRUPTED
     except KeyboardInterrupt:
         code = EXIT_INTERRUPTED
-        run.finish()
-    finally:
-        signal.signal(signal.SIGTERM, previous)
+    except CaptureError as error:
+        raise _safe(error) from None
+    run.finish()
     if each is not None:
         each()
     if code == EXIT_OK and any(file.damage for file in run.files):
@@ -101,30 +128,108 @@ def complain(run: Run, code: int) -> None:
     """Say on stderr what the results alone do not show: damaged files, an interruption."""
     for file in run.files:
         if file.damage:
-            click.echo(f"s7dissect: {file.name}: {file.damage}", err=True)
+            click.echo(f"s7dissect: {printable(file.name)}: {printable(file.damage)}", err=True)
     if code == EXIT_INTERRUPTED:
         click.echo("s7dissect: interrupted, the results cover what was read until then", err=True)
 
 
-def _interrupt(_signal: int, _frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
+def _check(files: Sequence[str]) -> None:
+    """Look at every file before the first is analysed, so that a wrong one is told at once and not after an hour."""
+    for file in files if len(files) > 1 else []:
+        if file == "-" or _gives_once(file):
+            continue
+        try:
+            reading.open_capture(file).close()
+        except CaptureError as error:
+            raise _safe(error) from None
+
+
+def _gives_once(file: str) -> bool:
+    """Tell whether a file can be read only once, as pipes can."""
+    path = Path(file)
+    try:
+        return path.exists() and not path.is_file() and not path.is_dir()
+    except OSError:
+        return False
+
+
+def _safe(error: CaptureError) -> CaptureError:
+    """Return the error with nothing in it that a file name could do to a terminal."""
+    return CaptureError(printable(str(error)))
+
+
+class _Interruption:
+    """SIGINT and SIGTERM while files are read.
+
+    The first signal is only remembered, so that no packet is left half analysed, unless input is being awaited: that is
+    broken off by KeyboardInterrupt. So does a second signal, wherever it comes.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._previous: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> Self:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._previous[number] = signal.signal(number, self._note)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    def _note(self, _signal: int, frame: FrameType | None) -> None:
+        again = self.asked
+        self.asked = True
+        if again or _in_source(frame):
+            raise KeyboardInterrupt
+
+
+def _in_source(frame: FrameType | None) -> bool:
+    """Tell whether a signal struck where octets are fetched: in the module that reads files, or below it."""
+    while frame is not None:
+        if frame.f_code.co_filename == reading.__file__:
+            return True
+        frame = frame.f_back
+    return False
+
+
+# ---- progress -------------------------------------------------------------------------------------------------------
 
 
 class _Bar:
-    """A progress bar on stderr: on a terminal only, and only for files worth one."""
+    """A progress bar on stderr: on a terminal only, only for files worth one, and never among lines of results."""
 
-    def __init__(self, files: tuple[str, ...]) -> None:
-        self._total = sum(Path(file).stat().st_size for file in files if Path(file).is_file())
-        self._wanted = sys.stderr.isatty() and self._total >= _WORTH_A_BAR
+    def __init__(self, files: Sequence[str], streaming: bool) -> None:
         self._progress: Progress | None = None
         self._task: TaskID | None = None
+        self._total: int | None = 0
+        self._wanted = False
+        if sys.stderr is None or not sys.stderr.isatty() or (streaming and sys.stdout.isatty()):
+            return
+        worth = 0
+        for path in [Path(file) for file in files]:
+            if path.is_file():
+                size = path.stat().st_size
+                compressed = _is_compressed(path)
+                worth += size * _GROWS if compressed else size
+                # What a compressed file will grow to is not known before its end.
+                self._total = None if compressed or self._total is None else self._total + size
+        self._wanted = worth >= _WORTH_A_BAR
 
-    def __enter__(self) -> _Bar:
+    def __enter__(self) -> Self:
         if self._wanted:
             from rich.console import Console
-            from rich.progress import Progress
+            from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 
-            self._progress = Progress(console=Console(stderr=True), transient=True)
+            self._progress = Progress(
+                TextColumn("reading"),
+                BarColumn(),
+                DownloadColumn(),
+                TimeRemainingColumn(),
+                console=Console(stderr=True),
+                transient=True,
+            )
             self._task = self._progress.add_task("reading", total=self._total)
             self._progress.start()
         return self
@@ -136,4 +241,9 @@ class _Bar:
     def show(self, run: Run) -> None:
         """Show how far ``run`` has come."""
         if self._progress is not None and self._task is not None:
-            self._progress.update(self._task, completed=float(sum(int(file.octets) for file in run.files)))
+            self._progress.update(self._task, completed=float(sum(file.octets for file in run.files)))
+
+
+def _is_compressed(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(4)[:2] in {b"\x1f\x8b", b"\x28\xb5"}

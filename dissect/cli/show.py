@@ -5,80 +5,114 @@ from __future__ import annotations
 import click
 from mypy_extensions import i64
 
-from dissect.cli.drive import complain, drive, files_argument, format_option, write
+from dissect.cli.drive import EXIT_CODES, complain, drive, files_argument, format_option, places_of, write
+from dissect.cli.main import EXIT_OK, EXIT_USAGE
 from dissect.conversation import Observer
 from dissect.iso.cotp import parse_tpdu
-from dissect.iso.tables import DT
+from dissect.iso.tables import DT, ED
 from dissect.report.jsonl import PduLines
-from dissect.report.lines import pdu_line, tpdu_line
-from dissect.report.tree import tree_lines
+from dissect.report.lines import carried, comment_line, pdu_line, tpdu_line
+from dissect.report.places import Places
+from dissect.report.tree import tpdu_tree_lines, tree_lines
 from dissect.s7.message import parse_pdu
+from dissect.session import Run
 from dissect.transactions.table import Side
 from dissect.wire.clock import Clock
-from dissect.wire.text import printable
 
 
-@click.command("show")
+@click.command("show", epilog=EXIT_CODES)
 @files_argument
 @format_option("text", "jsonl")
-@click.option("--frame", type=click.IntRange(min=1), metavar="N", help="Only what packet N completes.")
-@click.option("-V", "--verbose", is_flag=True, help="The field tree with octet ranges, and a hex view.")
+@click.option(
+    "--frame", type=click.IntRange(min=1), metavar="N", help="Only what packet N completes (of each file, in several)."
+)
+@click.option("-V", "--verbose", is_flag=True, help="With the field tree, octet ranges and a hex view.")
 def command(files: tuple[str, ...], format_: str, frame: int | None, verbose: bool) -> int:
-    """Write one line for each S7 PDU of FILE..., numbered by the packet that completed it.
+    """Write one line for each S7 PDU: the packet that completed it, when (UTC), who to whom, kind, reference, content.
 
-    As text, COTP connects, disconnects and errors are shown too; -T jsonl writes S7 PDUs only.
+    Text shows COTP connects, disconnects, errors, messages of other protocols and packet comments as well; -T jsonl writes
+    S7 PDUs only. Values need the request and its answer: the transactions command tells them.
+
+    FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input.
     """
-    from dissect.session import Run
-
+    if verbose and format_ != "text":
+        raise click.UsageError("-V is for text: -T jsonl has the fields of every PDU anyway.")
     shown = _Pdus(format_ == "jsonl", frame, verbose)
     run = Run(files, shown)
-
-    def flush() -> None:
-        write(shown.lines)
-        shown.lines = []
-
-    code = drive(run, files, flush)
-    if frame is not None and frame > run.pipeline.frames:
-        click.echo(f"s7dissect: there is no packet {frame}, {run.pipeline.frames} were read", err=True)
+    shown.begin(places_of(run, files))
+    code = drive(run, files, lambda: write(shown.take()))
     complain(run, code)
+    if code == EXIT_OK and frame is not None and not shown.found:
+        most = max([int(file.packets) for file in run.files], default=0)
+        if frame > most:
+            click.echo(f"s7dissect: there is no packet {frame}: the last one is number {most}", err=True)
+            return EXIT_USAGE
+        click.echo(f"s7dissect: packet {frame} completes no {'S7 PDU' if format_ == 'jsonl' else 'message'}", err=True)
     return code
 
 
 class _Pdus(Observer):
-    def __init__(self, jsonl: bool, frame: int | None, verbose: bool) -> None:
+    """Collects PDUs as lines."""
+
+    def __init__(self, as_jsonl: bool, frame: int | None, verbose: bool) -> None:
         super().__init__()
         self.wants_pdus = True
-        self.wants_tpdus = not jsonl
-        self._jsonl = jsonl
+        self.wants_tpdus = not as_jsonl
+        self.found = False
+        self._as_jsonl = as_jsonl
         self._frame = frame
         self._verbose = verbose
         self._clock = Clock()
         self._pdus = PduLines()
+        self._places = Places([], False)
         self._packet = b""  # the TPKT at hand
-        self.lines: list[str] = []
+        self._lines: list[str] = []
+
+    def begin(self, places: Places) -> None:
+        """Name packets with ``places``."""
+        self._places = places
+        if places.several:
+            self._pdus.locate = places.locate
+
+    def take(self) -> list[str]:
+        """Return the lines collected since the last call."""
+        lines = self._lines
+        self._lines = []
+        self.found = self.found or bool(lines)
+        return lines
 
     def comment(self, frame: i64, text: str) -> None:
-        if not self._jsonl and self._wanted(frame):
-            self.lines.append(f"{frame:>6}  comment: {printable(text)}")
+        """Add the line of a comment."""
+        if not self._as_jsonl and self._wanted(frame):
+            self._lines.append(comment_line(frame, text, self._places))
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        """Remember the TPKT for the PDU in it; add the line of one that carries no S7."""
         self._packet = octets
-        if octets[5] >> 4 == DT or not self._wanted(frame):
+        if not self._wanted(frame):
             return
-        self.lines.append(tpdu_line(parse_tpdu(octets[4:]), frame, time_ns, side.connection, side.index, self._clock))
+        tpdu = parse_tpdu(octets[4:])
+        if tpdu.type in {DT, ED}:
+            begins = side.assembler.parts is None and side.assembler.clear
+            if not (begins and carried(tpdu)):
+                return
+        self._lines.append(tpdu_line(tpdu, frame, time_ns, side.connection, side.index, self._clock, self._places))
+        if self._verbose:
+            self._lines.extend(tpdu_tree_lines(octets))
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        """Add the line of an S7 PDU."""
         if not self._wanted(frame):
             return
         connection = side.connection
         pdu = parse_pdu(octets, frame, time_ns, connection.number, side.index, cut)
-        if self._jsonl:
-            self.lines.append(self._pdus.line(pdu, connection))
+        if self._as_jsonl:
+            self._lines.append(self._pdus.line(pdu, connection))
             return
-        self.lines.append(pdu_line(pdu, connection, self._clock))
+        self._lines.append(pdu_line(pdu, connection, self._clock, self._places))
         if self._verbose:
             whole = self._packet if self._packet.endswith(octets) and not cut else b""
-            self.lines.extend(tree_lines(pdu, whole))
+            self._lines.extend(tree_lines(pdu, whole))
 
     def _wanted(self, frame: int) -> bool:
-        return self._frame is None or frame == self._frame
+        return self._frame is None or self._places.number(frame) == self._frame

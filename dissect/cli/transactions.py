@@ -8,72 +8,101 @@ from collections.abc import Callable
 
 import click
 
-from dissect.cli.drive import complain, drive, files_argument, format_option, slow_option, write
-from dissect.conversation import Observer, Options
+from dissect.cli.drive import EXIT_CODES, complain, drive, files_argument, format_option, places_of, write
+from dissect.conversation import Observer
+from dissect.report.jsonl import Choice, TransactionLines
+from dissect.report.lines import csv_columns, transaction_cells, transaction_line
+from dissect.report.places import Places
+from dissect.session import Run
 from dissect.transactions.transaction import Transaction
+from dissect.wire.clock import Clock
 
 
-@click.command("transactions")
+@click.command("transactions", epilog=EXIT_CODES)
 @files_argument
 @format_option("text", "jsonl", "csv")
-@slow_option
 @click.option("--failed", is_flag=True, help="Only transactions with errors or without answer.")
-def command(files: tuple[str, ...], format_: str, slow_ms: float, failed: bool) -> int:
-    """Write one line for each request of FILE... with its answer, items, values and answer time.
+@click.option(
+    "--slow",
+    "slow_ms",
+    type=click.FloatRange(min=0, max=1e9),
+    metavar="MS",
+    help="Only transactions whose answer took longer than this many milliseconds; with --failed these as well.",
+)
+def command(files: tuple[str, ...], format_: str, failed: bool, slow_ms: float | None) -> int:
+    """Write one line for each request and its answer.
 
-    Lines come when a transaction is complete, so an unanswered request stands where it was given up.
+    It says when the request was sent (UTC), its number and packets, who asked whom, how long the answer took, the function,
+    and each item with its value or why it was refused. Messages that nobody asked for have a line too.
+
+    FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input. A line comes when its transaction is complete,
+    so a request without answer stands where it was given up.
     """
-    from dissect.session import Run
-
-    observer, flush = _jsonl(failed) if format_ == "jsonl" else _lines(format_, failed)
-    run = Run(files, observer, Options(int(slow_ms * 1e6)))
-    code = drive(run, files, flush)
+    choose = _choice(failed, slow_ms)
+    take: Callable[[], list[str]]
+    if format_ == "jsonl":
+        lines = TransactionLines(choose)
+        run = Run(files, lines)
+        if len(files) > 1:
+            lines.locate = places_of(run, files).locate
+        take = lines.take
+    else:
+        rows = _Rows(format_ == "csv", choose)
+        run = Run(files, rows)
+        rows.begin(places_of(run, files))
+        take = rows.take
+    code = drive(run, files, lambda: write(take()))
     complain(run, code)
     return code
 
 
-def _jsonl(failed: bool) -> tuple[Observer, Callable[[], None]]:
-    from dissect.report.jsonl import TransactionLines
+def _choice(failed: bool, slow_ms: float | None) -> Choice | None:
+    """Return what tells whether a transaction is wanted; None when all are."""
+    if slow_ms is None:
+        return (lambda transaction: transaction.failed) if failed else None
+    slow_ns = int(slow_ms * 1e6)
 
-    lines = TransactionLines(failed)
+    def wanted(transaction: Transaction) -> bool:
+        latency = transaction.latency_ns
+        return (latency is not None and latency > slow_ns) or (failed and transaction.failed)
 
-    def flush() -> None:
-        write(lines.take())
-
-    return lines, flush
+    return wanted
 
 
 class _Rows(Observer):
-    def __init__(self, row: Callable[[Transaction], str], failed: bool) -> None:
+    """Collects transactions as lines of text or CSV."""
+
+    def __init__(self, as_csv: bool, choose: Choice | None) -> None:
         super().__init__()
-        self._row = row
-        self._failed = failed
-        self.rows: list[str] = []
+        self._as_csv = as_csv
+        self._choose = choose
+        self._clock = Clock()
+        self._places = Places([], False)
+        self._rows: list[str] = []
+
+    def begin(self, places: Places) -> None:
+        """Name packets with ``places``; CSV begins with the names of its columns."""
+        self._places = places
+        if self._as_csv:
+            self._rows.append(_csv_line(csv_columns(places)))
 
     def transaction(self, transaction: Transaction) -> None:
-        if not self._failed or transaction.failed:
-            self.rows.append(self._row(transaction))
+        """Add the line of a transaction."""
+        if self._choose is not None and not self._choose(transaction):
+            return
+        if self._as_csv:
+            self._rows.append(_csv_line(transaction_cells(transaction, self._clock, self._places)))
+        else:
+            self._rows.append(transaction_line(transaction, self._clock, self._places))
+
+    def take(self) -> list[str]:
+        """Return the lines collected since the last call."""
+        rows = self._rows
+        self._rows = []
+        return rows
 
 
-def _lines(format_: str, failed: bool) -> tuple[Observer, Callable[[], None]]:
-    from dissect.report.lines import CSV_COLUMNS, transaction_cells, transaction_line
-    from dissect.wire.clock import Clock
-
-    clock = Clock()
-    if format_ == "csv":
-        rows = _Rows(lambda transaction: _csv(transaction_cells(transaction, clock)), failed)
-        rows.rows.append(_csv(CSV_COLUMNS))
-    else:
-        rows = _Rows(lambda transaction: transaction_line(transaction, clock), failed)
-
-    def flush() -> None:
-        write(rows.rows)
-        rows.rows = []
-
-    return rows, flush
-
-
-def _csv(cells: list[str]) -> str:
+def _csv_line(cells: list[str]) -> str:
     buffer = io.StringIO()
     csv.writer(buffer, lineterminator="").writerow(cells)
     return buffer.getvalue()

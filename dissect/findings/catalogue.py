@@ -97,7 +97,7 @@ _ROWS: Final = (
      "The device answers wrongly; the value was not decoded."),
     ("transaction.reordered", NOTE, "The capture shows an answer before its request.",
      "The capture reorders packets; the answer time of that transaction is not reliable."),
-    ("transaction.table_full", ERROR, "More than 4096 requests were open at once; the oldest were given up.",
+    ("transaction.table_full", ERROR, "Too many requests were open at once; the oldest were given up.",
      "No device works so: this is a flood, or answers are missing from the capture."),
     # Ourselves.
     ("internal.bug", ERROR, "The analyzer failed on a packet.",

@@ -29,8 +29,8 @@ class Rule:
 class Finding:
     """A rule that applied once.
 
-    ``connection`` is the connection's number, 0 for the capture as a whole. ``frames`` are the packets that show it, ``time_ns``
-    the time of the last of them, ``detail`` what was seen this time.
+    ``connection`` is the connection's number, 0 for the capture as a whole. ``frames`` are the packets that show it,
+    ``time_ns`` the time of the last of them, ``detail`` what was seen this time.
     """
 
     __slots__ = ("connection", "detail", "frames", "rule", "time_ns")

@@ -12,11 +12,14 @@ from dissect.iso.tables import DR_REASONS, ER_CAUSES
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import SETUP_COMMUNICATION
 from dissect.transactions.connection import ISO_TSAP_PORT, Connection
+from dissect.transactions.pairing import GIVEN_UP_NS
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
 
 #: The smallest PDU length a setup answer can mean: it has 20 octets itself, and no real device goes below 240.
 _MIN_PDU_LENGTH: Final = 64
+#: Grants below this are looked at closely; no device is known to grant more than 8.
+_FEW_JOBS: Final = 64
 #: A connection of which only one side was captured is called so from this many PDUs on.
 _ONE_SIDED_PDUS: Final = 3
 
@@ -29,14 +32,20 @@ def judge_request(judge: Judge, side: Side, parameters: Parameters, open_now: i6
         connection.setup_seen = True
         if parameters.setup is not None:
             connection.setup_asked = parameters.setup
-    elif not connection.setup_seen and not connection.mid_stream:
+    elif not connection.setup_seen and not connection.mid_stream and not side.holes:
         connection.setup_seen = True  # said once
         judge.note("session.data_before_setup", number, [frame], time_ns, parameters.function_name)
     allowed = connection.jobs_allowed(side.index)
     if allowed and open_now > allowed:
-        judge.note(
-            "session.too_many_jobs", number, [frame], time_ns, f"{open_now} requests open, {allowed} granted (AmQ)"
-        )
+        if allowed < _FEW_JOBS:
+            # A request that is long without answer was given up by its client, and one before a hole may have its answer in it.
+            peer = side.peer
+            hole_frame: i64 = peer.hole_frame if peer is not None else 0
+            requests = connection.open_requests[side.index]
+            open_now = requests.open_since(time_ns - GIVEN_UP_NS, hole_frame, allowed + 1)
+        if open_now > allowed:
+            detail = f"more requests open than the {allowed} granted (AmQ)"
+            judge.note("session.too_many_jobs", number, [frame], time_ns, detail)
 
 
 def judge_grant(judge: Judge, transaction: Transaction) -> None:
@@ -69,7 +78,8 @@ def judge_port(judge: Judge, connection: Connection, frame: i64, time_ns: i64) -
     """S7 communication with neither end on port 102; said once a connection."""
     ends = connection.tcp.ends
     if ends[0].port != ISO_TSAP_PORT and ends[1].port != ISO_TSAP_PORT:
-        judge.note("session.unusual_port", connection.number, [frame], time_ns, f"server {connection.server}")
+        who = f"server {connection.server}" if connection.client_known else f"between {ends[0]} and {ends[1]}"
+        judge.note("session.unusual_port", connection.number, [frame], time_ns, who)
 
 
 def judge_disconnect(judge: Judge, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
@@ -96,17 +106,17 @@ def judge_error_tpdu(judge: Judge, side: Side, tpdu: Tpdu, frame: i64, time_ns: 
 
 
 def judge_end(judge: Judge, side: Side, frame: i64, time_ns: i64) -> None:
-    """The connection is over: was only one side of it captured?"""
+    """The connection is over: tell when only one side of it was captured."""
     connection = side.connection
     peer = side.peer
     if peer is None or connection.pdus < _ONE_SIDED_PDUS:
         return
-    if side.stream.octets == 0 or peer.stream.octets == 0:
-        seen = side if side.stream.octets else peer
+    if not side.captured or not peer.captured:
+        seen = side if side.captured else peer
         judge.note(
             "capture.one_sided",
             connection.number,
-            [connection.tcp.first_frame],
+            [connection.tcp.first_frame, frame],
             time_ns,
             f"only what {connection.tcp.ends[seen.index]} sent was captured",
         )

@@ -5,10 +5,12 @@ from __future__ import annotations
 from mypy_extensions import i64
 
 from dissect.findings.judge import Judge
-from dissect.transactions.dialogue import (
+from dissect.s7.message import Pdu
+from dissect.transactions.checks import (
     BAD_DATA,
+    BAD_REQUEST,
     COUNT_MISMATCH,
-    EXPECTED_ORPHAN,
+    EXPECTED,
     FUNCTION_MISMATCH,
     REORDERED,
     SIZE_MISMATCH,
@@ -18,6 +20,7 @@ from dissect.transactions.transaction import (
     CAPTURE_ENDED,
     HOLE,
     ORPHAN,
+    PUSH,
     REASON_TEXTS,
     TABLE_FULL,
     UNANSWERED,
@@ -31,21 +34,30 @@ def judge_transaction(judge: Judge, transaction: Transaction, slow_ns: i64) -> N
         _judge_flags(judge, transaction)
         latency: int = transaction.response_ns - transaction.request_ns
         if latency > slow_ns:
-            _note(judge, "transaction.slow", transaction, f"{latency / 1e6:.1f} ms, the limit is {int(slow_ns) / 1e6:g} ms")
-    elif transaction.outcome == ORPHAN and not transaction.flags & EXPECTED_ORPHAN:
+            _note(
+                judge,
+                "transaction.slow",
+                transaction,
+                f"{latency / 1e6:.1f} ms, the limit is {int(slow_ns) / 1e6:g} ms",
+            )
+    elif transaction.outcome == ORPHAN and not transaction.flags & EXPECTED:
         _note(judge, "transaction.orphan", transaction, f"reference 0x{transaction.pdu_ref:04x}")
-    if transaction.has_errors:
+    if transaction.has_errors and transaction.outcome != PUSH:  # nothing was asked that could be refused
         _judge_errors(judge, transaction)
 
 
 def judge_unanswered(judge: Judge, transaction: Transaction, now_ns: i64, slow_ns: i64) -> None:
     """Note a request without answer, unless the capture is to blame or ends too soon to tell."""
-    if transaction.outcome != UNANSWERED or transaction.reason == HOLE:
+    if transaction.flags & BAD_REQUEST:
+        _judge_bad_request(judge, transaction)
+    if transaction.outcome != UNANSWERED or transaction.reason == HOLE or transaction.flags & EXPECTED:
         return
     if transaction.reason == CAPTURE_ENDED and now_ns - transaction.request_ns <= slow_ns:
         return
     if transaction.reason == TABLE_FULL:
-        judge.note("transaction.table_full", transaction.connection.number, _frames(transaction), transaction.request_ns)
+        judge.note(
+            "transaction.table_full", transaction.connection.number, _frames(transaction), transaction.request_ns
+        )
     _note(judge, "transaction.unanswered", transaction, REASON_TEXTS[transaction.reason])
 
 
@@ -74,22 +86,37 @@ def _judge_flags(judge: Judge, transaction: Transaction) -> None:
     flags = transaction.flags
     if not flags:
         return
+    if flags & BAD_REQUEST:
+        _judge_bad_request(judge, transaction)
     answer = transaction.response_parameters
     if flags & FUNCTION_MISMATCH and answer is not None:
         _note(judge, "transaction.function_mismatch", transaction, f"answered as {answer.function_name}")
     if flags & COUNT_MISMATCH and answer is not None:
         asked = transaction.parameters.item_count
-        _note(judge, "transaction.count_mismatch", transaction, f"asked for {asked} items, answered {answer.item_count}")
+        _note(
+            judge, "transaction.count_mismatch", transaction, f"asked for {asked} items, answered {answer.item_count}"
+        )
     if flags & SIZE_MISMATCH:
         _note(judge, "transaction.size_mismatch", transaction, _sizes(transaction))
-    if flags & BAD_DATA:
-        response = transaction.response
-        told = response.malformed if response is not None else []
-        what = str(told[0]) if told else "the data block does not fit the item count"
-        _note(judge, "s7.malformed", transaction, what)
+    if flags & BAD_DATA and judge.wants("s7.malformed", transaction.connection.number):
+        _detail_malformed(judge, transaction, transaction.response, transaction.response_frame, transaction.response_ns)
     if flags & REORDERED:
         ahead: int = transaction.request_ns - transaction.response_ns
         _note(judge, "transaction.reordered", transaction, f"the answer stands {ahead / 1e6:.3f} ms before the request")
+
+
+def _judge_bad_request(judge: Judge, transaction: Transaction) -> None:
+    if judge.wants("s7.malformed", transaction.connection.number):
+        _detail_malformed(judge, transaction, transaction.request, transaction.request_frame, transaction.request_ns)
+
+
+def _detail_malformed(judge: Judge, transaction: Transaction, pdu: Pdu | None, frame: int, time_ns: int) -> None:
+    if pdu is None:
+        return
+    what = str(pdu.malformed[0]) if pdu.malformed else "the data block does not fit the item count"
+    who = transaction.connection.tcp.ends[pdu.side]
+    detail = f"{pdu.rosctr_name} from {who}, {_subject(transaction)}: {what}"
+    judge.detail("s7.malformed", transaction.connection.number, [frame], time_ns, detail)
 
 
 def _sizes(transaction: Transaction) -> str:

@@ -23,7 +23,9 @@ _CREDIT: Final = Field("credit", 1, "Credit, 0 in class 0.", "", None, (0x0F, 0)
 _DST_REF: Final = Field("dst_ref", 2, "Reference of the receiver, 0 in a CR.", "cotp.destref")
 _SRC_REF: Final = Field("src_ref", 2, "Reference of the sender.", "cotp.srcref")
 _CLASS: Final = Field("class_", 1, "Protocol class, 0 to 4.", "cotp.class", None, (0xF0, 4))
-_OPTIONS: Final = Field("options", 1, "0x02 extended formats, 0x01 no explicit flow control.", "", None, (0x0F, 0), True)
+_OPTIONS: Final = Field(
+    "options", 1, "0x02 extended formats, 0x01 no explicit flow control.", "", None, (0x0F, 0), True
+)
 _EOT: Final = Field("eot", 1, "End of TSDU.", "cotp.eot", None, (0x80, 7))
 _NUMBER: Final = Field("tpdu_nr", 1, "TPDU number, 0 in class 0.", "cotp.tpdu-number", None, (0x7F, 0), True)
 _EOT_EXTENDED: Final = Field("eot", 4, "End of TSDU.", "cotp.eot_extended", None, (0x80000000, 31))
@@ -55,9 +57,7 @@ EA: Final = Layout("EA", _X224, [*_HEAD, _DST_REF, _NEXT])
 EA_EXTENDED: Final = Layout("EA", _X224, [*_HEAD, _DST_REF, _NEXT_EXTENDED])
 RJ: Final = Layout("RJ", _X224, [*_HEAD, _DST_REF, _NEXT])
 RJ_EXTENDED: Final = Layout("RJ", _X224, [*_HEAD, _DST_REF, _NEXT_EXTENDED, _CREDIT_EXTENDED])
-ER: Final = Layout(
-    "ER", _X224, [*_HEAD, _DST_REF, Field("cause", 1, "Reject cause.", "cotp.cause", ER_CAUSES)]
-)
+ER: Final = Layout("ER", _X224, [*_HEAD, _DST_REF, Field("cause", 1, "Reject cause.", "cotp.cause", ER_CAUSES)])
 UNKNOWN: Final = Layout("unknown TPDU", _X224, [*_HEAD])
 #: Head of a parameter of the variable part; its value follows.
 PARAMETER: Final = Layout(

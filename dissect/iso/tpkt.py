@@ -105,7 +105,19 @@ class Framer:
     Every octet given is accounted for: ``framed`` (in whole TPKTs and in TPKTs told as cut) + ``skipped`` + ``buffered``.
     """
 
-    __slots__ = ("_candidates", "_need", "_sought", "cut_packet", "faults", "framed", "packets", "pending", "skip", "skipped", "synced")
+    __slots__ = (
+        "_candidates",
+        "_need",
+        "_sought",
+        "cut_packet",
+        "faults",
+        "framed",
+        "packets",
+        "pending",
+        "skip",
+        "skipped",
+        "synced",
+    )
 
     def __init__(self) -> None:
         self.pending: bytearray | None = None
@@ -276,7 +288,7 @@ class Framer:
             self.synced = True
             self.skipped += found - at
             return found
-        if octets[end - 1] == 3:
+        if fresh < end and octets[end - 1] == 3:
             candidates.append(end - 1)
         candidates = candidates[-_MAX_CANDIDATES:]
         keep: i64 = candidates[0] if candidates else end

@@ -1,7 +1,8 @@
-"""The JSON contract: what `-T json` and `-T jsonl` write, as plain values with stable key order (docs/json.md)."""
+"""The JSON contract of `analyze -T json`: plain values with a stable order of keys (docs/json.md, docs/schema/)."""
 
 from __future__ import annotations
 
+import json
 from typing import Final
 
 from dissect.findings.finding import SEVERITIES, Finding
@@ -9,30 +10,43 @@ from dissect.iso.tables import TPDU_TYPES
 from dissect.iso.tsap import Tsap
 from dissect.iso.upper import UPPER_NAMES
 from dissect.pipeline import Pipeline
+from dissect.report import words
 from dissect.report.analysis import Analysis, FunctionStatistics
+from dissect.report.jsonl import TransactionLines
+from dissect.report.places import Places
 from dissect.source.packet import SourceFile
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
 from dissect.wire.clock import Clock
+from dissect.wire.text import encodable
 
 ANALYSIS_SCHEMA: Final = "s7dissect.analysis/1"
 
 
-def analysis_as_dict(analysis: Analysis) -> dict[str, object]:
-    """Return an analysis as the object `analyze -T json` writes. ValueError when it was not filled by a run."""
+def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str, object]:
+    """Return an analysis as the object `analyze -T json` writes. ValueError when it was not filled by a run.
+
+    With several files every packet number counts within its file, and the file's name stands beside it. ``interrupted`` says
+    that reading was broken off.
+    """
     pipeline = analysis.pipeline
     if pipeline is None:
         raise ValueError("this Analysis has not been filled by a run: call take() first, or use dissect.analyze()")
     talk = pipeline.conversation
     clock = Clock()
-    first = clock.iso(pipeline.first_ns) if pipeline.frames else None
+    places = Places(analysis.files, len(analysis.files) > 1)
+    lines = TransactionLines()
+    if places.several:
+        lines.locate = places.locate
+    connections = sorted(analysis.connections, key=_number)
     return {
         "schema": ANALYSIS_SCHEMA,
+        "interrupted": interrupted,
         "files": [_file(file) for file in analysis.files],
-        "first_time": first,
+        "first_time": clock.iso(pipeline.first_ns) if pipeline.frames else None,
         "last_time": clock.iso(pipeline.now_ns) if pipeline.frames else None,
         "packets": _packets(pipeline),
-        "connections": [connection_as_dict(connection) for connection in analysis.connections],
+        "connections": [connection_as_dict(connection, places) for connection in connections],
         "connections_not_listed": analysis.connections_not_listed,
         "tsdus": {name: count for name, count in zip(UPPER_NAMES, talk.tsdus, strict=True) if count or name in _ALWAYS},
         "tpdus": _tpdus(talk.tpdus),
@@ -54,8 +68,10 @@ def analysis_as_dict(analysis: Analysis) -> dict[str, object]:
         },
         "latency_ns": {**analysis.latencies.as_dict(), "exact": analysis.latencies.exact},
         "functions": [_function(code, statistics) for code, statistics in sorted(analysis.functions.items())],
+        "failed": [json.loads(lines.line(transaction)) for transaction in analysis.failed],
+        "slowest": [json.loads(lines.line(transaction)) for transaction in analysis.slowest()],
         "findings": dict(sorted(talk.judge.counts.items())),
-        "finding_details": [finding_as_dict(finding) for finding in by_weight(analysis.findings)],
+        "finding_details": [finding_as_dict(finding, places) for finding in by_weight(analysis.findings)],
         "loss": _loss(pipeline),
     }
 
@@ -64,14 +80,18 @@ def analysis_as_dict(analysis: Analysis) -> dict[str, object]:
 _ALWAYS: Final = frozenset(("s7comm", "s7comm_plus", "mms", "tls", "unknown"))
 
 
+def _number(connection: Connection) -> int:
+    return connection.number
+
+
 def _file(file: SourceFile) -> dict[str, object]:
     return {
-        "name": file.name,
+        "name": encodable(file.name),
         "packets": file.packets,
         "octets": file.octets,
-        "damage": file.damage or None,
+        "damage": encodable(file.damage) or None,
         "rejected_blocks": file.rejected,
-        "notes": file.notes,
+        "notes": [encodable(note) for note in file.notes],
     }
 
 
@@ -106,7 +126,9 @@ def _loss(pipeline: Pipeline) -> dict[str, object]:
 def _function(code: int, statistics: FunctionStatistics) -> dict[str, object]:
     values: dict[str, object] = {"code": f"0x{code & 0xFF:02x}" if 0 <= code < 0x10000 else None}
     if code >= 0x10000:
-        values = {"code": "0x00", "group": (code >> 8) & 0xFF, "subfunction": code & 0xFF}
+        group = (code >> 8) & 0xFF
+        # The mode transition is the one userdata with a function octet of its own, and stands in group 0.
+        values = {"code": "0x00" if group else "0x01", "group": group, "subfunction": code & 0xFF}
     values["name"] = statistics.name
     values["total"] = statistics.total
     values["answered"] = statistics.answered
@@ -121,7 +143,17 @@ def tsap_as_dict(tsap: Tsap | None) -> dict[str, object] | None:
     return tsap.as_dict() if tsap is not None else None
 
 
-def connection_as_dict(connection: Connection) -> dict[str, object]:
+def _place(key: str, frame: int, places: Places) -> dict[str, object]:
+    """Return the key and number of a packet, 0 for none, and with several files its file."""
+    if not places.several:
+        return {f"{key}_frame": frame or None}
+    if not frame:
+        return {f"{key}_frame": None, f"{key}_file": None}
+    name, number = places.locate(frame)
+    return {f"{key}_frame": number, f"{key}_file": name}
+
+
+def connection_as_dict(connection: Connection, places: Places) -> dict[str, object]:
     """Return one connection: who, TSAPs, negotiated values, counts, how it ended."""
     tcp = connection.tcp
     clock = Clock()
@@ -131,12 +163,12 @@ def connection_as_dict(connection: Connection) -> dict[str, object]:
         "client": str(connection.client),
         "server": str(connection.server),
         "client_known": connection.client_known,
-        "vlan": [int(vid) for vid in _vlans(int(tcp.vlan))],
+        "vlan": words.vlans(tcp.vlan),
         "protocol": connection.protocol or None,
         "start": "syn" if tcp.known_start else ("cr" if connection.cr_seen else "mid_stream"),
-        "first_frame": tcp.first_frame,
+        **_place("first", tcp.first_frame, places),
         "first_time": clock.iso(tcp.first_ns),
-        "last_frame": tcp.last_frame,
+        **_place("last", tcp.last_frame, places),
         "last_time": clock.iso(tcp.last_ns),
         "calling_tsap": tsap_as_dict(connection.tsap_calling),
         "called_tsap": tsap_as_dict(connection.tsap_called),
@@ -150,20 +182,12 @@ def connection_as_dict(connection: Connection) -> dict[str, object]:
         "unsolicited": connection.unsolicited,
         "with_errors": connection.errors,
         "refused": connection.refused or None,
+        "disconnected": connection.iso_ended or None,
         "ended": connection.closed_reason or tcp.ended or "open",
         "ended_by": ended_by,
-        "ended_frame": tcp.ended_frame or None,
+        **_place("ended", tcp.ended_frame, places),
         "open_at_end": connection.open_at_end,
     }
-
-
-def _vlans(key: int) -> list[int]:
-    vids: list[int] = []
-    while key:
-        key, vid = divmod(key, 4096)
-        vids.append(vid)
-    vids.reverse()
-    return vids
 
 
 def by_weight(findings: list[Finding]) -> list[Finding]:
@@ -171,15 +195,18 @@ def by_weight(findings: list[Finding]) -> list[Finding]:
     return sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity))
 
 
-def finding_as_dict(finding: Finding) -> dict[str, object]:
+def finding_as_dict(finding: Finding, places: Places) -> dict[str, object]:
     """Return one detailed finding."""
-    return {
+    values: dict[str, object] = {
         "slug": finding.slug,
         "severity": finding.severity,
         "connection": finding.connection or None,
-        "frames": finding.frames,
-        "time": Clock().iso(finding.time_ns) if finding.time_ns else None,
-        "sentence": finding.rule.sentence,
-        "detail": finding.detail,
-        "advice": finding.rule.advice,
+        "frames": [places.number(frame) for frame in finding.frames],
     }
+    if places.several:
+        values["files"] = [places.locate(frame)[0] for frame in finding.frames]
+    values["time"] = Clock().iso(finding.time_ns) if finding.time_ns else None
+    values["sentence"] = finding.rule.sentence
+    values["detail"] = encodable(finding.detail)
+    values["advice"] = finding.rule.advice
+    return values

@@ -7,12 +7,13 @@ written once and used for every transaction that repeats it.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from typing import Final
 
 from mypy_extensions import i64
 
 from dissect.conversation import Observer
-from dissect.s7.items import Item
+from dissect.s7.items import DataItem, Item
 from dissect.s7.message import Pdu
 from dissect.s7.parameters import Parameters, UserdataHead
 from dissect.s7.tables import FUNCTIONS, READ_VAR, ROSCTR, SUCCESS, USERDATA_TYPES
@@ -32,7 +33,8 @@ _MAX_CACHED: Final = 8192
 _SMALL: Final = [str(number) for number in range(256)]
 
 _NO_ITEM: Final = (
-    '{"address":null,"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null,"return_code":'
+    '{"address":null,"syntax_id":null,"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null'
+    ',"return_code":'
 )
 
 
@@ -123,19 +125,30 @@ def item_text(item: Item) -> str:
     return item.fragment
 
 
-class TransactionLines(Observer):
-    """Writes transactions as lines of JSON; ``lines`` collects them until somebody takes them away."""
+#: Tells whether a transaction is wanted.
+Choice = Callable[[Transaction], bool]
+#: Tells the file of a packet and its number within it.
+Locate = Callable[[int], tuple[str, int]]
 
-    def __init__(self, failed_only: bool = False) -> None:
+
+class TransactionLines(Observer):
+    """Writes transactions as lines of JSON; ``lines`` collects them until somebody takes them away.
+
+    ``choose`` says which transactions are wanted, all when there is none. With ``locate`` packets are numbered within their
+    file, and its name stands beside the number.
+    """
+
+    def __init__(self, choose: Choice | None = None) -> None:
         super().__init__()
-        self._failed_only: bool = failed_only
+        self._choose: Choice | None = choose
+        self.locate: Locate | None = None
         self.lines: list[str] = []
         self._clock: Clock = Clock()
         self._ends: dict[int, str] = {}
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the line of a transaction."""
-        if not self._failed_only or transaction.failed:
+        if self._choose is None or self._choose(transaction):
             self.lines.append(self.line(transaction))
 
     def take(self) -> list[str]:
@@ -149,18 +162,39 @@ class TransactionLines(Observer):
         asked: i64 = transaction.request_frame
         told: i64 = transaction.response_frame
         outcome: i64 = transaction.outcome
-        request = f'{asked},"response_frame":' if asked else 'null,"response_frame":'
-        response = f'{told},"request_time":' if told else 'null,"request_time":'
-        at = f'"{self._clock.iso(transaction.request_ns)}"' if asked else "null"
+        frames: str
+        if self.locate is not None:
+            frames = self._places(asked, told, self.locate)
+        elif asked and told:
+            frames = f'{asked},"response_frame":{told}'
+        else:
+            frames = f'{asked},"response_frame":null' if asked else f'null,"response_frame":{told}'
+        # Where there is no request, nothing else tells when it was.
+        at = (
+            f'"{self._clock.iso(transaction.request_ns)}"'
+            if asked
+            else f'null,"response_time":"{self._clock.iso(transaction.response_ns)}"'
+        )
         latency = str(transaction.response_ns - transaction.request_ns) if outcome == ANSWERED else "null"
         reason = f'"{transaction.reason}"' if transaction.reason else "null"
         return (
             f"{_HEAD}{transaction.number}{self._connection(transaction.connection, transaction.asked_by)}"
             f',"pdu_ref":{transaction.pdu_ref},"rosctr":{transaction.rosctr},"function":{function_text(transaction.parameters)}'
-            f',"request_frame":{request}{response}{at},"latency_ns":{latency}'
+            f',"request_frame":{frames},"request_time":{at},"latency_ns":{latency}'
             f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{self._setup(transaction)}'
             f',"items":[{self._items(transaction)}],"errors":[{_errors(transaction)}]}}'
         )
+
+    def _places(self, asked: int, told: int, locate: Locate) -> str:
+        """Return the packets of request and answer (0 for none) by number and file."""
+        numbers = ["null", "null"]
+        names = ["null", "null"]
+        for index, frame in enumerate((asked, told)):
+            if frame:
+                name, number = locate(frame)
+                numbers[index] = str(number)
+                names[index] = json_text(name)
+        return f'{numbers[0]},"response_frame":{numbers[1]},"request_file":{names[0]},"response_file":{names[1]}'
 
     def _connection(self, connection: Connection, asked_by: i64) -> str:
         key: i64 = connection.number * 2 + asked_by
@@ -207,7 +241,7 @@ def _item(item: Item | None, code: i64, data: bytes | None) -> str:
     told = _SMALL[code] if code >= 0 else "null"
     if data is None:
         return f'{head}{told},"data":null,"value":null}}'
-    known: bool = item is not None and (item.size < 0 or item.size == len(data))
+    known: bool = item is not None and (item.size == len(data) or item.fits(len(data)))
     value = octets_value(item.transport_size, data) if item is not None and known else "null"
     return f'{head}{told},"data":"{data.hex()}","value":{value}}}'
 
@@ -224,26 +258,42 @@ def _errors(transaction: Transaction) -> str:
 
 
 class PduLines:
-    """Writes S7 PDUs as lines of JSON."""
+    """Writes S7 PDUs as lines of JSON. With ``locate`` packets are numbered within their file, which is named."""
 
     def __init__(self) -> None:
         self._clock: Clock = Clock()
+        self.locate: Locate | None = None
 
     def line(self, pdu: Pdu, connection: Connection) -> str:
         """Return the line of one PDU, without a line end."""
         ends = connection.tcp.ends
+        frame = str(pdu.frame)
+        if self.locate is not None:
+            name, number = self.locate(pdu.frame)
+            frame = f'{number},"file":{json_text(name)}'
         error = f'{pdu.error_class},"error_code":{pdu.error_code}' if pdu.error_class >= 0 else 'null,"error_code":null'
         told = ",".join([_malformed(fact) for fact in pdu.malformed])
         return (
-            f'{{"schema":"{PDU_SCHEMA}","frame":{pdu.frame},"time":"{self._clock.iso(pdu.time_ns)}"'
+            f'{{"schema":"{PDU_SCHEMA}","frame":{frame},"time":"{self._clock.iso(pdu.time_ns)}"'
             f',"connection":{pdu.connection},"src":{json_text(str(ends[pdu.side]))},"dst":{json_text(str(ends[1 - pdu.side]))}'
-            f',"protocol":"s7comm","rosctr":{pdu.rosctr},"rosctr_name":{json_text(ROSCTR.name(pdu.rosctr))}'
-            f',"redundancy_id":{pdu.redundancy_id}'
-            f',"pdu_ref":{pdu.pdu_ref},"param_length":{pdu.param_length},"data_length":{pdu.data_length}'
+            f',"protocol":"s7comm",{_header(pdu)}'
             f',"error_class":{error},"function":{function_text(pdu.parameters)}'
             f"{_body(pdu)}"
             f',"cut":{"true" if pdu.cut else "false"},"malformed":[{told}]}}'
         )
+
+
+def _header(pdu: Pdu) -> str:
+    """Return the header's fields; what a cut header does not hold is null."""
+    rosctr = f'{pdu.rosctr},"rosctr_name":{json_text(ROSCTR.name(pdu.rosctr))}'
+    if pdu.rosctr < 0:
+        rosctr = 'null,"rosctr_name":null'
+    if pdu.pdu_ref < 0:
+        return f'"rosctr":{rosctr},"redundancy_id":null,"pdu_ref":null,"param_length":null,"data_length":null'
+    return (
+        f'"rosctr":{rosctr},"redundancy_id":{pdu.redundancy_id},"pdu_ref":{pdu.pdu_ref}'
+        f',"param_length":{pdu.param_length},"data_length":{pdu.data_length}'
+    )
 
 
 def _malformed(fact: Malformed) -> str:
@@ -251,7 +301,7 @@ def _malformed(fact: Malformed) -> str:
 
 
 def _body(pdu: Pdu) -> str:
-    """Return what the PDU carries: setup values, request items, data items, return codes, and what is kept as octets."""
+    """Return what the PDU carries: setup, request items, data items, return codes, and what is kept as octets."""
     parameters = pdu.parameters
     text = ""
     if parameters.item_count >= 0:
@@ -263,19 +313,27 @@ def _body(pdu: Pdu) -> str:
         text += f',"items":[{items}]'
     data_items = pdu.data_items()
     if data_items:
-        values = ",".join(
-            [
-                f'{{"return_code":{item.return_code},"transport_size":{item.transport_size},"length":{item.length}'
-                f',"data":"{item.data.hex()}"}}'
-                for item in data_items
-            ]
-        )
-        return f'{text},"data_items":[{values}]'
-    codes = pdu.return_codes()
-    if codes:
-        return f'{text},"return_codes":[{",".join([str(code) for code in codes])}]'
-    if parameters.setup is None and not parameters.items and len(parameters.octets) > 2:
-        text += f',"parameters":"{parameters.octets.hex()}"'
-    if pdu.data:
-        text += f',"data":"{pdu.data.hex()}"'
+        text += f',"data_items":[{",".join([_data_item(pdu, index, item) for index, item in enumerate(data_items)])}]'
+    elif codes := pdu.return_codes():
+        text += f',"return_codes":[{",".join([str(code) for code in codes])}]'
+    else:
+        if parameters.setup is None and not parameters.items and len(parameters.octets) > 2:
+            text += f',"parameters":"{parameters.octets.hex()}"'
+        if pdu.data:
+            text += f',"data":"{pdu.data.hex()}"'
+    if pdu.malformed or pdu.cut:
+        text += f',"octets":"{pdu.octets.hex()}"'  # what was read of it may not be all
     return text
+
+
+def _data_item(pdu: Pdu, index: int, answer: DataItem) -> str:
+    """Return a data item; in a write request, where the type is known, with its value."""
+    text = (
+        f'{{"return_code":{answer.return_code},"transport_size":{answer.transport_size},"length":{answer.length}'
+        f',"data":"{answer.data.hex()}"'
+    )
+    if index < len(pdu.parameters.items):
+        item = pdu.parameters.items[index]
+        value = octets_value(item.transport_size, answer.data) if item.fits(len(answer.data)) else "null"
+        text += f',"value":{value}'
+    return text + "}"

@@ -39,7 +39,7 @@ class Latencies:
             self.largest = latency_ns
         self.count += 1
         self._recent.append(latency_ns)
-        if len(self._recent) >= EXACT:
+        if len(self._recent) > EXACT:
             self._fold()
 
     @property

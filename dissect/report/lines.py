@@ -1,19 +1,25 @@
-"""Transactions and PDUs for a person, one a line; transactions as CSV cells."""
+"""Transactions, PDUs and TPDUs for a person, one a line; transactions as CSV cells."""
 
 from __future__ import annotations
 
+from typing import Final
+
 from dissect.iso.cotp import Tpdu
-from dissect.iso.tables import CC, CR, DR, ER
+from dissect.iso.tables import CC, CR, DR, DT, ED, ER
+from dissect.iso.upper import EMPTY, S7COMM, UPPER_NAMES, classify
 from dissect.report import words
+from dissect.report.places import Places
+from dissect.s7.errors import ERROR_CODES
+from dissect.s7.items import Item
 from dissect.s7.message import Pdu
 from dissect.s7.tables import JOB, RETURN_CODES, SUCCESS
 from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
+from dissect.transactions.transaction import ItemResult, Transaction, TransactionError
 from dissect.wire.clock import Clock
-from dissect.wire.text import cell, printable
+from dissect.wire.text import cell, printable, shortened
 
-#: The columns of `transactions -T csv`.
-CSV_COLUMNS = [
+#: The columns of `transactions -T csv`; with several files `FILE_COLUMNS` stand behind ``response_frame``.
+CSV_COLUMNS: Final = [
     "number",
     "connection",
     "asked_by",
@@ -25,39 +31,55 @@ CSV_COLUMNS = [
     "request_frame",
     "response_frame",
     "request_time",
+    "response_time",
     "latency_ns",
     "outcome",
     "reason",
     "items",
     "errors",
 ]
+FILE_COLUMNS: Final = ["request_file", "response_file"]
+_FILES_AT: Final = CSV_COLUMNS.index("response_frame") + 1
+
+#: What people call the protocols that TSDUs speak; the names of `UPPER_NAMES` are for programs.
+PROTOCOLS: Final = {
+    "s7comm": "S7comm",
+    "s7comm_plus": "S7comm-plus",
+    "mms": "MMS",
+    "tls": "TLS",
+    "rdp": "RDP",
+    "unknown": "unknown protocol",
+}
+
+#: Characters of a packet comment that are shown.
+_COMMENT: Final = 1000
+_KINDS: Final = ("push", "request", "response", "type 3")
 
 
-def time_of_day(clock: Clock, time_ns: int) -> str:
-    """Return hours to microseconds, UTC."""
-    return clock.iso(time_ns)[11:26]
-
-
-def transaction_line(transaction: Transaction, clock: Clock) -> str:
-    """Return one transaction on one line: when, who asked whom, what, how long, what came of it."""
+def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> str:
+    """Return one transaction on one line: when, who asked whom, how long, what, what came of it."""
     ends = transaction.connection.tcp.ends
     begun = transaction.request_ns if transaction.request_frame else transaction.response_ns
     asked, answered = ends[transaction.asked_by], ends[1 - transaction.asked_by]
-    frames = "→".join(
-        [str(frame) if frame else "?" for frame in (transaction.request_frame, transaction.response_frame)]
-    )
+    frames = places.pair(int(transaction.request_frame), int(transaction.response_frame))
     parts = [part for part in (words.outcome(transaction), words.subject(transaction)) if part]
     said = f"  {'  '.join(parts)}" if parts else ""
     return (
-        f"{time_of_day(clock, begun)}  #{transaction.number:<5} {frames:<12} {asked} → {answered}"
+        f"{words.moment(clock.iso(begun))}  #{transaction.number:<5} {frames:<12} {asked} → {answered}"
         f"  {words.duration(transaction.latency_ns):>8}  {transaction.function_name}{said}"
     )
 
 
-def transaction_cells(transaction: Transaction, clock: Clock) -> list[str]:
-    """Return one transaction as cells in the order of `CSV_COLUMNS`, safe for spreadsheets."""
+def csv_columns(places: Places) -> list[str]:
+    """Return the names of the columns."""
+    return _with_files(CSV_COLUMNS, FILE_COLUMNS) if places.several else list(CSV_COLUMNS)
+
+
+def transaction_cells(transaction: Transaction, clock: Clock, places: Places) -> list[str]:
+    """Return one transaction as cells in the order of `csv_columns`, safe for spreadsheets."""
     ends = transaction.connection.tcp.ends
     latency = transaction.latency_ns
+    asked, told = int(transaction.request_frame), int(transaction.response_frame)
     values: list[str] = [
         str(transaction.number),
         str(transaction.connection.number),
@@ -67,74 +89,123 @@ def transaction_cells(transaction: Transaction, clock: Clock) -> list[str]:
         str(transaction.rosctr),
         str(transaction.function) if transaction.function >= 0 else "",
         transaction.function_name,
-        str(transaction.request_frame or ""),
-        str(transaction.response_frame or ""),
-        clock.iso(transaction.request_ns) if transaction.request_frame else "",
+        str(places.number(asked)) if asked else "",
+        str(places.number(told)) if told else "",
+        clock.iso(transaction.request_ns) if asked else "",
+        clock.iso(transaction.response_ns) if told else "",
         str(latency) if latency is not None else "",
         transaction.outcome_name,
         transaction.reason,
-        "; ".join([words.item(result) for result in transaction.results()]),
-        "; ".join([f"{error.where}: 0x{error.code:02x} {error.name}" for error in transaction.errors]),
+        "; ".join(words.items(transaction)),
+        "; ".join([f"{error.where}: {_code(error)} {error.name}" for error in transaction.errors]),
     ]
+    if places.several:
+        names = [places.locate(frame)[0] if frame else "" for frame in (asked, told)]
+        values = _with_files(values, names)
     return [cell(text) for text in values]
 
 
-def pdu_line(pdu: Pdu, connection: Connection, clock: Clock) -> str:
+def _with_files(values: list[str], names: list[str]) -> list[str]:
+    return [*values[:_FILES_AT], *names, *values[_FILES_AT:]]
+
+
+def _code(error: TransactionError) -> str:
+    """Return an error code as it stands on the wire: one octet for an item, else two."""
+    return f"0x{error.code:02x}" if error.where.startswith("item") else f"0x{error.code:04x}"
+
+
+def pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places) -> str:
     """Return one S7 PDU on one line."""
-    ends = connection.tcp.ends
     said = f"  {body}" if (body := _body(pdu)) else ""
     function = f"  {pdu.function_name}" if pdu.function_name else ""
     if pdu.cut:
         said += "  CUT by the capture"
-    for fact in pdu.malformed[:1]:
-        said += f"  MALFORMED {fact}"
-    return (
-        f"{pdu.frame:>6}  {time_of_day(clock, pdu.time_ns)}  {ends[pdu.side]} → {ends[1 - pdu.side]}"
-        f"  {pdu.rosctr_name:<8}  ref 0x{max(pdu.pdu_ref, 0):04x}{function}{said}"
-    )
+    if pdu.malformed:
+        said += f"  MALFORMED {pdu.malformed[0]}"
+    kind = pdu.rosctr_name if pdu.rosctr >= 0 else "?"
+    reference = f"0x{pdu.pdu_ref:04x}" if pdu.pdu_ref >= 0 else "?"
+    head = _head(pdu.frame, pdu.time_ns, connection, pdu.side, clock, places)
+    return f"{head}  {kind:<8}  ref {reference}{function}{said}"
+
+
+def _head(frame: int, time_ns: int, connection: Connection, side: int, clock: Clock, places: Places) -> str:
+    ends = connection.tcp.ends
+    return f"{places.mark(frame):>6}  {words.moment(clock.iso(time_ns))}  {ends[side]} → {ends[1 - side]}"
 
 
 def _body(pdu: Pdu) -> str:
     parameters = pdu.parameters
     if pdu.error_class > 0 or pdu.error_code > 0:
-        from dissect.s7.errors import ERROR_CODES
-
         code = (pdu.error_class << 8) | pdu.error_code
         return f"error 0x{code:04x} {ERROR_CODES.name(code)}"
     if parameters.setup is not None:
         setup = parameters.setup
         return f"PDU {setup.pdu_length}, AmQ {setup.max_amq_calling}/{setup.max_amq_called}"
     if parameters.items and pdu.rosctr == JOB:
-        return ", ".join(
-            [f"{item.address}[{item.count}]" if item.count > 1 else item.address for item in parameters.items]
-        )
+        return _requested(pdu, parameters.items)
     codes = pdu.return_codes()
     if codes:
         refused = [
             f"item {number}: {RETURN_CODES.name(code)}" for number, code in enumerate(codes, 1) if code != SUCCESS
         ]
-        return ", ".join(refused) or f"{words.count(len(codes), 'item')}, all good"
+        good = words.count(len(codes), "item")
+        if not refused:
+            return f"{good}, all good" if len(codes) > 1 else f"{good}, good"
+        return f"{len(refused)} of {good} refused: {', '.join(refused)}"
     head = parameters.userdata
-    if head is not None:
-        kind = ("push", "request", "response", "type 3")[head.type]
-        error = f", error 0x{head.error_code:04x}" if head.error_code else ""
-        return f"{kind}, sequence {head.sequence}{error}"
-    return ""
+    if head is None:
+        return ""
+    error = f", error 0x{head.error_code:04x} {ERROR_CODES.name(head.error_code)}" if head.error_code else ""
+    more = ", more to come" if head.extended and head.last_data_unit else ""
+    return f"{_KINDS[head.type]}, sequence {head.sequence}{more}{error}"
 
 
-def tpdu_line(tpdu: Tpdu, frame: int, time_ns: int, connection: Connection, side: int, clock: Clock) -> str:
-    """Return a TPDU other than a plain DT on one line."""
-    ends = connection.tcp.ends
+def _requested(pdu: Pdu, items: list[Item]) -> str:
+    """Return the items a job asks for, with the values it writes."""
+    data = pdu.data_items()
+    said = []
+    for index, item in enumerate(items):
+        written = data[index].data if index < len(data) else None
+        said.append(words.item(ItemResult(item, -1, written, None), index + 1))
+    return ", ".join(said)
+
+
+def tpdu_line(
+    tpdu: Tpdu, frame: int, time_ns: int, connection: Connection, side: int, clock: Clock, places: Places
+) -> str:
+    """Return a TPDU that carries no S7 PDU on one line."""
     said = ""
     if tpdu.type in {CR, CC}:
-        calling, called = tpdu.tsap(0xC1), tpdu.tsap(0xC2)
-        one = printable(calling.describe(False)) if calling is not None else "?"
-        other = printable(called.describe()) if called is not None else "?"
-        said = f"  TSAP {one} → {other}" + (f", TPDU size {tpdu.tpdu_size}" if tpdu.tpdu_size else "")
+        siemens = connection.protocol in {"", "s7comm", "s7comm_plus"}
+        said = f"  {words.tsaps(tpdu.tsap(0xC1), tpdu.tsap(0xC2), siemens)}"
+        if tpdu.tpdu_size:
+            said += f", TPDU size {tpdu.tpdu_size}"
     elif tpdu.type in {DR, ER}:
-        value = tpdu.fields[-1]
-        codes = value.field.codes
-        said = f"  {codes.name(value.value) if codes is not None else value.value}"
-    for fact in tpdu.malformed[:1]:
-        said += f"  MALFORMED {fact}"
-    return f"{frame:>6}  {time_of_day(clock, time_ns)}  {ends[side]} → {ends[1 - side]}  COTP {tpdu.name}{said}"
+        said = "".join(
+            [
+                f"  {value.field.codes.name(value.value)}"
+                for value in tpdu.fields
+                if value.field.codes and value.offset > 1
+            ]
+        )
+    elif tpdu.type in {DT, ED}:
+        said = f"  {carried(tpdu)}, {words.count(len(tpdu.data), 'octet')}"
+    if tpdu.malformed:
+        said += f"  MALFORMED {tpdu.malformed[0]}"
+    return f"{_head(frame, time_ns, connection, side, clock, places)}  COTP {tpdu.name}{said}"
+
+
+def carried(tpdu: Tpdu) -> str:
+    """Return what people call the protocol of the user data of a DT or ED; empty when there is no data, or S7comm."""
+    upper = classify(tpdu.data, 0, len(tpdu.data))
+    return "" if upper in {S7COMM, EMPTY} else PROTOCOLS[UPPER_NAMES[upper]]
+
+
+def comment_line(frame: int, text: str, places: Places) -> str:
+    """Return a comment the capture holds about a packet."""
+    return f"{places.mark(frame):>6}  comment: {shortened(text, _COMMENT)}"
+
+
+def named(connection: Connection) -> str:
+    """Return what people call the protocol of a connection, empty when nothing was said on it."""
+    return PROTOCOLS.get(connection.protocol, printable(connection.protocol))

@@ -1,37 +1,47 @@
-"""`analyze` for a person: connections, transactions by function, findings, slowest and failed transactions, loss."""
+"""`analyze` for a person: connections, transactions by function, findings, failed and slowest transactions, completeness."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import textwrap
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
 
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.finding import SEVERITIES, Finding, Rule
 from dissect.report import words
-from dissect.report.analysis import Analysis
+from dissect.report.analysis import MAX_CONNECTIONS, Analysis
+from dissect.report.lines import PROTOCOLS, named
+from dissect.report.places import Places
+from dissect.source.packet import SourceFile
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.wire.clock import Clock
-from dissect.wire.text import printable
+from dissect.wire.text import printable, shortened
 
-#: Frames and details shown of one finding; the rest is counted.
-_FRAMES = 8
-_DETAILS = 3
-_CONNECTIONS = 20
-_FAILED = 10
+#: How much of each is shown; the rest is counted.
+_DETAILS: Final = 3
+_MORE_FRAMES: Final = 8
+_CONNECTIONS: Final = 20
+_FAILED: Final = 10
+_SLOWEST: Final = 5
+_NOTES: Final = 10
+_DETAIL_SIZE: Final = 400
 
-#: Marks a piece of text with a style ("heading", "error", "warning", "note", "dim"); the default leaves it plain.
-Styler = Callable[[str, str], str]
+HEADING: Final = "heading"
+DIM: Final = "dim"
+#: Further styles are the severities; the default leaves a line plain.
+PLAIN: Final = ""
 
 #: How packets that were not used are called.
-_IGNORED = {
+_IGNORED: Final = {
     "not_ip": "not IP",
     "not_tcp": "IP but not TCP",
     "fragment_waiting": "fragments of datagrams that never became whole",
     "fragment_dropped": "dropped fragments",
     "other_protocol": "of TCP connections that do not speak ISO-on-TCP",
     "before_start": "from before the first octet seen of their connection",
-    "after_close": "after a reset",
+    "after_close": "after the end of their connection",
     "reset_ignored": "resets that were not believed",
     "cut": "cut before the end of their headers",
     "bad_header": "with impossible headers",
@@ -39,106 +49,145 @@ _IGNORED = {
     "failed": "the analyzer failed on",
 }
 
-
-def plain(text: str, _style: str) -> str:
-    """Leave text without style."""
-    return text
-
-
-def analysis_lines(analysis: Analysis, style: Styler = plain) -> Iterator[str]:
-    """Yield the report line by line. ``style`` may colour pieces of it; the text is the same without."""
-    yield from _files(analysis, style)
-    yield from _connections(analysis, style)
-    yield from _transactions(analysis, style)
-    yield from _findings(analysis, style)
-    yield from _failed(analysis, style)
-    yield from _slowest(analysis, style)
-    yield from _loss(analysis, style)
+#: Why a TCP connection ends without anybody closing it.
+_DROPPED: Final = {
+    "reused": "its addresses were taken by a new connection",
+    "evicted": "forgotten, too many connections were open",
+}
 
 
-def table(rows: list[list[str]], right: frozenset[int]) -> Iterator[str]:
+class Line(NamedTuple):
+    """One line of the report: its text, what it weighs, and where its continuation begins if a terminal is too narrow."""
+
+    text: str
+    style: str = PLAIN
+    hang: int = 0
+
+    def wrapped(self, width: int) -> list[str]:
+        """Return the line as lines of at most ``width`` columns; a word that is longer stays whole."""
+        if len(self.text) <= width:
+            return [self.text]
+        indent = self.hang if self.hang < width // 2 else len(self.text) - len(self.text.lstrip()) + 4
+        return textwrap.wrap(
+            self.text, width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False
+        )
+
+
+def analysis_lines(analysis: Analysis) -> Iterator[Line]:
+    """Yield the report line by line."""
+    places = Places(analysis.files, len(analysis.files) > 1)
+    yield from _files(analysis, places)
+    yield from _connections(analysis, places)
+    yield from _transactions(analysis)
+    yield from _findings(analysis, places)
+    yield from _failed(analysis, places)
+    yield from _slowest(analysis, places)
+    yield from _completeness(analysis)
+
+
+def table(rows: Sequence[Sequence[str]], right: frozenset[int]) -> Iterator[Line]:
     """Yield rows as aligned columns; the columns in ``right`` are aligned to the right."""
     if not rows:
         return
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    hang = 2 + sum(widths[:-1]) + 2 * (len(widths) - 1)
     for row in rows:
         cells = [
             text.rjust(widths[column]) if column in right else text.ljust(widths[column])
             for column, text in enumerate(row)
         ]
-        yield "  " + "  ".join(cells).rstrip()
+        yield Line("  " + "  ".join(cells).rstrip(), PLAIN, hang)
 
 
-def _files(analysis: Analysis, style: Styler) -> Iterator[str]:
-    pipeline = analysis.pipeline
+# ---- what was read --------------------------------------------------------------------------------------------------
+
+
+def _files(analysis: Analysis, places: Places) -> Iterator[Line]:
     for file in analysis.files:
-        yield style(
-            f"{printable(file.name)}: {words.count(file.packets, 'packet')}, {words.size(file.octets)}", "heading"
-        )
-        if file.damage:
-            yield style(f"  DAMAGED: {printable(file.damage)}", "error")
-        for note in file.notes:
-            yield style(f"  {printable(note)}", "warning")
-    if pipeline is not None and pipeline.frames:
-        clock = Clock()
-        lasted = words.duration(pipeline.now_ns - pipeline.first_ns)
-        yield f"  from {_moment(clock.iso(pipeline.first_ns))}, {lasted}"
-        talk = pipeline.conversation
-        other = {name: count for name, count in _other_protocols(analysis).items() if count}
-        said = f"  {words.count(talk.pdus, 'S7 PDU')}"
-        if other:
-            said += "; not S7comm: " + ", ".join([f"{count} {name}" for name, count in other.items()])
-        yield said
-
-
-def _moment(iso: str) -> str:
-    """Return a time for a person: microseconds do, and a blank between date and time."""
-    return f"{iso[:10]} {iso[11:26]} UTC"
-
-
-def _other_protocols(analysis: Analysis) -> dict[str, int]:
+        yield from _file(file)
     pipeline = analysis.pipeline
-    if pipeline is None:
-        return {}
-    names = ("", "S7comm-plus", "MMS", "TLS", "RDP", "unknown", "")
-    return {f"{name} messages": count for name, count in zip(names, pipeline.conversation.tsdus, strict=True) if name}
-
-
-def _connections(analysis: Analysis, style: Styler) -> Iterator[str]:
-    connections = analysis.connections
-    if not connections:
-        yield ""
-        yield style("No ISO-on-TCP connection in this capture.", "heading")
+    if pipeline is None or not pipeline.frames:
         return
-    yield ""
-    yield style("Connections", "heading")
-    for connection in connections[:_CONNECTIONS]:
-        yield from _connection(connection, style)
-    more = len(connections) - _CONNECTIONS + analysis.connections_not_listed
-    if more > 0:
-        yield style(f"  and {more} more; -T json lists up to 1000", "dim")
+    clock = Clock()
+    first, last = int(pipeline.first_ns), int(pipeline.now_ns)
+    begun = f"  from {words.moment(clock.iso(first))} UTC"
+    if places.several or last < first:
+        yield Line(f"{begun} to {words.moment(clock.iso(last))} UTC, first to last packet read")
+    else:
+        yield Line(f"{begun}, {words.duration(last - first)}")
+    talk = pipeline.conversation
+    others = [
+        f"{count} {PROTOCOLS[name]}"
+        for name, count in zip(PROTOCOLS, talk.tsdus, strict=False)
+        if count and name != "s7comm"
+    ]
+    said = f"  {words.count(talk.pdus, 'S7 PDU')}"
+    yield Line(f"{said}; other messages: {', '.join(others)}" if others else said)
 
 
-def _connection(connection: Connection, style: Styler) -> Iterator[str]:
+def _file(file: SourceFile) -> Iterator[Line]:
+    yield Line(f"{printable(file.name)}: {words.count(file.packets, 'packet')}, {words.size(file.octets)}", HEADING)
+    if file.damage:
+        yield Line(f"  DAMAGED: {printable(file.damage)}", "error")
+    for note in file.notes[:_NOTES]:
+        yield Line(f"  {shortened(note, _DETAIL_SIZE)}", "warning")
+    if len(file.notes) > _NOTES:
+        yield Line(f"  and {len(file.notes) - _NOTES} more notes; -T json lists them", DIM)
+
+
+# ---- connections ----------------------------------------------------------------------------------------------------
+
+
+def _connections(analysis: Analysis, places: Places) -> Iterator[Line]:
+    connections = sorted(analysis.connections, key=_number)
+    yield Line("")
+    if not connections:
+        yield Line("No ISO-on-TCP connection in this capture.", HEADING)
+        return
+    total = len(connections) + int(analysis.connections_not_listed)
+    if total <= _CONNECTIONS:
+        yield Line("Connections", HEADING)
+    else:
+        yield Line(f"Connections ({_CONNECTIONS} of {total}: those with trouble first, then the busiest)", HEADING)
+        connections = sorted(sorted(connections, key=_trouble)[:_CONNECTIONS], key=_number)
+    for connection in connections:
+        yield from _connection(connection, places)
+    if total > _CONNECTIONS:
+        yield Line(f"  and {total - _CONNECTIONS} more; -T json lists up to {MAX_CONNECTIONS}", DIM)
+
+
+def _number(connection: Connection) -> int:
+    return int(connection.number)
+
+
+def _trouble(connection: Connection) -> tuple[int, int, int]:
+    trouble = connection.unanswered + connection.errors + (1 if connection.refused else 0)
+    return -int(trouble), -int(connection.pdus), int(connection.number)
+
+
+def _connection(connection: Connection, places: Places) -> Iterator[Line]:
     arrow = "→" if connection.client_known else "↔"
-    protocol = {"s7comm": "", "": ", no data"}.get(connection.protocol, f", {connection.protocol}")
-    vlan = " (VLAN)" if connection.tcp.vlan else ""
-    yield f"  {connection.number}  {connection.client} {arrow} {connection.server}{vlan}{protocol}"
+    vids = ".".join([str(vid) for vid in words.vlans(int(connection.tcp.vlan))])
+    vlan = f", VLAN {vids}" if vids else ""
+    protocol = "" if connection.protocol == "s7comm" else f", {named(connection) or 'no data'}"
+    yield Line(f"  {connection.number}  {connection.client} {arrow} {connection.server}{vlan}{protocol}", PLAIN, 5)
     calling, called = connection.tsap_calling, connection.tsap_called
     if calling is not None or called is not None:
-        one = printable(calling.describe(False)) if calling is not None else "?"
-        other = printable(called.describe()) if called is not None else "?"
-        yield f"     TSAP {one} → {other}" + (f", TPDU size {connection.tpdu_size}" if connection.tpdu_size else "")
+        said = words.tsaps(calling, called, connection.protocol in {"", "s7comm", "s7comm_plus"})
+        size = f", TPDU size {connection.tpdu_size}" if connection.tpdu_size else ""
+        yield Line(f"     {said}{size}", PLAIN, 5)
     if connection.refused:
-        yield style(f"     refused: {connection.refused}", "warning")
+        yield Line(f"     REFUSED: {connection.refused}", "error", 5)
     granted, asked = connection.granted, connection.setup_asked
     if granted is not None:
         wish = f" (asked {asked.pdu_length})" if asked is not None and asked.pdu_length != granted.pdu_length else ""
-        yield (
-            f"     PDU length {granted.pdu_length}{wish},"
-            f" jobs open at once {granted.max_amq_called} from the client, {granted.max_amq_calling} from the server"
+        jobs = [connection.jobs_allowed(side) for side in (connection.client_side, 1 - connection.client_side)]
+        yield Line(
+            f"     PDU length {granted.pdu_length}{wish}, jobs open at once (AmQ): client {jobs[0]}, server {jobs[1]}",
+            PLAIN,
+            5,
         )
-    yield f"     {_counts(connection)}; {_ending(connection)}"
+    yield Line(f"     {_counts(connection)}; {_ending(connection, places)}", PLAIN, 5)
 
 
 def _counts(connection: Connection) -> str:
@@ -156,7 +205,7 @@ def _counts(connection: Connection) -> str:
     return ", ".join(parts)
 
 
-def _ending(connection: Connection) -> str:
+def _ending(connection: Connection, places: Places) -> str:
     tcp = connection.tcp
     open_then = f" with {words.count(connection.open_at_end, 'request')} open" if connection.open_at_end else ""
     if connection.closed_reason == "replaced":
@@ -166,17 +215,20 @@ def _ending(connection: Connection) -> str:
     begun = "already open at the start, " if connection.mid_stream and not tcp.known_start else ""
     if not tcp.ended:
         return f"{begun}still open at the end of the capture"
-    if tcp.ended in {"reused", "evicted"}:
-        return f"{begun}dropped ({tcp.ended}){open_then}"
+    if tcp.ended in _DROPPED:
+        return f"{begun}{_DROPPED[tcp.ended]}{open_then}"
     role = "client" if tcp.ended_by == connection.client_side else "server"
     how = "closed by" if tcp.ended == "fin" else "reset by"
-    return f"{begun}{how} the {role} at packet {tcp.ended_frame}{open_then}"
+    return f"{begun}{how} the {role} at {places.phrase([int(tcp.ended_frame)])}{open_then}"
 
 
-def _transactions(analysis: Analysis, style: Styler) -> Iterator[str]:
+# ---- transactions ---------------------------------------------------------------------------------------------------
+
+
+def _transactions(analysis: Analysis) -> Iterator[Line]:
     if not analysis.total:
         return
-    yield ""
+    yield Line("")
     said = [f"{analysis.answered} answered"]
     if analysis.unanswered:
         said.append(f"{analysis.unanswered} unanswered")
@@ -186,9 +238,9 @@ def _transactions(analysis: Analysis, style: Styler) -> Iterator[str]:
         said.append(words.count(analysis.unsolicited, "push", "pushes"))
     if analysis.with_errors:
         said.append(f"{analysis.with_errors} with errors")
-    yield style(f"Transactions: {', '.join(said)}", "heading")
+    yield Line(f"Transactions: {', '.join(said)}", HEADING)
     rows = [["function", "count", "errors", "no answer", "median", "95 %", "max"]]
-    for _, statistics in sorted(analysis.functions.items(), key=lambda entry: -entry[1].total):
+    for _, statistics in sorted(analysis.functions.items(), key=lambda entry: (-entry[1].total, entry[1].name)):
         times = statistics.latencies
         rows.append(
             [
@@ -204,109 +256,104 @@ def _transactions(analysis: Analysis, style: Styler) -> Iterator[str]:
     yield from table(rows, frozenset(range(1, 7)))
 
 
-def _findings(analysis: Analysis, style: Styler) -> Iterator[str]:
+def _failed(analysis: Analysis, places: Places) -> Iterator[Line]:
+    if not analysis.failed:
+        return
+    shown = analysis.failed[:_FAILED]
+    total = int(analysis.with_errors + analysis.unanswered)
+    yield Line("")
+    yield Line("Failed transactions" + (f" (first {len(shown)} of {total})" if total > len(shown) else ""), HEADING)
+    yield from _rows(shown, places)
+
+
+def _slowest(analysis: Analysis, places: Places) -> Iterator[Line]:
+    slowest = analysis.slowest()
+    if len(slowest) < 2:
+        return
+    yield Line("")
+    yield Line("Slowest answers", HEADING)
+    yield from _rows(slowest[:_SLOWEST], places)
+
+
+def _rows(transactions: Sequence[Transaction], places: Places) -> Iterator[Line]:
+    rows = []
+    for transaction in transactions:
+        said = [part for part in (words.outcome(transaction), words.gist(transaction)) if part]
+        rows.append(
+            [
+                f"#{transaction.number}",
+                places.pair(int(transaction.request_frame), int(transaction.response_frame)),
+                words.duration(transaction.latency_ns),
+                transaction.function_name,
+                "  ".join(said),
+            ]
+        )
+    yield from table([["number", "packets", "answer", "function", ""], *rows], frozenset({0, 2}))
+
+
+# ---- findings -------------------------------------------------------------------------------------------------------
+
+
+def _findings(analysis: Analysis, places: Places) -> Iterator[Line]:
     pipeline = analysis.pipeline
     counts = pipeline.conversation.judge.counts if pipeline is not None else {}
     if not counts:
         if analysis.total:
-            yield ""
-            yield style("Findings: none", "heading")
+            yield Line("")
+            yield Line("Findings: none", HEADING)
         return
-    yield ""
-    yield style("Findings", "heading")
+    yield Line("")
+    yield Line("Findings", HEADING)
     details: dict[str, list[Finding]] = {}
     for finding in analysis.findings:
         details.setdefault(finding.slug, []).append(finding)
     rules = [CATALOGUE[slug] for slug in counts]
     for rule in sorted(rules, key=lambda rule: (SEVERITIES.index(rule.severity), -counts[rule.slug], rule.slug)):
-        yield from _finding(rule, counts[rule.slug], details.get(rule.slug, []), analysis, style)
+        yield from _finding(rule, counts[rule.slug], details.get(rule.slug, []), places)
 
 
-def _finding(rule: Rule, count: int, details: list[Finding], analysis: Analysis, style: Styler) -> Iterator[str]:
+def _finding(rule: Rule, count: int, details: Sequence[Finding], places: Places) -> Iterator[Line]:
     times = f" ({count} times)" if count > 1 else ""
-    yield f"  {style(rule.severity, rule.severity)}  {rule.slug}{times}: {rule.sentence}"
+    yield Line(f"  {rule.severity}  {rule.slug}{times}: {rule.sentence}", rule.severity, 6)
     for finding in details[:_DETAILS]:
         where = f"connection {finding.connection}, " if finding.connection else ""
-        at = f"{where}{_packets(finding.frames, analysis)}"
-        yield f"      {at}: {printable(finding.detail)}" if finding.detail else f"      {at}"
+        said = f": {shortened(finding.detail, _DETAIL_SIZE)}" if finding.detail else ""
+        yield Line(f"      {where}{places.phrase(finding.frames)}{said}", PLAIN, 8)
     if count > _DETAILS and details:
-        rest = dict.fromkeys(finding.frames[-1] for finding in details[_DETAILS:] if finding.frames)
-        shown = list(rest)[:_FRAMES]
-        more = ", …" if len(rest) > _FRAMES or count > len(details) else ""
-        yield f"      and {count - _DETAILS} more: {_packets(shown, analysis)}{more}"
-    yield style(f"      → {rule.advice}", "dim")
+        rest = list(dict.fromkeys([finding.frames[-1] for finding in details[_DETAILS:] if finding.frames]))
+        more = ", …" if len(rest) > _MORE_FRAMES or count > len(details) else ""
+        at = f": {places.phrase(rest[:_MORE_FRAMES])}{more}" if rest else ""
+        yield Line(f"      and {count - _DETAILS} more{at}", PLAIN, 8)
+    yield Line(f"      → {rule.advice}", DIM, 8)
 
 
-def _packets(frames: list[int], analysis: Analysis) -> str:
-    """Name packets the way the user finds them: by number, and by file where there are several."""
-    if not frames:
-        return "the capture"
-    if len(analysis.files) == 1:
-        return f"packet{'s' if len(frames) > 1 else ''} {', '.join([str(frame) for frame in frames])}"
-    located = [analysis.locate(frame) for frame in frames]
-    return ", ".join([f"packet {number} of {printable(name)}" for name, number in located])
+# ---- completeness ---------------------------------------------------------------------------------------------------
 
 
-def _failed(analysis: Analysis, style: Styler) -> Iterator[str]:
-    if not analysis.failed:
-        return
-    total = analysis.with_errors + analysis.unanswered
-    yield ""
-    yield style("Failed transactions" + (f" (first {_FAILED} of {total})" if total > _FAILED else ""), "heading")
-    yield from table([_row(transaction, analysis) for transaction in analysis.failed[:_FAILED]], frozenset({0, 3}))
-
-
-def _slowest(analysis: Analysis, style: Styler) -> Iterator[str]:
-    slowest = analysis.slowest()
-    if not slowest or analysis.answered < 2:
-        return
-    yield ""
-    yield style("Slowest answers", "heading")
-    yield from table([_row(transaction, analysis) for transaction in slowest[:5]], frozenset({0, 3}))
-
-
-def _row(transaction: Transaction, analysis: Analysis) -> list[str]:
-    frames = [frame for frame in (transaction.request_frame, transaction.response_frame) if frame]
-    said = words.outcome(transaction)
-    what = words.subject(transaction)
-    return [
-        f"#{transaction.number}",
-        _packets(frames, analysis),
-        transaction.function_name,
-        words.duration(transaction.latency_ns),
-        _shorten(", ".join([part for part in (said, what) if part])),
-    ]
-
-
-def _shorten(text: str) -> str:
-    return text if len(text) <= 100 else text[:99] + "…"
-
-
-def _loss(analysis: Analysis, style: Styler) -> Iterator[str]:
+def _completeness(analysis: Analysis) -> Iterator[Line]:
     pipeline = analysis.pipeline
     if pipeline is None:
         return
-    yield ""
-    yield style("Completeness", "heading")
+    yield Line("")
+    yield Line("Completeness", HEADING)
     counts = pipeline.packet_counts()
     used = sum(counts[name] for name in CATEGORIES[:FIRST_IGNORED])
     repeated = counts["retransmission"] + counts["keep_alive"]
     again = f", {words.count(repeated, 'of them a repetition', 'of them repetitions')} on TCP level" if repeated else ""
-    yield f"  {used} of {words.count(pipeline.frames, 'packet')} used{again}"
+    yield Line(f"  {used} of {words.count(pipeline.frames, 'packet')} used{again}")
     for name in CATEGORIES[FIRST_IGNORED:]:
         if counts[name]:
-            yield f"  {counts[name]} not used: {_IGNORED[name]}"
+            yield Line(f"  {counts[name]} not used: {_IGNORED[name]}")
     if pipeline.cut_frames:
-        yield style(f"  {words.count(pipeline.cut_frames, 'packet')} cut by the capture (snaplen)", "warning")
+        yield Line(f"  {words.count(pipeline.cut_frames, 'packet')} cut by the capture (snaplen)", "warning")
     octets = pipeline.octets
     if octets.holes:
         holes = words.count(octets.holes, "hole")
-        yield style(
-            f"  {holes} in the TCP streams, {words.count(octets.missing, 'octet')} missing from the capture", "warning"
-        )
+        missing = words.count(octets.missing, "octet")
+        yield Line(f"  {holes} in the TCP streams, {missing} missing from the capture", "warning")
     else:
-        yield "  no octet missing from the TCP streams"
+        yield Line("  no octet missing from the TCP streams")
     if octets.skipped:
-        yield style(f"  {words.count(octets.skipped, 'octet')} skipped that belong to no message", "warning")
+        yield Line(f"  {words.count(octets.skipped, 'octet')} skipped that belong to no message", "warning")
     if octets.buffered:
-        yield f"  {words.count(octets.buffered, 'octet')} of unfinished messages at the end"
+        yield Line(f"  {words.count(octets.buffered, 'octet')} of unfinished messages at the end")

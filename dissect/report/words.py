@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Final
+
+from dissect.iso.tsap import Tsap
+from dissect.s7.items import Item
 from dissect.s7.tables import RETURN_CODES, SUCCESS
 from dissect.s7.values import Value
 from dissect.transactions.transaction import (
@@ -17,13 +21,16 @@ from dissect.transactions.transaction import (
     ItemResult,
     Transaction,
 )
-from dissect.wire.text import printable
+from dissect.wire.text import printable, shortened
 
-#: Elements of an array, and characters of a text, that are shown on a line.
-_SHOWN = 8
-_SHOWN_TEXT = 32
+#: Elements of an array, characters of a text and octets that are shown on a line.
+_SHOWN: Final = 8
+_SHOWN_TEXT: Final = 32
+_SHOWN_OCTETS: Final = 16
+#: Items that a summary names.
+_NAMED: Final = 3
 
-_REASONS = {
+_REASONS: Final = {
     CONNECTION_CLOSED: "connection closed",
     CAPTURE_ENDED: "capture ends",
     HOLE: "hole in the capture",
@@ -32,23 +39,31 @@ _REASONS = {
     CONNECTION_EVICTED: "too many connections",
 }
 
+_NS_PER_S: Final = 1_000_000_000
+
 
 def duration(ns: int | None) -> str:
     """Return a duration in the unit that suits it, for example ``412 µs``, ``3.21 ms``, ``1.54 s``; ``-`` for none."""
     if ns is None:
         return "-"
     size = abs(ns)
-    if size < 1_000_000:
+    if 0 < size < 10_000:
+        return f"{ns / 1e3:.1f} µs"
+    if size < 999_500:
         return f"{ns / 1e3:.0f} µs"
-    if size < 100_000_000:
+    if size < 99_995_000:
         return f"{ns / 1e6:.2f} ms"
-    if size < 1_000_000_000:
+    if size < 999_500_000:
         return f"{ns / 1e6:.0f} ms"
-    if size < 600_000_000_000:
+    if size < 600 * _NS_PER_S:
         return f"{ns / 1e9:.2f} s"
-    minutes, seconds = divmod(ns // 1_000_000_000, 60)
+    minutes, seconds = divmod(size // _NS_PER_S, 60)
     hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes:02d} min {seconds:02d} s"
+    days, hours = divmod(hours, 24)
+    units = [(days, "d"), (hours, "h"), (minutes, "min"), (seconds, "s")]
+    first = next(index for index, (number, _) in enumerate(units) if number)
+    sign = "-" if ns < 0 else ""
+    return sign + " ".join([f"{number} {unit}" for number, unit in units[first:]])
 
 
 def size(octets: int) -> str:
@@ -64,13 +79,41 @@ def count(number: int, one: str, many: str = "") -> str:
     return f"{number} {one if number == 1 else many or one + 's'}"
 
 
+def moment(iso: str) -> str:
+    """Return an ISO 8601 time for a person: a blank between date and time, and microseconds."""
+    day, _, time = iso.partition("T")
+    return f"{day} {time[:15]}"
+
+
+def vlans(key: int) -> list[int]:
+    """Return the VLAN ids of a connection, the outer tag first, from the number that holds them in twelve bits each."""
+    vids: list[int] = []
+    while key:
+        key, vid = divmod(key, 4096)
+        vids.append(vid)
+    vids.reverse()
+    return vids
+
+
+def tsaps(calling: Tsap | None, called: Tsap | None, siemens: bool) -> str:
+    """Return the TSAPs of a connection, ``?`` for one not captured; with rack and slot when it is ``siemens`` that speaks."""
+    one = "?" if calling is None else printable(calling.describe(False) if siemens else _plain(calling))
+    other = "?" if called is None else printable(called.describe() if siemens else _plain(called))
+    return f"TSAP {one} → {other}"
+
+
+def _plain(tsap: Tsap) -> str:
+    return tsap.describe() if tsap.connection_type < 0 else str(tsap)
+
+
 def value(shown: Value) -> str:
     """Return a decoded value on one line; long arrays and texts are cut with a note of how much there is."""
     if isinstance(shown, bool):
         return "true" if shown else "false"
     if isinstance(shown, str):
-        text = printable(shown)
-        return f"'{text[:_SHOWN_TEXT]}'" + (f"… ({len(shown)} characters)" if len(text) > _SHOWN_TEXT else "")
+        if len(shown) > _SHOWN_TEXT:
+            return f"'{printable(shown[:_SHOWN_TEXT])}'… ({len(shown)} characters)"
+        return f"'{printable(shown)}'"
     if isinstance(shown, list):
         body = ", ".join([value(element) for element in shown[:_SHOWN]])
         return f"[{body}]" if len(shown) <= _SHOWN else f"[{body}, … {len(shown)} in all]"
@@ -78,20 +121,22 @@ def value(shown: Value) -> str:
 
 
 def octets(data: bytes) -> str:
-    """Return octets as hexadecimal on one line, cut after 16."""
-    return data[:16].hex(" ") + (f" … {len(data)} octets" if len(data) > 16 else "")
+    """Return octets as hexadecimal on one line, cut after 16 with a note of how many there are."""
+    if len(data) <= _SHOWN_OCTETS:
+        return data.hex(" ") or "(empty)"
+    return f"{data[:_SHOWN_OCTETS].hex(' ')} … {len(data)} octets"
 
 
-def address(transaction: Transaction, index: int) -> str:
-    """Return the address of an item with its count where that is not one, for example ``DB10.DBW4[3]``."""
-    item = transaction.parameters.items[index]
-    return f"{item.address}[{item.count}]" if item.count > 1 else item.address
+def address(item: Item) -> str:
+    """Return the address of an item with its count where that is not one, for example ``DB10.DBW4 x3``."""
+    text = shortened(item.address, 100)
+    return f"{text} x{item.count}" if item.count >= 0 and item.count != 1 else text
 
 
-def item(result: ItemResult) -> str:
+def item(result: ItemResult, number: int) -> str:
     """Return one item with what became of it: ``DB10.DBW4 = 1234``, ``DB99.DBW0: Object does not exist``."""
     asked = result.item
-    name = "?" if asked is None else (f"{asked.address}[{asked.count}]" if asked.count > 1 else asked.address)
+    name = f"item {number}" if asked is None else address(asked)
     if result.return_code >= 0 and result.return_code != SUCCESS:
         return f"{name}: {RETURN_CODES.name(result.return_code)}"
     if result.data is None:
@@ -100,11 +145,31 @@ def item(result: ItemResult) -> str:
     return f"{name} = {value(decoded) if decoded is not None else octets(result.data)}"
 
 
+def items(transaction: Transaction) -> list[str]:
+    """Return every item of a read or write with what became of it, in wire order."""
+    return [item(result, number) for number, result in enumerate(transaction.results(), 1)]
+
+
 def subject(transaction: Transaction) -> str:
-    """Return what a transaction is about: its items, the setup, or nothing."""
+    """Return what a transaction is about: all its items, the setup, or nothing."""
+    return ", ".join(items(transaction)) or _setup(transaction)
+
+
+def gist(transaction: Transaction) -> str:
+    """Return what a transaction is about, as a summary: the items that failed, or else what was asked for, but never all."""
     results = transaction.results()
-    if results:
-        return ", ".join([item(result) for result in results])
+    numbered = list(enumerate(results, 1))
+    refused = [(number, result) for number, result in numbered if result.return_code not in {-1, SUCCESS}]
+    if refused:
+        some = [item(result, number) for number, result in refused[:_NAMED]]
+        total = f"{len(refused)} of {count(len(results), 'item')} refused: " if len(results) > 1 else ""
+        return total + ", ".join(some) + (", …" if len(refused) > _NAMED else "")
+    names = [address(result.item) if result.item is not None else f"item {number}" for number, result in numbered]
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return ", ".join(names[:_NAMED]) + more or _setup(transaction)
+
+
+def _setup(transaction: Transaction) -> str:
     asked = transaction.parameters.setup
     if asked is None:
         return ""
@@ -119,14 +184,15 @@ def subject(transaction: Transaction) -> str:
 
 def outcome(transaction: Transaction) -> str:
     """Return how a transaction ended, empty when all went well."""
+    why = f" ({_REASONS.get(transaction.reason, transaction.reason)})" if transaction.reason else ""
     if transaction.outcome == ORPHAN:
-        said = "answer without request"
+        said = f"answer without request{why}"
     elif transaction.outcome == PUSH:
         said = "push"
     elif transaction.outcome == ANSWERED:
         said = ""
     else:
-        said = f"NO ANSWER ({_REASONS.get(transaction.reason, transaction.reason)})"
+        said = f"NO ANSWER{why}"
     if transaction.error_code:
         error = transaction.errors[0]
         refused = f"REFUSED 0x{error.code:04x} {error.name}"

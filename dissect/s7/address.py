@@ -15,6 +15,8 @@ _DI: Final = 0x85
 
 #: Areas whose letter is followed by a width letter (B, W, D).
 _LETTERED: Final = frozenset((0x80, 0x81, 0x82, 0x83, 0x86, 0x87))
+#: Areas whose letter is followed by a number at once.
+_PLAIN: Final = frozenset((0x1C, 0x1D))
 #: Width letters of the DB family and of the others, by octets of an element.
 _WIDTHS: Final[dict[int, str]] = {1: "B", 2: "W", 4: "D", 8: "L"}
 
@@ -27,7 +29,8 @@ def address_text(area: i64, db: i64, address: i64, transport_size: i64) -> str:
     its number, so that nothing is invented.
     """
     if area in NUMBERED_AREAS:
-        return f"{AREA_LETTERS[area]}{address}"
+        # C5, but C200:5 in the 200 family: C2005 is the S7 counter of that number.
+        return f"{AREA_LETTERS[area]}{'' if area in _PLAIN else ':'}{address}"
     if area == _RECORD:
         return f"RECORD{db}@{address}"
     octet: i64 = address >> 3

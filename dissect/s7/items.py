@@ -21,7 +21,9 @@ _BITS: Final = 1
 _UNCLEAR: Final = 2
 _DINTEGER: Final = 0x06
 #: What a length field counts, by index, because this is asked for every item.
-_COUNTED: Final = bytes([_BITS if code in LENGTH_IN_BITS else _UNCLEAR if code == _DINTEGER else 0 for code in range(256)])
+_COUNTED: Final = bytes(
+    [_BITS if code in LENGTH_IN_BITS else _UNCLEAR if code == _DINTEGER else 0 for code in range(256)]
+)
 
 
 class Item:
@@ -33,7 +35,19 @@ class Item:
     for, and devices differ in how they pack several bits).
     """
 
-    __slots__ = ("address", "area", "count", "db", "fragment", "octets", "offset", "size", "start_bit", "syntax_id", "transport_size")
+    __slots__ = (
+        "address",
+        "area",
+        "count",
+        "db",
+        "fragment",
+        "octets",
+        "offset",
+        "size",
+        "start_bit",
+        "syntax_id",
+        "transport_size",
+    )
 
     def __init__(self, octets: bytes, offset: i64) -> None:
         self.octets: bytes = octets

@@ -81,7 +81,12 @@ S7ANY_ITEM: Final = Layout(
         Field("count", 2, "Elements, not octets.", "s7comm.param.item.length"),
         Field("db", 2, "DB number, 0 outside DB areas.", "s7comm.param.item.db"),
         Field("area", 1, "Memory area.", "s7comm.param.item.area", AREAS),
-        Field("address", 3, "Octet address times 8 plus bit; a plain number for counters and timers.", "s7comm.param.item.address"),
+        Field(
+            "address",
+            3,
+            "Octet times 8 plus bit; a plain number for counters and timers.",
+            "s7comm.param.item.address",
+        ),
     ],
 )
 
@@ -129,7 +134,9 @@ MODE_TRANSITION: Final = Layout(
         Field("function", 1, "0x01.", "s7comm.param.func", FUNCTIONS),
         Field("item_count", 1, "0.", "s7comm.param.itemcount"),
         Field("unknown", 4, "0x10100000 in captures."),
-        Field("mode", 1, "Operating mode the CPU changed to.", "s7comm.param.modetrans.subfunc", USERDATA_SUBFUNCTIONS[0]),
+        Field(
+            "mode", 1, "Operating mode the CPU changed to.", "s7comm.param.modetrans.subfunc", USERDATA_SUBFUNCTIONS[0]
+        ),
         Field("unknown_last", 1, "0 in captures."),
     ],
 )

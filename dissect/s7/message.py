@@ -94,7 +94,9 @@ class Pdu:
     @property
     def function_name(self) -> str:
         """Name of the function, for userdata of group and subfunction."""
-        return self.parameters.function_name if self.function >= 0 else FUNCTIONS.name(0) if self.rosctr == USERDATA else ""
+        if self.function >= 0:
+            return self.parameters.function_name
+        return FUNCTIONS.name(0) if self.rosctr == USERDATA else ""
 
     @property
     def data_offset(self) -> int:
@@ -112,7 +114,8 @@ class Pdu:
         end = min(len(self.octets), self.data_offset + self.data_length)
         count = self.parameters.item_count
         if count >= 0 and (
-            (self.rosctr == ACK_DATA and self.function == READ_VAR) or (self.rosctr == JOB and self.function == WRITE_VAR)
+            (self.rosctr == ACK_DATA and self.function == READ_VAR)
+            or (self.rosctr == JOB and self.function == WRITE_VAR)
         ):
             if count and not self.data_length and self.rosctr == ACK_DATA and (self.error_class or self.error_code):
                 return []  # refused as a whole: no items come back
@@ -141,7 +144,9 @@ class Pdu:
         return False
 
 
-def parse_pdu(octets: bytes, frame: int = 0, time_ns: int = 0, connection: int = 0, side: int = 0, cut: bool = False) -> Pdu:
+def parse_pdu(
+    octets: bytes, frame: int = 0, time_ns: int = 0, connection: int = 0, side: int = 0, cut: bool = False
+) -> Pdu:
     """Read one S7 PDU (a whole TSDU that begins with 0x32). Never raises; ``cut`` says the capture cut it short."""
     pdu = Pdu(octets, frame, time_ns, connection, side)
     pdu.cut = cut
@@ -166,14 +171,24 @@ def parse_pdu(octets: bytes, frame: int = 0, time_ns: int = 0, connection: int =
     total = head + pdu.param_length + pdu.data_length
     if total > size:
         field = "param_length" if head + pdu.param_length > size else "data_length"
-        pdu.malformed.append(Malformed("s7", "length_beyond", field, 6 if field == "param_length" else 8, total, size, limit))
+        pdu.malformed.append(
+            Malformed("s7", "length_beyond", field, 6 if field == "param_length" else 8, total, size, limit)
+        )
     elif total < size:
         pdu.malformed.append(Malformed("s7", "trailing_octets", "pdu", total, total, size, limit))
-    pdu.parameters = parse_parameters(octets[head : head + pdu.param_length], pdu.rosctr)
+    block = octets[head : head + pdu.param_length]
+    if pdu.rosctr not in ROSCTR:
+        pdu.parameters = Parameters(
+            block, pdu.rosctr
+        )  # whether it asks or answers nobody knows, so nothing is read into it
+        return pdu
+    pdu.parameters = parse_parameters(block, pdu.rosctr)
     if head + pdu.param_length <= size:  # else the block's own complaints only repeat the one above
         for told in pdu.parameters.malformed:
             pdu.malformed.append(
-                Malformed(told.layer, told.reason, told.field, told.offset + head, told.needed, told.available, told.limit)
+                Malformed(
+                    told.layer, told.reason, told.field, told.offset + head, told.needed, told.available, told.limit
+                )
             )
         if total <= size:
             pdu.data_items(pdu.malformed)

@@ -37,7 +37,8 @@ _EXTENDED: Final = 12
 _SYNTAX_SHORT: Final = 0x11
 _SYNTAX_EXTENDED: Final = 0x12
 _USEND: Final = 0x13
-_GROUP_PBC: Final = 6
+#: Group of BSEND and USEND.
+GROUP_PBC: Final = 6
 
 
 class Setup:
@@ -62,7 +63,16 @@ class Setup:
 class UserdataHead:
     """The parameter head of a userdata PDU (reference 4.1). ``extended`` heads carry the last three fields, others 0."""
 
-    __slots__ = ("data_unit_ref", "error_code", "extended", "group", "last_data_unit", "sequence", "subfunction", "type")
+    __slots__ = (
+        "data_unit_ref",
+        "error_code",
+        "extended",
+        "group",
+        "last_data_unit",
+        "sequence",
+        "subfunction",
+        "type",
+    )
 
     def __init__(self, type_: int, group: int, subfunction: int, sequence: int) -> None:
         self.type = type_
@@ -165,7 +175,8 @@ def _wrong_size(parameters: Parameters, field: str, needed: i64, available: i64)
 
 def _parse_userdata(parameters: Parameters, octets: bytes, size: i64) -> None:
     function: i64 = octets[0]
-    if function == MODE_TRANSITION and size >= _SHORT:  # a layout of its own (reference 4.9): the mode stands in octet 6
+    if function == MODE_TRANSITION and size >= _SHORT:
+        # A layout of its own (reference 4.9): the mode stands in octet 6.
         parameters.userdata = UserdataHead(PUSH, 0, octets[6], 0)
         if size != _SHORT:
             _wrong_size(parameters, "mode transition", _SHORT, size)
@@ -183,7 +194,7 @@ def _parse_userdata(parameters: Parameters, octets: bytes, size: i64) -> None:
         head.data_unit_ref = octets[8]
         head.last_data_unit = octets[9]
         head.error_code = u16(octets, 10)
-    if octets[4] != _USEND or head.group != _GROUP_PBC:  # USEND puts its R_ID where others have the head
+    if octets[4] != _USEND or head.group != GROUP_PBC:  # USEND puts its R_ID where others have the head
         _check_head(parameters, octets, size)
 
 

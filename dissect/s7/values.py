@@ -106,15 +106,15 @@ def real(octets: bytes) -> float:
 def real_text(octets: bytes) -> str:
     """Return an IEEE 754 single as the text of `real`, for example ``123.456``, ``1e+20``, ``inf`` or ``nan``.
 
-    A double less than half a step of single precision from the exact value reads back to it, however ties are rounded; %g drops the zeros of
-    numbers with fewer digits than asked for, and nine digits always do.
+    A double less than half a step of single precision from the exact value reads back to it, however ties are rounded; %g
+    drops the zeros of numbers with fewer digits than asked for, and nine digits always do.
     """
     exact: float = _FLOAT.unpack(octets)[0]
     exponent: i64 = (u16(octets, 0) >> 7) & 0xFF
     if exponent == 255:
         return repr(exact)
     half_step: float = _HALF_STEP[exponent]
-    if octets[1] & 0x7F == 0 and octets[2] == 0 and octets[3] == 0:
+    if exponent > 1 and octets[1] & 0x7F == 0 and octets[2] == 0 and octets[3] == 0:
         half_step *= 0.5  # below a power of two the steps are half as wide
     digits: i64 = _FIRST_DIGITS[exponent]
     while digits < 7:
@@ -180,14 +180,24 @@ def date_text(days: int) -> str:
 
 
 def date_and_time(octets: bytes) -> str | None:
-    """Return the 8-octet BCD form (year, month, day, hour, minute, second, ms, weekday) as ``DT#…``; None when it is no time."""
+    """Return the 8-octet BCD form (year, month, day, hour, minute, second, ms, weekday) as ``DT#…``, None if no time."""
     fields = [bcd(octet) for octet in octets[:7]]
     year, month, day, hour, minute, second, centi = fields
-    if year is None or month is None or day is None or hour is None or minute is None or second is None or centi is None:
+    if (
+        year is None
+        or month is None
+        or day is None
+        or hour is None
+        or minute is None
+        or second is None
+        or centi is None
+    ):
         return None
     units = octets[7] >> 4
     full = year + (2000 if year < 90 else 1900)
-    if not (1 <= month <= 12 and 1 <= day <= _days(full, month) and hour < 24 and minute < 60 and second < 60 and units < 10):
+    if not (
+        1 <= month <= 12 and 1 <= day <= _days(full, month) and hour < 24 and minute < 60 and second < 60 and units < 10
+    ):
         return None
     return f"DT#{full:04d}-{month:02d}-{day:02d}-{hour:02d}:{minute:02d}:{second:02d}.{centi * 10 + units:03d}"
 

@@ -6,6 +6,7 @@ what was captured, and told.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from typing import Final
 
 from mypy_extensions import i64
@@ -41,7 +42,17 @@ class IpPacket:
     what `FragmentStore.add` takes, IPv6 extension headers behind the fragment header included.
     """
 
-    __slots__ = ("addresses", "end", "fragment_key", "fragment_offset", "missing", "more", "problem", "protocol", "start")
+    __slots__ = (
+        "addresses",
+        "end",
+        "fragment_key",
+        "fragment_offset",
+        "missing",
+        "more",
+        "problem",
+        "protocol",
+        "start",
+    )
 
     def __init__(self) -> None:
         self.problem: str = ""
@@ -192,7 +203,8 @@ class FragmentStore:
     """
 
     def __init__(self) -> None:
-        self._datagrams: dict[bytes, _Datagram] = {}
+        # In order of arrival. (The first key of a plain dict takes longer to find the more were deleted before it.)
+        self._datagrams: OrderedDict[bytes, _Datagram] = OrderedDict()
         self._octets: i64 = 0
         self.waiting: i64 = 0
         self.used: i64 = 0

@@ -8,7 +8,20 @@ from mypy_extensions import i64
 
 from dissect.iso.cotp import Tpdu
 from dissect.iso.tsap import Tsap
-from dissect.s7.parameters import Setup
+from dissect.s7.parameters import GROUP_PBC, Parameters, Setup
+from dissect.s7.tables import (
+    DOWNLOAD_BLOCK,
+    DOWNLOAD_ENDED,
+    END_UPLOAD,
+    PI_SERVICE,
+    PLC_STOP,
+    READ_VAR,
+    REQUEST_DOWNLOAD,
+    SETUP_COMMUNICATION,
+    START_UPLOAD,
+    UPLOAD,
+    WRITE_VAR,
+)
 from dissect.tcp.connection import Endpoint, TcpConnection
 from dissect.transactions.pairing import OpenRequests
 
@@ -16,6 +29,22 @@ from dissect.transactions.pairing import OpenRequests
 PROBING: Final = 0
 ISO: Final = 1
 FOREIGN: Final = 2
+
+#: Jobs that tell who the client is (reference 5.3); in a download the PLC asks.
+_ASKED_BY_CLIENT: Final = frozenset(
+    (
+        READ_VAR,
+        WRITE_VAR,
+        REQUEST_DOWNLOAD,
+        START_UPLOAD,
+        UPLOAD,
+        END_UPLOAD,
+        PI_SERVICE,
+        PLC_STOP,
+        SETUP_COMMUNICATION,
+    )
+)
+_ASKED_BY_SERVER: Final = frozenset((DOWNLOAD_BLOCK, DOWNLOAD_ENDED))
 
 #: The port ISO-on-TCP is registered on.
 ISO_TSAP_PORT: Final = 102
@@ -30,6 +59,7 @@ class Connection:
     """
 
     __slots__ = (
+        "_setup_by",
         "answered",
         "client_known",
         "client_side",
@@ -82,6 +112,7 @@ class Connection:
         self.iso_ended: str = ""  # a DR or ER, in words
         self.setup_asked: Setup | None = None
         self.granted: Setup | None = None
+        self._setup_by: i64 = 0
         self.setup_seen: bool = False
         self.pdu_length: i64 = 0  # granted, 0 while unknown
         self.open_requests: list[OpenRequests] = [OpenRequests(), OpenRequests()]
@@ -132,17 +163,29 @@ class Connection:
         if self.tsap_called is None:
             self.tsap_called = tpdu.tsap(0xC2)
 
-    def grant(self, setup: Setup) -> None:
-        """A setup answer: these values hold from now on."""
+    def note_request(self, side: i64, parameters: Parameters) -> None:
+        """Without a handshake, what is asked tells who the client is (reference 5.3)."""
+        userdata = parameters.userdata
+        if userdata is not None:
+            if userdata.group != GROUP_PBC:  # BSEND is asked by either end
+                self.set_client(side)
+        elif parameters.function in _ASKED_BY_SERVER:
+            self.set_client(1 - side)
+        elif parameters.function in _ASKED_BY_CLIENT:
+            self.set_client(side)
+
+    def grant(self, setup: Setup, asked_by: i64) -> None:
+        """An answer to the setup that ``asked_by`` sent: these values hold from now on."""
         self.granted = setup
+        self._setup_by = asked_by
         self.pdu_length = setup.pdu_length
 
     def jobs_allowed(self, asked_by: i64) -> i64:
         """Return how many requests ``asked_by`` may have open, 0 when that was not captured.
 
-        The setup names the sides by who sent the setup job, the client in every capture (reference 3.4).
+        "Calling" is the side that sent the setup job (reference 3.4).
         """
         granted = self.granted
         if granted is None:
             return 0
-        return granted.max_amq_called if asked_by == self.client_side else granted.max_amq_calling
+        return granted.max_amq_called if asked_by == self._setup_by else granted.max_amq_calling

@@ -7,16 +7,23 @@ transaction; what they are worth is judged elsewhere.
 
 from __future__ import annotations
 
-import struct
-from typing import Final
-
 from mypy_extensions import i64
 
-from dissect.s7.items import data_size
 from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import Parameters
-from dissect.s7.tables import ACK, ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION, SUCCESS, USERDATA, WRITE_VAR
-from dissect.transactions.pairing import MAX_OPEN, USERDATA_KEY
+from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA, WRITE_VAR
+from dissect.transactions.checks import (
+    BAD_DATA,
+    BAD_REQUEST,
+    EXPECTED,
+    FUNCTION_MISMATCH,
+    REORDERED,
+    check_answer,
+    error_code,
+    mismatch,
+    written_fits,
+)
+from dissect.transactions.pairing import FEW_OPEN, MAX_OPEN, MAX_OPEN_ALL, USERDATA_KEY
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import (
     ANSWERED,
@@ -29,18 +36,8 @@ from dissect.transactions.transaction import (
     UNANSWERED,
     Transaction,
 )
-from dissect.wire.build import COMPILED
-from dissect.wire.octets import u16
 
-# Facts about a transaction (`Transaction.flags`).
-FUNCTION_MISMATCH: Final = 1
-COUNT_MISMATCH: Final = 2
-SIZE_MISMATCH: Final = 4
-REORDERED: Final = 8
-BAD_DATA: Final = 16
-EXPECTED_ORPHAN: Final = 32  # mid-stream start, one direction only, or a hole: no wonder
-
-_HEAD: Final = struct.Struct(">BBH")
+__all__ = ["BAD_DATA", "Dialogue"]
 
 
 class Dialogue:
@@ -48,6 +45,7 @@ class Dialogue:
 
     def __init__(self) -> None:
         self.count: i64 = 0
+        self.open: i64 = 0  # requests without answer on all connections
         self.also: list[Transaction] = []
         self.holding: list[Side] = []  # sides with an answer held since somebody last looked
 
@@ -73,25 +71,34 @@ class Dialogue:
         transaction.request_buf = buf
         transaction.request_offset = at
         transaction.request_size = size
+        if not connection.client_known:
+            connection.note_request(side.index, parameters)
+        if parameters.function == WRITE_VAR and not written_fits(parameters, buf, at, size):
+            transaction.flags |= BAD_REQUEST
         key: i64 = pdu_ref if rosctr == JOB else pdu_ref | USERDATA_KEY
         requests = connection.open_requests[side.index]
         if requests.orphans is not None:
-            orphan = requests.match_orphan(key, side.end_seq)
-            if orphan is not None:
-                if orphan.response_frame < frame:
+            orphan = requests.find_orphan(key, side.end_seq)
+            if orphan is not None and not (_holes(side) and mismatch(parameters, orphan.transaction.parameters)):
+                requests.release_orphan(orphan)
+                if orphan.transaction.response_frame < frame:
                     transaction.flags |= REORDERED
-                self._join(transaction, orphan)
+                self._join(transaction, orphan.transaction)
                 return transaction
-        replaced = requests.add(key, transaction)
-        while replaced is not None:
-            earlier = replaced.earlier
-            replaced.earlier = None
-            self.also.append(self.unanswered(replaced, REFERENCE_REUSED))
-            replaced = earlier
-        if requests.count > MAX_OPEN:
+        answering = side.peer
+        waiting = requests.table.get(key)
+        self.open += 1
+        if waiting is None:
+            requests.add(key, transaction)
+        else:
+            lost: bool = answering is not None and answering.hole_frame >= waiting.request_frame
+            replaced = requests.add_again(key, transaction, waiting, lost)
+            if replaced is not None:
+                self._replace(replaced, answering)
+        if requests.count > MAX_OPEN or (self.open > MAX_OPEN_ALL and requests.count > FEW_OPEN):
             oldest = requests.oldest()
             if oldest is not None:
-                self.also.append(self.unanswered(oldest, TABLE_FULL))
+                self._give_up(oldest, answering, TABLE_FULL)
         return None
 
     def answer(
@@ -111,16 +118,19 @@ class Dialogue:
         connection = side.connection
         requests = connection.open_requests[1 - side.index]
         key: i64 = pdu_ref if rosctr != USERDATA else pdu_ref | USERDATA_KEY
-        transaction = requests.take(key)
-        if transaction is not None and parameters.function >= 0 and not _same_function(transaction.parameters, parameters):
-            if side.holes or (side.peer is not None and side.peer.holes):
-                requests.add(key, transaction)  # its own answer, or this one's request, may be in a hole
-                transaction = None
-            else:
-                transaction.flags |= FUNCTION_MISMATCH
-        if transaction is None:
-            self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, data_at, frame, time_ns)
+        waiting = requests.table.get(key)
+        misfit: bool = waiting is not None and mismatch(waiting.parameters, parameters)
+        if waiting is None or (misfit and _holes(side)):  # its own answer, or this one's request, may be in a hole
+            self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
             return None
+        if waiting.earlier is not None and side.hole_frame:
+            lost = requests.lose(waiting, frame, side.hole_frame)
+            if lost is not None:
+                self._replace(lost, side)
+        transaction = requests.take(key, waiting)
+        self.open -= 1
+        if misfit:
+            transaction.flags |= FUNCTION_MISMATCH
         transaction.response_frame = frame
         transaction.response_ns = time_ns
         transaction.response_buf = buf
@@ -129,7 +139,7 @@ class Dialogue:
         transaction.response_rosctr = rosctr
         transaction.response_parameters = parameters
         transaction.outcome = ANSWERED
-        self._check(transaction, parameters, data_at)
+        check_answer(transaction, parameters, data_at)
         connection.answered += 1
         return transaction
 
@@ -155,14 +165,11 @@ class Dialogue:
         transaction.response_rosctr = USERDATA
         transaction.response_parameters = parameters
         transaction.outcome = PUSH
+        head = parameters.userdata
+        if head is not None and head.error_code:
+            transaction.error_code = head.error_code
+            transaction.has_errors = True
         side.connection.unsolicited += 1
-        return transaction
-
-    def unanswered(self, transaction: Transaction, reason: str) -> Transaction:
-        """Close a request that got no answer."""
-        transaction.outcome = UNANSWERED
-        transaction.reason = reason
-        transaction.connection.unanswered += 1
         return transaction
 
     def expire(self, side: Side, time_ns: i64) -> None:
@@ -177,14 +184,37 @@ class Dialogue:
         requests = connection.open_requests[side.index]
         answering = side.peer
         for transaction in requests.drain():
-            lost = answering is not None and answering.hole_frame >= transaction.request_frame
-            self.also.append(self.unanswered(transaction, HOLE if lost else reason))
+            self._give_up(transaction, answering, reason)
             if reason != CAPTURE_ENDED:
                 connection.open_at_end += 1
         if requests.orphans is not None and answering is not None:
             for orphan in requests.orphans:
                 self._give_up_orphan(orphan.transaction, answering)
             requests.orphans = None
+
+    def _replace(self, replaced: Transaction, answering: Side | None) -> None:
+        """The reference of a request was used again while it waited: it and what waited before it stay unanswered."""
+        chain: list[Transaction] = []
+        link: Transaction | None = replaced
+        while link is not None:
+            chain.append(link)
+            link = link.earlier
+        for transaction in reversed(chain):
+            transaction.earlier = None
+            self._give_up(transaction, answering, REFERENCE_REUSED)
+
+    def _give_up(self, transaction: Transaction, answering: Side | None, reason: str) -> None:
+        """Close a request that got no answer; a hole on the answering side since it was asked explains it best."""
+        self.open -= 1
+        transaction.outcome = UNANSWERED
+        transaction.reason = reason
+        if answering is not None:
+            if answering.hole_frame >= transaction.request_frame:
+                transaction.reason = HOLE
+            elif not answering.captured:
+                transaction.flags |= EXPECTED
+        transaction.connection.unanswered += 1
+        self.also.append(transaction)
 
     def _orphan(
         self,
@@ -196,7 +226,6 @@ class Dialogue:
         buf: bytes,
         at: i64,
         size: i64,
-        data_at: i64,
         frame: i64,
         time_ns: i64,
     ) -> None:
@@ -210,8 +239,8 @@ class Dialogue:
         transaction.response_parameters = parameters
         transaction.outcome = ORPHAN
         asking = side.peer
-        if asking is not None and asking.requests == 0 and side.connection.mid_stream:
-            transaction.flags |= EXPECTED_ORPHAN
+        if asking is not None and asking.requests == 0 and (side.connection.mid_stream or not asking.captured):
+            transaction.flags |= EXPECTED
         requests = side.connection.open_requests[1 - side.index]
         if not side.waiting:
             self.holding.append(side)
@@ -226,11 +255,11 @@ class Dialogue:
         if transaction.rosctr != USERDATA:
             transaction.rosctr = JOB  # what was asked, though nobody saw it
         octets = transaction.response_octets
-        transaction.error_code = _error_code(transaction.response_rosctr, octets, transaction.parameters)
+        transaction.error_code = error_code(transaction.response_rosctr, octets, transaction.parameters)
         transaction.has_errors = parse_pdu(octets).refused
         asking = side.peer
         if asking is not None and asking.holes:
-            transaction.flags |= EXPECTED_ORPHAN
+            transaction.flags |= EXPECTED
             transaction.reason = HOLE
         side.connection.orphans += 1
         self.also.append(transaction)
@@ -238,7 +267,7 @@ class Dialogue:
     def _join(self, transaction: Transaction, answer: Transaction) -> None:
         """Give a request the answer that was captured before it."""
         parameters = answer.parameters
-        if parameters.function >= 0 and not _same_function(transaction.parameters, parameters):
+        if mismatch(transaction.parameters, parameters):
             transaction.flags |= FUNCTION_MISMATCH
         transaction.response_frame = answer.response_frame
         transaction.response_ns = answer.response_ns
@@ -249,103 +278,11 @@ class Dialogue:
         transaction.response_parameters = parameters
         transaction.outcome = ANSWERED
         head: i64 = 12 if answer.response_rosctr == ACK or answer.response_rosctr == ACK_DATA else 10
-        self._check(transaction, parameters, answer.response_offset + head + len(parameters.octets))
+        check_answer(transaction, parameters, answer.response_offset + head + len(parameters.octets))
         transaction.connection.answered += 1
 
-    def _check(self, transaction: Transaction, parameters: Parameters, data_at: i64) -> None:
-        """Look for errors and contradictions in an answer; ``data_at`` is where its data block begins."""
-        buf = transaction.response_buf
-        at: i64 = transaction.response_offset
-        end: i64 = at + transaction.response_size
-        if transaction.response_rosctr == USERDATA:
-            head = parameters.userdata
-            if head is not None and head.error_code:
-                transaction.error_code = head.error_code
-                transaction.has_errors = True
-            return
-        code: i64 = u16(buf, at + 10)
-        if code:
-            transaction.error_code = code
-            transaction.has_errors = True
-        function: i64 = transaction.parameters.function
-        if function == READ_VAR:
-            if parameters.item_count >= 0 and not (code and data_at == end):
-                self._check_read(transaction, parameters.item_count, buf, data_at, end)
-        elif function == WRITE_VAR:
-            if parameters.item_count >= 0 and not (code and data_at == end):
-                self._check_write(transaction, parameters.item_count, buf, data_at, end)
-        elif function == SETUP_COMMUNICATION:
-            setup = parameters.setup
-            if setup is not None and code == 0:
-                transaction.connection.grant(setup)
 
-    def _check_read(self, transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:
-        """Step through the data items of a read answer: return codes, sizes against the request, octets against the block."""
-        items = transaction.parameters.items
-        asked: i64 = transaction.parameters.item_count
-        if count != asked:
-            transaction.flags |= COUNT_MISMATCH
-        known: i64 = len(items)
-        index: i64 = 0
-        size: i64 = 0
-        while index < count:
-            if at + 4 > end:
-                transaction.flags |= BAD_DATA
-                return
-            return_code: i64
-            transport_size: i64
-            length: i64
-            if COMPILED:
-                return_code = buf[at]
-                transport_size = buf[at + 1]
-                length = u16(buf, at + 2)
-            else:
-                return_code, transport_size, length = _HEAD.unpack_from(buf, at)
-            at += 4
-            if return_code == SUCCESS:
-                size = data_size(transport_size, length)
-                if index < known:
-                    wanted: i64 = items[index].size
-                    if wanted != size and wanted >= 0:
-                        transaction.flags |= SIZE_MISMATCH
-            else:
-                size = 0
-                transaction.has_errors = True
-            index += 1
-            at += size
-            if size & 1 and index < count:
-                at += 1
-        if at != end and not (at + 1 == end and size & 1):
-            transaction.flags |= BAD_DATA
-
-    def _check_write(self, transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:
-        """Look at the return codes of a write answer: one octet for each item."""
-        if count != transaction.parameters.item_count:
-            transaction.flags |= COUNT_MISMATCH
-        if end - at != count:
-            transaction.flags |= BAD_DATA
-        while at < end:
-            if buf[at] != SUCCESS:
-                transaction.has_errors = True
-            at += 1
-
-
-def _same_function(request: Parameters, answer: Parameters) -> bool:
-    """Tell whether an answer's parameters fit the request's: the function, for userdata group and subfunction."""
-    asked = request.userdata
-    told = answer.userdata
-    if asked is not None and told is not None:
-        return asked.group == told.group and asked.subfunction == told.subfunction
-    return request.function == answer.function
-
-
-def _error_code(rosctr: i64, octets: bytes, parameters: Parameters) -> i64:
-    """Return the error an answer carries: header class and code, or the userdata error code; 0 for none."""
-    head = parameters.userdata
-    if head is not None:
-        return head.error_code
-    if (rosctr == ACK or rosctr == ACK_DATA) and len(octets) >= 12:
-        return u16(octets, 10)
-    return 0
-
-
+def _holes(side: Side) -> bool:
+    """Tell whether octets of either side of a connection are missing from the capture."""
+    peer = side.peer
+    return side.holes > 0 or (peer is not None and peer.holes > 0)

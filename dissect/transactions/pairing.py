@@ -64,26 +64,29 @@ class OpenRequests:
         self.count: i64 = 0  # identical requests share a key, so this may be more than len(table)
         self.orphans: list[Orphan] | None = None
 
-    def add(self, key: i64, transaction: Transaction, lost: bool) -> Transaction | None:
-        """Open a request; return the one it replaces (and by ``earlier`` those before it), which stay unanswered.
-
-        ``lost``: the answer of whatever waits under ``key`` may be in a hole, so it is not waited for any longer.
-        """
-        old = self.table.get(key)
+    def add(self, key: i64, transaction: Transaction) -> None:
+        """Open a request under a key that `table` does not hold."""
         self.count += 1
-        if old is not None:
-            depth = self._depth(old)
-            if (
-                not lost
-                and depth < MAX_REPEATS
-                and transaction.request_ns - old.request_ns <= REPEAT_NS
-                and old.request_octets == transaction.request_octets
-            ):
-                transaction.earlier = old
-                old = None
-            else:
-                self.count -= depth
-                del self.table[key]  # so that the new one goes to the end: the table stays in the order of asking
+        self.table[key] = transaction
+
+    def add_again(self, key: i64, transaction: Transaction, old: Transaction, lost: bool) -> Transaction | None:
+        """Open a request whose key ``old`` holds; return what it replaces (and by ``earlier`` those before it).
+
+        ``lost``: the answer to ``old`` may be in a hole, so it is not waited for any longer.
+        """
+        depth = self._depth(old)
+        self.count += 1
+        if (
+            not lost
+            and depth < MAX_REPEATS
+            and transaction.request_ns - old.request_ns <= REPEAT_NS
+            and old.request_octets == transaction.request_octets
+        ):
+            transaction.earlier = old
+            self.table[key] = transaction
+            return None
+        self.count -= depth
+        del self.table[key]  # so that the new one goes to the end: the table stays in the order of asking
         self.table[key] = transaction
         return old
 
@@ -100,6 +103,23 @@ class OpenRequests:
             oldest = oldest.earlier
         newer.earlier = None
         return oldest
+
+    def lose(self, found: Transaction, frame: i64, hole_frame: i64) -> Transaction | None:
+        """Remove those of several identical requests whose answers are in a hole; return them, linked by ``earlier``.
+
+        The answer that came, in packet ``frame``, is taken for that of the latest request captured before it. What was
+        asked before that one, and before the hole was given up at ``hole_frame``, will not be answered any more.
+        """
+        keep = found
+        while keep.earlier is not None and keep.request_frame > frame:
+            keep = keep.earlier
+        while keep.earlier is not None and keep.earlier.request_frame > hole_frame:
+            keep = keep.earlier
+        lost = keep.earlier
+        if lost is not None:
+            keep.earlier = None
+            self.count -= self._depth(lost)
+        return lost
 
     def oldest(self) -> Transaction | None:
         """Remove and return the request that is open longest (the table is full), None when nothing is open."""
@@ -122,15 +142,19 @@ class OpenRequests:
         self.count = 0
         return found
 
-    def open_since(self, time_ns: i64, enough: i64) -> i64:
-        """Return how many requests were asked at ``time_ns`` or later and are still open; stops counting at ``enough``."""
+    def open_since(self, time_ns: i64, frame: i64, enough: i64) -> i64:
+        """Return how many requests were asked at ``time_ns`` or later, after packet ``frame``, and are still open.
+
+        Stops counting at ``enough``, so that it costs no more when there are thousands.
+        An identical request stands where the one before it stands, so that some of them may be overlooked.
+        """
         count: i64 = 0
         for transaction in reversed(self.table.values()):
             link: Transaction | None = transaction
-            while link is not None and link.request_ns >= time_ns:
+            while link is not None and link.request_ns >= time_ns and link.request_frame > frame:
                 count += 1
                 link = link.earlier
-            if transaction.request_ns < time_ns or count >= enough:
+            if link is transaction or count >= enough:
                 break
         return count
 

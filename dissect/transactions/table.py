@@ -136,7 +136,9 @@ class ConnectionTable:
         syn = mine if mine is not None else theirs
         first = reverse if mine is None and theirs is not None else key
         a, b = endpoints(first)
-        tcp = TcpConnection(a, b, vlan, syn.frame if syn is not None else frame, syn.time_ns if syn is not None else time_ns)
+        tcp = TcpConnection(
+            a, b, vlan, syn.frame if syn is not None else frame, syn.time_ns if syn is not None else time_ns
+        )
         if syn is not None:
             tcp.initiator = 0
             tcp.streams[0].start((syn.seq + 1) & MASK)

@@ -294,7 +294,9 @@ class Transaction:
         if self.error_code:
             where = "parameter" if self.parameters.userdata is not None else "header"
             errors.append(
-                TransactionError(where, self.error_code, ERROR_CODES.name(self.error_code), ERROR_CODES.text(self.error_code))
+                TransactionError(
+                    where, self.error_code, ERROR_CODES.name(self.error_code), ERROR_CODES.text(self.error_code)
+                )
             )
         for number, result in enumerate(self.results(), 1):
             code = result.return_code

@@ -38,7 +38,9 @@ class Clock:
             day: i64 = second // _S_PER_DAY
             rest: i64 = second % _S_PER_DAY
             year, month, of_month = civil(day)
-            self._text = f"{year:04d}-{month:02d}-{of_month:02d}T{rest // 3600:02d}:{rest // 60 % 60:02d}:{rest % 60:02d}."
+            self._text = (
+                f"{year:04d}-{month:02d}-{of_month:02d}T{rest // 3600:02d}:{rest // 60 % 60:02d}:{rest % 60:02d}."
+            )
             self._second = second
         digits = str(_NS_PER_S + time_ns % _NS_PER_S)  # a leading 1 keeps the zeros
         return f"{self._text}{digits[1:]}Z"

@@ -1,0 +1,1 @@
+"""Benchmarks: made captures, endless streams, and the commands that measure on them. Nothing here is installed."""

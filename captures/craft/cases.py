@@ -1,0 +1,13 @@
+"""All crafted captures. Importing this module gathers the recipes of the others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from captures.craft import files, iso, links, losses, lying, neighbours, pairing, rules, streams
+from captures.craft.case import RECIPES, Case, craft
+
+__all__ = ["FOLDER", "GROUPS", "RECIPES", "Case", "craft"]
+
+GROUPS = (streams, losses, links, files, iso, lying, rules, pairing, neighbours)
+FOLDER = Path(__file__).resolve().parent.parent / "crafted"

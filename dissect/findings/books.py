@@ -1,0 +1,102 @@
+"""What a pipeline keeps books of: packets by category, octets, open connections and fragments, oddities of the capture."""
+
+from __future__ import annotations
+
+from mypy_extensions import i64
+
+from dissect.findings.judge import Judge
+from dissect.findings.observer import Observer
+from dissect.source.packet import PacketSink
+from dissect.tcp.ip import FragmentStore
+from dissect.tcp.segment import Segment, find_segment
+from dissect.transactions.accounts import CATEGORIES, OctetAccount
+from dissect.transactions.table import ConnectionTable, Side
+
+
+class Books(PacketSink):
+    """The accounts of a run. ``frames`` counts packets; ``now_ns`` is the time of the latest one."""
+
+    def __init__(self, observer: Observer, judge: Judge) -> None:
+        self.observer: Observer = observer
+        self._judge: Judge = judge
+        self.table: ConnectionTable = ConnectionTable()
+        self.fragments: FragmentStore = FragmentStore()
+        self.octets: OctetAccount = OctetAccount()
+        self.frames: i64 = 0
+        self.cut_frames: i64 = 0
+        self.first_ns: i64 = 0
+        self.now_ns: i64 = 0
+        self._packets: list[int] = [0] * len(CATEGORIES)
+
+    def comment(self, text: str) -> None:
+        """Take a comment the capture holds about the packet that comes next."""
+        self.observer.comment(self.frames + 1, text)
+
+    def note_damage(self, detail: str) -> None:
+        """The source found its capture damaged."""
+        self._judge.note("capture.damaged", 0, [self.frames] if self.frames else [], self.now_ns, detail)
+
+    def packet_counts(self) -> dict[str, int]:
+        """Return what became of every packet, by category; the numbers add up to ``frames``."""
+        counts = dict(zip(CATEGORIES, self._packets, strict=True))
+        # A fragment's fate is known later than its packet: the store keeps the books.
+        counts["fragment_waiting"] = self.fragments.waiting
+        counts["fragment_used"] = self.fragments.used
+        counts["fragment_dropped"] = self.fragments.dropped
+        return counts
+
+    def restart_clock(self, time_ns: i64) -> None:
+        """Another capture begins, at any time; it may well be older than the one before, and knows nothing of it.
+
+        Every connection must have been closed. Attempts and fragments that wait are forgotten, but stay counted.
+        """
+        self.now_ns = time_ns
+        table = ConnectionTable()
+        table.evicted = self.table.evicted
+        table.half_open_evicted = self.table.half_open_evicted
+        self.table = table
+        old = self.fragments
+        fragments = FragmentStore()
+        fragments.used = old.used
+        fragments.dropped = old.dropped + old.waiting
+        fragments.conflicts = old.conflicts
+        fragments.evicted = old.evicted
+        fragments.expired = old.expired
+        self.fragments = fragments
+
+    def _add_up(self, side: Side) -> None:
+        """Add the octets of one direction of a connection that ended to the account."""
+        framer = side.framer
+        self.octets.delivered += side.stream.octets
+        self.octets.framed += framer.framed
+        self.octets.skipped += framer.skipped
+        self.octets.buffered += framer.buffered
+
+    def _note(self, slug: str, detail: str = "", connection: i64 = 0) -> None:
+        """Count and, within the bounds, detail a finding about the packet at hand."""
+        self._judge.note(slug, connection, [self.frames], self.now_ns, detail)
+
+    def _note_cut(self, size: i64, wire_length: i64) -> None:
+        self.cut_frames += 1
+        if self._judge.wants("capture.cut_frames", 0):
+            detail = f"{size} of {wire_length} octets kept"
+            self._judge.detail("capture.cut_frames", 0, [self.frames], self.now_ns, detail)
+
+    def _note_syn(self, key: bytes, seq: i64) -> None:
+        """Remember a connection attempt."""
+        evicted: i64 = self.table.half_open_evicted
+        self.table.note_syn(key, seq, self.frames, self.now_ns)
+        if self.table.half_open_evicted > evicted:
+            self._note("stream.half_open_evicted")
+
+    def _find_segment(self, buf: bytes, start: i64, end: i64, link_type: i64) -> Segment:
+        """Return the TCP segment of a frame, or why there is none."""
+        fragments = self.fragments
+        conflicts: i64 = fragments.conflicts
+        evicted: i64 = fragments.evicted
+        found = find_segment(buf, start, end, link_type, fragments, self.now_ns)
+        if fragments.conflicts > conflicts:
+            self._note("ip.fragment_conflict", "in a datagram that holds TCP")
+        if fragments.evicted > evicted:
+            self._note("ip.fragments_evicted")
+        return found

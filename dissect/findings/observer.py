@@ -1,0 +1,48 @@
+"""Who is told what happens, and what a user can set."""
+
+from __future__ import annotations
+
+from mypy_extensions import i64, mypyc_attr
+
+from dissect.findings.finding import Finding
+from dissect.transactions.connection import Connection
+from dissect.transactions.table import Side
+from dissect.transactions.transaction import Transaction
+
+
+class Options:
+    """What a user can set. ``slow_ns``: an answer later than this is slow. ``strict``: a bug of ours raises."""
+
+    def __init__(self, slow_ns: int = 1_000_000_000, strict: bool = False) -> None:
+        self.slow_ns: i64 = slow_ns
+        self.strict: bool = strict
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Observer:
+    """Is told what happens; override what you want to know. The ``wants_`` flags must be set before the first packet."""
+
+    def __init__(self) -> None:
+        self.wants_pdus: bool = False
+        self.wants_tpdus: bool = False
+
+    def connection_opened(self, connection: Connection) -> None:
+        """ISO-on-TCP was recognised on a connection."""
+
+    def connection_closed(self, connection: Connection) -> None:
+        """A connection is over; all its transactions were told before."""
+
+    def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        """A whole TPKT, header included (only with ``wants_tpdus``)."""
+
+    def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        """A whole S7 PDU, or one the capture cut (only with ``wants_pdus``)."""
+
+    def transaction(self, transaction: Transaction) -> None:
+        """A transaction is complete, or given up."""
+
+    def finding(self, finding: Finding) -> None:
+        """Something deserves attention."""
+
+    def comment(self, frame: i64, text: str) -> None:
+        """The capture holds a comment about a packet."""

@@ -1,0 +1,200 @@
+"""The comparison: every TPDU and S7 PDU of a capture, ours beside Wireshark's, field by field.
+
+Both sides are matched packet by packet in the order of the stream. What one side shows in another packet is matched by its
+octets afterwards, and what only one side shows at all is a difference of its own.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from difflib import SequenceMatcher
+from typing import Final
+
+from dissect.oracle import facts, known
+from dissect.oracle.facts import Fact, Place, Record, Value
+from dissect.oracle.known import Case, Evidence, explain
+from dissect.oracle.ours import Witness
+from dissect.oracle.theirs import Frame
+from dissect.oracle.tshark import Reader, read_tshark
+
+_WHOLE: Final = Place("", 0, known.WHOLE)
+_FRAME: Final = Place("", 0, known.FRAME)
+_OCTETS: Final = Place("", 0, known.OCTETS)
+
+
+class Difference:
+    """One thing the two sides do not agree on.
+
+    ``field`` names it; ``ours`` and ``theirs`` are None where a side does not have it. ``known`` is the id of the entry of
+    `dissect.oracle.known` that explains it, empty when nothing does.
+    """
+
+    __slots__ = ("field", "frame", "kind", "known", "ours", "theirs")
+
+    def __init__(self, kind: str, frame: int, field: str, ours: Value | None, theirs: Value | None, known: str) -> None:
+        self.kind = kind
+        self.frame = frame
+        self.field = field
+        self.ours = ours
+        self.theirs = theirs
+        self.known = known
+
+    def __repr__(self) -> str:
+        return f"<{self}>"
+
+    def __str__(self) -> str:
+        sides = f"ours {_shown(self.ours)}, theirs {_shown(self.theirs)}"
+        return f"frame {self.frame} {self.kind} {self.field}: {sides} ({self.known or 'not explained'})"
+
+
+def _shown(value: Value | None) -> str:
+    if value is None:
+        return "nothing"
+    return value.hex() or "empty" if isinstance(value, bytes) else f"{value} (0x{value:02x})"
+
+
+class Comparison:
+    """What came out: how many TPDUs, PDUs and fields both sides have, and every difference."""
+
+    def __init__(self) -> None:
+        self.compared: Counter[str] = Counter()
+        self.fields = 0
+        self.differences: list[Difference] = []
+
+    @property
+    def unexplained(self) -> list[Difference]:
+        """The differences nothing explains: a bug, ours or theirs, that nobody has looked at."""
+        return [difference for difference in self.differences if not difference.known]
+
+    @property
+    def known(self) -> Counter[str]:
+        """Count of the explained differences by what explains them."""
+        return Counter(difference.known for difference in self.differences if difference.known)
+
+
+class _Bench:
+    """Where records meet: pairs them, compares pairs, keeps what has no partner."""
+
+    def __init__(self, path: str, witness: Witness) -> None:
+        self.result = Comparison()
+        self._evidence = Evidence(path, witness.found)
+        self._lonely: dict[str, tuple[list[Record], list[tuple[Record, Frame]]]] = {
+            facts.TPDU: ([], []),
+            facts.PDU: ([], []),
+        }
+
+    def packet(self, kind: str, ours: list[Record], theirs: list[Record], frame: Frame | None) -> None:
+        """Compare what both sides found in one packet."""
+        matcher = SequenceMatcher(None, [one.octets for one in ours], [one.octets for one in theirs], autojunk=False)
+        for tag, a, after_a, b, after_b in matcher.get_opcodes():
+            alike = [_alike(mine, other) for mine, other in zip(ours[a:after_a], theirs[b:after_b], strict=False)]
+            for index in range(max(after_a - a, after_b - b)):
+                if tag == "equal" or (after_a - a == after_b - b and alike[index]):
+                    assert frame is not None
+                    self._compare(ours[a + index], theirs[b + index], frame)
+                    continue
+                if index < after_a - a:
+                    self._lonely[kind][0].append(ours[a + index])
+                if index < after_b - b:
+                    assert frame is not None
+                    self._lonely[kind][1].append((theirs[b + index], frame))
+
+    def finish(self) -> Comparison:
+        """Match what stands in different packets, and tell what only one side has."""
+        for ours, theirs in self._lonely.values():
+            self._match(ours, theirs, True)
+            self._match(ours, theirs, False)
+            for record in ours:
+                self._differ(_WHOLE, record.octets, None, record, None, None)
+            for record, frame in theirs:
+                self._differ(_WHOLE, None, record.octets, None, record, frame)
+        self.result.differences.sort(key=lambda difference: (difference.frame, difference.kind))
+        return self.result
+
+    def _match(self, ours: list[Record], theirs: list[tuple[Record, Frame]], explained: bool) -> None:
+        """Take the records of one connection whose octets both sides show, but in different packets.
+
+        A TPDU's header looks like many others': at first only pairs count whose being apart is ``explained``.
+        """
+        for record in list(ours):
+            for partner, frame in theirs:
+                if partner.octets != record.octets or not self._evidence.of_one_flow(record.frame, partner.frame):
+                    continue
+                apart = self._difference(_FRAME, record.frame, partner.frame, record, partner, frame)
+                if explained and not apart.known:
+                    continue
+                ours.remove(record)
+                theirs.remove((partner, frame))
+                self.result.differences.append(apart)
+                self._compare(record, partner, frame)
+                break
+
+    def _compare(self, ours: Record, theirs: Record, frame: Frame) -> None:
+        self.result.compared[ours.kind] += 1
+        if ours.octets != theirs.octets:
+            self._differ(_OCTETS, ours.octets, theirs.octets, ours, theirs, frame)
+        for place in ours.facts.keys() | theirs.facts.keys():
+            mine: Fact | None = ours.facts.get(place)
+            other: Fact | None = theirs.facts.get(place)
+            if mine is not None and other is not None:
+                self.result.fields += 1
+                if mine.offset != other.offset:
+                    where = Place(place.part, place.number, f"position of {place.name}")
+                    self._differ(where, mine.offset, other.offset, ours, theirs, frame)
+            if mine is None or other is None or mine.value != other.value:
+                told = mine.value if mine is not None else None, other.value if other is not None else None
+                self._differ(place, *told, ours, theirs, frame)
+
+    def _differ(
+        self,
+        place: Place,
+        mine: Value | None,
+        other: Value | None,
+        ours: Record | None,
+        theirs: Record | None,
+        frame: Frame | None,
+    ) -> None:
+        self.result.differences.append(self._difference(place, mine, other, ours, theirs, frame))
+
+    def _difference(
+        self,
+        place: Place,
+        mine: Value | None,
+        other: Value | None,
+        ours: Record | None,
+        theirs: Record | None,
+        frame: Frame | None,
+    ) -> Difference:
+        record = ours if ours is not None else theirs
+        assert record is not None
+        explanation = explain(Case(place, mine, other, ours, theirs, frame, self._evidence))
+        return Difference(record.kind, record.frame, str(place), mine, other, explanation)
+
+
+def _alike(ours: Record, theirs: Record) -> bool:
+    """Tell whether two records of other octets may yet be the same: TPDUs by their TPKT header, PDUs by their size."""
+    if ours.kind == facts.TPDU:
+        return ours.octets[: facts.TPKT_SIZE] == theirs.octets[: facts.TPKT_SIZE]
+    return len(ours.octets) == len(theirs.octets)
+
+
+def compare(path: str, read: Reader = read_tshark, reorder: bool = False) -> Comparison:
+    """Compare both dissections of a capture file; ``read`` asks Wireshark (`read_tshark` or `read_pyshark`).
+
+    ``reorder`` is Wireshark's preference to put TCP segments in order before it looks at them. Raises OracleError when
+    Wireshark cannot be asked and CaptureError when the file cannot be read.
+    """
+    witness = Witness(path)
+    bench = _Bench(path, witness)
+    waiting: dict[str, dict[int, list[int]]] = {kind: {} for kind in witness.found}
+    for kind, found in witness.found.items():
+        for number, (frame_number, _) in enumerate(found):
+            waiting[kind].setdefault(frame_number, []).append(number)
+    for frame in read(path, witness.ports, reorder):
+        for kind, numbers in waiting.items():
+            ours = witness.records(kind, numbers.pop(frame.number, []))
+            bench.packet(kind, ours, frame.tpdus if kind == facts.TPDU else frame.pdus, frame)
+    for kind, numbers in waiting.items():
+        for left in numbers.values():
+            bench.packet(kind, witness.records(kind, left), [], None)
+    return bench.finish()

@@ -1,0 +1,101 @@
+"""Facts: one field of one TPDU or S7 PDU, where it stands and what it says, whoever read it.
+
+Which fields there are, what Wireshark calls them and where they stand comes from the layouts (`dissect.iso.layouts`,
+`dissect.s7.layouts`). What an S7 PDU and a TPDU hold besides fixed headers has its names here.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+from dissect.iso import layouts as iso
+from dissect.s7 import layouts as s7
+from dissect.wire.layout import Layout
+
+#: What is compared: packets of COTP and of S7comm.
+TPDU: Final = "TPDU"
+PDU: Final = "PDU"
+
+#: Octets of a TPKT header.
+TPKT_SIZE: Final = iso.TPKT.size
+
+#: Where in a TPDU or PDU a field stands.
+IN_TPKT: Final = "TPKT"
+IN_TPDU: Final = "TPDU"
+IN_PARAMETER: Final = "parameter"
+IN_HEADER: Final = "header"
+IN_PARAMETERS: Final = "parameters"
+IN_ITEM: Final = "item"
+IN_DATA: Final = "data"
+IN_DATA_ITEM: Final = "data item"
+
+#: Names of what is no field of a fixed header.
+CALLING_TSAP: Final = "cotp.src-tsap-bytes"
+CALLED_TSAP: Final = "cotp.dst-tsap-bytes"
+TPDU_SIZE: Final = "cotp.tpdu_size"
+PREFERRED_SIZE: Final = "cotp.preferred_maximum_tpdu_size"
+CONTENT: Final = "s7comm.resp.data"
+FILL: Final = "s7comm.data.fillbyte"
+#: Fields that hold octets; every other one holds a number.
+OCTETS: Final = frozenset((CALLING_TSAP, CALLED_TSAP, CONTENT))
+
+
+def _names(*layouts: Layout) -> frozenset[str]:
+    return frozenset(field.wireshark for layout in layouts for field in layout.fields if field.wireshark)
+
+
+_TPDUS: Final = [layout for layout in vars(iso).values() if isinstance(layout, Layout) and layout not in {iso.TPKT, iso.PARAMETER}]
+
+#: Wireshark's names of the fields that are compared, by where they stand.
+NAMES: Final[dict[str, frozenset[str]]] = {
+    IN_TPKT: _names(iso.TPKT),
+    IN_TPDU: _names(*_TPDUS) | {CALLING_TSAP, CALLED_TSAP, TPDU_SIZE, PREFERRED_SIZE},
+    IN_PARAMETER: _names(iso.PARAMETER),
+    IN_HEADER: _names(s7.HEADER, s7.ACK_HEADER),
+    IN_PARAMETERS: _names(s7.SETUP, s7.VARIABLES_HEAD, s7.USERDATA_SHORT, s7.USERDATA_EXTENDED, s7.MODE_TRANSITION),
+    IN_ITEM: _names(s7.ITEM_HEAD, s7.S7ANY_ITEM),
+    IN_DATA: _names(s7.DATA_ITEM),
+    IN_DATA_ITEM: _names(s7.DATA_ITEM) | {CONTENT, FILL},
+}
+
+Value = int | bytes
+
+
+class Place(NamedTuple):
+    """Which field: where it stands, in the how-manieth item or parameter (from 1; 0 where there is only one), its name."""
+
+    part: str
+    number: int
+    name: str
+
+    def __str__(self) -> str:
+        return f"{self.name} of {self.part} {self.number}" if self.number else self.name
+
+
+class Fact(NamedTuple):
+    """What a field says, and where in its TPDU (from the LI) or PDU (from 0x32) it stands; TPKT fields from the TPKT."""
+
+    value: Value
+    offset: int
+
+
+class Record:
+    """One TPDU or S7 PDU: the packet that completed it, its octets, and its facts.
+
+    ``octets`` of a TPDU are its TPKT header and its own header, without user data; those of a PDU are all. ``number`` is our
+    count of what we found in the capture, in that order; -1 in a record of Wireshark's.
+    """
+
+    __slots__ = ("facts", "frame", "kind", "number", "octets")
+
+    def __init__(self, kind: str, frame: int, octets: bytes, facts: dict[Place, Fact], number: int = -1) -> None:
+        self.kind = kind
+        self.frame = frame
+        self.octets = octets
+        self.facts = facts
+        self.number = number
+
+    def value(self, part: str, name: str, number: int = 0) -> Value | None:
+        """Return the value of a field, None where the record has none of that name."""
+        fact = self.facts.get(Place(part, number, name))
+        return fact.value if fact is not None else None

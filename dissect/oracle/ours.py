@@ -1,0 +1,184 @@
+"""Our side of the comparison: what the engine reads from a TPDU or a PDU, as facts.
+
+Values are those of the objects that users get (`Tpdu`, `Pdu`, `Item`, `DataItem` …), wherever such an object has an attribute
+for a field; only a field that is constant, so that no object keeps it, is read from the octets by its layout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+from dissect.conversation import Observer, Options
+from dissect.iso import layouts as iso
+from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZE, Tpdu, parse_tpdu
+from dissect.oracle import facts
+from dissect.oracle.facts import Fact, Place, Record
+from dissect.s7 import layouts as s7
+from dissect.s7.items import DATA_HEAD, item_fill
+from dissect.s7.message import ACK_HEADER_SIZE, Pdu, parse_pdu
+from dissect.s7.tables import READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
+from dissect.session import Run
+from dissect.transactions.connection import ISO_TSAP_PORT, Connection
+from dissect.transactions.table import Side
+from dissect.wire.layout import Layout
+
+#: Attributes that are not called as their field is.
+_ATTRIBUTES: Final = {"address": "start_bit"}
+_NO_FIELDS: Final = object()
+_TSAPS: Final = {CALLING_TSAP: facts.CALLING_TSAP, CALLED_TSAP: facts.CALLED_TSAP}
+_SIZES: Final = {TPDU_SIZE: facts.TPDU_SIZE, PREFERRED_SIZE: facts.PREFERRED_SIZE}
+
+
+class Witness(Observer):
+    """Reads a capture and keeps the octets of every TPKT and S7 PDU, in the order in which the engine tells of them.
+
+    ``ports`` are those on which connections were recognised, other than 102: Wireshark has to be told of them.
+    """
+
+    def __init__(self, path: str) -> None:
+        super().__init__()
+        self.wants_tpdus = True
+        self.wants_pdus = True
+        self.found: dict[str, list[tuple[int, bytes]]] = {facts.TPDU: [], facts.PDU: []}
+        self.ports: set[int] = set()
+        run = Run([path], self, Options())
+        while run.step():
+            pass
+
+    def records(self, kind: str, numbers: Iterable[int]) -> list[Record]:
+        """Return the facts of what was found, by its place in ``found``."""
+        read = tpdu_record if kind == facts.TPDU else pdu_record
+        records = []
+        for number in numbers:
+            record = read(*self.found[kind][number])
+            record.number = number
+            records.append(record)
+        return records
+
+    def connection_opened(self, connection: Connection) -> None:
+        """Note a port that nobody would take for ISO-on-TCP."""
+        ends = connection.tcp.ends
+        if any(end.port == ISO_TSAP_PORT for end in ends):
+            return
+        server = ends[1 - connection.tcp.initiator] if connection.tcp.known_start else min(ends, key=lambda end: end.port)
+        self.ports.add(server.port)
+
+    def tpdu(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
+        """Keep a TPKT."""
+        self.found[facts.TPDU].append((frame, octets))
+
+    def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
+        """Keep an S7 PDU."""
+        self.found[facts.PDU].append((frame, octets))
+
+
+def _read(found: dict[Place, Fact], part: str, number: int, layout: Layout, octets: bytes, at: int, read: object) -> None:
+    """Add the fields of one header: their places from the layout, their values from the object ``read``."""
+    for value in layout.read(octets, at):
+        field = value.field
+        if field.wireshark:
+            attribute = getattr(read, _ATTRIBUTES.get(field.name, field.name), None)
+            told = attribute if isinstance(attribute, int) else value.value
+            found[Place(part, number, field.wireshark)] = Fact(told, value.offset)
+
+
+def tpdu_record(frame: int, octets: bytes) -> Record:
+    """Return the facts of a TPKT and its TPDU."""
+    found: dict[Place, Fact] = {}
+    _read(found, facts.IN_TPKT, 0, iso.TPKT, octets, 0, _NO_FIELDS)
+    tpdu = parse_tpdu(octets[facts.TPKT_SIZE:])
+    for value in tpdu.fields:
+        if value.field.wireshark:
+            found[Place(facts.IN_TPDU, 0, value.field.wireshark)] = Fact(value.value, value.offset)
+    for number, parameter in enumerate(tpdu.parameters, 1):
+        at = parameter.offset
+        code, length = iso.PARAMETER.fields
+        found[Place(facts.IN_PARAMETER, number, code.wireshark)] = Fact(parameter.code, at)
+        found[Place(facts.IN_PARAMETER, number, length.wireshark)] = Fact(len(parameter.value), at + code.size)
+    _connection_parameters(found, tpdu)
+    header = facts.TPKT_SIZE + min(octets[facts.TPKT_SIZE] + 1, len(octets) - facts.TPKT_SIZE)
+    return Record(facts.TPDU, frame, octets[:header], found)
+
+
+def _connection_parameters(found: dict[Place, Fact], tpdu: Tpdu) -> None:
+    """What a CR or CC says in its parameters: TSAPs and sizes."""
+    for code, name in _TSAPS.items():
+        tsap = tpdu.tsap(code)
+        if tsap is not None and tsap.octets:
+            found[Place(facts.IN_TPDU, 0, name)] = Fact(tsap.octets, _last(tpdu, code) + 2)
+    for code, name in _SIZES.items():
+        # `tpdu_size` is what holds of the two; each alone says what it states.
+        alone = Tpdu(tpdu.type, tpdu.layout)
+        alone.parameters = [parameter for parameter in tpdu.parameters if parameter.code == code]
+        if alone.tpdu_size:
+            found[Place(facts.IN_TPDU, 0, name)] = Fact(alone.tpdu_size, _last(tpdu, code) + 2)
+
+
+def _last(tpdu: Tpdu, code: int) -> int:
+    """Return where the last parameter with ``code`` stands."""
+    return [parameter.offset for parameter in tpdu.parameters if parameter.code == code][-1]
+
+
+def pdu_record(frame: int, octets: bytes) -> Record:
+    """Return the facts of an S7 PDU."""
+    found: dict[Place, Fact] = {}
+    pdu = parse_pdu(octets, frame)
+    header = s7.ACK_HEADER if pdu.header_size == ACK_HEADER_SIZE else s7.HEADER
+    _read(found, facts.IN_HEADER, 0, header, octets, 0, pdu)
+    _parameters(found, pdu)
+    if pdu.rosctr == USERDATA:
+        if pdu.data_length >= DATA_HEAD:
+            _read(found, facts.IN_DATA, 0, s7.DATA_ITEM, octets, pdu.data_offset, _NO_FIELDS)
+        return Record(facts.PDU, frame, octets, found)
+    for number, item in enumerate(pdu.parameters.items, 1):
+        layout = s7.S7ANY_ITEM if item.transport_size >= 0 else s7.ITEM_HEAD
+        _read(found, facts.IN_ITEM, number, layout, octets, pdu.header_size + item.offset, item)
+    _data_items(found, pdu)
+    return Record(facts.PDU, frame, octets, found)
+
+
+def _parameters(found: dict[Place, Fact], pdu: Pdu) -> None:
+    at = pdu.header_size
+    parameters = pdu.parameters
+    octets = pdu.octets[: at + pdu.param_length]
+    part = facts.IN_PARAMETERS
+    if parameters.userdata is not None:
+        _userdata(found, pdu, octets)
+    elif parameters.setup is not None:
+        _read(found, part, 0, s7.SETUP, octets, at, parameters.setup)
+    elif parameters.function in {READ_VAR, WRITE_VAR} and parameters.item_count >= 0:
+        _read(found, part, 0, s7.VARIABLES_HEAD, octets, at, parameters)
+    elif parameters.function >= 0 and parameters.function != SETUP_COMMUNICATION and pdu.rosctr != USERDATA:
+        function = s7.VARIABLES_HEAD.fields[0]
+        found[Place(part, 0, function.wireshark)] = Fact(parameters.function, at)
+
+
+def _userdata(found: dict[Place, Fact], pdu: Pdu, octets: bytes) -> None:
+    head = pdu.parameters.userdata
+    assert head is not None
+    at = pdu.header_size
+    part = facts.IN_PARAMETERS
+    if pdu.function != 0:
+        _read(found, part, 0, s7.MODE_TRANSITION, octets, at, _NO_FIELDS)
+        return
+    layout = s7.USERDATA_EXTENDED if head.extended else s7.USERDATA_SHORT
+    _read(found, part, 0, layout, octets, at, head)
+
+
+def _data_items(found: dict[Place, Fact], pdu: Pdu) -> None:
+    part = facts.IN_DATA_ITEM
+    items = pdu.data_items()
+    for number, item in enumerate(items, 1):
+        _read(found, part, number, s7.DATA_ITEM, pdu.octets, item.offset, item)
+        size = len(item.data)
+        if not size:
+            continue
+        at = item.offset + DATA_HEAD
+        found[Place(part, number, facts.CONTENT)] = Fact(item.data, at)
+        if item_fill(size, number == len(items)):
+            found[Place(part, number, facts.FILL)] = Fact(pdu.octets[at + size], at + size)
+    if not items:
+        name = s7.DATA_ITEM.fields[0].wireshark
+        for number, code in enumerate(pdu.return_codes(), 1):
+            found[Place(part, number, name)] = Fact(code, pdu.data_offset + number - 1)

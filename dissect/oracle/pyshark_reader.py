@@ -1,0 +1,107 @@
+"""The same facts through pyshark: a second way to Wireshark's dissection, with another reader of its JSON in between.
+
+pyshark drives tshark from an event loop of its own, and fails in a process that ever ran another one; it therefore runs in a
+child (``python -m dissect.oracle.pyshark_reader``), which writes one JSON line a packet. Its exact mode is ``use_json=True``:
+several PDUs of a packet are in ``duplicate_layers``, while EK mode raises on them.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from typing import Any, Final
+
+import msgspec
+
+from dissect.oracle.theirs import PROTOCOLS, WANTED, Frame, Tree
+from dissect.oracle.tshark import FILTER, Child, preferences
+
+_OF_FRAME: Final = ("frame.number", "frame.protocols")
+
+
+def read_pyshark(path: str, ports: Iterable[int] = (), reorder: bool = False) -> Iterator[Frame]:
+    """Dissect a capture with pyshark and yield every packet that holds a TPKT, as `read_tshark` does.
+
+    Raises OracleError when pyshark or tshark is missing or fails.
+    """
+    command = [sys.executable, "-m", __name__, path, str(int(reorder)), *map(str, sorted(ports))]
+    child = Child(command, f"pyshark, reading {path}")
+    whole = False
+    try:
+        for line in child.stdout:
+            yield Frame(msgspec.json.decode(line, type=dict[str, Any]))
+        whole = True
+    finally:
+        child.close(stop=not whole)
+
+
+def _plain(name: str, value: Any) -> Any:
+    """Return what pyshark made of a field, a list or a tree as JSON-ready values; only the wanted fields of a tree."""
+    if isinstance(value, list):
+        return [_plain(name, part) for part in value]
+    if not hasattr(value, "get_field"):
+        return value.raw_value
+    tree: Tree = {}
+    # pyshark makes field names of Wireshark's remarks too, so that a tree may stand where a field is looked for.
+    for wanted in sorted(WANTED.get(name, ())):
+        for key in (wanted, f"{wanted}_raw"):
+            with suppress(AttributeError):  # pyshark's way to say that there is none
+                tree[key] = _plain(wanted, value.get_field(key))
+    return tree
+
+
+def _raw(layer: Any) -> list[Any]:
+    """Return the raw entry of a layer, or a list of them: pyshark takes every list for a list of layers."""
+    more = layer.duplicate_layers
+    if not isinstance(layer.value, list):
+        return [layer.value, *[part.value for part in more]]
+    return [layer.value, *[_raw(part) for part in more]]
+
+
+def _layers(packet: Any) -> Tree:
+    """Return a packet's layers in the form tshark gives them."""
+    told: Tree = {"frame": {name: packet.frame_info.get_field(name).raw_value for name in _OF_FRAME}}
+    for layer in packet.layers:
+        name = layer.layer_name
+        if name == "_ws.malformed":
+            told[name] = {}
+        elif name in PROTOCOLS:
+            told[name] = [_plain(name, part) for part in (layer, *layer.duplicate_layers)]
+        elif name.removesuffix("_raw") in PROTOCOLS:
+            told[name] = _raw(layer)
+    return told
+
+
+def main(path: str, reorder: str, *ports: str) -> None:
+    """Write the layers of every packet with a TPKT to stdout, a JSON line each."""
+    try:
+        import pyshark
+        from pyshark.capture.capture import TSharkCrashException
+        from pyshark.tshark.tshark import TSharkNotFoundException
+    except ImportError:
+        sys.exit("pyshark is not installed: pip install 's7dissect[tshark]'")
+    try:
+        capture = pyshark.FileCapture(
+            path,
+            use_json=True,
+            include_raw=True,
+            keep_packets=False,
+            display_filter=FILTER,
+            override_prefs=preferences(map(int, ports), reorder == "1"),
+            custom_parameters=["-J", " ".join(PROTOCOLS)],
+        )
+        try:
+            for packet in capture:
+                sys.stdout.buffer.write(msgspec.json.encode(_layers(packet)) + b"\n")
+        finally:
+            capture.close()
+    except (FileNotFoundError, TSharkCrashException, TSharkNotFoundException) as error:
+        # Behind the first two lines stands advice for pyshark's developers; and it raises once more while Python shuts down.
+        print(*str(error).splitlines()[:2], file=sys.stderr, flush=True)
+        os._exit(1)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,145 @@
+"""Wireshark's side of the comparison: the JSON tree of one packet as facts.
+
+tshark's ``-T json -x`` gives beside every field ``NAME`` a ``NAME_raw``: its octets, position, size, mask and type. A field
+that has none was not read from the wire but worked out (a class 0 DT gets the reference of its connection) and is left out.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from dissect.oracle import facts
+from dissect.oracle.facts import NAMES, OCTETS, Fact, Place, Record, Value
+
+Tree = dict[str, Any]
+
+#: Protocols whose trees are wanted in full.
+PROTOCOLS: Final = ("frame", "tpkt", "cotp", "s7comm")
+_USERDATA: Final = 7
+#: Wireshark up to 4.0 shows the first five fields of a userdata head under names of its own, three of them as one number.
+_OLD_NAMES: Final = {
+    "s7comm.param.userdata.head": ("s7comm.param.func", "s7comm.param.itemcount", "s7comm.param.item.varspec"),
+    "s7comm.param.userdata.length": ("s7comm.param.item.varspec_length",),
+    "s7comm.param.userdata.reqres1": ("s7comm.param.item.syntaxid",),
+}
+#: Trees and fields that are wanted of each tree, names of old versions included.
+WANTED: Final[dict[str, frozenset[str]]] = {
+    "tpkt": NAMES[facts.IN_TPKT],
+    "cotp": NAMES[facts.IN_TPDU] | NAMES[facts.IN_PARAMETER],
+    "s7comm": frozenset(("s7comm.header", "s7comm.param", "s7comm.data")),
+    "s7comm.header": NAMES[facts.IN_HEADER],
+    "s7comm.param": NAMES[facts.IN_PARAMETERS] | {"s7comm.param.item"} | _OLD_NAMES.keys(),
+    "s7comm.param.item": NAMES[facts.IN_ITEM],
+    "s7comm.data": NAMES[facts.IN_DATA] | {"s7comm.data.item"},
+    "s7comm.data.item": NAMES[facts.IN_DATA_ITEM],
+}
+_BOOLEANS: Final = {"true": 1, "false": 0}
+
+
+class Frame:
+    """What Wireshark found in one packet: TPDUs, PDUs, ``protocols`` by its names. ``malformed``: it gave up somewhere."""
+
+    __slots__ = ("malformed", "number", "pdus", "protocols", "tpdus")
+
+    def __init__(self, layers: Tree) -> None:
+        self.number = int(layers["frame"]["frame.number"])
+        self.protocols = frozenset(layers["frame"]["frame.protocols"].split(":"))
+        self.malformed = "_ws.malformed" in layers
+        self.tpdus = _tpdus(self.number, layers)
+        self.pdus = [_pdu(self.number, tree, raw) for tree, raw in _layers(layers, "s7comm")]
+
+
+def listed(value: Any) -> list[Any]:
+    """Return a value as a list: tshark gives one only where a name occurs more than once."""
+    if value is None:
+        return []
+    return value if isinstance(value, list) else [value]
+
+
+def _raws(tree: Tree, name: str) -> list[list[Any]]:
+    """Return the ``_raw`` entries of a name: [octets, position, size, mask, type] each."""
+    raw = tree.get(name + "_raw")
+    if raw is None:
+        return []
+    return [raw] if isinstance(raw[0], str) else raw
+
+
+def _layers(tree: Tree, name: str) -> list[tuple[Tree, list[Any]]]:
+    """Return every tree called ``name`` with its raw entry."""
+    return [(layer, raw) for layer, raw in zip(listed(tree.get(name)), _raws(tree, name), strict=False) if isinstance(layer, dict)]
+
+
+def _number(text: str) -> int:
+    lowered = text.lower()
+    return _BOOLEANS[lowered] if lowered in _BOOLEANS else int(lowered, 0)
+
+
+def _value(name: str, text: str) -> Value:
+    return bytes.fromhex(text.replace(":", "")) if name in OCTETS else _number(text)
+
+
+def _take(found: dict[Place, Fact], part: str, number: int, tree: Tree, start: int, which: int = 0) -> None:
+    """Add the compared fields that stand directly in ``tree``; positions count from ``start``.
+
+    Of a field that stands more than once there the first counts, or the one at index ``which``.
+    """
+    for name in NAMES[part]:
+        raws = _raws(tree, name)
+        if raws:
+            found[Place(part, number, name)] = Fact(_value(name, listed(tree[name])[which]), raws[which][1] - start)
+
+
+def _take_old_head(found: dict[Place, Fact], tree: Tree, start: int) -> None:
+    """Add the fields of a userdata head that old versions call otherwise."""
+    for old, names in _OLD_NAMES.items():
+        for raw in _raws(tree, old)[:1]:
+            for index, octet in enumerate(bytes.fromhex(raw[0])):
+                found[Place(facts.IN_PARAMETERS, 0, names[index])] = Fact(octet, raw[1] + index - start)
+
+
+def _tpdus(number: int, layers: Tree) -> list[Record]:
+    cotps = _layers(layers, "cotp")
+    records = []
+    for tree, raw in _layers(layers, "tpkt"):
+        if "tpkt.version" not in tree:
+            continue  # a "continuation": octets it could not find a TPKT in
+        found: dict[Place, Fact] = {}
+        octets, start = bytes.fromhex(raw[0]), raw[1]
+        _take(found, facts.IN_TPKT, 0, tree, start)
+        if cotps and cotps[0][1][1] == start + len(octets):
+            cotp, its_raw = cotps.pop(0)
+            octets += bytes.fromhex(its_raw[0])
+            start = its_raw[1]
+            # A parameter that stands twice counts with its last value (X.224 13.2.3).
+            _take(found, facts.IN_TPDU, 0, cotp, start, -1)
+            _parameters(found, cotp, start)
+        records.append(Record(facts.TPDU, number, octets, found))
+    return records
+
+
+def _parameters(found: dict[Place, Fact], cotp: Tree, start: int) -> None:
+    part = facts.IN_PARAMETER
+    for name in NAMES[part]:
+        for number, (text, raw) in enumerate(zip(listed(cotp.get(name)), _raws(cotp, name), strict=False), 1):
+            found[Place(part, number, name)] = Fact(_number(text), raw[1] - start)
+
+
+def _pdu(number: int, tree: Tree, raw: list[Any]) -> Record:
+    found: dict[Place, Fact] = {}
+    start = raw[1]
+    for header, _ in _layers(tree, "s7comm.header"):
+        _take(found, facts.IN_HEADER, 0, header, start)
+    for parameters, _ in _layers(tree, "s7comm.param"):
+        _take(found, facts.IN_PARAMETERS, 0, parameters, start)
+        _take_old_head(found, parameters, start)
+        for index, (item, _) in enumerate(_layers(parameters, "s7comm.param.item"), 1):
+            _take(found, facts.IN_ITEM, index, item, start)
+    record = Record(facts.PDU, number, bytes.fromhex(raw[0]), found)
+    userdata = record.value(facts.IN_HEADER, "s7comm.header.rosctr") == _USERDATA
+    for data, _ in _layers(tree, "s7comm.data")[:1]:
+        if userdata:
+            _take(found, facts.IN_DATA, 0, data, start)
+        else:
+            for index, (item, _) in enumerate(_layers(data, "s7comm.data.item"), 1):
+                _take(found, facts.IN_DATA_ITEM, index, item, start)
+    return record

@@ -1,0 +1,145 @@
+"""What the octets of a request and its answer say: errors, and where they contradict each other (reference 5.1 and 7.3).
+
+Facts only, kept as `Transaction.flags`; what they are worth is judged elsewhere. The data items are stepped over in place,
+because this is done for every answer; nothing is decoded before somebody looks.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.s7.items import data_size_within, parse_data_items
+from dissect.s7.message import HEADER_SIZE
+from dissect.s7.parameters import Parameters
+from dissect.s7.tables import ACK, ACK_DATA, READ_VAR, SETUP_COMMUNICATION, SUCCESS, USERDATA, WRITE_VAR
+from dissect.transactions.transaction import Transaction
+from dissect.wire.build import COMPILED
+from dissect.wire.malformed import Malformed
+from dissect.wire.octets import u16
+
+# Facts about a transaction (`Transaction.flags`).
+FUNCTION_MISMATCH: Final = 1
+COUNT_MISMATCH: Final = 2
+SIZE_MISMATCH: Final = 4
+REORDERED: Final = 8
+BAD_DATA: Final = 16
+EXPECTED: Final = 32  # a half is missing, and no wonder: mid-stream start, one direction only, or a hole
+BAD_REQUEST: Final = 64
+
+_HEAD: Final = struct.Struct(">BBH")
+
+
+def check_answer(transaction: Transaction, parameters: Parameters, data_at: i64) -> None:
+    """Look for errors and contradictions in an answer; ``data_at`` is where its data block begins."""
+    buf = transaction.response_buf
+    at: i64 = transaction.response_offset
+    end: i64 = at + transaction.response_size
+    if transaction.response_rosctr == USERDATA:
+        head = parameters.userdata
+        if head is not None and head.error_code:
+            transaction.error_code = head.error_code
+            transaction.has_errors = True
+        return
+    code: i64 = u16(buf, at + 10)
+    if code:
+        transaction.error_code = code
+        transaction.has_errors = True
+    function: i64 = transaction.parameters.function
+    if parameters.function != function or transaction.response_rosctr != ACK_DATA:
+        return  # an Ack, or an answer to something else
+    if function == READ_VAR:
+        if parameters.item_count >= 0 and not (code and data_at == end):
+            _check_read(transaction, parameters.item_count, buf, data_at, end)
+    elif function == WRITE_VAR:
+        if parameters.item_count >= 0 and not (code and data_at == end):
+            _check_write(transaction, parameters.item_count, buf, data_at, end)
+    elif function == SETUP_COMMUNICATION:
+        setup = parameters.setup
+        if setup is not None and code == 0:
+            transaction.connection.grant(setup, transaction.asked_by)
+
+
+def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:
+    """Step through the data items of a read answer: return codes, sizes against the request, octets against the block."""
+    items = transaction.parameters.items
+    asked: i64 = transaction.parameters.item_count
+    if count != asked:
+        transaction.flags |= COUNT_MISMATCH
+    known: i64 = len(items)
+    index: i64 = 0
+    size: i64 = 0
+    while index < count:
+        if at + 4 > end:
+            transaction.flags |= BAD_DATA
+            return
+        return_code: i64
+        transport_size: i64
+        length: i64
+        if COMPILED:
+            return_code = buf[at]
+            transport_size = buf[at + 1]
+            length = u16(buf, at + 2)
+        else:
+            return_code, transport_size, length = _HEAD.unpack_from(buf, at)
+        at += 4
+        if return_code == SUCCESS:
+            size = data_size_within(transport_size, length, end - at)
+            if index < known:
+                wanted: i64 = items[index].size
+                if wanted != size and wanted >= 0:
+                    transaction.flags |= SIZE_MISMATCH
+        else:
+            size = 0
+            transaction.has_errors = True
+        index += 1
+        at += size
+        if size & 1 and index < count:
+            at += 1
+    if at != end and not (at + 1 == end and size & 1):
+        transaction.flags |= BAD_DATA
+
+
+def _check_write(transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:
+    """Look at the return codes of a write answer: one octet for each item."""
+    if count != transaction.parameters.item_count:
+        transaction.flags |= COUNT_MISMATCH
+    if end - at != count:
+        transaction.flags |= BAD_DATA
+    while at < end:
+        if buf[at] != SUCCESS:
+            transaction.has_errors = True
+        at += 1
+
+
+def mismatch(request: Parameters, answer: Parameters) -> bool:
+    """Tell whether an answer names something else than its request: the function, for userdata group and subfunction."""
+    if answer.function < 0:
+        return False  # an Ack without parameters
+    asked = request.userdata
+    told = answer.userdata
+    if asked is not None and told is not None:
+        return asked.group != told.group or asked.subfunction != told.subfunction
+    return request.function != answer.function
+
+
+def written_fits(parameters: Parameters, buf: bytes, at: i64, size: i64) -> bool:
+    """Tell whether the data block of a write request fits its item count; what was told of its lengths is not told again."""
+    data_at: i64 = at + HEADER_SIZE + len(parameters.octets)
+    if parameters.malformed or data_at + u16(buf, at + 8) != at + size:
+        return True
+    told: list[Malformed] = []
+    parse_data_items(buf, data_at, at + size, parameters.item_count, False, told)
+    return not told
+
+
+def error_code(rosctr: i64, octets: bytes, parameters: Parameters) -> i64:
+    """Return the error an answer carries: header class and code, or the userdata error code; 0 for none."""
+    head = parameters.userdata
+    if head is not None:
+        return head.error_code
+    if (rosctr == ACK or rosctr == ACK_DATA) and len(octets) >= 12:
+        return u16(octets, 10)
+    return 0

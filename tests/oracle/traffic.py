@@ -1,0 +1,325 @@
+"""Conversations made up at random, octet by octet, for both sides of the comparison to read.
+
+Nothing here comes from the package: not a layout, not a table, not a layer. What is made is legal or what devices do; lengths
+never lie. `conversation` gives the packets of one TCP connection, `write_capture` a file of several.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from random import Random
+from typing import Final
+
+SYN: Final = 0x02
+FIN: Final = 0x01
+PUSH_ACK: Final = 0x18
+ACK: Final = 0x10
+
+CODES: Final = (0xFF, 0xFF, 0xFF, 0xFF, 0x0A, 0x05, 0x07, 0x03, 0x01, 0x06)
+#: Octets of one element and the transport size of the answer, by request transport size.
+SIZES: Final = {1: (1, 3), 2: (1, 4), 3: (1, 9), 4: (2, 4), 5: (2, 5), 6: (4, 4), 7: (4, 5), 8: (4, 7), 0x1C: (2, 9), 0x1D: (2, 9)}
+AREAS: Final = (0x03, 0x05, 0x06, 0x80, 0x81, 0x82, 0x83, 0x84, 0x84, 0x84, 0x85, 0x86, 0x87, 0x1C, 0x1D, 0x77)
+
+
+def octets(rng: Random, most: int, least: int = 0) -> bytes:
+    """Return some random octets."""
+    return rng.randbytes(rng.randint(least, most))
+
+
+# ---- TPKT and COTP ---------------------------------------------------------------------------------------------------
+
+
+def tpkt(tpdu: bytes, reserved: int = 0) -> bytes:
+    """Return a TPDU in its TPKT."""
+    return struct.pack(">BBH", 3, reserved, len(tpdu) + 4) + tpdu
+
+
+def tpdu(head: bytes, variable: bytes = b"", data: bytes = b"") -> bytes:
+    """Return a TPKT with a TPDU: its fixed part without the length indicator, its variable part, user data."""
+    return tpkt(bytes([len(head) + len(variable)]) + head + variable + data)
+
+
+def dt(data: bytes, eot: bool = True, number: int = 0) -> bytes:
+    """Return a DT of class 0."""
+    return tpdu(bytes([0xF0, eot << 7 | number]), data=data)
+
+
+def parameter(code: int, value: bytes) -> bytes:
+    """Return one parameter of a variable part."""
+    return bytes([code, len(value)]) + value
+
+
+def tsap(rng: Random) -> bytes:
+    """Return a TSAP: two octets, or a text."""
+    if rng.random() < 0.6:
+        return bytes([rng.choice((1, 2, 3, 0x10)), rng.randrange(256)])
+    return rng.choice((b"SIMATIC-ROOT-HMI", b"MW", b"\x02\x00\x00\x01", b"0-0ABCD0", b"\x4d"))
+
+
+def connect(rng: Random, code: int, reference: int) -> bytes:
+    """Return a CR (0xE0) or CC (0xD0) with parameters in any order."""
+    parts = [parameter(0xC1, tsap(rng)), parameter(0xC2, tsap(rng)), parameter(0xC0, bytes([rng.randint(7, 0x0D)]))]
+    if rng.random() < 0.2:
+        parts.append(parameter(0xF0, rng.choice((b"\x08", b"\x01\x00", b"\x02\x00"))))
+    if rng.random() < 0.2:
+        parts.append(parameter(0xC6, bytes([rng.randrange(16)])))
+    if rng.random() < 0.1:
+        parts.append(parameter(0xC4, b"\x01"))
+    if rng.random() < 0.1:
+        parts.append(parameter(0x99, octets(rng, 5, 1)))
+    rng.shuffle(parts)
+    parts = parts[: rng.choice((1, 2, len(parts), len(parts), len(parts)))]
+    head = struct.pack(">BHHB", code, 0 if code == 0xE0 else reference, rng.randrange(1, 65536), 0)
+    return tpdu(head, b"".join(parts))
+
+
+def other_tpdu(rng: Random) -> bytes:
+    """Return one of the TPDUs that hardly anybody sends, in a form Wireshark knows."""
+    reference = rng.randrange(65536)
+    number = rng.randrange(128)
+    wide = rng.randrange(1 << 31)
+    return rng.choice(
+        (
+            tpdu(struct.pack(">BHHB", 0x80, reference, rng.randrange(65536), rng.choice((0, 1, 2, 3, 0x80, 0x83, 0x8A)))),
+            tpdu(struct.pack(">BHH", 0xC0, reference, rng.randrange(65536))),
+            tpdu(struct.pack(">BHB", 0x70, reference, rng.randrange(4)), parameter(0xC1, octets(rng, 6, 1))),
+            tpdu(struct.pack(">BHB", 0x60 | rng.randrange(16), reference, number)),
+            tpdu(struct.pack(">BHIH", 0x60, reference, wide, rng.randrange(65536))),
+            tpdu(struct.pack(">BHB", 0x20, reference, number)),
+            tpdu(struct.pack(">BHI", 0x20, reference, wide)),
+            tpdu(struct.pack(">BHB", 0x50 | rng.randrange(16), reference, number)),
+            tpdu(struct.pack(">BHIH", 0x50, reference, wide, rng.randrange(65536))),
+            tpdu(struct.pack(">BHB", 0x10, reference, 0x80 | number), data=octets(rng, 16, 1)),
+            tpdu(struct.pack(">BHI", 0x10, reference, 0x80000000 | wide), data=octets(rng, 16, 1)),
+        )
+    )
+
+
+# ---- S7 --------------------------------------------------------------------------------------------------------------
+
+
+def pdu(rosctr: int, reference: int, parameters: bytes, data: bytes = b"", error: int = 0, redundancy: int = 0) -> bytes:
+    """Return an S7 PDU."""
+    head = struct.pack(">BBHHHH", 0x32, rosctr, redundancy, reference, len(parameters), len(data))
+    return head + (struct.pack(">H", error) if rosctr in {2, 3} else b"") + parameters + data
+
+
+def setup(rng: Random, rosctr: int, reference: int) -> bytes:
+    """Return a Setup communication."""
+    amq = rng.randint(1, 8)
+    return pdu(rosctr, reference, struct.pack(">BBHHH", 0xF0, 0, amq, rng.randint(1, 8), rng.choice((240, 480, 960))))
+
+
+class Item:
+    """A variable of a request, and what the answer to it looks like."""
+
+    def __init__(self, rng: Random) -> None:
+        self.size = rng.choice((*SIZES, *SIZES, 0x09, 0x13, 0x7E))
+        self.count = 1 if self.size == 1 else rng.randint(1, 9)
+        self.foreign = rng.random() < 0.1
+        if self.foreign:
+            self.request = self._foreign(rng)
+        else:
+            address = rng.randrange(1 << 24).to_bytes(3, "big")
+            fixed = struct.pack(">BBBBHHB", 0x12, 10, 0x10, self.size, self.count, rng.randrange(65536), rng.choice(AREAS))
+            self.request = fixed + address
+        octets_each, self.answer_size = SIZES.get(self.size, (1, 4))
+        self.octets = octets_each * self.count
+
+    @staticmethod
+    def _foreign(rng: Random) -> bytes:
+        """An item of another syntax, some of odd size."""
+        areas = [struct.pack(">BHH", rng.randint(1, 20), rng.randrange(300), rng.randrange(300)) for _ in range(rng.randint(1, 3))]
+        body = rng.choice(
+            (
+                b"\xb0" + bytes([len(areas)]) + b"".join(areas),
+                b"\x82" + octets(rng, 7, 7),
+                b"\xa2" + octets(rng, 9, 9),
+                b"\x55" + octets(rng, 6, 1),
+            )
+        )
+        return bytes([0x12, len(body)]) + body
+
+    def data(self, rng: Random, code: int) -> bytes:
+        """Return the data item: of a write request (code 0), or of the answer to a read."""
+        if code not in {0xFF, 0x00}:
+            return bytes([code]) + rng.choice((b"\0\0\0", b"\0\0\x04", b"\x04\0\x08"))
+        content = octets(rng, self.octets, self.octets)
+        length = self.octets * 8 if self.answer_size in {3, 4, 5} else self.octets
+        if self.answer_size == 3:
+            length = 1
+        return struct.pack(">BBH", code, self.answer_size, length) + content
+
+
+def padded(parts: Sequence[bytes]) -> bytes:
+    """Return parts joined, an odd one filled up unless it is the last."""
+    return b"".join([part + b"\x00" * (len(part) & 1) for part in parts[:-1]] + list(parts[-1:]))
+
+
+def read_pair(rng: Random, reference: int) -> tuple[bytes, bytes]:
+    """Return a Read Var and its answer."""
+    items = [Item(rng) for _ in range(rng.choice((1, 1, 2, 3, rng.randint(1, 19))))]
+    request = pdu(1, reference, bytes([4, len(items)]) + padded([item.request for item in items]))
+    if rng.random() < 0.1:
+        return request, pdu(rng.choice((2, 3)), reference, b"", error=rng.choice((0x8104, 0x8500, 0xD241)))
+    answer = padded([item.data(rng, rng.choice(CODES)) for item in items])
+    return request, pdu(3, reference, bytes([4, len(items)]), answer)
+
+
+def write_pair(rng: Random, reference: int) -> tuple[bytes, bytes]:
+    """Return a Write Var and its answer."""
+    items = [Item(rng) for _ in range(rng.choice((1, 1, 2, rng.randint(1, 12))))]
+    parameters = bytes([5, len(items)]) + padded([item.request for item in items])
+    data = padded([item.data(rng, 0) for item in items])
+    if len(data) & 1 and rng.random() < 0.3:
+        data += b"\x00"  # one client fills up the last item too
+    codes = bytes([rng.choice(CODES) for _ in items])
+    return pdu(1, reference, parameters, data), pdu(3, reference, bytes([5, len(items)]), codes)
+
+
+def userdata(rng: Random, reference: int, kind: int, function: int, sequence: int, short: bool) -> bytes:
+    """Return a Userdata PDU of type ``kind``; ``function`` is group and subfunction."""
+    group, subfunction = divmod(function, 256)
+    head = bytes([kind << 6 | group, subfunction, sequence])
+    error = rng.choice((0, 0, 0xD402, 0x8104)) if kind == 2 else 0
+    if short:
+        parameters = b"\x00\x01\x12\x04\x11" + head
+    else:
+        parameters = b"\x00\x01\x12\x08\x12" + head + struct.pack(">BBH", rng.randrange(256), rng.randrange(2), error)
+    if error or rng.random() < 0.3:
+        return pdu(7, reference, parameters, b"\x0a\x00\x00\x00")
+    payload = octets(rng, 60, 2)
+    return pdu(7, reference, parameters, struct.pack(">BBH", 0xFF, 9, len(payload)) + payload)
+
+
+def userdata_pair(rng: Random, reference: int) -> tuple[bytes, bytes]:
+    """Return a Userdata request and its answer."""
+    function = rng.choice((0x0301, 0x0401, 0x0501, 0x0701, 0x0702, 0x0209, 0x3F01, 0x2003))
+    sequence = rng.randrange(256)
+    request = userdata(rng, reference, 1, function, 0, rng.random() < 0.8)
+    return request, userdata(rng, reference, 2, function, sequence, short=False)
+
+
+def control_pair(rng: Random, reference: int) -> tuple[bytes, bytes]:
+    """Return a PI service, a PLC stop or an end of upload, and its answer."""
+    parameters = rng.choice(
+        (
+            b"\x28\x00\x00\x00\x00\x00\x00\xfd\x00\x00\x09P_PROGRAM",
+            b"\x29\x00\x00\x00\x00\x00\x09P_PROGRAM",
+            b"\x1f\x00\x00\x00\x00\x00\x00\x07",
+        )
+    )
+    return pdu(1, reference, parameters), pdu(3, reference, parameters[:1])
+
+
+# ---- TCP -------------------------------------------------------------------------------------------------------------
+
+
+class Connection:
+    """One TCP connection over IPv4 and Ethernet; ``packets`` are whole frames. Side 0 asks for the connection."""
+
+    def __init__(self, rng: Random, number: int, port: int = 102) -> None:
+        self.addresses = (struct.pack(">BBH", 10, 1, number), struct.pack(">BBH", 10, 2, number))
+        self.ports = (1024 + rng.randrange(60000), port)
+        self.sequence = [rng.choice((rng.randrange(1 << 32), 0xFFFFFF00)) for _ in range(2)]
+        self.packets: list[bytes] = []
+
+    def put(self, side: int, flags: int, payload: bytes = b"", sequence: int | None = None) -> None:
+        """Add a packet, by default with the next octets of its side."""
+        at = self.sequence[side] if sequence is None else sequence
+        tcp = struct.pack(
+            ">HHIIBBHHH", self.ports[side], self.ports[1 - side], at, self.sequence[1 - side], 0x50, flags, 8192, 0, 0
+        )
+        size = 20 + len(tcp) + len(payload)
+        ip = struct.pack(">BBHHHBBH", 0x45, 0, size, 0, 0, 64, 6, 0) + self.addresses[side] + self.addresses[1 - side]
+        self.packets.append(bytes(12) + b"\x08\x00" + ip + tcp + payload)
+        if sequence is None:
+            grown = len(payload) + (1 if flags & (SYN | FIN) else 0)
+            self.sequence[side] = (at + grown) & 0xFFFFFFFF
+
+    def open(self) -> None:
+        """Shake hands."""
+        self.put(0, SYN)
+        self.put(1, SYN | ACK)
+        self.put(0, ACK)
+
+    def close(self) -> None:
+        """End from both sides."""
+        self.put(0, FIN | ACK)
+        self.put(1, FIN | ACK)
+        self.put(0, ACK)
+
+    def send(self, rng: Random, side: int, stream: bytes, most: int = 3) -> None:
+        """Send octets in up to ``most`` segments, some of them twice."""
+        cuts = sorted(rng.randrange(1, len(stream)) for _ in range(rng.choice((0, 0, 0, rng.randrange(most))))) if stream else []
+        for begin, end in zip([0, *cuts], [*cuts, len(stream)], strict=True):
+            if begin < end:
+                at = self.sequence[side]
+                self.put(side, PUSH_ACK, stream[begin:end])
+                if rng.random() < 0.03:
+                    self.put(side, PUSH_ACK, stream[begin:end], at)
+        if rng.random() < 0.3:
+            self.put(1 - side, ACK)
+
+
+def fragments(rng: Random, message: bytes) -> bytes:
+    """Return an S7 PDU in its TPKT, or in several DTs."""
+    number = rng.randrange(128) if rng.random() < 0.1 else 0
+    if len(message) < 40 or rng.random() < 0.9:
+        return dt(message, number=number)
+    cut = rng.randrange(1, len(message))
+    return dt(message[:cut], eot=False) + dt(message[cut:])
+
+
+PAIRS: Final = (read_pair, read_pair, read_pair, write_pair, write_pair, userdata_pair, control_pair)
+
+
+def conversation(rng: Random, number: int) -> list[bytes]:
+    """Return the packets of one connection, from the handshake to its end."""
+    connection = Connection(rng, number, rng.choice((102, 102, 102, 10102)))
+    connection.open()
+    connection.send(rng, 0, connect(rng, 0xE0, 0))
+    connection.send(rng, 1, connect(rng, 0xD0, 1))
+    reference = rng.randrange(65536)
+    connection.send(rng, 0, dt(setup(rng, 1, reference)))
+    connection.send(rng, 1, dt(setup(rng, 3, reference)))
+    for _ in range(rng.randint(1, 12)):
+        pairs = []
+        for _ in range(rng.choice((1, 1, 1, 2, 3))):
+            reference = (reference + 1) & 0xFFFF
+            pairs.append(rng.choice(PAIRS)(rng, reference))
+        connection.send(rng, 0, b"".join(fragments(rng, request) for request, _ in pairs))
+        before = dt(b"", eot=False) if rng.random() < 0.2 else b""
+        connection.send(rng, 1, before + b"".join(fragments(rng, answer) for _, answer in pairs))
+        if rng.random() < 0.1:
+            connection.send(rng, 1, dt(userdata(rng, 0, 0, rng.choice((0x0403, 0x0201)), 1, rng.random() < 0.5)))
+        if rng.random() < 0.1:
+            connection.send(rng, rng.randrange(2), other_tpdu(rng))
+    if rng.random() < 0.7:
+        connection.close()
+    return connection.packets
+
+
+def interleaved(rng: Random, flows: Iterable[list[bytes]]) -> list[bytes]:
+    """Return the packets of several connections mixed, each connection's in its order."""
+    waiting = [iter(flow) for flow in flows]
+    mixed = []
+    while waiting:
+        flow = rng.choice(waiting[:8])
+        packet = next(flow, None)
+        if packet is None:
+            waiting.remove(flow)
+        else:
+            mixed.append(packet)
+    return mixed
+
+
+def write_capture(path: Path, packets: Iterable[bytes]) -> Path:
+    """Write a classic pcap, a packet each millisecond."""
+    out = [struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)]
+    for index, packet in enumerate(packets):
+        out.append(struct.pack("<IIII", 1_700_000_000 + index // 1000, index % 1000 * 1000, len(packet), len(packet)) + packet)
+    path.write_bytes(b"".join(out))
+    return path

@@ -1,0 +1,287 @@
+from __future__ import annotations
+
+import pytest
+from mypy_extensions import i64
+
+from dissect.iso.cotp import parse_tpdu
+from dissect.report.lines import (
+    CSV_COLUMNS,
+    carried,
+    comment_line,
+    csv_columns,
+    pdu_line,
+    tpdu_line,
+    transaction_cells,
+    transaction_line,
+)
+from dissect.report.places import Places
+from dissect.s7.message import parse_pdu
+from dissect.source.packet import SourceFile
+from dissect.transactions.table import Side
+from dissect.wire.clock import Clock
+from tests.properties import messages
+from tests.properties.messages import Item, dt
+from tests.properties.packets import EPOCH_NS, Flow, Talk, cut_to
+from tests.report.support import UNSAFE, WORD, Kept, begun, observed, read, transactions
+
+ONE = Places([SourceFile("one.pcap", 1)], False)
+SEVERAL = Places([SourceFile("one.pcap", 1), SourceFile("two.pcap", 9)], True)
+
+
+class Lines(Kept):
+    """The lines of every PDU and of every TPDU."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.wants_pdus = True
+        self.wants_tpdus = True
+        self.pdus: list[str] = []
+        self.tpdus: list[str] = []
+        self.places = ONE
+
+    def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        """Keep the line of a TPDU."""
+        tpdu = parse_tpdu(octets[4:])
+        line = tpdu_line(tpdu, frame, time_ns, side.connection, side.index, Clock(), self.places)
+        self.tpdus.append(line.partition("102  ")[2] or line.partition("49152  ")[2])
+
+    def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        """Keep the line of a PDU."""
+        pdu = parse_pdu(octets, frame, time_ns, side.connection.number, side.index, cut)
+        self.pdus.append(pdu_line(pdu, side.connection, Clock(), self.places))
+
+
+def pdu_lines(talk: Talk) -> list[str]:
+    """Return what the lines of the PDUs behind the setup say, without packet, time and addresses."""
+    lines = Lines()
+    observed(lines, talk.packets())
+    return [line.partition("102  ")[2] or line.partition("49152  ")[2] for line in lines.pdus[2:]]
+
+
+# ---- transactions ---------------------------------------------------------------------------------------------------
+
+
+def test_a_transaction_on_one_line() -> None:
+    told = transactions(read(begun(), 1).packets())
+    assert transaction_line(told[1], Clock(), ONE) == (
+        "2024-03-04 05:06:07.007000  #2     8→9          10.0.0.1:49152 → 10.0.0.2:102   1.00 ms  Read Var"
+        "  DB10.DBW4 = 1234"
+    )
+
+
+def test_an_unanswered_request_says_so_and_why() -> None:
+    told = transactions(begun().send(0, dt(messages.read_job(1, [WORD]))).reset(1).packets())
+    assert transaction_line(told[1], Clock(), ONE) == (
+        "2024-03-04 05:06:07.007000  #2     8→?          10.0.0.1:49152 → 10.0.0.2:102         -  Read Var"
+        "  NO ANSWER (connection closed)  DB10.DBW4"
+    )
+
+
+def test_a_push_has_the_time_of_its_packet() -> None:
+    told = transactions(begun().send(1, dt(messages.userdata(0, 0, 4, 3, b"12345678"))).packets())
+    assert transaction_line(told[1], Clock(), ONE) == (
+        "2024-03-04 05:06:07.007000  #2     ?→8          10.0.0.1:49152 → 10.0.0.2:102         -"
+        "  CPU functions: diagnostic message  push"
+    )
+
+
+def test_several_files_are_named() -> None:
+    told = transactions(read(begun(), 1).packets())
+    assert " one.pcap:8→two.pcap:1 " in transaction_line(told[1], Clock(), SEVERAL)
+
+
+def test_no_item_is_left_out() -> None:
+    items = [Item(0x02, 1, 1, 0x84, 8 * number) for number in range(20)]
+    talk = begun().send(0, dt(messages.read_job(1, items)))
+    told = transactions(talk.send(1, dt(messages.read_answer(1, items, [b"\x07"] * 20))).packets())
+    line = transaction_line(told[1], Clock(), ONE)
+    assert all(f"DB1.DBB{number} = 7" in line for number in range(20))
+
+
+def test_csv_cells() -> None:
+    told = transactions(read(read(begun(), 1), 2, WORD, 0x0A).packets())
+    rows = [dict(zip(CSV_COLUMNS, transaction_cells(each, Clock(), ONE), strict=True)) for each in told]
+    assert rows[1] == {
+        "number": "2",
+        "connection": "1",
+        "asked_by": "10.0.0.1:49152",
+        "answered_by": "10.0.0.2:102",
+        "pdu_ref": "1",
+        "rosctr": "1",
+        "function": "4",
+        "function_name": "Read Var",
+        "request_frame": "8",
+        "response_frame": "9",
+        "request_time": "2024-03-04T05:06:07.007000000Z",
+        "response_time": "2024-03-04T05:06:07.008000000Z",
+        "latency_ns": "1000000",
+        "outcome": "answered",
+        "reason": "",
+        "items": "DB10.DBW4 = 1234",
+        "errors": "",
+    }
+    assert rows[2]["items"] == "DB10.DBW4: Object does not exist"
+    assert rows[2]["errors"] == "item 1: 0x0a Object does not exist"
+
+
+def test_csv_of_halves() -> None:
+    talk = begun().send(1, dt(messages.read_answer(9, [WORD], [b"\x00\x01"])))
+    talk.send(0, dt(messages.pdu(messages.JOB, 2, b"\x1d"))).send(
+        1, dt(messages.pdu(messages.ACK, 2, b"", b"", 0x8104))
+    )
+    talk.send(0, dt(messages.read_job(3, [WORD])))
+    rows = [
+        dict(zip(CSV_COLUMNS, transaction_cells(each, Clock(), ONE), strict=True))
+        for each in transactions(talk.packets())[1:]
+    ]
+    keys = ("request_frame", "response_frame", "request_time", "response_time", "latency_ns", "outcome", "reason")
+    told = {row["outcome"]: [row[key] for key in keys] for row in rows}
+    assert told["orphan_answer"] == ["", "8", "", "2024-03-04T05:06:07.007000000Z", "", "orphan_answer", ""]
+    assert told["unanswered"] == ["11", "", "2024-03-04T05:06:07.010000000Z", "", "", "unanswered", "capture_ended"]
+    assert next(row["errors"] for row in rows if row["outcome"] == "answered").startswith("header: 0x8104 ")
+
+
+def test_csv_names_files_when_there_are_several() -> None:
+    told = transactions(read(begun(), 1).packets())
+    row = dict(zip(csv_columns(SEVERAL), transaction_cells(told[1], Clock(), SEVERAL), strict=True))
+    assert (row["request_frame"], row["request_file"]) == ("8", "one.pcap")
+    assert (row["response_frame"], row["response_file"]) == ("1", "two.pcap")
+    assert csv_columns(ONE) == CSV_COLUMNS
+    assert [name for name in csv_columns(SEVERAL) if not name.endswith("_file")] == CSV_COLUMNS
+
+
+# ---- PDUs -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_pdu_on_one_line() -> None:
+    lines = Lines()
+    observed(lines, read(begun(), 1).packets())
+    assert lines.pdus[0] == (
+        "     6  2024-03-04 05:06:07.005000  10.0.0.1:49152 → 10.0.0.2:102"
+        "  Job       ref 0x0000  Setup communication  PDU 480, AmQ 1/1"
+    )
+    lines = Lines()
+    lines.places = SEVERAL
+    observed(lines, read(begun(), 1).packets())
+    assert lines.pdus[-1].startswith("two.pcap:1  ")
+
+
+def test_what_a_pdu_carries() -> None:
+    talk = begun()
+    items = [WORD, Item(0x01, 1, 0, 0x83, 81)]
+    talk.send(0, dt(messages.read_job(1, items))).send(1, dt(messages.read_answer(1, items, [b"\x04\xd2", 0x0A])))
+    talk.send(0, dt(messages.write_job(2, items, [b"\x00\x07", b"\x01"]))).send(
+        1, dt(messages.write_answer(2, [255, 255]))
+    )
+    talk.send(0, dt(messages.write_job(3, items[:1], [b"\x00\x07"]))).send(1, dt(messages.write_answer(3, [255])))
+    talk.send(0, dt(messages.pdu(messages.JOB, 4, b"\x1d"))).send(
+        1, dt(messages.pdu(messages.ACK, 4, b"", b"", 0xD241))
+    )
+    assert pdu_lines(talk) == [
+        "Job       ref 0x0001  Read Var  DB10.DBW4, M10.1",
+        "Ack_Data  ref 0x0001  Read Var  1 of 2 items refused: item 2: Object does not exist",
+        "Job       ref 0x0002  Write Var  DB10.DBW4 = 7, M10.1 = true",
+        "Ack_Data  ref 0x0002  Write Var  2 items, all good",
+        "Job       ref 0x0003  Write Var  DB10.DBW4 = 7",
+        "Ack_Data  ref 0x0003  Write Var  1 item, good",
+        "Job       ref 0x0004  Start upload",
+        "Ack       ref 0x0004  error 0xd241 Not permitted in current protection level",
+    ]
+
+
+def test_userdata_on_a_line() -> None:
+    talk = begun().send(0, dt(messages.userdata(1, 1, 4, 1, b"\x00\x11\x00\x00")))
+    talk.send(1, dt(messages.userdata(1, 2, 4, 1, b"", 0xD402)))
+    more = bytearray(messages.userdata(2, 2, 4, 1, b"12345678"))
+    more[19] = 1  # last data unit: no
+    talk.send(0, dt(messages.userdata(2, 1, 4, 1, b"\x00\x12\x00\x00"))).send(1, dt(bytes(more)))
+    transition = messages.pdu(messages.USERDATA, 0, b"\x01\x00\x10\x10\x00\x00\x00\x00")
+    talk.send(1, dt(transition))
+    assert pdu_lines(talk) == [
+        "Userdata  ref 0x0001  CPU functions: read SZL  request, sequence 0",
+        "Userdata  ref 0x0001  CPU functions: read SZL  response, sequence 0, error 0xd402 Invalid SZL index",
+        "Userdata  ref 0x0002  CPU functions: read SZL  request, sequence 0",
+        "Userdata  ref 0x0002  CPU functions: read SZL  response, sequence 0, more to come",
+        "Userdata  ref 0x0000  mode transition: STOP  push, sequence 0",
+    ]
+
+
+def test_a_damaged_pdu_says_what_is_wrong() -> None:
+    lying = bytearray(messages.read_job(1, [WORD]))
+    lying[7] = 99  # parameter length
+    (line,) = pdu_lines(begun().send(0, dt(bytes(lying))))
+    assert "MALFORMED s7: param_length length beyond at octet 6" in line
+
+
+@pytest.mark.parametrize(
+    ("kept", "said"),
+    [
+        (23, "Job       ref 0x0001  Read Var  CUT by the capture"),
+        (12, "Job       ref 0x0001  Read Var  CUT by the capture"),
+        (10, "Job       ref 0x0001  CUT by the capture"),
+    ],
+)
+def test_a_cut_pdu_says_so(kept: int, said: str) -> None:
+    packets = begun().send(0, dt(messages.read_job(1, [WORD]))).packets()
+    packets[-1] = cut_to(packets[-1], 54 + 7 + kept)
+    lines = Lines()
+    observed(lines, packets)
+    assert lines.pdus[-1].partition("102  ")[2].startswith(said)
+
+
+def test_a_header_that_is_not_all_there_has_no_invented_fields() -> None:
+    lines = Lines()
+    observed(lines, begun().send(0, dt(b"\x32\x01\x00\x00\x00\x07")).packets())
+    assert lines.pdus[-1].partition("102  ")[2].startswith("Job       ref ?  MALFORMED s7: header too short")
+
+
+# ---- TPDUs and comments ---------------------------------------------------------------------------------------------
+
+
+def test_tpdus_on_a_line() -> None:
+    talk = begun().send(1, messages.EMPTY_DT).send(1, dt(b"\x72\x01" + bytes(20)))
+    talk.send(0, messages.disconnect(1)).send(1, messages.tpkt(b"\x04\x70\x00\x01\x02"))
+    lines = Lines()
+    observed(lines, talk.packets())
+    assert lines.tpdus[0] == "COTP CR  TSAP 01.00 (PG) → 01.02 (PG, rack 0 slot 2), TPDU size 1024"
+    assert lines.tpdus[1] == "COTP CC  TSAP 01.00 (PG) → 01.02 (PG, rack 0 slot 2), TPDU size 1024"
+    assert lines.tpdus[5] == "COTP DT  S7comm-plus, 22 octets"
+    assert lines.tpdus[6].startswith("COTP DR  ")
+    assert lines.tpdus[6] != "COTP DR  "
+    assert lines.tpdus[7].startswith("COTP ER  ")
+
+
+@pytest.mark.parametrize(
+    ("data", "protocol"),
+    [
+        (b"", ""),
+        (messages.read_job(1, [WORD]), ""),
+        (b"\x72\x01" + bytes(20), "S7comm-plus"),
+        (b"\x17\x03\x03\x00\x02ab", "TLS"),
+        (b"hello", "unknown protocol"),
+    ],
+)
+def test_what_a_dt_carries(data: bytes, protocol: str) -> None:
+    assert carried(parse_tpdu(dt(data)[4:])) == protocol
+
+
+@pytest.mark.parametrize(
+    "tpdu", [b"\x01\x80", b"\x06\x80\x00\x01", b"\x02\x70\x00", b"\xff\xe0", b"\x00", b"", b"\x05\x30aaaa"]
+)
+def test_a_damaged_tpdu_has_a_line(tpdu: bytes) -> None:
+    connection = transactions(begun().packets())[0].connection
+    line = tpdu_line(parse_tpdu(tpdu), 8, EPOCH_NS, connection, 0, Clock(), ONE)
+    assert "COTP" in line
+    assert not UNSAFE.search(line)
+
+
+def test_a_comment_is_safe_and_bounded() -> None:
+    assert comment_line(7, "look\x1b[31m here\u202e", ONE) == "     7  comment: look\\x1b[31m here\\u202e"
+    assert comment_line(7, "x" * 5000, ONE) == f"     7  comment: {'x' * 1000}… (5000 characters)"
+    assert comment_line(9, "here", SEVERAL) == "two.pcap:1  comment: here"
+
+
+def test_ipv6_and_vlan_do_not_disturb_a_line() -> None:
+    lines = Lines()
+    observed(lines, read(begun(Flow("fe80::1", "fe80::2", vlans=(7,))), 1).packets())
+    assert "  [fe80::1]:49152 → [fe80::2]:102  Job " in lines.pdus[0]

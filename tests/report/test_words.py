@@ -1,0 +1,207 @@
+from __future__ import annotations
+
+import pytest
+
+from dissect.iso.tsap import Tsap
+from dissect.report import words
+from dissect.s7.values import Value
+from tests.properties import messages
+from tests.properties.messages import Item, dt
+from tests.report.support import UNSAFE, WORD, begun, first_transaction, read, transactions
+
+BYTES = Item(0x02, 4, 1, 0x84, 0)
+CHARS = Item(0x03, 40, 1, 0x84, 0)
+
+
+@pytest.mark.parametrize(
+    ("ns", "text"),
+    [
+        (None, "-"),
+        (0, "0 µs"),
+        (300, "0.3 µs"),
+        (9_960, "10.0 µs"),
+        (52_263, "52 µs"),
+        (999_499, "999 µs"),
+        (999_500, "1.00 ms"),
+        (3_210_000, "3.21 ms"),
+        (99_994_999, "99.99 ms"),
+        (99_995_000, "100 ms"),
+        (999_499_999, "999 ms"),
+        (999_500_000, "1.00 s"),
+        (599_000_000_000, "599.00 s"),
+        (600_000_000_000, "10 min 0 s"),
+        (874_000_000_000, "14 min 34 s"),
+        (3_600_000_000_000, "1 h 0 min 0 s"),
+        (90_061_000_000_000, "1 d 1 h 1 min 1 s"),
+        (-5_000, "-5.0 µs"),
+        (-1_500_000, "-1.50 ms"),
+        (-874_000_000_000, "-14 min 34 s"),
+    ],
+)
+def test_duration(ns: int | None, text: str) -> None:
+    assert words.duration(ns) == text
+
+
+@pytest.mark.parametrize(
+    ("octets", "text"),
+    [(0, "0 B"), (999, "999 B"), (1000, "1.0 kB"), (5_400, "5.4 kB"), (118_200_000, "118.2 MB"), (10**10, "10.0 GB")],
+)
+def test_size(octets: int, text: str) -> None:
+    assert words.size(octets) == text
+
+
+def test_a_number_with_its_noun() -> None:
+    assert [words.count(number, "packet") for number in (0, 1, 2)] == ["0 packets", "1 packet", "2 packets"]
+    assert words.count(2, "push", "pushes") == "2 pushes"
+
+
+def test_a_moment_is_cut_to_microseconds() -> None:
+    assert words.moment("2024-03-04T05:06:07.123456789Z") == "2024-03-04 05:06:07.123456"
+    assert words.moment("12024-03-04T05:06:07.123456789Z") == "12024-03-04 05:06:07.123456"
+
+
+@pytest.mark.parametrize(
+    ("key", "vids"), [(0, []), (7, [7]), (100 * 4096 + 7, [100, 7]), ((3 * 4096 + 2) * 4096 + 1, [3, 2, 1])]
+)
+def test_vlan_ids(key: int, vids: list[int]) -> None:
+    assert words.vlans(key) == vids
+
+
+def test_tsaps_say_rack_and_slot_only_where_a_siemens_device_speaks() -> None:
+    calling, called = Tsap(b"\x01\x00"), Tsap(b"\x02\x43")
+    assert words.tsaps(calling, called, True) == "TSAP 01.00 (PG) → 02.43 (OP, rack 2 slot 3)"
+    assert words.tsaps(calling, called, False) == "TSAP 01.00 → 02.43"
+    assert words.tsaps(None, Tsap(b"SIMATIC-ROOT-OTH"), False) == 'TSAP ? → "SIMATIC-ROOT-OTH"'
+    assert words.tsaps(Tsap(b"\x1b[2J\x9b"), None, True) == "TSAP 1b5b324a9b → ?"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (True, "true"),
+        (False, "false"),
+        (1234, "1234"),
+        (-3.5, "-3.5"),
+        (1e20, "1e+20"),
+        (float("nan"), "nan"),
+        (None, "-"),
+        ("Pump", "'Pump'"),
+        ("\x1b[31m\u202e", "'\\x1b[31m\\u202e'"),
+        ("x" * 32, "'" + "x" * 32 + "'"),
+        ("x" * 33, "'" + "x" * 32 + "'… (33 characters)"),
+        ("\x00" * 40, "'" + "\\x00" * 32 + "'… (40 characters)"),  # never cut within an escape
+        ([1, None, True], "[1, -, true]"),
+        ([], "[]"),
+        (list(range(8)), "[0, 1, 2, 3, 4, 5, 6, 7]"),
+        (list(range(64)), "[0, 1, 2, 3, 4, 5, 6, 7, … 64 in all]"),
+    ],
+)
+def test_value(value: Value, text: str) -> None:
+    assert words.value(value) == text
+
+
+def test_octets() -> None:
+    assert words.octets(b"") == "(empty)"
+    assert words.octets(bytes(16)) == "00 " * 15 + "00"
+    assert words.octets(bytes(17)) == "00 " * 15 + "00 … 17 octets"
+
+
+@pytest.mark.parametrize(
+    ("item", "content", "text"),
+    [
+        (WORD, b"\x04\xd2", "DB10.DBW4 = 1234"),
+        (WORD, 0x0A, "DB10.DBW4: Object does not exist"),
+        (WORD, 0x77, "DB10.DBW4: 0x77"),
+        (BYTES, b"\x01\x02\x03\x04", "DB1.DBB0 x4 = [1, 2, 3, 4]"),
+        (BYTES, 0x05, "DB1.DBB0 x4: Invalid address"),
+        (CHARS, b"\x1b]0;x\x07" + bytes(34), "DB1.DBB0 x40 = '\\x1b]0;x\\x07" + "\\x00" * 26 + "'… (40 characters)"),
+    ],
+)
+def test_an_item_with_what_became_of_it(item: Item, content: bytes | int, text: str) -> None:
+    transaction = first_transaction(read(begun(), 1, item, content))
+    assert words.items(transaction) == [text]
+    assert words.subject(transaction) == text
+
+
+def test_octets_that_are_no_value_are_shown_as_they_are() -> None:
+    talk = begun().send(0, dt(messages.read_job(1, [WORD])))
+    answer = messages.pdu(messages.ACK_DATA, 1, b"\x04\x01", b"\xff\x04\x00\x18\x01\x02\x03")
+    assert words.subject(first_transaction(talk.send(1, dt(answer)))) == "DB10.DBW4 = 01 02 03"
+
+
+def test_an_answer_nobody_asked_for_has_items_without_names() -> None:
+    talk = begun().send(1, dt(messages.read_answer(9, [WORD, WORD], [b"\x00\x01", 0x05])))
+    transaction = first_transaction(talk)
+    assert words.outcome(transaction) == "answer without request"
+    assert words.subject(transaction) == "item 1 = 00 01, item 2: Invalid address"
+
+
+@pytest.mark.parametrize(
+    ("granted", "text"),
+    [
+        (480, "granted PDU 480, AmQ 1/1"),
+        (240, "asks PDU 480, AmQ 1/1, granted PDU 240, AmQ 1/1"),
+        (None, "asks PDU 480, AmQ 1/1"),
+    ],
+)
+def test_a_setup(granted: int | None, text: str) -> None:
+    talk = begun()
+    talk.segments = talk.segments[:5]
+    talk.send(0, dt(messages.setup(messages.JOB, 7)))
+    if granted is not None:
+        talk.send(1, dt(messages.setup(messages.ACK_DATA, 7, length=granted)))
+    told = transactions(talk.packets())[-1]
+    assert words.subject(told) == text
+    assert words.gist(told) == text
+
+
+def test_the_gist_names_what_failed_and_never_everything() -> None:
+    many = [Item(0x02, 1, 1, 0x84, 8 * number) for number in range(6)]
+    talk = begun().send(0, dt(messages.read_job(1, many)))
+    talk.send(1, dt(messages.read_answer(1, many, [b"\x00", 5, 5, 5, 5, b"\x00"])))
+    talk.send(0, dt(messages.read_job(2, many))).send(1, dt(messages.read_answer(2, many, [b"\x00"] * 6)))
+    read(talk, 3, WORD, 0x0A)
+    read(talk, 4)
+    _, failed, good, one, last = transactions(talk.packets())
+    assert words.gist(failed) == (
+        "4 of 6 items refused: DB1.DBB1: Invalid address, DB1.DBB2: Invalid address, DB1.DBB3: Invalid address, …"
+    )
+    assert words.gist(good) == "DB1.DBB0, DB1.DBB1, DB1.DBB2 and 3 more"
+    assert words.gist(one) == "DB10.DBW4: Object does not exist"
+    assert words.gist(last) == "DB10.DBW4"
+
+
+def test_outcomes() -> None:
+    talk = begun()
+    read(talk, 1)
+    talk.send(0, dt(messages.pdu(messages.JOB, 2, b"\x1d\x00"))).send(
+        1, dt(messages.pdu(messages.ACK, 2, b"", b"", 0xD241))
+    )
+    talk.send(1, dt(messages.userdata(0, 0, 4, 3, b"12345678", 0)))
+    talk.send(1, dt(messages.userdata(0, 0, 4, 3, b"12345678", 0xD402)))
+    talk.send(0, dt(messages.read_job(3, [WORD]))).reset(1)
+    told = transactions(talk.packets())[1:]
+    assert [words.outcome(transaction) for transaction in told] == [
+        "",
+        "REFUSED 0xd241 Not permitted in current protection level",
+        "push",
+        "push, REFUSED 0xd402 Invalid SZL index",
+        "NO ANSWER (connection closed)",
+    ]
+
+
+def test_a_hole_explains_what_is_missing() -> None:
+    talk = begun()
+    talk.send(0, dt(messages.read_job(1, [WORD]))).skip(1, 29).send(0, dt(messages.read_job(2, [WORD])))
+    talk.send(1, dt(messages.read_answer(2, [WORD], [b"\x00\x01"]))).ack(0)
+    told = transactions(talk.packets())[1:]
+    assert sorted(words.outcome(transaction) for transaction in told) == ["", "NO ANSWER (hole in the capture)"]
+
+
+@pytest.mark.parametrize("syntax", [b"\x12\x08\xb0" + b"\x1b" * 7, b"\x12\x60\xa2" + b"\x9b" * 95])
+def test_an_address_of_another_syntax_is_safe_and_short(syntax: bytes) -> None:
+    job = messages.pdu(messages.JOB, 1, b"\x04\x01" + syntax)
+    transaction = first_transaction(begun().send(0, dt(job)))
+    shown = words.subject(transaction)
+    assert not UNSAFE.search(shown)
+    assert len(shown) < 130

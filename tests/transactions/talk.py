@@ -1,0 +1,253 @@
+"""Two ends that talk to each other, packet by packet, into the pipeline: what a test says is what was captured.
+
+    talk = Talk()
+    talk.open()
+    talk.ask(read(1, item(0x84, 10, 4 * 8, 4)))
+    talk.tell(ack_data(1, b"\\x04\\x01", good(4, b"\\x00\\x2a")))
+    talk.close()
+
+The client is side 0 and asks by `ask`, the server is side 1 and answers by `tell`; either may do both.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+from dissect.findings.finding import Finding
+from dissect.pipeline import Observer, Options, Pipeline
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import Transaction
+
+CLIENT: Final = 0
+SERVER: Final = 1
+
+FIN: Final = 1
+SYN: Final = 2
+RST: Final = 4
+ACK: Final = 16
+
+MS: Final = 1_000_000
+SECOND: Final = 1_000_000_000
+START_NS: Final = 1_600_000_000 * SECOND
+
+MASK: Final = 0xFFFFFFFF
+
+
+# ---- octets ---------------------------------------------------------------------------------------------------------
+
+
+def job(pdu_ref: int, parameters: bytes, data: bytes = b"") -> bytes:
+    return struct.pack(">BBHHHH", 0x32, 1, 0, pdu_ref, len(parameters), len(data)) + parameters + data
+
+
+def ack(pdu_ref: int, code: int, parameters: bytes = b"") -> bytes:
+    return struct.pack(">BBHHHHH", 0x32, 2, 0, pdu_ref, len(parameters), 0, code) + parameters
+
+
+def ack_data(pdu_ref: int, parameters: bytes, data: bytes = b"", code: int = 0) -> bytes:
+    return struct.pack(">BBHHHHH", 0x32, 3, 0, pdu_ref, len(parameters), len(data), code) + parameters + data
+
+
+def userdata(pdu_ref: int, parameters: bytes, data: bytes = b"\x0a\x00\x00\x00") -> bytes:
+    return struct.pack(">BBHHHH", 0x32, 7, 0, pdu_ref, len(parameters), len(data)) + parameters + data
+
+
+def head(type_: int, group: int, subfunction: int, sequence: int = 0, code: int | None = None) -> bytes:
+    """A userdata parameter head: short, or extended when an error code is given."""
+    if code is None:
+        return bytes((0, 1, 0x12, 4, 0x11, type_ << 6 | group, subfunction, sequence))
+    return bytes((0, 1, 0x12, 8, 0x12, type_ << 6 | group, subfunction, sequence, 0, 0)) + code.to_bytes(2, "big")
+
+
+def item(area: int, db: int, address: int, size: int, count: int = 1) -> bytes:
+    return struct.pack(">BBBBHHB", 0x12, 10, 0x10, size, count, db, area) + address.to_bytes(3, "big")
+
+
+def dbw(db: int, octet: int, count: int = 1) -> bytes:
+    """An item of words in a data block."""
+    return item(0x84, db, octet * 8, 4, count)
+
+
+def read(pdu_ref: int, *items: bytes) -> bytes:
+    return job(pdu_ref, bytes((4, len(items))) + b"".join(items))
+
+
+def write(pdu_ref: int, items: list[bytes], data: bytes) -> bytes:
+    return job(pdu_ref, bytes((5, len(items))) + b"".join(items), data)
+
+
+def good(size: int, octets: bytes) -> bytes:
+    """A data item of a read answer: success."""
+    return b"\xff" + _data(size, octets)
+
+
+def written(size: int, octets: bytes) -> bytes:
+    """A data item of a write request."""
+    return b"\x00" + _data(size, octets)
+
+
+def _data(size: int, octets: bytes) -> bytes:
+    bits = size in {3, 4, 5}
+    length = 1 if size == 3 else len(octets) * 8 if bits else len(octets)
+    return bytes((size,)) + length.to_bytes(2, "big") + octets
+
+
+def refused(code: int) -> bytes:
+    """A data item of a read answer: an error is four octets."""
+    return bytes((code, 0, 0, 0))
+
+
+def words(pdu_ref: int, *values: int) -> bytes:
+    """A read answer of one item of words."""
+    return ack_data(pdu_ref, b"\x04\x01", good(4, struct.pack(f">{len(values)}H", *values)))
+
+
+def setup(pdu_ref: int, calling: int = 1, called: int = 1, size: int = 480) -> bytes:
+    return job(pdu_ref, struct.pack(">BBHHH", 0xF0, 0, calling, called, size))
+
+
+def granted(pdu_ref: int, calling: int = 1, called: int = 1, size: int = 240) -> bytes:
+    return ack_data(pdu_ref, struct.pack(">BBHHH", 0xF0, 0, calling, called, size))
+
+
+def dt(*pdus: bytes) -> bytes:
+    """TPKTs, each with a data TPDU around one PDU."""
+    return b"".join(struct.pack(">BBHBBB", 3, 0, len(pdu) + 7, 2, 0xF0, 0x80) + pdu for pdu in pdus)
+
+
+def tpkt(tpdu: bytes) -> bytes:
+    return struct.pack(">BBH", 3, 0, len(tpdu) + 4) + tpdu
+
+
+CONNECT: Final = tpkt(bytes.fromhex("11e00000000100c1020100c2020102c0010a"))
+CONFIRM: Final = tpkt(bytes.fromhex("11d00001000200c1020100c2020102c0010a"))
+
+
+# ---- packets --------------------------------------------------------------------------------------------------------
+
+
+class Talk(Observer):
+    """Two ends; everything the pipeline tells is collected."""
+
+    def __init__(
+        self, client_port: int = 50000, server_port: int = 102, beside: Talk | None = None, slow_ns: int = SECOND
+    ) -> None:
+        super().__init__()
+        self.transactions: list[Transaction] = []
+        self.findings: list[Finding] = []
+        self.connections: list[Connection] = []
+        self.now_ns = START_NS
+        #: Who is told, and whose clock counts: another talk may be captured in the same run.
+        self.first = self if beside is None else beside
+        self.pipeline: Pipeline = Pipeline(self, Options(slow_ns, strict=True)) if beside is None else beside.pipeline
+        self.ports = [client_port, server_port]
+        self.seq = [1000, 90000]
+        #: What each end acknowledges; None is the normal course: everything the other end sent.
+        self.acked: list[int | None] = [None, None]
+
+    # What the pipeline tells.
+
+    def transaction(self, transaction: Transaction) -> None:
+        self.transactions.append(transaction)
+
+    def finding(self, finding: Finding) -> None:
+        self.findings.append(finding)
+
+    def connection_closed(self, connection: Connection) -> None:
+        self.connections.append(connection)
+
+    # What the ends do.
+
+    def packet(
+        self,
+        side: int,
+        payload: bytes = b"",
+        flags: int = ACK,
+        seq: int | None = None,
+        after_ns: int = MS,
+        cut: int = 0,
+    ) -> int:
+        """Capture one packet of ``side`` and return its number; ``seq`` says that it comes out of its turn."""
+        self.first.now_ns += after_ns
+        acked = self.acked[side]
+        acknowledged = self.seq[1 - side] if acked is None else acked
+        if not flags & ACK:
+            acknowledged = 0
+        tcp = struct.pack(
+            ">HHIIBBHHH",
+            self.ports[side],
+            self.ports[1 - side],
+            (self.seq[side] if seq is None else seq) & MASK,
+            acknowledged & MASK,
+            0x50,
+            flags,
+            8192,
+            0,
+            0,
+        )
+        addresses = b"\x0a\x00\x00" + bytes((1 + side,)) + b"\x0a\x00\x00" + bytes((2 - side,))
+        ip = struct.pack(">BBHHHBBH", 0x45, 0, 40 + len(payload), 0, 0, 64, 6, 0) + addresses
+        frame = bytes(12) + b"\x08\x00" + ip + tcp + payload
+        self.pipeline.frame(self.first.now_ns, frame, 0, len(frame) - cut, len(frame), 1)
+        if seq is None:
+            self.seq[side] += len(payload) + (1 if flags & (SYN | FIN) else 0)
+        return int(self.pipeline.frames)
+
+    def hello(self) -> None:
+        """The TCP handshake."""
+        self.packet(CLIENT, flags=SYN)
+        self.packet(SERVER, flags=SYN | ACK)
+        self.packet(CLIENT)
+
+    def connect(self) -> None:
+        """The COTP handshake."""
+        self.packet(CLIENT, CONNECT)
+        self.packet(SERVER, CONFIRM)
+
+    def open(self, calling: int = 1, called: int = 1, size: int = 480) -> None:
+        """Everything up to the setup, which is granted as asked; forgets what was told of it."""
+        self.hello()
+        self.connect()
+        self.ask(setup(0, calling, called, size))
+        self.tell(granted(0, calling, called, size))
+        self.first.transactions.clear()
+
+    def ask(self, *pdus: bytes, after_ns: int = MS) -> int:
+        """The client sends PDUs in one segment."""
+        return self.packet(CLIENT, dt(*pdus), after_ns=after_ns)
+
+    def tell(self, *pdus: bytes, after_ns: int = MS) -> int:
+        """The server sends PDUs in one segment."""
+        return self.packet(SERVER, dt(*pdus), after_ns=after_ns)
+
+    def lose(self, side: int, *pdus: bytes) -> None:
+        """PDUs that were sent and not captured."""
+        self.seq[side] += len(dt(*pdus))
+
+    def wait(self, duration_ns: int) -> None:
+        """Let time pass."""
+        self.first.now_ns += duration_ns
+
+    def close(self) -> None:
+        """Both ends close the TCP connection, and the capture ends."""
+        self.packet(CLIENT, flags=FIN | ACK)
+        self.packet(SERVER, flags=FIN | ACK)
+        self.packet(CLIENT)
+        self.pipeline.finish()
+
+    def finish(self) -> None:
+        """The capture ends."""
+        self.pipeline.finish()
+
+    # What came out.
+
+    def slugs(self) -> list[str]:
+        return [finding.slug for finding in self.findings]
+
+    def outcomes(self) -> list[str]:
+        return [transaction.outcome_name for transaction in self.transactions]
+
+    def pairs(self) -> list[tuple[int, int]]:
+        """(frame of the request, frame of the answer) of every transaction, 0 for a missing half, in order of emission."""
+        return [(transaction.request_frame, transaction.response_frame) for transaction in self.transactions]

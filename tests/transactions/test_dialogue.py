@@ -1,0 +1,735 @@
+"""Who asked, who answered: reference section 5 point by point, through the whole pipeline."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dissect.transactions.checks import (
+    EXPECTED,
+    FUNCTION_MISMATCH,
+    REORDERED,
+)
+from dissect.transactions.pairing import FEW_OPEN, MAX_OPEN, MAX_OPEN_ALL, MAX_ORPHANS, MAX_REPEATS
+from dissect.transactions.transaction import (
+    CAPTURE_ENDED,
+    CONNECTION_CLOSED,
+    HOLE,
+    REFERENCE_REUSED,
+    TABLE_FULL,
+    Transaction,
+)
+from tests.transactions.talk import (
+    CLIENT,
+    CONFIRM,
+    CONNECT,
+    FIN,
+    MS,
+    RST,
+    SECOND,
+    SERVER,
+    Talk,
+    ack,
+    ack_data,
+    dbw,
+    dt,
+    good,
+    granted,
+    head,
+    job,
+    read,
+    refused,
+    setup,
+    userdata,
+    words,
+    write,
+    written,
+)
+
+REQUEST, RESPONSE, PUSH = 1, 2, 0
+
+
+@pytest.fixture
+def talk() -> Talk:
+    """A connection that is set up."""
+    talk = Talk()
+    talk.open(8, 8)
+    return talk
+
+
+def reasons(talk: Talk) -> list[str]:
+    return [transaction.reason for transaction in talk.transactions]
+
+
+def only(talk: Talk) -> Transaction:
+    assert len(talk.transactions) == 1
+    return talk.transactions[0]
+
+
+# ---- 5.1 the key ----------------------------------------------------------------------------------------------------
+
+
+def test_a_request_and_its_answer(talk: Talk) -> None:
+    asked = talk.ask(read(0x0102, dbw(10, 4, 3)))
+    answered = talk.tell(words(0x0102, 1, 2, 3), after_ns=7 * MS)
+    one = only(talk)
+    assert talk.pairs() == [(asked, answered)]
+    assert (one.outcome_name, one.reason, one.rosctr, one.pdu_ref) == ("answered", "", 1, 0x0102)
+    assert (one.asked_by, one.latency_ns, one.flags, one.has_errors) == (CLIENT, 7 * MS, 0, False)
+    assert (one.function, one.function_name) == (4, "Read Var")
+    assert one.request_octets == read(0x0102, dbw(10, 4, 3))
+    assert one.response_octets == words(0x0102, 1, 2, 3)
+    assert (one.connection.answered, one.connection.pdus) == (2, 4)
+
+
+def test_answer_and_function_must_fit(talk: Talk) -> None:
+    """The answer is the only one there is, so it is taken and told (ROSCTR 3: mismatch is an anomaly)."""
+    talk.ask(read(1, dbw(1, 0)))
+    talk.tell(ack_data(1, b"\x05\x01", b"\x05"))
+    one = only(talk)
+    assert (one.outcome_name, one.flags) == ("answered", FUNCTION_MISMATCH)
+    assert (one.function, one.has_errors, one.errors) == (4, False, [])
+
+
+def test_an_ack_takes_the_function_from_the_request(talk: Talk) -> None:
+    talk.ask(job(7, b"\x1d" + bytes(17)))
+    talk.tell(ack(7, 0xD209))
+    one = only(talk)
+    assert (one.function_name, one.flags, one.has_errors, one.error_code) == ("Start upload", 0, True, 0xD209)
+    assert [(error.where, error.code, error.name) for error in one.errors] == [("header", 0xD209, "Block not found")]
+
+
+def test_an_ack_that_names_the_function(talk: Talk) -> None:
+    talk.ask(read(7, dbw(1, 0)))
+    talk.tell(ack(7, 0x8104, b"\x04"))
+    assert (only(talk).flags, only(talk).error_code) == (0, 0x8104)
+
+
+def test_userdata_by_group_and_subfunction(talk: Talk) -> None:
+    talk.ask(userdata(1, head(REQUEST, 4, 1)))
+    talk.tell(userdata(1, head(RESPONSE, 4, 1, 9, 0)))  # the sequence number is chosen by the answering side
+    talk.ask(userdata(2, head(REQUEST, 4, 1)))
+    talk.tell(userdata(2, head(RESPONSE, 4, 2, 0, 0)))
+    talk.ask(userdata(3, head(REQUEST, 4, 1)))
+    talk.tell(userdata(3, head(RESPONSE, 3, 1, 0, 0)))
+    assert talk.outcomes() == ["answered"] * 3
+    assert [one.flags for one in talk.transactions] == [0, FUNCTION_MISMATCH, FUNCTION_MISMATCH]
+    assert talk.transactions[0].function_name == "CPU functions: read SZL"
+
+
+def test_rosctr_belongs_to_the_key(talk: Talk) -> None:
+    first = talk.ask(read(5, dbw(1, 0)))
+    second = talk.ask(userdata(5, head(REQUEST, 4, 1)))
+    third = talk.tell(userdata(5, head(RESPONSE, 4, 1, 1, 0)))
+    fourth = talk.tell(words(5, 1))
+    assert talk.pairs() == [(second, third), (first, fourth)]
+    assert [one.rosctr for one in talk.transactions] == [7, 1]
+
+
+def test_either_end_asks_and_the_references_are_independent(talk: Talk) -> None:
+    """A download: the PLC sends jobs with references of its own, which collide with the client's."""
+    ours = talk.ask(read(1, dbw(1, 0)))
+    theirs = talk.tell(job(1, b"\x1b" + bytes(17)))
+    data = talk.ask(ack_data(1, b"\x1b\x00", b"\x00\x02\x00\xfbpp"))
+    answer = talk.tell(words(1, 42))
+    assert talk.pairs() == [(theirs, data), (ours, answer)]
+    assert [one.asked_by for one in talk.transactions] == [SERVER, CLIENT]
+    assert [one.function_name for one in talk.transactions] == ["Download block", "Read Var"]
+
+
+def test_an_end_does_not_answer_itself(talk: Talk) -> None:
+    talk.ask(read(1, dbw(1, 0)))
+    talk.ask(words(1, 42))
+    talk.close()
+    assert sorted(talk.outcomes()) == ["orphan_answer", "unanswered"]
+
+
+def test_bsend_from_both_sides(talk: Talk) -> None:
+    first = talk.ask(userdata(3, head(REQUEST, 6, 1, 0, 0)))
+    second = talk.tell(userdata(3, head(REQUEST, 6, 1, 0, 0)))
+    third = talk.tell(userdata(3, head(RESPONSE, 6, 1, 0, 0)))
+    fourth = talk.ask(userdata(3, head(RESPONSE, 6, 1, 0, 0)))
+    assert talk.pairs() == [(first, third), (second, fourth)]
+
+
+def test_parts_of_a_long_answer_pair_with_their_own_requests(talk: Talk) -> None:
+    first = userdata(1, bytes.fromhex("000112081284010cd5010000"))
+    last = userdata(2, bytes.fromhex("000112081284010cd5000000"))
+    asked = talk.ask(userdata(1, head(REQUEST, 4, 1)))
+    told = talk.tell(first)
+    again = talk.ask(userdata(2, bytes.fromhex("000112081244010c00000000")))
+    rest = talk.tell(last)
+    assert talk.pairs() == [(asked, told), (again, rest)]
+
+
+def test_pushes_belong_to_nothing(talk: Talk) -> None:
+    talk.ask(userdata(0, head(REQUEST, 2, 1)))
+    pushed = talk.tell(userdata(0, head(PUSH, 2, 1, 4, 0)))
+    stopped = talk.tell(userdata(0, bytes.fromhex("0100101000000000"), b""))
+    talk.tell(userdata(0, head(RESPONSE, 2, 1, 4, 0)))
+    assert talk.outcomes() == ["unsolicited", "unsolicited", "answered"]
+    assert talk.pairs()[:2] == [(0, pushed), (0, stopped)]
+    push = talk.transactions[0]
+    assert (push.asked_by, push.latency_ns, push.request, push.has_errors) == (CLIENT, None, None, False)
+    assert push.connection.unsolicited == 2
+    assert talk.transactions[1].function_name == "mode transition: STOP"
+
+
+def test_a_push_may_carry_an_error(talk: Talk) -> None:
+    talk.tell(userdata(0, head(PUSH, 2, 1, 4, 0xD807)))
+    push = only(talk)
+    assert [(error.where, error.code, error.name) for error in push.errors] == [("parameter", 0xD807, "Overload")]
+
+
+# ---- 5.2 what not to assume of a reference --------------------------------------------------------------------------
+
+
+def test_references_start_anywhere_wrap_and_may_be_zero(talk: Talk) -> None:
+    for pdu_ref in (0xFFFE, 0xFFFF, 0, 1):
+        talk.ask(read(pdu_ref, dbw(1, pdu_ref & 7)))
+        talk.tell(words(pdu_ref, pdu_ref))
+    assert talk.outcomes() == ["answered"] * 4
+    assert [one.results()[0].value for one in talk.transactions] == [0xFFFE, 0xFFFF, 0, 1]
+
+
+@pytest.mark.parametrize("pdu_ref", [0x0500, 0])
+def test_one_reference_for_everything(talk: Talk, pdu_ref: int) -> None:
+    for value in range(20):
+        talk.ask(read(pdu_ref, dbw(1, value % 3)))
+        talk.tell(words(pdu_ref, value))
+    assert talk.outcomes() == ["answered"] * 20
+    assert [one.results()[0].value for one in talk.transactions] == [*range(20)]
+    assert [one.latency_ns for one in talk.transactions] == [MS] * 20
+
+
+def test_a_setup_may_use_the_reference_of_the_next_job() -> None:
+    talk = Talk()
+    talk.hello()
+    talk.connect()
+    talk.ask(setup(1))
+    talk.tell(granted(1))
+    talk.ask(read(1, dbw(1, 0)))
+    talk.tell(words(1, 1))
+    assert talk.outcomes() == ["answered"] * 2
+
+
+def test_a_reference_used_again_while_open(talk: Talk) -> None:
+    lost = talk.ask(read(5, dbw(1, 0)))
+    asked = talk.ask(read(5, dbw(1, 2)))
+    answered = talk.tell(words(5, 7))
+    assert talk.pairs() == [(lost, 0), (asked, answered)]
+    assert reasons(talk) == [REFERENCE_REUSED, ""]
+    assert only_unanswered(talk).connection.unanswered == 1
+
+
+def only_unanswered(talk: Talk) -> Transaction:
+    found = [one for one in talk.transactions if one.outcome_name == "unanswered"]
+    assert len(found) == 1
+    return found[0]
+
+
+def test_identical_requests_are_answered_in_turn(talk: Talk) -> None:
+    asked = [talk.ask(read(5, dbw(1, 0))) for _ in range(3)]
+    answered = [talk.tell(words(5, value)) for value in range(3)]
+    assert talk.pairs() == [*zip(asked, answered, strict=True)]
+
+
+def test_more_identical_requests_than_may_wait(talk: Talk) -> None:
+    asked = [talk.ask(read(5, dbw(1, 0))) for _ in range(MAX_REPEATS + 1)]
+    assert talk.pairs() == [(frame, 0) for frame in asked[:-1]]
+    talk.tell(words(5, 1))
+    assert talk.outcomes() == ["unanswered"] * MAX_REPEATS + ["answered"]
+
+
+def test_a_lost_answer_shifts_nothing(talk: Talk) -> None:
+    """A client that never changes its reference polls on after one answer failed to come."""
+    talk.ask(read(5, dbw(1, 0)))
+    talk.wait(2 * SECOND)
+    for value in range(5):
+        talk.ask(read(5, dbw(1, 0)))
+        talk.tell(words(5, value))
+        talk.wait(SECOND // 10)
+    assert reasons(talk) == [REFERENCE_REUSED] + [""] * 5
+    assert [one.latency_ns for one in talk.transactions[1:]] == [MS] * 5
+
+
+def test_an_answer_lost_in_a_hole_shifts_nothing(talk: Talk) -> None:
+    talk.ask(read(5, dbw(1, 0)))
+    talk.lose(SERVER, words(5, 99))
+    for value in range(15):
+        talk.ask(read(5, dbw(1, 0)))
+        talk.tell(words(5, value))
+    talk.close()
+    found = {(one.outcome_name, one.reason) for one in talk.transactions}
+    assert found <= {("answered", ""), ("unanswered", HOLE)}
+    late = [one for one in talk.transactions if one.outcome_name == "answered"][-4:]
+    assert [one.results()[0].value for one in late] == [11, 12, 13, 14]
+    assert [one.latency_ns for one in late] == [MS] * 4
+
+
+# ---- 5.3 who is the client ------------------------------------------------------------------------------------------
+
+
+def test_without_a_handshake_the_job_tells_who_the_client_is() -> None:
+    for octets, client in (
+        (read(1, dbw(1, 0)), SERVER),
+        (setup(1), SERVER),
+        (userdata(1, head(REQUEST, 4, 1)), SERVER),
+        (job(1, b"\x29" + bytes(5)), SERVER),
+        (job(1, b"\x1b" + bytes(17)), CLIENT),
+        (job(1, b"\x1c" + bytes(17)), CLIENT),
+    ):
+        talk = Talk(40000, 40001)
+        talk.tell(octets)
+        talk.finish()
+        connection = talk.connections[0]
+        assert (str(connection.client).endswith(":4000" + "01"[client]), connection.client_known) == (True, True)
+
+
+def test_bsend_and_unknown_functions_tell_nothing() -> None:
+    for octets in (userdata(1, head(REQUEST, 6, 1)), job(1, b"\x77"), words(1, 1)):
+        talk = Talk(102, 40001)  # port 102 as a last hint
+        talk.tell(octets)
+        talk.finish()
+        connection = talk.connections[0]
+        assert (connection.client.port, connection.client_known) == (40001, False)
+
+
+# ---- 5.4 several outstanding ----------------------------------------------------------------------------------------
+
+
+def test_answers_in_another_order(talk: Talk) -> None:
+    asked = [talk.ask(read(number, dbw(1, number))) for number in range(5)]
+    answered = {number: talk.tell(words(number, number)) for number in (3, 0, 4, 1, 2)}
+    assert talk.pairs() == [(asked[number], answered[number]) for number in (3, 0, 4, 1, 2)]
+    assert [one.results()[0].value for one in talk.transactions] == [3, 0, 4, 1, 2]
+
+
+def test_several_pdus_in_a_segment(talk: Talk) -> None:
+    asked = talk.ask(*(read(number, dbw(1, number)) for number in range(4)))
+    answered = talk.tell(*(words(number, number) for number in range(4)))
+    assert talk.pairs() == [(asked, answered)] * 4
+    assert [one.results()[0].value for one in talk.transactions] == [0, 1, 2, 3]
+
+
+def test_two_connections_do_not_meet() -> None:
+    talk = Talk(50000)
+    other = Talk(50001, beside=talk)
+    talk.open()
+    other.open()
+    first = talk.ask(read(1, dbw(1, 0)))
+    second = other.ask(read(1, dbw(2, 0)))
+    third = other.tell(words(1, 2))
+    fourth = talk.tell(words(1, 1))
+    assert talk.pairs() == [(second, third), (first, fourth)]
+
+
+# ---- the bounds -----------------------------------------------------------------------------------------------------
+
+
+def test_the_table_is_bounded_and_the_sum_exact(talk: Talk) -> None:
+    """Robustness T23: 70,000 requests without an answer; every one is told of, the oldest first."""
+    count = 70_000
+    for number in range(0, count, 50):
+        talk.ask(*(read((number + more) & 0xFFFF, dbw(1, (number + more) & 0xFF)) for more in range(50)))
+        side = talk.pipeline.table.all_open()[0]
+        assert side.connection.open_requests[CLIENT].count <= MAX_OPEN
+    given_up = len(talk.transactions)
+    assert given_up == count - MAX_OPEN
+    assert set(reasons(talk)) == {TABLE_FULL}
+    talk.finish()
+    assert len(talk.transactions) == count
+    assert set(reasons(talk)[given_up:]) == {CAPTURE_ENDED}
+    assert [one.number for one in talk.transactions] == [*range(2, count + 2)]
+    assert talk.pipeline.conversation.judge.counts["transaction.table_full"] == given_up
+    assert int(talk.pipeline.conversation.dialogue.open) == 0
+
+
+def test_the_sum_is_exact_with_one_reference() -> None:
+    talk = Talk()
+    talk.open()
+    for number in range(0, 5_000, 50):
+        talk.ask(*(read(7, dbw(1, (number + more) & 0xFF)) for more in range(50)))
+    talk.finish()
+    assert len(talk.transactions) == 5_000
+    assert reasons(talk).count(REFERENCE_REUSED) == 4_999
+
+
+def test_all_connections_together_are_bounded() -> None:
+    """Captures of one direction leave every request open: each connection keeps few when there are many."""
+    first = Talk(50000)
+    talks = [first] + [Talk(50000 + number, beside=first) for number in range(1, 24)]
+    for talk in talks:
+        for number in range(0, MAX_OPEN, 256):
+            talk.ask(*(read(number + more, dbw(1, more)) for more in range(256)))
+    opened = [side.connection.open_requests[CLIENT].count for side in first.pipeline.table.all_open()]
+    assert opened == [MAX_OPEN] * 16 + [FEW_OPEN] * 8
+    dialogue = first.pipeline.conversation.dialogue
+    assert dialogue.open == sum(opened) == MAX_OPEN_ALL + 8 * FEW_OPEN
+    first.finish()
+    assert len(first.transactions) == 24 * MAX_OPEN
+    assert dialogue.open == 0
+
+
+def test_what_is_open_is_counted_right(talk: Talk) -> None:
+    dialogue = talk.pipeline.conversation.dialogue
+    for number in range(10):
+        talk.ask(read(number % 4, dbw(1, number)))
+    assert dialogue.open == 4
+    talk.tell(words(0, 1))
+    talk.tell(words(0, 1))
+    assert dialogue.open == 3
+    talk.close()
+    assert dialogue.open == 0
+
+
+# ---- 5.5 what a capture does to a conversation -----------------------------------------------------------------------
+
+
+def early(talk: Talk, request: bytes, *answers: bytes) -> int:
+    """The answers to a request are captured before it."""
+    talk.acked[SERVER] = talk.seq[CLIENT] + len(dt(request))
+    frame = talk.tell(*answers)
+    talk.acked[SERVER] = None
+    return frame
+
+
+def test_an_answer_captured_before_its_request(talk: Talk) -> None:
+    request = read(5, dbw(1, 0))
+    told = early(talk, request, words(5, 42))
+    assert talk.transactions == []
+    asked = talk.ask(request)
+    one = only(talk)
+    assert talk.pairs() == [(asked, told)]
+    assert (one.outcome_name, one.flags, one.latency_ns) == ("answered", REORDERED, -MS)
+    assert one.results()[0].value == 42
+    talk.close()
+    assert len(talk.transactions) == 1
+
+
+def test_the_acknowledgement_tells_an_old_answer_from_an_early_one(talk: Talk) -> None:
+    """The answer did not acknowledge the request, so it was sent before it and belongs to another."""
+    orphan = talk.tell(words(5, 1))
+    asked = talk.ask(read(5, dbw(1, 0)))
+    answered = talk.tell(words(5, 2))
+    talk.close()
+    assert talk.pairs() == [(asked, answered), (0, orphan)]
+    assert talk.outcomes() == ["answered", "orphan_answer"]
+
+
+def test_early_answers_find_their_own_requests(talk: Talk) -> None:
+    requests = [read(number, dbw(1, number)) for number in range(3)]
+    talk.acked[SERVER] = talk.seq[CLIENT] + len(dt(*requests))
+    told = [talk.tell(words(number, number)) for number in (2, 0, 1)]
+    talk.acked[SERVER] = None
+    asked = talk.ask(*requests)
+    assert talk.pairs() == [(asked, told[1]), (asked, told[2]), (asked, told[0])]
+
+
+def test_an_early_answer_that_names_another_function(talk: Talk) -> None:
+    request = read(5, dbw(1, 0))
+    early(talk, request, ack_data(5, b"\x05\x01", b"\xff"))
+    talk.ask(request)
+    assert only(talk).flags == FUNCTION_MISMATCH | REORDERED
+
+
+def test_an_early_refusal(talk: Talk) -> None:
+    request = read(5, dbw(1, 0))
+    early(talk, request, ack(5, 0x8104))
+    talk.ask(request)
+    assert (only(talk).error_code, only(talk).flags) == (0x8104, REORDERED)
+
+
+@pytest.mark.parametrize("early_one", [granted(9, 3, 3, 240), userdata(9, head(RESPONSE, 4, 1, 1, 0xD402))])
+def test_an_early_answer_is_looked_at_like_any_other(talk: Talk, early_one: bytes) -> None:
+    request = setup(9, 8, 8, 480) if early_one[1] == 3 else userdata(9, head(REQUEST, 4, 1))
+    early(talk, request, early_one)
+    talk.ask(request)
+    connection = only(talk).connection
+    if early_one[1] == 3:
+        assert (connection.pdu_length, connection.jobs_allowed(CLIENT)) == (240, 3)
+    else:
+        assert only(talk).error_code == 0xD402
+
+
+def test_an_orphan_is_held_for_a_second(talk: Talk) -> None:
+    orphan = talk.tell(words(5, 1))
+    talk.packet(CLIENT, after_ns=SECOND)
+    assert talk.transactions == []
+    talk.packet(CLIENT, after_ns=60 * MS)
+    assert talk.pairs() == [(0, orphan)]
+    assert only(talk).connection.orphans == 1
+
+
+def test_an_orphan_is_held_for_fifty_packets(talk: Talk) -> None:
+    orphan = talk.tell(words(5, 1))
+    for _ in range(50):
+        talk.packet(CLIENT, after_ns=1000)
+    assert talk.transactions == []
+    talk.packet(CLIENT, after_ns=1000)
+    assert talk.pairs() == [(0, orphan)]
+
+
+def test_another_connection_s_packets_let_time_pass(talk: Talk) -> None:
+    other = Talk(50001, beside=talk)
+    other.open()
+    orphan = talk.tell(words(5, 1))
+    other.ask(read(1, dbw(1, 0)), after_ns=SECOND + 60 * MS)
+    assert talk.pairs() == [(0, orphan)]
+
+
+def test_held_orphans_are_bounded_and_all_told(talk: Talk) -> None:
+    count = MAX_ORPHANS + 30
+    talk.tell(*(words(number, number) for number in range(count)))
+    talk.packet(CLIENT)
+    assert [one.pdu_ref for one in talk.transactions] == [*range(30)]
+    talk.close()
+    assert [one.pdu_ref for one in talk.transactions] == [*range(count)]
+    assert set(talk.outcomes()) == {"orphan_answer"}
+
+
+def test_an_orphan_tells_what_it_carries(talk: Talk) -> None:
+    talk.tell(ack_data(5, b"\x04\x02", good(4, b"\x00\x2a") + refused(0x05)))
+    talk.tell(ack(6, 0xD209))
+    talk.tell(userdata(7, head(RESPONSE, 4, 1, 1, 0xD402)))
+    talk.close()
+    read_answer, refusal, answer = talk.transactions
+    assert (read_answer.rosctr, read_answer.function_name, read_answer.request) == (1, "Read Var", None)
+    assert [(result.item, result.return_code, result.value) for result in read_answer.results()] == [
+        (None, 0xFF, None),
+        (None, 0x05, None),
+    ]
+    assert [(error.where, error.code) for error in read_answer.errors] == [("item 2", 0x05)]
+    assert [(error.where, error.code) for error in refusal.errors] == [("header", 0xD209)]
+    assert [(error.where, error.code) for error in answer.errors] == [("parameter", 0xD402)]
+    assert (refusal.function, refusal.function_name) == (-1, "no function")
+
+
+def test_mid_stream_the_first_answers_lack_their_requests() -> None:
+    talk = Talk()
+    talk.tell(words(5, 1))
+    talk.tell(words(6, 1))
+    talk.ask(read(7, dbw(1, 0)))
+    talk.tell(words(8, 1))
+    talk.finish()
+    found = {one.pdu_ref: one.flags for one in talk.transactions if one.outcome_name == "orphan_answer"}
+    assert found == {5: EXPECTED, 6: EXPECTED, 8: 0}
+
+
+def heal(talk: Talk) -> None:
+    """Both ends acknowledge what they got, and time passes: a hole is given up."""
+    for _ in range(2):
+        talk.packet(CLIENT)
+        talk.packet(SERVER, after_ns=60 * MS)
+
+
+def test_a_request_whose_answer_is_in_a_hole(talk: Talk) -> None:
+    lost = talk.ask(read(1, dbw(1, 0)))
+    talk.lose(SERVER, words(1, 1))
+    asked = talk.ask(read(2, dbw(1, 0)))
+    answered = talk.tell(words(2, 2))
+    heal(talk)
+    assert talk.pairs() == [(asked, answered)]
+    talk.close()
+    assert talk.pairs()[1:] == [(lost, 0)]
+    assert reasons(talk) == ["", HOLE]
+
+
+def test_a_request_after_the_hole_is_not_blamed_on_it(talk: Talk) -> None:
+    talk.lose(SERVER, words(1, 1))
+    talk.tell(words(2, 2))
+    heal(talk)
+    talk.ask(read(3, dbw(1, 0)))
+    talk.close()
+    assert [(one.pdu_ref, one.reason) for one in talk.transactions if one.outcome_name == "unanswered"] == [
+        (3, CONNECTION_CLOSED)
+    ]
+
+
+def test_a_reference_used_again_after_a_hole_is_no_fault_of_the_client(talk: Talk) -> None:
+    """The reference came round again; the answer of the first time is in the hole."""
+    lost = talk.ask(read(1, dbw(1, 0)))
+    talk.lose(SERVER, words(1, 1))
+    talk.ask(read(2, dbw(1, 0)))
+    talk.tell(words(2, 2))
+    heal(talk)
+    asked = talk.ask(read(1, dbw(1, 2)))
+    answered = talk.tell(words(1, 3))
+    assert talk.pairs()[1:] == [(lost, 0), (asked, answered)]
+    assert reasons(talk) == ["", HOLE, ""]
+    assert "transaction.unanswered" not in talk.slugs()
+
+
+def test_an_answer_whose_request_is_in_a_hole(talk: Talk) -> None:
+    talk.lose(CLIENT, read(1, dbw(1, 0)))
+    orphan = talk.tell(words(1, 1))
+    talk.ask(read(2, dbw(1, 0)))
+    talk.tell(words(2, 2))
+    heal(talk)
+    talk.close()
+    found = [one for one in talk.transactions if one.outcome_name == "orphan_answer"]
+    assert [(one.response_frame, one.flags, one.reason) for one in found] == [(orphan, EXPECTED, HOLE)]
+
+
+def test_with_a_hole_an_answer_of_another_function_is_not_taken(talk: Talk) -> None:
+    """Request 5 (write) and its answer to an earlier use of 5 were lost: what comes is not this request's."""
+    talk.lose(CLIENT, write(5, [dbw(1, 0)], written(4, b"\0\1")))
+    asked = talk.ask(read(5, dbw(1, 0)))
+    orphan = talk.tell(ack_data(5, b"\x05\x01", b"\xff"))
+    heal(talk)
+    answered = talk.tell(words(5, 1))
+    talk.close()
+    assert (asked, answered) in [(one.request_frame, one.response_frame) for one in talk.transactions]
+    assert [one.response_frame for one in talk.transactions if one.outcome_name == "orphan_answer"] == [orphan]
+    assert all(not one.flags & FUNCTION_MISMATCH for one in talk.transactions)
+
+
+def test_with_a_hole_requests_keep_their_order(talk: Talk) -> None:
+    """An answer that was not taken leaves the requests waiting as they were."""
+    talk.lose(SERVER, words(9, 1))
+    talk.tell(userdata(0, head(PUSH, 2, 1, 4, 0)))
+    heal(talk)
+    first = [talk.ask(read(5, dbw(1, 0))) for _ in range(2)]
+    talk.ask(read(6, dbw(1, 0)))
+    talk.tell(ack_data(5, b"\x05\x01", b"\xff"))
+    answered = talk.tell(words(5, 1))
+    assert talk.pairs()[1:] == [(first[0], answered)]
+    talk.close()
+    unanswered = [one for one in talk.transactions if one.outcome_name == "unanswered"]
+    assert [one.number for one in unanswered] == sorted(one.number for one in unanswered)
+
+
+def test_with_a_hole_an_early_answer_of_another_function_is_not_taken(talk: Talk) -> None:
+    talk.lose(CLIENT, read(8, dbw(1, 0)))
+    talk.ask(read(9, dbw(1, 0)))
+    talk.tell(words(9, 1))
+    heal(talk)
+    request = read(5, dbw(1, 0))
+    early(talk, request, ack_data(5, b"\x05\x01", b"\xff"))
+    asked = talk.ask(request)
+    answered = talk.tell(words(5, 1))
+    assert (asked, answered) in talk.pairs()
+
+
+@pytest.mark.parametrize("answering", [CLIENT, SERVER])
+def test_one_direction_only(answering: int) -> None:
+    """Nothing can be paired; the transactions say that it is no wonder."""
+    talk = Talk()
+    for number in range(5):
+        if answering == SERVER:
+            talk.tell(words(number, number))
+            talk.seq[CLIENT] += len(dt(read(number, dbw(1, 0))))
+        else:
+            talk.ask(read(number, dbw(1, 0)))
+            talk.seq[SERVER] += len(dt(words(number, number)))
+    talk.finish()
+    assert talk.outcomes() == (["orphan_answer"] if answering == SERVER else ["unanswered"]) * 5
+    assert [one.flags for one in talk.transactions] == [EXPECTED] * 5
+    assert talk.slugs() == ["capture.one_sided"]
+
+
+def test_a_silent_server_whose_acknowledgements_are_there_is_not_one_direction_only() -> None:
+    talk = Talk()
+    for number in range(5):
+        talk.ask(read(number, dbw(1, 0)))
+        talk.packet(SERVER, after_ns=3 * SECOND)
+    talk.finish()
+    assert [one.flags for one in talk.transactions] == [0] * 5
+    assert "capture.one_sided" not in talk.slugs()
+    assert talk.slugs().count("transaction.unanswered") == 5
+
+
+def test_duplicated_packets_ask_once(talk: Talk) -> None:
+    octets = dt(read(1, dbw(1, 0)))
+    asked = talk.packet(CLIENT, octets)
+    talk.packet(CLIENT, octets, seq=talk.seq[CLIENT] - len(octets))
+    answered = talk.tell(words(1, 1))
+    talk.close()
+    assert talk.pairs() == [(asked, answered)]
+
+
+@pytest.mark.parametrize(("flags", "ended"), [(FIN, "fin"), (RST, "reset")])
+def test_a_request_open_when_the_connection_ends(talk: Talk, flags: int, ended: str) -> None:
+    asked = talk.ask(read(1, dbw(1, 0)))
+    if flags == FIN:
+        talk.close()
+    else:
+        talk.packet(SERVER, flags=RST)
+        talk.packet(CLIENT, after_ns=2 * SECOND)
+        talk.finish()
+    assert talk.pairs() == [(asked, 0)]
+    assert (only(talk).reason, only(talk).latency_ns, only(talk).response) == (CONNECTION_CLOSED, None, None)
+    assert (talk.connections[0].tcp.ended, talk.connections[0].open_at_end) == (ended, 1)
+
+
+def test_a_request_open_when_the_capture_ends(talk: Talk) -> None:
+    talk.ask(read(1, dbw(1, 0)))
+    talk.finish()
+    assert (only(talk).reason, talk.connections[0].open_at_end) == (CAPTURE_ENDED, 0)
+
+
+def test_what_is_open_on_both_sides_is_told_in_the_order_of_asking(talk: Talk) -> None:
+    for number in range(3):
+        talk.ask(read(number, dbw(1, 0)))
+        talk.tell(job(number, b"\x1b" + bytes(17)))
+    talk.ask(read(1, dbw(1, 4)))
+    talk.close()
+    ours = [one.number for one in talk.transactions if one.asked_by == CLIENT]
+    theirs = [one.number for one in talk.transactions if one.asked_by == SERVER]
+    assert (len(ours), len(theirs)) == (4, 3)
+    assert ours[1:] == sorted(ours[1:])  # the first one ended before, when its reference was used again
+    assert theirs == sorted(theirs)
+
+
+def test_a_connect_request_after_data_is_another_connection(talk: Talk) -> None:
+    """The close and the new SYN in between were not captured: references are cleared."""
+    lost = talk.ask(read(1, dbw(1, 0)))
+    talk.packet(CLIENT, CONNECT)
+    talk.packet(SERVER, CONFIRM)
+    orphan = talk.tell(words(1, 1))
+    talk.close()
+    assert talk.pairs() == [(lost, 0), (0, orphan)]
+    assert len(talk.connections) == 2
+    assert [connection.number for connection in talk.connections] == [1, 2]
+
+
+# ---- any conversation -----------------------------------------------------------------------------------------------
+
+#: (who asks, kind, reference, whether it is answered at once, later or never), in the order of asking.
+STEPS = st.lists(
+    st.tuples(
+        st.sampled_from([CLIENT, SERVER]), st.sampled_from(["job", "userdata"]), st.integers(0, 3), st.integers(0, 2)
+    ),
+    max_size=40,
+)
+
+
+@given(STEPS)
+def test_every_request_and_answer_is_told_of_once(steps: list[tuple[int, str, int, int]]) -> None:
+    """Against a plain model: the references are few, so they collide in every way there is."""
+    talk = Talk()
+    talk.open(8, 8)
+    waiting: dict[tuple[int, str, int], int] = {}
+    expected: list[tuple[int, int]] = []
+    for number, (side, kind, pdu_ref, when) in enumerate(steps):
+        key = (side, kind, pdu_ref)
+        if key in waiting:
+            expected.append((waiting.pop(key), 0))
+        # Every request is another one, so that none is taken for a repetition.
+        request = (
+            read(pdu_ref, dbw(number, 0)) if kind == "job" else userdata(pdu_ref, head(REQUEST, 4, 1, number & 255))
+        )
+        asked = talk.packet(side, dt(request))
+        waiting[key] = asked
+        if when:
+            late = [*waiting] if when == 2 else [key]
+            for other in late:
+                answer = words(other[2], 1) if other[1] == "job" else userdata(other[2], head(RESPONSE, 4, 1, 1, 0))
+                expected.append((waiting.pop(other), talk.packet(1 - other[0], dt(answer))))
+    talk.close()
+    assert sorted(talk.pairs()) == sorted(expected + [(frame, 0) for frame in waiting.values()])
+    assert len({one.number for one in talk.transactions}) == len(steps)
+    connection = talk.connections[0]
+    assert connection.answered + connection.unanswered == len(steps) + 1  # and the setup
+    assert talk.pipeline.conversation.dialogue.open == 0

@@ -1,0 +1,189 @@
+from __future__ import annotations
+
+import pytest
+
+from dissect.transactions.table import (
+    EVICTED_AT_ONCE,
+    LINGER_NS,
+    MAX_CONNECTIONS,
+    MAX_HALF_OPEN,
+    MAX_LINGERING,
+    ConnectionTable,
+    Side,
+    endpoints,
+    reverse_key,
+)
+from tests.transactions.talk import ACK, CLIENT, CONFIRM, CONNECT, SERVER, SYN, Talk, dbw, read, words
+
+V4 = bytes((10, 0, 0, 1, 10, 0, 0, 2)) + (50000).to_bytes(2, "big") + (102).to_bytes(2, "big")
+V6 = bytes(15) + b"\1" + bytes(15) + b"\2" + (50000).to_bytes(2, "big") + (102).to_bytes(2, "big")
+TAG = (7).to_bytes(8, "big")
+
+
+def key(number: int) -> bytes:
+    return V4[:1] + number.to_bytes(3, "big") + V4[4:]
+
+
+@pytest.mark.parametrize("one", [V4, V6, V4 + TAG, V6 + TAG])
+def test_keys_of_both_directions(one: bytes) -> None:
+    other = reverse_key(one)
+    assert other != one
+    assert reverse_key(other) == one
+    sender, receiver = endpoints(one)
+    assert (sender.port, receiver.port) == (50000, 102)
+    assert [str(end) for end in endpoints(other)] == [str(receiver), str(sender)]
+    assert other[-8:] == TAG or not one.endswith(TAG)
+
+
+def test_an_address_of_every_kind() -> None:
+    assert [str(end) for end in endpoints(V4)] == ["10.0.0.1:50000", "10.0.0.2:102"]
+    assert [str(end) for end in endpoints(V6)] == ["[::1]:50000", "[::2]:102"]
+
+
+def test_a_connection_has_two_sides() -> None:
+    table = ConnectionTable()
+    side = table.open(V4, 0, 3, 99)
+    assert side.peer is not None
+    assert (side.index, side.peer.index, side.peer.peer) == (0, 1, side)
+    assert side.connection is side.peer.connection
+    assert (table.sides[V4], table.sides[reverse_key(V4)]) == (side, side.peer)
+    assert (side.tcp.first_frame, side.tcp.first_ns, side.tcp.known_start) == (3, 99, False)
+    assert (side.captured, side.peer.captured) == (False, False)
+    assert table.all_open() == [side]
+    table.remove(side.peer)
+    assert (table.sides, table.all_open()) == ({}, [])
+
+
+def test_a_connection_that_took_another_s_place_stays() -> None:
+    table = ConnectionTable()
+    old = table.open(V4, 0, 1, 0)
+    new = table.open(V4, 0, 2, 0)
+    table.remove(old)
+    assert table.sides[V4] is new
+
+
+def test_a_vlan_is_another_connection() -> None:
+    table = ConnectionTable()
+    assert table.open(V4, 0, 1, 0).tcp is not table.open(V4 + TAG, 7, 2, 0).tcp
+    assert len(table.all_open()) == 2
+
+
+@pytest.mark.parametrize("answering", [False, True])
+def test_a_syn_says_who_began(answering: bool) -> None:
+    table = ConnectionTable()
+    table.note_syn(V4, 1000, 1, 5)
+    side = table.open(reverse_key(V4) if answering else V4, 0, 2, 6)
+    assert side.index == (1 if answering else 0)
+    assert side.tcp.initiator == 0
+    assert [str(end) for end in side.tcp.ends] == ["10.0.0.1:50000", "10.0.0.2:102"]
+    assert (side.tcp.first_frame, side.tcp.first_ns, side.tcp.streams[0].next_seq) == (1, 5, 1001)
+
+
+def test_a_syn_sent_again_counts_from_the_first() -> None:
+    table = ConnectionTable()
+    table.note_syn(V4, 1000, 1, 5)
+    table.note_syn(V4, 1000, 2, 6)
+    assert table.open(V4, 0, 3, 7).tcp.first_frame == 1
+
+
+def test_a_new_attempt_from_the_same_port_counts_from_its_own_number() -> None:
+    table = ConnectionTable()
+    table.note_syn(V4, 1000, 1, 5)
+    table.note_syn(V4, 777_000, 9, 50)
+    side = table.open(reverse_key(V4), 0, 10, 51)
+    assert side.tcp.streams[0].next_seq == 777_001
+    assert side.tcp.first_frame == 9
+
+
+def test_a_new_attempt_from_the_same_port_loses_nothing() -> None:
+    talk = Talk()
+    talk.packet(CLIENT, flags=SYN)
+    talk.seq = [500_000, 90_000]
+    talk.hello()
+    talk.connect()
+    asked = talk.ask(read(1, dbw(1, 0)))
+    answered = talk.tell(words(1, 1))
+    talk.close()
+    assert talk.pairs() == [(asked, answered)]
+    assert "stream.hole" not in talk.slugs()
+
+
+def test_both_ends_may_begin() -> None:
+    """A simultaneous open leaves no half-open attempt behind."""
+    table = ConnectionTable()
+    table.note_syn(V4, 1000, 1, 0)
+    table.note_syn(reverse_key(V4), 2000, 2, 0)
+    side = table.open(V4, 0, 3, 0)
+    assert (side.index, side.tcp.initiator, side.tcp.streams[0].next_seq) == (0, 0, 1001)
+    table.remove(side)
+    assert table.open(reverse_key(V4), 0, 4, 0).tcp.initiator == -1
+
+
+def test_attempts_are_bounded_and_counted() -> None:
+    table = ConnectionTable()
+    for number in range(MAX_HALF_OPEN + 5):
+        table.note_syn(key(number), 1, number + 1, 0)
+    assert table.half_open_evicted == 5
+    assert not table.open(key(4), 0, 9, 0).tcp.known_start
+    assert table.open(key(5), 0, 9, 0).tcp.known_start
+    assert table.open(key(MAX_HALF_OPEN + 4), 0, 9, 0).tcp.known_start
+
+
+def test_the_longest_idle_leave_when_the_table_is_full() -> None:
+    table = ConnectionTable()
+    sides: list[Side] = []
+    for number in range(MAX_CONNECTIONS):
+        assert table.overflow() == []
+        side = table.open(key(number), 0, number + 1, number)
+        side.tcp.last_ns = (number * 7919) % MAX_CONNECTIONS
+        sides.append(side)
+    assert table.overflow() == []
+    table.open(key(MAX_CONNECTIONS), 0, 1, 1 << 40)
+    gone = table.overflow()
+    assert len(gone) == table.evicted == EVICTED_AT_ONCE
+    assert sorted(side.tcp.last_ns for side in gone) == [*range(EVICTED_AT_ONCE)]
+    for side in gone:
+        table.remove(side)
+    assert table.overflow() == []
+
+
+def test_closed_connections_linger_for_a_moment() -> None:
+    table = ConnectionTable()
+    first, second = table.open(key(1), 0, 1, 0), table.open(key(2), 0, 1, 0)
+    assert not table.lingering
+    second.tcp.last_ns = 500
+    table.linger(first)
+    table.linger(second)
+    assert table.lingering
+    assert table.closed(LINGER_NS) == []
+    assert table.closed(LINGER_NS + 1) == [first]
+    assert table.closed(LINGER_NS + 500) == []
+    assert table.closed(0, everything=True) == [second]
+    assert not table.lingering
+
+
+def test_lingering_connections_are_bounded() -> None:
+    table = ConnectionTable()
+    sides = [table.open(key(number), 0, 1, 0) for number in range(MAX_LINGERING + 3)]
+    for side in sides:
+        table.linger(side)
+    assert table.closed(0) == sides[:3]
+
+
+@pytest.mark.parametrize(
+    ("packets", "captured"),
+    [
+        ([(CLIENT, SYN, b""), (SERVER, SYN | ACK, b"")], (True, True)),
+        ([(CLIENT, SYN, b""), (CLIENT, ACK, CONNECT)], (True, False)),
+        ([(CLIENT, ACK, CONNECT), (SERVER, ACK, b"")], (True, True)),
+        ([(SERVER, ACK, CONFIRM), (SERVER, ACK, b"")], (False, True)),
+    ],
+)
+def test_which_sides_were_captured(packets: list[tuple[int, int, bytes]], captured: tuple[bool, bool]) -> None:
+    talk = Talk()
+    for side, flags, payload in packets:
+        talk.packet(side, payload, flags)
+    found = talk.pipeline.table.all_open()[0]
+    assert found.peer is not None
+    ports = {end.tcp.ends[end.index].port: end.captured for end in (found, found.peer)}
+    assert (ports[50000], ports[102]) == captured

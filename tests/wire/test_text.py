@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+import csv
+import io
+import unicodedata
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from dissect.wire.text import cell, encodable, printable, shortened
+
+ANY = st.text(st.characters())  # surrogates included
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("DB10.DBW4 = 1234", "DB10.DBW4 = 1234"),
+        ("Förderband Nº 1 → 主泵", "Förderband Nº 1 → 主泵"),
+        ("", ""),
+        ("\x1b[31mred\x1b[0m", "\\x1b[31mred\\x1b[0m"),
+        ("a\tb\r\nc\x00\x7f", "a\\x09b\\x0d\\x0ac\\x00\\x7f"),
+        ("\x9b31m", "\\x9b31m"),  # the C1 form of the escape sequence
+        ("abc\u202edcba", "abc\\u202edcba"),
+        ("\u2066x\u2069\u200b\ufeff", "\\u2066x\\u2069\\u200b\\ufeff"),
+        ("\u2028\u2029", "\\u2028\\u2029"),
+        ("\udcff\udc80", "\\xff\\x80"),  # octets of a file name that is no UTF-8
+        ("\ud800", "\\ud800"),
+        ("\U000e0041\U0010ffff", "\\U000e0041\\U0010ffff"),
+    ],
+)
+def test_what_does_not_simply_print_is_escaped(text: str, shown: str) -> None:
+    assert printable(text) == shown
+
+
+@given(ANY)
+def test_printable_text_has_nothing_that_steers(text: str) -> None:
+    shown = printable(text)
+    assert not {unicodedata.category(character) for character in shown} & {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
+    assert printable(shown) == shown
+    shown.encode()
+
+
+@given(ANY)
+@example("ok\udcff\x1b")
+def test_encodable_text_changes_only_what_utf8_cannot_hold(text: str) -> None:
+    shown = encodable(text)
+    shown.encode()
+    if not any("\ud800" <= character <= "\udfff" for character in text):
+        assert shown == text
+
+
+def test_an_octet_that_is_no_utf8_shows_as_the_octet() -> None:
+    assert encodable("caf\udce9\x1b.pcap") == "caf\\xe9\x1b.pcap"
+
+
+def test_long_text_is_cut_with_its_length() -> None:
+    assert shortened("abcdef", 6) == "abcdef"
+    assert shortened("abcdefg", 6) == "abcdef… (7 characters)"
+    assert shortened("\x1b" * 3, 2) == "\\x1b\\x1b… (3 characters)"  # never cut within an escape
+
+
+@pytest.mark.parametrize(
+    ("text", "safe"),
+    [
+        ("=1+1", "'=1+1"),
+        ("+cmd|' /C calc'!A0", "'+cmd|' /C calc'!A0"),
+        ("-2+3", "'-2+3"),
+        ("@SUM(A1)", "'@SUM(A1)"),
+        ("\uff1d1+1", "'\uff1d1+1"),
+        ("\t=1", "\\x09=1"),
+        ("\r=1", "\\x0d=1"),
+        ("DB1.DBB0 = 'x;=1+1'", "DB1.DBB0 = 'x;'=1+1'"),
+        ("a; -b", "a; '-b"),
+        ("a = [-1, -2]; b = -3", "a = [-1, -2]; b = -3"),
+        ("-12", "-12"),
+        ("+1.5", "+1.5"),
+        ("-1e5", "-1e5"),
+        ("-nan", "'-nan"),
+        ("-1_0", "'-1_0"),
+        ("-\u0661", "'-\u0661"),
+        ("10.0.0.1:102", "10.0.0.1:102"),
+        ("", ""),
+    ],
+)
+def test_no_cell_is_taken_for_a_formula(text: str, safe: str) -> None:
+    assert cell(text) == safe
+
+
+@given(ANY)
+def test_a_cell_is_safe_in_any_row(text: str) -> None:
+    safe = cell(text)
+    row = io.StringIO()
+    csv.writer(row, lineterminator="\n").writerow(["1", safe, "2"])
+    assert row.getvalue().count("\n") == 1
+    assert next(csv.reader([row.getvalue()])) == ["1", safe, "2"]
+    for piece in safe.split(";"):
+        first = piece.lstrip()[:1]
+        assert first not in {"=", "@", "\uff1d", "\uff20"}
