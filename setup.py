@@ -95,6 +95,10 @@ def extensions() -> list[Extension]:
         return []
     for extension in compiled:
         extension.optional = True
+        if new_compiler().compiler_type == "unix":
+            # The whole engine is one C file; without this its functions could be replaced from outside, so that none of
+            # them may be inlined into another.
+            extension.extra_compile_args.append("-fno-semantic-interposition")
     return compiled
 
 

@@ -150,7 +150,7 @@ class Conversation(Exchange):
         if self.observer.wants_tpdus:
             self.observer.tpdu(frame, time_ns, side, buf[at : at + length])
         if buf[at + 4] == 2 and buf[at + 5] == 0xF0:  # DT of class 0
-            self.tpdus[DT] += 1
+            self.tpdus[DT] = self.tpdus[DT] + 1
             size: i64 = side.connection.tpdu_size
             if size and length - 4 > size:
                 self._note_tpdu_size(side, length - 4, frame, time_ns)
@@ -227,7 +227,7 @@ class Conversation(Exchange):
         upper: i64 = (
             S7COMM if size >= 10 and buf[at] == 0x32 and 1 <= buf[at + 1] <= 7 else classify(buf, at, at + size)
         )
-        self.tsdus[upper] += 1
+        self.tsdus[upper] = self.tsdus[upper] + 1
         if upper == S7COMM:
             self._pdu(side, buf, at, size, frame, time_ns)
         else:
@@ -277,7 +277,7 @@ class Conversation(Exchange):
         pdu = packet[7:]
         if len(pdu) < 10 or pdu[0] != 0x32:
             return
-        self.tpdus[DT] += 1
+        self.tpdus[DT] = self.tpdus[DT] + 1
         self.tsdus[S7COMM] += 1
         self.cut_pdu(side, pdu, frame, time_ns)
 

@@ -124,7 +124,7 @@ def cotp_refused(case: Case) -> None:
 
 
 @crafts(
-    "The TPDUs nobody sends to a PLC: classes 2 in normal and extended formats with DT, AK, RJ, ED, EA, the "
+    "The TPDUs nobody sends to a PLC: class 2 in normal and extended formats with DT, AK, RJ, ED, EA, the "
     "expedited data of RFC 1006 in class 0; DR and DC at the end. S7 inside is S7."
 )
 def cotp_tpdus(case: Case) -> None:

@@ -38,14 +38,12 @@ def command(files: tuple[str, ...], format_: str, slow_ms: float) -> int:
     code = drive(run, files)
     analysis.take(run.pipeline, run.files)
     if format_ == "json":
-        import json
+        from dissect.report.contract import analysis_as_json
 
-        from dissect.report.contract import analysis_as_dict
-
-        write([json.dumps(analysis_as_dict(analysis, code == EXIT_INTERRUPTED), indent=1)])
+        write([analysis_as_json(analysis, code == EXIT_INTERRUPTED)])
     else:
         from dissect.report.text import analysis_lines
 
-        write_report(analysis_lines(analysis))
+        write_report(analysis_lines(analysis, code == EXIT_INTERRUPTED))
     complain(run, code)
     return code

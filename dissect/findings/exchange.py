@@ -39,17 +39,16 @@ class Exchange:
     def _pdu(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
         connection = side.connection
         self.pdus += 1
+        self.rosctrs[buf[at + 1]] = self.rosctrs[buf[at + 1]] + 1
         if connection.pdus == 0:
             self._first_pdu(connection, frame, time_ns)
         connection.pdus += 1
         if self.observer.wants_pdus:
             self.observer.pdu(frame, time_ns, side, buf[at : at + size], False)
         if size < 10:
-            self.rosctrs[buf[at + 1]] += 1
             self._damaged_pdu(side, buf[at : at + size], frame, time_ns)
             return
         rosctr, pdu_ref, param_length, data_length = read_header(buf, at)
-        self.rosctrs[rosctr] += 1
         head: i64 = 12 if rosctr == ACK_DATA or rosctr == ACK else 10
         data_at: i64 = at + head + param_length
         if data_at + data_length != at + size or (rosctr > ACK_DATA and rosctr != USERDATA):
@@ -57,7 +56,7 @@ class Exchange:
             return
         parameters = self._parameters.get(buf[at + head : data_at], rosctr)
         if parameters.function >= 0:
-            self.functions[parameters.function] += 1
+            self.functions[parameters.function] = self.functions[parameters.function] + 1
         if parameters.malformed:
             self._note_malformed(side, buf[at : at + size], frame, time_ns)
         if 0 < connection.pdu_length < size:
@@ -67,7 +66,7 @@ class Exchange:
             self._ask(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
         elif rosctr != USERDATA:
             done = self.dialogue.answer(side, rosctr, pdu_ref, parameters, buf, at, size, data_at, frame, time_ns)
-            self._answered(side, done)
+            self._answered(done, frame, time_ns)
         else:
             userdata = parameters.userdata
             kind: i64 = userdata.type if userdata is not None else -1
@@ -75,7 +74,7 @@ class Exchange:
                 self._ask(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
             elif kind == RESPONSE:
                 done = self.dialogue.answer(side, rosctr, pdu_ref, parameters, buf, at, size, data_at, frame, time_ns)
-                self._answered(side, done)
+                self._answered(done, frame, time_ns)
             elif kind == PUSH:
                 self.done(self.dialogue.push(side, pdu_ref, parameters, buf, at, size, frame, time_ns))
             else:
@@ -113,7 +112,9 @@ class Exchange:
         if self.dialogue.also:
             self.beside(frame, time_ns)
 
-    def _answered(self, side: Side, done: Transaction | None) -> None:
+    def _answered(self, done: Transaction | None, frame: i64, time_ns: i64) -> None:
+        if self.dialogue.also:
+            self.beside(frame, time_ns)
         if done is None:
             return
         if done.parameters.function == SETUP_COMMUNICATION:
@@ -139,11 +140,16 @@ class Exchange:
         for transaction in also:
             if transaction.has_errors:
                 transaction.connection.errors += 1
-            if transaction.outcome == UNANSWERED:
-                judge_unanswered(self.judge, transaction, now_ns, self._slow_ns)
-            else:
-                judge_transaction(self.judge, transaction, self._slow_ns)
-            self.observer.transaction(transaction)
+            try:
+                if transaction.outcome == UNANSWERED:
+                    judge_unanswered(self.judge, transaction, now_ns, self._slow_ns)
+                else:
+                    judge_transaction(self.judge, transaction, self._slow_ns)
+                self.observer.transaction(transaction)
+            except Exception as bug:
+                if self._strict:
+                    raise
+                self.note_bug(bug, frame, now_ns)
 
     # ---- PDUs that are damaged or cut -------------------------------------------------------------------------------
 
@@ -179,7 +185,7 @@ class Exchange:
         data_at: i64 = min(head + u16(octets, 6), len(octets))
         parameters = self._parameters.get(octets[head:data_at], rosctr)
         if parameters.function >= 0:
-            self.functions[parameters.function] += 1
+            self.functions[parameters.function] = self.functions[parameters.function] + 1
         userdata = parameters.userdata
         kind: i64 = userdata.type if userdata is not None else -1
         if rosctr == JOB or (rosctr == USERDATA and kind == REQUEST):
@@ -190,7 +196,7 @@ class Exchange:
             )
             if done is not None:
                 done.flags &= ~BAD_DATA  # that the PDU is damaged was told already
-            self._answered(side, done)
+            self._answered(done, frame, time_ns)
         elif kind == PUSH:
             self.done(self.dialogue.push(side, pdu_ref, parameters, octets, 0, len(octets), frame, time_ns))
         else:

@@ -1,1 +1,1 @@
-"""The oracle: what this package makes of a capture, compared with what Wireshark makes of it, field by field (docs/oracle.md)."""
+"""The oracle: what this package makes of a capture beside what Wireshark makes of it, field by field (docs/oracle.md)."""

@@ -10,16 +10,17 @@ from collections import Counter
 from difflib import SequenceMatcher
 from typing import Final
 
-from dissect.oracle import facts, known
+from dissect.oracle import facts, grounds
 from dissect.oracle.facts import Fact, Place, Record, Value
-from dissect.oracle.known import Case, Evidence, explain
+from dissect.oracle.grounds import Case, Evidence
+from dissect.oracle.known import explain
 from dissect.oracle.ours import Witness
 from dissect.oracle.theirs import Frame
 from dissect.oracle.tshark import Reader, read_tshark
 
-_WHOLE: Final = Place("", 0, known.WHOLE)
-_FRAME: Final = Place("", 0, known.FRAME)
-_OCTETS: Final = Place("", 0, known.OCTETS)
+_WHOLE: Final = Place("", 0, grounds.WHOLE)
+_FRAME: Final = Place("", 0, grounds.FRAME)
+_OCTETS: Final = Place("", 0, grounds.OCTETS)
 
 
 class Difference:
@@ -108,7 +109,7 @@ class _Bench:
                 self._differ(_WHOLE, record.octets, None, record, None, None)
             for record, frame in theirs:
                 self._differ(_WHOLE, None, record.octets, None, record, frame)
-        self.result.differences.sort(key=lambda difference: (difference.frame, difference.kind))
+        self.result.differences.sort(key=lambda difference: (difference.frame, difference.kind, difference.field))
         return self.result
 
     def _match(self, ours: list[Record], theirs: list[tuple[Record, Frame]], explained: bool) -> None:
@@ -133,7 +134,7 @@ class _Bench:
         self.result.compared[ours.kind] += 1
         if ours.octets != theirs.octets:
             self._differ(_OCTETS, ours.octets, theirs.octets, ours, theirs, frame)
-        for place in ours.facts.keys() | theirs.facts.keys():
+        for place in sorted(ours.facts.keys() | theirs.facts.keys()):
             mine: Fact | None = ours.facts.get(place)
             other: Fact | None = theirs.facts.get(place)
             if mine is not None and other is not None:

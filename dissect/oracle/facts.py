@@ -44,7 +44,9 @@ def _names(*layouts: Layout) -> frozenset[str]:
     return frozenset(field.wireshark for layout in layouts for field in layout.fields if field.wireshark)
 
 
-_TPDUS: Final = [layout for layout in vars(iso).values() if isinstance(layout, Layout) and layout not in {iso.TPKT, iso.PARAMETER}]
+_TPDUS: Final = [
+    layout for layout in vars(iso).values() if isinstance(layout, Layout) and layout not in {iso.TPKT, iso.PARAMETER}
+]
 
 #: Wireshark's names of the fields that are compared, by where they stand.
 NAMES: Final[dict[str, frozenset[str]]] = {

@@ -17,7 +17,7 @@ from dissect.oracle.facts import Fact, Place, Record
 from dissect.s7 import layouts as s7
 from dissect.s7.items import DATA_HEAD, item_fill
 from dissect.s7.message import ACK_HEADER_SIZE, Pdu, parse_pdu
-from dissect.s7.tables import READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
+from dissect.s7.tables import READ_VAR, ROSCTR, USERDATA, WRITE_VAR
 from dissect.session import Run
 from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.table import Side
@@ -61,7 +61,9 @@ class Witness(Observer):
         ends = connection.tcp.ends
         if any(end.port == ISO_TSAP_PORT for end in ends):
             return
-        server = ends[1 - connection.tcp.initiator] if connection.tcp.known_start else min(ends, key=lambda end: end.port)
+        server = (
+            ends[1 - connection.tcp.initiator] if connection.tcp.known_start else min(ends, key=lambda end: end.port)
+        )
         self.ports.add(server.port)
 
     def tpdu(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
@@ -73,7 +75,9 @@ class Witness(Observer):
         self.found[facts.PDU].append((frame, octets))
 
 
-def _read(found: dict[Place, Fact], part: str, number: int, layout: Layout, octets: bytes, at: int, read: object) -> None:
+def _read(
+    found: dict[Place, Fact], part: str, number: int, layout: Layout, octets: bytes, at: int, read: object
+) -> None:
     """Add the fields of one header: their places from the layout, their values from the object ``read``."""
     for value in layout.read(octets, at):
         field = value.field
@@ -87,7 +91,7 @@ def tpdu_record(frame: int, octets: bytes) -> Record:
     """Return the facts of a TPKT and its TPDU."""
     found: dict[Place, Fact] = {}
     _read(found, facts.IN_TPKT, 0, iso.TPKT, octets, 0, _NO_FIELDS)
-    tpdu = parse_tpdu(octets[facts.TPKT_SIZE:])
+    tpdu = parse_tpdu(octets[facts.TPKT_SIZE :])
     for value in tpdu.fields:
         if value.field.wireshark:
             found[Place(facts.IN_TPDU, 0, value.field.wireshark)] = Fact(value.value, value.offset)
@@ -139,6 +143,8 @@ def pdu_record(frame: int, octets: bytes) -> Record:
 
 
 def _parameters(found: dict[Place, Fact], pdu: Pdu) -> None:
+    if pdu.rosctr not in ROSCTR:
+        return
     at = pdu.header_size
     parameters = pdu.parameters
     octets = pdu.octets[: at + pdu.param_length]
@@ -149,7 +155,7 @@ def _parameters(found: dict[Place, Fact], pdu: Pdu) -> None:
         _read(found, part, 0, s7.SETUP, octets, at, parameters.setup)
     elif parameters.function in {READ_VAR, WRITE_VAR} and parameters.item_count >= 0:
         _read(found, part, 0, s7.VARIABLES_HEAD, octets, at, parameters)
-    elif parameters.function >= 0 and parameters.function != SETUP_COMMUNICATION and pdu.rosctr != USERDATA:
+    elif parameters.function >= 0 and pdu.rosctr != USERDATA:
         function = s7.VARIABLES_HEAD.fields[0]
         found[Place(part, 0, function.wireshark)] = Fact(parameters.function, at)
 

@@ -11,14 +11,12 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from typing import Any, Final
+from typing import Any
 
 import msgspec
 
-from dissect.oracle.theirs import PROTOCOLS, WANTED, Frame, Tree
+from dissect.oracle.theirs import OF_FRAME, PROTOCOLS, WANTED, Frame, Tree
 from dissect.oracle.tshark import FILTER, Child, preferences
-
-_OF_FRAME: Final = ("frame.number", "frame.protocols")
 
 
 def read_pyshark(path: str, ports: Iterable[int] = (), reorder: bool = False) -> Iterator[Frame]:
@@ -62,12 +60,10 @@ def _raw(layer: Any) -> list[Any]:
 
 def _layers(packet: Any) -> Tree:
     """Return a packet's layers in the form tshark gives them."""
-    told: Tree = {"frame": {name: packet.frame_info.get_field(name).raw_value for name in _OF_FRAME}}
+    told: Tree = {"frame": {name: packet.frame_info.get_field(name).raw_value for name in OF_FRAME}}
     for layer in packet.layers:
         name = layer.layer_name
-        if name == "_ws.malformed":
-            told[name] = {}
-        elif name in PROTOCOLS:
+        if name in PROTOCOLS:
             told[name] = [_plain(name, part) for part in (layer, *layer.duplicate_layers)]
         elif name.removesuffix("_raw") in PROTOCOLS:
             told[name] = _raw(layer)
@@ -99,7 +95,8 @@ def main(path: str, reorder: str, *ports: str) -> None:
             capture.close()
     except (FileNotFoundError, TSharkCrashException, TSharkNotFoundException) as error:
         # Behind the first two lines stands advice for pyshark's developers; and it raises once more while Python shuts down.
-        print(*str(error).splitlines()[:2], file=sys.stderr, flush=True)
+        sys.stderr.write(" ".join(str(error).splitlines()[:2]) + "\n")
+        sys.stderr.flush()
         os._exit(1)
 
 

@@ -14,15 +14,21 @@ from dissect.oracle.tshark import Segment, read_segments
 
 _MASK: Final = 0xFFFFFFFF
 _HALF: Final = 0x80000000
+#: Octets of a TPKT at most: how far from a segment a message it belongs to can begin.
+_REACH: Final = 65535
 
 
 class Arrival:
-    """A segment in its place: ``new`` octets no earlier segment brought; ``ahead``: octets before it were still missing."""
+    """A segment in its place: ``at`` counts from the first octet of its direction.
 
-    __slots__ = ("ahead", "new", "segment")
+    ``new``: how many octets no earlier segment brought; ``ahead``: octets before it were still missing.
+    """
 
-    def __init__(self, segment: Segment, new: int, ahead: bool) -> None:
+    __slots__ = ("ahead", "at", "new", "segment")
+
+    def __init__(self, segment: Segment, at: int, new: int, ahead: bool) -> None:
         self.segment = segment
+        self.at = at
         self.new = new
         self.ahead = ahead
 
@@ -41,7 +47,7 @@ class _Flow:
         start = self._latest + (ahead - _MASK - 1 if ahead >= _HALF else ahead)
         missing = bool(self._starts) and start > self._starts[0] + len(self._stretches[0])
         self._latest = max(self._latest, start + len(segment.payload))
-        return Arrival(segment, self._insert(start, segment.payload), missing)
+        return Arrival(segment, start, self._insert(start, segment.payload), missing)
 
     def _insert(self, start: int, payload: bytes) -> int:
         """Take the octets that are new; return how many."""
@@ -66,20 +72,17 @@ class _Flow:
         self._stretches.insert(index, joined)
         return new
 
-    def follow(self, pieces: Sequence[bytes]) -> list[bool]:
-        """Tell of each piece whether it stands in the stream, without a hole, behind the one before that does."""
+    def follow(self, pieces: Sequence[tuple[int, bytes]]) -> list[bool]:
+        """Tell of each piece (position of its segment, octets) whether it stands around there, behind the piece before it."""
+        passed = list(self._starts)  # of each stretch, the end of the last piece found in it
         found = []
-        number, at = 0, 0
-        for piece in pieces:
-            here, start = number, at
-            place = -1
-            while here < len(self._stretches) and place < 0:
-                place = self._stretches[here].find(piece, start)
-                if place < 0:
-                    here, start = here + 1, 0
+        for at, octets in pieces:
+            index = bisect_right(self._starts, at) - 1
+            start = max(passed[index], at - _REACH) - self._starts[index]
+            place = self._stretches[index].find(octets, start, at + 2 * _REACH - self._starts[index])
             found.append(place >= 0)
             if place >= 0:
-                number, at = here, place + len(piece)
+                passed[index] = self._starts[index] + place + len(octets)
         return found
 
 
@@ -106,12 +109,15 @@ class Streams:
         Whoever counts a message twice, or finds one inside another, gives a piece that does not.
         """
         by_flow: dict[str, list[int]] = {}
+        arrivals: dict[int, Arrival] = {}
         for index, (frame, _) in enumerate(pieces):
             arrival = self.arrival(frame)
             if arrival is not None:
+                arrivals[index] = arrival
                 by_flow.setdefault(arrival.segment.flow, []).append(index)
         found = [False] * len(pieces)
         for name, indexes in by_flow.items():
-            for index, stands in zip(indexes, self._flows[name].follow([pieces[index][1] for index in indexes]), strict=True):
+            placed = [(arrivals[index].at, pieces[index][1]) for index in indexes]
+            for index, stands in zip(indexes, self._flows[name].follow(placed), strict=True):
                 found[index] = stands
         return found

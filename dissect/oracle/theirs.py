@@ -15,6 +15,8 @@ Tree = dict[str, Any]
 
 #: Protocols whose trees are wanted in full.
 PROTOCOLS: Final = ("frame", "tpkt", "cotp", "s7comm")
+#: Fields of the packet itself that are read.
+OF_FRAME: Final = ("frame.number", "frame.protocols", "frame.len", "frame.cap_len")
 _USERDATA: Final = 7
 #: Wireshark up to 4.0 shows the first five fields of a userdata head under names of its own, three of them as one number.
 _OLD_NAMES: Final = {
@@ -37,14 +39,15 @@ _BOOLEANS: Final = {"true": 1, "false": 0}
 
 
 class Frame:
-    """What Wireshark found in one packet: TPDUs, PDUs, ``protocols`` by its names. ``malformed``: it gave up somewhere."""
+    """What Wireshark found in one packet: TPDUs, PDUs, ``protocols`` by its names; ``cut``: not all of it was captured."""
 
-    __slots__ = ("malformed", "number", "pdus", "protocols", "tpdus")
+    __slots__ = ("cut", "number", "pdus", "protocols", "tpdus")
 
     def __init__(self, layers: Tree) -> None:
-        self.number = int(layers["frame"]["frame.number"])
-        self.protocols = frozenset(layers["frame"]["frame.protocols"].split(":"))
-        self.malformed = "_ws.malformed" in layers
+        frame = layers["frame"]
+        self.number = int(frame["frame.number"])
+        self.protocols = frozenset(frame["frame.protocols"].split(":"))
+        self.cut = int(frame["frame.cap_len"]) < int(frame["frame.len"])
         self.tpdus = _tpdus(self.number, layers)
         self.pdus = [_pdu(self.number, tree, raw) for tree, raw in _layers(layers, "s7comm")]
 
@@ -66,7 +69,11 @@ def _raws(tree: Tree, name: str) -> list[list[Any]]:
 
 def _layers(tree: Tree, name: str) -> list[tuple[Tree, list[Any]]]:
     """Return every tree called ``name`` with its raw entry."""
-    return [(layer, raw) for layer, raw in zip(listed(tree.get(name)), _raws(tree, name), strict=False) if isinstance(layer, dict)]
+    return [
+        (layer, raw)
+        for layer, raw in zip(listed(tree.get(name)), _raws(tree, name), strict=False)
+        if isinstance(layer, dict)
+    ]
 
 
 def _number(text: str) -> int:

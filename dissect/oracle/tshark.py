@@ -68,14 +68,16 @@ class Child:
 
     def __init__(self, command: list[str], what: str) -> None:
         self._what = what
-        self._complaints: IO[bytes] = tempfile.TemporaryFile()
+        self._complaints: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as the child runs
         try:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=self._complaints
             )
         except OSError as error:
             self._complaints.close()
-            message = f"{what}: {command[0]} cannot be started ({error.strerror}); install it (Debian: apt install tshark)"
+            message = (
+                f"{what}: {command[0]} cannot be started ({error.strerror}); install it (Debian: apt install tshark)"
+            )
             raise OracleError(message) from error
         assert self._process.stdout is not None
         self.stdout: IO[bytes] = self._process.stdout
@@ -91,7 +93,9 @@ class Child:
         self._complaints.close()
         if code and not stop:
             # The last line is the reason; before it come warnings.
-            raise OracleError(f"{self._what}: it failed with code {code}: {told[-1] if told else 'it does not say why'}")
+            raise OracleError(
+                f"{self._what}: it failed with code {code}: {told[-1] if told else 'it does not say why'}"
+            )
 
 
 def records(stream: IO[bytes]) -> Iterator[bytes]:
@@ -127,7 +131,7 @@ def read_tshark(path: str, ports: Iterable[int] = (), reorder: bool = False) -> 
 
 
 class Segment:
-    """A TCP segment with octets: its direction (``flow``), absolute sequence number, payload, and what tshark remarks about it."""
+    """A TCP segment with octets: its direction (``flow``), absolute sequence number, payload, and tshark's remarks on it."""
 
     __slots__ = ("flow", "frame", "payload", "remarks", "sequence")
 
@@ -139,7 +143,7 @@ class Segment:
         self.remarks = remarks
 
 
-_FLOW: Final = ("tcp.stream", "vlan.id", "ip.src", "ipv6.src", "tcp.srcport")
+_FLOW: Final = ("tcp.stream", "ieee8021ad.id", "vlan.id", "ip.src", "ipv6.src", "tcp.srcport")
 #: What Wireshark says of a segment it does not take for the next one.
 _REMARKS: Final = (
     "tcp.analysis.retransmission",

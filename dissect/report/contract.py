@@ -76,6 +76,11 @@ def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str,
     }
 
 
+def analysis_as_json(analysis: Analysis, interrupted: bool = False) -> str:
+    """Return an analysis as `analyze -T json` writes it: ASCII without control characters but the line feeds of its layout."""
+    return json.dumps(analysis_as_dict(analysis, interrupted), indent=1).replace("\x7f", "\\u007f")
+
+
 #: TSDU counts that are there even when zero.
 _ALWAYS: Final = frozenset(("s7comm", "s7comm_plus", "mms", "tls", "unknown"))
 

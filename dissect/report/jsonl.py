@@ -39,8 +39,8 @@ _NO_ITEM: Final = (
 
 
 def json_text(value: str) -> str:
-    """Return a JSON string, ASCII only."""
-    return json.dumps(value)
+    """Return a JSON string: ASCII only, and DEL, which JSON would leave as it is, escaped like every other control."""
+    return json.dumps(value).replace("\x7f", "\\u007f")
 
 
 def value_text(value: Value) -> str:

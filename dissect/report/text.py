@@ -67,16 +67,18 @@ class Line(NamedTuple):
         """Return the line as lines of at most ``width`` columns; a word that is longer stays whole."""
         if len(self.text) <= width:
             return [self.text]
-        indent = self.hang if self.hang < width // 2 else len(self.text) - len(self.text.lstrip()) + 4
+        indent = self.hang if self.hang <= width // 2 else len(self.text) - len(self.text.lstrip()) + 4
         return textwrap.wrap(
             self.text, width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False
         )
 
 
-def analysis_lines(analysis: Analysis) -> Iterator[Line]:
-    """Yield the report line by line."""
+def analysis_lines(analysis: Analysis, interrupted: bool = False) -> Iterator[Line]:
+    """Yield the report line by line. ``interrupted`` says that reading was broken off."""
     places = Places(analysis.files, len(analysis.files) > 1)
     yield from _files(analysis, places)
+    if interrupted:
+        yield Line("  INTERRUPTED: what follows covers what was read until then", "error")
     yield from _connections(analysis, places)
     yield from _transactions(analysis)
     yield from _findings(analysis, places)
@@ -352,7 +354,7 @@ def _completeness(analysis: Analysis) -> Iterator[Line]:
         missing = words.count(octets.missing, "octet")
         yield Line(f"  {holes} in the TCP streams, {missing} missing from the capture", "warning")
     else:
-        yield Line("  no octet missing from the TCP streams")
+        yield Line("  no hole in the TCP streams")
     if octets.skipped:
         yield Line(f"  {words.count(octets.skipped, 'octet')} skipped that belong to no message", "warning")
     if octets.buffered:

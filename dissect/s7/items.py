@@ -17,12 +17,12 @@ _BIT: Final = 0x01
 _RECORD: Final = 0x01
 _S7ANY_SIZE: Final = 12
 
-_BITS: Final = 1
+BITS: Final = 1
 _UNCLEAR: Final = 2
 _DINTEGER: Final = 0x06
 #: What a length field counts, by index, because this is asked for every item.
-_COUNTED: Final = bytes(
-    [_BITS if code in LENGTH_IN_BITS else _UNCLEAR if code == _DINTEGER else 0 for code in range(256)]
+COUNTED: Final = bytes(
+    [BITS if code in LENGTH_IN_BITS else _UNCLEAR if code == _DINTEGER else 0 for code in range(256)]
 )
 
 
@@ -130,7 +130,7 @@ def item_fill(size: i64, last: bool) -> i64:
 
 def data_size(transport_size: i64, length: i64) -> i64:
     """Return the octets of a data item's content from its length field, which counts bits for some transport sizes."""
-    return (length + 7) >> 3 if _COUNTED[transport_size] == _BITS else length
+    return (length + 7) >> 3 if COUNTED[transport_size] == BITS else length
 
 
 def data_size_within(transport_size: i64, length: i64, room: i64) -> i64:
@@ -138,10 +138,10 @@ def data_size_within(transport_size: i64, length: i64, room: i64) -> i64:
 
     Sources disagree whether 0x06 counts octets or bits, so the octets that are left decide (reference 3.6).
     """
-    counted: i64 = _COUNTED[transport_size]
+    counted: i64 = COUNTED[transport_size]
     if counted == 0:
         return length
-    return (length + 7) >> 3 if counted == _BITS or length > room else length
+    return (length + 7) >> 3 if counted == BITS or length > room else length
 
 
 class DataItem:

@@ -42,10 +42,11 @@ BEFORE_START: Final = 3
 class Held:
     """A stretch of octets waiting for its turn, with the packet that brought it."""
 
-    __slots__ = ("at", "frame", "octets", "time_ns")
+    __slots__ = ("ack", "at", "frame", "octets", "time_ns")
 
-    def __init__(self, at: i64, octets: bytes, frame: i64, time_ns: i64) -> None:
+    def __init__(self, at: i64, octets: bytes, ack: i64, frame: i64, time_ns: i64) -> None:
         self.at: i64 = at
+        self.ack: i64 = ack
         self.octets: bytes = octets
         self.frame: i64 = frame
         self.time_ns: i64 = time_ns
@@ -54,12 +55,14 @@ class Held:
 class Chunk:
     """What comes out: octets in order (``hole`` is 0), or a hole of ``hole`` octets.
 
-    ``end_seq`` is the sequence number after it; ``frame`` and ``time_ns`` are of the packet that made the octets available.
+    ``end_seq`` is the sequence number after it; ``frame`` and ``time_ns`` are of the packet that made the octets available,
+    ``ack`` is the TCP acknowledgement that the last of them came with, -1 for none.
     """
 
-    __slots__ = ("end_seq", "frame", "hole", "octets", "time_ns")
+    __slots__ = ("ack", "end_seq", "frame", "hole", "octets", "time_ns")
 
-    def __init__(self, octets: bytes, hole: i64, end_seq: i64, frame: i64, time_ns: i64) -> None:
+    def __init__(self, octets: bytes, hole: i64, end_seq: i64, ack: i64, frame: i64, time_ns: i64) -> None:
+        self.ack: i64 = ack
         self.octets: bytes = octets
         self.hole: i64 = hole
         self.end_seq: i64 = end_seq
@@ -124,8 +127,11 @@ class HalfStream:
         self.octets += size
         self.next_seq = (self.next_seq + size) & MASK
 
-    def accept(self, seq: i64, octets: bytes, frame: i64, time_ns: i64) -> i64:
-        """Take one segment's octets (at least one); say what became of them: NEW, OLD, KEEP_ALIVE or BEFORE_START."""
+    def accept(self, seq: i64, octets: bytes, frame: i64, time_ns: i64, ack: i64 = -1) -> i64:
+        """Take one segment's octets (at least one); say what became of them: NEW, OLD, KEEP_ALIVE or BEFORE_START.
+
+        ``ack`` is the TCP acknowledgement it came with, -1 for none.
+        """
         size: i64 = len(octets)
         if self.next_seq < 0:
             self.start(seq)
@@ -145,12 +151,12 @@ class HalfStream:
             octets = octets[self.position - at :]
             at = self.position
         if at == self.position and self.held is None:
-            self._pass(octets, frame, time_ns)
+            self._pass(octets, ack, frame, time_ns)
             return NEW
-        new: bool = self._hold(at, octets, frame, time_ns)
+        new: bool = self._hold(at, octets, ack, frame, time_ns)
         self._drain(frame, time_ns)
         while self.held is not None and (len(self.held) >= MAX_HELD or self.held_octets > MAX_HELD_OCTETS):
-            self.give_up(frame, time_ns)
+            self.give_up()
         return NEW if new else OLD
 
     def acknowledged(self, ack: i64, time_ns: i64) -> None:
@@ -167,24 +173,24 @@ class HalfStream:
             self._acked_ns = time_ns
             self._acked_segments = 0
 
-    def passing(self, frame: i64, time_ns: i64) -> None:
+    def passing(self, time_ns: i64) -> None:
         """A segment of the connection went by; gives holes up when their time is over. Call it only while holding."""
         self._acked_segments += 1
-        self.expire(frame, time_ns)
+        self.expire(time_ns)
 
-    def expire(self, frame: i64, time_ns: i64) -> None:
+    def expire(self, time_ns: i64) -> None:
         """Give up holes whose time is over; a far jump that nothing confirmed is left waiting for confirmation."""
         if self._acked_to >= 0 and (
             self._acked_segments > ACK_GRACE_SEGMENTS or time_ns - self._acked_ns > ACK_GRACE_NS
         ):
             while self.held is not None and self.held[0].at <= self._acked_to:
-                self.give_up(frame, time_ns)
+                self.give_up()
             # What was acknowledged since then gets a grace of its own.
             self._acked_to = self._acked_latest if self._acked_latest > self._acked_to else -1
             self._acked_ns = time_ns
             self._acked_segments = 0
         while self.held is not None and time_ns - self.held[0].time_ns > HOLE_TIMEOUT_NS and self.time_bound:
-            self.give_up(frame, time_ns)
+            self.give_up()
 
     @property
     def time_bound(self) -> bool:
@@ -194,7 +200,7 @@ class HalfStream:
             return False
         return held[0].at - self.position <= FAR_AHEAD or (len(held) > 1 and held[1].at - held[0].at <= FAR_AHEAD)
 
-    def give_up(self, frame: i64, time_ns: i64) -> None:
+    def give_up(self) -> None:
         """Declare the first hole and pass on what waited behind it."""
         held = self.held
         if held is None:
@@ -208,18 +214,18 @@ class HalfStream:
         """Declare the next ``hole`` octets missing (also used for octets the capture cut off)."""
         self.position += hole
         self.next_seq = (self.next_seq + hole) & MASK
-        self.ready.append(Chunk(b"", hole, self.next_seq, frame, time_ns))
+        self.ready.append(Chunk(b"", hole, self.next_seq, -1, frame, time_ns))
 
-    def finish(self, frame: i64, time_ns: i64) -> None:
+    def finish(self) -> None:
         """The stream ends: give up every hole and pass on what is held."""
         while self.held is not None:
-            self.give_up(frame, time_ns)
+            self.give_up()
 
-    def _pass(self, octets: bytes, frame: i64, time_ns: i64) -> None:
+    def _pass(self, octets: bytes, ack: i64, frame: i64, time_ns: i64) -> None:
         self.passed(octets)
-        self.ready.append(Chunk(octets, 0, self.next_seq, frame, time_ns))
+        self.ready.append(Chunk(octets, 0, self.next_seq, ack, frame, time_ns))
 
-    def _hold(self, at: i64, octets: bytes, frame: i64, time_ns: i64) -> bool:
+    def _hold(self, at: i64, octets: bytes, ack: i64, frame: i64, time_ns: i64) -> bool:
         """Keep those octets of a stretch that no held one covers; True when there were any."""
         held = self.held
         if held is None:
@@ -244,7 +250,7 @@ class HalfStream:
                     index += 1
                     continue
                 stop = other.at
-            held.insert(index, Held(start, octets[start - at : stop - at], frame, time_ns))
+            held.insert(index, Held(start, octets[start - at : stop - at], ack, frame, time_ns))
             self.held_octets += stop - start
             new = True
             index += 1
@@ -264,7 +270,7 @@ class HalfStream:
                 frame = stretch.frame
                 time_ns = stretch.time_ns
             self.held_octets -= len(stretch.octets)
-            self._pass(stretch.octets, frame, time_ns)
+            self._pass(stretch.octets, stretch.ack, frame, time_ns)
             count += 1
         if count == len(held):
             self.held = None

@@ -52,7 +52,8 @@ FIRST_IGNORED: Final = NOT_IP
 class OctetAccount:
     """Octets of TCP payload, summed over the directions of connections that ended.
 
-    ``delivered`` = ``framed`` + ``skipped`` + ``buffered`` always holds; ``missing`` are octets in holes, not delivered.
+    ``delivered`` = ``framed`` + ``skipped`` + ``buffered`` holds unless the analyzer failed on something: ``failed`` is
+    what these do not account for. ``missing`` are octets in holes, not delivered.
     """
 
     __slots__ = ("buffered", "delivered", "framed", "holes", "missing", "skipped")
@@ -65,8 +66,13 @@ class OctetAccount:
         self.missing: i64 = 0
         self.holes: i64 = 0
 
+    @property
+    def failed(self) -> int:
+        """Octets that nothing accounts for; 0 unless a bug of ours struck (finding ``internal.bug``)."""
+        return self.delivered - self.framed - self.skipped - self.buffered
+
     def as_dict(self) -> dict[str, int]:
-        """Return the six sums by name."""
+        """Return the sums by name."""
         return {
             "delivered": self.delivered,
             "framed": self.framed,
@@ -74,4 +80,5 @@ class OctetAccount:
             "buffered": self.buffered,
             "missing": self.missing,
             "holes": self.holes,
+            "failed": self.failed,
         }

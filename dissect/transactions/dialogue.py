@@ -12,6 +12,7 @@ from mypy_extensions import i64
 from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA, WRITE_VAR
+from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.checks import (
     BAD_DATA,
     BAD_REQUEST,
@@ -68,6 +69,7 @@ class Dialogue:
         transaction = Transaction(self.count, connection, side.index, rosctr, pdu_ref, parameters)
         transaction.request_frame = frame
         transaction.request_ns = time_ns
+        transaction.request_ack = side.last_ack
         transaction.request_buf = buf
         transaction.request_offset = at
         transaction.request_size = size
@@ -91,8 +93,9 @@ class Dialogue:
         if waiting is None:
             requests.add(key, transaction)
         else:
-            lost: bool = answering is not None and answering.hole_frame >= waiting.request_frame
-            replaced = requests.add_again(key, transaction, waiting, lost)
+            expected: bool = answering is not None and _unseen(transaction, answering)
+            kept: bool = expected and requests.supersede(key, transaction, waiting)
+            replaced = None if kept else requests.add_again(key, transaction, waiting)
             if replaced is not None:
                 self._replace(replaced, answering)
         if requests.count > MAX_OPEN or (self.open > MAX_OPEN_ALL and requests.count > FEW_OPEN):
@@ -119,7 +122,20 @@ class Dialogue:
         requests = connection.open_requests[1 - side.index]
         key: i64 = pdu_ref if rosctr != USERDATA else pdu_ref | USERDATA_KEY
         waiting = requests.table.get(key)
-        misfit: bool = waiting is not None and mismatch(waiting.parameters, parameters)
+        if waiting is not None and waiting.acknowledged(side.end_seq) and waiting.earlier is None:
+            # The asking side had this answer before it asked: it belongs to the request before that one, or to none.
+            older = requests.take_superseded(waiting, side.end_seq)
+            wrong: bool = older is not None and mismatch(older.parameters, parameters)
+            if older is not None and not (wrong and _holes(side)):
+                return self._complete(older, wrong, side, rosctr, parameters, buf, at, size, data_at, frame, time_ns)
+            if older is not None:
+                self._give_up(older, side, REFERENCE_REUSED)
+            waiting = None
+        misfit: bool = False
+        if waiting is not None and (
+            parameters.function != waiting.parameters.function or parameters.userdata is not None
+        ):
+            misfit = mismatch(waiting.parameters, parameters)
         if waiting is None or (misfit and _holes(side)):  # its own answer, or this one's request, may be in a hole
             self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
             return None
@@ -127,7 +143,28 @@ class Dialogue:
             lost = requests.lose(waiting, frame, side.hole_frame)
             if lost is not None:
                 self._replace(lost, side)
-        transaction = requests.take(key, waiting)
+        if waiting.superseded is not None:  # what was asked before it would have been answered by now
+            for lost in requests.drop_superseded(waiting):
+                self._give_up(lost, side, REFERENCE_REUSED)
+        return self._complete(
+            requests.take(key, waiting), misfit, side, rosctr, parameters, buf, at, size, data_at, frame, time_ns
+        )
+
+    def _complete(
+        self,
+        transaction: Transaction,
+        misfit: bool,
+        side: Side,
+        rosctr: i64,
+        parameters: Parameters,
+        buf: bytes,
+        at: i64,
+        size: i64,
+        data_at: i64,
+        frame: i64,
+        time_ns: i64,
+    ) -> Transaction:
+        """Give an open request, out of the table already, the answer at hand."""
         self.open -= 1
         if misfit:
             transaction.flags |= FUNCTION_MISMATCH
@@ -140,7 +177,7 @@ class Dialogue:
         transaction.response_parameters = parameters
         transaction.outcome = ANSWERED
         check_answer(transaction, parameters, data_at)
-        connection.answered += 1
+        side.connection.answered += 1
         return transaction
 
     def push(
@@ -280,6 +317,12 @@ class Dialogue:
         head: i64 = 12 if answer.response_rosctr == ACK or answer.response_rosctr == ACK_DATA else 10
         check_answer(transaction, parameters, answer.response_offset + head + len(parameters.octets))
         transaction.connection.answered += 1
+
+
+def _unseen(request: Transaction, answering: Side) -> bool:
+    """Tell whether a request acknowledges octets of the answering side that the capture has not shown yet."""
+    ahead: i64 = (request.request_ack - answering.stream.next_seq) & MASK
+    return request.request_ack >= 0 and answering.stream.next_seq >= 0 and 0 < ahead < HALF_SPACE
 
 
 def _holes(side: Side) -> bool:

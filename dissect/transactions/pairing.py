@@ -69,16 +69,12 @@ class OpenRequests:
         self.count += 1
         self.table[key] = transaction
 
-    def add_again(self, key: i64, transaction: Transaction, old: Transaction, lost: bool) -> Transaction | None:
-        """Open a request whose key ``old`` holds; return what it replaces (and by ``earlier`` those before it).
-
-        ``lost``: the answer to ``old`` may be in a hole, so it is not waited for any longer.
-        """
+    def add_again(self, key: i64, transaction: Transaction, old: Transaction) -> Transaction | None:
+        """Open a request whose key ``old`` holds; return what it replaces (and by ``earlier`` those before it)."""
         depth = self._depth(old)
         self.count += 1
         if (
-            not lost
-            and depth < MAX_REPEATS
+            depth < MAX_REPEATS
             and transaction.request_ns - old.request_ns <= REPEAT_NS
             and old.request_octets == transaction.request_octets
         ):
@@ -89,6 +85,56 @@ class OpenRequests:
         del self.table[key]  # so that the new one goes to the end: the table stays in the order of asking
         self.table[key] = transaction
         return old
+
+    def supersede(self, key: i64, transaction: Transaction, old: Transaction) -> bool:
+        """Open a request whose key ``old`` holds, and keep ``old`` behind it; False when too many wait there already.
+
+        For a request that acknowledges octets the capture has not shown yet: the answer to ``old`` is among them.
+        """
+        depth: i64 = 1
+        link = old.superseded
+        while link is not None:
+            depth += 1
+            link = link.superseded
+        if depth >= MAX_REPEATS:
+            return False
+        self.count += 1
+        transaction.superseded = old
+        del self.table[key]  # so that the new one goes to the end: the table stays in the order of asking
+        self.table[key] = transaction
+        return True
+
+    def take_superseded(self, found: Transaction, end_seq: i64) -> Transaction | None:
+        """Close and return the request kept behind ``found`` that an answer ending at ``end_seq`` belongs to, if any."""
+        newer = found
+        older = found.superseded
+        while older is not None and older.acknowledged(end_seq):
+            newer = older
+            older = older.superseded
+        if older is not None:
+            newer.superseded = older.superseded
+            older.superseded = None
+            self.count -= 1
+        return older
+
+    def drop_superseded(self, found: Transaction) -> list[Transaction]:
+        """Close and return the requests kept behind ``found``, oldest first; their answers will not come any more."""
+        dropped: list[Transaction] = []
+        link = found.superseded
+        found.superseded = None
+        while link is not None:
+            behind = link.superseded
+            link.superseded = None
+            identical: Transaction | None = link
+            while identical is not None:
+                dropped.append(identical)
+                self.count -= 1
+                before = identical.earlier
+                identical.earlier = None
+                identical = before
+            link = behind
+        dropped.reverse()
+        return dropped
 
     def take(self, key: i64, found: Transaction) -> Transaction:
         """Close the oldest open request of ``key`` and return it; ``found`` is what `table` holds there."""
@@ -124,6 +170,11 @@ class OpenRequests:
     def oldest(self) -> Transaction | None:
         """Remove and return the request that is open longest (the table is full), None when nothing is open."""
         for key, found in self.table.items():
+            behind = found.superseded
+            if behind is not None:  # the others kept with it are given up with it
+                found.superseded = None
+                self.count -= 1
+                return behind
             return self.take(key, found)
         return None
 
@@ -131,6 +182,7 @@ class OpenRequests:
         """Remove and return every open request, oldest first."""
         found: list[Transaction] = []
         for entry in self.table.values():
+            found.extend(self.drop_superseded(entry))
             link: Transaction | None = entry
             while link is not None:
                 found.append(link)

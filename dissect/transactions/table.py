@@ -6,7 +6,7 @@ longest idle ones have to leave.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import OrderedDict, deque
 from typing import Final
 
 from mypy_extensions import i64
@@ -17,9 +17,9 @@ from dissect.tcp.connection import Endpoint, TcpConnection
 from dissect.tcp.stream import MASK, HalfStream
 from dissect.transactions.connection import Connection
 
-MAX_CONNECTIONS: Final = 16384
+MAX_CONNECTIONS: Final = 8192
 #: Connections that leave together when the table is full, so that looking for the idle ones stays cheap.
-EVICTED_AT_ONCE: Final = 1024
+EVICTED_AT_ONCE: Final = 512
 MAX_HALF_OPEN: Final = 4096
 #: A closed connection is kept this long, because captures show packets out of order.
 LINGER_NS: Final = 1_000_000_000
@@ -113,7 +113,8 @@ class ConnectionTable:
 
     def __init__(self) -> None:
         self.sides: dict[bytes, Side] = {}
-        self._half_open: dict[bytes, _Syn] = {}
+        # Ordered, because finding the oldest entry of a plain dict is slow when many before it were deleted.
+        self._half_open: OrderedDict[bytes, _Syn] = OrderedDict()
         self._lingering: deque[Side] = deque()
         self.evicted: i64 = 0
         self.half_open_evicted: i64 = 0
@@ -125,7 +126,7 @@ class ConnectionTable:
             return  # sent again; another number is another attempt, and that is the one an answer counts from
         self._half_open[key] = _Syn(seq, frame, time_ns)
         if len(self._half_open) > MAX_HALF_OPEN:
-            del self._half_open[next(iter(self._half_open))]
+            self._half_open.popitem(last=False)
             self.half_open_evicted += 1
 
     def open(self, key: bytes, vlan: i64, frame: i64, time_ns: i64) -> Side:
@@ -153,10 +154,17 @@ class ConnectionTable:
         return side0 if first == key else side1
 
     def remove(self, side: Side) -> None:
-        """Forget a connection, unless another one took its place already."""
-        for end in (side, side.peer):
-            if end is not None and self.sides.get(end.key) is end:
-                del self.sides[end.key]
+        """Forget a connection; where another one took its place already, that one stays.
+
+        Its sides forget each other: they are the only cycle of references there is, and without it nothing waits for the
+        garbage collector, whose pauses grow with what is open.
+        """
+        peer = side.peer
+        for end in (side, peer):
+            if end is not None:
+                end.peer = None
+                if self.sides.get(end.key) is end:
+                    del self.sides[end.key]
 
     @property
     def lingering(self) -> bool:

@@ -12,6 +12,7 @@ from dissect.s7.message import ACK_HEADER_SIZE, HEADER_SIZE, Pdu, parse_pdu
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, SUCCESS, WRITE_VAR
 from dissect.s7.values import Value, decode_value
+from dissect.tcp.stream import HALF_SPACE, MASK
 
 if TYPE_CHECKING:
     from dissect.transactions.connection import Connection
@@ -119,6 +120,7 @@ class Transaction:
         "parameters",
         "pdu_ref",
         "reason",
+        "request_ack",
         "request_buf",
         "request_frame",
         "request_ns",
@@ -132,6 +134,7 @@ class Transaction:
         "response_rosctr",
         "response_size",
         "rosctr",
+        "superseded",
     )
 
     def __init__(
@@ -143,6 +146,7 @@ class Transaction:
         self.rosctr: i64 = rosctr
         self.pdu_ref: i64 = pdu_ref
         self.parameters: Parameters = parameters  # of the request; of the answer when there is no request
+        self.request_ack: i64 = -1  # TCP acknowledgement it came with, -1 for none
         self.request_frame: i64 = 0
         self.request_ns: i64 = 0
         self.request_buf: bytes = b""
@@ -160,10 +164,17 @@ class Transaction:
         self.error_code: i64 = 0  # header class and code, or the userdata error code
         self.has_errors: bool = False
         self.flags: i64 = 0
+        self.superseded: Transaction | None = (
+            None  # a request before it with the same reference, its answer not seen yet
+        )
         self.earlier: Transaction | None = None  # an identical request with the same reference, still open
 
     def __repr__(self) -> str:
         return f"Transaction({self.number}, {self.function_name}, {self.outcome_name})"
+
+    def acknowledged(self, end_seq: i64) -> bool:
+        """Tell whether the request acknowledged the other side's octets up to ``end_seq``, so that they came before it."""
+        return self.request_ack >= 0 and ((self.request_ack - end_seq) & MASK) < HALF_SPACE
 
     @property
     def outcome_name(self) -> str:

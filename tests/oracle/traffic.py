@@ -19,7 +19,18 @@ ACK: Final = 0x10
 
 CODES: Final = (0xFF, 0xFF, 0xFF, 0xFF, 0x0A, 0x05, 0x07, 0x03, 0x01, 0x06)
 #: Octets of one element and the transport size of the answer, by request transport size.
-SIZES: Final = {1: (1, 3), 2: (1, 4), 3: (1, 9), 4: (2, 4), 5: (2, 5), 6: (4, 4), 7: (4, 5), 8: (4, 7), 0x1C: (2, 9), 0x1D: (2, 9)}
+SIZES: Final = {
+    1: (1, 3),
+    2: (1, 4),
+    3: (1, 9),
+    4: (2, 4),
+    5: (2, 5),
+    6: (4, 4),
+    7: (4, 5),
+    8: (4, 7),
+    0x1C: (2, 9),
+    0x1D: (2, 9),
+}
 AREAS: Final = (0x03, 0x05, 0x06, 0x80, 0x81, 0x82, 0x83, 0x84, 0x84, 0x84, 0x85, 0x86, 0x87, 0x1C, 0x1D, 0x77)
 
 
@@ -82,7 +93,9 @@ def other_tpdu(rng: Random) -> bytes:
     wide = rng.randrange(1 << 31)
     return rng.choice(
         (
-            tpdu(struct.pack(">BHHB", 0x80, reference, rng.randrange(65536), rng.choice((0, 1, 2, 3, 0x80, 0x83, 0x8A)))),
+            tpdu(
+                struct.pack(">BHHB", 0x80, reference, rng.randrange(65536), rng.choice((0, 1, 2, 3, 0x80, 0x83, 0x8A)))
+            ),
             tpdu(struct.pack(">BHH", 0xC0, reference, rng.randrange(65536))),
             tpdu(struct.pack(">BHB", 0x70, reference, rng.randrange(4)), parameter(0xC1, octets(rng, 6, 1))),
             tpdu(struct.pack(">BHB", 0x60 | rng.randrange(16), reference, number)),
@@ -100,7 +113,9 @@ def other_tpdu(rng: Random) -> bytes:
 # ---- S7 --------------------------------------------------------------------------------------------------------------
 
 
-def pdu(rosctr: int, reference: int, parameters: bytes, data: bytes = b"", error: int = 0, redundancy: int = 0) -> bytes:
+def pdu(
+    rosctr: int, reference: int, parameters: bytes, data: bytes = b"", error: int = 0, redundancy: int = 0
+) -> bytes:
     """Return an S7 PDU."""
     head = struct.pack(">BBHHHH", 0x32, rosctr, redundancy, reference, len(parameters), len(data))
     return head + (struct.pack(">H", error) if rosctr in {2, 3} else b"") + parameters + data
@@ -123,7 +138,9 @@ class Item:
             self.request = self._foreign(rng)
         else:
             address = rng.randrange(1 << 24).to_bytes(3, "big")
-            fixed = struct.pack(">BBBBHHB", 0x12, 10, 0x10, self.size, self.count, rng.randrange(65536), rng.choice(AREAS))
+            fixed = struct.pack(
+                ">BBBBHHB", 0x12, 10, 0x10, self.size, self.count, rng.randrange(65536), rng.choice(AREAS)
+            )
             self.request = fixed + address
         octets_each, self.answer_size = SIZES.get(self.size, (1, 4))
         self.octets = octets_each * self.count
@@ -131,7 +148,10 @@ class Item:
     @staticmethod
     def _foreign(rng: Random) -> bytes:
         """An item of another syntax, some of odd size."""
-        areas = [struct.pack(">BHH", rng.randint(1, 20), rng.randrange(300), rng.randrange(300)) for _ in range(rng.randint(1, 3))]
+        areas = [
+            struct.pack(">BHH", rng.randint(1, 20), rng.randrange(300), rng.randrange(300))
+            for _ in range(rng.randint(1, 3))
+        ]
         body = rng.choice(
             (
                 b"\xb0" + bytes([len(areas)]) + b"".join(areas),
@@ -179,6 +199,23 @@ def write_pair(rng: Random, reference: int) -> tuple[bytes, bytes]:
     return pdu(1, reference, parameters, data), pdu(3, reference, bytes([5, len(items)]), codes)
 
 
+#: Functions of Userdata (group and subfunction) that Wireshark knows nothing of, so that it cannot find their payload wrong.
+UNREAD: Final = (0x0209, 0x0309, 0x0560, 0x3F01, 0x2003)
+SZL: Final = 0x0401
+CLOCK: Final = 0x0701
+TIME: Final = b"\x00\x19\x20\x24\x03\x04\x05\x06\x07\x00\x02"
+
+
+def payload(rng: Random, kind: int, function: int) -> bytes:
+    """Return what a Userdata request (kind 1), answer (2) or push (0) may carry."""
+    if function == SZL:
+        wanted = struct.pack(">HH", rng.choice((0x0011, 0x001C, 0x0424, 0x0F00)), rng.randrange(256))
+        return wanted if kind == 1 else wanted + struct.pack(">HH", 0, 0)
+    if function == CLOCK:
+        return b"" if kind == 1 else TIME
+    return octets(rng, 60, 2)
+
+
 def userdata(rng: Random, reference: int, kind: int, function: int, sequence: int, short: bool) -> bytes:
     """Return a Userdata PDU of type ``kind``; ``function`` is group and subfunction."""
     group, subfunction = divmod(function, 256)
@@ -187,16 +224,16 @@ def userdata(rng: Random, reference: int, kind: int, function: int, sequence: in
     if short:
         parameters = b"\x00\x01\x12\x04\x11" + head
     else:
-        parameters = b"\x00\x01\x12\x08\x12" + head + struct.pack(">BBH", rng.randrange(256), rng.randrange(2), error)
-    if error or rng.random() < 0.3:
+        parameters = b"\x00\x01\x12\x08\x12" + head + struct.pack(">BBH", rng.randrange(256), 0, error)
+    carried = payload(rng, kind, function) if not error and rng.random() < 0.7 else b""
+    if not carried:
         return pdu(7, reference, parameters, b"\x0a\x00\x00\x00")
-    payload = octets(rng, 60, 2)
-    return pdu(7, reference, parameters, struct.pack(">BBH", 0xFF, 9, len(payload)) + payload)
+    return pdu(7, reference, parameters, struct.pack(">BBH", 0xFF, 9, len(carried)) + carried)
 
 
 def userdata_pair(rng: Random, reference: int) -> tuple[bytes, bytes]:
     """Return a Userdata request and its answer."""
-    function = rng.choice((0x0301, 0x0401, 0x0501, 0x0701, 0x0702, 0x0209, 0x3F01, 0x2003))
+    function = rng.choice((*UNREAD, SZL, CLOCK))
     sequence = rng.randrange(256)
     request = userdata(rng, reference, 1, function, 0, rng.random() < 0.8)
     return request, userdata(rng, reference, 2, function, sequence, short=False)
@@ -253,7 +290,11 @@ class Connection:
 
     def send(self, rng: Random, side: int, stream: bytes, most: int = 3) -> None:
         """Send octets in up to ``most`` segments, some of them twice."""
-        cuts = sorted(rng.randrange(1, len(stream)) for _ in range(rng.choice((0, 0, 0, rng.randrange(most))))) if stream else []
+        cuts = (
+            sorted(rng.randrange(1, len(stream)) for _ in range(rng.choice((0, 0, 0, rng.randrange(most)))))
+            if stream
+            else []
+        )
         for begin, end in zip([0, *cuts], [*cuts, len(stream)], strict=True):
             if begin < end:
                 at = self.sequence[side]
@@ -276,9 +317,9 @@ def fragments(rng: Random, message: bytes) -> bytes:
 PAIRS: Final = (read_pair, read_pair, read_pair, write_pair, write_pair, userdata_pair, control_pair)
 
 
-def conversation(rng: Random, number: int) -> list[bytes]:
-    """Return the packets of one connection, from the handshake to its end."""
-    connection = Connection(rng, number, rng.choice((102, 102, 102, 10102)))
+def conversation(rng: Random, number: int, ports: Sequence[int] = (102, 102, 102, 10102)) -> list[bytes]:
+    """Return the packets of one connection to one of ``ports``, from the handshake to its end."""
+    connection = Connection(rng, number, rng.choice(ports))
     connection.open()
     connection.send(rng, 0, connect(rng, 0xE0, 0))
     connection.send(rng, 1, connect(rng, 0xD0, 1))
@@ -294,12 +335,24 @@ def conversation(rng: Random, number: int) -> list[bytes]:
         before = dt(b"", eot=False) if rng.random() < 0.2 else b""
         connection.send(rng, 1, before + b"".join(fragments(rng, answer) for _, answer in pairs))
         if rng.random() < 0.1:
-            connection.send(rng, 1, dt(userdata(rng, 0, 0, rng.choice((0x0403, 0x0201)), 1, rng.random() < 0.5)))
+            connection.send(rng, 1, dt(userdata(rng, 0, 0, rng.choice(UNREAD), 1, rng.random() < 0.5)))
         if rng.random() < 0.1:
             connection.send(rng, rng.randrange(2), other_tpdu(rng))
     if rng.random() < 0.7:
         connection.close()
     return connection.packets
+
+
+def disordered(rng: Random, packets: Sequence[bytes]) -> list[bytes]:
+    """Return the packets of one connection with some neighbours changed about, all of which carry octets."""
+    mixed = list(packets)
+    at = 4
+    while at < len(mixed) - 1:
+        if rng.random() < 0.1 and min(len(mixed[at]), len(mixed[at + 1])) > 60:
+            mixed[at], mixed[at + 1] = mixed[at + 1], mixed[at]
+            at += 1
+        at += 1
+    return mixed
 
 
 def interleaved(rng: Random, flows: Iterable[list[bytes]]) -> list[bytes]:
@@ -316,10 +369,12 @@ def interleaved(rng: Random, flows: Iterable[list[bytes]]) -> list[bytes]:
     return mixed
 
 
-def write_capture(path: Path, packets: Iterable[bytes]) -> Path:
-    """Write a classic pcap, a packet each millisecond."""
+def write_capture(path: Path, packets: Iterable[bytes], most: int = 65535) -> Path:
+    """Write a classic pcap, a packet each millisecond, of each up to ``most`` octets."""
     out = [struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)]
     for index, packet in enumerate(packets):
-        out.append(struct.pack("<IIII", 1_700_000_000 + index // 1000, index % 1000 * 1000, len(packet), len(packet)) + packet)
+        kept = packet[:most]
+        head = struct.pack("<IIII", 1_700_000_000 + index // 1000, index % 1000 * 1000, len(kept), len(packet))
+        out.append(head + kept)
     path.write_bytes(b"".join(out))
     return path

@@ -56,7 +56,7 @@ def _parts(value: object) -> Iterator[Schema]:
 def validator(name: str, *, exact: bool) -> Draft202012Validator:
     """Return what holds output to a schema; an ``exact`` one knows no other keys than those it names."""
     schemas = {each: strict(load(each)) if exact else load(each) for each in NAMES}
-    registry: Registry[Schema] = Registry()
+    registry: Registry[Any] = Registry()
     for schema in schemas.values():
         registry = registry.with_resource(schema["$id"], Resource.from_contents(schema))
     return Draft202012Validator(schemas[name], registry=registry)
@@ -154,3 +154,18 @@ def _plural(part: Schema, home: Schema) -> str:
         return "transactions"
     kind = _type(part, home)
     return {"text": "texts"}.get(kind, f"{kind}s")
+
+
+def rewrite() -> None:
+    """Put the tables of the schemas into docs/json.md (``python -m tests.report.schemas``)."""
+    page = ROOT / "docs" / "json.md"
+    text = page.read_text(encoding="utf-8")
+    for name in NAMES:
+        begin = text.index(f"<!-- keys of {name} -->\n") + len(f"<!-- keys of {name} -->\n")
+        end = text.index("<!-- end -->", begin)
+        text = text[:begin] + "\n".join(table(name)) + "\n" + text[end:]
+    page.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    rewrite()

@@ -21,7 +21,7 @@ from tests.properties.packets import Flow, Packet, Talk
 from tests.source.craft import Pcapng
 
 ROOT: Final = Path(__file__).resolve().parents[2]
-OWN: Final = sorted((ROOT / "captures").glob("*.pcapng"))
+OWN: Final = sorted(path for path in (ROOT / "captures").rglob("*.pcap*") if path.is_file())
 
 #: Control characters (C0, DEL, C1), marks that change the direction of text, line and paragraph separators.
 UNSAFE: Final = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2028\u2029\u2066-\u2069]")

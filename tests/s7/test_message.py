@@ -394,6 +394,17 @@ def test_a_refused_read_needs_no_items() -> None:
     assert faults(told) == [("count_mismatch", "data items", 14, 1, 0, "data")]
 
 
+def test_data_where_no_items_are_counted() -> None:
+    told = parse_pdu(ack_data(1, b"\x04\x00", good(4, b"\x12\x34")))
+    assert faults(told) == [("trailing_octets", "data items", 14, 0, 6, "data")]
+    assert told.data_items() == []
+
+
+def test_of_two_octets_the_kind_is_known() -> None:
+    assert parse_pdu(b"\x32\x07").rosctr == 7
+    assert parse_pdu(b"\x32").rosctr == -1
+
+
 @pytest.mark.parametrize(("count", "codes"), [(2, b"\xff"), (1, b"\xff\xff"), (1, b"")])
 def test_a_write_answer_has_one_octet_for_each_item(count: int, codes: bytes) -> None:
     told = parse_pdu(ack_data(1, bytes((5, count)), codes))

@@ -190,6 +190,13 @@ def test_a_real_reads_back_to_the_same_octets(octets: bytes) -> None:
         assert struct.pack(">f", number) == octets
 
 
+def test_powers_of_two_read_back() -> None:
+    """Below them the singles lie twice as close as above."""
+    for exponent in range(1, 255):
+        octets = (exponent << 23).to_bytes(4, "big")
+        assert struct.pack(">f", real(octets)) == octets
+
+
 @given(SINGLES)
 def test_a_real_is_written_as_short_as_can_be(octets: bytes) -> None:
     exact = struct.unpack(">f", octets)[0]

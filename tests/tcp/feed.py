@@ -66,15 +66,15 @@ class Feed:
 
     def passing(self, time_ns: int) -> None:
         self.frame += 1
-        self.half.passing(self.frame, time_ns)
+        self.half.passing(time_ns)
         self.check()
 
     def expire(self, time_ns: int) -> None:
-        self.half.expire(self.frame, time_ns)
+        self.half.expire(time_ns)
         self.check()
 
     def finish(self) -> None:
-        self.half.finish(self.frame, self.frame * 1000)
+        self.half.finish()
         self.check()
         assert self.half.held is None
 

@@ -131,7 +131,12 @@ class Talk(Observer):
     """Two ends; everything the pipeline tells is collected."""
 
     def __init__(
-        self, client_port: int = 50000, server_port: int = 102, beside: Talk | None = None, slow_ns: int = SECOND
+        self,
+        client_port: int = 50000,
+        server_port: int = 102,
+        beside: Talk | None = None,
+        slow_ns: int = SECOND,
+        strict: bool = True,
     ) -> None:
         super().__init__()
         self.transactions: list[Transaction] = []
@@ -140,7 +145,7 @@ class Talk(Observer):
         self.now_ns = START_NS
         #: Who is told, and whose clock counts: another talk may be captured in the same run.
         self.first = self if beside is None else beside
-        self.pipeline: Pipeline = Pipeline(self, Options(slow_ns, strict=True)) if beside is None else beside.pipeline
+        self.pipeline: Pipeline = Pipeline(self, Options(slow_ns, strict)) if beside is None else beside.pipeline
         self.ports = [client_port, server_port]
         self.seq = [1000, 90000]
         #: What each end acknowledges; None is the normal course: everything the other end sent.
@@ -194,6 +199,12 @@ class Talk(Observer):
             self.seq[side] += len(payload) + (1 if flags & (SYN | FIN) else 0)
         return int(self.pipeline.frames)
 
+    def raw(self, frame: bytes, after_ns: int = MS) -> int:
+        """Capture an Ethernet frame as it is, and return its number."""
+        self.first.now_ns += after_ns
+        self.pipeline.frame(self.first.now_ns, frame, 0, len(frame), len(frame), 1)
+        return int(self.pipeline.frames)
+
     def hello(self) -> None:
         """The TCP handshake."""
         self.packet(CLIENT, flags=SYN)
@@ -216,6 +227,11 @@ class Talk(Observer):
     def ask(self, *pdus: bytes, after_ns: int = MS) -> int:
         """The client sends PDUs in one segment."""
         return self.packet(CLIENT, dt(*pdus), after_ns=after_ns)
+
+    def flood(self, count: int) -> None:
+        """The client asks ``count`` times without waiting for an answer, each time with the next reference."""
+        for number in range(0, count, 200):
+            self.ask(*(read(more & 0xFFFF, dbw(1, more & 0xFF)) for more in range(number, min(count, number + 200))))
 
     def tell(self, *pdus: bytes, after_ns: int = MS) -> int:
         """The server sends PDUs in one segment."""

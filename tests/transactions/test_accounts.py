@@ -24,4 +24,19 @@ def test_an_account_begins_empty_and_is_written_by_name() -> None:
     account.framed = 4
     account.skipped = 2
     account.buffered = 1
-    assert account.as_dict() == {"delivered": 7, "framed": 4, "skipped": 2, "buffered": 1, "missing": 0, "holes": 0}
+    assert account.as_dict() == {
+        "delivered": 7,
+        "framed": 4,
+        "skipped": 2,
+        "buffered": 1,
+        "missing": 0,
+        "holes": 0,
+        "failed": 0,
+    }
+
+
+def test_what_nothing_accounts_for_is_told() -> None:
+    account = OctetAccount()
+    account.delivered = 7
+    account.framed = 4
+    assert (account.failed, account.as_dict()["failed"]) == (3, 3)

@@ -63,6 +63,8 @@ ASKED = read(1, dbw(1, 0), dbw(1, 2))
         (ASKED, ack_data(1, b"\x04\x02", good(4, b"\0\1") + b"\xff\x04\x00\x10\x00"), BAD_DATA, False),
         (ASKED, ack_data(1, b"\x04\x02", good(4, b"\0\1") + good(4, b"\0\1\2\3")), SIZE_MISMATCH, False),
         (ASKED, ack_data(1, b"\x04\x02", good(4, b"\0\1\2") + b"\0" + good(4, b"\0\1")), SIZE_MISMATCH, False),
+        (ASKED, ack_data(1, b"\x04\x02", good(4, b"\0\1\2\3") * 2), SIZE_MISMATCH, False),
+        (ASKED, ack_data(1, b"\x04\x02", good(4, b"\0\1") * 2 + b"\0"), BAD_DATA, False),
         (ASKED, ack_data(1, b"\x04\x02", b"", 0x8500), 0, True),
         (ASKED, ack_data(1, b"\x04\x02", b""), BAD_DATA, False),
         (ASKED, ack_data(1, b"\x04\x00", b""), COUNT_MISMATCH, False),
@@ -72,6 +74,12 @@ ASKED = read(1, dbw(1, 0), dbw(1, 2))
             read(1, dbw(1, 0)[:3] + b"\x02\x00\x03" + dbw(1, 0)[6:]),
             ack_data(1, b"\x04\x01", good(4, b"abc") + b"\0"),
             0,
+            False,
+        ),
+        (
+            read(1, dbw(1, 0)[:3] + b"\x02\x00\x03" + dbw(1, 0)[6:]),
+            ack_data(1, b"\x04\x01", good(4, b"abc") + b"\0\0"),
+            BAD_DATA,
             False,
         ),
         # 0x06 counts octets for some devices, bits for others.
@@ -113,7 +121,7 @@ def test_what_is_odd_about_an_answer(
 def test_lengths_told_once_are_not_told_again(talk: Talk) -> None:
     """A PDU whose header lies is one malformed finding, not two."""
     whole = write(1, [dbw(1, 0)], written(4, b"\0\1"))
-    talk.ask(whole[:8] + b"\x00\x03" + whole[10:])
+    talk.ask(whole[:-1])
     talk.tell(ack_data(1, b"\x05\x01", b"\xff"))
     answer = words(2, 1)
     talk.ask(read(2, dbw(1, 0)))

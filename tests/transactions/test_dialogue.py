@@ -21,6 +21,7 @@ from dissect.transactions.transaction import (
     Transaction,
 )
 from tests.transactions.talk import (
+    ACK,
     CLIENT,
     CONFIRM,
     CONNECT,
@@ -29,6 +30,7 @@ from tests.transactions.talk import (
     RST,
     SECOND,
     SERVER,
+    SYN,
     Talk,
     ack,
     ack_data,
@@ -260,9 +262,12 @@ def test_an_answer_lost_in_a_hole_shifts_nothing(talk: Talk) -> None:
     for value in range(15):
         talk.ask(read(5, dbw(1, 0)))
         talk.tell(words(5, value))
+    requests = talk.pipeline.table.all_open()[0].connection.open_requests[CLIENT]
+    assert (requests.count, len(requests.table)) == (0, 0)
     talk.close()
     found = {(one.outcome_name, one.reason) for one in talk.transactions}
-    assert found <= {("answered", ""), ("unanswered", HOLE)}
+    assert found == {("answered", ""), ("unanswered", HOLE)}
+    assert len(talk.transactions) == 16
     late = [one for one in talk.transactions if one.outcome_name == "answered"][-4:]
     assert [one.results()[0].value for one in late] == [11, 12, 13, 14]
     assert [one.latency_ns for one in late] == [MS] * 4
@@ -331,10 +336,8 @@ def test_two_connections_do_not_meet() -> None:
 def test_the_table_is_bounded_and_the_sum_exact(talk: Talk) -> None:
     """Robustness T23: 70,000 requests without an answer; every one is told of, the oldest first."""
     count = 70_000
-    for number in range(0, count, 50):
-        talk.ask(*(read((number + more) & 0xFFFF, dbw(1, (number + more) & 0xFF)) for more in range(50)))
-        side = talk.pipeline.table.all_open()[0]
-        assert side.connection.open_requests[CLIENT].count <= MAX_OPEN
+    talk.flood(count)
+    assert talk.pipeline.table.all_open()[0].connection.open_requests[CLIENT].count == MAX_OPEN
     given_up = len(talk.transactions)
     assert given_up == count - MAX_OPEN
     assert set(reasons(talk)) == {TABLE_FULL}
@@ -361,8 +364,7 @@ def test_all_connections_together_are_bounded() -> None:
     first = Talk(50000)
     talks = [first] + [Talk(50000 + number, beside=first) for number in range(1, 24)]
     for talk in talks:
-        for number in range(0, MAX_OPEN, 256):
-            talk.ask(*(read(number + more, dbw(1, more)) for more in range(256)))
+        talk.flood(MAX_OPEN)
     opened = [side.connection.open_requests[CLIENT].count for side in first.pipeline.table.all_open()]
     assert opened == [MAX_OPEN] * 16 + [FEW_OPEN] * 8
     dialogue = first.pipeline.conversation.dialogue
@@ -406,6 +408,7 @@ def test_an_answer_captured_before_its_request(talk: Talk) -> None:
     assert one.results()[0].value == 42
     talk.close()
     assert len(talk.transactions) == 1
+    assert (one.connection.answered, one.connection.orphans) == (2, 0)
 
 
 def test_the_acknowledgement_tells_an_old_answer_from_an_early_one(talk: Talk) -> None:
@@ -416,6 +419,18 @@ def test_the_acknowledgement_tells_an_old_answer_from_an_early_one(talk: Talk) -
     talk.close()
     assert talk.pairs() == [(asked, answered), (0, orphan)]
     assert talk.outcomes() == ["answered", "orphan_answer"]
+
+
+def test_what_a_request_had_acknowledged_is_no_answer_to_it(talk: Talk) -> None:
+    """The client got its answer and used the reference again; the capture shows that answer only afterwards."""
+    first = talk.ask(read(5, dbw(1, 0)))
+    talk.acked[CLIENT] = talk.seq[SERVER] + len(dt(words(5, 1)))
+    asked = talk.ask(read(5, dbw(1, 2)))
+    talk.acked[CLIENT] = None
+    late = talk.tell(words(5, 1))
+    answered = talk.tell(words(5, 2))
+    talk.close()
+    assert talk.pairs() == [(first, late), (asked, answered)]
 
 
 def test_early_answers_find_their_own_requests(talk: Talk) -> None:
@@ -504,6 +519,7 @@ def test_an_orphan_tells_what_it_carries(talk: Talk) -> None:
     assert [(error.where, error.code) for error in refusal.errors] == [("header", 0xD209)]
     assert [(error.where, error.code) for error in answer.errors] == [("parameter", 0xD402)]
     assert (refusal.function, refusal.function_name) == (-1, "no function")
+    assert [one.rosctr for one in talk.transactions] == [1, 1, 7]
 
 
 def test_mid_stream_the_first_answers_lack_their_requests() -> None:
@@ -625,6 +641,20 @@ def test_one_direction_only(answering: int) -> None:
             talk.seq[SERVER] += len(dt(words(number, number)))
     talk.finish()
     assert talk.outcomes() == (["orphan_answer"] if answering == SERVER else ["unanswered"]) * 5
+    assert [one.flags for one in talk.transactions] == [EXPECTED] * 5
+    assert talk.slugs() == ["capture.one_sided"]
+
+
+def test_one_direction_only_from_its_beginning() -> None:
+    """The answer to the SYN was captured, so the beginning is known; of the client there is nothing."""
+    talk = Talk()
+    talk.packet(SERVER, flags=SYN | ACK)
+    talk.packet(SERVER, CONFIRM)
+    for number in range(5):
+        talk.tell(words(number, number))
+        talk.seq[CLIENT] += len(dt(read(number, dbw(1, 0))))
+    talk.finish()
+    assert talk.connections[0].tcp.known_start
     assert [one.flags for one in talk.transactions] == [EXPECTED] * 5
     assert talk.slugs() == ["capture.one_sided"]
 

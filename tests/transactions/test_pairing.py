@@ -40,13 +40,13 @@ def answer(number: int, time_ns: int = 0) -> Transaction:
     return transaction
 
 
-def put(requests: OpenRequests, key: int, transaction: Transaction, lost: bool = False) -> list[int]:
+def put(requests: OpenRequests, key: int, transaction: Transaction) -> list[int]:
     """Open a request; return the numbers of those it replaces, the newest first."""
     waiting = requests.table.get(key)
     if waiting is None:
         requests.add(key, transaction)
         return []
-    replaced = requests.add_again(key, transaction, waiting, lost)
+    replaced = requests.add_again(key, transaction, waiting)
     return chain(replaced)
 
 
@@ -108,11 +108,23 @@ def test_a_request_that_came_again_late_replaces_the_first() -> None:
     assert requests.count == 1
 
 
-def test_a_request_whose_answer_may_be_lost_is_replaced() -> None:
+@pytest.mark.parametrize(
+    ("frame", "hole_frame", "lost"),
+    [
+        (9, 9, [2, 1]),  # the answer came after all of them: it is the last one's, the others' are in the hole
+        (9, 1, [1]),  # the second was asked after the hole
+        (9, 0, []),  # there was no hole
+        (2, 9, [1]),  # the third was asked after the answer
+        (1, 9, []),
+    ],
+)
+def test_identical_requests_before_a_hole_are_given_up(frame: int, hole_frame: int, lost: list[int]) -> None:
     requests = OpenRequests()
-    put(requests, 5, request(1, b"same"))
-    assert put(requests, 5, request(2, b"same"), lost=True) == [1]
-    assert requests.count == 1
+    for number in (1, 2, 3):
+        put(requests, 5, request(number, b"same"))
+    assert chain(requests.lose(requests.table[5], frame, hole_frame)) == lost
+    assert requests.count == 3 - len(lost)
+    assert [take(requests, 5) for _ in range(requests.count)] == [*range(1 + len(lost), 4)]
 
 
 def test_the_oldest_leaves_first() -> None:
@@ -239,7 +251,10 @@ def test_a_held_answer_fits_a_request_it_acknowledged() -> None:
 def test_sequence_numbers_wrap() -> None:
     requests = OpenRequests()
     requests.hold_orphan(5, answer(1), 10, 1)
+    requests.hold_orphan(6, answer(2), 0, 1)
     assert requests.find_orphan(5, 0xFFFFFFF0) is not None
+    assert requests.find_orphan(6, 0xFFFFFFF0) is not None
+    assert requests.find_orphan(6, 1) is None
     assert requests.find_orphan(5, 11) is None
 
 

@@ -1,0 +1,325 @@
+"""The grounds on which a difference is explained: predicates over the octets, one for each entry of `dissect.oracle.known`.
+
+They look at the octets of the message and, where a difference begins in TCP, at the stream put together from tshark's own
+sequence numbers; never at what the engine makes of either, except to ask whether it reports the message as malformed.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.iso.cotp import parse_tpdu
+from dissect.iso.tables import DR, DT, ED, ER, ER_CAUSES, TPDU_TYPES
+from dissect.iso.tpkt import MIN_LENGTH
+from dissect.oracle import facts
+from dissect.oracle.facts import Place, Record, Value
+from dissect.oracle.streams import Arrival, Streams
+from dissect.oracle.theirs import Frame
+from dissect.s7 import layouts as s7
+from dissect.s7.message import parse_pdu
+from dissect.s7.tables import LENGTH_IN_BITS
+from dissect.wire.malformed import Malformed
+
+#: Names that are no field of Wireshark's: a record as a whole, the packet it stands in, its octets.
+WHOLE: Final = "(whole)"
+FRAME: Final = "(packet)"
+OCTETS: Final = "(octets)"
+
+RETURN_CODE: Final = s7.DATA_ITEM.fields[0].wireshark
+TRANSPORT_SIZE: Final = s7.DATA_ITEM.fields[1].wireshark
+LENGTH: Final = s7.DATA_ITEM.fields[2].wireshark
+SUBFUNCTIONS: Final = ("s7comm.param.userdata.subfunc", "s7comm.param.modetrans.subfunc")
+_LI: Final = "cotp.li"
+_TYPE: Final = "cotp.type"
+#: The reasons of a DR that Wireshark has names for.
+_REASONS: Final = frozenset((0, 1, 2, 3, 0x80, 0x81, 0x82, 0x83, 0x84, 0x85, 0x87, 0x88, 0x8A))
+#: Return codes whose items Wireshark reads; at every other one it keeps what it read before.
+_READ_CODES: Final = frozenset((0x00, 0x0A, 0xFF))
+
+
+class Evidence:
+    """What the TCP streams say, for differences that begin there; they are only read when there is one."""
+
+    def __init__(self, path: str, found: dict[str, list[tuple[int, bytes]]]) -> None:
+        self._streams = Streams(path)
+        self._found = found
+        self._standing: dict[str, list[bool]] = {}
+
+    def arrival(self, frame: int) -> Arrival | None:
+        """Return the TCP segment of a packet, None when it has no octets."""
+        return self._streams.arrival(frame)
+
+    def of_one_flow(self, frame: int, other: int) -> bool:
+        """Tell whether two packets belong to the same direction of the same connection."""
+        mine, its = self.arrival(frame), self.arrival(other)
+        return mine is not None and its is not None and mine.segment.flow == its.segment.flow
+
+    def stands(self, record: Record) -> bool:
+        """Tell whether what we found stands where it has to, behind everything we found there before.
+
+        A TPKT has to stand in the TCP stream, a PDU in the user data of the DTs that stand there.
+        """
+        if not self._standing:
+            self._standing[facts.TPDU] = self._streams.follow(self._found[facts.TPDU])
+            self._standing[facts.PDU] = self._follow_pdus()
+        return self._standing[record.kind][record.number]
+
+    def _follow_pdus(self) -> list[bool]:
+        said: dict[str, bytearray] = {}
+        for (frame, octets), stands in zip(self._found[facts.TPDU], self._standing[facts.TPDU], strict=True):
+            arrival = self.arrival(frame)
+            if stands and arrival is not None and octets[facts.TPKT_SIZE + 1] >> 4 == DT:
+                user_data = facts.TPKT_SIZE + octets[facts.TPKT_SIZE] + 1
+                said.setdefault(arrival.segment.flow, bytearray()).extend(octets[user_data:])
+        passed = dict.fromkeys(said, 0)
+        found = []
+        for frame, octets in self._found[facts.PDU]:
+            arrival = self.arrival(frame)
+            flow = arrival.segment.flow if arrival is not None else ""
+            place = said[flow].find(octets, passed[flow]) if flow in said else -1
+            if place >= 0:
+                passed[flow] = place + len(octets)
+            found.append(place >= 0)
+        return found
+
+
+class Case:
+    """A difference with everything an entry may look at; ``ours`` and ``theirs`` are None where a side has nothing."""
+
+    __slots__ = ("evidence", "frame", "our_record", "ours", "place", "their_record", "theirs")
+
+    def __init__(
+        self,
+        place: Place,
+        ours: Value | None,
+        theirs: Value | None,
+        our_record: Record | None,
+        their_record: Record | None,
+        frame: Frame | None,
+        evidence: Evidence,
+    ) -> None:
+        self.place = place
+        self.ours = ours
+        self.theirs = theirs
+        self.our_record = our_record
+        self.their_record = their_record
+        self.frame = frame
+        self.evidence = evidence
+
+    @property
+    def octets(self) -> bytes:
+        """Our octets of the TPDU (its TPKT header and its own) or of the PDU."""
+        return self.our_record.octets if self.our_record is not None else b""
+
+    def beside(self, name: str) -> Value | None:
+        """Return what we read for another field of the same item."""
+        return self.our_record.value(self.place.part, name, self.place.number) if self.our_record is not None else None
+
+
+# ---- data items ------------------------------------------------------------------------------------------------------
+
+
+def length_in_bits(case: Case) -> bool:
+    """Whether ours is a number of bits and theirs the octets they need."""
+    bits = case.ours
+    counts_bits = case.beside(TRANSPORT_SIZE) in LENGTH_IN_BITS
+    return (
+        isinstance(bits, int)
+        and counts_bits
+        and case.beside(RETURN_CODE) in _READ_CODES
+        and case.theirs == (bits + 7) // 8
+    )
+
+
+def kept_from_before(case: Case) -> bool:
+    """Whether Wireshark shows for an item it does not read what it showed for the item before."""
+    if case.place.part != facts.IN_DATA_ITEM or case.their_record is None or case.beside(RETURN_CODE) in _READ_CODES:
+        return False
+    before = case.their_record.value(facts.IN_DATA_ITEM, case.place.name, case.place.number - 1)
+    return case.theirs == (before or 0)
+
+
+def damaged(case: Case) -> bool:
+    """Whether we report the PDU as malformed."""
+    return bool(case.octets) and bool(parse_pdu(case.octets).malformed)
+
+
+# ---- userdata --------------------------------------------------------------------------------------------------------
+
+
+def split_in_fours(case: Case) -> bool:
+    """Whether both sides split the octet of type and group, ours 2 + 6 and theirs 4 + 4."""
+    at = s7.HEADER.size + 5
+    if len(case.octets) <= at:
+        return False
+    octet = case.octets[at]
+    if (
+        case.place.name in SUBFUNCTIONS
+    ):  # groups 0x10, 0x20 and 0x30 become group 0, whose subfunctions are called otherwise
+        told = case.ours if case.ours is not None else case.theirs
+        return octet & 0x3F > octet & 0x0F == 0 and told == case.octets[at + 1]
+    if case.place.name == "s7comm.param.userdata.type":
+        return case.ours == octet >> 6 and case.theirs == octet >> 4
+    return case.ours == octet & 0x3F and case.theirs == octet & 0x0F
+
+
+def mode_transition(case: Case) -> bool:
+    """Whether Wireshark shows a field we do not have in a mode transition."""
+    at = s7.HEADER.size
+    return case.ours is None and case.octets[1:2] == b"\x07" and case.octets[at : at + 1] == b"\x01"
+
+
+def usend(case: Case) -> bool:
+    """Whether Wireshark shows a field we do not have in parameters with the syntax id of USEND."""
+    at = s7.HEADER.size + 4
+    return case.ours is None and case.octets[1:2] == b"\x07" and case.octets[at : at + 1] == b"\x13"
+
+
+# ---- COTP ------------------------------------------------------------------------------------------------------------
+
+
+def _refused(case: Case, type_: int) -> bool:
+    """Whether Wireshark shows nothing of a TPDU of this type but its TPKT header."""
+    return _field_of(case, _TYPE) == type_ and _nothing_but_tpkt(case.their_record)
+
+
+def _nothing_but_tpkt(record: Record | None) -> bool:
+    return record is not None and all(place.part == facts.IN_TPKT for place in record.facts)
+
+
+def _field_of(case: Case, name: str) -> int:
+    value = case.our_record.value(facts.IN_TPDU, name) if case.our_record is not None else None
+    return value if isinstance(value, int) else -1
+
+
+def expedited(case: Case) -> bool:
+    """Whether Wireshark shows nothing of an ED in the form of RFC 1006."""
+    return _refused(case, ED) and _field_of(case, _LI) == 2
+
+
+def reason(case: Case) -> bool:
+    """Whether Wireshark shows nothing of a DR with a reason it has no name for."""
+    return _refused(case, DR) and _field_of(case, "cotp.cause") not in _REASONS
+
+
+def rejection(case: Case) -> bool:
+    """Whether Wireshark shows nothing of an ER with an unknown cause or a long header."""
+    return _refused(case, ER) and (_field_of(case, "cotp.reject_cause") not in ER_CAUSES or _field_of(case, _LI) > 8)
+
+
+def contradictory(case: Case) -> bool:
+    """Whether Wireshark shows nothing of a TPDU that is malformed by our reading."""
+    return _nothing_but_tpkt(case.their_record) and bool(_complaints(case))
+
+
+def _complaints(case: Case) -> list[Malformed]:
+    return parse_tpdu(case.octets[facts.TPKT_SIZE :]).malformed
+
+
+def _size_code(case: Case) -> tuple[int, int]:
+    """Return the length of the parameter from which Wireshark took a TPDU size, and the octet it took."""
+    fact = case.their_record.facts.get(case.place) if case.their_record is not None else None
+    if fact is None:
+        return -1, -1
+    at = facts.TPKT_SIZE + fact.offset
+    return (case.octets[at - 1], case.octets[at]) if at < len(case.octets) else (-1, -1)
+
+
+def size_of_65531(case: Case) -> bool:
+    """Whether Wireshark masks TPDU size code 0x10 to 0, which it shows as 1."""
+    return _size_code(case) == (1, 0x10) and case.ours == 65531 and case.theirs == 1
+
+
+def no_size(case: Case) -> bool:
+    """Whether Wireshark shows a size for a parameter that states none."""
+    length, code = _size_code(case)
+    stated = length == 1 and 7 <= code <= 16
+    return case.ours is None and not stated and case.theirs == 1 << (code & 0x0F)
+
+
+def broken_parameter(case: Case) -> bool:
+    """Whether Wireshark shows code or length of a parameter that does not fit into the header."""
+    if case.ours is not None or case.their_record is None:
+        return False
+    at = case.their_record.facts[case.place].offset
+    return any(told.field == "parameter" and told.offset in {at, at - 1} for told in _complaints(case))
+
+
+def no_tpdu(case: Case) -> bool:
+    """Whether Wireshark shows a TPKT header that no TPDU can follow: by its length, or by the two octets behind it."""
+    record = case.their_record
+    if case.ours is not None or record is None or not _nothing_but_tpkt(record):
+        return False
+    length = int.from_bytes(record.octets[2:4], "big")
+    arrival = case.evidence.arrival(record.frame)
+    if length < MIN_LENGTH or arrival is None:
+        return length < MIN_LENGTH
+    at = arrival.segment.payload.find(record.octets) + facts.TPKT_SIZE
+    head = arrival.segment.payload[at : at + 2]
+    if len(head) < 2:
+        return False
+    return head[0] in {0, 255} or head[0] + 1 > length - facts.TPKT_SIZE or head[1] >> 4 not in TPDU_TYPES
+
+
+def is_rdp(case: Case) -> bool:
+    """Whether Wireshark says that the packet belongs to Remote Desktop."""
+    if case.frame is None or case.frame.protocols.isdisjoint(("rdp", "t125")):
+        return False
+    return case.ours is None if case.place.name == WHOLE else case.theirs is None
+
+
+def cut_frame(case: Case) -> bool:
+    """Whether not all of the packet was captured."""
+    return case.ours is None and case.frame is not None and case.frame.cut
+
+
+# ---- TCP -------------------------------------------------------------------------------------------------------------
+
+
+def lost_by_tcp(case: Case) -> bool:
+    """Whether what only we show stands in the TCP stream, in its order."""
+    return case.theirs is None and case.our_record is not None and case.evidence.stands(case.our_record)
+
+
+def before_its_turn(case: Case) -> bool:
+    """Whether tshark shows a TPKT in a segment before which octets were missing, and we when they had come."""
+    if case.our_record is None or case.their_record is None or case.their_record.frame >= case.our_record.frame:
+        return False
+    arrival = case.evidence.arrival(case.their_record.frame)
+    return arrival is not None and arrival.ahead and case.evidence.stands(case.our_record)
+
+
+def unfinished(case: Case) -> bool:
+    """Whether tshark shows as much of a message as its segment holds, and we the whole when the rest had come."""
+    record = case.their_record
+    if record is None:
+        return False
+    arrival = case.evidence.arrival(record.frame)
+    if arrival is None:
+        return False
+    payload = arrival.segment.payload
+    if record.kind == facts.PDU:
+        lengths = [record.value(facts.IN_HEADER, name) for name in ("s7comm.header.parlg", "s7comm.header.datlg")]
+        claimed = s7.HEADER.size + sum(length for length in lengths if isinstance(length, int))
+        return case.ours is None and payload.endswith(record.octets) and claimed > len(record.octets)
+    if case.our_record is None or case.our_record.frame <= record.frame or not case.evidence.stands(case.our_record):
+        return False
+    return payload.rfind(record.octets) + int.from_bytes(record.octets[2:4], "big") > len(payload)
+
+
+def joined_over_a_gap(case: Case) -> bool:
+    """Whether a PDU is longer than the segment it is shown in, which stands behind missing octets."""
+    if case.ours is not None or case.their_record is None or case.their_record.kind != facts.PDU:
+        return False
+    arrival = case.evidence.arrival(case.their_record.frame)
+    if arrival is None or "tcp.analysis.lost_segment" not in arrival.segment.remarks:
+        return False
+    return len(case.their_record.octets) > len(arrival.segment.payload)
+
+
+def brought_before(case: Case) -> bool:
+    """Whether tshark shows again what an earlier segment brought: not one octet of this one is new."""
+    if case.ours is not None or case.their_record is None:
+        return False
+    arrival = case.evidence.arrival(case.their_record.frame)
+    return arrival is not None and arrival.new == 0

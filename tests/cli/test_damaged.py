@@ -1,0 +1,103 @@
+"""Whatever octets a capture holds, every face has something to say about each PDU and transaction, and says it safely."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from random import Random
+
+import pytest
+from mypy_extensions import i64
+
+from dissect.cli.show import _Pdus
+from dissect.cli.transactions import _Rows
+from dissect.report.analysis import Analysis
+from dissect.report.contract import analysis_as_json
+from dissect.report.jsonl import TransactionLines
+from dissect.report.places import Places
+from dissect.report.text import analysis_lines
+from dissect.source.files import open_capture
+from dissect.source.packet import PacketSink, SourceFile
+from tests.properties.packets import Packet
+from tests.report.schemas import complaints
+from tests.report.support import OWN, UNSAFE, observed
+
+FILES = [SourceFile("damaged.pcap", 1)]
+PLACES = Places(FILES, False)
+#: Ethernet, IP and TCP headers, which are not what this is about.
+HEADERS = 54
+SEEDS = range(20)
+
+
+class Packets(PacketSink):
+    """Keeps packets."""
+
+    def __init__(self) -> None:
+        self.packets: list[Packet] = []
+
+    def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
+        """Keep a packet."""
+        self.packets.append(Packet(time_ns, buf[start:end], wire_length, link_type))
+
+
+def packets_of(path: Path) -> list[Packet]:
+    sink = Packets()
+    reader = open_capture(str(path))
+    while reader.step(sink):
+        pass
+    return sink.packets
+
+
+def damaged(rng: Random, packets: list[Packet]) -> list[Packet]:
+    """Return packets with some octets behind their headers changed, and some cut."""
+    share = rng.choice((0.05, 0.3, 1.0))
+    changed = []
+    for packet in packets:
+        octets = bytearray(packet.octets)
+        if len(octets) > HEADERS and rng.random() < share:
+            for _ in range(rng.randint(1, 3)):
+                at = rng.randrange(HEADERS, len(octets))
+                octets[at] = rng.choice((0, 1, 0x7F, 0x80, 0xFF, octets[at] ^ 1, octets[at] ^ 0x80, rng.randrange(256)))
+            if rng.random() < 0.1:
+                octets = octets[: rng.randrange(HEADERS, len(octets))]
+        changed.append(packet._replace(octets=bytes(octets)))
+    return changed
+
+
+def holds(packets: list[Packet]) -> None:
+    """Drive packets through every face; a bug of ours raises."""
+    analysis = Analysis()
+    pipeline = observed(analysis, packets)
+    analysis.take(pipeline, FILES)
+    shown = [line.text for line in analysis_lines(analysis)]
+    assert complaints("analysis", json.loads(analysis_as_json(analysis)), exact=True) == []
+    lines = TransactionLines()
+    observed(lines, packets)
+    transactions = lines.take()
+    assert len(transactions) == analysis.total
+    for as_csv in (False, True):
+        rows = _Rows(as_csv, None)
+        rows.begin(PLACES)
+        observed(rows, packets)
+        told = rows.take()
+        assert len(told) == analysis.total + as_csv
+        shown += told
+    pdus = _Pdus(True, None, False)
+    observed(pdus, packets)
+    pdu_lines = pdus.take()
+    assert len(pdu_lines) == pipeline.conversation.pdus
+    trees = _Pdus(False, None, True)
+    observed(trees, packets)
+    shown += trees.take()
+    assert [line for line in (*shown, *transactions, *pdu_lines) if UNSAFE.search(line)] == []
+    for name, each in (("transaction", transactions), ("pdu", pdu_lines)):
+        for line in each[:10]:  # checking against the schema takes longer than all else
+            assert complaints(name, json.loads(line), exact=True) == []
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_no_damage_silences_a_face(seed: int) -> None:
+    rng = Random(seed)
+    small = [path for path in OWN if path.stat().st_size < 12_000]
+    for path in rng.sample(small, 5):
+        holds(damaged(rng, packets_of(path)))

@@ -1,0 +1,163 @@
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.cli.support import halves, run
+from tests.properties import messages
+from tests.properties.messages import EMPTY_DT, Item, dt, fragments
+from tests.properties.packets import Talk, cut_to
+from tests.report.schemas import complaints
+from tests.report.support import OWN, WORD, begun, read, saved
+
+Capture = pytest.CaptureFixture[bytes]
+
+
+def hex_view(lines: list[str]) -> bytes:
+    """Return the octets of the hex views in an output."""
+    return bytes.fromhex("".join([line[11:59] for line in lines if re.match(r" {4} *\d+ {2}[0-9a-f]{2} ", line)]))
+
+
+def show(capfdbinary: Capture, talk: Talk, path: Path, *options: str) -> list[str]:
+    return run(capfdbinary, "show", *options, saved(path, talk.packets())).out.splitlines()
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "a.pcapng"
+
+
+def test_text_has_a_line_for_each_pdu_and_what_else_is_said(capfdbinary: Capture, path: Path) -> None:
+    talk = read(begun(), 1).send(0, EMPTY_DT).send(1, dt(b"\x72\x01" + bytes(20))).send(0, messages.disconnect(1))
+    saved(path, talk.packets(), {8: "here it comes"})
+    lines = run(capfdbinary, "show", path).out.splitlines()
+    assert [int(line.split()[0]) for line in lines] == [4, 5, 6, 7, 8, 8, 9, 11, 12]
+    assert [line.split("102  ")[-1].split("49152  ")[-1].split("  ")[0] for line in lines] == [
+        "COTP CR",
+        "COTP CC",
+        "Job",
+        "Ack_Data",
+        "",
+        "Job",
+        "Ack_Data",
+        "COTP DT",
+        "COTP DR",
+    ]
+    assert lines[4] == "     8  comment: here it comes"
+    assert lines[7].endswith("COTP DT  S7comm-plus, 22 octets")
+
+
+def test_jsonl_has_a_line_for_each_pdu_only(capfdbinary: Capture, path: Path) -> None:
+    talk = read(begun(), 1).send(1, dt(b"\x72\x01" + bytes(20)))
+    saved(path, talk.packets(), {8: "here it comes"})
+    told = [json.loads(line) for line in run(capfdbinary, "show", "-T", "jsonl", path).out.splitlines()]
+    assert [line["frame"] for line in told] == [6, 7, 8, 9]
+    assert [complaints("pdu", line, exact=True) for line in told] == [[]] * 4
+
+
+@pytest.mark.parametrize("face", ["text", "jsonl"])
+def test_one_packet(capfdbinary: Capture, path: Path, face: str) -> None:
+    saved(path, read(begun(), 1).packets())
+    ran = run(capfdbinary, "show", "-T", face, "--frame", "8", path)
+    assert (ran.code, ran.err) == (0, "")
+    (line,) = ran.out.splitlines()
+    assert "DB10.DBW4" in line
+
+
+def test_a_packet_that_completes_nothing_is_told(capfdbinary: Capture, path: Path) -> None:
+    saved(path, read(begun(), 1).packets())
+    ran = run(capfdbinary, "show", "--frame", "1", path)
+    assert (ran.code, ran.out, ran.err) == (0, "", "s7dissect: packet 1 completes no message\n")
+    ran = run(capfdbinary, "show", "-T", "jsonl", "--frame", "4", path)
+    assert (ran.code, ran.out, ran.err) == (0, "", "s7dissect: packet 4 completes no S7 PDU\n")
+
+
+def test_a_packet_that_does_not_exist_is_wrong_use(capfdbinary: Capture, path: Path) -> None:
+    saved(path, read(begun(), 1).packets())
+    ran = run(capfdbinary, "show", "--frame", "10", path)
+    assert (ran.code, ran.out, ran.err) == (2, "", "s7dissect: there is no packet 10: the last one is number 9\n")
+
+
+def test_in_several_files_a_packet_is_that_of_each(capfdbinary: Capture, tmp_path: Path) -> None:
+    first, second = halves(tmp_path)
+    lines = run(capfdbinary, "show", "--frame", "1", first, second).out.splitlines()
+    assert [line.split("  ")[0] for line in lines] == [f"{second}:1"]
+    lines = run(capfdbinary, "show", "-T", "jsonl", first, second).out.splitlines()
+    told = [json.loads(line) for line in lines]
+    assert [(Path(line["file"]).name, line["frame"]) for line in told] == [
+        *[("first.pcapng", number) for number in (6, 7, 8, 9, 10)],
+        *[("second.pcapng", number) for number in (1, 2)],
+    ]
+    assert [complaints("pdu", line, exact=True) for line in told] == [[]] * len(told)
+    assert run(capfdbinary, "show", "--frame", "11", first, second).code == 2
+
+
+def test_verbose_and_jsonl_do_not_go_together(capfdbinary: Capture, path: Path) -> None:
+    saved(path, begun().packets())
+    ran = run(capfdbinary, "show", "-V", "-T", "jsonl", path)
+    assert (ran.code, ran.out) == (2, "")
+    assert "-V is for text" in ran.err
+
+
+# ---- the tree on real ways to travel --------------------------------------------------------------------------------
+
+
+def test_verbose_shows_connects_too(capfdbinary: Capture, path: Path) -> None:
+    lines = show(capfdbinary, begun(), path, "-V", "--frame", "4")
+    assert lines[0].endswith("COTP CR  TSAP 01.00 (PG) → 01.02 (PG, rack 0 slot 2), TPDU size 1024")
+    assert [line for line in lines if line.endswith("called TSAP      01 02")]
+    assert hex_view(lines) == messages.connect(0xE0)
+
+
+def test_several_pdus_in_a_segment_have_a_tree_each(capfdbinary: Capture, path: Path) -> None:
+    one, two = messages.read_job(1, [WORD]), messages.read_job(2, [Item(0x02, 1, 7, 0x84, 0)])
+    lines = show(capfdbinary, begun(amq=2).send(0, dt(one) + dt(two)), path, "-V", "--frame", "8")
+    assert [line.split("  ")[-1] for line in lines if line.startswith("     8 ")] == ["DB10.DBW4", "DB7.DBB0"]
+    assert hex_view(lines) == dt(one) + dt(two)
+    assert len([line for line in lines if line.split()[:2] == ["7", "protocol_id"]]) == 2
+
+
+def test_a_pdu_over_several_segments_is_whole(capfdbinary: Capture, path: Path) -> None:
+    octets = dt(messages.read_job(1, [WORD]))
+    lines = show(capfdbinary, begun().send(0, octets[:5], octets[5:20], octets[20:]), path, "-V", "--frame", "10")
+    assert hex_view(lines) == octets
+
+
+def test_a_pdu_in_fragments_counts_from_its_own_beginning(capfdbinary: Capture, path: Path) -> None:
+    pdu = messages.read_job(1, [WORD])
+    lines = show(capfdbinary, begun().send(0, fragments(pdu, [5, 12])), path, "-V", "--frame", "8")
+    assert "put together from several COTP fragments" in lines[1]
+    assert hex_view(lines) == pdu
+
+
+def test_an_empty_dt_before_a_pdu_does_not_make_it_fragments(capfdbinary: Capture, path: Path) -> None:
+    pdu = messages.read_job(1, [WORD])
+    lines = show(capfdbinary, begun().send(0, EMPTY_DT + dt(pdu)), path, "-V", "--frame", "8")
+    assert hex_view(lines) == dt(pdu)
+
+
+def test_a_cut_pdu(capfdbinary: Capture, path: Path) -> None:
+    packets = begun().send(0, dt(messages.read_job(1, [WORD]))).packets()
+    packets[-1] = cut_to(packets[-1], 54 + 7 + 15)
+    lines = run(capfdbinary, "show", "-V", "--frame", "8", saved(path, packets)).out.splitlines()
+    assert "CUT by the capture" in lines[0]
+    assert "cut by the capture; octets count from the beginning of the S7 PDU" in lines[1]
+    assert hex_view(lines) == messages.read_job(1, [WORD])[:15]
+
+
+@pytest.mark.parametrize("capture", OWN, ids=[capture.name for capture in OWN])
+def test_every_pdu_of_our_captures_has_a_tree_with_its_octets(capfdbinary: Capture, capture: Path) -> None:
+    ran = run(capfdbinary, "show", "-V", capture)
+    lines = ran.out.splitlines()
+    told = [json.loads(line) for line in run(capfdbinary, "show", "-T", "jsonl", capture).out.splitlines()]
+    assert len([line for line in lines if re.search(r"  ref (0x[0-9a-f]{4}|\?)", line)]) == len(told)
+    assert len([line for line in lines if line == "    S7 header"]) == len(told)
+
+
+def test_help_says_what_a_person_needs(capfdbinary: Capture) -> None:
+    told = run(capfdbinary, "show", "--help").out
+    for word in ("FILE", "UTC", "--frame N", "-V, --verbose", "jsonl", "Exit code:"):
+        assert word in told

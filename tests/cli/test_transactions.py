@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import pytest
+
+from dissect.report.lines import CSV_COLUMNS
+from tests.cli.support import halves, run, simple
+from tests.properties import messages
+from tests.properties.messages import dt
+from tests.properties.packets import MS
+from tests.report.schemas import complaints
+from tests.report.support import WORD, begun, read, saved
+
+Capture = pytest.CaptureFixture[bytes]
+
+
+@pytest.fixture
+def mixed(tmp_path: Path) -> Path:
+    """Reference 1 is fine, 2 is refused, 3 takes 50 ms, 4 is refused after 50 ms, 5 is never answered."""
+    talk = read(read(read(read(begun(), 1), 2, WORD, 0x0A), 3), 4, WORD, 0x0A)
+    packets = talk.send(0, dt(messages.read_job(5, [WORD]))).reset(1).packets()
+    late = {13: 50, 14: 50, 15: 100}
+    late.update(dict.fromkeys(range(16, 19), 100))
+    moved = [
+        packet._replace(time_ns=packet.time_ns + late.get(number, 0) * MS) for number, packet in enumerate(packets, 1)
+    ]
+    return saved(tmp_path / "mixed.pcapng", moved)
+
+
+def references(output: str) -> list[int]:
+    return [json.loads(line)["pdu_ref"] for line in output.splitlines()]
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ([], [0, 1, 2, 3, 4, 5]),
+        (["--failed"], [2, 4, 5]),
+        (["--slow", "20"], [3, 4]),
+        (["--slow", "51"], []),
+        (["--slow", "0"], [0, 1, 2, 3, 4]),
+        (["--failed", "--slow", "20"], [2, 3, 4, 5]),
+    ],
+)
+def test_only_what_is_asked_for(capfdbinary: Capture, mixed: Path, options: list[str], expected: list[int]) -> None:
+    assert references(run(capfdbinary, "transactions", "-T", "jsonl", *options, mixed).out) == expected
+    assert run(capfdbinary, "transactions", *options, mixed).out.count("\n") == len(expected)
+    table = run(capfdbinary, "transactions", "-T", "csv", *options, mixed).out
+    assert [row["pdu_ref"] for row in csv.DictReader(io.StringIO(table))] == [str(ref) for ref in expected]
+
+
+def test_text(capfdbinary: Capture, mixed: Path) -> None:
+    lines = run(capfdbinary, "transactions", mixed).out.splitlines()
+    assert [line[26:].split()[:2] for line in lines] == [
+        ["#1", "6→7"],
+        ["#2", "8→9"],
+        ["#3", "10→11"],
+        ["#4", "12→13"],
+        ["#5", "14→15"],
+        ["#6", "16→?"],
+    ]
+    assert lines[1].endswith("  1.00 ms  Read Var  DB10.DBW4 = 1234")
+    assert lines[2].endswith("Read Var  DB10.DBW4: Object does not exist")
+    assert lines[5].endswith("NO ANSWER (connection closed)  DB10.DBW4")
+
+
+def test_jsonl_holds_the_schema(capfdbinary: Capture, mixed: Path) -> None:
+    for line in run(capfdbinary, "transactions", "-T", "jsonl", mixed).out.splitlines():
+        assert complaints("transaction", json.loads(line), exact=True) == []
+
+
+def test_csv_is_a_table(capfdbinary: Capture, mixed: Path, tmp_path: Path) -> None:
+    rows = list(csv.reader(io.StringIO(run(capfdbinary, "transactions", "-T", "csv", mixed).out)))
+    assert rows[0] == CSV_COLUMNS
+    assert {len(row) for row in rows} == {len(CSV_COLUMNS)}
+    two = list(csv.DictReader(io.StringIO(run(capfdbinary, "transactions", "-T", "csv", *halves(tmp_path)).out)))
+    assert [(row["request_frame"], row["response_frame"]) for row in two] == [
+        ("6", "7"),
+        ("8", "9"),
+        ("10", "1"),
+        ("2", ""),
+    ]
+    assert [Path(row["request_file"]).name for row in two] == ["first.pcapng"] * 3 + ["second.pcapng"]
+    assert two[3]["response_file"] == ""
+
+
+def test_csv_of_nothing_has_its_columns(capfdbinary: Capture, tmp_path: Path) -> None:
+    path = saved(tmp_path / "none.pcapng", begun().packets()[:3])
+    assert run(capfdbinary, "transactions", "-T", "csv", path).out == ",".join(CSV_COLUMNS) + "\n"
+    assert run(capfdbinary, "transactions", path).out == ""
+
+
+def test_docs_list_the_columns() -> None:
+    text = (Path(__file__).resolve().parents[2] / "docs" / "json.md").read_text(encoding="utf-8")
+    part = text.split("## Transactions as CSV")[1]
+    assert [column for column in (*CSV_COLUMNS, "request_file", "response_file") if f"`{column}`" not in part] == []
+
+
+def test_a_ring_buffer_is_one_conversation(capfdbinary: Capture, tmp_path: Path) -> None:
+    whole = simple(tmp_path / "whole.pcapng")
+    single = references(run(capfdbinary, "transactions", "-T", "jsonl", whole).out)
+    packets = read(read(read(begun(), 1), 2, WORD, 0x0A), 3).packets()
+    for cut in range(1, len(packets)):
+        parts = [saved(tmp_path / "1.pcapng", packets[:cut]), saved(tmp_path / "2.pcapng", packets[cut:])]
+        assert references(run(capfdbinary, "transactions", "-T", "jsonl", *parts).out) == single
+
+
+def test_help_says_what_a_person_needs(capfdbinary: Capture) -> None:
+    told = run(capfdbinary, "transactions", "--help").out
+    for word in ("FILE", "UTC", "--failed", "--slow MS", "jsonl", "csv", "Exit code:"):
+        assert word in told

@@ -1,0 +1,285 @@
+from __future__ import annotations
+
+import pytest
+
+from dissect.findings.finding import Finding
+from tests.transactions.talk import (
+    CLIENT,
+    MS,
+    SECOND,
+    SERVER,
+    Talk,
+    ack,
+    ack_data,
+    dbw,
+    dt,
+    good,
+    head,
+    job,
+    read,
+    refused,
+    userdata,
+    words,
+    write,
+    written,
+)
+
+
+@pytest.fixture
+def talk() -> Talk:
+    """A connection that is set up."""
+    talk = Talk()
+    talk.open(8, 8)
+    return talk
+
+
+def only(talk: Talk, slug: str) -> Finding:
+    found = [finding for finding in talk.findings if finding.slug == slug]
+    assert len(found) == 1, talk.slugs()
+    return found[0]
+
+
+def test_a_good_answer_is_worth_nothing(talk: Talk) -> None:
+    talk.ask(read(1, dbw(1, 0)))
+    talk.tell(words(1, 1), after_ns=SECOND)  # the limit itself is not over it
+    talk.close()
+    assert talk.findings == []
+
+
+# ---- slow -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("limit_ns", "took_ns", "detail"),
+    [
+        (SECOND, 1_500 * MS, "Read Var DB1.DBW0: 1500.0 ms, the limit is 1000 ms"),
+        (MS // 2, MS, "Read Var DB1.DBW0: 1.0 ms, the limit is 0.5 ms"),
+    ],
+)
+def test_slow_answers(limit_ns: int, took_ns: int, detail: str) -> None:
+    talk = Talk(slow_ns=limit_ns)
+    asked = talk.ask(read(1, dbw(1, 0)))
+    answered = talk.tell(words(1, 1), after_ns=took_ns)
+    talk.ask(read(2, dbw(1, 0)))
+    talk.tell(words(2, 1), after_ns=limit_ns)
+    finding = only(talk, "transaction.slow")
+    assert (finding.frames, finding.detail) == ([asked, answered], detail)
+    assert finding.time_ns == talk.transactions[0].response_ns
+
+
+# ---- refused --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("asked", "told", "detail"),
+    [
+        (job(1, b"\x1d" + bytes(17)), ack(1, 0xD209), "Start upload: 0xd209 Block not found"),
+        (read(1, dbw(1, 0)), ack(1, 0x8104), "Read Var DB1.DBW0: 0x8104 Service not implemented or frame error"),
+        (job(1, b"\x28"), ack_data(1, b"\x28\x02", b"", 0xD2A9), "PI service: 0xd2a9 CPU parameters being assigned"),
+        (
+            userdata(1, head(1, 4, 1)),
+            userdata(1, head(2, 4, 1, 0, 0xD402)),
+            "CPU functions: read SZL: 0xd402 Invalid SZL index",
+        ),
+        # A header error weighs more than what the items say.
+        (
+            read(1, dbw(1, 0)),
+            ack_data(1, b"\x04\x01", refused(5), 0x8404),
+            "Read Var DB1.DBW0: 0x8404 Function cannot be performed",
+        ),
+    ],
+)
+def test_refused(talk: Talk, asked: bytes, told: bytes, detail: str) -> None:
+    first = talk.ask(asked)
+    second = talk.tell(told)
+    finding = only(talk, "transaction.refused")
+    assert (finding.frames, finding.detail) == ([first, second], detail)
+    assert talk.slugs() == ["transaction.refused"]
+
+
+def test_item_errors(talk: Talk) -> None:
+    talk.ask(read(1, dbw(1, 0), dbw(1, 2), dbw(99, 4)))
+    talk.tell(ack_data(1, b"\x04\x03", refused(0x05) + good(4, b"\0\1") + refused(0x0A)))
+    assert [(finding.slug, finding.detail) for finding in talk.findings] == [
+        ("transaction.item_error", "Read Var DB1.DBW0: 0x05 Invalid address"),
+        ("transaction.item_error", "Read Var DB99.DBW4: 0x0a Object does not exist"),
+    ]
+
+
+def test_item_errors_of_a_write(talk: Talk) -> None:
+    talk.ask(write(1, [dbw(1, 0)], written(4, b"\0\1")))
+    talk.tell(ack_data(1, b"\x05\x01", b"\x07"))
+    assert only(talk, "transaction.item_error").detail == "Write Var DB1.DBW0: 0x07 Data type inconsistent"
+
+
+def test_many_items_are_named_in_part(talk: Talk) -> None:
+    talk.ask(read(1, *(dbw(1, 2 * number) for number in range(5))))
+    talk.tell(ack(1, 0x8104))
+    detail = only(talk, "transaction.refused").detail
+    assert detail.startswith("Read Var DB1.DBW0, DB1.DBW2, DB1.DBW4 and 2 more: 0x8104 ")
+
+
+def test_a_push_with_an_error_refuses_nothing(talk: Talk) -> None:
+    talk.tell(userdata(0, head(0, 2, 1, 4, 0xD807)))
+    assert talk.findings == []
+    assert talk.transactions[0].has_errors
+
+
+# ---- unanswered and orphans -----------------------------------------------------------------------------------------
+
+
+def test_unanswered_at_the_end_of_a_connection(talk: Talk) -> None:
+    asked = talk.ask(read(1, dbw(1, 0)))
+    talk.close()
+    finding = only(talk, "transaction.unanswered")
+    assert (finding.frames, finding.detail) == (
+        [asked],
+        "Read Var DB1.DBW0: the connection ended before an answer came",
+    )
+
+
+@pytest.mark.parametrize(("left_ns", "count"), [(SECOND, 0), (SECOND + MS, 1)])
+def test_at_the_end_of_a_capture_the_answer_may_just_be_late(talk: Talk, left_ns: int, count: int) -> None:
+    talk.ask(read(1, dbw(1, 0)))
+    talk.packet(SERVER, after_ns=left_ns)
+    talk.finish()
+    assert talk.slugs() == ["transaction.unanswered"] * count
+
+
+def test_a_hole_is_to_blame_not_the_device(talk: Talk) -> None:
+    talk.ask(read(1, dbw(1, 0)))
+    talk.lose(SERVER, words(1, 1))
+    talk.ask(read(2, dbw(1, 0)))
+    talk.tell(words(2, 1))
+    talk.wait(2 * SECOND)
+    talk.close()
+    assert talk.slugs() == ["stream.hole"]
+    assert sorted(talk.outcomes()) == ["answered", "unanswered"]
+
+
+def test_a_reference_used_again(talk: Talk) -> None:
+    talk.ask(read(1, dbw(1, 0)))
+    talk.ask(read(1, dbw(1, 2)))
+    assert only(talk, "transaction.unanswered").detail.startswith(
+        "Read Var DB1.DBW0: the asking side used the reference"
+    )
+
+
+def test_orphans(talk: Talk) -> None:
+    frame = talk.tell(words(0x1234, 1))
+    talk.close()
+    finding = only(talk, "transaction.orphan")
+    assert (finding.frames, finding.detail) == ([frame], "Read Var: reference 0x1234")
+    assert finding.time_ns == talk.transactions[0].response_ns
+
+
+def test_an_orphan_s_errors_are_told_too(talk: Talk) -> None:
+    talk.tell(ack(5, 0xD209))
+    talk.close()
+    assert talk.slugs() == ["transaction.orphan", "transaction.refused"]
+
+
+def test_orphans_that_are_no_wonder() -> None:
+    talk = Talk()
+    talk.tell(words(1, 1))
+    talk.ask(read(2, dbw(1, 0)))
+    talk.tell(words(2, 1))
+    talk.close()
+    assert talk.outcomes() == ["answered", "orphan_answer"]
+    assert talk.findings == []
+
+
+def test_a_full_table_is_told_with_what_it_costs(talk: Talk) -> None:
+    talk.flood(4100)
+    counts = talk.pipeline.conversation.judge.counts
+    assert counts["transaction.table_full"] == counts["transaction.unanswered"] == 4
+    first = next(finding for finding in talk.findings if finding.slug == "transaction.table_full")
+    assert first.frames == [talk.transactions[0].request_frame]
+
+
+# ---- answers that do not fit ----------------------------------------------------------------------------------------
+
+
+def test_another_function(talk: Talk) -> None:
+    talk.ask(read(1, dbw(1, 0)))
+    talk.tell(ack_data(1, b"\x05\x01", b"\xff"))
+    assert only(talk, "transaction.function_mismatch").detail == "Read Var DB1.DBW0: answered as Write Var"
+    assert talk.slugs() == ["transaction.function_mismatch"]
+
+
+def test_another_subfunction(talk: Talk) -> None:
+    talk.ask(userdata(1, head(1, 3, 3)))
+    talk.tell(userdata(1, head(2, 3, 2, 0, 0)))
+    detail = only(talk, "transaction.function_mismatch").detail
+    assert detail == "block functions: get block info: answered as block functions: list blocks of type"
+
+
+def test_another_number_of_items(talk: Talk) -> None:
+    talk.ask(read(1, dbw(1, 0), dbw(1, 2)))
+    talk.tell(words(1, 1))
+    assert only(talk, "transaction.count_mismatch").detail.endswith("asked for 2 items, answered 1")
+
+
+def test_another_size(talk: Talk) -> None:
+    talk.ask(read(1, dbw(1, 0), dbw(1, 2)))
+    talk.tell(ack_data(1, b"\x04\x02", good(4, b"\0\1") + good(4, b"\0\1\2\3")))
+    assert only(talk, "transaction.size_mismatch").detail.endswith("item 2 (DB1.DBW2) asked for 2 octets, got 4")
+
+
+@pytest.mark.parametrize(
+    ("told", "detail"),
+    [
+        (
+            ack_data(1, b"\x04\x01", good(4, b"\0\1") + b"\0\0"),
+            "data items trailing octets at octet 20 (needed 0, available 2, set by data)",
+        ),
+        (
+            ack_data(1, b"\x04\x01", b"\xff\x04\x00\x10\x00"),
+            "data.length length beyond at octet 14 (needed 2, available 1, set by data)",
+        ),
+        (ack_data(1, b"\x04\x01"), "data items count mismatch at octet 14 (needed 1, available 0, set by data)"),
+    ],
+)
+def test_a_read_answer_that_contradicts_itself(talk: Talk, told: bytes, detail: str) -> None:
+    talk.ask(read(1, dbw(1, 0)))
+    frame = talk.tell(told)
+    finding = only(talk, "s7.malformed")
+    assert (finding.frames, finding.detail) == ([frame], f"Ack_Data from 10.0.0.2:102, Read Var DB1.DBW0: s7: {detail}")
+
+
+def test_a_write_answer_that_contradicts_itself(talk: Talk) -> None:
+    talk.ask(write(1, [dbw(1, 0)], written(4, b"\0\1")))
+    talk.tell(ack_data(1, b"\x05\x01", b"\xff\xff"))
+    assert "return codes count mismatch at octet 14 (needed 1, available 2" in only(talk, "s7.malformed").detail
+
+
+@pytest.mark.parametrize("answered", [True, False])
+def test_a_write_request_that_contradicts_itself(talk: Talk, answered: bool) -> None:
+    asked = talk.ask(write(1, [dbw(1, 0), dbw(1, 2)], written(4, b"\0\1")))
+    if answered:
+        talk.tell(ack_data(1, b"\x05\x02", b"\xff\xff"))
+    talk.close()
+    finding = only(talk, "s7.malformed")
+    assert finding.frames == [asked]
+    assert finding.detail == (
+        "Job from 10.0.0.1:50000, Write Var DB1.DBW0, DB1.DBW2:"
+        " s7: data items count mismatch at octet 42 (needed 2, available 1, set by data)"
+    )
+
+
+def test_a_write_request_that_contradicts_itself_and_found_its_answer_waiting(talk: Talk) -> None:
+    request = write(1, [dbw(1, 0)], b"")
+    talk.acked[SERVER] = talk.seq[CLIENT] + len(dt(request))
+    talk.tell(ack_data(1, b"\x05\x01", b"\xff"))
+    talk.ask(request)
+    assert sorted(talk.slugs()) == ["s7.malformed", "transaction.reordered"]
+
+
+def test_an_answer_before_its_request(talk: Talk) -> None:
+    request = read(1, dbw(1, 0))
+    talk.acked[SERVER] = talk.seq[CLIENT] + len(dt(request))
+    answered = talk.tell(words(1, 1))
+    asked = talk.ask(request, after_ns=2 * MS)
+    finding = only(talk, "transaction.reordered")
+    assert (finding.frames, finding.time_ns) == ([asked, answered], talk.transactions[0].request_ns)
+    assert finding.detail == "Read Var DB1.DBW0: the answer stands 2.000 ms before the request"

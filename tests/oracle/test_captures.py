@@ -1,0 +1,113 @@
+"""The oracle over every capture there is: no difference that the table of known ones does not explain."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from dissect.oracle.compare import Comparison, compare
+from dissect.oracle.facts import PDU, TPDU
+from dissect.oracle.pyshark_reader import read_pyshark
+from dissect.oracle.tshark import OracleError
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+#: The public captures, with the S7 PDUs in each by their own count.
+PUBLIC: Final = {
+    "cotp_unknown_payload_rst.pcapng": 0,
+    "mms_header_in_own_segment.pcap": 0,
+    "mms_one_sided_read_request.pcap": 0,
+    "plc4x_manual_test_tpdu_nr.pcapng": 242,
+    "rdp-proprietary-encryption.pcap": 0,
+    "s7comm_and_s7commplus_sll.pcap": 34,
+    "s7comm_clean.pcap": 5274,
+    "s7comm_downloading_block_db1.pcap": 48,
+    "s7comm_reading_plc_status.pcap": 144,
+    "s7comm_reading_setting_plc_time.pcap": 26,
+    "s7comm_varservice_libnodavedemo.pcap": 16,
+    "s7commplus_1511_opc_all_types.pcap": 0,
+    "s7ident_refused_upload.pcap": 22,
+    "scanner_two_connections.pcap": 8,
+    "step7_s300_AuthPassword.pcapng": 6,
+    "step7_s300_rwVarTab.pcapng": 16,
+    "step7_s300_stop.pcapng": 4,
+    "tia_s300_goOnline.pcapng": 448,
+    "water_pump_hmi.pcapng": 18,
+    "wincc_s300_setup-alarm-read-write.pcapng": 164,
+}
+OWN: Final = sorted(path.name for path in (ROOT / "captures").glob("*.pcapng"))
+CRAFTED: Final = sorted(path.name for path in (ROOT / "captures" / "crafted").glob("*.pc*"))
+#: Captures cut off in the middle, which tshark gives up on.
+CUT_OFF: Final = [name for name in CRAFTED if name.startswith("cut-")]
+#: Wireshark numbers custom blocks as if they were packets, so that packet numbers differ from there on.
+NUMBERED_OTHERWISE: Final = frozenset(("sections.pcapng",))
+
+
+def explained(path: Path, reorder: bool = False) -> Comparison:
+    """Compare, and fail on every difference that nothing explains."""
+    comparison = compare(str(path), reorder=reorder)
+    assert comparison.unexplained == []
+    return comparison
+
+
+def test_tshark_is_here() -> None:
+    assert shutil.which("tshark"), "the oracle is tshark: install it (Debian: apt install tshark)"
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_public_capture(corpus: Path, name: str) -> None:
+    comparison = explained(corpus / name)
+    lost = sum(d.kind == PDU and d.known == "lost-by-tcp" for d in comparison.differences)
+    assert comparison.compared[PDU] + lost == PUBLIC[name]
+    assert comparison.compared[TPDU] > 0
+
+
+def test_no_public_capture_is_left_out(corpus: Path) -> None:
+    assert {path.name for path in corpus.glob("*.pcap*")} == PUBLIC.keys()
+
+
+def test_what_tshark_takes_for_retransmissions_it_finds_itself_when_told_to_reorder(corpus: Path) -> None:
+    path = corpus / "s7comm_clean.pcap"
+    assert explained(path).compared[PDU] == 5262
+    in_order = explained(path, reorder=True)
+    assert in_order.compared[PDU] == 5274
+    assert set(in_order.known) == {"length-in-octets"}
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_own_capture(name: str) -> None:
+    comparison = explained(ROOT / "captures" / name)
+    assert comparison.compared[PDU] > 0 or name == "refused-port.pcapng"
+
+
+@pytest.mark.parametrize("name", [name for name in CRAFTED if name not in {*CUT_OFF, *NUMBERED_OTHERWISE}])
+def test_crafted_capture(name: str) -> None:
+    assert explained(ROOT / "captures" / "crafted" / name).differences is not None
+
+
+@pytest.mark.parametrize("name", CUT_OFF)
+def test_cut_off_capture(name: str) -> None:
+    with pytest.raises(OracleError, match="cut short"):
+        compare(str(ROOT / "captures" / "crafted" / name))
+
+
+@pytest.mark.parametrize("name", ["batched", "item-errors", "blocks", "slivers", "two-clients"])
+def test_own_capture_through_pyshark(name: str) -> None:
+    same_by_both_ways(ROOT / "captures" / f"{name}.pcapng")
+
+
+@pytest.mark.parametrize("name", ["step7_s300_stop.pcapng", "s7comm_downloading_block_db1.pcap"])
+def test_public_capture_through_pyshark(corpus: Path, name: str) -> None:
+    same_by_both_ways(corpus / name)
+
+
+def same_by_both_ways(path: Path) -> None:
+    direct = explained(path)
+    other = compare(str(path), read_pyshark)
+    assert other.unexplained == []
+    assert other.compared == direct.compared
+    assert other.fields == direct.fields
+    assert other.known == direct.known
+    assert direct.fields > 0

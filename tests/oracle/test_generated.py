@@ -1,0 +1,52 @@
+"""The oracle over conversations made up at random: every field of every message agrees, or is known to differ.
+
+`S7DISSECT_EXAMPLES` says how many conversations (a release wants 10,000).
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from random import Random
+from typing import Final
+
+import pytest
+
+from dissect.oracle.compare import compare
+from dissect.oracle.facts import PDU
+from tests.oracle.traffic import conversation, disordered, interleaved, write_capture
+
+CONVERSATIONS: Final = int(os.environ.get("S7DISSECT_EXAMPLES", "300"))
+AT_ONCE: Final = 100
+
+#: What generated traffic may differ in: nothing that begins in TCP but what stands here.
+EXPECTED: Final = {
+    "length-in-octets",
+    "kept-from-before",
+    "userdata-type-of-four-bits",
+    "rejection-refused",
+    "shown-again",
+}
+
+
+@pytest.mark.parametrize("seed", range(-(-CONVERSATIONS // AT_ONCE)))
+def test_conversations(tmp_path: Path, seed: int) -> None:
+    rng = Random(seed)
+    count = min(AT_ONCE, CONVERSATIONS - seed * AT_ONCE)
+    packets = interleaved(rng, [conversation(rng, number) for number in range(count)])
+    comparison = compare(str(write_capture(tmp_path / "made.pcap", packets)))
+    assert comparison.unexplained == []
+    assert set(comparison.known) <= EXPECTED
+    assert comparison.compared[PDU] > 10 * count
+
+
+@pytest.mark.parametrize("seed", range(1, 3))
+def test_disordered_conversations(tmp_path: Path, seed: int) -> None:
+    rng = Random(-seed)
+    packets = interleaved(rng, [disordered(rng, conversation(rng, number)) for number in range(50)])
+    path = str(write_capture(tmp_path / "made.pcap", packets))
+    comparison = compare(path, reorder=True)
+    assert comparison.unexplained == []
+    assert set(comparison.known) <= EXPECTED
+    # Told not to reorder, tshark shows fewer.
+    assert compare(path).compared[PDU] < comparison.compared[PDU]

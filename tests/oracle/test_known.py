@@ -1,0 +1,196 @@
+"""The table of known differences: each entry is met, by a capture made for it, and explains nothing beside it."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+from typing import Final
+
+import pytest
+
+from dissect.oracle.compare import Comparison, compare
+from dissect.oracle.known import FORM, KNOWN, OURS, SCOPE, as_markdown
+from tests.oracle.traffic import PUSH_ACK, Connection, connect, dt, parameter, pdu, setup, tpdu, tpkt, write_capture
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+IDS: Final = [entry.id for entry in KNOWN]
+
+READ: Final = pdu(1, 7, b"\x04\x01\x12\x0a\x10\x02\x00\x03\x00\x01\x84\x00\x00\x00")
+ANSWER: Final = pdu(3, 7, b"\x04\x01", b"\xff\x04\x00\x18abc")
+#: Answers whose data items count octets, so that nothing about them is known to differ.
+PLAIN: Final = [pdu(3, number, b"\x04\x01", b"\xff\x09\x00\x04data") for number in range(8)]
+CONNECT_REQUEST: Final = struct.pack(">BHHB", 0xE0, 0, 1, 0)
+
+
+def begun(sequence: int = 1000) -> Connection:
+    """A connection up to its Setup."""
+    rng = Random(1)
+    connection = Connection(rng, 1)
+    connection.sequence = [sequence, 5000]
+    connection.open()
+    connection.put(0, PUSH_ACK, connect(Random(5), 0xE0, 0))
+    connection.put(1, PUSH_ACK, connect(Random(5), 0xD0, 1))
+    connection.put(0, PUSH_ACK, dt(setup(rng, 1, 1)))
+    connection.put(1, PUSH_ACK, dt(setup(rng, 3, 1)))
+    return connection
+
+
+def sent(*messages: bytes, side: int = 1) -> list[bytes]:
+    """A connection in which one side sends TPKTs, each in a segment."""
+    connection = begun()
+    for message in messages:
+        connection.put(side, PUSH_ACK, message)
+    return connection.packets
+
+
+def late() -> list[bytes]:
+    """An answer captured behind its acknowledgement."""
+    connection = begun()
+    connection.put(0, PUSH_ACK, dt(READ))
+    before = connection.sequence[1]
+    connection.sequence[1] += len(dt(PLAIN[7]))
+    connection.put(0, PUSH_ACK, dt(pdu(1, 8, READ[10:])))
+    connection.put(1, PUSH_ACK, dt(PLAIN[7]), before)
+    connection.put(1, PUSH_ACK, dt(PLAIN[0]))
+    return connection.packets
+
+
+def early() -> list[bytes]:
+    """Two answers, the second of which comes first."""
+    connection = begun()
+    first, second = dt(PLAIN[1]), dt(PLAIN[2])
+    at = connection.sequence[1]
+    connection.put(1, PUSH_ACK, second, at + len(first))
+    connection.put(1, PUSH_ACK, first, at)
+    return connection.packets
+
+
+def again() -> list[bytes]:
+    """An answer twice, which ends where sequence numbers begin anew."""
+    connection = begun(sequence=1000)
+    message = dt(PLAIN[1])
+    connection.sequence[1] = (1 << 32) - 2 * len(message)
+    connection.packets.clear()
+    connection.put(1, PUSH_ACK, message)
+    at = connection.sequence[1]
+    connection.put(1, PUSH_ACK, message)
+    connection.put(1, PUSH_ACK, message, at)
+    return connection.packets
+
+
+def torn() -> list[bytes]:
+    """A message in two DTs, the second of which is missing, and another message."""
+    connection = begun()
+    message = pdu(3, 9, b"\x04\x01", b"\xff\x09\x00\x64" + bytes(100))
+    connection.put(1, PUSH_ACK, dt(message[:60], eot=False))
+    connection.sequence[1] += len(dt(message[60:]))
+    connection.put(1, PUSH_ACK, dt(PLAIN[1]))
+    connection.put(0, PUSH_ACK, dt(READ))
+    return connection.packets
+
+
+def cut_by_a_segment() -> list[bytes]:
+    """A clock request with a payload that is no time, and behind it in the segment the beginning of an answer."""
+    connection = begun()
+    clock = pdu(7, 1, b"\x00\x01\x12\x04\x11\x47\x02\x00", b"\xff\x09\x00\x03abc")
+    stream = dt(clock) + dt(PLAIN[1])
+    connection.put(1, PUSH_ACK, stream[:-6])
+    connection.put(1, PUSH_ACK, stream[-6:])
+    return connection.packets
+
+
+def desktop() -> list[bytes]:
+    """Remote Desktop: negotiation instead of parameters, then T.125."""
+    connection = Connection(Random(1), 1)
+    connection.open()
+    connection.put(0, PUSH_ACK, tpdu(CONNECT_REQUEST, b"\x01\x00\x08\x00\x0b\x00\x00\x00"))
+    connection.put(1, PUSH_ACK, tpdu(struct.pack(">BHHB", 0xD0, 1, 7, 0), b"\x02\x00\x08\x00\x02\x00\x00\x00"))
+    return connection.packets
+
+
+#: For each entry the packets of a capture that shows it.
+EXAMPLES: Final[dict[str, Callable[[], list[bytes]]]] = {
+    "length-in-octets": lambda: sent(dt(ANSWER)),
+    "kept-from-before": lambda: sent(
+        dt(pdu(3, 7, b"\x04\x02", b"\xff\x09\x00\x04data\x05\x00\x00\x04")),
+        dt(pdu(3, 8, b"\x04\x01", b"\x05\x00\x00\x04")),
+    ),
+    "userdata-type-of-four-bits": lambda: sent(
+        dt(pdu(7, 1, b"\x00\x01\x12\x04\x11\x44\x01\x00", b"\x0a\x00\x00\x00")),
+        dt(pdu(7, 2, b"\x00\x01\x12\x04\x11\x60\x03\x00", b"\x0a\x00\x00\x00")),
+        side=0,
+    ),
+    "mode-transition-as-head": lambda: sent(dt(pdu(7, 0, b"\x01\x00\x10\x10\x00\x00\x02\x00"))),
+    "usend-as-head": lambda: sent(
+        dt(
+            pdu(
+                7, 0, b"\x00\x01\x12\x08\x13\x06\x02\x00\x00\x00\x00\x01", b"\xff\x09\x00\x08\x00\x01\xff\x09\x00\x02ab"
+            )
+        )
+    ),
+    "damaged-pdu": lambda: sent(dt(pdu(1, 7, b"\x04\x01\x12\x0c\x10\x02\x00\x01\x00\x01\x84\x00\x00\x00")), side=0),
+    "expedited-refused": lambda: sent(tpdu(b"\x10\x80", data=b"urgent")),
+    "reason-refused": lambda: sent(tpdu(struct.pack(">BHHB", 0x80, 1, 7, 0x86))),
+    "rejection-refused": lambda: sent(
+        tpdu(struct.pack(">BHB", 0x70, 1, 2), parameter(0xC1, b"\x06\xe0\x00\x00")),
+        tpdu(struct.pack(">BHB", 0x70, 1, 9)),
+    ),
+    "malformed-tpdu": lambda: sent(tpkt(b"\x03\x40\x00\x00data"), tpkt(b"\x20\xf0\x80data"), tpkt(b"\x03\xe0\x00\x00")),
+    "broken-parameter": lambda: sent(
+        tpdu(struct.pack(">BHH", 0xC0, 1, 7), b"\x00"), tpdu(struct.pack(">BHH", 0xC0, 1, 7), b"\xc0\x05\x0a")
+    ),
+    "size-of-65531": lambda: sent(tpdu(CONNECT_REQUEST, parameter(0xC0, b"\x10")), side=0),
+    "size-without-meaning": lambda: sent(
+        tpdu(CONNECT_REQUEST, parameter(0xC0, b"\x05")),
+        tpdu(CONNECT_REQUEST, parameter(0xC0, b"\x0a\x0a")),
+        side=0,
+    ),
+    "header-without-tpdu": lambda: sent(b"\x03\x00\x00\x05\x00", b"\x03\x00\x00\x07\x00\xf0\x80", dt(PLAIN[1])),
+    "rdp": desktop,
+    "cut": lambda: sent(dt(ANSWER), tpdu(CONNECT_REQUEST, parameter(0xC2, bytes(80)))),
+    "lost-by-tcp": late,
+    "before-its-turn": early,
+    "unfinished": cut_by_a_segment,
+    "shown-again": again,
+    "joined-over-a-gap": torn,
+}
+
+
+def compared(tmp_path: Path, name: str) -> Comparison:
+    most = 80 if name == "cut" else 65535
+    return compare(str(write_capture(tmp_path / "made.pcap", EXAMPLES[name](), most)))
+
+
+def test_every_entry_has_an_example() -> None:
+    assert len(set(IDS)) == len(IDS)
+    assert EXAMPLES.keys() == set(IDS)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_entry_is_met(tmp_path: Path, name: str) -> None:
+    comparison = compared(tmp_path, name)
+    assert comparison.unexplained == []
+    assert comparison.known[name] > 0
+
+
+@pytest.mark.parametrize("entry", KNOWN, ids=IDS)
+def test_entry_says_what_is_right_and_why(entry: object) -> None:
+    known = next(one for one in KNOWN if one is entry)
+    assert known.side in {OURS, SCOPE, FORM}
+    assert known.names
+    assert known.what.endswith(".")
+    assert known.why.endswith(".")
+    assert re.fullmatch(r"\d\.\d+(, \d\.\d+)*", known.reference)
+
+
+def test_documentation_shows_the_table() -> None:
+    assert as_markdown() in (ROOT / "docs" / "oracle.md").read_text(encoding="utf-8")
+
+
+def test_references_exist(reference: Path) -> None:
+    text = (reference / "s7_protocol.md").read_text(encoding="utf-8")
+    headings = set(re.findall(r"^### (\d\.\d+) ", text, re.MULTILINE))
+    assert {number for entry in KNOWN for number in entry.reference.split(", ")} <= headings

@@ -1,0 +1,141 @@
+from __future__ import annotations
+
+import math
+import statistics
+import sys
+from collections.abc import Sequence
+from fractions import Fraction
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dissect.report.latency import EXACT, Latencies
+
+QUANTILES = (0.0, 0.001, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999, 1.0)
+MINUTE = 60_000_000_000
+
+
+def of(values: Sequence[int]) -> Latencies:
+    latencies = Latencies()
+    for value in values:
+        latencies.add(value)
+    return latencies
+
+
+def at_rank(values: Sequence[int], q: float) -> int:
+    """The value at rank ⌈q·n⌉, counted from 1: so many do not exceed it."""
+    return sorted(values)[max(1, math.ceil(Fraction(q) * len(values))) - 1]
+
+
+def many(count: int) -> list[int]:
+    """Answer times as they come: from tens of microseconds to seconds, in no order."""
+    return [20_000 + (number * number * 7919) % (10 ** (4 + number % 6)) for number in range(count)]
+
+
+def test_none() -> None:
+    latencies = Latencies()
+    assert latencies.as_dict() == {"min": None, "median": None, "p95": None, "p99": None, "max": None}
+    assert [latencies.quantile(q) for q in QUANTILES] == [None] * len(QUANTILES)
+    assert (latencies.count, latencies.exact) == (0, True)
+
+
+def test_one() -> None:
+    assert of([7]).as_dict() == {"min": 7, "median": 7, "p95": 7, "p99": 7, "max": 7}
+
+
+@given(st.lists(st.integers(-MINUTE, MINUTE), min_size=1, max_size=300))
+def test_exact_while_there_are_few(values: list[int]) -> None:
+    latencies = of(values)
+    assert [latencies.quantile(q) for q in QUANTILES] == [at_rank(values, q) for q in QUANTILES]
+    assert latencies.as_dict() == {
+        "min": min(values),
+        "median": statistics.median_low(values),
+        "p95": at_rank(values, 0.95),
+        "p99": at_rank(values, 0.99),
+        "max": max(values),
+    }
+    assert (latencies.count, latencies.exact) == (len(values), True)
+
+
+@given(st.lists(st.integers(0, MINUTE), min_size=2, max_size=50), st.integers(1, 49))
+def test_asking_changes_nothing(values: list[int], asked_at: int) -> None:
+    latencies = Latencies()
+    for number, value in enumerate(values):
+        latencies.add(value)
+        if number == asked_at:
+            latencies.as_dict()
+    assert latencies.as_dict() == of(values).as_dict()
+
+
+def test_exact_up_to_the_limit() -> None:
+    values = many(EXACT)
+    latencies = of(values)
+    assert latencies.exact
+    assert [latencies.quantile(q) for q in QUANTILES] == [at_rank(values, q) for q in QUANTILES]
+    latencies.add(5)
+    assert not latencies.exact
+    assert latencies.count == EXACT + 1
+    assert latencies.as_dict()["min"] == 5
+
+
+@pytest.mark.parametrize("count", [EXACT + 1, 3 * EXACT + 17])
+def test_within_one_part_in_128_beyond_the_limit(count: int) -> None:
+    values = many(count)
+    latencies = of(values)
+    assert not latencies.exact
+    for q in QUANTILES:
+        exact = at_rank(values, q)
+        told = latencies.quantile(q)
+        assert told is not None
+        assert exact - exact / 128 < told <= exact
+    assert latencies.as_dict()["min"] == min(values)
+    assert latencies.as_dict()["max"] == max(values)
+    assert latencies.count == count
+
+
+@given(st.integers(0, 2**62))
+def test_every_size_is_within_one_part_in_128(value: int) -> None:
+    """A bucket holds values that differ by 1/128 at most, whatever their size; below 256 every value has its own."""
+    latencies = of([value - 1 if value else 0, value, 2**62] * 2)
+    latencies._fold()
+    told = latencies.quantile(0.5)
+    assert told is not None
+    assert value - value / 128 <= told <= value
+    assert told == value or value >= 256
+
+
+@given(st.lists(st.integers(-MINUTE, MINUTE), min_size=1, max_size=100))
+def test_negative_times_of_reordered_captures(values: list[int]) -> None:
+    """In buckets they count as 0; minimum and maximum stay what they are."""
+    latencies = of(values)
+    latencies._fold()
+    for q in QUANTILES:
+        exact = at_rank(values, q)
+        told = latencies.quantile(q)
+        assert told is not None
+        assert min(values) <= told <= max(values)
+        if exact < 0:
+            assert told == min(0, max(values))
+        else:
+            assert exact - exact / 128 <= told <= exact
+    assert (latencies.as_dict()["min"], latencies.as_dict()["max"]) == (min(values), max(values))
+
+
+def test_memory_does_not_grow_with_the_count() -> None:
+    latencies = Latencies()
+    sizes = []
+    for round_ in range(4):
+        for number in range(EXACT):
+            latencies.add((number * 2654435761 + round_) % (10**9))
+        buckets = latencies._buckets
+        sizes.append(len(latencies._recent) + (len(buckets) if buckets is not None else 0))
+    assert max(sizes) <= EXACT + 64 * 128
+    assert sys.getsizeof(latencies._recent) < 16 * EXACT
+
+
+def test_quantiles_do_not_fall_when_q_rises() -> None:
+    latencies = of(many(2 * EXACT))
+    told = [latencies.quantile(step / 200) for step in range(201)]
+    assert told == sorted(told, key=lambda value: -1 if value is None else value)
+    assert None not in told
