@@ -149,6 +149,8 @@ class Conversation(Exchange):
     def _tpkt(self, side: Side, buf: bytes, at: i64, length: i64, frame: i64, time_ns: i64) -> None:
         if self.observer.wants_tpdus:
             self.observer.tpdu(frame, time_ns, side, buf[at : at + length])
+        if buf[at + 1] != 0:
+            self._note_reserved(side, buf[at + 1], frame, time_ns)
         if buf[at + 4] == 2 and buf[at + 5] == 0xF0:  # DT of class 0
             self.tpdus[DT] = self.tpdus[DT] + 1
             size: i64 = side.connection.tpdu_size
@@ -280,6 +282,10 @@ class Conversation(Exchange):
         self.tpdus[DT] = self.tpdus[DT] + 1
         self.tsdus[S7COMM] += 1
         self.cut_pdu(side, pdu, frame, time_ns)
+
+    def _note_reserved(self, side: Side, value: i64, frame: i64, time_ns: i64) -> None:
+        who = side.tcp.ends[side.index]
+        self.judge.note("tpkt.reserved", side.connection.number, [frame], time_ns, f"0x{value:02x} from {who}")
 
     def _note_tpdu_size(self, side: Side, size: i64, frame: i64, time_ns: i64) -> None:
         connection = side.connection

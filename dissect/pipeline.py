@@ -156,6 +156,8 @@ class Pipeline(Books):
             if flags & SYN and not flags & ACK and not octets:
                 self._note_syn(key, seq)
                 return accounts.NO_PAYLOAD
+            if flags & RST and self.table.refused(key):
+                self._note_refused(key)
             if not (octets or missing or flags & SYN):
                 return accounts.NO_PAYLOAD  # only octets, or a handshake, make a connection worth remembering
             side = self._open(key, vlan)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import dissect
 
-USER = '''
+USER = """
 import dissect
 from dissect.conversation import Observer
 
@@ -32,7 +32,7 @@ class Mine(Observer):
 run = dissect.Run(["a.pcap"], Mine(), dissect.Options(slow_ns=1))
 while run.step():
     pass
-'''
+"""
 
 REVEALED = [
     "int | None",

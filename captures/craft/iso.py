@@ -288,6 +288,7 @@ def tpkt_faults(case: Case) -> None:
     # The reserved octet.
     request = dt(read_bytes(5, 2))
     talk.send(CLIENT, request[:1] + b"\x01" + request[2:])
+    case.find("tpkt.reserved")
     talk.send(SERVER, dt(values(5, b"\x00\x05")))
     case.pair(READ)
     talk.close()

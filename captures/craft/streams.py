@@ -327,6 +327,7 @@ def reuse(case: Case) -> None:
     for _ in range(3):
         talk = again()
         case.put(talk.make(CLIENT, flags="S"), talk.make(SERVER, flags="RA"))
+        case.find("stream.refused")
     talk = again()
     talk.begin()
     talk.poll(2)

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import click
 
-from dissect.cli.drive import EXIT_CODES, complain, drive, files_argument, format_option, write, write_report
+from dissect.cli.drive import (
+    EXIT_CODES,
+    complain,
+    drive,
+    files_argument,
+    format_option,
+    nanoseconds,
+    write,
+    write_report,
+)
 from dissect.cli.main import EXIT_INTERRUPTED
 
 
@@ -13,14 +22,14 @@ from dissect.cli.main import EXIT_INTERRUPTED
 @format_option("text", "json")
 @click.option(
     "--slow",
-    "slow_ms",
-    type=click.FloatRange(min=0, max=1e9),
-    default=1000.0,
+    "slow_ns",
+    callback=nanoseconds,
+    default="1000",
     show_default=True,
     metavar="MS",
     help="Answers that take longer than this many milliseconds are a finding.",
 )
-def command(files: tuple[str, ...], format_: str, slow_ms: float) -> int:
+def command(files: tuple[str, ...], format_: str, slow_ns: int) -> int:
     """Tell what captures hold, how fast it went, what failed and why.
 
     That is: connections, transactions by function with answer times, findings, failed and slowest transactions, and what is
@@ -34,7 +43,7 @@ def command(files: tuple[str, ...], format_: str, slow_ms: float) -> int:
     from dissect.session import Run
 
     analysis = Analysis()
-    run = Run(files, analysis, Options(int(slow_ms * 1e6)))
+    run = Run(files, analysis, Options(slow_ns))
     code = drive(run, files)
     analysis.take(run.pipeline, run.files)
     if format_ == "json":

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import click
 
-from dissect.cli.drive import EXIT_CODES, complain, drive, files_argument, format_option, places_of, write
+from dissect.cli.drive import EXIT_CODES, complain, drive, files_argument, format_option, nanoseconds, places_of, write
 from dissect.conversation import Observer
 from dissect.report.jsonl import Choice, TransactionLines
 from dissect.report.lines import csv_columns, transaction_cells, transaction_line
@@ -24,12 +24,12 @@ from dissect.wire.clock import Clock
 @click.option("--failed", is_flag=True, help="Only transactions with errors or without answer.")
 @click.option(
     "--slow",
-    "slow_ms",
-    type=click.FloatRange(min=0, max=1e9),
+    "slow_ns",
+    callback=nanoseconds,
     metavar="MS",
     help="Only transactions whose answer took longer than this many milliseconds; with --failed these as well.",
 )
-def command(files: tuple[str, ...], format_: str, failed: bool, slow_ms: float | None) -> int:
+def command(files: tuple[str, ...], format_: str, failed: bool, slow_ns: int | None) -> int:
     """Write one line for each request and its answer.
 
     It says when the request was sent (UTC), its number and packets, who asked whom, how long the answer took, the function,
@@ -38,7 +38,7 @@ def command(files: tuple[str, ...], format_: str, failed: bool, slow_ms: float |
     FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input. A line comes when its transaction is complete,
     so a request without answer stands where it was given up.
     """
-    choose = _choice(failed, slow_ms)
+    choose = _choice(failed, slow_ns)
     take: Callable[[], list[str]]
     if format_ == "jsonl":
         lines = TransactionLines(choose)
@@ -56,11 +56,10 @@ def command(files: tuple[str, ...], format_: str, failed: bool, slow_ms: float |
     return code
 
 
-def _choice(failed: bool, slow_ms: float | None) -> Choice | None:
+def _choice(failed: bool, slow_ns: int | None) -> Choice | None:
     """Return what tells whether a transaction is wanted; None when all are."""
-    if slow_ms is None:
+    if slow_ns is None:
         return (lambda transaction: transaction.failed) if failed else None
-    slow_ns = int(slow_ms * 1e6)
 
     def wanted(transaction: Transaction) -> bool:
         latency = transaction.latency_ns

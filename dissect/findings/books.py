@@ -10,7 +10,8 @@ from dissect.source.packet import PacketSink
 from dissect.tcp.ip import FragmentStore
 from dissect.tcp.segment import Segment, find_segment
 from dissect.transactions.accounts import CATEGORIES, OctetAccount
-from dissect.transactions.table import ConnectionTable, Side
+from dissect.transactions.connection import ISO_TSAP_PORT
+from dissect.transactions.table import ConnectionTable, Side, endpoints
 
 
 class Books(PacketSink):
@@ -88,6 +89,12 @@ class Books(PacketSink):
         self.table.note_syn(key, seq, self.frames, self.now_ns)
         if self.table.half_open_evicted > evicted:
             self._note("stream.half_open_evicted")
+
+    def _note_refused(self, key: bytes) -> None:
+        """A connection attempt was answered with a reset; on other ports than 102 that is not our business."""
+        server, client = endpoints(key)
+        if server.port == ISO_TSAP_PORT:
+            self._note("stream.refused", f"{server} refuses {client}")
 
     def _find_segment(self, buf: bytes, start: i64, end: i64, link_type: i64) -> Segment:
         """Return the TCP segment of a frame, or why there is none."""

@@ -11,6 +11,7 @@ from dissect.iso.cotp import Tpdu
 from dissect.iso.tables import DR_REASONS, ER_CAUSES
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import SETUP_COMMUNICATION
+from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.pairing import GIVEN_UP_NS
 from dissect.transactions.table import Side
@@ -30,10 +31,12 @@ def judge_request(judge: Judge, side: Side, parameters: Parameters, open_now: i6
     number = connection.number
     if parameters.function == SETUP_COMMUNICATION:
         connection.setup_seen = True
+        connection.setup_open = True
         if parameters.setup is not None:
             connection.setup_asked = parameters.setup
-    elif not connection.setup_seen and not connection.mid_stream and not side.holes:
+    elif not connection.mid_stream and not side.holes and _too_early(side):
         connection.setup_seen = True  # said once
+        connection.setup_open = False
         judge.note("session.data_before_setup", number, [frame], time_ns, parameters.function_name)
     allowed = connection.jobs_allowed(side.index)
     if allowed and open_now > allowed:
@@ -48,8 +51,22 @@ def judge_request(judge: Judge, side: Side, parameters: Parameters, open_now: i6
             judge.note("session.too_many_jobs", number, [frame], time_ns, detail)
 
 
+def _too_early(side: Side) -> bool:
+    """Tell whether nobody set up communication yet, or the answer to the one who did is still to come."""
+    connection = side.connection
+    if not connection.setup_seen:
+        return True
+    peer = side.peer
+    if not connection.setup_open or peer is None:
+        return False
+    # An answer that is acknowledged came, even if the capture shows it later or not at all.
+    unseen: i64 = (side.last_ack - peer.stream.next_seq) & MASK
+    return peer.captured and peer.holes == 0 and peer.stream.held is None and not 0 < unseen < HALF_SPACE
+
+
 def judge_grant(judge: Judge, transaction: Transaction) -> None:
     """A setup answer that grants more than was asked, or too little to work with."""
+    transaction.connection.setup_open = False
     granted = transaction.response_parameters.setup if transaction.response_parameters is not None else None
     asked = transaction.parameters.setup
     if granted is None or asked is None or transaction.error_code:

@@ -301,7 +301,8 @@ def unfinished(case: Case) -> bool:
     if record.kind == facts.PDU:
         lengths = [record.value(facts.IN_HEADER, name) for name in ("s7comm.header.parlg", "s7comm.header.datlg")]
         claimed = s7.HEADER.size + sum(length for length in lengths if isinstance(length, int))
-        return case.ours is None and payload.endswith(record.octets) and claimed > len(record.octets)
+        # The end only: of a PDU in several DTs, headers stand between the parts.
+        return case.ours is None and claimed > len(record.octets) and payload.endswith(record.octets[-4:])
     if case.our_record is None or case.our_record.frame <= record.frame or not case.evidence.stands(case.our_record):
         return False
     return payload.rfind(record.octets) + int.from_bytes(record.octets[2:4], "big") > len(payload)

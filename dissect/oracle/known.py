@@ -235,6 +235,15 @@ KNOWN: Final = (
         grounds.before_its_turn,
     ),
     Known(
+        "joined-over-a-gap",
+        OURS,
+        (WHOLE,),
+        "Parts of two messages in several DTs are joined over missing octets to a PDU that nobody sent.",
+        "What a gap took a part of is given up: its end cannot be known.",
+        "2.5, 5.5",
+        grounds.joined_over_a_gap,
+    ),
+    Known(
         "unfinished",
         OURS,
         (WHOLE, FRAME),
@@ -251,14 +260,5 @@ KNOWN: Final = (
         "An earlier segment brought every octet of it (shown on tshark's own sequence numbers): a PDU counts once.",
         "5.5",
         grounds.brought_before,
-    ),
-    Known(
-        "joined-over-a-gap",
-        OURS,
-        (WHOLE,),
-        "Parts of two messages in several DTs are joined over missing octets to a PDU that nobody sent.",
-        "What a gap took a part of is given up: its end cannot be known.",
-        "2.5, 5.5",
-        grounds.joined_over_a_gap,
     ),
 )

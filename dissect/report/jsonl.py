@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from json.encoder import encode_basestring_ascii
 from typing import Final
 
 from mypy_extensions import i64
@@ -40,7 +41,7 @@ _NO_ITEM: Final = (
 
 def json_text(value: str) -> str:
     """Return a JSON string: ASCII only, and DEL, which JSON would leave as it is, escaped like every other control."""
-    return json.dumps(value).replace("\x7f", "\\u007f")
+    return encode_basestring_ascii(value).replace("\x7f", "\\u007f")
 
 
 def value_text(value: Value) -> str:

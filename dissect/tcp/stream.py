@@ -220,6 +220,8 @@ class HalfStream:
         """The stream ends: give up every hole and pass on what is held."""
         while self.held is not None:
             self.give_up()
+        self.last = b""  # a connection may be remembered long after its end
+        self.before = b""
 
     def _pass(self, octets: bytes, ack: i64, frame: i64, time_ns: i64) -> None:
         self.passed(octets)

@@ -129,6 +129,26 @@ def mismatch(request: Parameters, answer: Parameters) -> bool:
     return request.function != answer.function
 
 
+def contradicts(
+    request: Transaction, rosctr: i64, parameters: Parameters, buf: bytes, at: i64, size: i64, data_at: i64
+) -> bool:
+    """Tell whether an answer cannot be that of ``request``: by its function, its item count or the size of its items.
+
+    Asked where holes make it likely that an answer belongs to a request that was not seen.
+    """
+    if mismatch(request.parameters, parameters):
+        return True
+    if parameters.function != READ_VAR and parameters.function != WRITE_VAR:
+        return False
+    trial = Transaction(0, request.connection, request.asked_by, request.rosctr, request.pdu_ref, request.parameters)
+    trial.response_buf = buf
+    trial.response_offset = at
+    trial.response_size = size
+    trial.response_rosctr = rosctr
+    check_answer(trial, parameters, data_at)
+    return trial.flags & (COUNT_MISMATCH | SIZE_MISMATCH) != 0
+
+
 def written_fits(parameters: Parameters, buf: bytes, at: i64, size: i64) -> bool:
     """Tell whether the data block of a write request fits its item count; what was told of its lengths is not told again."""
     data_at: i64 = at + HEADER_SIZE + len(parameters.octets)

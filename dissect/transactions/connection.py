@@ -79,6 +79,7 @@ class Connection:
         "protocol",
         "refused",
         "setup_asked",
+        "setup_open",
         "setup_seen",
         "state",
         "tcp",
@@ -114,6 +115,7 @@ class Connection:
         self.granted: Setup | None = None
         self._setup_by: i64 = 0
         self.setup_seen: bool = False
+        self.setup_open: bool = False  # a setup was asked and not answered yet
         self.pdu_length: i64 = 0  # granted, 0 while unknown
         self.open_requests: list[OpenRequests] = [OpenRequests(), OpenRequests()]
         self.pdus: i64 = 0

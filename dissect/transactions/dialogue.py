@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from mypy_extensions import i64
 
-from dissect.s7.message import parse_pdu
+from dissect.s7.message import header_size, parse_pdu
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA, WRITE_VAR
 from dissect.tcp.stream import HALF_SPACE, MASK
@@ -20,6 +20,7 @@ from dissect.transactions.checks import (
     FUNCTION_MISMATCH,
     REORDERED,
     check_answer,
+    contradicts,
     error_code,
     mismatch,
     written_fits,
@@ -81,7 +82,7 @@ class Dialogue:
         requests = connection.open_requests[side.index]
         if requests.orphans is not None:
             orphan = requests.find_orphan(key, side.end_seq)
-            if orphan is not None and not (_holes(side) and mismatch(parameters, orphan.transaction.parameters)):
+            if orphan is not None and not (_holes(side) and _strange(transaction, orphan.transaction)):
                 requests.release_orphan(orphan)
                 if orphan.transaction.response_frame < frame:
                     transaction.flags |= REORDERED
@@ -125,8 +126,10 @@ class Dialogue:
         if waiting is not None and waiting.acknowledged(side.end_seq) and waiting.earlier is None:
             # The asking side had this answer before it asked: it belongs to the request before that one, or to none.
             older = requests.take_superseded(waiting, side.end_seq)
-            wrong: bool = older is not None and mismatch(older.parameters, parameters)
-            if older is not None and not (wrong and _holes(side)):
+            if older is not None and not (
+                _holes(side) and contradicts(older, rosctr, parameters, buf, at, size, data_at)
+            ):
+                wrong = mismatch(older.parameters, parameters)
                 return self._complete(older, wrong, side, rosctr, parameters, buf, at, size, data_at, frame, time_ns)
             if older is not None:
                 self._give_up(older, side, REFERENCE_REUSED)
@@ -136,7 +139,8 @@ class Dialogue:
             parameters.function != waiting.parameters.function or parameters.userdata is not None
         ):
             misfit = mismatch(waiting.parameters, parameters)
-        if waiting is None or (misfit and _holes(side)):  # its own answer, or this one's request, may be in a hole
+        if waiting is None or (_holes(side) and contradicts(waiting, rosctr, parameters, buf, at, size, data_at)):
+            # After a hole: the answer to the request that waits, or the request of this answer, may be in there.
             self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
             return None
         if waiting.earlier is not None and side.hole_frame:
@@ -317,6 +321,15 @@ class Dialogue:
         head: i64 = 12 if answer.response_rosctr == ACK or answer.response_rosctr == ACK_DATA else 10
         check_answer(transaction, parameters, answer.response_offset + head + len(parameters.octets))
         transaction.connection.answered += 1
+
+
+def _strange(request: Transaction, answer: Transaction) -> bool:
+    """Tell whether a held answer cannot be that of a request."""
+    rosctr: i64 = answer.response_rosctr
+    at: i64 = answer.response_offset
+    parameters = answer.parameters
+    data_at: i64 = at + header_size(rosctr) + len(parameters.octets)
+    return contradicts(request, rosctr, parameters, answer.response_buf, at, answer.response_size, data_at)
 
 
 def _unseen(request: Transaction, answering: Side) -> bool:

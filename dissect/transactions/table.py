@@ -129,6 +129,10 @@ class ConnectionTable:
             self._half_open.popitem(last=False)
             self.half_open_evicted += 1
 
+    def refused(self, key: bytes) -> bool:
+        """Tell whether a reset with ``key`` answers a connection attempt, and forget the attempt."""
+        return self._half_open.pop(reverse_key(key), None) is not None
+
     def open(self, key: bytes, vlan: i64, frame: i64, time_ns: i64) -> Side:
         """Make a connection for a packet with ``key``; return the side that sent it."""
         reverse = reverse_key(key)

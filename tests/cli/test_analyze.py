@@ -51,6 +51,14 @@ def test_what_is_slow_is_for_the_user_to_say(capfdbinary: Capture, tmp_path: Pat
     assert told["findings"].get("transaction.slow", 0) == found
 
 
+@pytest.mark.parametrize("limit", ["-1", "nan", "inf", "1e10", "soon", ""])
+@pytest.mark.parametrize("command", ["analyze", "transactions"])
+def test_a_limit_that_is_none_is_wrong_use(capfdbinary: Capture, tmp_path: Path, command: str, limit: str) -> None:
+    ran = run(capfdbinary, command, "--slow", limit, simple(tmp_path / "a.pcapng"))
+    assert (ran.code, ran.out) == (2, "")
+    assert "Invalid value for '--slow'" in ran.err
+
+
 def test_without_slow_a_second_is_the_limit(capfdbinary: Capture, tmp_path: Path) -> None:
     packets = read(read(begun(), 1), 2).packets()
     packets[-1] = packets[-1]._replace(time_ns=packets[-1].time_ns + 1000 * MS)

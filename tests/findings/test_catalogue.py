@@ -127,6 +127,7 @@ def silent(*slugs: str) -> Callable[[Scenario], Scenario]:
     "stream.evicted",
     "stream.half_open_evicted",
     "tpkt.bad_length",
+    "tpkt.reserved",
     "cotp.error",
     "cotp.malformed",
     "s7.unknown_rosctr",
@@ -247,6 +248,29 @@ def reset_and_again(talk: Talk) -> None:
     talk.packet(SERVER, flags=RST | ACK)
     talk.seq = [5_000_000, 7_000_000]
     talk.open()
+
+
+@speaks("stream.refused")
+def nobody_listens(talk: Talk) -> None:
+    talk.packet(CLIENT, flags=SYN)
+    talk.packet(SERVER, flags=RST | ACK)
+
+
+@silent("stream.refused")
+def reset_without_attempt(talk: Talk) -> None:
+    """A reset that answers no attempt, and one on a port that is not ours."""
+    other = Talk(50000, 8080, beside=talk)
+    other.packet(CLIENT, flags=SYN)
+    other.packet(SERVER, flags=RST | ACK)
+    talk.packet(SERVER, flags=RST | ACK)
+    talk.open()
+    talk.packet(SERVER, flags=RST | ACK)
+
+
+@speaks("tpkt.reserved")
+def reserved_octet(talk: Talk) -> None:
+    talk.open()
+    talk.packet(CLIENT, b"\x03\x01" + dt(read(1, dbw(1, 0)))[2:])
 
 
 @speaks("stream.reused")

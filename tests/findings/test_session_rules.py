@@ -52,6 +52,19 @@ def test_setup_first_is_right() -> None:
     talk.tell(granted(1))
     talk.ask(read(1, dbw(1, 0)))
     assert found(talk, "session.data_before_setup") == []
+    connection = talk.pipeline.table.all_open()[0].connection
+    assert connection.setup_asked is not None
+    assert connection.setup_asked.pdu_length == 480
+
+
+def test_a_setup_that_is_none_asks_for_nothing() -> None:
+    talk = begun()
+    talk.ask(setup(1))
+    talk.tell(granted(1))
+    talk.ask(setup(2, 3, 3, 960)[:-3])
+    connection = talk.pipeline.table.all_open()[0].connection
+    assert connection.setup_asked is not None
+    assert connection.setup_asked.pdu_length == 480
 
 
 def test_mid_stream_nobody_knows_whether_there_was_a_setup() -> None:

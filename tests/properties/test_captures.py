@@ -29,7 +29,7 @@ LARGEST: Final = 64 * 1024
 SAMPLES: Final = [path for path in sorted(SHARED.glob("*.pcap*")) if path.stat().st_size <= LARGEST]
 ALL: Final = os.environ.get("S7DISSECT_MUTATIONS") == "all"
 #: Packets that all samples together may take to try.
-BUDGET: Final = 16_000_000 if COMPILED else 1_000_000
+BUDGET: Final = 8_000_000 if COMPILED else 1_500_000
 
 
 class Collector(PacketSink):

@@ -104,7 +104,8 @@ def test_a_capture_without_fault_says_so() -> None:
 def test_a_capture_without_iso_on_tcp_says_so() -> None:
     lines = own("refused-port")
     assert "No ISO-on-TCP connection in this capture." in lines
-    assert not [line for line in headings(lines) if line.startswith(("Findings", "Transactions", "Slowest"))]
+    assert not [line for line in headings(lines) if line.startswith(("Transactions", "Failed", "Slowest"))]
+    assert [line for line in section(lines, "Findings") if line.startswith("packet 2: 127.0.0.1:102 refuses ")]
 
 
 @pytest.mark.parametrize("path", OWN, ids=[path.name for path in OWN])
