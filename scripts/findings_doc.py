@@ -18,7 +18,9 @@ def document() -> str:
     for severity in SEVERITIES:
         lines += ["", f"## {severity}", "", "| slug | what | what to do |", "|---|---|---|"]
         lines += [
-            f"| `{rule.slug}` | {rule.sentence} | {rule.advice} |" for rule in CATALOGUE.values() if rule.severity == severity
+            f"| `{rule.slug}` | {rule.sentence} | {rule.advice} |"
+            for rule in CATALOGUE.values()
+            if rule.severity == severity
         ]
     return "\n".join(lines) + "\n"
 

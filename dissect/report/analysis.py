@@ -11,6 +11,7 @@ from dissect.conversation import Observer
 from dissect.findings.finding import Finding
 from dissect.pipeline import Pipeline
 from dissect.report.latency import Latencies
+from dissect.report.places import Places
 from dissect.s7.parameters import Parameters
 from dissect.source.packet import SourceFile
 from dissect.transactions.connection import Connection
@@ -72,13 +73,8 @@ class Analysis(Observer):
         return analysis_as_dict(self)
 
     def locate(self, frame: int) -> tuple[str, int]:
-        """Return (file name, number of the packet within it) of a packet of the run."""
-        found = self.files[0]
-        for file in self.files:
-            if file.first_frame > frame:
-                break
-            found = file
-        return found.name, frame - found.first_frame + 1
+        """Return (file name, number of the packet within it) of a packet of the run; IndexError before `take`."""
+        return Places(self.files, True).locate(frame)
 
     # ---- observer ---------------------------------------------------------------------------------------------------
 

@@ -62,6 +62,13 @@ def test_a_handshake_names_the_sides_and_the_size() -> None:
     assert [str(one.tsap_calling), str(one.tsap_called)] == ["01.00", "01.02"]
 
 
+def test_what_the_request_said_is_not_changed_by_the_confirm() -> None:
+    one = connection(50000, 50001)
+    one.note_cr(0, parse_tpdu(CONNECT[4:]))
+    one.note_cc(1, parse_tpdu(bytes.fromhex("11d00001000200c1020301c2020302c0010a")))
+    assert [str(one.tsap_calling), str(one.tsap_called)] == ["01.00", "01.02"]
+
+
 def test_a_confirm_alone_tells_as_much() -> None:
     one = connection(50000, 50001)
     one.note_cc(0, parse_tpdu(CONFIRM[4:]))

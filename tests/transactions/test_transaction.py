@@ -238,6 +238,11 @@ def test_errors_of_items_in_wire_order_with_place_and_address() -> None:
     assert all(error.text for error in transaction.errors)
 
 
+def test_no_code_but_success_is_good() -> None:
+    transaction = exchange(read(1, dbw(1, 0)), ack_data(1, b"\x04\x01", refused(0x00)))
+    assert errors(transaction) == [("item 1", 0x00, "Reserved", "DB1.DBW0")]
+
+
 def test_the_header_comes_before_the_items() -> None:
     transaction = exchange(read(1, dbw(1, 0)), ack_data(1, b"\x04\x01", refused(0x05), 0x8404))
     assert [error[:2] for error in errors(transaction)] == [("header", 0x8404), ("item 1", 0x05)]
@@ -288,6 +293,28 @@ def test_both_halves_are_pdus() -> None:
     assert (response.octets, response.frame, response.side) == (words(1, 42), transaction.response_frame, 1)
     assert (request.connection, request.side) == (1, 0)
     assert transaction.latency_ns == response.time_ns - request.time_ns
+
+
+def test_the_server_asks_and_the_client_answers() -> None:
+    talk = Talk()
+    talk.open()
+    talk.tell(job(1, b"\x1b" + bytes(17)))
+    talk.ask(ack_data(1, b"\x1b\x00", b"\x00\x02\x00\xfbpp"))
+    request, response = talk.transactions[0].request, talk.transactions[0].response
+    assert request is not None
+    assert response is not None
+    assert (request.side, response.side) == (1, 0)
+
+
+def test_data_items_of_each_half() -> None:
+    reading = exchange(read(1, dbw(1, 0)), words(1, 42))
+    assert [one.data for one in reading.answered_items()] == [b"\x00\x2a"]
+    assert reading.written_items() == []
+    writing = exchange(write(1, [dbw(1, 0)], written(4, b"\0\1")), ack_data(1, b"\x05\x01", b"\xff"))
+    assert [one.data for one in writing.written_items()] == [b"\0\1"]
+    assert writing.answered_items() == []
+    upload = exchange(job(1, b"\x1e\x01" + bytes(6), written(4, b"\0\1")), ack_data(1, b"\x1e\x01", good(4, b"\0\1")))
+    assert (upload.answered_items(), upload.written_items()) == ([], [])
 
 
 def test_a_half_that_is_missing() -> None:
