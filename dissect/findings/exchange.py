@@ -107,10 +107,7 @@ class Exchange:
                 if peer is not None:
                     open_now = _surely_open(side, peer, open_now)
                 judge_request(self.judge, side, parameters, open_now, frame, time_ns)
-        if done is not None:
-            self.done(done)
-        if self.dialogue.also:
-            self.beside(frame, time_ns)
+        self._answered(done, frame, time_ns)
 
     def _answered(self, done: Transaction | None, frame: i64, time_ns: i64) -> None:
         if self.dialogue.also:
@@ -229,15 +226,12 @@ class Exchange:
 
 
 def _surely_open(side: Side, answering: Side, open_now: i64) -> i64:
-    """Return how many requests of ``side`` have no answer, without those whose answer may be missing from the capture."""
+    """Return how many requests of ``side`` are open, 0 while octets that may be answers are missing or out of order.
+
+    What a hole that was given up may have swallowed is left to `judge_request`, which looks at few requests only: walking
+    over thousands for each one that is asked would take seconds.
+    """
     half = answering.stream
     if half.held is not None or 0 < (side.last_ack - half.next_seq) & MASK < HALF_SPACE:
         return 0  # the asking side has octets that the capture did not show, or not yet
-    if answering.holes == 0:
-        return open_now
-    count: i64 = 0
-    for transaction in reversed(side.connection.open_requests[side.index].table.values()):
-        if transaction.request_frame <= answering.hole_frame or count == open_now:
-            break
-        count += 1
-    return count
+    return open_now

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import time
+
 import pytest
 
 from dissect.findings.finding import Finding
@@ -293,3 +295,25 @@ def test_both_sides() -> None:
     talk.ask(read(2, dbw(1, 0)))
     talk.finish()
     assert found(talk, "capture.one_sided") == []
+
+
+def test_a_hole_does_not_make_a_flood_slow() -> None:
+    """Only a few of the open requests are looked at for each one that is asked."""
+
+    def flood(hole: bool) -> float:
+        talk = Talk()
+        talk.open(8, 8)
+        if hole:
+            talk.lose(SERVER, words(9, 1))
+            talk.tell(words(8, 1))
+        for _ in range(3):
+            talk.packet(CLIENT, after_ns=60 * MS)
+            talk.packet(SERVER, after_ns=60 * MS)
+        started = time.process_time()
+        talk.flood(10_000)
+        took = time.process_time() - started
+        assert ("stream.hole" in talk.slugs()) is hole
+        assert talk.pipeline.conversation.judge.counts["session.too_many_jobs"] == 10_000 - 8
+        return took
+
+    assert flood(hole=True) < 4 * flood(hole=False) + 0.05
