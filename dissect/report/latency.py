@@ -1,4 +1,4 @@
-"""Answer times in bounded memory: exact for the first 65,536, then within one part in 128."""
+"""Answer times in bounded memory: exact for the first 16,384, then within one part in 128."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Final
 from mypy_extensions import i64
 
 #: Answer times kept as they are; from then on they are counted in buckets.
-EXACT: Final = 65536
+EXACT: Final = 16384
 #: Buckets to each doubling.
 _STEPS: Final = 128
 

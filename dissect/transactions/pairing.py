@@ -38,6 +38,9 @@ REPEAT_NS: Final = 1_000_000_000
 #: Clients wait two seconds at least before they give a request up (reference 5.6).
 GIVEN_UP_NS: Final = 2_000_000_000
 
+#: Requests given up from the front of a table before it is made anew.
+_FRESH: Final = 256
+
 #: Added to the reference of a userdata request: ROSCTR is part of the key.
 USERDATA_KEY: Final = 0x10000
 
@@ -57,10 +60,11 @@ class Orphan:
 class OpenRequests:
     """The open requests of one asking side, and the answers to it that found none."""
 
-    __slots__ = ("count", "orphans", "table")
+    __slots__ = ("_given_up", "count", "orphans", "table")
 
     def __init__(self) -> None:
         self.table: dict[int, Transaction] = {}
+        self._given_up: i64 = 0
         self.count: i64 = 0  # identical requests share a key, so this may be more than len(table)
         self.orphans: list[Orphan] | None = None
 
@@ -169,6 +173,13 @@ class OpenRequests:
 
     def oldest(self) -> Transaction | None:
         """Remove and return the request that is open longest (the table is full), None when nothing is open."""
+        self._given_up += 1
+        if self._given_up % _FRESH == 0:
+            # Finding the first entry of a dict takes the longer the more were deleted before it.
+            fresh: dict[int, Transaction] = {}
+            for key, found in self.table.items():
+                fresh[key] = found
+            self.table = fresh
         for key, found in self.table.items():
             behind = found.superseded
             if behind is not None:  # the others kept with it are given up with it
