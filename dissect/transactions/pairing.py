@@ -176,10 +176,7 @@ class OpenRequests:
         self._given_up += 1
         if self._given_up % _FRESH == 0:
             # Finding the first entry of a dict takes the longer the more were deleted before it.
-            fresh: dict[int, Transaction] = {}
-            for key, found in self.table.items():
-                fresh[key] = found
-            self.table = fresh
+            self.table = dict(list(self.table.items()))  # from a list: a copied dict would keep what was deleted
         for key, found in self.table.items():
             behind = found.superseded
             if behind is not None:  # the others kept with it are given up with it
