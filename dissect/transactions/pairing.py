@@ -39,7 +39,7 @@ REPEAT_NS: Final = 1_000_000_000
 GIVEN_UP_NS: Final = 2_000_000_000
 
 #: Requests given up from the front of a table before it is made anew.
-_FRESH: Final = 256
+_FRESH: Final = 1024
 
 #: Added to the reference of a userdata request: ROSCTR is part of the key.
 USERDATA_KEY: Final = 0x10000
@@ -176,7 +176,7 @@ class OpenRequests:
         self._given_up += 1
         if self._given_up % _FRESH == 0:
             # Finding the first entry of a dict takes the longer the more were deleted before it.
-            self.table = dict(list(self.table.items()))  # from a list: a copied dict would keep what was deleted
+            self.table = {key: found for key, found in self.table.items()}  # noqa: C416 - dict() copies the gaps too
         for key, found in self.table.items():
             behind = found.superseded
             if behind is not None:  # the others kept with it are given up with it
