@@ -68,11 +68,11 @@ def run(count: int) -> tuple[Pipeline, Record, float]:
 def test_a_flood_is_counted_exactly_detailed_within_bounds_and_linear() -> None:
     count = 100_800
     assert count % (TURN * len(BAD)) == 0
-    _, _, half = run(count // 2)
     pipeline, record, whole = run(count)
     check_books(pipeline, record)
-    # The clock of a busy machine is not exact; what grows with the square takes four times as long.
-    assert whole <= 3 * half
+    # The clock of a busy machine is not exact, so the best of three counts; what grows with the square takes four times.
+    half = min(run(count // 2)[2] for _ in range(3))
+    assert min(whole, run(count)[2], run(count)[2]) <= 3 * half
     counts = pipeline.conversation.judge.counts
     each = count // len(BAD)
     for slug in {slug for _, slug in BAD}:
