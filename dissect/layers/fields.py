@@ -40,28 +40,6 @@ from dissect.wire.layout import Field, Layout
 #: What stands in a layer's list of fields: Scapy's fields, generic in two types that differ from field to field.
 ScapyField = Any
 
-#: Fields a person reads as a count or a size; every other number without names is shown in hexadecimal.
-_DECIMAL: Final = frozenset((
-    "class_",
-    "count",
-    "credit",
-    "credit_extended",
-    "data_length",
-    "db",
-    "eot",
-    "item_count",
-    "length",
-    "li",
-    "max_amq_called",
-    "max_amq_calling",
-    "next_nr",
-    "param_length",
-    "pdu_length",
-    "sequence",
-    "tpdu_nr",
-    "version",
-))  # fmt: skip
-
 #: Most octets that ``fuzz()`` puts into one field.
 _FUZZED: Final = 64
 
@@ -106,11 +84,10 @@ def _scapy_field(field: Field, default: int | None) -> ScapyField:
         number = default or 0
         if field.codes is not None:
             return BitEnumField(field.name, number, size, field.codes.names())
-        return (BitField if field.name in _DECIMAL else XBitField)(field.name, number, size)
-    decimal = field.name in _DECIMAL
+        return (BitField if field.decimal else XBitField)(field.name, number, size)
     if field.codes is not None:
-        return _NAMED_FIELDS[field.size, decimal](field.name, default, field.codes.names())
-    return (_DECIMAL_FIELDS if decimal else _HEXADECIMAL_FIELDS)[field.size](field.name, default)
+        return _NAMED_FIELDS[field.size, field.decimal](field.name, default, field.codes.names())
+    return (_DECIMAL_FIELDS if field.decimal else _HEXADECIMAL_FIELDS)[field.size](field.name, default)
 
 
 def consumed(pkt: Packet, rest: bytes) -> int:

@@ -7,17 +7,50 @@ holds the parsers' octet arithmetic to these layouts.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Final
+
 from dissect.wire.codes import CodeTable
+
+#: Size of a field that takes what is left of its part: a text or octets whose length stands elsewhere.
+REST: Final = -1
+
+# What a length or count field counts (`Field.counts`), so that a builder can fill it in.
+COUNTS_REST: Final = "rest"  # the octets that follow it within its own part
+COUNTS_PARTS: Final = "parts"  # the octets of all parts that follow it in its block
+
+#: Names of fields whose number a person reads as a count or a size, wherever they stand.
+_DECIMAL: Final = frozenset((
+    "class_", "count", "credit", "credit_extended", "data_length", "data_unit_ref", "db", "eot", "item_count",
+    "last_data_unit", "length", "li", "max_amq_called", "max_amq_calling", "next_nr", "param_length", "pdu_length",
+    "sequence", "tpdu_nr", "version",
+))  # fmt: skip
+
+#: Tells a person what octets say, for example a time; None when they say nothing of the kind.
+Means = Callable[[bytes], "str | None"]
+
+
+def plain(_: bytes) -> str | None:
+    """Say nothing about octets: they are shown as they are."""
+    return None
+
+
+def latin(octets: bytes) -> str | None:
+    """Return octets that hold a text, padded with blanks or zeros."""
+    return octets.decode("latin-1").rstrip(" \0")
 
 
 class Field:
-    """One field of a fixed header.
+    """One field of a header or of another part of a message.
 
-    ``size`` is in octets. ``bits`` is (mask, shift) when the field is only a part of its octets; fields sharing octets follow
-    each other and all but the first have ``shares=True``. ``wireshark`` is Wireshark's field name, empty where it has none.
+    ``size`` is in octets, `REST` for all that is left of the part. ``bits`` is (mask, shift) when the field is only a part of
+    its octets; fields sharing octets follow each other and all but the first have ``shares=True``. ``wireshark`` is
+    Wireshark's field name, empty where it has none. A field with ``means`` holds octets (a text, a time), not a number.
+    ``decimal``: a person reads its number as a count or a size. ``counts`` tells what a length field counts: one of the
+    constants above, the name of a layout whose parts after it are counted, or empty.
     """
 
-    __slots__ = ("bits", "codes", "name", "shares", "size", "text", "wireshark")
+    __slots__ = ("bits", "codes", "counts", "decimal", "means", "name", "shares", "size", "text", "wireshark")
 
     def __init__(
         self,
@@ -28,6 +61,9 @@ class Field:
         codes: CodeTable | None = None,
         bits: tuple[int, int] | None = None,
         shares: bool = False,
+        means: Means | None = None,
+        decimal: bool = False,
+        counts: str = "",
     ) -> None:
         self.name = name
         self.size = size
@@ -36,6 +72,9 @@ class Field:
         self.codes = codes
         self.bits = bits
         self.shares = shares
+        self.means: Means | None = plain if means is None and size == REST else means
+        self.decimal = decimal or counts != "" or name in _DECIMAL
+        self.counts = counts
 
     def read(self, octets: bytes, offset: int) -> int:
         """Return the field's value in ``octets``, its octets starting at ``offset`` (big-endian)."""
@@ -47,38 +86,61 @@ class Field:
 
 
 class FieldValue:
-    """A field read from octets: where it stands and what it says."""
+    """A field read from octets: where it stands and what it says.
 
-    __slots__ = ("end", "field", "offset", "value")
+    ``value`` is its number; a field that holds octets has them in ``octets`` and 0 for a number, any other has None there.
+    """
 
-    def __init__(self, field: Field, offset: int, end: int, value: int) -> None:
+    __slots__ = ("end", "field", "octets", "offset", "value")
+
+    def __init__(self, field: Field, offset: int, end: int, value: int, octets: bytes | None = None) -> None:
         self.field = field
         self.offset = offset
         self.end = end
         self.value = value
+        self.octets = octets
+
+    @property
+    def meaning(self) -> str:
+        """What the value says to a person beside the number or octets themselves; empty when there is nothing to say."""
+        if self.octets is not None:
+            told = self.field.means(self.octets) if self.field.means is not None else None
+            return told if told is not None else ""
+        codes = self.field.codes
+        row = codes.get(self.value) if codes is not None else None
+        return row.name if row is not None else ""
 
 
 class Layout:
-    """A fixed header: its name, its source, and its fields in wire order."""
+    """A fixed header, or a part with one field of open size at its end: its name, its source, its fields in wire order.
 
-    __slots__ = ("fields", "name", "size", "source")
+    ``size`` is that of the fixed fields. ``open`` tells whether the last field takes the rest of the part.
+    """
+
+    __slots__ = ("fields", "name", "open", "size", "source")
 
     def __init__(self, name: str, source: str, fields: list[Field]) -> None:
         self.name = name
         self.source = source
         self.fields = fields
-        self.size = sum(field.size for field in fields if not field.shares)
+        self.size = sum(field.size for field in fields if not field.shares and field.size != REST)
+        self.open = bool(fields) and fields[-1].size == REST
 
-    def read(self, octets: bytes, offset: int = 0) -> list[FieldValue]:
-        """Return the fields that lie whole in ``octets`` from ``offset`` on; a header cut short gives its first fields."""
+    def read(self, octets: bytes, offset: int = 0, end: int = -1) -> list[FieldValue]:
+        """Return the fields that lie whole in ``octets[offset:end]``; a header cut short gives its first fields."""
+        if end < 0 or end > len(octets):
+            end = len(octets)
         values: list[FieldValue] = []
         at = offset
         start = offset
         for field in self.fields:
             if not field.shares:
                 start = at
-                at += field.size
-            if start + field.size > len(octets):
+                at = end if field.size == REST else at + field.size
+            if at > end:
                 break
-            values.append(FieldValue(field, start, start + field.size, field.read(octets, start)))
+            if field.means is None:
+                values.append(FieldValue(field, start, at, field.read(octets, start)))
+            else:
+                values.append(FieldValue(field, start, at, 0, octets[start:at]))
         return values

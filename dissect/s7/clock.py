@@ -1,0 +1,37 @@
+"""Time functions (userdata group 7): the clock that a read answers with and a set sends (reference section 4.12)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.s7.parameters import REQUEST, RESPONSE, UserdataHead
+from dissect.s7.values import date_and_time
+from dissect.wire.layout import Field, Layout
+from dissect.wire.part import Cursor
+
+READ_CLOCK: Final = 1
+SET_CLOCK: Final = 2
+READ_CLOCK_FOLLOWING: Final = 3
+SET_CLOCK_SECOND: Final = 4
+#: Subfunctions that set the clock.
+SETTING: Final = frozenset((SET_CLOCK, SET_CLOCK_SECOND))
+
+#: The clock: one octet more before the eight of DATE_AND_TIME for the century, which devices fill in wrongly.
+CLOCK: Final = Layout(
+    "clock",
+    "reference section 4.12",
+    [
+        Field("reserved", 1, "0.", "s7comm.data.ts_reserved"),
+        Field("century", 1, "Century in BCD; unreliable, the year decides.", "s7comm.data.ts_year1"),
+        Field("time", 8, "DATE_AND_TIME in BCD.", means=date_and_time),
+    ],
+)
+
+
+def parse_clock(cursor: Cursor, head: UserdataHead) -> None:
+    """Cut the payload of a time function: a clock in the answer to a read and in the request to set."""
+    setting = head.subfunction in SETTING
+    if (setting and head.type == REQUEST) or (not setting and head.type == RESPONSE):
+        part = cursor.take(CLOCK)
+        if part is not None:
+            part.note = part.text("time") or "no time"

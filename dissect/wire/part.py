@@ -1,0 +1,129 @@
+"""Parts of a message: what a `Layout` describes, found at a place. A message is cut into parts without gaps.
+
+The parsers of message bodies walk over a block of octets with a `Cursor` and take one part after another; which part follows
+which is plain Python there. Everything that shows a body (field tree, JSON, Scapy layers, the comparison with Wireshark)
+goes over the parts and knows nothing else.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.wire.layout import REST, Field, FieldValue, Layout
+from dissect.wire.malformed import Malformed
+
+#: Octets whose meaning is not known, or whose meaning depends on something else than this message.
+OCTETS: Final = Layout("octets", "content without a known structure", [Field("octets", REST, "As they stand.")])
+#: Octets that stand where nothing may follow.
+SURPLUS: Final = Layout("surplus octets", "nothing is expected here", [Field("octets", REST, "As they stand.")])
+#: The octet that makes an odd item even.
+FILL: Final = Layout(
+    "fill", "reference section 3.5", [Field("fill", 1, "Makes an odd item even.", "s7comm.data.fillbyte")]
+)
+
+
+class Part:
+    """A part of a message: ``octets[offset:end]``, read as ``layout`` says.
+
+    ``values`` are the fields that lie whole in it; ``note`` says in a few words what the part is about, where its parser
+    knows (``SZL 0x0011``); it is text from the wire and not escaped.
+    """
+
+    __slots__ = ("end", "layout", "note", "offset", "values")
+
+    def __init__(self, layout: Layout, octets: bytes, offset: int, end: int) -> None:
+        self.layout = layout
+        self.offset = offset
+        self.end = end
+        self.values: list[FieldValue] = layout.read(octets, offset, end)
+        self.note = ""
+
+    def find(self, name: str) -> FieldValue | None:
+        """Return the field called ``name``, None when the part was cut before it or has none."""
+        for value in self.values:
+            if value.field.name == name:
+                return value
+        return None
+
+    def number(self, name: str) -> int:
+        """Return the number in a field, -1 when it is not there."""
+        found = self.find(name)
+        return -1 if found is None else found.value
+
+    def octets(self, name: str) -> bytes:
+        """Return the octets in a field, empty when it is not there."""
+        found = self.find(name)
+        return b"" if found is None or found.octets is None else found.octets
+
+    def text(self, name: str) -> str:
+        """Return what a field says to a person, empty when it is not there."""
+        found = self.find(name)
+        return "" if found is None else found.meaning
+
+
+class Cursor:
+    """Walks over ``octets[at:end]`` and cuts parts from it; what does not fit is told in ``malformed``.
+
+    ``limit`` is whose length set the end (`dissect.wire.malformed.LIMITS`). After the first part that does not fit, every
+    further `take` returns None, so that a parser needs to look only where it depends on a value.
+    """
+
+    __slots__ = ("at", "end", "limit", "malformed", "octets", "parts")
+
+    def __init__(self, octets: bytes, at: int, end: int, limit: str, malformed: list[Malformed]) -> None:
+        self.octets = octets
+        self.at = at
+        self.end = min(end, len(octets))
+        self.limit = limit
+        self.malformed = malformed
+        self.parts: list[Part] = []
+
+    @property
+    def left(self) -> int:
+        """Octets that are still there."""
+        return self.end - self.at
+
+    def take(self, layout: Layout, size: int = REST, note: str = "") -> Part | None:
+        """Cut the next part; None when it does not fit.
+
+        ``size`` is that of the whole part where the layout is `Layout.open`, all that is left by default. What is there of a
+        part that does not fit is cut all the same, and told to be too short.
+        """
+        wanted = layout.size
+        if layout.open:
+            wanted = max(self.left, layout.size) if size == REST else size
+        if wanted < layout.size or wanted > self.left:
+            self._too_short(layout, max(wanted, layout.size))
+            return None
+        part = Part(layout, self.octets, self.at, self.at + wanted)
+        part.note = note
+        self.parts.append(part)
+        self.at += wanted
+        return part
+
+    def _too_short(self, layout: Layout, wanted: int) -> None:
+        if self.at < self.end or not self.malformed:
+            self.tell("too_short", layout.name, wanted, self.left)
+        if self.at < self.end:
+            self.parts.append(Part(layout, self.octets, self.at, self.end))
+            self.at = self.end
+
+    def tell(self, reason: str, field: str, needed: int, available: int) -> None:
+        """Tell that something does not fit here (`Malformed`)."""
+        self.malformed.append(Malformed("s7", reason, field, self.at, needed, available, self.limit))
+
+    def take_fill(self, size: int) -> None:
+        """Cut the fill octet after an item of ``size`` octets, if it is odd and something follows."""
+        if size & 1 and self.left > 0:
+            self.take(FILL)
+
+    def rest(self, note: str = "") -> None:
+        """Cut what is left as octets of unknown meaning."""
+        if self.left:
+            self.take(OCTETS, self.left, note)
+
+    def finish(self) -> None:
+        """Tell of octets that are left over where nothing may follow, and cut them."""
+        if self.left:
+            self.tell("trailing_octets", "end", 0, self.left)
+            self.take(SURPLUS, self.left)
