@@ -25,6 +25,7 @@ _PUBLIC: Final = {
     "Analysis": "dissect.report.analysis",
     "Pdu": "dissect.s7.message",
     "Pipeline": "dissect.pipeline",
+    "PlusPdu": "dissect.s7plus.message",
     "Run": "dissect.session",
     "Transaction": "dissect.transactions.transaction",
     "TransactionError": "dissect.transactions.transaction",
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from dissect.pipeline import Pipeline as Pipeline
     from dissect.report.analysis import Analysis as Analysis
     from dissect.s7.message import Pdu as Pdu
+    from dissect.s7plus.message import PlusPdu as PlusPdu
     from dissect.session import Run as Run
     from dissect.session import analyze as analyze
     from dissect.session import open as open

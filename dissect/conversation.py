@@ -10,16 +10,20 @@ from __future__ import annotations
 
 from mypy_extensions import i64
 
-from dissect.findings.exchange import Exchange
 from dissect.findings.observer import Observer, Options
-from dissect.findings.session_rules import judge_disconnect, judge_end, judge_error_tpdu
+from dissect.findings.plus_exchange import PlusExchange
+from dissect.findings.scan_rules import ScanWatch
+from dissect.findings.session_rules import judge_cut, judge_disconnect, judge_end, judge_error_tpdu
+from dissect.findings.transport_rules import judge_confirm, judge_data, judge_number, judge_order
 from dissect.iso.cotp import Tpdu, parse_tpdu
+from dissect.iso.foreign import identify, identify_connect
 from dissect.iso.recognition import HERE, OTHER, PROBES, WITHIN, raw_protocol, recognise
 from dissect.iso.tables import CC, CR, DR, DT, ER
 from dissect.iso.tpkt import BAD_VERSION
-from dissect.iso.upper import S7COMM, UNKNOWN, UPPER_NAMES, classify, is_rdp_connect
+from dissect.iso.upper import S7COMM, S7COMM_PLUS, TLS, UNKNOWN, UPPER_NAMES, classify, is_rdp_connect
 from dissect.tcp.stream import MASK
 from dissect.transactions.connection import FOREIGN, ISO, ISO_TSAP_PORT, Connection
+from dissect.transactions.ending import Ending
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import CONNECTION_CLOSED
 from dissect.wire.octets import u16
@@ -27,12 +31,13 @@ from dissect.wire.octets import u16
 __all__ = ["Conversation", "Observer", "Options"]
 
 
-class Conversation(Exchange):
+class Conversation(PlusExchange):
     """Octets of known connections in, transactions and findings out; counts TPDUs, TSDUs and PDUs on the way."""
 
     def __init__(self, observer: Observer, options: Options) -> None:
         super().__init__(observer, options)
         self.connections: i64 = 0
+        self.scans: ScanWatch = ScanWatch(self.judge)
         self.tpdus: list[int] = [0] * 17  # by type, the last for TPDUs too short to have one
         self.tsdus: list[int] = [0] * len(UPPER_NAMES)
         self._named: set[int] = set()  # (connection, protocol) pairs of which a foreign protocol was told
@@ -52,7 +57,9 @@ class Conversation(Exchange):
             return
         connection.probed += 1
         if connection.protocol == "":
-            connection.protocol = UPPER_NAMES[raw_protocol(octets)]
+            raw: i64 = raw_protocol(octets)
+            connection.protocol = UPPER_NAMES[raw]
+            connection.identified_by = identify(raw, octets, 0, len(octets))
         if found == OTHER:
             self._give_to_others(side, connection.protocol, frame, time_ns)
         side.framer.skipped += size
@@ -79,13 +86,15 @@ class Conversation(Exchange):
         peer.framer.synced = side.tcp.known_start and peer.stream.octets == 0
         self.observer.connection_opened(connection)
 
-    def _give_to_others(self, side: Side, protocol: str, frame: i64, time_ns: i64) -> None:
-        """Another protocol: its packets are counted from now on, nothing more."""
+    def _give_to_others(self, side: Side, protocol: str, frame: i64, time_ns: i64, identity: str = "") -> None:
+        """Another protocol: its packets are counted from now on, nothing more. ``identity`` says what tells it."""
         connection = side.connection
         connection.state = FOREIGN
         connection.protocol = protocol
+        connection.identified_by = identity or connection.identified_by
         if self.on_102(side):
-            self.judge.note("session.foreign_on_102", connection.number, [frame], time_ns, protocol)
+            detail = f"{protocol}: {connection.identified_by}" if connection.identified_by else protocol
+            self.judge.note("session.foreign_on_102", connection.number, [frame], time_ns, detail)
 
     # ---- octets → TPKT ----------------------------------------------------------------------------------------------
 
@@ -153,9 +162,10 @@ class Conversation(Exchange):
             self._note_reserved(side, buf[at + 1], frame, time_ns)
         if buf[at + 4] == 2 and buf[at + 5] == 0xF0:  # DT of class 0
             self.tpdus[DT] = self.tpdus[DT] + 1
-            size: i64 = side.connection.tpdu_size
-            if size and length - 4 > size:
-                self._note_tpdu_size(side, length - 4, frame, time_ns)
+            if length - 4 > side.connection.dt_limit:
+                judge_data(self.judge, side, length - 4, frame, time_ns)
+            if buf[at + 6] & 0x7F:
+                judge_number(self.judge, side, buf[at + 6] & 0x7F, frame, time_ns)
             if buf[at + 6] >= 0x80 and side.assembler.parts is None and side.assembler.clear:
                 self._tsdu(side, buf, at + 7, length - 7, frame, time_ns)
             else:
@@ -178,10 +188,12 @@ class Conversation(Exchange):
         type_: i64 = tpdu.type
         self.tpdus[type_ if 0 <= type_ < 16 else 16] += 1
         if (type_ == CR or type_ == CC) and tpdu.variable and is_rdp_connect(tpdu.variable):
-            self._give_to_others(side, "rdp", frame, time_ns)
+            self._give_to_others(side, "rdp", frame, time_ns, identify_connect(tpdu.variable))
             return
         if tpdu.malformed:
             self.judge.note("cotp.malformed", connection.number, [frame], time_ns, f"{tpdu.name}: {tpdu.malformed[0]}")
+        else:
+            judge_order(self.judge, side, type_, frame, time_ns)
         if type_ == DT:
             self._fragment(side, tpdu.data, tpdu.field("eot") == 1, frame, time_ns)
         elif type_ == CR:
@@ -191,9 +203,12 @@ class Conversation(Exchange):
             seen: bool = asking is not None and asking.stream.octets > 0 and asking.holes == 0
             if not connection.cr_seen and not connection.mid_stream and seen:
                 self.judge.note("cotp.answer_without_request", connection.number, [frame], time_ns)
+            judge_confirm(self.judge, side, tpdu, frame, time_ns)
             connection.note_cc(side.index, tpdu)
         elif type_ == DR:
             judge_disconnect(self.judge, side, tpdu, frame, time_ns)
+            if connection.refused:
+                self.scans.refused(connection, time_ns)
         elif type_ == ER:
             judge_error_tpdu(self.judge, side, tpdu, frame, time_ns)
 
@@ -210,6 +225,7 @@ class Conversation(Exchange):
             self.judge.note("cotp.repeated_request", connection.number, [frame], time_ns)
         connection.mid_stream = False
         connection.note_cr(side.index, tpdu)
+        self.scans.asked(connection, frame, time_ns)
 
     def _replace_connection(self, side: Side, frame: i64, now_ns: i64) -> None:
         peer = side.peer
@@ -220,6 +236,7 @@ class Conversation(Exchange):
         self.connections += 1
         connection = Connection(self.connections, side.tcp)
         connection.state = ISO
+        connection.told = old.told  # of the octets that are still on their way
         for end in (side, peer):
             end.connection = connection
             end.requests = 0
@@ -232,23 +249,35 @@ class Conversation(Exchange):
         self.tsdus[upper] = self.tsdus[upper] + 1
         if upper == S7COMM:
             self._pdu(side, buf, at, size, frame, time_ns)
+        elif upper == S7COMM_PLUS:
+            self.plus_frame(side, buf[at : at + size], frame, time_ns)
         else:
-            self._other_tsdu(side, upper, frame, time_ns)
+            self._other_tsdu(side, upper, buf, at, size, frame, time_ns)
 
-    def _other_tsdu(self, side: Side, upper: i64, frame: i64, time_ns: i64) -> None:
-        """What is not S7comm is named and counted; on port 102 that is said once for a protocol and connection."""
+    def _other_tsdu(self, side: Side, upper: i64, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
+        """What is not S7 is named and counted; on port 102 that is said once for a protocol and connection."""
         connection = side.connection
         name = UPPER_NAMES[upper]
         if name == "empty" or connection.protocol == name:
             return
-        if connection.protocol == "" or connection.protocol == UPPER_NAMES[UNKNOWN]:
-            connection.protocol = name
         key: i64 = connection.number * len(UPPER_NAMES) + upper
-        if upper == UNKNOWN and side.holes:
-            return  # the rest of a message whose beginning is missing
-        if self.on_102(side) and key not in self._named:
-            self._named.add(key)
-            self.judge.note("session.foreign_on_102", connection.number, [frame], time_ns, name)
+        fresh: bool = connection.protocol == "" or connection.protocol == UPPER_NAMES[UNKNOWN]
+        if not fresh and key in self._named:
+            return
+        identity = identify(upper, buf, at, at + size)
+        if fresh:
+            connection.protocol = name
+            connection.identified_by = identity
+        if (upper == UNKNOWN and side.holes) or key in self._named:
+            return  # the rest of a message whose beginning is missing, or told before
+        self._named.add(key)
+        if upper == TLS and connection.protocol == UPPER_NAMES[S7COMM_PLUS]:
+            after = "InitSSL" if connection.identified_by == "InitSSL" else "S7comm-plus"
+            connection.identified_by = f"{after}, then {identity}"
+            identity = f"{identity}, after {after}"
+        if self.on_102(side):
+            detail = f"{name}: {identity}" if identity else name
+            self.judge.note("session.foreign_on_102", connection.number, [frame], time_ns, detail)
 
     # ---- what is irregular ------------------------------------------------------------------------------------------
 
@@ -271,15 +300,21 @@ class Conversation(Exchange):
             side.assembler.abandon()
             lost = "the capture cut a packet of it" if cut else "octets were lost"
             self.judge.note("cotp.unfinished_tsdu", side.connection.number, [frame], time_ns, lost)
+        self.finish_plus(side, frame, time_ns)
 
     def _cut_tpkt(self, side: Side, packet: bytes, frame: i64, time_ns: i64) -> None:
         """A TPKT the capture cut: an S7 header that is there still tells what was asked or answered."""
         if packet[4] != 2 or packet[5] != 0xF0 or packet[6] < 0x80 or side.assembler.parts is not None:
             return
         pdu = packet[7:]
-        if len(pdu) < 10 or pdu[0] != 0x32:
+        if len(pdu) < 10 or (pdu[0] != 0x32 and pdu[0] != 0x72):
             return
         self.tpdus[DT] = self.tpdus[DT] + 1
+        if pdu[0] == 0x72:
+            self.tsdus[S7COMM_PLUS] += 1
+            self.finish_plus(side, frame, time_ns)
+            self.plus_pdu(side, pdu, True, frame, time_ns)
+            return
         self.tsdus[S7COMM] += 1
         self.cut_pdu(side, pdu, frame, time_ns)
 
@@ -287,18 +322,20 @@ class Conversation(Exchange):
         who = side.tcp.ends[side.index]
         self.judge.note("tpkt.reserved", side.connection.number, [frame], time_ns, f"0x{value:02x} from {who}")
 
-    def _note_tpdu_size(self, side: Side, size: i64, frame: i64, time_ns: i64) -> None:
-        connection = side.connection
-        detail = f"{size} octets, {connection.tpdu_size} negotiated"
-        self.judge.note("cotp.size_exceeded", connection.number, [frame], time_ns, detail)
-
     # ---- the end ----------------------------------------------------------------------------------------------------
 
     def end(self, side: Side, reason: str, frame: i64, now_ns: i64) -> None:
         """A connection is over (``reason`` is why its open requests stay unanswered): close what is open on both sides."""
         peer = side.peer
         assert peer is not None
+        self.finish_plus(side, frame, now_ns)
+        self.finish_plus(peer, frame, now_ns)
+        ending = Ending(side.connection, frame, now_ns)
+        side.connection.ending = ending
         judge_end(self.judge, side, frame, now_ns)
+        judge_cut(self.judge, side, ending)
+        if ending.connecting:
+            self.scans.refused(side.connection, ending.time_ns)
         for end in (side, peer):
             if end.assembler.parts is not None:
                 end.assembler.abandon()
@@ -313,4 +350,5 @@ class Conversation(Exchange):
             self.beside(frame, now_ns)
         for upper in range(len(UPPER_NAMES)):
             self._named.discard(side.connection.number * len(UPPER_NAMES) + upper)
+        self.watch.end(side.connection, reason)
         self.observer.connection_closed(side.connection)

@@ -8,7 +8,7 @@ no clock, file or thread in here, time comes in with each packet. In the order i
 
 The common case goes straight down: a segment that is the next one and holds whole TPKTs, each a DT with a whole S7 PDU.
 Whatever is irregular leaves that road for `_slow_frame`, `_lifecycle` and `_irregular`, and meets it again as soon as it
-can. An `Observer` is told what happens.
+can. What an IBH-NetLink gateway carries joins it at `_tsdu` (`dissect.gateway`). An `Observer` is told what happens.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.conversation import Conversation, Observer, Options
+from dissect.conversation import Observer, Options
 from dissect.findings.books import Books
+from dissect.gateway import Gateway
 from dissect.iso.recognition import is_connect_request
 from dissect.tcp import stream
 from dissect.tcp.connection import ACK, FIN, RST, SYN
 from dissect.transactions import accounts
-from dissect.transactions.connection import FOREIGN, ISO, PROBING
+from dissect.transactions.connection import FOREIGN, IBH, ISO, PROBING
 from dissect.transactions.dialogue import Dialogue
 from dissect.transactions.table import MAX_CONNECTIONS, Side
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
@@ -53,7 +54,7 @@ class Pipeline(Books):
 
     def __init__(self, observer: Observer, options: Options | None = None) -> None:
         options = options if options is not None else Options()
-        self.conversation: Conversation = Conversation(observer, options)
+        self.conversation: Gateway = Gateway(observer, options)
         super().__init__(observer, self.conversation.judge)
         self._dialogue: Dialogue = self.conversation.dialogue
         self._strict: bool = options.strict
@@ -172,7 +173,7 @@ class Pipeline(Books):
         was_closed = side.tcp.closed
         if flags & RST:
             if not side.tcp.note_reset(side.index, seq, self.frames, self.now_ns):
-                if side.connection.state == ISO:
+                if side.connection.followed:
                     self._note("stream.reset_ignored", "", side.connection.number)
                 return accounts.RESET_IGNORED
         elif flags & FIN:
@@ -190,7 +191,7 @@ class Pipeline(Books):
             side.tcp.ended = "reused"
             side.tcp.ended_frame = self.frames
             side.tcp.ended_ns = self.now_ns
-            if side.connection.state == ISO:
+            if side.connection.followed:
                 self._note("stream.reused", "", side.connection.number)
         self._finish(side, CONNECTION_CLOSED)
 
@@ -204,7 +205,7 @@ class Pipeline(Books):
     def _open(self, key: bytes, vlan: i64) -> Side:
         for idle in self.table.overflow():
             idle.tcp.ended = idle.tcp.ended or "evicted"
-            if idle.connection.state == ISO:
+            if idle.connection.followed:
                 self._note("stream.evicted", "", idle.connection.number)
             self._finish(idle, CONNECTION_EVICTED)
         return self.table.open(key, vlan, self.frames, self.now_ns)
@@ -291,7 +292,7 @@ class Pipeline(Books):
             side.end_seq = chunk.end_seq
             side.last_ack = chunk.ack
             if chunk.hole:
-                if side.connection.state == ISO:
+                if side.connection.followed:
                     self.octets.holes += 1
                     self.octets.missing += chunk.hole
                 self.conversation.hole(side, chunk.hole, cut, chunk.frame, chunk.time_ns)
@@ -299,6 +300,8 @@ class Pipeline(Books):
                 self.conversation.probe(side, chunk.octets, chunk.frame, chunk.time_ns)
             elif side.connection.state == FOREIGN:
                 side.framer.skipped += len(chunk.octets)
+            elif side.connection.state == IBH:
+                self.conversation.ibh_octets(side, chunk.octets, chunk.frame, chunk.time_ns)
             else:
                 self.conversation.octets(side, chunk.octets, chunk.frame, chunk.time_ns)
 

@@ -16,6 +16,7 @@ from dissect.findings.finding import Finding
 from dissect.pipeline import Pipeline
 from dissect.report.analysis import Analysis
 from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.source.files import open_capture
 from dissect.source.packet import PacketSink, Reader, SourceFile
 from dissect.transactions.connection import Connection
@@ -26,7 +27,7 @@ from dissect.transactions.transaction import Transaction
 CONTINUES_NS: Final = 60_000_000_000
 
 #: What `open` yields.
-Event = Connection | Pdu | Transaction | Finding
+Event = Connection | Pdu | PlusPdu | Transaction | Finding
 
 
 class _Joint(PacketSink):
@@ -120,6 +121,9 @@ class _Queue(Observer):
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         self.events.append(parse_pdu(octets, frame, time_ns, side.connection.number, side.index, cut))
 
+    def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        self.events.append(parse_plus(octets, frame, time_ns, side.connection.number, side.index, cut))
+
     def transaction(self, transaction: Transaction) -> None:
         self.events.append(transaction)
 
@@ -131,7 +135,7 @@ class _Queue(Observer):
 
 
 def open(path: str, *more: str, pdus: bool = True, slow_ns: int = 1_000_000_000) -> Iterator[Event]:
-    """Iterate the events of one capture or several: `Pdu`, `Transaction`, `Finding`, and `Connection` when it ends.
+    """Iterate the events of one capture or several: `Pdu`, `PlusPdu`, `Transaction`, `Finding`, and `Connection` at its end.
 
     Events come in the order in which they become certain; a transaction follows its PDUs. ``pdus=False`` leaves the single
     PDUs out, which is faster. Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding.

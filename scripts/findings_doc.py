@@ -3,7 +3,17 @@
 from __future__ import annotations
 
 from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.finding import SEVERITIES
+from dissect.findings.finding import KINDS, SEVERITIES, Rule
+from dissect.findings.mitre import TECHNIQUES
+
+_OF_KINDS = {
+    "capture": "the capture itself and what the analyzer had to leave out",
+    "protocol": "TCP, TPKT, COTP and S7 as protocols",
+    "negotiation": "what the two sides agreed on, and whether they keep to it",
+    "function": "requests and answers",
+    "security": "what an intruder would do, and others may have reasons for",
+    "operation": "what takes several requests",
+}
 
 
 def document() -> str:
@@ -14,15 +24,39 @@ def document() -> str:
         "Made from the catalogue (`scripts/findings_doc.py`); a test keeps it so. Slugs are stable. Each finding names",
         "its connection, the packets that show it and what was seen. Counters are exact; at most 100 findings of a slug",
         "are detailed for one connection, and 1000 in all.",
+        "",
+        "The kind of a rule says what it is about:",
+        "",
+        *[f"- {kind}: {_OF_KINDS[kind]}" for kind in KINDS],
     ]
     for severity in SEVERITIES:
-        lines += ["", f"## {severity}", "", "| slug | what | what to do |", "|---|---|---|"]
+        rules = [rule for rule in CATALOGUE.values() if rule.severity == severity]
         lines += [
-            f"| `{rule.slug}` | {rule.sentence} | {rule.advice} |"
-            for rule in CATALOGUE.values()
-            if rule.severity == severity
+            "",
+            f"## {severity}",
+            "",
+            "| slug | kind | what | what to do | MITRE ATT&CK |",
+            "|---|---|---|---|---|",
         ]
+        lines += [
+            f"| `{rule.slug}` | {rule.kind} | {rule.sentence} | {rule.advice} | {_techniques(rule)} |" for rule in rules
+        ]
+    lines += [
+        "",
+        "## MITRE ATT&CK for ICS",
+        "",
+        "The techniques that findings point to. A finding is no proof of an attack: engineers stop, load and read out PLCs",
+        "as well. Release 19 renumbered nine techniques as sub-techniques, so both ids are told.",
+        "",
+        "| technique | v18 | v19 | source |",
+        "|---|---|---|---|",
+    ]
+    lines += [f"| {one.name} | {one.v18} | {one.v19} | {one.source} |" for one in TECHNIQUES.values()]
     return "\n".join(lines) + "\n"
+
+
+def _techniques(rule: Rule) -> str:
+    return ", ".join([str(technique) for technique in rule.techniques])
 
 
 if __name__ == "__main__":

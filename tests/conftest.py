@@ -103,6 +103,8 @@ def corpus() -> Path:
     """The folder of the shared public captures, which are not part of this repository."""
     path = Path(os.environ.get("S7DISSECT_CORPUS") or ROOT.parent / "shared" / "captures")
     if not path.is_dir():
+        if os.environ.get("S7DISSECT_CORPUS"):
+            pytest.fail(f"S7DISSECT_CORPUS names {path}, which is no folder")
         pytest.skip(f"no shared captures in {path} (S7DISSECT_CORPUS names their folder)")
     return path
 

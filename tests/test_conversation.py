@@ -286,7 +286,7 @@ def test_who_connects_to_whom() -> None:
     talk = (
         Talk().handshake().send(0, EMPTY_DT).send(1, connect(0xD0)).send(0, dt(setup(JOB, 0))).send(1, dt(setup(3, 0)))
     )
-    assert run(talk).counts == {"cotp.answer_without_request": 1}
+    assert run(talk).counts == {"cotp.answer_without_request": 1, "cotp.bad_start": 1}
     talk = Talk().handshake().send(0, connect(), connect()).send(1, connect(0xD0))
     assert run(talk).counts == {"cotp.repeated_request": 1}
     # Captured out of order, or with its CR lost, a CC says nothing of the kind.
@@ -311,10 +311,11 @@ def test_a_tpdu_beyond_what_was_negotiated() -> None:
 def test_several_protocols_in_one_connection_are_told_once_each() -> None:
     talk = poll(ready(), 1)
     for _ in range(3):
-        talk.send(0, dt(b"\x72\x01\x00\x00")).send(1, dt(b"\x16\x03\x01")).send(0, dt(b"what is this"))
+        talk.send(0, dt(b"\x72\xff\x01\x00")).send(1, dt(b"\x16\x03\x01")).send(0, dt(b"what is this"))
     result = run(talk)
-    assert result.details("session.foreign_on_102") == ["s7comm_plus", "tls", "unknown"]
-    assert result.counts["session.foreign_on_102"] == 3
+    told = ["tls", "unknown: begins with 77 68 61 74 20 69 73 20"]
+    assert result.details("session.foreign_on_102") == told
+    assert result.pipeline.conversation.plus_pdus == 3
     assert only(result).protocol == "s7comm"
 
 

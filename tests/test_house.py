@@ -22,10 +22,13 @@ ORDER: Final = (
     "source",
     "tcp",
     "iso",
+    "ibh",
     "s7",
+    "s7plus",
     "transactions",
     "findings",
     "conversation",
+    "gateway",
     "pipeline",
     "report",
     "session",  # analyze() folds what it reads with report.analysis
@@ -38,7 +41,7 @@ ORDER: Final = (
 FACES: Final = frozenset(("report", "layers", "oracle", "testing", "cli"))
 
 #: Rooms between a packet and a finding: no file, socket, clock, thread or log.
-PURE: Final = frozenset(("tcp", "iso", "s7", "transactions", "findings", "conversation", "pipeline"))
+PURE: Final = frozenset(("tcp", "iso", "ibh", "s7", "transactions", "findings", "conversation", "gateway", "pipeline"))
 PURE_IMPORTS: Final = frozenset(
     (
         "__future__",

@@ -20,7 +20,7 @@ SOURCES: Final = ("dissect", "setup.py", "pyproject.toml", "MANIFEST.in", "READM
 
 #: What is compiled, said once more and independently of setup.py.
 HOT: Final = re.compile(
-    r"dissect/((wire|tcp|iso|s7|transactions|findings)/\w+|source/(packet|pcap|pcapng)|conversation|pipeline|report/(analysis|jsonl|latency))\.py"
+    r"dissect/((wire|tcp|iso|ibh|s7|transactions|findings)/\w+|source/(packet|pcap|pcapng)|conversation|gateway|pipeline|report/(analysis|jsonl|latency))\.py"
 )
 
 #: The namespace of another project that responders to incidents have installed too.

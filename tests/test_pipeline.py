@@ -407,7 +407,8 @@ def test_another_protocol_on_port_102_is_told_once(messages: tuple[bytes, bytes]
         talk.send(0, messages[0]).send(1, messages[1])
     result = run(talk.close())
     assert result.packets["other_protocol"] == 2 * rounds
-    assert result.details("session.foreign_on_102") == [name]
+    identity = {"unknown": "begins with 47 45 54 20 2f 20 48 54", "tls": "TLS 1.2 ClientHello"}[name]
+    assert result.details("session.foreign_on_102") == [f"{name}: {identity}"]
     assert result.record.opened == []
 
 
@@ -418,10 +419,11 @@ def test_rdp_is_named_and_left_alone() -> None:
     for _ in range(3):
         talk.send(1, TLS[0]).send(0, TLS[1])
     result = run(talk.close())
-    assert result.details("session.foreign_on_102") == ["rdp"]
+    identity = "cookie mstshash=op, asks for TLS or CredSSP"
+    assert result.details("session.foreign_on_102") == [f"rdp: {identity}"]
     assert result.packets["other_protocol"] == 7
     connection = only(result)
-    assert connection.protocol == "rdp"
+    assert (connection.protocol, connection.identified_by) == ("rdp", identity)
     assert connection.tcp.ended == "fin"
     assert result.transactions == []
 
@@ -539,7 +541,7 @@ def test_who_ended_it_and_what_was_open_then(side: int, how: str) -> None:
     assert connection.tcp.ended_frame == (len(talk.segments) - 2 if how == "fin" else len(talk.segments))
     assert connection.open_at_end == 2
     assert [one.reason for one in result.transactions if one.outcome_name == "unanswered"] == ["connection_closed"] * 2
-    assert result.counts == {"transaction.unanswered": 2}
+    assert result.counts == {"transaction.unanswered": 2, "session.cut": 1}
 
 
 def test_a_connection_of_which_the_capture_ends_is_still_open() -> None:

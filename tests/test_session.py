@@ -100,12 +100,14 @@ def test_open_gives_every_event_in_order(write: Files) -> None:
     talk = Talk().handshake().send(0, dt(read_job(1, [WORD]))).send(1, dt(read_answer(1, [WORD], [0x0A]))).close()
     path = write(talk.packets())
     events = list(dissect.open(path))
-    assert [type(event) for event in events] == [Pdu, Finding, Pdu, Transaction, Finding, Connection]
-    request, before, answer, one, refused, connection = events
+    assert [type(event) for event in events] == [Pdu, Finding, Finding, Pdu, Transaction, Finding, Connection]
+    request, begun, before, answer, one, refused, connection = events
     assert isinstance(request, Pdu)
     assert isinstance(answer, Pdu)
     assert (request.frame, request.side, request.rosctr) == (4, 0, JOB)
     assert (answer.frame, answer.side, answer.rosctr) == (5, 1, ACK_DATA)
+    assert isinstance(begun, Finding)
+    assert begun.slug == "cotp.bad_start"
     assert isinstance(before, Finding)
     assert before.slug == "session.data_before_setup"
     assert isinstance(one, Transaction)
@@ -115,7 +117,7 @@ def test_open_gives_every_event_in_order(write: Files) -> None:
     assert isinstance(connection, Connection)
     assert connection.tcp.ended == "fin"
     without = [type(event) for event in dissect.open(path, pdus=False)]
-    assert without == [Finding, Transaction, Finding, Connection]
+    assert without == [Finding, Finding, Transaction, Finding, Connection]
 
 
 def test_open_knows_what_is_slow(write: Files) -> None:

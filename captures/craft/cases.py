@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from captures.craft import files, iso, links, losses, lying, neighbours, pairing, rules, streams
+from captures.craft import files, iso, links, losses, lying, neighbours, netlink, pairing, rules, streams, worked
 from captures.craft.case import RECIPES, Case, craft
 
 __all__ = ["FOLDER", "GROUPS", "RECIPES", "Case", "craft"]
 
-GROUPS = (streams, losses, links, files, iso, lying, rules, pairing, neighbours)
+GROUPS = (streams, losses, links, files, iso, lying, rules, pairing, neighbours, netlink, worked)
 FOLDER = Path(__file__).resolve().parent.parent / "crafted"

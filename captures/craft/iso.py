@@ -90,6 +90,7 @@ def cotp_fragments(case: Case) -> None:
     talk.send(CLIENT, dt(message[:10], end=False, number=9))
     talk.send(CLIENT, dt(message[10:], number=10))
     talk.send(SERVER, dt(values(9, b"\x00\x09"), number=127))
+    case.find("cotp.tpdu_nr", 2)
     case.pair(READ)
     # An empty TSDU is legal and says nothing.
     talk.send(CLIENT, dt())
@@ -227,6 +228,7 @@ def connect_wrongly(case: Case) -> None:
     talk.send(CLIENT, dt(end=False))
     talk.send(SERVER, cc())
     case.find("cotp.answer_without_request")
+    case.find("cotp.bad_start")
     talk.setup()
     talk.poll()
     talk.close()

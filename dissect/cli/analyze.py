@@ -14,6 +14,7 @@ from dissect.cli.drive import (
     write,
     write_report,
 )
+from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_INTERRUPTED
 
 
@@ -29,7 +30,8 @@ from dissect.cli.main import EXIT_INTERRUPTED
     metavar="MS",
     help="Answers that take longer than this many milliseconds are a finding.",
 )
-def command(files: tuple[str, ...], format_: str, slow_ns: int) -> int:
+@fail_on_option
+def command(files: tuple[str, ...], format_: str, slow_ns: int, fail_on: frozenset[str]) -> int:
     """Tell what captures hold, how fast it went, what failed and why.
 
     That is: connections, transactions by function with answer times, findings, failed and slowest transactions, and what is
@@ -55,4 +57,4 @@ def command(files: tuple[str, ...], format_: str, slow_ns: int) -> int:
 
         write_report(analysis_lines(analysis, code == EXIT_INTERRUPTED))
     complain(run, code)
-    return code
+    return gate(run, fail_on, code)

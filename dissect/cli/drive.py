@@ -56,8 +56,8 @@ def nanoseconds(ctx: click.Context, param: click.Parameter, ms: str | None) -> i
 
 #: What the help of each command ends with.
 EXIT_CODES: Final = (
-    "Exit code: 0 all read, 2 wrong use or a file that cannot be read, 3 a file is damaged or cut off (results given), "
-    "5 the output failed, 130 interrupted (results given)."
+    "Exit code: 0 all read, 1 a finding that --fail-on names (results given), 2 wrong use or a file that cannot be read, "
+    "3 a file is damaged or cut off (results given), 5 the output failed, 130 interrupted (results given)."
 )
 
 

@@ -6,16 +6,21 @@ import click
 from mypy_extensions import i64
 
 from dissect.cli.drive import EXIT_CODES, complain, drive, files_argument, format_option, places_of, write
+from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_OK, EXIT_USAGE
 from dissect.conversation import Observer
+from dissect.ibh.packet import parse_packet
+from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
 from dissect.iso.cotp import parse_tpdu
 from dissect.iso.tables import DT, ED
 from dissect.report.jsonl import PduLines
-from dissect.report.lines import carried, comment_line, pdu_line, tpdu_line
+from dissect.report.lines import carried, comment_line, message_name, netlink_line, pdu_line, plus_line, tpdu_line
 from dissect.report.places import Places
-from dissect.report.tree import tpdu_tree_lines, tree_lines
+from dissect.report.tree import netlink_tree_lines, plus_tree_lines, tpdu_tree_lines, tree_lines
 from dissect.s7.message import parse_pdu
+from dissect.s7plus.message import parse_plus
 from dissect.session import Run
+from dissect.transactions.connection import IBH
 from dissect.transactions.table import Side
 from dissect.wire.clock import Clock
 
@@ -27,11 +32,12 @@ from dissect.wire.clock import Clock
     "--frame", type=click.IntRange(min=1), metavar="N", help="Only what packet N completes (of each file, in several)."
 )
 @click.option("-V", "--verbose", is_flag=True, help="With the field tree, octet ranges and a hex view.")
-def command(files: tuple[str, ...], format_: str, frame: int | None, verbose: bool) -> int:
-    """Write one line for each S7 PDU: the packet that completed it, when (UTC), who to whom, kind, reference, content.
+@fail_on_option
+def command(files: tuple[str, ...], format_: str, frame: int | None, verbose: bool, fail_on: frozenset[str]) -> int:
+    """Write one line for each PDU of S7comm and S7comm-plus: the packet that completed it, when (UTC), who to whom, what.
 
     Text shows COTP connects, disconnects, errors, messages of other protocols and packet comments as well; -T jsonl writes
-    S7 PDUs only. Values need the request and its answer: the transactions command tells them.
+    PDUs only. Values need the request and its answer: the transactions command tells them.
 
     FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input.
     """
@@ -48,7 +54,7 @@ def command(files: tuple[str, ...], format_: str, frame: int | None, verbose: bo
             click.echo(f"s7dissect: there is no packet {frame}: the last one is number {most}", err=True)
             return EXIT_USAGE
         click.echo(f"s7dissect: packet {frame} completes no {'S7 PDU' if format_ == 'jsonl' else 'message'}", err=True)
-    return code
+    return gate(run, fail_on, code)
 
 
 class _Pdus(Observer):
@@ -65,7 +71,7 @@ class _Pdus(Observer):
         self._clock = Clock()
         self._pdus = PduLines()
         self._places = Places([], False)
-        self._packet = b""  # the TPKT at hand
+        self._packet = b""  # the TPKT or IBH-NetLink packet at hand
         self._lines: list[str] = []
 
     def begin(self, places: Places) -> None:
@@ -100,6 +106,20 @@ class _Pdus(Observer):
         if self._verbose:
             self._lines.extend(tpdu_tree_lines(octets))
 
+    def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        """Remember the packet for the PDU in it; add the line of one that carries no part of one."""
+        self._packet = octets
+        if not self._wanted(frame):
+            return
+        packet = parse_packet(octets)
+        if packet.kind in {KIND_DATA, KIND_FRAGMENT} and packet.data:
+            if not side.assembler.clear or not message_name(packet.data):
+                return
+        where = side.connection, side.index, self._clock, self._places
+        self._lines.append(netlink_line(packet, frame, time_ns, *where))
+        if self._verbose:
+            self._lines.extend(netlink_tree_lines(octets))
+
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7 PDU."""
         if not self._wanted(frame):
@@ -112,7 +132,21 @@ class _Pdus(Observer):
         self._lines.append(pdu_line(pdu, connection, self._clock, self._places))
         if self._verbose:
             whole = self._packet if self._packet.endswith(octets) and not cut else b""
-            self._lines.extend(tree_lines(pdu, whole))
+            self._lines.extend(tree_lines(pdu, whole, connection.state == IBH))
+
+    def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        """Add the line of an S7comm-plus PDU."""
+        if not self._wanted(frame):
+            return
+        connection = side.connection
+        pdu = parse_plus(octets, frame, time_ns, connection.number, side.index, cut)
+        if self._as_jsonl:
+            self._lines.append(self._pdus.plus_line(pdu, connection))
+            return
+        self._lines.append(plus_line(pdu, connection, self._clock, self._places))
+        if self._verbose:
+            whole = self._packet if self._packet.endswith(octets) and not cut else b""
+            self._lines.extend(plus_tree_lines(pdu, whole))
 
     def _wanted(self, frame: int) -> bool:
         return self._frame is None or self._places.number(frame) == self._frame

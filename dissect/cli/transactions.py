@@ -9,7 +9,8 @@ from collections.abc import Callable
 import click
 
 from dissect.cli.drive import EXIT_CODES, complain, drive, files_argument, format_option, nanoseconds, places_of, write
-from dissect.conversation import Observer
+from dissect.cli.gate import fail_on_option, gate
+from dissect.conversation import Observer, Options
 from dissect.report.jsonl import Choice, TransactionLines
 from dissect.report.lines import csv_columns, transaction_cells, transaction_line
 from dissect.report.places import Places
@@ -29,7 +30,8 @@ from dissect.wire.clock import Clock
     metavar="MS",
     help="Only transactions whose answer took longer than this many milliseconds; with --failed these as well.",
 )
-def command(files: tuple[str, ...], format_: str, failed: bool, slow_ns: int | None) -> int:
+@fail_on_option
+def command(files: tuple[str, ...], format_: str, failed: bool, slow_ns: int | None, fail_on: frozenset[str]) -> int:
     """Write one line for each request and its answer.
 
     It says when the request was sent (UTC), its number and packets, who asked whom, how long the answer took, the function,
@@ -39,21 +41,22 @@ def command(files: tuple[str, ...], format_: str, failed: bool, slow_ns: int | N
     so a request without answer stands where it was given up.
     """
     choose = _choice(failed, slow_ns)
+    options = Options(slow_ns) if slow_ns is not None else None  # what is slow is a finding as well
     take: Callable[[], list[str]]
     if format_ == "jsonl":
         lines = TransactionLines(choose)
-        run = Run(files, lines)
+        run = Run(files, lines, options)
         if len(files) > 1:
             lines.locate = places_of(run, files).locate
         take = lines.take
     else:
         rows = _Rows(format_ == "csv", choose)
-        run = Run(files, rows)
+        run = Run(files, rows, options)
         rows.begin(places_of(run, files))
         take = rows.take
     code = drive(run, files, lambda: write(take()))
     complain(run, code)
-    return code
+    return gate(run, fail_on, code)
 
 
 def _choice(failed: bool, slow_ns: int | None) -> Choice | None:

@@ -72,6 +72,11 @@ class Books(PacketSink):
         self.octets.framed += framer.framed
         self.octets.skipped += framer.skipped
         self.octets.buffered += framer.buffered
+        ibh = side.ibh
+        if ibh is not None:
+            self.octets.framed += ibh.framed
+            self.octets.skipped += ibh.skipped
+            self.octets.buffered += ibh.buffered
 
     def _note(self, slug: str, detail: str = "", connection: i64 = 0) -> None:
         """Count and, within the bounds, detail a finding about the packet at hand."""

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from mypy_extensions import i64
 
+from dissect.findings.item_rules import judge_parameters
 from dissect.findings.judge import Judge
 from dissect.findings.observer import Observer, Options
-from dissect.findings.session_rules import judge_grant, judge_port, judge_request
+from dissect.findings.security_rules import PACE
+from dissect.findings.session_rules import judge_grant, judge_header, judge_length, judge_port, judge_request
 from dissect.findings.transaction_rules import judge_transaction, judge_unanswered
+from dissect.findings.watch import Watch
 from dissect.iso.upper import S7COMM, UPPER_NAMES
 from dissect.s7.message import header_size, parse_pdu, read_header
 from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, ParameterCache, Parameters
-from dissect.s7.tables import ACK, ACK_DATA, JOB, ROSCTR, SETUP_COMMUNICATION, USERDATA
+from dissect.s7.tables import ACK, ACK_DATA, JOB, READ_VAR, ROSCTR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
+from dissect.s7plus.parameters import PLUS
 from dissect.tcp.stream import HALF_SPACE, MASK
-from dissect.transactions.connection import Connection
+from dissect.transactions.connection import IBH, Connection
 from dissect.transactions.dialogue import BAD_DATA, Dialogue
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import UNANSWERED, Transaction
@@ -35,6 +39,7 @@ class Exchange:
         self._parameters: ParameterCache = ParameterCache()
         self._slow_ns: i64 = options.slow_ns
         self._strict: bool = options.strict
+        self.watch: Watch = Watch(observer, self.judge)
 
     def _pdu(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
         connection = side.connection
@@ -43,6 +48,8 @@ class Exchange:
         if connection.pdus == 0:
             self._first_pdu(connection, frame, time_ns)
         connection.pdus += 1
+        if connection.pdus % PACE == 0:
+            self.watch.security.pace(connection, frame, time_ns)
         if self.observer.wants_pdus:
             self.observer.pdu(frame, time_ns, side, buf[at : at + size], False)
         if size < 10:
@@ -59,9 +66,13 @@ class Exchange:
             self.functions[parameters.function] = self.functions[parameters.function] + 1
         if parameters.malformed:
             self._note_malformed(side, buf[at : at + size], frame, time_ns)
-        if 0 < connection.pdu_length < size:
-            detail = f"{size} octets, {connection.pdu_length} negotiated"
-            self.judge.note("session.pdu_too_long", connection.number, [frame], time_ns, detail)
+        if parameters.unjudged:
+            judge_parameters(self.judge, side, parameters, frame, time_ns)
+        limit: i64 = connection.pdu_length
+        if limit and (size > limit or parameters.answer_size > limit):
+            judge_length(self.judge, connection, parameters, size, frame, time_ns)
+        if (rosctr == ACK and size > head) or u16(buf, at + 2):
+            judge_header(self.judge, side, rosctr, size - head, u16(buf, at + 2), frame, time_ns)
         if rosctr == JOB:
             self._ask(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
         elif rosctr != USERDATA:
@@ -81,7 +92,8 @@ class Exchange:
                 self.unpaired += 1
 
     def _first_pdu(self, connection: Connection, frame: i64, time_ns: i64) -> None:
-        connection.protocol = UPPER_NAMES[S7COMM]
+        if connection.state != IBH:
+            connection.protocol = UPPER_NAMES[S7COMM]
         judge_port(self.judge, connection, frame, time_ns)
 
     def _ask(
@@ -121,7 +133,7 @@ class Exchange:
     def done(self, transaction: Transaction) -> None:
         """A transaction is complete: judge it when it is odd, and tell it."""
         if transaction.has_errors:
-            transaction.connection.errors += 1
+            transaction.connection.note_error(transaction.parameters, transaction.response_ns, transaction.error_code)
         if (
             transaction.flags
             or transaction.has_errors
@@ -129,6 +141,20 @@ class Exchange:
         ):
             judge_transaction(self.judge, transaction, self._slow_ns)
         self.observer.transaction(transaction)
+        self._watch(transaction)
+
+    def _watch(self, transaction: Transaction) -> None:
+        """Show what is more than polling to those who watch."""
+        parameters = transaction.parameters
+        function: i64 = parameters.function
+        if function != READ_VAR and function != WRITE_VAR:
+            if transaction.rosctr != PLUS:  # whose contents are not read
+                self.watch.take(transaction)
+        else:
+            if parameters.written & ~transaction.connection.traits.written:
+                self.watch.security.write(transaction)
+            if transaction.has_errors:
+                self.watch.security.refused_items(transaction)
 
     def beside(self, frame: i64, now_ns: i64) -> None:
         """Tell the transactions that ended beside the one at hand."""
@@ -136,13 +162,16 @@ class Exchange:
         self.dialogue.also = []
         for transaction in also:
             if transaction.has_errors:
-                transaction.connection.errors += 1
+                transaction.connection.note_error(
+                    transaction.parameters, transaction.response_ns, transaction.error_code
+                )
             try:
                 if transaction.outcome == UNANSWERED:
                     judge_unanswered(self.judge, transaction, now_ns, self._slow_ns)
                 else:
                     judge_transaction(self.judge, transaction, self._slow_ns)
                 self.observer.transaction(transaction)
+                self._watch(transaction)
             except Exception as bug:
                 if self._strict:
                     raise

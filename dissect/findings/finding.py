@@ -6,6 +6,8 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.findings.mitre import Technique
+
 ERROR: Final = "error"
 WARNING: Final = "warning"
 NOTE: Final = "note"
@@ -14,16 +16,35 @@ NOTE: Final = "note"
 SEVERITIES: Final = (ERROR, WARNING, NOTE)
 
 
+#: What a rule is about: the capture itself; the bytes of a protocol; what was agreed on; requests and answers; what an
+#: intruder would do; and what takes several requests.
+CAPTURE: Final = "capture"
+PROTOCOL: Final = "protocol"
+NEGOTIATION: Final = "negotiation"
+FUNCTION: Final = "function"
+SECURITY: Final = "security"
+OPERATION: Final = "operation"
+
+KINDS: Final = (CAPTURE, PROTOCOL, NEGOTIATION, FUNCTION, SECURITY, OPERATION)
+
+
 class Rule:
-    """One row of the catalogue: a stable slug, how much it weighs, one sentence, and what to do about it."""
+    """One row of the catalogue: a stable slug, how much it weighs, what it is about, one sentence, and what to do about it.
 
-    __slots__ = ("advice", "sentence", "severity", "slug")
+    ``techniques`` are those of MITRE ATT&CK for ICS that what it tells of may be part of; most rules have none.
+    """
 
-    def __init__(self, slug: str, severity: str, sentence: str, advice: str) -> None:
+    __slots__ = ("advice", "kind", "sentence", "severity", "slug", "techniques")
+
+    def __init__(
+        self, slug: str, severity: str, kind: str, sentence: str, advice: str, techniques: tuple[Technique, ...] = ()
+    ) -> None:
         self.slug = slug
         self.severity = severity
+        self.kind = kind
         self.sentence = sentence
         self.advice = advice
+        self.techniques = techniques
 
 
 class Finding:

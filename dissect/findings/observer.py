@@ -6,6 +6,7 @@ from mypy_extensions import i64, mypyc_attr
 
 from dissect.findings.finding import Finding
 from dissect.transactions.connection import Connection
+from dissect.transactions.operation import Operation
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
 
@@ -27,7 +28,7 @@ class Observer:
         self.wants_tpdus: bool = False
 
     def connection_opened(self, connection: Connection) -> None:
-        """ISO-on-TCP was recognised on a connection."""
+        """ISO-on-TCP or IBH-NetLink was recognised on a connection."""
 
     def connection_closed(self, connection: Connection) -> None:
         """A connection is over; all its transactions were told before."""
@@ -35,11 +36,20 @@ class Observer:
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """A whole TPKT, header included (only with ``wants_tpdus``)."""
 
+    def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        """A whole IBH-NetLink packet, header included (only with ``wants_tpdus``)."""
+
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """A whole S7 PDU, or one the capture cut (only with ``wants_pdus``)."""
 
+    def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        """A whole S7comm-plus PDU, its frames one behind the other, or what is known of one (only with ``wants_pdus``)."""
+
     def transaction(self, transaction: Transaction) -> None:
         """A transaction is complete, or given up."""
+
+    def operation(self, operation: Operation) -> None:
+        """An operation, several transactions that belong together, is over."""
 
     def finding(self, finding: Finding) -> None:
         """Something deserves attention."""

@@ -7,12 +7,14 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.findings.judge import Judge
+from dissect.ibh.tables import NETLINK_PORT
 from dissect.iso.cotp import Tpdu
 from dissect.iso.tables import DR_REASONS, ER_CAUSES
 from dissect.s7.parameters import Parameters
-from dissect.s7.tables import SETUP_COMMUNICATION
+from dissect.s7.tables import ACK, SETUP_COMMUNICATION
 from dissect.tcp.stream import HALF_SPACE, MASK
-from dissect.transactions.connection import ISO_TSAP_PORT, Connection
+from dissect.transactions.connection import IBH, ISO_TSAP_PORT, Connection
+from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, Ending
 from dissect.transactions.pairing import GIVEN_UP_NS
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
@@ -23,6 +25,10 @@ _MIN_PDU_LENGTH: Final = 64
 _FEW_JOBS: Final = 64
 #: A connection of which only one side was captured is called so from this many PDUs on.
 _ONE_SIDED_PDUS: Final = 3
+#: A bit of `Connection.told` for side 0, and shifted by one for side 1; those below it belong to the transport rules.
+_REDUNDANT: Final = 64
+#: From so many requests on that were open when a connection was cut, one finding sums them up.
+_SEVERAL: Final = 2
 
 
 def judge_request(judge: Judge, side: Side, parameters: Parameters, open_now: i64, frame: i64, time_ns: i64) -> None:
@@ -30,6 +36,7 @@ def judge_request(judge: Judge, side: Side, parameters: Parameters, open_now: i6
     connection = side.connection
     number = connection.number
     if parameters.function == SETUP_COMMUNICATION:
+        _judge_again(judge, connection, parameters, frame, time_ns)
         connection.setup_seen = True
         connection.setup_open = True
         if parameters.setup is not None:
@@ -49,6 +56,41 @@ def judge_request(judge: Judge, side: Side, parameters: Parameters, open_now: i6
         if open_now > allowed:
             detail = f"more requests open than the {allowed} granted (AmQ)"
             judge.note("session.too_many_jobs", number, [frame], time_ns, detail)
+
+
+def _judge_again(judge: Judge, connection: Connection, parameters: Parameters, frame: i64, time_ns: i64) -> None:
+    """Communication is set up once more on one connection."""
+    asked = parameters.setup
+    before = connection.setup_asked
+    if asked is not None and before is not None:
+        same = asked.as_dict() == before.as_dict()
+        detail = "the same values" if same else f"PDU length {asked.pdu_length}, before {before.pdu_length}"
+        judge.note("session.repeated_setup", connection.number, [frame], time_ns, f"asks for {detail}")
+
+
+def judge_length(
+    judge: Judge, connection: Connection, parameters: Parameters, size: i64, frame: i64, time_ns: i64
+) -> None:
+    """A PDU longer than was granted, or a read whose answer will be."""
+    limit = connection.pdu_length
+    if size > limit:
+        detail = f"{size} octets, {limit} negotiated"
+        judge.note("session.pdu_too_long", connection.number, [frame], time_ns, detail)
+    if parameters.answer_size > limit:
+        detail = f"{parameters.subject}: the answer takes {parameters.answer_size} octets, {limit} negotiated"
+        judge.note("session.read_too_long", connection.number, [frame], time_ns, detail)
+
+
+def judge_header(judge: Judge, side: Side, rosctr: i64, extra: i64, redundancy: i64, frame: i64, time_ns: i64) -> None:
+    """An S7 header with a redundancy id (told once of each side), or an Ack with more than a header."""
+    connection = side.connection
+    who = connection.tcp.ends[side.index]
+    told: i64 = _REDUNDANT << side.index
+    if redundancy and not connection.told & told:
+        connection.told |= told
+        judge.note("s7.redundancy_id", connection.number, [frame], time_ns, f"0x{redundancy:04x} from {who}")
+    if rosctr == ACK and extra > 0:
+        judge.note("s7.ack_content", connection.number, [frame], time_ns, f"{extra} octets from {who}")
 
 
 def _too_early(side: Side) -> bool:
@@ -92,9 +134,10 @@ def judge_grant(judge: Judge, transaction: Transaction) -> None:
 
 
 def judge_port(judge: Judge, connection: Connection, frame: i64, time_ns: i64) -> None:
-    """S7 communication with neither end on port 102; said once a connection."""
+    """S7 communication with neither end on port 102, that of ISO-on-TCP; said once a connection."""
     ends = connection.tcp.ends
-    if ends[0].port != ISO_TSAP_PORT and ends[1].port != ISO_TSAP_PORT:
+    usual = NETLINK_PORT if connection.state == IBH else ISO_TSAP_PORT
+    if ends[0].port != usual and ends[1].port != usual:
         who = f"server {connection.server}" if connection.client_known else f"between {ends[0]} and {ends[1]}"
         judge.note("session.unusual_port", connection.number, [frame], time_ns, who)
 
@@ -110,7 +153,7 @@ def judge_disconnect(judge: Judge, side: Side, tpdu: Tpdu, frame: i64, time_ns: 
         connection.refused = reason
         judge.note("cotp.refused", connection.number, [frame], time_ns, f"{who} refuses{where}: {reason}")
     else:
-        connection.iso_ended = f"DR from {who}: {reason}"
+        connection.note_iso_end(f"DR from {who}: {reason}", DISCONNECT, side.index, frame, time_ns)
         judge.note("cotp.disconnected", connection.number, [frame], time_ns, f"{who}: {reason}")
 
 
@@ -118,8 +161,35 @@ def judge_error_tpdu(judge: Judge, side: Side, tpdu: Tpdu, frame: i64, time_ns: 
     """An ER: something the other side sent was rejected."""
     cause = ER_CAUSES.name(tpdu.field("cause"))
     connection = side.connection
-    connection.iso_ended = f"ER from {connection.tcp.ends[side.index]}: {cause}"
+    words = f"ER from {connection.tcp.ends[side.index]}: {cause}"
+    connection.note_iso_end(words, ERROR_TPDU, side.index, frame, time_ns)
     judge.note("cotp.error", connection.number, [frame], time_ns, cause)
+
+
+def judge_cut(judge: Judge, side: Side, ending: Ending) -> None:
+    """One side ended the connection with several requests open, or the connect request: one line for all of them.
+
+    A single request has its line anyway, `transaction.unanswered`, which tells who cut it off.
+    """
+    connection = side.connection
+    peer = side.peer
+    if not ending.cut or peer is None or side.holes or peer.holes or not (side.captured and peer.captured):
+        return
+    if not ending.connecting and ending.open_requests < _SEVERAL:
+        return
+    said = ending.deed(connection)
+    if ending.connecting:
+        said += " before the connect request was answered"
+        tsap = connection.tsap_called
+        if tsap is not None:
+            said += f", called TSAP {tsap.describe()}"
+    elif ending.oldest is not None:
+        age = int(ending.time_ns - ending.oldest_ns) / 1e9
+        said += f" with {ending.open_requests} requests open, the first is {ending.oldest.subject}, {age:.3f} s old"
+        if ending.last_answer is not None:
+            said += f"; last answer {int(ending.time_ns - ending.last_answer_ns) / 1e9:.3f} s before"
+    frames = [frame for frame in (ending.oldest_frame, ending.frame) if frame]
+    judge.note("session.cut", connection.number, [int(frame) for frame in frames], ending.time_ns, said)
 
 
 def judge_end(judge: Judge, side: Side, frame: i64, time_ns: i64) -> None:

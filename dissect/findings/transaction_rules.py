@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from mypy_extensions import i64
 
 from dissect.findings.judge import Judge
 from dissect.s7.message import Pdu
+from dissect.s7.tables import ANSWER_TRANSPORT_SIZE, SUCCESS, TRANSPORT_SIZES
 from dissect.transactions.checks import (
     BAD_DATA,
     BAD_REQUEST,
     COUNT_MISMATCH,
     EXPECTED,
     FUNCTION_MISMATCH,
+    ODD_DATA_CODE,
     REORDERED,
     SIZE_MISMATCH,
+    WRITE_SIZE,
+    odd_data_code,
 )
 from dissect.transactions.transaction import (
     ANSWERED,
     CAPTURE_ENDED,
+    CONNECTION_CLOSED,
     HOLE,
     ORPHAN,
     PUSH,
@@ -26,6 +33,9 @@ from dissect.transactions.transaction import (
     UNANSWERED,
     Transaction,
 )
+
+#: The bit of `Connection.told` for transport sizes of answers; those below it belong to the other rules.
+_DATA_CODES: Final = 256
 
 
 def judge_transaction(judge: Judge, transaction: Transaction, slow_ns: i64) -> None:
@@ -48,8 +58,7 @@ def judge_transaction(judge: Judge, transaction: Transaction, slow_ns: i64) -> N
 
 def judge_unanswered(judge: Judge, transaction: Transaction, now_ns: i64, slow_ns: i64) -> None:
     """Note a request without answer, unless the capture is to blame or ends too soon to tell."""
-    if transaction.flags & BAD_REQUEST:
-        _judge_bad_request(judge, transaction)
+    _judge_request(judge, transaction)
     if transaction.outcome != UNANSWERED or transaction.reason == HOLE or transaction.flags & EXPECTED:
         return
     if transaction.reason == CAPTURE_ENDED and now_ns - transaction.request_ns <= slow_ns:
@@ -58,7 +67,18 @@ def judge_unanswered(judge: Judge, transaction: Transaction, now_ns: i64, slow_n
         judge.note(
             "transaction.table_full", transaction.connection.number, _frames(transaction), transaction.request_ns
         )
-    _note(judge, "transaction.unanswered", transaction, REASON_TEXTS[transaction.reason])
+    _note(judge, "transaction.unanswered", transaction, _why(transaction))
+
+
+def _why(transaction: Transaction) -> str:
+    """Say why there is no answer, and who cut the connection if that is why."""
+    connection = transaction.connection
+    ending = connection.ending
+    if transaction.reason == CONNECTION_CLOSED and ending is not None:
+        deed = ending.deed(connection)
+        if deed:
+            return f"{deed} {int(ending.time_ns - transaction.request_ns) / 1e9:.3f} s later"
+    return REASON_TEXTS[transaction.reason]
 
 
 def _frames(transaction: Transaction) -> list[int]:
@@ -69,25 +89,14 @@ def _note(judge: Judge, slug: str, transaction: Transaction, what: str) -> None:
     number = transaction.connection.number
     if judge.wants(slug, number):
         time_ns = max(transaction.request_ns, transaction.response_ns)
-        judge.detail(slug, number, _frames(transaction), time_ns, f"{_subject(transaction)}: {what}")
-
-
-def _subject(transaction: Transaction) -> str:
-    """Name the request for a person: the function and, of up to three items, the address."""
-    items = transaction.parameters.items
-    if not items:
-        return transaction.function_name
-    shown = ", ".join([item.address for item in items[:3]])
-    more = f" and {len(items) - 3} more" if len(items) > 3 else ""
-    return f"{transaction.function_name} {shown}{more}"
+        judge.detail(slug, number, _frames(transaction), time_ns, f"{transaction.parameters.subject}: {what}")
 
 
 def _judge_flags(judge: Judge, transaction: Transaction) -> None:
     flags = transaction.flags
     if not flags:
         return
-    if flags & BAD_REQUEST:
-        _judge_bad_request(judge, transaction)
+    _judge_request(judge, transaction)
     answer = transaction.response_parameters
     if flags & FUNCTION_MISMATCH and answer is not None:
         _note(judge, "transaction.function_mismatch", transaction, f"answered as {answer.function_name}")
@@ -98,6 +107,9 @@ def _judge_flags(judge: Judge, transaction: Transaction) -> None:
         )
     if flags & SIZE_MISMATCH:
         _note(judge, "transaction.size_mismatch", transaction, _sizes(transaction))
+    if flags & ODD_DATA_CODE and not transaction.connection.told & _DATA_CODES:
+        transaction.connection.told |= _DATA_CODES
+        _note(judge, "transaction.odd_data_code", transaction, _data_codes(transaction))
     if flags & BAD_DATA and judge.wants("s7.malformed", transaction.connection.number):
         _detail_malformed(judge, transaction, transaction.response, transaction.response_frame, transaction.response_ns)
     if flags & REORDERED:
@@ -105,8 +117,10 @@ def _judge_flags(judge: Judge, transaction: Transaction) -> None:
         _note(judge, "transaction.reordered", transaction, f"the answer stands {ahead / 1e6:.3f} ms before the request")
 
 
-def _judge_bad_request(judge: Judge, transaction: Transaction) -> None:
-    if judge.wants("s7.malformed", transaction.connection.number):
+def _judge_request(judge: Judge, transaction: Transaction) -> None:
+    if transaction.flags & WRITE_SIZE:
+        _note(judge, "transaction.write_size", transaction, _written_sizes(transaction))
+    if transaction.flags & BAD_REQUEST and judge.wants("s7.malformed", transaction.connection.number):
         _detail_malformed(judge, transaction, transaction.request, transaction.request_frame, transaction.request_ns)
 
 
@@ -115,7 +129,7 @@ def _detail_malformed(judge: Judge, transaction: Transaction, pdu: Pdu | None, f
         return
     what = str(pdu.malformed[0]) if pdu.malformed else "the data block does not fit the item count"
     who = transaction.connection.tcp.ends[pdu.side]
-    detail = f"{pdu.rosctr_name} from {who}, {_subject(transaction)}: {what}"
+    detail = f"{pdu.rosctr_name} from {who}, {transaction.parameters.subject}: {what}"
     judge.detail("s7.malformed", transaction.connection.number, [frame], time_ns, detail)
 
 
@@ -127,6 +141,24 @@ def _sizes(transaction: Transaction) -> str:
     return "an item came back with another size"
 
 
+def _written_sizes(transaction: Transaction) -> str:
+    pairs = zip(transaction.parameters.items, transaction.written_items(), strict=False)
+    for number, (item, data_item) in enumerate(pairs, 1):
+        if 0 <= item.size != len(data_item.data):
+            return f"item {number} ({item.address}) takes {item.size} octets, {len(data_item.data)} come with it"
+    return "data of an item have another size"
+
+
+def _data_codes(transaction: Transaction) -> str:
+    pairs = zip(transaction.parameters.items, transaction.answered_items(), strict=False)
+    for number, (item, answer) in enumerate(pairs, 1):
+        if answer.return_code == SUCCESS and odd_data_code(item, answer):
+            asked = TRANSPORT_SIZES.name(item.transport_size)
+            expected = ANSWER_TRANSPORT_SIZE[item.transport_size]
+            return f"item {number}, a {asked}, came as 0x{answer.transport_size:02x} instead of 0x{expected:02x}"
+    return "an item came with another transport size"
+
+
 def _judge_errors(judge: Judge, transaction: Transaction) -> None:
     if transaction.error_code:
         if judge.wants("transaction.refused", transaction.connection.number):
@@ -136,7 +168,7 @@ def _judge_errors(judge: Judge, transaction: Transaction) -> None:
                 transaction.connection.number,
                 _frames(transaction),
                 transaction.response_ns,
-                f"{_subject(transaction)}: 0x{error.code:04x} {error.name}",
+                f"{transaction.parameters.subject}: 0x{error.code:04x} {error.name}",
             )
         return
     slug = "transaction.item_error"

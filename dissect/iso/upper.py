@@ -31,6 +31,8 @@ def classify(octets: bytes, start: i64, end: i64) -> i64:
     if first == 0x32:
         return S7COMM if 1 <= second <= 7 else UNKNOWN
     if first == 0x72:
+        if second == 0xFF:
+            return S7COMM_PLUS if size == 4 else UNKNOWN  # the keep-alive is nothing but a header
         return S7COMM_PLUS if second in (0x01, 0x02, 0x03, 0xFE) else UNKNOWN
     if 0x14 <= first <= 0x17 and second == 0x03:
         return TLS

@@ -15,6 +15,7 @@ from dissect.iso.tsap import Tsap
 from dissect.layers.fields import OctetsField, PiecesField, ScapyField, WireLayer, consumed, fill_number, header_fields
 from dissect.layers.parameters import COTP_Parameter, carve_parameters
 from dissect.layers.s7 import S7, is_s7
+from dissect.layers.s7plus import S7Plus, is_s7plus
 from dissect.wire.layout import Layout
 
 
@@ -156,8 +157,8 @@ class COTP_DC(COTP):
 class COTP_DT(COTP):
     """Data, in the form of class 0 and 1: what carries S7.
 
-    The payload is `S7` when ``eot`` is set and the octets say so. A DT without EOT is a fragment, or the empty DT that Siemens
-    stacks send as an acknowledgement; fragments stay `Raw`, and `S7Session` joins them.
+    The payload is `S7` or `S7Plus` when ``eot`` is set and the octets say so. A DT without EOT is a fragment, or the empty DT
+    that Siemens stacks send as an acknowledgement; fragments stay `Raw`, and `S7Session` joins them.
     """
 
     name = "COTP DT"
@@ -165,8 +166,10 @@ class COTP_DT(COTP):
     fields_desc = _tpdu_fields(layouts.DT, tables.DT, eot=1)
 
     def guess_payload_class(self, payload: bytes) -> type[Packet]:
-        """Return S7 for what is one, else Raw (Scapy's interface)."""
-        return S7 if self.eot and is_s7(payload) else Raw
+        """Return S7 or S7Plus for what is one, else Raw (Scapy's interface)."""
+        if self.eot and is_s7(payload):
+            return S7
+        return S7Plus if self.eot and is_s7plus(payload) else Raw
 
     def hashret(self) -> bytes:
         """Return what the PDU inside has in common with its answer (Scapy's interface)."""

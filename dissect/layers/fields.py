@@ -35,7 +35,8 @@ from scapy.packet import Packet, Raw
 from scapy.volatile import RandBin, RandNum, VolatileValue
 
 from dissect.s7.items import item_fill
-from dissect.wire.layout import Field, Layout
+from dissect.wire.layout import REST, Field, Layout, Means
+from dissect.wire.text import printable
 
 #: What stands in a layer's list of fields: Scapy's fields, generic in two types that differ from field to field.
 ScapyField = Any
@@ -55,21 +56,30 @@ _NAMED_FIELDS: Final = {
 
 def header_fields(
     layout: Layout,
-    defaults: Mapping[str, int | None] | None = None,
+    defaults: Mapping[str, Any] | None = None,
     replace: Mapping[str, ScapyField] | None = None,
 ) -> list[ScapyField]:
-    """Return the Scapy fields of a fixed header, in wire order.
+    """Return the Scapy fields of a layout, in wire order.
 
-    ``defaults`` are the values of a new packet (0 where none is given, None for a field that building fills in); ``replace``
-    puts another Scapy field in the place of one of the layout's. Raises ValueError for a name that the layout does not have.
+    ``defaults`` are the values of a new packet (0 or no octets where none is given, None for a field that building fills in);
+    ``replace`` puts another Scapy field in the place of one of the layout's. Bits that no field names get one called
+    ``spare``. Raises ValueError for a name that the layout does not have.
     """
     defaults = dict(defaults or {})
     replace = dict(replace or {})
     fields: list[ScapyField] = []
+    unnamed = 0  # the bits of shared octets that no field has named yet
     for field in layout.fields:
-        default = defaults.pop(field.name, 0)
+        default = defaults.pop(field.name, None if field.counts else b"" if field.means is not None else 0)
         other = replace.pop(field.name, None)
+        if unnamed and not field.shares:
+            fields.append(_spare(fields, unnamed))
+            unnamed = 0
+        if field.bits is not None:
+            unnamed = _spared(field, fields, unnamed)
         fields.append(other if other is not None else _scapy_field(field, default))
+    if unnamed:
+        fields.append(_spare(fields, unnamed))
     if defaults or replace:
         message = (
             f"{layout.name} has no field {', '.join([*defaults, *replace])}; it has {[f.name for f in layout.fields]}"
@@ -78,16 +88,49 @@ def header_fields(
     return fields
 
 
-def _scapy_field(field: Field, default: int | None) -> ScapyField:
-    if field.bits is not None:
-        size = field.bits[0].bit_count()
-        number = default or 0
+def scapy_name(name: str) -> str:
+    """Return the name of a layout's field in Scapy: with ``_`` behind it where packets use the name for themselves."""
+    return f"{name}_" if hasattr(WireLayer, name) or name in Packet.__slots__ or name == "layout" else name
+
+
+def _spare(fields: list[ScapyField], bits: int) -> ScapyField:
+    """Return a field for bits that have no meaning, with a name of its own."""
+    count = sum(field.name.startswith("spare") for field in fields)
+    return XBitField(f"spare{count + 1 if count else ''}", 0, bits)
+
+
+def _spared(field: Field, fields: list[ScapyField], unnamed: int) -> int:
+    """Put the bits above ``field`` that no field names before it; return how many bits of its octets are below it.
+
+    Raises ValueError for bits that Scapy cannot hold: out of wire order, or named twice.
+    """
+    assert field.bits is not None
+    mask, low = field.bits
+    size = mask.bit_count()
+    above = (unnamed if field.shares else field.size * 8) - size - low
+    if mask != ((1 << size) - 1) << low or above < 0:
+        message = f"the bits of {field.name} are out of order: give the highest first, each once and without holes"
+        raise ValueError(message)
+    if above:
+        fields.append(_spare(fields, above))
+    return low
+
+
+def _scapy_field(field: Field, default: Any) -> ScapyField:
+    name = scapy_name(field.name)
+    if field.means is not None:
+        return MeaningField(name, default, field.size, field.means)
+    if field.bits is not None or field.size not in _DECIMAL_FIELDS:
+        size = field.bits[0].bit_count() if field.bits is not None else 8 * field.size
         if field.codes is not None:
-            return BitEnumField(field.name, number, size, field.codes.names())
-        return (BitField if field.decimal else XBitField)(field.name, number, size)
+            return BitEnumField(name, default, size, field.codes.names())
+        return (BitField if field.decimal else XBitField)(name, default, size)
     if field.codes is not None:
-        return _NAMED_FIELDS[field.size, field.decimal](field.name, default, field.codes.names())
-    return (_DECIMAL_FIELDS if field.decimal else _HEXADECIMAL_FIELDS)[field.size](field.name, default)
+        named = _NAMED_FIELDS.get((field.size, field.decimal))
+        if named is None:
+            return BitEnumField(name, default, 8 * field.size, field.codes.names())
+        return named(name, default, field.codes.names())
+    return (_DECIMAL_FIELDS if field.decimal else _HEXADECIMAL_FIELDS)[field.size](name, default)
 
 
 def consumed(pkt: Packet, rest: bytes) -> int:
@@ -112,6 +155,56 @@ class OctetsField(XStrField):
     def randval(self) -> RandBin:
         """Return what ``fuzz()`` puts here: few enough octets for any length field."""
         return RandBin(RandNum(0, _FUZZED))
+
+
+class MeaningField(XStrField):
+    """Octets that say something to a person, shown with what they say; ``size`` octets of them, or all that are left (`REST`).
+
+    Takes octets, or a text, which becomes Latin-1. Too few octets for ``size`` are made up with zeros when building; too many
+    raise ValueError.
+    """
+
+    __slots__ = ["means", "size"]
+
+    def __init__(self, name: str, default: bytes, size: int, means: Means) -> None:
+        self.size = size
+        self.means = means
+        super().__init__(name, default)
+
+    def any2i(self, pkt: Packet | None, x: Any) -> Any:
+        """Take octets or a text (Scapy's interface)."""
+        return x.encode("latin-1") if isinstance(x, str) else super().any2i(pkt, x)
+
+    def i2m(self, pkt: Packet | None, x: Any) -> bytes:
+        """Return the octets to send (Scapy's interface)."""
+        octets: bytes = super().i2m(pkt, x)
+        if self.size == REST:
+            return octets
+        if len(octets) > self.size:
+            message = f"{self.name} is {self.size} octet(s), not {len(octets)}: give fewer"
+            raise ValueError(message)
+        return octets.ljust(self.size, b"\0")
+
+    def i2repr(self, pkt: Packet | None, x: Any) -> str:
+        """Return what ``show()`` prints: a text as it is, anything else with its octets (Scapy's interface)."""
+        if not isinstance(x, bytes):
+            return repr(x)
+        told = self.means(self.i2m(pkt, x)) if self.size == REST or len(x) <= self.size else None
+        if told is None:
+            return x.hex()
+        text = printable(told)
+        if not text or text.encode("latin-1", "replace") == x.rstrip(b" \0"):
+            return text or x.hex()
+        return f"{text} ({x.hex()})"
+
+    def getfield(self, pkt: Packet, s: bytes) -> tuple[bytes, bytes]:
+        """Take the octets (Scapy's interface)."""
+        size = len(s) if self.size == REST else self.size
+        return s[size:], s[:size]
+
+    def randval(self) -> RandBin:
+        """Return what ``fuzz()`` puts here (Scapy's interface)."""
+        return RandBin(RandNum(0, _FUZZED) if self.size == REST else self.size)
 
 
 class Leftover(ConditionalField):
@@ -177,7 +270,7 @@ class ItemsField(PiecesField):
         for number, item in enumerate(val):
             octets = bytes(self.i2m(pkt, item))
             s += octets
-            if isinstance(item, WireLayer) and item.getfieldval("fill") is None:
+            if isinstance(item, WireLayer) and "fill" in item.default_fields and item.getfieldval("fill") is None:
                 s += bytes(item_fill(len(octets), number == last))
         return s
 

@@ -1,24 +1,42 @@
 """S7comm as Scapy layers: the header and what every body shares (reference sections 3 and 4).
 
 A body holds the parameter block and the data block: ``S7() / S7_ReadVarRequest(items=[S7_Any(db=10, …)])``. The header's two
-lengths are filled in from it when left out. Read Var and Write Var are in `variables`, userdata in `userdata`; a function
-without a body of its own is an `S7_Function`, which names the function and keeps the octets.
+lengths are filled in from it when left out. Read Var and Write Var are in `variables`, userdata in `userdata`; every other
+function is an `S7_Job` or an `S7_Answer`, whose blocks are lists of the parts in `parts` and the modules it names.
 """
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from typing import Any, ClassVar, Final
 
 from scapy.fields import ConditionalField
-from scapy.packet import Packet, Raw
+from scapy.packet import Packet, Raw, bind_top_down
 
-from dissect.layers.fields import Leftover, OctetsField, ScapyField, WireLayer, consumed, fill_number, header_fields
+from dissect.layers.fields import (
+    Leftover,
+    OctetsField,
+    Piece,
+    ScapyField,
+    WireLayer,
+    consumed,
+    fill_number,
+    header_fields,
+)
+from dissect.layers.parts import PartsField, pieces_of
 from dissect.s7 import layouts, tables
+from dissect.s7.bodies import parse_body, parse_data_parts, parse_parameter_parts
 from dissect.s7.errors import ERROR_CODES
-from dissect.s7.message import PROTOCOL_ID, header_size
+from dissect.s7.message import PROTOCOL_ID, header_size, parse_pdu
+from dissect.s7.parameters import Parameters, parse_parameters
+from dissect.wire.layout import Layout
+from dissect.wire.text import shortened
 
 _ANSWERS: Final = (tables.ACK, tables.ACK_DATA)
+#: Items or notes named in a summary before the rest is only counted, and characters of one note.
+_NAMED: Final = 4
+NOTE: Final = 80
 
 
 def is_s7(octets: bytes) -> bool:
@@ -71,14 +89,16 @@ class S7(WireLayer):
         parameters = payload[: self.param_length]
         if not parameters:
             return S7_Data if self.param_length == 0 and self.data_length else Raw
+        body: type[S7_Body] | None
         if self.rosctr == tables.USERDATA:
-            candidates = USERDATA_BODIES
+            parsed = parse_parameters(parameters, tables.USERDATA)
+            head = parse_parameter_parts(parameters, 0, len(parameters), parsed, [])[0]
+            body = USERDATA_BODIES.get(head.layout)
         else:
-            candidates = [BODIES.get((self.rosctr in _ANSWERS, parameters[0]), S7_Function)]
-        for body in candidates:
-            if body.suits(parameters):
-                return body
-        return S7_Function
+            body = BODIES.get((self.rosctr in _ANSWERS, parameters[0]))
+        if body is not None and len(parameters) >= body.least:
+            return body
+        return S7_Job if self.rosctr == tables.JOB else S7_Answer if self.rosctr in _ANSWERS else S7_Function
 
     def hashret(self) -> bytes:
         """Return what request and answer have in common (Scapy's interface)."""
@@ -116,8 +136,31 @@ def error_text(code: int) -> str:
 
 def function_of(body: Packet) -> int | None:
     """Return the function octet of a body, None when it has none (an Ack, mostly)."""
+    if isinstance(body, S7_Function):
+        return body.function
     value = body.getfieldval("function") if isinstance(body, S7_Body) and "function" in body.default_fields else None
     return int(value) if value is not None else None
+
+
+def joined(texts: list[str]) -> str:
+    """Return texts one after another, those after the first few only counted."""
+    more = len(texts) - _NAMED
+    return ", ".join(texts[:_NAMED] + ([f"+{more} more"] if more > 0 else []))
+
+
+def notes_of(body: Packet) -> str:
+    """Return what the engine notes of the parts of a body (a file name, an SZL id …), made safe to show.
+
+    Empty for a body without a header, and while a value of the user's own cannot be built.
+    """
+    header = body.underlayer
+    if not isinstance(header, S7):
+        return ""
+    try:
+        pdu = parse_pdu(bytes(header))
+    except (ValueError, struct.error):
+        return ""
+    return joined([shortened(note, NOTE) for note in parse_body(pdu).notes])
 
 
 def parameters_left(pkt: Packet, rest: bytes) -> int:
@@ -153,11 +196,8 @@ class S7_Body(WireLayer):
     name = "S7 body"
     show_summary = False
     data_fields: ClassVar[tuple[str, ...]] = ("data_rest",)
-
-    @classmethod
-    def suits(cls, parameters: bytes) -> bool:
-        """Tell whether a parameter block is this body's: here, whether its fixed part is there."""
-        return len(parameters) >= cls.least
+    #: ROSCTR of a body that is dissected by itself, without an S7 header under it.
+    rosctr_alone: ClassVar[int] = tables.JOB
 
     def responds_to(self, other: Packet) -> bool:
         """Tell whether this is the userdata response to the userdata request ``other`` (of the same PDU reference)."""
@@ -203,17 +243,65 @@ class S7_Setup(S7_Body):
         return f"amq={self.max_amq_calling}/{self.max_amq_called} pdu={self.pdu_length}"
 
 
+def _parameters_of(body: Packet, block: bytes) -> Parameters:
+    header = body.underlayer
+    rosctr: int = header.rosctr if isinstance(header, S7) else body.rosctr_alone
+    return parse_parameters(block, rosctr & 7)
+
+
+def carve_parameters(pkt: Packet, s: bytes) -> list[Piece]:
+    """Cut what is left of the parameter block into parts, as the engine does."""
+    end = min(len(pkt.original), len(pkt.original) - len(s) + parameters_left(pkt, s))
+    block = bytes(pkt.original[:end])
+    parts = parse_parameter_parts(block, 0, end, _parameters_of(pkt, block), [])
+    start = consumed(pkt, s)
+    behind = [part for part in parts if part.offset >= start]
+    return pieces_of(behind, block) if behind and behind[0].offset == start else []
+
+
+def carve_data(pkt: Packet, s: bytes) -> list[Piece]:
+    """Cut the data block into parts, as the engine does."""
+    block = bytes(s[: data_left(pkt, s)])
+    parameters = _parameters_of(pkt, bytes(pkt.original[: consumed(pkt, s)]))
+    return pieces_of(parse_data_parts(block, 0, len(block), parameters, []), block)
+
+
 class S7_Function(S7_Body):
-    """A function without a body of its own here: named, its parameters and data kept as octets."""
+    """Any function: both blocks as lists of parts. `S7_Job` asks, `S7_Answer` answers; this one is neither."""
 
     name = "S7 function"
     least = 1
-    data_fields = ("data", "data_rest")
-    fields_desc = body_fields(
-        *header_fields(layouts.VARIABLES_HEAD)[:1],
-        OctetsField("parameters", parameters_left),
-        data=[OctetsField("data", data_left)],
-    )
+    data_fields = ("data",)
+    fields_desc = [PartsField("parameters", carve_parameters), PartsField("data", carve_data)]
+
+    @property
+    def function(self) -> int | None:
+        """The first octet of the parameter block; None when it is empty."""
+        field, parameters = self.getfield_and_val("parameters")
+        octets: bytes = field.addfield(self, b"", parameters)
+        return octets[0] if octets else None
+
+    def detail(self) -> str:
+        """Return what the parts say; that there is an error is said with it."""
+        notes = notes_of(self)
+        header = self.underlayer
+        refused = isinstance(header, S7) and header.rosctr in _ANSWERS and (header.error_class or header.error_code)
+        return "" if refused and notes == "error" else notes
+
+
+class S7_Job(S7_Function):
+    """A job: PI service, PLC stop, start upload, request download …; ``parameters`` and ``data`` are lists of parts."""
+
+    name = "S7 job"
+    least = 1
+
+
+class S7_Answer(S7_Function):
+    """The answer to an `S7_Job`."""
+
+    name = "S7 answer"
+    least = 1
+    rosctr_alone = tables.ACK_DATA
 
 
 class S7_Data(S7_Body):
@@ -224,10 +312,12 @@ class S7_Data(S7_Body):
     fields_desc = [OctetsField("data", data_left)]
 
 
-#: Bodies by (is it an answer, function), and those of userdata in the order they are tried. The modules that define more
-#: add them.
+#: Bodies by (is it an answer, function), and those of userdata by the layout of their head. The modules that define more add
+#: them.
 BODIES: Final[dict[tuple[bool, int], type[S7_Body]]] = {
     (False, tables.SETUP_COMMUNICATION): S7_Setup,
     (True, tables.SETUP_COMMUNICATION): S7_Setup,
 }
-USERDATA_BODIES: Final[list[type[S7_Body]]] = []
+USERDATA_BODIES: Final[dict[Layout, type[S7_Body]]] = {}
+
+bind_top_down(S7, S7_Answer, rosctr=tables.ACK_DATA)

@@ -24,9 +24,12 @@ from scapy.sessions import DefaultSession
 from scapy.utils import EDecimal
 
 from dissect.layers.cotp import COTP_DT
-from dissect.layers.s7 import S7
+from dissect.layers.ibh import IBH, MPI
+from dissect.layers.s7 import S7, is_s7
+from dissect.layers.s7plus import S7Plus
 from dissect.layers.tpkt import TPKT
 from dissect.pipeline import Observer, Pipeline
+from dissect.s7plus.message import parse_plus
 from dissect.tcp.ip import address_text
 
 if TYPE_CHECKING:
@@ -42,7 +45,7 @@ _VIDS: Final = 4096
 
 
 class _Found:
-    """A TPKT, or a PDU that the capture cut: its octets, direction and time, and the S7 PDU that it completed."""
+    """A TPKT, an IBH-NetLink packet, or a PDU that was cut: its octets, direction and time, and the S7 PDU it completed."""
 
     __slots__ = ("cut", "fragment", "octets", "pdu", "side", "time_ns")
 
@@ -68,16 +71,25 @@ class _Witness(Observer):
         """A TPKT; a DT inside a TSDU that began before is a fragment, whatever its octets look like."""
         self.found.append(_Found(side, time_ns, octets, not side.assembler.clear, False))
 
+    def ibh_packet(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
+        """An IBH-NetLink packet; one inside a message that began before is a fragment, whatever its octets look like."""
+        self.found.append(_Found(side, time_ns, octets, not side.assembler.clear, False))
+
     def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
-        """An S7 PDU: that of the TPKT told just before, or one the capture cut."""
+        """An S7 PDU: that of the packet told just before, or one the capture cut."""
         if cut:
             self.found.append(_Found(side, time_ns, octets, False, True))
         else:
             self.found[-1].pdu = octets
 
+    def plus_pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
+        """An S7comm-plus PDU; one of a single frame that came in several DTs hangs on the last of them, as S7 does."""
+        if not cut and self.found[-1].fragment and parse_plus(octets).frames == 1:
+            self.found[-1].pdu = octets
+
 
 class S7Session(DefaultSession):
-    """Delivers one packet for each whole TPKT, whatever the segmentation; packets of other protocols are not delivered.
+    """Delivers one packet for each whole TPKT or IBH-NetLink packet, whatever the segmentation, and none of other protocols.
 
     * The packet's time is that of the packet which completed the TPKT. Addresses, ports and VLAN are those of the direction;
       MAC addresses are known when the completing packet has them; sequence numbers are not kept.
@@ -124,17 +136,22 @@ def _delivered(pipeline: Pipeline, packet: Packet | None) -> Iterator[Packet]:
 
 
 def _built(found: _Found) -> Packet:
-    """Return the TPKT, its DT holding the S7 PDU it completed."""
+    """Return the TPKT or IBH-NetLink packet, its data packet holding the S7 PDU it completed."""
     if found.cut:
         return S7(found.octets)
-    tpkt: Packet = TPKT(found.octets)
+    tpkt: Packet = TPKT(found.octets) if found.side.ibh is None else IBH(found.octets)
     content = tpkt.payload
-    if isinstance(content, COTP_DT) and (found.fragment or found.pdu):
+    if isinstance(content, COTP_DT | MPI) and (found.fragment or found.pdu):
         octets = bytes(content.payload)
-        if found.pdu != octets:
+        if found.pdu != octets or not isinstance(content.payload, S7 if found.pdu else object):
             content.remove_payload()
-            content.add_payload(S7(found.pdu) if found.pdu else octets)
+            content.add_payload(_pdu(found.pdu) if found.pdu else octets)
     return tpkt
+
+
+def _pdu(octets: bytes) -> Packet:
+    layer: Packet = S7(octets) if is_s7(octets) else S7Plus(octets)
+    return layer
 
 
 def _stacked(layers: list[Packet]) -> Packet:

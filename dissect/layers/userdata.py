@@ -1,4 +1,4 @@
-"""Userdata (ROSCTR 7) as Scapy layers: the parameter head in its three forms, the payload as octets (reference section 4)."""
+"""Userdata (ROSCTR 7) as Scapy layers: the parameter head in its forms, the payload as parts (reference section 4)."""
 
 from __future__ import annotations
 
@@ -6,24 +6,46 @@ from typing import Final
 
 from scapy.packet import Packet, bind_top_down
 
-from dissect.layers.fields import ItemsField, ScapyField, header_fields
-from dissect.layers.s7 import S7, USERDATA_BODIES, S7_Body, body_fields, error_text
-from dissect.layers.variables import S7_DataItem, carve_data
-from dissect.s7 import layouts, tables
+from dissect.layers.fields import header_fields
+from dissect.layers.parts import PartsField, S7_Part
+from dissect.layers.s7 import S7, USERDATA_BODIES, S7_Body, body_fields, carve_data, error_text, notes_of
+from dissect.s7 import layouts, pbc, tables
 from dissect.s7.items import SPECIFICATION
+from dissect.s7.syntaxes import PBC_R_ID
+from dissect.wire.layout import Field
 
 _REQUEST: Final = 1
 _RESPONSE: Final = 2
 _SHORT: Final = 0x11
 _EXTENDED: Final = 0x12
-#: Syntax id of USEND, which puts its R_ID where other PDUs have the extended head.
-_USEND: Final = 0x13
+#: Transport size of a payload, and return code of none.
+_OCTETS: Final = 0x09
+_NOTHING: Final = 0x0A
+
+
+class S7_DataHead(S7_Part):
+    """What precedes the payload of userdata. Left out, the three fields follow from the parts behind it.
+
+    With something behind it: success, octets, their number. Alone: no payload (return code 0x0A).
+    """
+
+    name = "S7 data head"
+    layout = layouts.DATA_HEAD
+    fields_desc = header_fields(layouts.DATA_HEAD, {"return_code": None, "transport_size": None})
+
+    def count_of(self, field: Field, behind: list[Packet], sizes: list[int]) -> int:
+        """Return what a field left out is: with a payload behind it, or without."""
+        if field.name == "length":
+            return sum(sizes)
+        codes = (tables.SUCCESS, _OCTETS) if sum(sizes) else (_NOTHING, 0)
+        return codes[field.name == "transport_size"]
 
 
 class S7_Userdata(S7_Body):
-    """Userdata: `S7_UserdataShort` or `S7_UserdataExtended`. ``data`` is one data item, whose octets are the payload."""
+    """Userdata: `S7_UserdataShort` or `S7_UserdataExtended`. ``data`` is an `S7_DataHead` and the parts of the payload."""
 
     name = "S7 userdata"
+    rosctr_alone = tables.USERDATA
     data_fields = ("data", "data_rest")
 
     def responds_to(self, other: Packet) -> bool:
@@ -35,15 +57,16 @@ class S7_Userdata(S7_Body):
             and (self.group, self.subfunction) == (other.group, other.subfunction)
         )
 
+    def detail(self) -> str:
+        """Return why it was refused, if it was, and what the parts say."""
+        code = self.error_code if "error_code" in self.default_fields else 0
+        return " ".join([text for text in (f"error {error_text(code)}" if code else "", notes_of(self)) if text])
+
     def describe(self) -> str:
         """Return type, group and subfunction by name."""
         names = tables.USERDATA_SUBFUNCTIONS.get(self.group)
         subfunction = names.name(self.subfunction) if names is not None else f"0x{self.subfunction:02x}"
         return f"{tables.USERDATA_TYPES.name(self.type)} {tables.USERDATA_GROUPS.name(self.group)}: {subfunction}"
-
-
-def _userdata_data() -> list[ScapyField]:
-    return [ItemsField("data", carve_data(S7_DataItem, False, lambda _: 1))]
 
 
 _USERDATA_DEFAULTS: Final = {"item_count": 1, "specification": SPECIFICATION, "group": 4, "subfunction": 1}
@@ -58,7 +81,7 @@ class S7_UserdataShort(S7_Userdata):
         *header_fields(
             layouts.USERDATA_SHORT, {**_USERDATA_DEFAULTS, "length": 4, "syntax_id": _SHORT, "type": _REQUEST}
         ),
-        data=_userdata_data(),
+        data=[PartsField("data", carve_data)],
     )
 
 
@@ -71,18 +94,8 @@ class S7_UserdataExtended(S7_Userdata):
         *header_fields(
             layouts.USERDATA_EXTENDED, {**_USERDATA_DEFAULTS, "length": 8, "syntax_id": _EXTENDED, "type": _RESPONSE}
         ),
-        data=_userdata_data(),
+        data=[PartsField("data", carve_data)],
     )
-
-    @classmethod
-    def suits(cls, parameters: bytes) -> bool:
-        """Tell by the length octet of the head, and by the syntax id, which is another in a USEND."""
-        long_enough = super().suits(parameters) and parameters[3] >= layouts.USERDATA_EXTENDED.size - 4
-        return long_enough and parameters[4] != _USEND
-
-    def detail(self) -> str:
-        """Return why it was refused, if it was."""
-        return f"error {error_text(self.error_code)}" if self.error_code else ""
 
 
 class S7_ModeTransition(S7_Body):
@@ -94,16 +107,38 @@ class S7_ModeTransition(S7_Body):
         *header_fields(layouts.MODE_TRANSITION, {"function": tables.MODE_TRANSITION, "unknown": 0x10100000})
     )
 
-    @classmethod
-    def suits(cls, parameters: bytes) -> bool:
-        """Tell by the function."""
-        return super().suits(parameters) and parameters[0] == tables.MODE_TRANSITION
-
     def detail(self) -> str:
         """Return the new mode."""
         return str(tables.USERDATA_SUBFUNCTIONS[0].name(self.mode))
 
 
-USERDATA_BODIES.extend((S7_ModeTransition, S7_UserdataExtended, S7_UserdataShort))
-for _body in USERDATA_BODIES:
+class S7_USEND(S7_Body):
+    """Data that a program sends without being asked: userdata with a parameter block of its own, ``data`` without data head."""
+
+    name = "S7 USEND"
+    least = pbc.USEND_HEAD.size
+    rosctr_alone = tables.USERDATA
+    data_fields = ("data", "data_rest")
+    fields_desc = body_fields(
+        *header_fields(
+            pbc.USEND_HEAD,
+            {"item_count": 1, "specification": SPECIFICATION, "length": pbc.USEND_HEAD.size - 4, "syntax_id": PBC_R_ID},
+        ),
+        data=[PartsField("data", carve_data)],
+    )
+
+    def detail(self) -> str:
+        """Return the R_ID."""
+        return notes_of(self)
+
+
+USERDATA_BODIES.update(
+    {
+        layouts.USERDATA_SHORT: S7_UserdataShort,
+        layouts.USERDATA_EXTENDED: S7_UserdataExtended,
+        layouts.MODE_TRANSITION: S7_ModeTransition,
+        pbc.USEND_HEAD: S7_USEND,
+    }
+)
+for _body in USERDATA_BODIES.values():
     bind_top_down(S7, _body, rosctr=tables.USERDATA)

@@ -19,30 +19,42 @@ from dissect.layers.fields import (
     fill_number,
     header_fields,
 )
-from dissect.layers.s7 import BODIES, S7, S7_Body, body_fields, data_left, parameters_left
+from dissect.layers.parts import CLASSES, JOINED, S7_Surplus
+from dissect.layers.s7 import BODIES, NOTE, S7, S7_Body, body_fields, carve_parameters, data_left, joined
 from dissect.s7 import layouts, tables
-from dissect.s7.address import address_text
-from dissect.s7.items import DATA_HEAD, SPECIFICATION, data_size, item_fill
+from dissect.s7.data_parts import CONTENT
+from dissect.s7.items import DATA_HEAD, SPECIFICATION, data_size_within, item_fill, parse_item
+from dissect.wire.part import FILL, OCTETS
+from dissect.wire.text import shortened
 
 _BIT: Final = 0x03
 _BYTES: Final = 0x04
-#: Items named in a summary before the rest is only counted.
-_NAMED: Final = 4
 
 
 class S7_Item(WireLayer):
-    """A request item, which names a variable: `S7_Any` or `S7_OtherItem`."""
+    """A request item, which names a variable: an `S7_Any`, or one of another syntax. ``length`` is filled in when left out.
+
+    ``fill`` is the octet that makes an odd item even; None lets the list that holds the item decide.
+    """
 
     name = "S7 item"
     fields_desc = [*header_fields(layouts.ITEM_HEAD, {"specification": SPECIFICATION, "length": None})]
 
+    def post_build(self, pkt: bytes, pay: bytes) -> bytes:
+        """Fill in the length (Scapy's interface)."""
+        if self.getfieldval("length") is None:
+            fill = self.getfieldval("fill") if "fill" in self.default_fields else b""
+            pkt = fill_number(pkt, 1, 1, len(pkt) - 2 - len(fill or b""), "the length of the item")
+        return pkt + pay
+
     def describe(self) -> str:
-        """Return the item as people write it."""
-        return ""
+        """Return the item as people write it, for example ``DB10.DBW4 x3``."""
+        octets = bytes(self)
+        return parse_item(octets[: octets[1] + 2], 0).label if octets[1] else ""
 
     def line(self) -> str:
         """Return one line."""
-        return self.describe()
+        return shortened(self.describe(), NOTE)
 
 
 class S7_Any(S7_Item):
@@ -69,14 +81,9 @@ class S7_Any(S7_Item):
         FillField(),
     ]
 
-    def describe(self) -> str:
-        """Return the address and the count, for example ``DB10.DBW4*3``."""
-        text = address_text(self.area, self.db, self.address, self.transport_size)
-        return text if self.count == 1 else f"{text}*{self.count}"
-
 
 class S7_OtherItem(S7_Item):
-    """An item of another syntax (NCK, DBREAD, 1200SYM …), its address kept in ``octets``; ``length`` is filled in."""
+    """An item of a syntax nobody knows, or of another size than its syntax has: its address is kept in ``octets``."""
 
     name = "S7 item"
     least = layouts.ITEM_HEAD.size
@@ -85,17 +92,6 @@ class S7_OtherItem(S7_Item):
         OctetsField("octets", lambda pkt, _: pkt.length - 1),
         FillField(),
     ]
-
-    def post_build(self, pkt: bytes, pay: bytes) -> bytes:
-        """Fill in the length (Scapy's interface)."""
-        if self.getfieldval("length") is None:
-            size = len(pkt) - 2 - len(self.getfieldval("fill") or b"")
-            pkt = fill_number(pkt, 1, 1, size, "the length of the item")
-        return pkt + pay
-
-    def describe(self) -> str:
-        """Return the syntax and the octets, for example ``NCK:41000100017f01``."""
-        return f"{tables.SYNTAX_IDS.name(self.syntax_id)}:{self.octets.hex()}"
 
 
 class S7_DataItem(WireLayer):
@@ -109,7 +105,7 @@ class S7_DataItem(WireLayer):
     least = layouts.DATA_ITEM.size
     fields_desc = [
         *header_fields(layouts.DATA_ITEM, {"return_code": tables.SUCCESS, "transport_size": _BYTES, "length": None}),
-        OctetsField("octets", lambda pkt, _: data_size(pkt.transport_size, pkt.length)),
+        OctetsField("octets", lambda pkt, s: data_size_within(pkt.transport_size, pkt.length, len(s))),
         FillField(),
     ]
 
@@ -141,23 +137,11 @@ class S7_WriteDataItem(S7_DataItem):
 
 
 def _carve_items(pkt: Packet, s: bytes) -> list[Piece]:
-    """Cut the request items of a parameter block, as far as the item count and the lengths go."""
-    end = min(len(s), parameters_left(pkt, s))
-    count = pkt.item_count
-    pieces: list[Piece] = []
-    at = 0
-    while len(pieces) < count and at + layouts.ITEM_HEAD.size <= end:
-        size = s[at + 1] + 2
-        if size < layouts.ITEM_HEAD.size or at + size > end:
-            break
-        any_item = s[at + 2] == tables.S7ANY and size == layouts.S7ANY_ITEM.size
-        step = min(size + item_fill(size, len(pieces) + 1 == count), end - at)
-        pieces.append((S7_Any if any_item else S7_OtherItem, s[at : at + step]))
-        at += step
-    return pieces
+    """Cut the request items of a parameter block; what is no item is left over."""
+    return [piece for piece in carve_parameters(pkt, s) if piece[0] is not S7_Surplus]
 
 
-def carve_data(
+def _carve_data(
     cls: type[Packet], response: bool, count: Callable[[Packet], int]
 ) -> Callable[[Packet, bytes], list[Piece]]:
     """Return what cuts a data block into items. In a response, an item that is no success is its head alone."""
@@ -170,7 +154,7 @@ def carve_data(
         while len(pieces) < items and at + DATA_HEAD <= end:
             size = DATA_HEAD
             if s[at] == tables.SUCCESS or not response:
-                size += data_size(s[at + 1], int.from_bytes(s[at + 2 : at + 4], "big"))
+                size += data_size_within(s[at + 1], int.from_bytes(s[at + 2 : at + 4], "big"), end - at - DATA_HEAD)
             size = min(size + item_fill(size, len(pieces) + 1 == items), end - at)
             pieces.append((cls, s[at : at + size]))
             at += size
@@ -184,20 +168,15 @@ def _variables(function: int, count_of: str) -> list[ScapyField]:
     return header_fields(layouts.VARIABLES_HEAD, {"function": function}, {"item_count": counted})
 
 
-def _joined(texts: list[str]) -> str:
-    more = len(texts) - _NAMED
-    return ", ".join(texts[:_NAMED] + ([f"+{more} more"] if more > 0 else []))
-
-
 def _items_text(items: list[Packet]) -> str:
-    return _joined([item.describe() if isinstance(item, S7_Item) else bytes(item).hex() for item in items])
+    return joined([item.line() if isinstance(item, S7_Item) else bytes(item).hex() for item in items])
 
 
 def _codes_text(codes: list[int]) -> str:
     """Return what the items came to: how many were well, and the names of the refusals."""
     refused = [tables.RETURN_CODES.name(code) for code in codes if code != tables.SUCCESS]
     well = len(codes) - len(refused)
-    return _joined([*([f"{well} ok"] if well or not refused else []), *refused])
+    return joined([*([f"{well} ok"] if well or not refused else []), *refused])
 
 
 class S7_ReadVarRequest(S7_Body):
@@ -221,7 +200,7 @@ class S7_WriteVarRequest(S7_Body):
     fields_desc = body_fields(
         *_variables(tables.WRITE_VAR, "items"),
         ItemsField("items", _carve_items),
-        data=[ItemsField("data", carve_data(S7_WriteDataItem, False, lambda pkt: int(pkt.item_count)))],
+        data=[ItemsField("data", _carve_data(S7_WriteDataItem, False, lambda pkt: int(pkt.item_count)))],
     )
 
     def detail(self) -> str:
@@ -233,11 +212,12 @@ class S7_ReadVarAnswer(S7_Body):
     """Answer to Read Var: a data item for each variable asked for. ``item_count`` is filled in when left out."""
 
     name = "S7 Read Var answer"
+    rosctr_alone = tables.ACK_DATA
     least = layouts.VARIABLES_HEAD.size
     data_fields = ("data", "data_rest")
     fields_desc = body_fields(
         *_variables(tables.READ_VAR, "data"),
-        data=[ItemsField("data", carve_data(S7_DataItem, True, lambda pkt: int(pkt.item_count)))],
+        data=[ItemsField("data", _carve_data(S7_DataItem, True, lambda pkt: int(pkt.item_count)))],
     )
 
     def detail(self) -> str:
@@ -249,6 +229,7 @@ class S7_WriteVarAnswer(S7_Body):
     """Answer to Write Var: a return code for each variable. ``item_count`` is filled in when left out."""
 
     name = "S7 Write Var answer"
+    rosctr_alone = tables.ACK_DATA
     least = layouts.VARIABLES_HEAD.size
     data_fields = ("return_codes", "data_rest")
     fields_desc = body_fields(
@@ -264,6 +245,14 @@ class S7_WriteVarAnswer(S7_Body):
         """Return what became of the items."""
         return _codes_text(self.return_codes)
 
+
+# In lists of parts an item is one packet, with its content and its fill octet.
+CLASSES[layouts.S7ANY_ITEM] = S7_Any
+CLASSES[layouts.ITEM_HEAD] = S7_OtherItem
+CLASSES[layouts.DATA_ITEM] = S7_DataItem
+JOINED[layouts.S7ANY_ITEM] = (FILL,)
+JOINED[layouts.ITEM_HEAD] = (OCTETS, FILL)
+JOINED[layouts.DATA_ITEM] = (CONTENT, FILL)
 
 BODIES[False, tables.READ_VAR] = S7_ReadVarRequest
 BODIES[True, tables.READ_VAR] = S7_ReadVarAnswer

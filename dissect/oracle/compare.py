@@ -14,7 +14,7 @@ from dissect.oracle import facts, grounds
 from dissect.oracle.facts import Fact, Place, Record, Value
 from dissect.oracle.grounds import Case, Evidence
 from dissect.oracle.known import explain
-from dissect.oracle.ours import Witness
+from dissect.oracle.ours import Witness, take_joined
 from dissect.oracle.theirs import Frame
 from dissect.oracle.tshark import Reader, read_tshark
 
@@ -55,12 +55,20 @@ def _shown(value: Value | None) -> str:
 
 
 class Comparison:
-    """What came out: how many TPDUs, PDUs and fields both sides have, and every difference."""
+    """What came out: how many TPDUs, PDUs and fields both sides have, and every difference.
+
+    ``other`` counts the fields that Wireshark shows in bodies under names that no layout of ours has, ``again`` those of them
+    whose octets stand in a field that is compared;
+    ``not_comparable`` the PDUs that Wireshark cannot be asked about, by the reason.
+    """
 
     def __init__(self) -> None:
         self.compared: Counter[str] = Counter()
         self.fields = 0
+        self.other: Counter[str] = Counter()
+        self.again: Counter[str] = Counter()
         self.differences: list[Difference] = []
+        self.not_comparable: Counter[str] = Counter()
 
     @property
     def unexplained(self) -> list[Difference]:
@@ -78,6 +86,7 @@ class _Bench:
 
     def __init__(self, path: str, witness: Witness) -> None:
         self.result = Comparison()
+        self.result.not_comparable += witness.not_comparable
         self._evidence = Evidence(path, witness.found)
         self._lonely: dict[str, tuple[list[Record], list[tuple[Record, Frame]]]] = {
             facts.TPDU: ([], []),
@@ -132,8 +141,12 @@ class _Bench:
 
     def _compare(self, ours: Record, theirs: Record, frame: Frame) -> None:
         self.result.compared[ours.kind] += 1
+        self.result.other += theirs.other
+        self.result.again += theirs.again
         if ours.octets != theirs.octets:
             self._differ(_OCTETS, ours.octets, theirs.octets, ours, theirs, frame)
+        if theirs.joined:
+            take_joined(ours, theirs.joined)
         for place in sorted(ours.facts.keys() | theirs.facts.keys()):
             mine: Fact | None = ours.facts.get(place)
             other: Fact | None = theirs.facts.get(place)
@@ -142,7 +155,7 @@ class _Bench:
                 if mine.offset != other.offset:
                     where = Place(place.part, place.number, f"position of {place.name}")
                     self._differ(where, mine.offset, other.offset, ours, theirs, frame)
-            if mine is None or other is None or mine.value != other.value:
+            if mine is None or other is None or not _same(mine.value, other.value):
                 told = mine.value if mine is not None else None, other.value if other is not None else None
                 self._differ(place, *told, ours, theirs, frame)
 
@@ -170,6 +183,13 @@ class _Bench:
         assert record is not None
         explanation = explain(Case(place, mine, other, ours, theirs, frame, self._evidence))
         return Difference(record.kind, record.frame, str(place), mine, other, explanation)
+
+
+def _same(ours: Value, theirs: Value) -> bool:
+    """Tell whether two values say the same; one side may have split octets into bits of which the other makes one number."""
+    if isinstance(ours, bytes) != isinstance(theirs, bytes):
+        ours, theirs = (int.from_bytes(one, "big") if isinstance(one, bytes) else one for one in (ours, theirs))
+    return ours == theirs
 
 
 def _alike(ours: Record, theirs: Record) -> bool:

@@ -6,10 +6,15 @@ Which fields there are, what Wireshark calls them and where they stand comes fro
 
 from __future__ import annotations
 
+import sys
+from collections import Counter
+from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from dissect.iso import layouts as iso
+from dissect.s7 import bodies
 from dissect.s7 import layouts as s7
+from dissect.wire import part
 from dissect.wire.layout import Layout
 
 #: What is compared: packets of COTP and of S7comm.
@@ -28,6 +33,10 @@ IN_PARAMETERS: Final = "parameters"
 IN_ITEM: Final = "item"
 IN_DATA: Final = "data"
 IN_DATA_ITEM: Final = "data item"
+#: Everything else in the parameters and the data of a PDU, numbered by its position.
+IN_BODY: Final = "octet"
+#: The same in the answer that several PDUs give together, where Wireshark shows it: in the last of them.
+IN_JOINED: Final = "joined octet"
 
 #: Names of what is no field of a fixed header.
 CALLING_TSAP: Final = "cotp.src-tsap-bytes"
@@ -60,17 +69,48 @@ NAMES: Final[dict[str, frozenset[str]]] = {
     IN_DATA_ITEM: _names(s7.DATA_ITEM) | {CONTENT, FILL},
 }
 
+
+def layouts() -> list[Layout]:
+    """Return every layout of S7comm: each that a module behind `dissect.s7.bodies` has in a variable or in a table."""
+    found: dict[int, Layout] = {}
+    modules = [sys.modules[name] for name in sorted(sys.modules) if name.startswith("dissect.s7.")]
+    for module in (part, bodies, *modules):
+        for value in vars(module).values():
+            for layout in _layouts_in(value):
+                found[id(layout)] = layout
+    return list(found.values())
+
+
+def _layouts_in(value: object) -> Iterator[Layout]:
+    if isinstance(value, Layout):
+        yield value
+    elif isinstance(value, list | tuple | set | frozenset):
+        for one in value:
+            yield from _layouts_in(one)
+    elif isinstance(value, dict):
+        for one in value.values():
+            yield from _layouts_in(one)
+
+
+#: Wireshark's names of all fields that a body may have.
+BODY_NAMES: Final = _names(*layouts()) | {CONTENT, FILL}
+
 Value = int | bytes
 
 
 class Place(NamedTuple):
-    """Which field: where it stands, in the how-manieth item or parameter (from 1; 0 where there is only one), its name."""
+    """Which field: where it stands, in the how-manieth item or parameter (from 1; 0 where there is only one), its name.
+
+    In a body ``number`` is its position, in the PDU or in the joined answer.
+    """
 
     part: str
     number: int
     name: str
 
     def __str__(self) -> str:
+        if self.part in {IN_BODY, IN_JOINED}:
+            return f"{self.name} at {self.part} {self.number}"
         return f"{self.name} of {self.part} {self.number}" if self.number else self.name
 
 
@@ -85,10 +125,13 @@ class Record:
     """One TPDU or S7 PDU: the packet that completed it, its octets, and its facts.
 
     ``octets`` of a TPDU are its TPKT header and its own header, without user data; those of a PDU are all. ``number`` is our
-    count of what we found in the capture, in that order; -1 in a record of Wireshark's.
+    count of what we found in the capture, in that order; -1 in a record of Wireshark's. ``joined`` are the octets that
+    Wireshark put together from this PDU and those before it, empty where it did not; ``other`` counts the names of fields
+    that it shows in the body and that no layout of ours has; ``again`` those of them whose octets stand in a field that is
+    compared.
     """
 
-    __slots__ = ("facts", "frame", "kind", "number", "octets")
+    __slots__ = ("again", "facts", "frame", "joined", "kind", "number", "octets", "other")
 
     def __init__(self, kind: str, frame: int, octets: bytes, facts: dict[Place, Fact], number: int = -1) -> None:
         self.kind = kind
@@ -96,6 +139,9 @@ class Record:
         self.octets = octets
         self.facts = facts
         self.number = number
+        self.joined = b""
+        self.other: Counter[str] = Counter()
+        self.again: Counter[str] = Counter()
 
     def value(self, part: str, name: str, number: int = 0) -> Value | None:
         """Return the value of a field, None where the record has none of that name."""

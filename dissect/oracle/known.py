@@ -118,16 +118,77 @@ KNOWN: Final = (
     Known(
         "usend-as-head",
         OURS,
-        ("s7comm.param.userdata.dataunitref", "s7comm.param.userdata.lastdataunit", "s7comm.param.errcod"),
-        "The R_ID of USEND is shown as the end of a parameter head.",
+        tuple(sorted(facts.NAMES[facts.IN_PARAMETERS] | facts.NAMES[facts.IN_DATA] | facts.BODY_NAMES)),
+        "The parameters of USEND are shown as those of other userdata, its data as those of a BSEND.",
         "Syntax id 0x13 says that an R_ID stands there; newer Wireshark reads it so.",
         "4.1, 4.10",
         grounds.usend,
     ),
     Known(
+        "parts-joined",
+        FORM,
+        tuple(sorted(facts.BODY_NAMES)),
+        "Nothing is shown of the payload of a part of an answer in several PDUs but the last.",
+        "Wireshark shows all of it in the last part, where its octets are together; there every field is compared.",
+        "4.3",
+        grounds.in_parts,
+    ),
+    Known(
+        "time-with-its-century",
+        FORM,
+        ("s7comm.data.ts",),
+        "The time of a clock begins at its reserved octet, two octets before the DATE_AND_TIME.",
+        "The octet between is called the century and is not reliable; the eight behind it are the time.",
+        "4.12",
+        grounds.longer_time,
+    ),
+    Known(
+        "count-with-its-reserved-octet",
+        FORM,
+        ("s7comm.param.itemcount",),
+        "The item count of cyclic services begins at the reserved octet before it.",
+        "The octet between head and count is 0 in captures; the count has one octet, as everywhere else.",
+        "4.7",
+        grounds.longer_count,
+    ),
+    Known(
+        "records-as-octets",
+        OURS,
+        tuple(sorted(name for name in facts.BODY_NAMES if "szl" in name)),
+        "Records of some system status lists are shown as octets, as those of 0x0232, which are like those of 0x0132.",
+        "An extract of a list holds the same records as the list (number in the low octet of the SZL-ID).",
+        "4.5",
+        grounds.records_as_octets,
+    ),
+    Known(
+        "name-and-its-fields",
+        FORM,
+        ("s7comm.param.blockcontrol.filename",),
+        "The file name of a block is shown whole besides its fields.",
+        "Its marker, type, number and file system are compared one by one.",
+        "3.9",
+        grounds.whole_of_fields,
+    ),
+    Known(
+        "block-with-its-header",
+        FORM,
+        (facts.CONTENT,),
+        "The first piece of a block that is loaded is shown as octets from its first one.",
+        "It begins with the header of the block, whose fields we show before the rest.",
+        "4.6",
+        grounds.block_header,
+    ),
+    Known(
         "damaged-pdu",
         FORM,
-        tuple(sorted(facts.NAMES[facts.IN_PARAMETERS] | facts.NAMES[facts.IN_ITEM] | facts.NAMES[facts.IN_DATA_ITEM])),
+        tuple(
+            sorted(
+                facts.NAMES[facts.IN_PARAMETERS]
+                | facts.NAMES[facts.IN_ITEM]
+                | facts.NAMES[facts.IN_DATA_ITEM]
+                | facts.BODY_NAMES
+            )
+        ),
         "A parameter or item of a PDU whose lengths or counts contradict each other is shown otherwise, or by one side only.",
         "We report the PDU as malformed and read what its own limits allow; Wireshark reads past them until it fails.",
         "3.1, 3.5",

@@ -6,6 +6,7 @@ for a field; only a field that is constant, so that no object keeps it, is read 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from typing import Final
 
@@ -15,17 +16,27 @@ from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZ
 from dissect.oracle import facts
 from dissect.oracle.facts import Fact, Place, Record
 from dissect.s7 import layouts as s7
+from dissect.s7.bodies import parse_body
 from dissect.s7.items import DATA_HEAD, item_fill
 from dissect.s7.message import ACK_HEADER_SIZE, Pdu, parse_pdu
+from dissect.s7.pbc import BSEND, PBC_ID
 from dissect.s7.tables import READ_VAR, ROSCTR, USERDATA, WRITE_VAR
 from dissect.session import Run
-from dissect.transactions.connection import ISO_TSAP_PORT, Connection
+from dissect.transactions.connection import IBH, ISO_TSAP_PORT, Connection
 from dissect.transactions.table import Side
 from dissect.wire.layout import Layout
+
+#: Why a PDU is not compared.
+NO_DISSECTOR: Final = "Wireshark has no dissector for IBH-NetLink"
 
 #: Attributes that are not called as their field is.
 _ATTRIBUTES: Final = {"address": "start_bit"}
 _NO_FIELDS: Final = object()
+#: Where in a PDU the length of the data block stands, where in extended parameters the data unit reference does.
+_DATA_LENGTH: Final = 8
+_DATA_UNIT_REF: Final = 8
+#: Function group of BSEND.
+PBC: Final = 6
 _TSAPS: Final = {CALLING_TSAP: facts.CALLING_TSAP, CALLED_TSAP: facts.CALLED_TSAP}
 _SIZES: Final = {TPDU_SIZE: facts.TPDU_SIZE, PREFERRED_SIZE: facts.PREFERRED_SIZE}
 
@@ -34,6 +45,7 @@ class Witness(Observer):
     """Reads a capture and keeps the octets of every TPKT and S7 PDU, in the order in which the engine tells of them.
 
     ``ports`` are those on which connections were recognised, other than 102: Wireshark has to be told of them.
+    ``not_comparable`` counts what Wireshark cannot be asked about, by the reason.
     """
 
     def __init__(self, path: str) -> None:
@@ -42,6 +54,7 @@ class Witness(Observer):
         self.wants_pdus = True
         self.found: dict[str, list[tuple[int, bytes]]] = {facts.TPDU: [], facts.PDU: []}
         self.ports: set[int] = set()
+        self.not_comparable: Counter[str] = Counter()
         run = Run([path], self, Options())
         while run.step():
             pass
@@ -58,6 +71,8 @@ class Witness(Observer):
 
     def connection_opened(self, connection: Connection) -> None:
         """Note a port that nobody would take for ISO-on-TCP."""
+        if connection.state == IBH:
+            return
         ends = connection.tcp.ends
         if any(end.port == ISO_TSAP_PORT for end in ends):
             return
@@ -71,8 +86,11 @@ class Witness(Observer):
         self.found[facts.TPDU].append((frame, octets))
 
     def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
-        """Keep an S7 PDU."""
-        self.found[facts.PDU].append((frame, octets))
+        """Keep an S7 PDU, unless it came in packets that Wireshark shows as data."""
+        if side.connection.state == IBH:
+            self.not_comparable[NO_DISSECTOR] += 1
+        else:
+            self.found[facts.PDU].append((frame, octets))
 
 
 def _read(
@@ -134,12 +152,50 @@ def pdu_record(frame: int, octets: bytes) -> Record:
     if pdu.rosctr == USERDATA:
         if pdu.data_length >= DATA_HEAD:
             _read(found, facts.IN_DATA, 0, s7.DATA_ITEM, octets, pdu.data_offset, _NO_FIELDS)
+        _body(found, facts.IN_BODY, pdu, 0)
         return Record(facts.PDU, frame, octets, found)
     for number, item in enumerate(pdu.parameters.items, 1):
         layout = s7.S7ANY_ITEM if item.transport_size >= 0 else s7.ITEM_HEAD
         _read(found, facts.IN_ITEM, number, layout, octets, pdu.header_size + item.offset, item)
     _data_items(found, pdu)
+    _body(found, facts.IN_BODY, pdu, 0)
     return Record(facts.PDU, frame, octets, found)
+
+
+def _body(found: dict[Place, Fact], place: str, pdu: Pdu, start: int) -> None:
+    """Add the fields of a body behind ``start`` that were not told already; positions count from there."""
+    taken = {(fact.offset, told.name) for told, fact in found.items()}
+    for part in parse_body(pdu).parts:
+        if part.offset < start:
+            continue
+        for value in part.values:
+            name, at = value.field.wireshark, value.offset - start
+            if not name or value.end == value.offset or (at, name) in taken:
+                continue
+            told = value.value if value.field.bits is not None else pdu.octets[value.offset : value.end]
+            found[Place(place, at, name)] = Fact(told, at)
+
+
+def take_joined(record: Record, joined: bytes) -> None:
+    """Put what the whole of an answer in several PDUs says in the place of what the last of them says by itself.
+
+    It is read as the payload of a PDU with the head of ``record`` that says to be the only part.
+    """
+    octets = bytearray(record.octets)
+    pdu = parse_pdu(record.octets)
+    payload = pdu.data_offset + DATA_HEAD
+    # Before every piece of a BSEND stands its R_ID, which Wireshark does not join.
+    head = pdu.parameters.userdata
+    start = payload + (PBC_ID.size if head is not None and (head.group, head.subfunction) == (PBC, BSEND) else 0)
+    octets[start:] = joined
+    size = len(octets) - payload
+    octets[_DATA_LENGTH : _DATA_LENGTH + 2] = (DATA_HEAD + size).to_bytes(2, "big")
+    octets[payload - 2 : payload] = size.to_bytes(2, "big")
+    octets[pdu.header_size + _DATA_UNIT_REF] = 0
+    for place in [place for place, fact in record.facts.items() if place.part == facts.IN_BODY]:
+        if place.number >= start:
+            del record.facts[place]
+    _body(record.facts, facts.IN_JOINED, parse_pdu(bytes(octets)), start)
 
 
 def _parameters(found: dict[Place, Fact], pdu: Pdu) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 import msgspec
 
-from dissect.oracle.theirs import OF_FRAME, PROTOCOLS, WANTED, Frame, Tree
+from dissect.oracle.theirs import OF_FRAME, PROTOCOLS, WANTED, WHOLE, Frame, Tree
 from dissect.oracle.tshark import FILTER, Child, preferences
 
 
@@ -41,6 +41,9 @@ def _plain(name: str, value: Any) -> Any:
         return [_plain(name, part) for part in value]
     if not hasattr(value, "get_field"):
         return value.raw_value
+    if name in WHOLE:
+        # Every field of it is wanted, and pyshark finds one only by a name that is known before.
+        return value._all_fields  # noqa: SLF001 - its public names are lossy
     tree: Tree = {}
     # pyshark makes field names of Wireshark's remarks too, so that a tree may stand where a field is looked for.
     for wanted in sorted(WANTED.get(name, ())):

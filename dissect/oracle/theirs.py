@@ -6,10 +6,11 @@ that has none was not read from the wire but worked out (a class 0 DT gets the r
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, Final
 
 from dissect.oracle import facts
-from dissect.oracle.facts import NAMES, OCTETS, Fact, Place, Record, Value
+from dissect.oracle.facts import BODY_NAMES, NAMES, OCTETS, Fact, Place, Record, Value
 
 Tree = dict[str, Any]
 
@@ -18,23 +19,30 @@ PROTOCOLS: Final = ("frame", "tpkt", "cotp", "s7comm")
 #: Fields of the packet itself that are read.
 OF_FRAME: Final = ("frame.number", "frame.protocols", "frame.len", "frame.cap_len")
 _USERDATA: Final = 7
+#: Wireshark's number of the type of a field that is only the heading of a tree.
+_HEADING: Final = 0
 #: Wireshark up to 4.0 shows the first five fields of a userdata head under names of its own, three of them as one number.
 _OLD_NAMES: Final = {
     "s7comm.param.userdata.head": ("s7comm.param.func", "s7comm.param.itemcount", "s7comm.param.item.varspec"),
     "s7comm.param.userdata.length": ("s7comm.param.item.varspec_length",),
     "s7comm.param.userdata.reqres1": ("s7comm.param.item.syntaxid",),
 }
-#: Trees and fields that are wanted of each tree, names of old versions included.
+#: Names that Wireshark has beside others for the same place in a record, by extract of the list.
+_ALIASES: Final = {
+    f"s7comm.szl.0091.0000.res1_{extract}": "s7comm.szl.0091.0000.res1" for extract in ("0c_4c_4d", "0d")
+}
+#: What stands before each piece of a BSEND and is not joined; the last of it is there in no other message.
+_R_ID: Final = "s7comm.pbc.req.bsend.r_id"
+_OF_PIECES: Final = frozenset(
+    (*sorted(NAMES[facts.IN_ITEM] - {"s7comm.param.item.length"}), "s7comm.pbc.bsend.unknown", _R_ID)
+)
+#: Fields that are wanted of the trees that are not wanted whole.
 WANTED: Final[dict[str, frozenset[str]]] = {
     "tpkt": NAMES[facts.IN_TPKT],
     "cotp": NAMES[facts.IN_TPDU] | NAMES[facts.IN_PARAMETER],
-    "s7comm": frozenset(("s7comm.header", "s7comm.param", "s7comm.data")),
-    "s7comm.header": NAMES[facts.IN_HEADER],
-    "s7comm.param": NAMES[facts.IN_PARAMETERS] | {"s7comm.param.item"} | _OLD_NAMES.keys(),
-    "s7comm.param.item": NAMES[facts.IN_ITEM],
-    "s7comm.data": NAMES[facts.IN_DATA] | {"s7comm.data.item"},
-    "s7comm.data.item": NAMES[facts.IN_DATA_ITEM],
 }
+#: Trees that are wanted whole.
+WHOLE: Final = frozenset(("s7comm",))
 _BOOLEANS: Final = {"true": 1, "false": 0}
 
 
@@ -143,10 +151,55 @@ def _pdu(number: int, tree: Tree, raw: list[Any]) -> Record:
             _take(found, facts.IN_ITEM, index, item, start)
     record = Record(facts.PDU, number, bytes.fromhex(raw[0]), found)
     userdata = record.value(facts.IN_HEADER, "s7comm.header.rosctr") == _USERDATA
+    for joined in _raws(tree, "s7comm.fragments")[:1]:
+        record.joined = bytes.fromhex(joined[0])
     for data, _ in _layers(tree, "s7comm.data")[:1]:
         if userdata:
             _take(found, facts.IN_DATA, 0, data, start)
         else:
             for index, (item, _) in enumerate(_layers(data, "s7comm.data.item"), 1):
                 _take(found, facts.IN_DATA_ITEM, index, item, start)
+    _take_body(record, tree, start)
     return record
+
+
+def _take_body(record: Record, tree: Tree, start: int) -> None:
+    """Add what the trees of the parameters and the data hold besides the fields that were taken from them already."""
+    taken = {(fact.offset, place.name) for place, fact in record.facts.items()}
+    for name in ("s7comm.param", "s7comm.data"):
+        joined = bool(record.joined) and name == "s7comm.data"
+        others: list[tuple[str, int, int]] = []
+        carried: list[tuple[int, int]] = []
+        for block, _ in _layers(tree, name)[:1]:
+            piece = f"{_R_ID}_raw" in block
+            for shown, (octets, at, size, mask, type_) in _fields(block):
+                if not size:
+                    continue
+                field = _ALIASES.get(shown, shown)
+                inside = joined and not (piece and field in _OF_PIECES)
+                if field not in BODY_NAMES:
+                    if type_ != _HEADING and (at - start, field) not in taken:
+                        others.append((field, at, at + size))
+                    continue
+                carried.append((at, at + size))
+                if (at - start, field) not in taken:
+                    value = int(octets, 16) if mask else bytes.fromhex(octets)
+                    place = Place(facts.IN_JOINED, at, field) if inside else Place(facts.IN_BODY, at - start, field)
+                    record.facts[place] = Fact(value, place.number)
+        for field, at, end in others:
+            record.other[field] += 1
+            record.again[field] += any(begin <= at and end <= last for begin, last in carried)
+
+
+def _fields(tree: Tree) -> Iterator[tuple[str, list[Any]]]:
+    """Yield name and raw entry of every field in a tree and in the trees inside it."""
+    for name, value in tree.items():
+        if name.endswith("_raw"):
+            for raw in _raws(tree, name[:-4]):
+                yield name[:-4], raw
+        elif isinstance(value, dict):
+            yield from _fields(value)
+        elif isinstance(value, list):
+            for one in value:
+                if isinstance(one, dict):
+                    yield from _fields(one)

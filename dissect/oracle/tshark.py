@@ -98,6 +98,14 @@ class Child:
             )
 
 
+def version() -> str:
+    """Return tshark's version, as ``4.0.17``. Raises OracleError when there is no tshark."""
+    child = Child([PROGRAM, "--version"], "the comparison needs tshark")
+    said = child.stdout.read().decode("utf-8", "replace")
+    child.close()
+    return next((word for word in said.split() if word[0].isdigit()), "of an unknown version")
+
+
 def records(stream: IO[bytes]) -> Iterator[bytes]:
     """Cut tshark's JSON array into its records, each a whole object, holding no more than one and a chunk."""
     held = bytearray()

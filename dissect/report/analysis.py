@@ -13,6 +13,7 @@ from dissect.pipeline import Pipeline
 from dissect.report.latency import Latencies
 from dissect.report.places import Places
 from dissect.s7.parameters import Parameters
+from dissect.s7plus.parameters import PlusParameters
 from dissect.source.packet import SourceFile
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
@@ -124,9 +125,14 @@ class Analysis(Observer):
         userdata = parameters.userdata
         if userdata is not None:
             key = 0x10000 | (userdata.group << 8) | userdata.subfunction
+        elif key > 0xFF and isinstance(parameters, PlusParameters):
+            key = parameters.statistics_key
         found = self.functions.get(key)
         if found is None:
-            found = FunctionStatistics(parameters.function_name)
+            name = parameters.function_name
+            if isinstance(parameters, PlusParameters):
+                name = parameters.statistics_name
+            found = FunctionStatistics(name)
             self.functions[key] = found
         return found
 

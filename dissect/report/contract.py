@@ -6,14 +6,18 @@ import json
 from typing import Final
 
 from dissect.findings.finding import SEVERITIES, Finding
+from dissect.ibh.tables import KINDS
 from dissect.iso.tables import TPDU_TYPES
 from dissect.iso.tsap import Tsap
 from dissect.iso.upper import UPPER_NAMES
 from dissect.pipeline import Pipeline
 from dissect.report import words
 from dissect.report.analysis import Analysis, FunctionStatistics
+from dissect.report.endings import ending_as_dict
 from dissect.report.jsonl import TransactionLines
 from dissect.report.places import Places
+from dissect.report.plus import PROTOCOL
+from dissect.s7plus.parameters import is_plus_key, names_function
 from dissect.source.packet import SourceFile
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
@@ -50,12 +54,21 @@ def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str,
         "connections_not_listed": analysis.connections_not_listed,
         "tsdus": {name: count for name, count in zip(UPPER_NAMES, talk.tsdus, strict=True) if count or name in _ALWAYS},
         "tpdus": _tpdus(talk.tpdus),
+        "ibh": {name: count for name, count in zip(KINDS, talk.ibh_packets, strict=True) if count},
         "s7": {
             "pdus": talk.pdus,
             "cut": talk.cut_pdus,
             "unpaired": talk.unpaired,
             "rosctr": {str(code): count for code, count in enumerate(talk.rosctrs) if count},
             "functions": {f"0x{code:02x}": count for code, count in enumerate(talk.functions) if count},
+        },
+        "s7plus": {
+            "pdus": talk.plus_pdus,
+            "cut": talk.plus_cut,
+            "unpaired": talk.plus_unpaired,
+            "versions": {f"0x{code:02x}": count for code, count in enumerate(talk.plus_versions) if count},
+            "opcodes": {f"0x{code:02x}": count for code, count in enumerate(talk.plus_opcodes) if count},
+            "functions": {f"0x{code:04x}": count for code, count in sorted(talk.plus_functions.items())},
         },
         "transactions": {
             "total": analysis.total,
@@ -130,7 +143,9 @@ def _loss(pipeline: Pipeline) -> dict[str, object]:
 
 def _function(code: int, statistics: FunctionStatistics) -> dict[str, object]:
     values: dict[str, object] = {"code": f"0x{code & 0xFF:02x}" if 0 <= code < 0x10000 else None}
-    if code >= 0x10000:
+    if is_plus_key(code):
+        values = {"code": f"0x{code & 0xFFFF:04x}" if names_function(code) else None, "protocol": PROTOCOL}
+    elif code >= 0x10000:
         group = (code >> 8) & 0xFF
         # The mode transition is the one userdata with a function octet of its own, and stands in group 0.
         values = {"code": "0x00" if group else "0x01", "group": group, "subfunction": code & 0xFF}
@@ -170,6 +185,7 @@ def connection_as_dict(connection: Connection, places: Places) -> dict[str, obje
         "client_known": connection.client_known,
         "vlan": words.vlans(tcp.vlan),
         "protocol": connection.protocol or None,
+        "identified_by": connection.identified_by or None,
         "start": "syn" if tcp.known_start else ("cr" if connection.cr_seen else "mid_stream"),
         **_place("first", tcp.first_frame, places),
         "first_time": clock.iso(tcp.first_ns),
@@ -192,6 +208,7 @@ def connection_as_dict(connection: Connection, places: Places) -> dict[str, obje
         "ended_by": ended_by,
         **_place("ended", tcp.ended_frame, places),
         "open_at_end": connection.open_at_end,
+        "ending": ending_as_dict(connection, places),
     }
 
 
@@ -205,6 +222,7 @@ def finding_as_dict(finding: Finding, places: Places) -> dict[str, object]:
     values: dict[str, object] = {
         "slug": finding.slug,
         "severity": finding.severity,
+        "kind": finding.rule.kind,
         "connection": finding.connection or None,
         "frames": [places.number(frame) for frame in finding.frames],
     }
@@ -214,4 +232,5 @@ def finding_as_dict(finding: Finding, places: Places) -> dict[str, object]:
     values["sentence"] = finding.rule.sentence
     values["detail"] = encodable(finding.detail)
     values["advice"] = finding.rule.advice
+    values["techniques"] = [technique.as_dict() for technique in finding.rule.techniques]
     return values

@@ -14,15 +14,21 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.conversation import Observer
+from dissect.report.plus import plus_function_json, plus_json, plus_pdu_line
+from dissect.s7.bodies import parse_body
 from dissect.s7.items import DataItem, Item
 from dissect.s7.message import Pdu
 from dissect.s7.parameters import Parameters, UserdataHead
-from dissect.s7.tables import FUNCTIONS, READ_VAR, ROSCTR, SUCCESS, USERDATA_TYPES
+from dissect.s7.tables import FUNCTIONS, READ_VAR, ROSCTR, SETUP_COMMUNICATION, SUCCESS, USERDATA_TYPES, WRITE_VAR
 from dissect.s7.values import Value, decode_value, real_text
+from dissect.s7plus.message import PlusPdu
+from dissect.s7plus.parameters import PLUS, PlusParameters
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
 from dissect.wire.clock import Clock
+from dissect.wire.layout import FieldValue
 from dissect.wire.malformed import Malformed
+from dissect.wire.part import Part
 
 TRANSACTION_SCHEMA: Final = "s7dissect.transaction/1"
 PDU_SCHEMA: Final = "s7dissect.pdu/1"
@@ -88,7 +94,9 @@ def function_text(parameters: Parameters) -> str:
     """Return the ``function`` object of a parameter block, and for userdata the ``userdata`` object after it."""
     if not parameters.fragment:
         code: i64 = parameters.function
-        if code < 0:
+        if isinstance(parameters, PlusParameters):
+            text = plus_function_json(parameters)
+        elif code < 0:
             text = '{"code":null,"name":null}'
         else:
             text = f'{{"code":{code},"name":{json_text(FUNCTIONS.name(code))}}}'
@@ -178,11 +186,16 @@ class TransactionLines(Observer):
         )
         latency = str(transaction.response_ns - transaction.request_ns) if outcome == ANSWERED else "null"
         reason = f'"{transaction.reason}"' if transaction.reason else "null"
+        reference = str(transaction.pdu_ref)
+        rosctr = _SMALL[transaction.rosctr]
+        if transaction.rosctr == PLUS:  # which has neither a ROSCTR nor, in a notification, a reference
+            rosctr = "null"
+            reference = reference if transaction.function >= 0 else "null"
         return (
             f"{_HEAD}{transaction.number}{self._connection(transaction.connection, transaction.asked_by)}"
-            f',"pdu_ref":{transaction.pdu_ref},"rosctr":{transaction.rosctr},"function":{function_text(transaction.parameters)}'
+            f',"pdu_ref":{reference},"rosctr":{rosctr},"function":{function_text(transaction.parameters)}'
             f',"request_frame":{frames},"request_time":{at},"latency_ns":{latency}'
-            f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{self._setup(transaction)}'
+            f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{self._setup(transaction)}{_notes(transaction)}'
             f',"items":[{self._items(transaction)}],"errors":[{_errors(transaction)}]}}'
         )
 
@@ -247,6 +260,20 @@ def _item(item: Item | None, code: i64, data: bytes | None) -> str:
     return f'{head}{told},"data":"{data.hex()}","value":{value}}}'
 
 
+def _notes(transaction: Transaction) -> str:
+    """Return what request and answer are about, for functions whose items do not tell it."""
+    function: i64 = transaction.parameters.function
+    if function == READ_VAR or function == WRITE_VAR or function == SETUP_COMMUNICATION:
+        return ""
+    if transaction.rosctr == PLUS:
+        return plus_json(transaction)
+    return f',"asks":[{_noted(transaction.request)}],"tells":[{_noted(transaction.response)}]'
+
+
+def _noted(pdu: Pdu | None) -> str:
+    return "" if pdu is None else ",".join([json_text(note) for note in parse_body(pdu).notes])
+
+
 def _errors(transaction: Transaction) -> str:
     if not transaction.has_errors:
         return ""
@@ -282,6 +309,11 @@ class PduLines:
             f"{_body(pdu)}"
             f',"cut":{"true" if pdu.cut else "false"},"malformed":[{told}]}}'
         )
+
+    def plus_line(self, pdu: PlusPdu, connection: Connection) -> str:
+        """Return the line of one S7comm-plus PDU, without a line end."""
+        place = self.locate(pdu.frame) if self.locate is not None else None
+        return plus_pdu_line(pdu, self._clock.iso(pdu.time_ns), connection, place)
 
 
 def _header(pdu: Pdu) -> str:
@@ -322,9 +354,34 @@ def _body(pdu: Pdu) -> str:
             text += f',"parameters":"{parameters.octets.hex()}"'
         if pdu.data:
             text += f',"data":"{pdu.data.hex()}"'
+        if parameters.setup is None and not parameters.items:
+            body = parse_body(pdu)
+            parts = [_part("parameters", part) for part in body.parameters] + [
+                _part("data", part) for part in body.data
+            ]
+            text += f',"parts":[{",".join(parts)}]'
     if pdu.malformed or pdu.cut:
         text += f',"octets":"{pdu.octets.hex()}"'  # what was read of it may not be all
     return text
+
+
+def _part(block: str, part: Part) -> str:
+    """Return a part of a body with its fields."""
+    note = json_text(part.note) if part.note else "null"
+    return (
+        f'{{"name":{json_text(part.layout.name)},"block":"{block}","offset":{part.offset}'
+        f',"size":{part.end - part.offset},"note":{note},"fields":[{",".join([_field(value) for value in part.values])}]}}'
+    )
+
+
+def _field(value: FieldValue) -> str:
+    said = str(value.value) if value.octets is None else f'"{value.octets.hex()}"'
+    meaning = value.meaning
+    text = json_text(meaning) if meaning else "null"
+    return (
+        f'{{"name":{json_text(value.field.name)},"offset":{value.offset},"size":{value.end - value.offset}'
+        f',"value":{said},"text":{text}}}'
+    )
 
 
 def _data_item(pdu: Pdu, index: int, answer: DataItem) -> str:

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.ibh.packet import IbhPacket
+from dissect.ibh.tables import IBH_NETLINK
 from dissect.iso.cotp import Tpdu
+from dissect.iso.foreign import identify, identify_connect
 from dissect.iso.tables import CC, CR, DR, DT, ED, ER
-from dissect.iso.upper import EMPTY, S7COMM, UPPER_NAMES, classify
+from dissect.iso.upper import EMPTY, S7COMM, S7COMM_PLUS, UPPER_NAMES, classify, is_rdp_connect
 from dissect.report import words
 from dissect.report.places import Places
+from dissect.report.plus import plus_notes
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
 from dissect.s7.tables import JOB, RETURN_CODES, SUCCESS
+from dissect.s7plus.message import PlusPdu
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import ItemResult, Transaction, TransactionError
 from dissect.wire.clock import Clock
@@ -49,6 +54,7 @@ PROTOCOLS: Final = {
     "tls": "TLS",
     "rdp": "RDP",
     "unknown": "unknown protocol",
+    IBH_NETLINK: "IBH-NetLink",
 }
 
 #: Characters of a packet comment that are shown.
@@ -85,8 +91,8 @@ def transaction_cells(transaction: Transaction, clock: Clock, places: Places) ->
         str(transaction.connection.number),
         str(ends[transaction.asked_by]),
         str(ends[1 - transaction.asked_by]),
-        str(transaction.pdu_ref),
-        str(transaction.rosctr),
+        str(transaction.pdu_ref) if not transaction.is_plus or transaction.function >= 0 else "",
+        str(transaction.rosctr) if not transaction.is_plus else "",
         str(transaction.function) if transaction.function >= 0 else "",
         transaction.function_name,
         str(places.number(asked)) if asked else "",
@@ -128,6 +134,21 @@ def pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places) -> 
     return f"{head}  {kind:<8}  ref {reference}{function}{said}"
 
 
+def plus_line(pdu: PlusPdu, connection: Connection, clock: Clock, places: Places) -> str:
+    """Return one S7comm-plus PDU on one line."""
+    parts = [f"S7comm-plus {pdu.kind:<12}"]
+    if pdu.readable:
+        parts.append(f"seq {pdu.sequence}")
+    parts += [text for text in (pdu.function_name, ", ".join(plus_notes(pdu))) if text]
+    if pdu.frames > 1:
+        parts.append(f"in {pdu.frames} frames")
+    if pdu.cut:
+        parts.append("CUT, its end is missing")
+    if pdu.malformed:
+        parts.append(f"MALFORMED {pdu.malformed[0]}")
+    return f"{_head(pdu.frame, pdu.time_ns, connection, pdu.side, clock, places)}  {'  '.join(parts)}"
+
+
 def _head(frame: int, time_ns: int, connection: Connection, side: int, clock: Clock, places: Places) -> str:
     ends = connection.tcp.ends
     return f"{places.mark(frame):>6}  {words.moment(clock.iso(time_ns))}  {ends[side]} → {ends[1 - side]}"
@@ -153,11 +174,12 @@ def _body(pdu: Pdu) -> str:
             return f"{good}, all good" if len(codes) > 1 else f"{good}, good"
         return f"{len(refused)} of {good} refused: {', '.join(refused)}"
     head = parameters.userdata
+    said = words.body_notes(pdu)
     if head is None:
-        return ""
+        return said
     error = f", error 0x{head.error_code:04x} {ERROR_CODES.name(head.error_code)}" if head.error_code else ""
     more = ", more to come" if head.extended and head.last_data_unit else ""
-    return f"{_KINDS[head.type]}, sequence {head.sequence}{more}{error}"
+    return f"{_KINDS[head.type]}, sequence {head.sequence}{more}{error}{f'  {said}' if said else ''}"
 
 
 def _requested(pdu: Pdu, items: list[Item]) -> str:
@@ -175,6 +197,9 @@ def tpdu_line(
 ) -> str:
     """Return a TPDU that carries no S7 PDU on one line."""
     said = ""
+    if tpdu.type in {CR, CC} and is_rdp_connect(tpdu.variable):
+        said = identify_connect(tpdu.variable)
+        return f"{_head(frame, time_ns, connection, side, clock, places)}  COTP {tpdu.name}  RDP, {said}"
     if tpdu.type in {CR, CC}:
         siemens = connection.protocol in {"", "s7comm", "s7comm_plus"}
         said = f"  {words.tsaps(tpdu.tsap(0xC1), tpdu.tsap(0xC2), siemens)}"
@@ -190,15 +215,39 @@ def tpdu_line(
         )
     elif tpdu.type in {DT, ED}:
         said = f"  {carried(tpdu)}, {words.count(len(tpdu.data), 'octet')}"
+        identity = identify(classify(tpdu.data, 0, len(tpdu.data)), tpdu.data, 0, len(tpdu.data))
+        said += f": {identity}" if identity else ""
     if tpdu.malformed:
         said += f"  MALFORMED {tpdu.malformed[0]}"
     return f"{_head(frame, time_ns, connection, side, clock, places)}  COTP {tpdu.name}{said}"
 
 
+def netlink_line(
+    packet: IbhPacket, frame: int, time_ns: int, connection: Connection, side: int, clock: Clock, places: Places
+) -> str:
+    """Return an IBH-NetLink packet that carries no S7 PDU on one line."""
+    parts = [packet.name]
+    if packet.station >= 0:
+        parts.append(f"station {packet.station}, connection {packet.src_conn}/{packet.dst_conn}")
+    if packet.acked >= 0:
+        parts.append(f"of packet {packet.acked}")
+    if packet.data:
+        parts.append(f"{message_name(packet.data)}, {words.count(len(packet.data), 'octet')}")
+    said = "  ".join(parts)
+    if packet.malformed:
+        said += f"  MALFORMED {packet.malformed[0]}"
+    return f"{_head(frame, time_ns, connection, side, clock, places)}  IBH {said}"
+
+
 def carried(tpdu: Tpdu) -> str:
     """Return what people call the protocol of the user data of a DT or ED; empty when there is no data, or S7comm."""
-    upper = classify(tpdu.data, 0, len(tpdu.data))
-    return "" if upper in {S7COMM, EMPTY} else PROTOCOLS[UPPER_NAMES[upper]]
+    return message_name(tpdu.data)
+
+
+def message_name(octets: bytes) -> str:
+    """Return what people call the protocol of a message; empty when there is none, or one whose PDUs have own lines."""
+    upper = classify(octets, 0, len(octets))
+    return "" if upper in {S7COMM, S7COMM_PLUS, EMPTY} else PROTOCOLS[UPPER_NAMES[upper]]
 
 
 def comment_line(frame: int, text: str, places: Places) -> str:
@@ -207,5 +256,6 @@ def comment_line(frame: int, text: str, places: Places) -> str:
 
 
 def named(connection: Connection) -> str:
-    """Return what people call the protocol of a connection, empty when nothing was said on it."""
-    return PROTOCOLS.get(connection.protocol, printable(connection.protocol))
+    """Return what people call the protocol of a connection and what identifies it, empty when nothing was said on it."""
+    name = PROTOCOLS.get(connection.protocol, printable(connection.protocol))
+    return f"{name} ({connection.identified_by})" if connection.identified_by else name

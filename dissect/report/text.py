@@ -8,7 +8,9 @@ from typing import Final, NamedTuple
 
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.finding import SEVERITIES, Finding, Rule
-from dissect.report import words
+from dissect.ibh.tables import KINDS
+from dissect.iso.upper import UPPER_NAMES
+from dissect.report import endings, words
 from dissect.report.analysis import MAX_CONNECTIONS, Analysis
 from dissect.report.lines import PROTOCOLS, named
 from dissect.report.places import Places
@@ -47,12 +49,6 @@ _IGNORED: Final = {
     "bad_header": "with impossible headers",
     "link_type": "of a link type that is not supported",
     "failed": "the analyzer failed on",
-}
-
-#: Why a TCP connection ends without anybody closing it.
-_DROPPED: Final = {
-    "reused": "its addresses were taken by a new connection",
-    "evicted": "forgotten, too many connections were open",
 }
 
 
@@ -120,11 +116,18 @@ def _files(analysis: Analysis, places: Places) -> Iterator[Line]:
     talk = pipeline.conversation
     others = [
         f"{count} {PROTOCOLS[name]}"
-        for name, count in zip(PROTOCOLS, talk.tsdus, strict=False)
-        if count and name != "s7comm"
+        for name, count in zip(UPPER_NAMES, talk.tsdus, strict=True)
+        if count and name not in {"s7comm", "s7comm_plus", "empty"}
     ]
     said = f"  {words.count(talk.pdus, 'S7 PDU')}"
+    if talk.plus_pdus:
+        said += f", {words.count(talk.plus_pdus, 'S7comm-plus PDU')}"
     yield Line(f"{said}; other messages: {', '.join(others)}" if others else said)
+    packets = [
+        f"{count} {kind.replace('_', ' ')}" for kind, count in zip(KINDS, talk.ibh_packets, strict=True) if count
+    ]
+    if packets:
+        yield Line(f"  IBH-NetLink packets: {', '.join(packets)}", PLAIN, 4)
 
 
 def _file(file: SourceFile) -> Iterator[Line]:
@@ -189,7 +192,7 @@ def _connection(connection: Connection, places: Places) -> Iterator[Line]:
             PLAIN,
             5,
         )
-    yield Line(f"     {_counts(connection)}; {_ending(connection, places)}", PLAIN, 5)
+    yield Line(f"     {_counts(connection)}; {endings.phrase(connection, places)}", PLAIN, 5)
 
 
 def _counts(connection: Connection) -> str:
@@ -205,23 +208,6 @@ def _counts(connection: Connection) -> str:
     if connection.errors:
         parts.append(f"{connection.errors} with errors")
     return ", ".join(parts)
-
-
-def _ending(connection: Connection, places: Places) -> str:
-    tcp = connection.tcp
-    open_then = f" with {words.count(connection.open_at_end, 'request')} open" if connection.open_at_end else ""
-    if connection.closed_reason == "replaced":
-        return f"replaced by a new connection on the same addresses{open_then}"
-    if connection.iso_ended:
-        return f"ended by {connection.iso_ended}{open_then}"
-    begun = "already open at the start, " if connection.mid_stream and not tcp.known_start else ""
-    if not tcp.ended:
-        return f"{begun}still open at the end of the capture"
-    if tcp.ended in _DROPPED:
-        return f"{begun}{_DROPPED[tcp.ended]}{open_then}"
-    role = "client" if tcp.ended_by == connection.client_side else "server"
-    how = "closed by" if tcp.ended == "fin" else "reset by"
-    return f"{begun}{how} the {role} at {places.phrase([int(tcp.ended_frame)])}{open_then}"
 
 
 # ---- transactions ---------------------------------------------------------------------------------------------------
@@ -327,6 +313,8 @@ def _finding(rule: Rule, count: int, details: Sequence[Finding], places: Places)
         at = f": {places.phrase(rest[:_MORE_FRAMES])}{more}" if rest else ""
         yield Line(f"      and {count - _DETAILS} more{at}", PLAIN, 8)
     yield Line(f"      → {rule.advice}", DIM, 8)
+    if rule.techniques:
+        yield Line(f"      MITRE ATT&CK: {', '.join([str(technique) for technique in rule.techniques])}", DIM, 8)
 
 
 # ---- completeness ---------------------------------------------------------------------------------------------------

@@ -2,45 +2,55 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from typing import Final
 
+from dissect.ibh import layouts as ibh
+from dissect.ibh.packet import IbhPacket, parse_packet
 from dissect.iso import layouts as iso
 from dissect.iso.cotp import Parameter, parse_tpdu
 from dissect.report import words
 from dissect.s7 import layouts as s7
+from dissect.s7.bodies import parse_body
+from dissect.s7.data_parts import CONTENT, RETURN_CODE
 from dissect.s7.errors import ERROR_CODES
-from dissect.s7.items import Item
 from dissect.s7.message import Pdu
-from dissect.s7.parameters import UserdataHead
-from dissect.s7.tables import CPU_SERVICES, JOB, READ_VAR, RETURN_CODES, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
+from dissect.s7plus import layouts as s7plus
+from dissect.s7plus.message import PlusPdu, fixed_part
+from dissect.s7plus.tables import KEEP_ALIVE, RETURN_CODES, SYSTEM_EVENT
 from dissect.wire.hexdump import hexdump
-from dissect.wire.layout import Field, FieldValue, Layout
+from dissect.wire.layout import FieldValue, Layout
 from dissect.wire.malformed import Malformed
-from dissect.wire.text import printable
+from dissect.wire.part import FILL, OCTETS
+from dissect.wire.text import printable, shortened
 
+#: Characters of what a field means, and of what a part is about.
+_MEANING: Final = 100
+_NOTE: Final = 120
 _TPKT_SIZE: Final = 4
 
 
-def tree_lines(pdu: Pdu, packet: bytes) -> Iterator[str]:
+def tree_lines(pdu: Pdu, packet: bytes, through_gateway: bool = False) -> Iterator[str]:
     """Yield the tree of ``pdu`` and the hex view below it.
 
-    ``packet`` is the TPKT that carried the PDU whole, so that offsets count from its first octet; empty when the PDU came
-    in several COTP fragments or was cut, then offsets count from the first octet of the S7 PDU.
+    ``packet`` is the TPKT, or ``through_gateway`` the IBH-NetLink packet, that carried the PDU whole, so that offsets count
+    from its first octet; empty when the PDU came in several fragments or was cut, then offsets count from the first octet
+    of the S7 PDU.
     """
     whole = packet or pdu.octets
     base = len(whole) - len(pdu.octets)
     if packet:
-        yield from _packet(packet)
+        yield from _netlink(parse_packet(packet)) if through_gateway else _packet(packet)
     else:
-        why = "cut by the capture" if pdu.cut else "put together from several COTP fragments"
+        parts = "MPI packets" if through_gateway else "COTP fragments"
+        why = "cut by the capture" if pdu.cut else f"put together from several {parts}"
         yield f"    {why}; octets count from the beginning of the S7 PDU"
     yield from _layout(s7.ACK_HEADER if pdu.header_size == 12 else s7.HEADER, whole, base)
     if pdu.error_class > 0 or pdu.error_code > 0:
         code = (pdu.error_class << 8) | pdu.error_code
         yield _field("", "error", f"0x{code:04x} {ERROR_CODES.name(code)}. {ERROR_CODES.text(code)}".rstrip())
-    yield from _parameters(pdu, whole, base)
-    yield from _data(pdu, whole, base)
+    yield from _body(pdu, base)
     yield from _malformed(pdu.malformed, base)
     yield from _octets(whole)
 
@@ -52,6 +62,61 @@ def tpdu_tree_lines(packet: bytes) -> Iterator[str]:
     if data:
         yield _field(_range(len(packet) - len(data), len(packet)), "user data", words.octets(data))
     yield from _octets(packet)
+
+
+def netlink_tree_lines(octets: bytes) -> Iterator[str]:
+    """Yield the tree of an IBH-NetLink packet that carries no S7 PDU, and the hex view below it."""
+    packet = parse_packet(octets)
+    yield from _netlink(packet)
+    if packet.data:
+        yield _field(_range(packet.data_at, packet.data_at + len(packet.data)), "user data", words.octets(packet.data))
+    elif len(octets) > _headers(packet):
+        yield _field(_range(_headers(packet), len(octets)), "octets", words.octets(octets[_headers(packet) :]))
+    yield from _octets(octets)
+
+
+def plus_tree_lines(pdu: PlusPdu, packet: bytes) -> Iterator[str]:
+    """Yield the tree of an S7comm-plus PDU and the hex view below it; ``packet`` as for `tree_lines`."""
+    whole = packet or pdu.octets
+    base = len(whole) - len(pdu.octets)
+    if packet:
+        yield from _packet(packet)
+    else:
+        why = "its end is missing" if pdu.cut else "put together from several frames or fragments"
+        yield f"    {why}; octets count from the beginning of the S7comm-plus PDU"
+    at = base
+    yield from _layout(s7plus.KEEP_ALIVE if pdu.version == KEEP_ALIVE else s7plus.HEADER, whole, at)
+    at += s7plus.HEADER.size
+    if pdu.integrity:
+        yield from _layout(s7plus.INTEGRITY, whole, at)
+        yield _field(_range(at + 1, at + 1 + len(pdu.integrity)), "digest", words.octets(pdu.integrity))
+    layout = fixed_part(pdu)
+    at = base + pdu.data_offset
+    end = at + len(pdu.data)
+    if layout is not None:
+        yield from _layout(layout, whole[:end], at)
+        at += layout.size
+    if pdu.return_value >= 0:
+        yield _field("", "return value", f"0x{pdu.return_value:x} {RETURN_CODES.name(pdu.return_code)}")
+    if pdu.frames > 1:
+        yield _field("", "data", f"{words.count(len(pdu.data), 'octet')} in {pdu.frames} frames")
+    elif at < end:
+        yield _field(_range(at, end), "octets", words.octets(whole[at:end]))
+    if pdu.whole and pdu.version not in {SYSTEM_EVENT, KEEP_ALIVE}:
+        yield from _layout(s7plus.HEADER, whole, len(whole) - s7plus.HEADER.size, "S7comm-plus trailer")
+    yield from _malformed(pdu.malformed, base)
+    yield from _octets(whole)
+
+
+def _netlink(packet: IbhPacket) -> Iterator[str]:
+    yield from _layout(ibh.IBH, packet.octets, 0)
+    if packet.mpi is not None:
+        yield from _layout(packet.mpi, packet.octets, ibh.IBH.size)
+    yield from _malformed(packet.malformed, 0)
+
+
+def _headers(packet: IbhPacket) -> int:
+    return ibh.IBH.size + (packet.mpi.size if packet.mpi is not None else 0)
 
 
 def _malformed(facts: list[Malformed], base: int) -> Iterator[str]:
@@ -98,7 +163,7 @@ def _layout(layout: Layout, octets: bytes, at: int, title: str = "") -> Iterator
 
 def _line(value: FieldValue, shift: int, name: str = "") -> str:
     field = value.field
-    said = f"{_meaning(field, value.value)} {name}".rstrip()
+    said = f"{_meaning(value)} {name}".rstrip()
     return _field(_range(value.offset + shift, value.end + shift), field.name.rstrip("_"), said)
 
 
@@ -110,114 +175,47 @@ def _range(start: int, end: int) -> str:
     return str(start) if end == start + 1 else f"{start}-{end - 1}"
 
 
-def _meaning(field: Field, value: int) -> str:
+def _meaning(value: FieldValue) -> str:
+    field = value.field
+    if value.octets is not None:
+        meaning = value.meaning
+        said = words.octets(value.octets)
+        return f"{said}  {shortened(meaning, _MEANING)}" if meaning else said
     mask, shift = field.bits if field.bits is not None else ((1 << 8 * field.size) - 1, 0)
-    number = f"0x{value:0{max(1, ((mask >> shift).bit_length() + 3) // 4)}x}"
+    number = f"0x{value.value:0{max(1, ((mask >> shift).bit_length() + 3) // 4)}x}"
     if field.codes is not None:
-        row = field.codes.get(value)
-        return f"{number} {row.name}" if row is not None else f"{number} (not in the tables)"
-    return str(value) if field.name in _NUMBERS else number
+        return f"{number} {value.meaning or '(not in the tables)'}"
+    return str(value.value) if field.decimal else number
 
 
-#: Fields without a table that are numbers to a person; the others are shown in hexadecimal.
-_NUMBERS: Final = frozenset(
-    (
-        "length",
-        "li",
-        "credit",
-        "eot",
-        "tpdu_nr",
-        "next_nr",
-        "credit_extended",
-        "param_length",
-        "data_length",
-        "item_count",
-        "max_amq_calling",
-        "max_amq_called",
-        "pdu_length",
-        "count",
-        "db",
-        "sequence",
-        "data_unit_ref",
-        "last_data_unit",
-    )
-)
-
-
-def _parameters(pdu: Pdu, whole: bytes, base: int) -> Iterator[str]:
-    at = base + pdu.header_size
-    octets = pdu.parameters.octets
-    if not octets:
-        return
+def _body(pdu: Pdu, base: int) -> Iterator[str]:
+    """Yield the parts behind the header. A part that there are several of is numbered; octets alone continue the part above."""
+    body = parse_body(pdu)
     head = pdu.parameters.userdata
-    layout: Layout | None = None
-    if head is not None:
-        layout = s7.MODE_TRANSITION
-        if octets[0] == CPU_SERVICES:
-            layout = s7.USERDATA_EXTENDED if head.extended else s7.USERDATA_SHORT
-    elif pdu.rosctr != USERDATA and octets[0] == SETUP_COMMUNICATION:
-        layout = s7.SETUP
-    elif pdu.rosctr != USERDATA and octets[0] in {READ_VAR, WRITE_VAR}:
-        layout = s7.VARIABLES_HEAD
-    if layout is None:
-        yield f"    parameters of {pdu.function_name}"
-        yield _rest(at, octets)
-        return
-    yield f"    {pdu.function_name} parameters" if layout is s7.VARIABLES_HEAD else f"    {layout.name}"
-    end = at + len(octets)
-    for value in layout.read(whole[:end], at):
-        yield _line(value, 0, _subfunction(value.field, head))
-    if layout is s7.VARIABLES_HEAD:
-        for number, item in enumerate(pdu.parameters.items, 1):
-            yield from _item(number, item, whole, at + item.offset)
-    elif len(octets) > layout.size:
-        yield _rest(at + layout.size, octets[layout.size :])
+    counts = Counter(part.layout for part in body.parts)
+    numbers: Counter[Layout] = Counter()
+    for part in body.parts:
+        layout = part.layout
+        if layout is RETURN_CODE:
+            numbers[layout] += 1
+            if numbers[layout] == 1:
+                yield "    return codes"
+            (code,) = part.values
+            yield _field(str(code.offset + base), f"item {numbers[layout]}", _meaning(code))
+            continue
+        if layout not in _WITHOUT_HEADING:
+            numbers[layout] += 1
+            number = f" {numbers[layout]}" if counts[layout] > 1 or layout in _NUMBERED else ""
+            name = f"{pdu.function_name} parameters" if layout is s7.VARIABLES_HEAD else _NAMES.get(layout, layout.name)
+            yield f"    {name}{number}{f': {shortened(part.note, _NOTE)}' if part.note else ''}"
+        for value in part.values:
+            said = head.subfunction_name if head is not None and value.field.name == "subfunction" else ""
+            yield _line(value, base, said)
+    yield from _malformed(body.malformed, base)
 
 
-def _subfunction(field: Field, head: UserdataHead | None) -> str:
-    """Return the name of a subfunction, which depends on its group, so that the field itself has none."""
-    return head.subfunction_name if head is not None and field.name == "subfunction" else ""
-
-
-def _rest(at: int, octets: bytes) -> str:
-    return _field(_range(at, at + len(octets)), "octets", words.octets(octets))
-
-
-def _item(number: int, item: Item, whole: bytes, at: int) -> Iterator[str]:
-    layout = s7.S7ANY_ITEM if item.transport_size >= 0 else s7.ITEM_HEAD
-    yield from _layout(layout, whole[: at + len(item.octets)], at, f"item {number}: {words.address(item)}")
-    if len(item.octets) > layout.size:
-        yield _rest(at + layout.size, item.octets[layout.size :])
-
-
-def _data(pdu: Pdu, whole: bytes, base: int) -> Iterator[str]:
-    items = pdu.data_items()
-    data = pdu.data
-    at = base + pdu.data_offset
-    for number, item in enumerate(items, 1):
-        start = base + item.offset
-        yield from _layout(s7.DATA_ITEM, whole, start, f"data item {number}{_meant(pdu, number)}")
-        if item.data:
-            yield _field(_range(start + 4, start + 4 + len(item.data)), "data", words.octets(item.data))
-    if items or not data:
-        return
-    if pdu.function == WRITE_VAR and pdu.rosctr != JOB:
-        yield "    return codes"
-        for number, code in enumerate(data):
-            said = f"0x{code:02x} {RETURN_CODES.name(code)}" if code in RETURN_CODES else f"0x{code:02x}"
-            yield _field(str(at + number), f"item {number + 1}", said)
-        return
-    yield "    data"
-    if pdu.rosctr == USERDATA and len(data) >= s7.DATA_ITEM.size:  # the head of reference 4.2 is that of a data item
-        for value in s7.DATA_ITEM.read(whole[: at + len(data)], at):
-            yield _line(value, 0)
-        at += s7.DATA_ITEM.size
-        data = data[s7.DATA_ITEM.size :]
-    if data:
-        yield _rest(at, data)
-
-
-def _meant(pdu: Pdu, number: int) -> str:
-    """Return the address that a data item of a write request is meant for."""
-    items = pdu.parameters.items
-    return f": {words.address(items[number - 1])}" if number <= len(items) else ""
+#: Octets that belong to the part above them.
+_WITHOUT_HEADING: Final = frozenset((CONTENT, FILL, OCTETS))
+#: Parts of which there may be several, numbered even where there is one.
+_NUMBERED: Final = frozenset((s7.ITEM_HEAD, s7.S7ANY_ITEM, s7.DATA_ITEM))
+_NAMES: Final = {s7.S7ANY_ITEM: "item"}

@@ -5,8 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.iso.tsap import Tsap
+from dissect.report.plus import plus_subject
+from dissect.s7.bodies import parse_body
 from dissect.s7.items import Item
-from dissect.s7.tables import RETURN_CODES, SUCCESS
+from dissect.s7.message import Pdu
+from dissect.s7.tables import READ_VAR, RETURN_CODES, SETUP_COMMUNICATION, SUCCESS, WRITE_VAR
 from dissect.s7.values import Value
 from dissect.transactions.transaction import (
     ANSWERED,
@@ -27,10 +30,13 @@ from dissect.wire.text import printable, shortened
 _SHOWN: Final = 8
 _SHOWN_TEXT: Final = 32
 _SHOWN_OCTETS: Final = 16
-#: Items that a summary names.
+#: Items or notes that a summary names, and characters of a note.
 _NAMED: Final = 3
+_NOTE: Final = 100
+#: Functions that say what they are about by their items, or by what they negotiate.
+_TOLD_BY_ITEMS: Final = frozenset((READ_VAR, WRITE_VAR, SETUP_COMMUNICATION))
 
-_REASONS: Final = {
+REASONS: Final = {
     CONNECTION_CLOSED: "connection closed",
     CAPTURE_ENDED: "capture ends",
     HOLE: "hole in the capture",
@@ -129,8 +135,7 @@ def octets(data: bytes) -> str:
 
 def address(item: Item) -> str:
     """Return the address of an item with its count where that is not one, for example ``DB10.DBW4 x3``."""
-    text = shortened(item.address, 100)
-    return f"{text} x{item.count}" if item.count >= 0 and item.count != 1 else text
+    return shortened(item.label, 100)
 
 
 def item(result: ItemResult, number: int) -> str:
@@ -151,8 +156,26 @@ def items(transaction: Transaction) -> list[str]:
 
 
 def subject(transaction: Transaction) -> str:
-    """Return what a transaction is about: all its items, the setup, or nothing."""
-    return ", ".join(items(transaction)) or _setup(transaction)
+    """Return what a transaction is about: all its items, the setup, or what request and answer say."""
+    return ", ".join(items(transaction)) or _setup(transaction) or notes(transaction)
+
+
+def notes(transaction: Transaction) -> str:
+    """Return what request and answer say, for functions that have no items: a few notes of each."""
+    if transaction.is_plus:
+        return plus_subject(transaction)
+    if transaction.function in _TOLD_BY_ITEMS:
+        return ""
+    asked, told = transaction.request, transaction.response
+    said = [body_notes(pdu) for pdu in (asked, told) if pdu is not None]
+    return " → ".join([text for text in said if text])
+
+
+def body_notes(pdu: Pdu) -> str:
+    """Return what the parts of a PDU are about: the first few notes, and how many more there are."""
+    found = parse_body(pdu).notes
+    more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
+    return ", ".join([shortened(note, _NOTE) for note in found[:_NAMED]]) + more
 
 
 def gist(transaction: Transaction) -> str:
@@ -166,7 +189,7 @@ def gist(transaction: Transaction) -> str:
         return total + ", ".join(some) + (", …" if len(refused) > _NAMED else "")
     names = [address(result.item) if result.item is not None else f"item {number}" for number, result in numbered]
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join(names[:_NAMED]) + more or _setup(transaction)
+    return ", ".join(names[:_NAMED]) + more or _setup(transaction) or notes(transaction)
 
 
 def _setup(transaction: Transaction) -> str:
@@ -184,11 +207,11 @@ def _setup(transaction: Transaction) -> str:
 
 def outcome(transaction: Transaction) -> str:
     """Return how a transaction ended, empty when all went well."""
-    why = f" ({_REASONS.get(transaction.reason, transaction.reason)})" if transaction.reason else ""
+    why = f" ({REASONS.get(transaction.reason, transaction.reason)})" if transaction.reason else ""
     if transaction.outcome == ORPHAN:
         said = f"answer without request{why}"
     elif transaction.outcome == PUSH:
-        said = "push"
+        said = "one way" if transaction.request_frame else "push"
     elif transaction.outcome == ANSWERED:
         said = ""
     else:

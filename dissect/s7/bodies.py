@@ -10,13 +10,25 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from dissect.s7 import clock
-from dissect.s7.items import data_size_within
+from dissect.s7 import (
+    alarms,
+    blocks,
+    clock,
+    control,
+    cyclic,
+    diagnostics,
+    nc,
+    pbc,
+    programmer,
+    security,
+    szl,
+    transfer,
+)
+from dissect.s7.data_parts import RETURN_CODE, take_data_items, take_items
 from dissect.s7.layouts import (
-    DATA_ITEM,
-    ITEM_HEAD,
+    DATA_HEAD,
+    FUNCTION,
     MODE_TRANSITION,
-    S7ANY_ITEM,
     SETUP,
     USERDATA_EXTENDED,
     USERDATA_SHORT,
@@ -28,29 +40,28 @@ from dissect.s7.tables import (
     ACK,
     ACK_DATA,
     CPU_SERVICES,
+    DOWNLOAD_BLOCK,
+    END_UPLOAD,
     JOB,
+    PI_SERVICE,
+    PLC_STOP,
     READ_VAR,
+    REQUEST_DOWNLOAD,
     ROSCTR,
     SETUP_COMMUNICATION,
-    SUCCESS,
+    UPLOAD,
     USERDATA,
+    USERDATA_SUBFUNCTIONS,
     WRITE_VAR,
 )
 from dissect.wire.layout import Layout
 from dissect.wire.malformed import Malformed
-from dissect.wire.part import OCTETS, Cursor, Part
+from dissect.wire.part import Cursor, Part
 
 #: Cuts the parameter block or the data block of a job (``answer`` false) or of its answer.
 JobParser = Callable[[Cursor, bool], None]
 #: Cuts the payload of a userdata PDU, which follows the four octets of its data head.
 PayloadParser = Callable[[Cursor, UserdataHead], None]
-
-#: The content of a data item.
-CONTENT: Final = Layout("content", "reference section 3.5", [OCTETS.fields[0]])
-#: A return code of a write answer.
-RETURN_CODE: Final = Layout("return code", "reference section 3.5", [DATA_ITEM.fields[0]])
-#: A function alone, as most positive answers have it.
-FUNCTION: Final = Layout("function", "reference section 3.3", [VARIABLES_HEAD.fields[0]])
 
 
 class Body:
@@ -77,6 +88,22 @@ class Body:
             if part.layout is layout:
                 return part
         return None
+
+    def number(self, name: str) -> int:
+        """Return the number in the first field called ``name``, -1 when there is none."""
+        for part in self.parts:
+            found = part.find(name)
+            if found is not None:
+                return found.value
+        return -1
+
+    def text(self, name: str) -> str:
+        """Return what the first field called ``name`` says, empty when there is none."""
+        for part in self.parts:
+            found = part.find(name)
+            if found is not None:
+                return found.meaning
+        return ""
 
     @property
     def notes(self) -> list[str]:
@@ -127,16 +154,7 @@ def _known_parameters(cursor: Cursor, parameters: Parameters) -> None:
         cursor.finish()
         return
     cursor.take(VARIABLES_HEAD)
-    start = cursor.at - VARIABLES_HEAD.size
-    for item in parameters.items:
-        if start + item.offset > cursor.at:
-            cursor.take_fill(1)
-        size = len(item.octets)
-        if item.transport_size >= 0:
-            cursor.take(S7ANY_ITEM, note=item.address)
-        else:
-            cursor.take(ITEM_HEAD, note=item.address)
-            cursor.take(OCTETS, size - ITEM_HEAD.size)
+    take_items(cursor, parameters.items, cursor.at - VARIABLES_HEAD.size)
     cursor.finish()
 
 
@@ -147,6 +165,8 @@ def _userdata_head(cursor: Cursor, parameters: Parameters) -> None:
         cursor.rest()
     elif parameters.function != CPU_SERVICES:
         cursor.take(MODE_TRANSITION, note=head.subfunction_name)
+    elif head.usend:
+        pbc.take_usend(cursor)
     else:
         cursor.take(USERDATA_EXTENDED if head.extended else USERDATA_SHORT)
     cursor.finish()
@@ -183,27 +203,8 @@ def _known_data(cursor: Cursor, parameters: Parameters) -> None:
         for _ in range(min(count, cursor.left)):
             cursor.take(RETURN_CODE)
     elif (parameters.function == WRITE_VAR) == (parameters.rosctr == JOB):
-        take_data_items(cursor, count, parameters.rosctr == ACK_DATA, parameters)
+        take_data_items(cursor, count, parameters.rosctr == ACK_DATA, [item.label for item in parameters.items])
     cursor.finish()
-
-
-def take_data_items(cursor: Cursor, count: int, response: bool, parameters: Parameters | None = None) -> None:
-    """Cut up to ``count`` data items with their contents and fill octets (reference 3.5).
-
-    In a ``response`` an item whose return code is not success is its four head octets. ``parameters`` name what they are.
-    """
-    for number in range(count):
-        items = parameters.items if parameters is not None else []
-        head = cursor.take(DATA_ITEM, note=items[number].address if number < len(items) else "")
-        if head is None:
-            return
-        size = 0
-        if not response or head.number("return_code") == SUCCESS:
-            size = data_size_within(head.number("transport_size"), head.number("length"), cursor.left)
-        if size:
-            cursor.take(CONTENT, size)
-        if number + 1 < count or cursor.left == 1:
-            cursor.take_fill(size)
 
 
 def _payload(cursor: Cursor, parameters: Parameters) -> None:
@@ -211,7 +212,11 @@ def _payload(cursor: Cursor, parameters: Parameters) -> None:
     if head is None or parameters.function != CPU_SERVICES:
         cursor.rest()
         return
-    data_head = cursor.take(DATA_ITEM)
+    if head.usend:
+        pbc.take_usend_data(cursor)
+        cursor.finish()
+        return
+    data_head = cursor.take(DATA_HEAD)
     if data_head is None:
         return
     size = data_head.number("length")
@@ -230,16 +235,62 @@ def _payload(cursor: Cursor, parameters: Parameters) -> None:
     cursor.finish()
 
 
+def parse_joined(
+    group: int, subfunction: int, type_: int, octets: bytes, malformed: list[Malformed] | None = None
+) -> list[Part]:
+    """Cut the payload of a userdata message that came in several parts, joined; it is cut as one that came whole.
+
+    ``octets`` are the payloads without their data heads; offsets are within them. Faults are added to ``malformed``.
+    """
+    told: list[Malformed] = malformed if malformed is not None else []
+    cursor = Cursor(octets, 0, len(octets), "item", told)
+    if octets:
+        parse = PAYLOADS.get((group, subfunction))
+        if parse is None:
+            cursor.rest()
+        else:
+            parse(cursor, UserdataHead(type_, group, subfunction, 0))
+            cursor.finish()
+    return cursor.parts
+
+
 #: Parsers of parameter blocks by function.
-PARAMETERS: Final[dict[int, JobParser]] = {}
+PARAMETERS: Final[dict[int, JobParser]] = {
+    CPU_SERVICES: control.parse_cpu_services,
+    **dict.fromkeys(range(REQUEST_DOWNLOAD, END_UPLOAD + 1), transfer.parse_parameters),
+    PI_SERVICE: control.parse_service,
+    PLC_STOP: control.parse_stop,
+}
 
 #: Parsers of data blocks by function.
-DATA: Final[dict[int, JobParser]] = {}
+DATA: Final[dict[int, JobParser]] = {
+    DOWNLOAD_BLOCK: transfer.parse_data,
+    UPLOAD: transfer.parse_data,
+}
 
 #: Parsers of userdata payloads by group and subfunction.
 PAYLOADS: Final[dict[tuple[int, int], PayloadParser]] = {
+    **{(1, code.number): programmer.parse_programmer for code in USERDATA_SUBFUNCTIONS[1]},
+    (2, cyclic.CYCLIC_TRANSFER): cyclic.parse_transfer,
+    (2, cyclic.UNSUBSCRIBE): cyclic.parse_unsubscribe,
+    (2, cyclic.CHANGE_DRIVEN): cyclic.parse_transfer,
+    (2, cyclic.CHANGE_DRIVEN_MODIFY): cyclic.parse_transfer,
+    (2, cyclic.READ_RECORD): cyclic.parse_record,
+    (4, szl.READ_SZL): szl.parse_szl,
+    (3, blocks.LIST_BLOCKS): blocks.parse_list,
+    (3, blocks.LIST_OF_TYPE): blocks.parse_list_of_type,
+    (3, blocks.BLOCK_INFO): blocks.parse_info,
+    (4, alarms.MESSAGE_SERVICE): alarms.parse_message_service,
+    (4, diagnostics.DIAGNOSTIC_MESSAGE): diagnostics.parse_diagnostic_message,
+    **dict.fromkeys([(4, subfunction) for subfunction in alarms.ALARMS], alarms.parse_alarm),
+    (4, alarms.AR_SEND): alarms.parse_archive,
+    (4, alarms.ALARM_QUERY): alarms.parse_alarm_query,
+    (5, security.PASSWORD): security.parse_password,
+    (6, pbc.BSEND): pbc.parse_bsend,
     (7, clock.READ_CLOCK): clock.parse_clock,
     (7, clock.SET_CLOCK): clock.parse_clock,
     (7, clock.READ_CLOCK_FOLLOWING): clock.parse_clock,
     (7, clock.SET_CLOCK_SECOND): clock.parse_clock,
+    **dict.fromkeys([(0x20, subfunction) for subfunction in nc.ROUTING], nc.parse_routing),
+    **dict.fromkeys([(0x3F, code.number) for code in USERDATA_SUBFUNCTIONS[0x3F]], nc.parse_nc),
 }

@@ -23,7 +23,7 @@ CLOCK: Final = Layout(
     [
         Field("reserved", 1, "0.", "s7comm.data.ts_reserved"),
         Field("century", 1, "Century in BCD; unreliable, the year decides.", "s7comm.data.ts_year1"),
-        Field("time", 8, "DATE_AND_TIME in BCD.", means=date_and_time),
+        Field("time", 8, "DATE_AND_TIME in BCD.", "s7comm.data.ts", means=date_and_time),
     ],
 )
 

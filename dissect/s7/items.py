@@ -7,7 +7,8 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7.address import address_text
-from dissect.s7.tables import ELEMENT_OCTETS, LENGTH_IN_BITS, S7ANY, SUCCESS, SYNTAX_IDS
+from dissect.s7.syntaxes import item_text
+from dissect.s7.tables import ELEMENT_OCTETS, LENGTH_IN_BITS, S7ANY, SUCCESS
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u24
 
@@ -16,6 +17,11 @@ DATA_HEAD: Final = 4
 _BIT: Final = 0x01
 _RECORD: Final = 0x01
 _S7ANY_SIZE: Final = 12
+
+#: Kinds of areas that a write goes to: outputs and peripherals, which act at once, and everything else.
+WRITTEN_IO: Final = 1
+WRITTEN_ELSEWHERE: Final = 2
+_IO_AREAS: Final = frozenset((0x80, 0x82))
 
 BITS: Final = 1
 _UNCLEAR: Final = 2
@@ -71,6 +77,11 @@ class Item:
             return self.size == size
         return self.transport_size != _BIT or self.area == _RECORD or self.count == size
 
+    @property
+    def label(self) -> str:
+        """The address with the count where that is not one, for example ``DB10.DBW4 x3``; text from the wire, not escaped."""
+        return f"{self.address} x{self.count}" if self.count >= 0 and self.count != 1 else self.address
+
     def __repr__(self) -> str:
         return f"Item({self.address!r}, count={self.count})"
 
@@ -89,8 +100,16 @@ def parse_item(octets: bytes, offset: i64) -> Item:
             item.size = element * item.count
         item.address = address_text(item.area, item.db, item.start_bit, item.transport_size)
     else:
-        item.address = f"{SYNTAX_IDS.name(item.syntax_id)}:{octets[3:].hex()}"
+        item.address = item_text(octets)
     return item
+
+
+def written_areas(items: list[Item]) -> i64:
+    """Return the kinds of areas that a write of these items goes to, as the bits above."""
+    areas: i64 = 0
+    for item in items:
+        areas |= WRITTEN_IO if item.area in _IO_AREAS else WRITTEN_ELSEWHERE
+    return areas
 
 
 def parse_items(octets: bytes, at: i64, end: i64, count: i64, malformed: list[Malformed]) -> list[Item]:

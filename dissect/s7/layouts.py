@@ -17,7 +17,7 @@ from dissect.s7.tables import (
     USERDATA_SUBFUNCTIONS,
     USERDATA_TYPES,
 )
-from dissect.wire.layout import Field, Layout
+from dissect.wire.layout import COUNTS_PARTS, Field, Layout
 
 _HEAD: Final = [
     Field("protocol_id", 1, "Always 0x32.", "s7comm.header.protid"),
@@ -62,6 +62,9 @@ VARIABLES_HEAD: Final = Layout(
     ],
 )
 
+#: A function alone, as most positive answers have it.
+FUNCTION: Final = Layout("function", "reference section 3.3", [VARIABLES_HEAD.fields[0]])
+
 ITEM_HEAD: Final = Layout(
     "item",
     "reference section 3.5",
@@ -97,6 +100,17 @@ DATA_ITEM: Final = Layout(
         Field("return_code", 1, "0xff success; 0 in a write request.", "s7comm.data.returncode", RETURN_CODES),
         Field("transport_size", 1, "What the length counts.", "s7comm.data.transportsize", DATA_TRANSPORT_SIZES),
         Field("length", 2, "Bits or octets, by transport size.", "s7comm.data.length"),
+    ],
+)
+
+#: What precedes the payload of every userdata PDU that has one.
+DATA_HEAD: Final = Layout(
+    "data head",
+    "reference section 4.2",
+    [
+        Field("return_code", 1, "0xff success, 0x0a no payload.", "s7comm.data.returncode", RETURN_CODES),
+        Field("transport_size", 1, "9 with payload, 0 without.", "s7comm.data.transportsize", DATA_TRANSPORT_SIZES),
+        Field("length", 2, "Octets of the payload.", "s7comm.data.length", counts=COUNTS_PARTS),
     ],
 )
 

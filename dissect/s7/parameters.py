@@ -10,7 +10,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.items import SPECIFICATION, Item, parse_items
+from dissect.s7.items import SPECIFICATION, Item, item_fill, parse_items, written_areas
 from dissect.s7.tables import (
     ACK,
     CPU_SERVICES,
@@ -37,6 +37,7 @@ _EXTENDED: Final = 12
 _SYNTAX_SHORT: Final = 0x11
 _SYNTAX_EXTENDED: Final = 0x12
 _USEND: Final = 0x13
+_USEND_SIZE: Final = 10
 #: Group of BSEND and USEND.
 GROUP_PBC: Final = 6
 
@@ -72,6 +73,7 @@ class UserdataHead:
         "sequence",
         "subfunction",
         "type",
+        "usend",
     )
 
     def __init__(self, type_: int, group: int, subfunction: int, sequence: int) -> None:
@@ -83,6 +85,17 @@ class UserdataHead:
         self.data_unit_ref = 0
         self.last_data_unit = 0
         self.error_code = 0
+        self.usend = False  # a USEND has no subfunction
+
+    @property
+    def more(self) -> bool:
+        """True when the answer goes on in a further PDU (reference 4.3)."""
+        return self.data_unit_ref != 0 and self.last_data_unit != 0
+
+    @property
+    def continues(self) -> bool:
+        """True for the last part of an answer in several parts: its payload begins in the middle (reference 4.3)."""
+        return self.data_unit_ref != 0 and self.last_data_unit == 0
 
     @property
     def group_name(self) -> str:
@@ -92,6 +105,8 @@ class UserdataHead:
     @property
     def subfunction_name(self) -> str:
         """Name of the subfunction within its group, or its number."""
+        if self.usend:
+            return "USEND"
         table = USERDATA_SUBFUNCTIONS.get(self.group)
         return table.name(self.subfunction) if table is not None else f"0x{self.subfunction:02x}"
 
@@ -105,6 +120,8 @@ class Parameters:
     """A parsed parameter block. ``function`` is -1 when the block is empty; ``item_count`` -1 when it has none."""
 
     __slots__ = (
+        "answer_size",
+        "answer_unjudged",
         "fragment",
         "function",
         "item_count",
@@ -113,7 +130,9 @@ class Parameters:
         "octets",
         "rosctr",
         "setup",
+        "unjudged",
         "userdata",
+        "written",
     )
 
     def __init__(self, octets: bytes, rosctr: i64) -> None:
@@ -125,7 +144,11 @@ class Parameters:
         self.setup: Setup | None = None
         self.userdata: UserdataHead | None = None
         self.malformed: list[Malformed] = []
+        self.written: i64 = 0  # kinds of areas that a write goes to (`dissect.s7.items.written_areas`)
         self.fragment: str = ""  # a report's cached text
+        self.answer_size: i64 = 0  # of a read: octets of the smallest PDU that answers all items, as far as that is known
+        self.unjudged: bool = True  # nobody looked at codes and addresses yet
+        self.answer_unjudged: bool = False  # of a read: nobody looked at the transport sizes of a good answer yet
 
     @property
     def userdata_extended(self) -> bool:
@@ -138,6 +161,16 @@ class Parameters:
         if self.userdata is not None:
             return self.userdata.name
         return FUNCTIONS.name(self.function) if self.function >= 0 else "no function"
+
+    @property
+    def subject(self) -> str:
+        """What is asked, for a person: the function and, of up to three items, the address."""
+        items = self.items
+        if not items:
+            return self.function_name
+        shown = ", ".join([item.address for item in items[:3]])
+        more = f" and {len(items) - 3} more" if len(items) > 3 else ""
+        return f"{self.function_name} {shown}{more}"
 
 
 def parse_parameters(octets: bytes, rosctr: i64) -> Parameters:
@@ -163,9 +196,25 @@ def parse_parameters(octets: bytes, rosctr: i64) -> Parameters:
         parameters.item_count = octets[1]
         if rosctr == JOB:
             parameters.items = parse_items(octets, 2, size, parameters.item_count, parameters.malformed)
+            if function == WRITE_VAR:
+                parameters.written = written_areas(parameters.items)
+            else:
+                parameters.answer_unjudged = True
+                parameters.answer_size = _answer_size(parameters.items)
         elif size > 2:
             _wrong_size(parameters, "item_count", 2, size)
     return parameters
+
+
+def _answer_size(items: list[Item]) -> i64:
+    """Return the octets of the PDU that answers a read: header, function and count, and a data item each (reference 3.5)."""
+    total: i64 = 14
+    left: i64 = len(items)
+    for item in items:
+        left -= 1
+        size: i64 = max(item.size, 0)
+        total += 4 + size + item_fill(size, left == 0)
+    return total
 
 
 def _wrong_size(parameters: Parameters, field: str, needed: i64, available: i64) -> None:
@@ -185,6 +234,13 @@ def _parse_userdata(parameters: Parameters, octets: bytes, size: i64) -> None:
         _wrong_size(parameters, "userdata head", _SHORT, size)
         return
     parameters.item_count = octets[1]
+    if octets[4] == _USEND and octets[3] == _USEND_SIZE - 4:
+        # A layout of its own too (reference 4.10): the R_ID stands where others have the type, the group and the subfunction.
+        parameters.userdata = UserdataHead(PUSH, GROUP_PBC, 0, 0)
+        parameters.userdata.usend = True
+        if size != _USEND_SIZE:
+            _wrong_size(parameters, "USEND", _USEND_SIZE, size)
+        return
     type_and_group: i64 = octets[5]
     head = UserdataHead(type_and_group >> 6, type_and_group & 0x3F, octets[6], octets[7])
     parameters.userdata = head

@@ -407,3 +407,176 @@ USERDATA_SUBFUNCTIONS: Final[dict[int, CodeTable]] = {
         ],
     ),
 }
+
+#: Block types as a number; two octets in test functions, one in registers (reference section 4.8).
+BLOCK_KINDS: Final = CodeTable(
+    "S7 block type",
+    2,
+    [(0x00, "not set", "No block."), *[(int(digits, 16), name, "") for digits, name in BLOCK_TYPES.items()]],
+)
+
+#: Areas of a Sinumerik, as people write them (reference section 3.5).
+NCK_AREAS: Final = CodeTable(
+    "S7 NCK area",
+    1,
+    [
+        (0, "N", "NCK."),
+        (1, "B", "Mode group."),
+        (2, "C", "Channel."),
+        (3, "A", "Axis."),
+        (4, "T", "Tool."),
+        (5, "V", "Feed drive."),
+        (6, "H", "Main drive."),
+        (7, "M", "MMC."),
+    ],
+)
+
+SYMBOL_ROOTS: Final = CodeTable("S7-1200 symbol root", 4, [(0x0000, "memory", ""), (0x8a0e, "data block", "")])
+
+SYMBOL_AREAS: Final = CodeTable(
+    "S7-1200 symbol area",
+    4,
+    [(0x50, "I", "Inputs."), (0x51, "Q", "Outputs."), (0x52, "M", "Flags."), (0x53, "C", "Counters."), (0x54, "T", "Timers.")],
+)
+
+#: What a step on the way to a symbol is.
+SYMBOL_FLAGS: Final = CodeTable(
+    "S7-1200 symbol step",
+    1,
+    [
+        (2, "encapsulated LID", ""),
+        (3, "encapsulated index", ""),
+        (4, "LID", "Obtained by LID."),
+        (5, "index", "Obtained by index."),
+        (6, "part start", ""),
+        (7, "part length", ""),
+    ],
+)
+
+BLOCK_LANGUAGES: Final = CodeTable(
+    "S7 block language",
+    2,
+    [
+        (0x00, "undefined", ""),
+        (0x01, "AWL/STL", "Statement list."),
+        (0x02, "KOP/LAD", "Ladder diagram."),
+        (0x03, "FUP/FBD", "Function block diagram."),
+        (0x04, "SCL", "Structured text."),
+        (0x05, "DB", "Data block."),
+        (0x06, "GRAPH", "Sequential function chart."),
+        (0x07, "SDB", "System data block."),
+        (0x08, "CPU-DB", "Data block that the CPU created."),
+        (0x11, "SDB after overall reset", ""),
+        (0x12, "SDB routing", ""),
+        (0x29, "encrypted", ""),
+    ],
+)
+
+BLOCK_SECURITY: Final = CodeTable("S7 block security", 8, [(0, "none", ""), (3, "know-how protection", "")])
+
+#: Time base of a cyclic service; the interval is this times the factor (reference section 4.7).
+CYCLIC_TIME_BASES: Final = CodeTable("S7 cyclic time base", 2, [(0, "100 ms", ""), (1, "1 s", ""), (2, "10 s", "")])
+
+TEST_TRIGGER_TYPES: Final = CodeTable(
+    "S7 trigger type",
+    4,
+    [
+        (0x0000, "update monitor values, activate modify values", ""),
+        (0x0001, "monitor or modify variables", ""),
+        (0x0002, "modify variables permanently", ""),
+        (0x0100, "force immediately", ""),
+    ],
+)
+
+TEST_FREQUENCIES: Final = CodeTable(
+    "S7 trigger frequency", 4, [(0, "every cycle", ""), (1, "once", ""), (2, "always", "Of a force job.")]
+)
+
+TEST_TRIGGER_EVENTS: Final = CodeTable(
+    "S7 trigger event",
+    4,
+    [
+        (0x0000, "immediately", ""),
+        (0x0100, "system trigger", ""),
+        (0x0200, "start of the main cycle", ""),
+        (0x0300, "end of the main cycle", ""),
+        (0x0400, "mode transition RUN-STOP", ""),
+        (0x0500, "after code address", ""),
+        (0x0600, "code address area", ""),
+        (0x0601, "code address area with call environment", ""),
+        (0x0700, "data address", ""),
+        (0x0800, "data address area", ""),
+        (0x0900, "local data address", ""),
+        (0x0a00, "local data address area", ""),
+        (0x0b00, "range trigger", ""),
+        (0x0c00, "before code address", ""),
+    ],
+)
+
+#: Area and width of a variable in test functions: area in the high nibble, width in the low one (reference section 4.8).
+TEST_AREAS: Final = CodeTable(
+    "S7 test function area",
+    2,
+    [
+        (0x00, "MX", "Flag bit."),
+        (0x01, "MB", "Flag octet."),
+        (0x02, "MW", "Flag word."),
+        (0x03, "MD", "Flag double word."),
+        (0x10, "IX", "Input bit."),
+        (0x11, "IB", "Input octet."),
+        (0x12, "IW", "Input word."),
+        (0x13, "ID", "Input double word."),
+        (0x20, "QX", "Output bit."),
+        (0x21, "QB", "Output octet."),
+        (0x22, "QW", "Output word."),
+        (0x23, "QD", "Output double word."),
+        (0x31, "PIB", "Peripheral input octet."),
+        (0x32, "PIW", "Peripheral input word."),
+        (0x33, "PID", "Peripheral input double word."),
+        (0x54, "T", "Timer."),
+        (0x64, "C", "Counter."),
+        (0x70, "DBX", "Bit of a data block."),
+        (0x71, "DBB", "Octet of a data block."),
+        (0x72, "DBW", "Word of a data block."),
+        (0x73, "DBD", "Double word of a data block."),
+    ],
+)
+
+CALL_ENVIRONMENTS: Final = CodeTable(
+    "S7 call environment", 4, [(0, "specified call environment", ""), (2, "specified global or instance data block", "")]
+)
+
+CALL_CONDITIONS: Final = CodeTable(
+    "S7 call condition",
+    4,
+    [
+        (0x0000, "not set", ""),
+        (0x0001, "on block number", ""),
+        (0x0101, "on block number with code address", ""),
+        (0x0a00, "on DB1 (DB) content", ""),
+        (0x000a, "on DB2 (DI) content", ""),
+        (0x0a0a, "on DB1 (DB) and DB2 (DI) content", ""),
+    ],
+)
+
+EXIT_HOLD: Final = CodeTable("S7 exit HOLD until", 2, [(0, "next breakpoint", ""), (1, "next statement", "")])
+
+#: What a message service asks for beside the events of its mask (reference section 4.9).
+ALARM_SUBSCRIPTIONS: Final = CodeTable(
+    "S7 alarm subscription",
+    2,
+    [
+        (0, "SCAN abort", ""),
+        (1, "SCAN initiate", ""),
+        (4, "ALARM abort", ""),
+        (5, "ALARM initiate", ""),
+        (6, "AR_SEND abort", ""),
+        (7, "AR_SEND initiate", ""),
+        (8, "ALARM_S abort", ""),
+        (9, "ALARM_S initiate", ""),
+    ],
+)
+
+ALARM_TYPES: Final = CodeTable("S7 alarm type", 2, [(1, "SCAN", ""), (2, "ALARM_8", ""), (4, "ALARM_S", "")])
+
+ALARM_QUERIES: Final = CodeTable("S7 alarm query type", 2, [(1, "by alarm type", ""), (3, "by event id", "")])

@@ -27,6 +27,11 @@ class Endpoint:
         self.address = address
         self.port = port
 
+    @property
+    def host(self) -> str:
+        """The address without the port, as text."""
+        return address_text(self.address)
+
     def __str__(self) -> str:
         text = address_text(self.address)
         return f"[{text}]:{self.port}" if len(self.address) == 16 else f"{text}:{self.port}"
@@ -74,6 +79,12 @@ class TcpConnection:
         self.ended_frame: i64 = 0
         self.ended_ns: i64 = 0
         self.resets_ignored: i64 = 0
+
+    @property
+    def has_holes(self) -> bool:
+        """True when octets of either direction are missing from the capture."""
+        first, second = self.streams
+        return first.position > first.octets or second.position > second.octets
 
     @property
     def known_start(self) -> bool:

@@ -11,10 +11,23 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.items import BITS, COUNTED, data_size_within, parse_data_items
+from dissect.s7.items import BITS, COUNTED, DataItem, Item, data_size_within, parse_data_items
 from dissect.s7.message import HEADER_SIZE
 from dissect.s7.parameters import Parameters
-from dissect.s7.tables import ACK, ACK_DATA, READ_VAR, SETUP_COMMUNICATION, SUCCESS, USERDATA, WRITE_VAR
+from dissect.s7.tables import (
+    ACK,
+    ACK_DATA,
+    ANSWER_TRANSPORT_SIZE,
+    READ_VAR,
+    S7ANY,
+    SETUP_COMMUNICATION,
+    SUCCESS,
+    USERDATA,
+    WRITE_VAR,
+)
+from dissect.s7plus.message import parse_plus
+from dissect.s7plus.parameters import PLUS, PlusParameters
+from dissect.s7plus.tables import ERRORS, refuses
 from dissect.transactions.transaction import Transaction
 from dissect.wire.build import COMPILED
 from dissect.wire.malformed import Malformed
@@ -28,7 +41,12 @@ REORDERED: Final = 8
 BAD_DATA: Final = 16
 EXPECTED: Final = 32  # a half is missing, and no wonder: mid-stream start, one direction only, or a hole
 BAD_REQUEST: Final = 64
+WRITE_SIZE: Final = 128  # data of a write have another size than their item
+NOT_LOADED: Final = 512  # a block is activated that was not loaded on this connection
+STRAY_PUSH: Final = 1024  # a push that belongs to no subscription of this connection
+ODD_DATA_CODE: Final = 256  # data of a read came with another transport size than CPUs answer with
 
+_RECORD: Final = 0x01
 _HEAD: Final = struct.Struct(">BBH")
 
 
@@ -37,11 +55,13 @@ def check_answer(transaction: Transaction, parameters: Parameters, data_at: i64)
     buf = transaction.response_buf
     at: i64 = transaction.response_offset
     end: i64 = at + transaction.response_size
-    if transaction.response_rosctr == USERDATA:
+    if transaction.response_rosctr >= USERDATA:
         head = parameters.userdata
         if head is not None and head.error_code:
             transaction.error_code = head.error_code
             transaction.has_errors = True
+        elif transaction.response_rosctr == PLUS:
+            check_plus_answer(transaction)
         return
     code: i64 = u16(buf, at + 10)
     if code:
@@ -60,6 +80,14 @@ def check_answer(transaction: Transaction, parameters: Parameters, data_at: i64)
         setup = parameters.setup
         if setup is not None and code == 0:
             transaction.connection.grant(setup, transaction.asked_by)
+
+
+def check_plus_answer(transaction: Transaction) -> None:
+    """Look at the return value of an S7comm-plus answer: a negative one, or a partial error, is an error."""
+    code: i64 = parse_plus(transaction.response_octets).return_code
+    if refuses(code):
+        transaction.error_code = code
+        transaction.has_errors = True
 
 
 def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:
@@ -124,6 +152,8 @@ def mismatch(request: Parameters, answer: Parameters) -> bool:
         return False  # an Ack without parameters
     asked = request.userdata
     told = answer.userdata
+    if isinstance(answer, PlusParameters):
+        return request.function != answer.function and answer.code not in ERRORS
     if asked is not None and told is not None:
         return asked.group != told.group or asked.subfunction != told.subfunction
     return request.function != answer.function
@@ -149,14 +179,44 @@ def contradicts(
     return trial.flags & (COUNT_MISMATCH | SIZE_MISMATCH) != 0
 
 
-def written_fits(parameters: Parameters, buf: bytes, at: i64, size: i64) -> bool:
-    """Tell whether the data block of a write request fits its item count; what was told of its lengths is not told again."""
+def check_written(parameters: Parameters, buf: bytes, at: i64, size: i64) -> i64:
+    """Hold the data block of a write request to its items; return flags. What was told of its lengths is not told again."""
     data_at: i64 = at + HEADER_SIZE + len(parameters.octets)
     if parameters.malformed or data_at + u16(buf, at + 8) != at + size:
-        return True
+        return 0
     told: list[Malformed] = []
-    parse_data_items(buf, data_at, at + size, parameters.item_count, False, told)
-    return not told
+    written = parse_data_items(buf, data_at, at + size, parameters.item_count, False, told)
+    if told:
+        return BAD_REQUEST
+    items = parameters.items
+    for index in range(len(written)):
+        wanted: i64 = items[index].size
+        if wanted >= 0 and wanted != len(written[index].data):
+            return WRITE_SIZE
+    return 0
+
+
+def check_data_codes(transaction: Transaction) -> None:
+    """Compare the transport sizes of a read answer with those CPUs answer with, for each distinct request once.
+
+    A request of which every item was refused is looked at again with its next answer.
+    """
+    if transaction.response_rosctr != ACK_DATA or transaction.flags & (COUNT_MISMATCH | BAD_DATA | FUNCTION_MISMATCH):
+        return
+    items = transaction.parameters.items
+    for item, answer in zip(items, transaction.answered_items(), strict=False):
+        if answer.return_code == SUCCESS:
+            transaction.parameters.answer_unjudged = False
+            if odd_data_code(item, answer):
+                transaction.flags |= ODD_DATA_CODE
+
+
+def odd_data_code(item: Item, answer: DataItem) -> bool:
+    """Tell whether a good data item has another transport size than CPUs answer its request item with (reference 3.5)."""
+    if item.syntax_id != S7ANY or item.area == _RECORD:
+        return False
+    expected: int = ANSWER_TRANSPORT_SIZE.get(item.transport_size, -1)
+    return expected >= 0 and expected != answer.transport_size
 
 
 def error_code(rosctr: i64, octets: bytes, parameters: Parameters) -> i64:

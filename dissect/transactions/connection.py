@@ -23,12 +23,19 @@ from dissect.s7.tables import (
     WRITE_VAR,
 )
 from dissect.tcp.connection import Endpoint, TcpConnection
+from dissect.transactions.ending import Ending
+from dissect.transactions.operation import OpenOperations
 from dissect.transactions.pairing import OpenRequests
+from dissect.transactions.traits import Traits
 
 # What is known of the protocol a TCP connection carries.
 PROBING: Final = 0
 ISO: Final = 1
 FOREIGN: Final = 2
+IBH: Final = 3
+
+#: `Connection.dt_limit` while nothing is known against any size.
+NO_LIMIT: Final = 0x7FFFFFFF
 
 #: Jobs that tell who the client is (reference 5.3); in a download the PLC asks.
 _ASKED_BY_CLIENT: Final = frozenset(
@@ -64,14 +71,31 @@ class Connection:
         "client_known",
         "client_side",
         "closed_reason",
+        "cr_class",
+        "cr_ref",
         "cr_seen",
+        "dt_limit",
+        "ending",
         "errors",
         "granted",
+        "identified_by",
         "iso_ended",
+        "iso_ended_by",
+        "iso_ended_frame",
+        "iso_ended_how",
+        "iso_ended_ns",
+        "last_answer",
+        "last_answer_ns",
+        "last_error",
+        "last_error_code",
+        "last_error_ns",
+        "last_request",
+        "last_request_ns",
         "mid_stream",
         "number",
         "open_at_end",
         "open_requests",
+        "operations",
         "orphans",
         "pdu_length",
         "pdus",
@@ -83,8 +107,10 @@ class Connection:
         "setup_seen",
         "state",
         "tcp",
+        "told",
         "tpdu_size",
         "tpdu_size_asked",
+        "traits",
         "tsap_called",
         "tsap_calling",
         "unanswered",
@@ -97,6 +123,7 @@ class Connection:
         self.state: i64 = PROBING
         self.probed: i64 = 0  # segments with octets looked at while probing
         self.protocol: str = ""  # what the TSDUs speak, as far as one name does
+        self.identified_by: str = ""  # of another protocol: the words that say what, and for whom
         self.client_side: i64 = 0
         self.client_known: bool = False
         if tcp.initiator >= 0:
@@ -105,12 +132,21 @@ class Connection:
             self.client_side = 1
         self.mid_stream: bool = not tcp.known_start
         self.cr_seen: bool = False
+        self.cr_ref: i64 = 0
+        self.cr_class: i64 = 0
+        #: A DT of more octets is looked at closely: -1 for each one, until the connection is set up and after its end.
+        self.dt_limit: i64 = -1 if tcp.known_start else NO_LIMIT
+        self.told: i64 = 0  # what the rules have said of it (dissect.findings), in bits
         self.tsap_calling: Tsap | None = None
         self.tsap_called: Tsap | None = None
         self.tpdu_size_asked: i64 = 0
         self.tpdu_size: i64 = 0
         self.refused: str = ""
         self.iso_ended: str = ""  # a DR or ER, in words
+        self.iso_ended_how: str = ""
+        self.iso_ended_by: i64 = -1
+        self.iso_ended_frame: i64 = 0
+        self.iso_ended_ns: i64 = 0
         self.setup_asked: Setup | None = None
         self.granted: Setup | None = None
         self._setup_by: i64 = 0
@@ -118,14 +154,25 @@ class Connection:
         self.setup_open: bool = False  # a setup was asked and not answered yet
         self.pdu_length: i64 = 0  # granted, 0 while unknown
         self.open_requests: list[OpenRequests] = [OpenRequests(), OpenRequests()]
+        self.operations: OpenOperations = OpenOperations()
+        self.traits: Traits = Traits()
         self.pdus: i64 = 0
         self.answered: i64 = 0
         self.unanswered: i64 = 0
         self.orphans: i64 = 0
         self.unsolicited: i64 = 0
         self.errors: i64 = 0
+        # What was asked, answered and refused last: parameter blocks, which polling shares, not whole transactions.
+        self.last_request: Parameters | None = None
+        self.last_request_ns: i64 = 0
+        self.last_answer: Parameters | None = None
+        self.last_answer_ns: i64 = 0
+        self.last_error: Parameters | None = None
+        self.last_error_ns: i64 = 0
+        self.last_error_code: i64 = 0
         self.closed_reason: str = ""
         self.open_at_end: i64 = 0
+        self.ending: Ending | None = None  # once it is over
 
     @property
     def client(self) -> Endpoint:
@@ -137,11 +184,20 @@ class Connection:
         """The other end."""
         return self.tcp.ends[1 - self.client_side]
 
+    def role(self, side: i64) -> str:
+        """Name a side: ``client`` or ``server``."""
+        return "client" if side == self.client_side else "server"
+
     def set_client(self, side: i64) -> None:
         """Evidence says that ``side`` is the client; the first such evidence counts."""
         if not self.client_known:
             self.client_side = side
             self.client_known = True
+
+    @property
+    def followed(self) -> bool:
+        """True while the octets of the connection are read: it speaks ISO-on-TCP or IBH-NetLink."""
+        return self.state == ISO or self.state == IBH
 
     @property
     def established(self) -> bool:
@@ -155,11 +211,14 @@ class Connection:
         self.tsap_calling = tpdu.tsap(0xC1)
         self.tsap_called = tpdu.tsap(0xC2)
         self.tpdu_size_asked = tpdu.tpdu_size
+        self.cr_ref = tpdu.field("src_ref")
+        self.cr_class = tpdu.field("class_")
 
     def note_cc(self, side: i64, tpdu: Tpdu) -> None:
         """A connect confirm: the size that holds; the TSAPs when the CR was not captured."""
         self.set_client(1 - side)
         self.tpdu_size = tpdu.tpdu_size or 65531
+        self.dt_limit = self.tpdu_size
         if self.tsap_calling is None:
             self.tsap_calling = tpdu.tsap(0xC1)
         if self.tsap_called is None:
@@ -175,6 +234,22 @@ class Connection:
             self.set_client(1 - side)
         elif parameters.function in _ASKED_BY_CLIENT:
             self.set_client(side)
+
+    def note_iso_end(self, words: str, how: str, side: i64, frame: i64, time_ns: i64) -> None:
+        """A DR or ER of ``side``: the transport connection is over, unless something follows."""
+        self.iso_ended = words
+        self.iso_ended_how = how
+        self.iso_ended_by = side
+        self.iso_ended_frame = frame
+        self.iso_ended_ns = time_ns
+        self.dt_limit = -1
+
+    def note_error(self, asked: Parameters, time_ns: i64, code: i64) -> None:
+        """An answer says no to something, in its header or parameter by ``code``, else to an item."""
+        self.errors += 1
+        self.last_error = asked
+        self.last_error_ns = time_ns
+        self.last_error_code = code
 
     def grant(self, setup: Setup, asked_by: i64) -> None:
         """An answer to the setup that ``asked_by`` sent: these values hold from now on."""

@@ -12,20 +12,22 @@ from mypy_extensions import i64
 from dissect.s7.message import header_size, parse_pdu
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA, WRITE_VAR
+from dissect.s7plus.parameters import PLUS
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.checks import (
     BAD_DATA,
-    BAD_REQUEST,
     EXPECTED,
     FUNCTION_MISMATCH,
     REORDERED,
     check_answer,
+    check_data_codes,
+    check_plus_answer,
+    check_written,
     contradicts,
     error_code,
     mismatch,
-    written_fits,
 )
-from dissect.transactions.pairing import FEW_OPEN, MAX_OPEN, MAX_OPEN_ALL, USERDATA_KEY
+from dissect.transactions.pairing import FEW_OPEN, MAX_OPEN, MAX_OPEN_ALL, PLUS_KEY, USERDATA_KEY
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import (
     ANSWERED,
@@ -66,6 +68,8 @@ class Dialogue:
         """A request: open a transaction. Returns it only when its answer was captured before it."""
         connection = side.connection
         side.requests += 1
+        connection.last_request = parameters
+        connection.last_request_ns = time_ns
         self.count += 1
         transaction = Transaction(self.count, connection, side.index, rosctr, pdu_ref, parameters)
         transaction.request_frame = frame
@@ -76,9 +80,9 @@ class Dialogue:
         transaction.request_size = size
         if not connection.client_known:
             connection.note_request(side.index, parameters)
-        if parameters.function == WRITE_VAR and not written_fits(parameters, buf, at, size):
-            transaction.flags |= BAD_REQUEST
-        key: i64 = pdu_ref if rosctr == JOB else pdu_ref | USERDATA_KEY
+        if parameters.function == WRITE_VAR:
+            transaction.flags |= check_written(parameters, buf, at, size)
+        key: i64 = pdu_ref if rosctr == JOB else pdu_ref | (PLUS_KEY if rosctr == PLUS else USERDATA_KEY)
         requests = connection.open_requests[side.index]
         if requests.orphans is not None:
             orphan = requests.find_orphan(key, side.end_seq)
@@ -121,7 +125,7 @@ class Dialogue:
         """An answer: complete the oldest request it fits, or hold it for a moment. Returns the completed transaction."""
         connection = side.connection
         requests = connection.open_requests[1 - side.index]
-        key: i64 = pdu_ref if rosctr != USERDATA else pdu_ref | USERDATA_KEY
+        key: i64 = pdu_ref if rosctr < USERDATA else pdu_ref | (PLUS_KEY if rosctr == PLUS else USERDATA_KEY)
         waiting = requests.table.get(key)
         if waiting is not None and waiting.acknowledged(side.end_seq) and waiting.earlier is None:
             # The asking side had this answer before it asked: it belongs to the request before that one, or to none.
@@ -181,7 +185,31 @@ class Dialogue:
         transaction.response_parameters = parameters
         transaction.outcome = ANSWERED
         check_answer(transaction, parameters, data_at)
-        side.connection.answered += 1
+        if transaction.parameters.answer_unjudged:
+            check_data_codes(transaction)
+        connection = side.connection
+        connection.answered += 1
+        connection.last_answer = transaction.parameters
+        connection.last_answer_ns = time_ns
+        return transaction
+
+    def waits(self, side: Side, rosctr: i64, pdu_ref: i64) -> bool:
+        """Tell whether a request is open that an answer of ``side`` with this reference would complete."""
+        key: i64 = pdu_ref if rosctr < USERDATA else pdu_ref | (PLUS_KEY if rosctr == PLUS else USERDATA_KEY)
+        return key in side.connection.open_requests[1 - side.index].table
+
+    def tell(
+        self, side: Side, pdu_ref: i64, parameters: Parameters, octets: bytes, frame: i64, time_ns: i64
+    ) -> Transaction:
+        """An S7comm-plus request that wants no answer: a transaction of its own, with an asking half only."""
+        self.count += 1
+        transaction = Transaction(self.count, side.connection, side.index, PLUS, pdu_ref, parameters)
+        transaction.request_frame = frame
+        transaction.request_ns = time_ns
+        transaction.request_buf = octets
+        transaction.request_size = len(octets)
+        transaction.outcome = PUSH
+        side.connection.unsolicited += 1
         return transaction
 
     def push(
@@ -197,13 +225,14 @@ class Dialogue:
     ) -> Transaction:
         """An unsolicited indication: a transaction of its own, with an answering half only."""
         self.count += 1
-        transaction = Transaction(self.count, side.connection, 1 - side.index, USERDATA, pdu_ref, parameters)
+        rosctr: i64 = PLUS if parameters.rosctr == PLUS else USERDATA
+        transaction = Transaction(self.count, side.connection, 1 - side.index, rosctr, pdu_ref, parameters)
         transaction.response_frame = frame
         transaction.response_ns = time_ns
         transaction.response_buf = buf
         transaction.response_offset = at
         transaction.response_size = size
-        transaction.response_rosctr = USERDATA
+        transaction.response_rosctr = rosctr
         transaction.response_parameters = parameters
         transaction.outcome = PUSH
         head = parameters.userdata
@@ -293,11 +322,14 @@ class Dialogue:
         """No request turned up: the answer becomes a transaction of its own."""
         self.count += 1
         transaction.number = self.count
-        if transaction.rosctr != USERDATA:
-            transaction.rosctr = JOB  # what was asked, though nobody saw it
-        octets = transaction.response_octets
-        transaction.error_code = error_code(transaction.response_rosctr, octets, transaction.parameters)
-        transaction.has_errors = parse_pdu(octets).refused
+        if transaction.rosctr == PLUS:
+            check_plus_answer(transaction)
+        else:
+            if transaction.rosctr != USERDATA:
+                transaction.rosctr = JOB  # what was asked, though nobody saw it
+            octets = transaction.response_octets
+            transaction.error_code = error_code(transaction.response_rosctr, octets, transaction.parameters)
+            transaction.has_errors = parse_pdu(octets).refused
         asking = side.peer
         if asking is not None and asking.holes:
             transaction.flags |= EXPECTED
@@ -320,7 +352,12 @@ class Dialogue:
         transaction.outcome = ANSWERED
         head: i64 = 12 if answer.response_rosctr == ACK or answer.response_rosctr == ACK_DATA else 10
         check_answer(transaction, parameters, answer.response_offset + head + len(parameters.octets))
-        transaction.connection.answered += 1
+        if transaction.parameters.answer_unjudged:
+            check_data_codes(transaction)
+        connection = transaction.connection
+        connection.answered += 1
+        connection.last_answer = transaction.parameters
+        connection.last_answer_ns = answer.response_ns
 
 
 def _strange(request: Transaction, answer: Transaction) -> bool:

@@ -43,6 +43,8 @@ _FRESH: Final = 1024
 
 #: Added to the reference of a userdata request: ROSCTR is part of the key.
 USERDATA_KEY: Final = 0x10000
+#: Added to the sequence number of an S7comm-plus request.
+PLUS_KEY: Final = 0x20000
 
 
 class Orphan:
@@ -184,6 +186,16 @@ class OpenRequests:
                 self.count -= 1
                 return behind
             return self.take(key, found)
+        return None
+
+    def longest_open(self) -> Transaction | None:
+        """Return the request that is open longest, None when nothing is open. It stays."""
+        for found in self.table.values():
+            while True:
+                behind = found.superseded if found.superseded is not None else found.earlier
+                if behind is None:
+                    return found
+                found = behind
         return None
 
     def drain(self) -> list[Transaction]:

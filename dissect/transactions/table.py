@@ -11,8 +11,10 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.ibh.framer import PacketFramer
 from dissect.iso.cotp import Assembler
 from dissect.iso.tpkt import Framer
+from dissect.s7plus.assembly import PlusAssembler
 from dissect.tcp.connection import Endpoint, TcpConnection
 from dissect.tcp.stream import MASK, HalfStream
 from dissect.transactions.connection import Connection
@@ -40,11 +42,13 @@ class Side:
         "garbage",
         "hole_frame",
         "holes",
+        "ibh",
         "index",
         "key",
         "last_ack",
         "missing",
         "peer",
+        "plus",
         "requests",
         "stream",
         "tcp",
@@ -58,7 +62,9 @@ class Side:
         self.connection: Connection = connection
         self.stream: HalfStream = tcp.streams[index]
         self.framer: Framer = Framer()
+        self.ibh: PacketFramer | None = None  # in the place of `framer` once the connection speaks IBH-NetLink
         self.assembler: Assembler = Assembler()
+        self.plus: PlusAssembler | None = None  # there from the first S7comm-plus frame on
         self.peer: Side | None = None
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
         self.end_seq: i64 = 0  # sequence number after the octets at hand

@@ -12,6 +12,9 @@ from dissect.s7.message import ACK_HEADER_SIZE, HEADER_SIZE, Pdu, parse_pdu
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, SUCCESS, WRITE_VAR
 from dissect.s7.values import Value, decode_value
+from dissect.s7plus.message import PlusPdu, parse_plus
+from dissect.s7plus.parameters import PLUS, PlusParameters
+from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.tcp.stream import HALF_SPACE, MASK
 
 if TYPE_CHECKING:
@@ -48,8 +51,8 @@ REASON_TEXTS: Final[dict[str, str]] = {
 class TransactionError:
     """One thing the answer says no to.
 
-    ``where`` is ``header``, ``parameter`` or ``item N`` (N counts from 1); ``code`` is the number on the wire, ``name`` and
-    ``text`` its name and sentence; ``address`` is the item's address where there is one.
+    ``where`` is ``header``, ``parameter``, ``return value`` or ``item N`` (N counts from 1); ``code`` is the number on the
+    wire, ``name`` and ``text`` its name and sentence; ``address`` is the item's address where there is one.
     """
 
     __slots__ = ("address", "code", "name", "text", "where")
@@ -183,8 +186,19 @@ class Transaction:
 
     @property
     def function(self) -> int:
-        """Function code; an Ack without parameters takes it from the request, -1 when nobody knows."""
-        return self.parameters.function
+        """Function code; an Ack without parameters takes it from the request, -1 when nobody knows.
+
+        One octet, in S7comm-plus two (see `is_plus`).
+        """
+        parameters = self.parameters
+        if isinstance(parameters, PlusParameters):
+            return parameters.code
+        return parameters.function
+
+    @property
+    def is_plus(self) -> bool:
+        """True for S7comm-plus, whose ``request`` and ``response`` are `plus_request` and `plus_response`."""
+        return self.rosctr == PLUS
 
     @property
     def function_name(self) -> str:
@@ -213,8 +227,8 @@ class Transaction:
 
     @property
     def request(self) -> Pdu | None:
-        """The request, parsed anew at each access; None when there is none."""
-        if not self.request_size:
+        """The S7comm request, parsed anew at each access; None when there is none."""
+        if not self.request_size or self.is_plus:
             return None
         return parse_pdu(
             self.request_octets, self.request_frame, self.request_ns, self.connection.number, self.asked_by
@@ -222,10 +236,28 @@ class Transaction:
 
     @property
     def response(self) -> Pdu | None:
-        """The answer, parsed anew at each access; None when there is none."""
-        if not self.response_size:
+        """The S7comm answer, parsed anew at each access; None when there is none."""
+        if not self.response_size or self.is_plus:
             return None
         return parse_pdu(
+            self.response_octets, self.response_frame, self.response_ns, self.connection.number, 1 - self.asked_by
+        )
+
+    @property
+    def plus_request(self) -> PlusPdu | None:
+        """The S7comm-plus request, parsed anew at each access; None when there is none."""
+        if not self.request_size or not self.is_plus:
+            return None
+        return parse_plus(
+            self.request_octets, self.request_frame, self.request_ns, self.connection.number, self.asked_by
+        )
+
+    @property
+    def plus_response(self) -> PlusPdu | None:
+        """The S7comm-plus response or notification, parsed anew at each access; None when there is none."""
+        if not self.response_size or not self.is_plus:
+            return None
+        return parse_plus(
             self.response_octets, self.response_frame, self.response_ns, self.connection.number, 1 - self.asked_by
         )
 
@@ -304,10 +336,11 @@ class Transaction:
         errors = []
         if self.error_code:
             where = "parameter" if self.parameters.userdata is not None else "header"
+            codes = ERROR_CODES
+            if self.is_plus:
+                where, codes = "return value", PLUS_CODES
             errors.append(
-                TransactionError(
-                    where, self.error_code, ERROR_CODES.name(self.error_code), ERROR_CODES.text(self.error_code)
-                )
+                TransactionError(where, self.error_code, codes.name(self.error_code), codes.text(self.error_code))
             )
         for number, result in enumerate(self.results(), 1):
             code = result.return_code

@@ -18,6 +18,7 @@ REST: Final = -1
 # What a length or count field counts (`Field.counts`), so that a builder can fill it in.
 COUNTS_REST: Final = "rest"  # the octets that follow it within its own part
 COUNTS_PARTS: Final = "parts"  # the octets of all parts that follow it in its block
+COUNTS_BUT_LAST: Final = "but last"  # the same without the last of them
 
 #: Names of fields whose number a person reads as a count or a size, wherever they stand.
 _DECIMAL: Final = frozenset((

@@ -16,7 +16,7 @@ REASONS: Final = (
 )  # fmt: skip
 
 #: Whose length field set the limit that was broken.
-LIMITS: Final = ("snaplen", "ip", "tpkt", "li", "tsdu", "param", "data", "item")
+LIMITS: Final = ("snaplen", "ip", "tpkt", "li", "tsdu", "param", "data", "item", "packet")
 
 
 class Malformed:

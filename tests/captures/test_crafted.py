@@ -99,6 +99,7 @@ def test_kinds_are_counted(name: str) -> None:
     tsdus = {protocol: count for protocol, count in told["tsdus"].items() if count}
     assert tsdus == expected.get("tsdus", tsdus)
     assert told["tpdus"] == expected.get("tpdus", told["tpdus"])
+    assert told["ibh"] == expected.get("ibh", told["ibh"])
     assert told["packets"]["ignored"] == expected.get("ignored", told["packets"]["ignored"])
 
 
@@ -227,8 +228,14 @@ def test_refusals_of_connections_say_why() -> None:
 
 
 def test_protocols_on_port_102_are_named() -> None:
-    protocols = Counter(finding["detail"] for finding in analysis("look-alikes")["finding_details"])
-    assert protocols == {"s7comm_plus": 3, "tls": 2, "mms": 1, "rdp": 2, "unknown": 2}
+    told = analysis("look-alikes")
+    details = [finding["detail"].partition(": ") for finding in told["finding_details"]]
+    assert Counter(name for name, _, _ in details) == {"tls": 2, "mms": 1, "rdp": 2, "unknown": 2}
+    assert {identity for name, _, identity in details if name == "rdp"} == {
+        "cookie mstshash=operator, asks for TLS or CredSSP",
+        "asks for TLS",
+    }
+    assert [(function["code"], function["answered"]) for function in told["functions"]] == [("0x04ca", 6)]
 
 
 def test_a_second_is_not_slow() -> None:

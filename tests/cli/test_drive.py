@@ -25,7 +25,7 @@ import click
 import pytest
 
 from dissect.cli.drive import write_report
-from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE
+from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE
 from dissect.report.text import Line
 from tests.cli.support import halves, large, on_terminal, run, simple, started
 from tests.properties import messages
@@ -509,4 +509,4 @@ def test_the_lines_in_the_document_are_real(capfdbinary: Capture) -> None:
 def test_every_exit_code_is_in_the_document() -> None:
     text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     codes = [int(code) for code in re.findall(r"^\| (\d+) \|", text, re.MULTILINE)]
-    assert codes == [EXIT_OK, EXIT_USAGE, EXIT_DAMAGED, EXIT_OUTPUT, EXIT_INTERRUPTED]
+    assert codes == [EXIT_OK, EXIT_GATE, EXIT_USAGE, EXIT_DAMAGED, EXIT_OUTPUT, EXIT_INTERRUPTED]

@@ -31,7 +31,7 @@ def path(tmp_path: Path) -> Path:
 
 
 def test_text_has_a_line_for_each_pdu_and_what_else_is_said(capfdbinary: Capture, path: Path) -> None:
-    talk = read(begun(), 1).send(0, EMPTY_DT).send(1, dt(b"\x72\x01" + bytes(20))).send(0, messages.disconnect(1))
+    talk = read(begun(), 1).send(0, EMPTY_DT).send(1, dt(b"\x17\x03\x03" + bytes(19))).send(0, messages.disconnect(1))
     saved(path, talk.packets(), {8: "here it comes"})
     lines = run(capfdbinary, "show", path).out.splitlines()
     assert [int(line.split()[0]) for line in lines] == [4, 5, 6, 7, 8, 8, 9, 11, 12]
@@ -47,11 +47,11 @@ def test_text_has_a_line_for_each_pdu_and_what_else_is_said(capfdbinary: Capture
         "COTP DR",
     ]
     assert lines[4] == "     8  comment: here it comes"
-    assert lines[7].endswith("COTP DT  S7comm-plus, 22 octets")
+    assert lines[7].endswith("COTP DT  TLS, 22 octets: TLS 1.2 application data")
 
 
 def test_jsonl_has_a_line_for_each_pdu_only(capfdbinary: Capture, path: Path) -> None:
-    talk = read(begun(), 1).send(1, dt(b"\x72\x01" + bytes(20)))
+    talk = read(begun(), 1).send(1, dt(b"\x17\x03\x03" + bytes(20)))
     saved(path, talk.packets(), {8: "here it comes"})
     told = [json.loads(line) for line in run(capfdbinary, "show", "-T", "jsonl", path).out.splitlines()]
     assert [line["frame"] for line in told] == [6, 7, 8, 9]
@@ -153,8 +153,10 @@ def test_every_pdu_of_our_captures_has_a_tree_with_its_octets(capfdbinary: Captu
     ran = run(capfdbinary, "show", "-V", capture)
     lines = ran.out.splitlines()
     told = [json.loads(line) for line in run(capfdbinary, "show", "-T", "jsonl", capture).out.splitlines()]
-    assert len([line for line in lines if re.search(r"  ref (0x[0-9a-f]{4}|\?)", line)]) == len(told)
-    assert len([line for line in lines if line == "    S7 header"]) == len(told)
+    plus = [line for line in told if line["protocol"] == "s7comm_plus"]
+    assert len([line for line in lines if re.search(r"  ref (0x[0-9a-f]{4}|\?)", line)]) == len(told) - len(plus)
+    assert len([line for line in lines if line == "    S7 header"]) == len(told) - len(plus)
+    assert len([line for line in lines if line.startswith("    S7comm-plus header")]) == len(plus)
 
 
 def test_help_says_what_a_person_needs(capfdbinary: Capture) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -12,10 +11,14 @@ import pytest
 
 import dissect
 from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.finding import SEVERITIES
+from dissect.findings.finding import KINDS, SEVERITIES
+from dissect.s7plus.assembly import MAX_PDU
 from dissect.tcp import ip
 from dissect.transactions.table import MAX_CONNECTIONS, MAX_HALF_OPEN
 from dissect.transactions.transaction import Transaction
+from tests.findings import operation_scenarios, security_scenarios
+from tests.findings.registry import SILENT, SPEAKS, silent, speaks
+from tests.ibh import packets as ibh
 from tests.transactions.talk import (
     ACK,
     CLIENT,
@@ -34,23 +37,28 @@ from tests.transactions.talk import (
     dt,
     good,
     granted,
+    head,
+    item,
     job,
     read,
     refused,
     setup,
     tpkt,
+    userdata,
     words,
     write,
     written,
 )
 
-Scenario = Callable[[Talk], None]
-
 PACKAGE: Final = Path(dissect.__file__).parent
 #: Rooms and modules that may judge.
-ENGINE: Final = frozenset(("tcp", "iso", "s7", "transactions", "findings", "conversation.py", "pipeline.py"))
+ENGINE: Final = frozenset(
+    ("tcp", "iso", "s7", "transactions", "findings", "conversation.py", "gateway.py", "pipeline.py")
+)
 #: Rooms whose findings are written in the source as "room.what".
-SLUG: Final = re.compile(r"(capture|ip|stream|tpkt|cotp|s7|session|transaction|internal)\.[a-z_0-9]+")
+SLUG: Final = re.compile(
+    r"(capture|ip|stream|tpkt|ibh|cotp|s7|session|transaction|function|security|operation|internal)\.[a-z_0-9]+"
+)
 
 
 # ---- words ----------------------------------------------------------------------------------------------------------
@@ -62,6 +70,7 @@ def test_words(slug: str) -> None:
     assert rule.slug == slug
     assert SLUG.fullmatch(slug)
     assert rule.severity in SEVERITIES
+    assert rule.kind in KINDS
     assert rule.sentence.endswith(".")
     assert rule.sentence[0].isupper()
     assert rule.advice.endswith(".")
@@ -70,55 +79,23 @@ def test_words(slug: str) -> None:
 
 
 def noted(tree: ast.AST) -> set[str]:
-    """The slugs that a module hands to the judge: texts in calls of something that notes, wants or details."""
-    slugs = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Call):
-            name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-            if name.lstrip("_") in {"note", "wants", "detail"}:
-                slugs |= {
-                    word.value
-                    for argument in node.args
-                    for word in ast.walk(argument)
-                    if isinstance(word, ast.Constant) and isinstance(word.value, str) and SLUG.fullmatch(word.value)
-                }
-        elif isinstance(node, ast.Assign) and [getattr(one, "id", "") for one in node.targets] == ["slug"]:
-            assert isinstance(node.value, ast.Constant)
-            slugs.add(str(node.value.value))
-    return slugs
+    """The slugs that a module names."""
+    return {
+        node.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and SLUG.fullmatch(node.value)
+    }
 
 
 def test_what_the_code_notes_is_the_catalogue() -> None:
     used: set[str] = set()
     for path in PACKAGE.rglob("*.py"):
-        if path.relative_to(PACKAGE).parts[0] in ENGINE:
+        if path.relative_to(PACKAGE).parts[0] in ENGINE and path.name != "catalogue.py":
             used |= noted(ast.parse(path.read_text("utf-8")))
     assert used == set(CATALOGUE)
 
 
-# ---- the rules ------------------------------------------------------------------------------------------------------
-
-SPEAKS: dict[str, Scenario] = {}
-SILENT: dict[str, Scenario] = {}
-
-
-def speaks(slug: str) -> Callable[[Scenario], Scenario]:
-    def keep(scenario: Scenario) -> Scenario:
-        assert slug not in SPEAKS
-        SPEAKS[slug] = scenario
-        return scenario
-
-    return keep
-
-
-def silent(*slugs: str) -> Callable[[Scenario], Scenario]:
-    def keep(scenario: Scenario) -> Scenario:
-        for slug in slugs:
-            assert slug not in SILENT
-            SILENT[slug] = scenario
-        return scenario
-
-    return keep
+# ---- the rules (those about security and operations have scenarios in files of their own) --------------------------
 
 
 @silent(
@@ -130,7 +107,10 @@ def silent(*slugs: str) -> Callable[[Scenario], Scenario]:
     "tpkt.reserved",
     "cotp.error",
     "cotp.malformed",
+    "cotp.tpdu_nr",
     "s7.unknown_rosctr",
+    "s7.redundancy_id",
+    "s7.ack_content",
     "internal.bug",
 )
 def plain(talk: Talk) -> None:
@@ -373,6 +353,84 @@ def answer_without_request(talk: Talk) -> None:
     talk.packet(SERVER, CONFIRM)
 
 
+@speaks("cotp.bad_start")
+def data_before_connect(talk: Talk) -> None:
+    talk.hello()
+    talk.ask(setup(0))
+
+
+@silent("cotp.bad_start")
+def data_at_the_start_of_the_capture(talk: Talk) -> None:
+    """Nobody knows what came before, and a server may refuse."""
+    talk.ask(read(1, dbw(1, 0)))
+    talk.tell(words(1, 1))
+    other = Talk(50001, beside=talk)
+    cotp_refused(other)
+
+
+def confirm(reference: int = 1, class_: int = 0, calling: str = "0100", called: str = "0102", size: int = 10) -> bytes:
+    """A connect confirm for `CONNECT`, which has reference 1, class 0, these TSAPs and a TPDU size of 1024."""
+    fixed = f"11d0{reference:04x}0002{class_ << 4:02x}"
+    return tpkt(bytes.fromhex(f"{fixed}c102{calling}c202{called}c001{size:02x}"))
+
+
+@speaks("cotp.bad_confirm")
+def bad_confirm(talk: Talk) -> None:
+    for number, told in enumerate(
+        (confirm(reference=2), confirm(class_=2), confirm(called="0103"), confirm(calling="0203"), confirm(size=11))
+    ):
+        other = Talk(50001 + number, beside=talk)
+        other.hello()
+        other.packet(CLIENT, CONNECT)
+        other.packet(SERVER, told)
+    assert [finding.detail for finding in talk.findings] == [
+        "destination reference 0x0002, the request has 0x0001",
+        "class 2, asked for 0",
+        "called TSAP 01.03, asked for 01.02",
+        "calling TSAP 02.03, asked for 01.00",
+        "TPDU size 2048, asked for 1024",
+    ]
+
+
+@silent("cotp.bad_confirm")
+def smaller_confirm(talk: Talk) -> None:
+    """Less than was asked for, and no TSAPs at all."""
+    talk.hello()
+    talk.packet(CLIENT, CONNECT)
+    talk.packet(SERVER, confirm(size=9))
+    other = Talk(50001, beside=talk)
+    other.hello()
+    other.packet(CLIENT, CONNECT)
+    other.packet(SERVER, tpkt(bytes.fromhex("06d00001000200")))
+
+
+@speaks("cotp.after_disconnect")
+def after_disconnect(talk: Talk) -> None:
+    talk.open()
+    talk.packet(CLIENT, tpkt(bytes.fromhex("06800001000080")))
+    talk.ask(read(1, dbw(1, 0)))
+
+
+@silent("cotp.after_disconnect")
+def answer_under_way_at_a_disconnect(talk: Talk) -> None:
+    """What the other side sent before it saw the DR, and a refusal after which TCP closes."""
+    talk.open()
+    talk.ask(read(1, dbw(1, 0)))
+    talk.packet(CLIENT, tpkt(bytes.fromhex("06800001000080")))
+    talk.tell(words(1, 1))
+    talk.close()
+
+
+@speaks("cotp.tpdu_nr")
+def tpdu_nr(talk: Talk) -> None:
+    talk.open()
+    for number in (1, 2):
+        talk.packet(CLIENT, tpkt(b"\x02\xf0" + bytes((0x80 | number,)) + read(number, dbw(1, 0))))
+        talk.tell(words(number, 1))
+    assert talk.slugs() == ["cotp.tpdu_nr"]
+    assert talk.outcomes() == ["answered", "answered"]
+
+
 @speaks("cotp.size_exceeded")
 def size_exceeded(talk: Talk) -> None:
     talk.open(1, 1, 60_000)
@@ -416,6 +474,37 @@ def tsdu_too_long(talk: Talk) -> None:
         talk.packet(CLIENT, piece(bytes(1000), False))
 
 
+# IBH-NetLink.
+
+
+def gateway(talk: Talk, *octets: bytes) -> Talk:
+    other = Talk(50001, 1099, beside=talk)
+    other.hello()
+    for one in octets:
+        other.packet(CLIENT, one)
+    return other
+
+
+@speaks("ibh.malformed")
+def ibh_lengths(talk: Talk) -> None:
+    gateway(talk, ibh.ASK[:12] + b"\x7f" + ibh.ASK[13:])
+
+
+@silent("ibh.malformed", "ibh.unfinished")
+def ibh_in_fragments(talk: Talk) -> None:
+    octets = words(1, 1)
+    other = gateway(talk, ibh.CLAIM, ibh.ASK[:9], ibh.ASK[9:])
+    other.packet(SERVER, ibh.RECEIPT + ibh.long(0xF0, octets[:9]))
+    other.packet(SERVER, ibh.long(0xF1, octets[9:]))
+    other.close()
+    assert talk.outcomes() == ["answered"]
+
+
+@speaks("ibh.unfinished")
+def ibh_unfinished(talk: Talk) -> None:
+    gateway(talk, ibh.CLAIM, ibh.short(0xF0, read(1, dbw(1, 0))[:9])).close()
+
+
 # S7.
 
 
@@ -433,10 +522,121 @@ def padded(talk: Talk) -> None:
     talk.tell(ack(1, 0x8104, b"\x05"))
 
 
+@speaks("s7.plus_too_long")
+def plus_too_long(talk: Talk) -> None:
+    talk.hello()
+    talk.connect()
+    frame = b"\x72\x02\x03\x84" + bytes(900)
+    for _ in range(MAX_PDU // len(frame) + 1):
+        talk.ask(frame)
+    talk.ask(frame + b"\x72\x02\x00\x00")
+
+
+@silent("s7.plus_too_long")
+def plus_just_fits(talk: Talk) -> None:
+    """As long as it may be."""
+    talk.hello()
+    talk.connect()
+    frame = b"\x72\x02\x03\x84" + bytes(900)
+    for _ in range(MAX_PDU // len(frame) - 1):
+        talk.ask(frame)
+    talk.ask(frame + b"\x72\x02\x00\x00")
+    assert talk.pipeline.conversation.plus_pdus == 1
+
+
 @speaks("s7.unknown_rosctr")
 def unknown_rosctr(talk: Talk) -> None:
     talk.open()
     talk.ask(b"\x32\x05" + read(1, dbw(1, 0))[2:])
+
+
+@speaks("s7.redundancy_id")
+def redundancy_id(talk: Talk) -> None:
+    talk.open()
+    for number in (1, 2):
+        asked = read(number, dbw(1, 0))
+        talk.ask(asked[:2] + b"\x00\x01" + asked[4:])
+        talk.tell(words(number, 1))
+    assert talk.slugs() == ["s7.redundancy_id"]
+
+
+@speaks("s7.ack_content")
+def ack_content(talk: Talk) -> None:
+    talk.open()
+    talk.ask(read(1, dbw(1, 0)))
+    talk.tell(ack(1, 0x8104, b"\x04"))
+
+
+@speaks("s7.unknown_code")
+def unknown_code(talk: Talk) -> None:
+    talk.open(8, 8)
+    talk.ask(job(1, b"\x77"), read(2, item(0x99, 0, 0, 2)), read(3, item(0x83, 0, 0, 0x55)))
+    talk.ask(read(4, b"\x12\x04\x99\x00\x00\x00"), userdata(5, head(1, 4, 0x77)), userdata(6, head(1, 0x2A, 1)))
+    assert [finding.detail for finding in talk.findings] == [
+        "function 0x77",
+        "Read Var: item 1: area 0x99",
+        "Read Var: item 1: transport size 0x55",
+        "Read Var: item 1: syntax 0x99",
+        "subfunction 0x77 of CPU functions",
+        "userdata group 0x2a",
+    ]
+
+
+@speaks("s7.odd_address")
+def odd_address(talk: Talk) -> None:
+    talk.open(8, 8)
+    odd = (
+        item(0x84, 1, 1 << 19, 2),
+        item(0x84, 1, 3, 4),
+        item(0x83, 7, 8, 2),
+        item(0x1D, 0, 5, 4),
+    )
+    for number, one in enumerate(odd):
+        talk.ask(read(number, one), read(100 + number, one))
+    assert [finding.detail.partition(": ")[2] for finding in talk.findings] == [
+        "DB1.DBB65536: bits above the address are set",
+        "DB1.DBW0.3: bit 3 in the address of a WORD",
+        "MB1: DB number 7 outside a DB",
+        "T5: transport size WORD",
+    ]
+
+
+@silent("s7.odd_address", "s7.unknown_code")
+def addresses_in_order(talk: Talk) -> None:
+    """A bit, the last octet of a DB, a timer, a data record with a logical address, and a symbol."""
+    talk.open(8, 8)
+    items = (item(0x82, 0, 3, 1), item(0x84, 65535, 0x7FFF8, 2), item(0x1D, 0, 5, 0x1D), item(0x01, 7, 0xFFFFFF, 2))
+    talk.ask(read(1, *items), read(2, b"\x12\x04\xb2\xff\x00\x00"), userdata(3, head(1, 4, 1)))
+
+
+@speaks("session.repeated_setup")
+def repeated_setup(talk: Talk) -> None:
+    talk.open()
+    talk.ask(setup(1, 1, 1, 240))
+
+
+@silent("session.repeated_setup")
+def setup_on_each_connection(talk: Talk) -> None:
+    talk.open()
+    talk.packet(CLIENT, CONNECT)
+    talk.packet(SERVER, CONFIRM)
+    talk.ask(setup(1))
+    assert len(talk.connections) == 1
+
+
+@speaks("session.read_too_long")
+def read_too_long(talk: Talk) -> None:
+    talk.open(1, 1, 240)
+    talk.ask(read(1, item(0x84, 1, 0, 2, 223)))
+
+
+@silent("session.read_too_long")
+def longest_read(talk: Talk) -> None:
+    """Two odd items, the first of them padded: 14 + 4 + 109 + 1 + 4 + 108 octets."""
+    talk.open(1, 1, 240)
+    talk.ask(read(1, item(0x84, 1, 0, 2, 109), item(0x84, 1, 0, 2, 108)))
+    talk.ask(read(2, item(0x84, 1, 0, 2, 222)))
+    talk.tell(ack_data(2, b"\x04\x01", good(4, bytes(222))))
 
 
 @speaks("session.data_before_setup")
@@ -493,6 +693,26 @@ def foreign(talk: Talk) -> None:
         talk.packet(CLIENT, b"Host: example\r\n")
 
 
+@speaks("session.cut")
+def session_cut(talk: Talk) -> None:
+    talk.open(8, 8)
+    talk.ask(read(1, dbw(1, 0)), read(2, dbw(1, 2)))
+    talk.packet(SERVER, flags=RST, after_ns=SECOND)
+
+
+@silent("session.cut")
+def one_request_cut(talk: Talk) -> None:
+    """One request without answer has its own line, which says who cut it off."""
+    talk.open(8, 8)
+    talk.ask(read(1, dbw(1, 0)))
+    talk.packet(SERVER, flags=RST, after_ns=SECOND)
+    assert talk.findings == []
+    talk.finish()
+    assert [finding.detail for finding in talk.findings] == [
+        "Read Var DB1.DBW0: the server reset the connection 1.000 s later"
+    ]
+
+
 # Transactions.
 
 
@@ -516,6 +736,7 @@ def item_error(talk: Talk) -> None:
     "transaction.function_mismatch",
     "transaction.count_mismatch",
     "transaction.size_mismatch",
+    "transaction.odd_data_code",
 )
 def good_answers(talk: Talk) -> None:
     talk.open(8, 8)
@@ -578,6 +799,34 @@ def size_mismatch(talk: Talk) -> None:
     talk.tell(words(1, 1, 2))
 
 
+@speaks("transaction.odd_data_code")
+def odd_data_code(talk: Talk) -> None:
+    talk.open()
+    for number in (1, 2):
+        talk.ask(read(number, item(0x84, 1, 8 * number, 5)))
+        talk.tell(ack_data(number, b"\x04\x01", good(4, b"\0\1")))
+    assert [finding.detail for finding in talk.findings] == [
+        "Read Var DB1.DBW1: item 1, a INT, came as 0x04 instead of 0x05"
+    ]
+
+
+@speaks("transaction.write_size")
+def write_size(talk: Talk) -> None:
+    talk.open()
+    talk.ask(write(1, [dbw(1, 0)], written(4, bytes(4))))
+    talk.tell(ack_data(1, b"\x05\x01", b"\x07"))
+    told = [finding.detail for finding in talk.findings if finding.slug == "transaction.write_size"]
+    assert told == ["Write Var DB1.DBW0: item 1 (DB1.DBW0) takes 2 octets, 4 come with it"]
+
+
+@silent("transaction.write_size")
+def write_sizes_that_fit(talk: Talk) -> None:
+    """With the trailing fill octet of one client (reference 3.5)."""
+    talk.open(8, 8)
+    talk.ask(write(1, [item(0x84, 1, 0, 2, 3)], written(4, bytes(3)) + b"\0"))
+    talk.ask(write(2, [item(0x83, 0, 9, 1)], written(3, b"\1")))
+
+
 @speaks("transaction.reordered")
 def reordered(talk: Talk) -> None:
     talk.open()
@@ -591,6 +840,33 @@ def reordered(talk: Talk) -> None:
 def table_full(talk: Talk) -> None:
     talk.open()
     talk.flood(4097)
+
+
+# What an intruder would do: a scan for racks and slots.
+
+
+def try_tsap(talk: Talk, number: int, server_says: bytes) -> None:
+    other = Talk(50100 + number, beside=talk)
+    other.hello()
+    other.packet(CLIENT, tpkt(bytes.fromhex(f"11e00000000100c1020100c20201{number:02x}c0010a")))
+    other.packet(SERVER, server_says)
+
+
+@speaks("security.tsap_scan")
+def tsap_scan(talk: Talk) -> None:
+    for number in range(3):
+        assert "security.tsap_scan" not in talk.slugs()
+        try_tsap(talk, number, tpkt(bytes.fromhex("06800001000082")))
+
+
+@silent("security.tsap_scan")
+def one_tsap_refused_again_and_again(talk: Talk) -> None:
+    """No free connection, and a client that does not give up; and five CPUs in one rack."""
+    for number in range(8):
+        try_tsap(talk, 2, tpkt(bytes.fromhex("06800001000082")))
+        talk.ports[0] += number
+    for number in range(2, 6):
+        try_tsap(talk, number, tpkt(bytes.fromhex("06d00001000200")))
 
 
 # Ourselves.
@@ -643,6 +919,7 @@ def test_rule_keeps_silent(slug: str) -> None:
 
 
 def test_every_rule_has_both() -> None:
+    assert {operation_scenarios.__name__, security_scenarios.__name__}  # importing them entered theirs
     assert set(SPEAKS) == set(SILENT) == set(CATALOGUE)
 
 

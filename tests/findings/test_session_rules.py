@@ -177,7 +177,7 @@ def test_answers_pushes_and_acknowledgements_are_no_requests() -> None:
     talk.tell(userdata(0, head(0, 2, 1)))
     talk.tell(words(1, 1))
     talk.ask(read(2, dbw(1, 0)))
-    assert talk.findings == []
+    assert talk.slugs() == ["operation.stray_push"]
 
 
 def test_without_a_captured_grant_nothing_is_said() -> None:

@@ -94,7 +94,7 @@ def test_refused(talk: Talk, asked: bytes, told: bytes, detail: str) -> None:
     second = talk.tell(told)
     finding = only(talk, "transaction.refused")
     assert (finding.frames, finding.detail) == ([first, second], detail)
-    assert talk.slugs() == ["transaction.refused"]
+    assert [slug for slug in talk.slugs() if not slug.startswith("security.")] == ["transaction.refused"]
 
 
 def test_item_errors(talk: Talk) -> None:
@@ -121,7 +121,7 @@ def test_many_items_are_named_in_part(talk: Talk) -> None:
 
 def test_a_push_with_an_error_refuses_nothing(talk: Talk) -> None:
     talk.tell(userdata(0, head(0, 2, 1, 4, 0xD807)))
-    assert talk.findings == []
+    assert talk.slugs() == ["operation.stray_push"]
     assert talk.transactions[0].has_errors
 
 
@@ -134,7 +134,7 @@ def test_unanswered_at_the_end_of_a_connection(talk: Talk) -> None:
     finding = only(talk, "transaction.unanswered")
     assert (finding.frames, finding.detail) == (
         [asked],
-        "Read Var DB1.DBW0: the connection ended before an answer came",
+        "Read Var DB1.DBW0: the client closed the connection 0.001 s later",
     )
 
 
@@ -272,7 +272,7 @@ def test_a_write_request_that_contradicts_itself_and_found_its_answer_waiting(ta
     talk.acked[SERVER] = talk.seq[CLIENT] + len(dt(request))
     talk.tell(ack_data(1, b"\x05\x01", b"\xff"))
     talk.ask(request)
-    assert sorted(talk.slugs()) == ["s7.malformed", "transaction.reordered"]
+    assert sorted(talk.slugs()) == ["s7.malformed", "security.write", "transaction.reordered"]
 
 
 def test_an_answer_before_its_request(talk: Talk) -> None:

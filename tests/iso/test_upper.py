@@ -33,6 +33,8 @@ CASES = [
     ("7202", S7COMM_PLUS),
     ("72030010203200", S7COMM_PLUS),
     ("72fe0000", S7COMM_PLUS),
+    ("72ff0700", S7COMM_PLUS),  # the keep-alive has four octets, no more
+    ("72ff070000", UNKNOWN),
     ("72", UNKNOWN),
     ("7204", UNKNOWN),
     ("7200", UNKNOWN),

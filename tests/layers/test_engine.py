@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from scapy.packet import NoPayload, Packet
+from scapy.packet import NoPayload, Packet, Raw
 
 from dissect.iso.cotp import Tpdu, parse_tpdu
 from dissect.iso.upper import is_rdp_connect
@@ -13,9 +13,10 @@ from dissect.layers import (
     COTP,
     COTP_DT,
     S7,
+    S7_USEND,
     TPKT,
     S7_Any,
-    S7_OtherItem,
+    S7_Function,
     S7_ReadVarRequest,
     S7_Setup,
     S7_Userdata,
@@ -23,8 +24,14 @@ from dissect.layers import (
     S7_WriteVarAnswer,
     S7_WriteVarRequest,
 )
+from dissect.layers.fields import scapy_name
+from dissect.layers.parts import CLASSES, JOINED
+from dissect.layers.s7 import function_of
+from dissect.s7.bodies import parse_body
+from dissect.s7.layouts import USERDATA_EXTENDED, USERDATA_SHORT
 from dissect.s7.message import Pdu, header_size, parse_pdu
 from dissect.s7.tables import ROSCTR
+from dissect.wire.part import SURPLUS, Part
 from tests.layers.examples import EXAMPLES, Example
 from tests.layers.support import tpkts_of
 
@@ -73,7 +80,9 @@ def assert_same_pdu(layer: S7, pdu: Pdu) -> None:
         assert pdu.function == -1
         assert not pdu.data
         return
-    assert pdu.function == (body.function if "function" in body.default_fields else -1)
+    function = function_of(body)
+    assert pdu.function == (-1 if function is None else function)
+    assert_same_parts(body, pdu)
     if isinstance(body, S7_Setup):
         setup = pdu.parameters.setup
         assert setup is not None
@@ -93,7 +102,46 @@ def assert_same_userdata(body: S7_Userdata, pdu: Pdu) -> None:
     names += ["data_unit_ref", "last_data_unit", "error_code"] if head.extended else []
     for name in names:
         assert body.getfieldval(name) == getattr(head, name), name
-    assert b"".join(bytes(item) for item in body.data) + body.data_rest == pdu.data
+
+
+def assert_same_parts(body: Packet, pdu: Pdu) -> None:
+    """The lists of a body are the engine's parts, field by field; what no list holds is left over."""
+    told = parse_body(pdu)
+    if isinstance(body, S7_Function):
+        assert_list(body.parameters, told.parameters, pdu.octets)
+        assert_list(body.data, told.data, pdu.octets)
+    elif isinstance(body, S7_Userdata):
+        size = (USERDATA_EXTENDED if isinstance(body, S7_UserdataExtended) else USERDATA_SHORT).size
+        behind = [part for part in told.parameters if part.offset >= pdu.header_size + size]
+        assert b"".join(pdu.octets[part.offset : part.end] for part in behind) == body.parameter_rest
+        assert_list(body.data, told.data, pdu.octets)
+    elif isinstance(body, S7_USEND):
+        assert_list(body.data, told.data, pdu.octets)
+    elif isinstance(body, S7_ReadVarRequest | S7_WriteVarRequest):
+        assert_list(body.items, [part for part in told.parameters[1:] if part.layout is not SURPLUS], pdu.octets)
+
+
+def assert_list(packets: list[Packet], parts: list[Part], octets: bytes) -> None:
+    left = list(parts)
+    for packet in packets:
+        part = left.pop(0)
+        own = octets[part.offset : part.end]
+        if len(own) < part.layout.size:
+            assert type(packet) is Raw
+            assert packet.load == own
+            continue
+        assert type(packet) is CLASSES[part.layout]
+        for value in part.values:
+            given = packet.getfieldval(scapy_name(value.field.name))
+            assert given == (value.value if value.octets is None else value.octets), (
+                part.layout.name,
+                value.field.name,
+            )
+        while left and left[0].layout in JOINED.get(part.layout, ()):
+            own += octets[left[0].offset : left[0].end]
+            left.pop(0)
+        assert bytes(packet) == own
+    assert not left
 
 
 def assert_same_items(body: Packet, pdu: Pdu) -> None:
@@ -103,11 +151,9 @@ def assert_same_items(body: Packet, pdu: Pdu) -> None:
             if isinstance(item, S7_Any):
                 read = (item.transport_size, item.count, item.db, item.area, item.address)
                 assert read == (parsed.transport_size, parsed.count, parsed.db, parsed.area, parsed.start_bit)
-                assert item.describe().split("*")[0] == parsed.address
+                assert item.describe() == parsed.label
             else:
-                assert isinstance(item, S7_OtherItem)
-                assert item.octets == parsed.octets[3:]
-                assert item.describe() == parsed.address
+                assert bytes(item).startswith(parsed.octets)
     items = pdu.data_items()
     if items:
         for item, given in zip(body.data, items, strict=True):

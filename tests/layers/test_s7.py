@@ -11,14 +11,19 @@ from dissect.layers import (
     COTP_DT,
     S7,
     TPKT,
+    S7_Answer,
     S7_Any,
     S7_Body,
     S7_Data,
     S7_Function,
+    S7_FunctionOnly,
+    S7_Job,
+    S7_Octets,
     S7_ReadVarAnswer,
     S7_ReadVarRequest,
     S7_Setup,
     S7_UserdataExtended,
+    S7_UserdataShort,
     S7_WriteVarAnswer,
     S7_WriteVarRequest,
 )
@@ -33,7 +38,10 @@ BODIES: list[Any] = [
     S7_WriteVarRequest,
     S7_WriteVarAnswer,
     S7_Function,
+    S7_Job,
+    S7_Answer,
     S7_Data,
+    S7_UserdataShort,
     S7_UserdataExtended,
 ]
 
@@ -106,7 +114,7 @@ def test_a_refusal_is_built_from_its_values() -> None:
 
 
 @pytest.mark.parametrize("number", range(45, 68))
-def test_other_functions_keep_their_octets(number: int) -> None:
+def test_other_functions_are_lists_of_parts(number: int) -> None:
     header = pdu(number)
     body = header.payload
     if header.param_length == 0:
@@ -114,17 +122,26 @@ def test_other_functions_keep_their_octets(number: int) -> None:
         return
     octets = BY_NUMBER[number].octets
     start = 7 + (10 if header.rosctr == 1 else 12)
-    assert isinstance(body, S7_Function)
+    assert type(body) is (S7_Job if header.rosctr == 1 else S7_Answer)
     assert body.function == octets[start]
-    assert body.parameters == octets[start + 1 : start + header.param_length]
-    assert body.data == octets[start + header.param_length :]
+    assert b"".join(bytes(part) for part in body.parameters) == octets[start : start + header.param_length]
+    assert b"".join(bytes(part) for part in body.data) == octets[start + header.param_length :]
 
 
-def test_a_function_is_built_from_its_octets() -> None:
-    stop = S7(pdu_ref=0x1400) / S7_Function(function="PLC stop", parameters=bytes(5) + b"\x09P_PROGRAM")
+def test_a_function_that_is_not_known_keeps_its_octets() -> None:
+    packet = survives(S7, bytes.fromhex("32010000000100040002 2a010203 aabb"))
+    assert [type(part) for part in packet.parameters] == [S7_FunctionOnly, S7_Octets]
+    assert (packet.payload.function, packet.parameters[1].octets) == (0x2A, b"\x01\x02\x03")
+    assert packet.data[0].octets == b"\xaa\xbb"
+    assert packet.summary() == "S7 Job 0x2a ref=0x0001"
+
+
+def test_a_function_may_be_built_from_octets() -> None:
+    stop = S7(pdu_ref=0x1400) / S7_Job(parameters=[Raw(b"\x29" + bytes(5) + b"\x09P_PROGRAM")])
     assert bytes(TPKT() / COTP_DT() / stop) == BY_NUMBER[66].octets
-    piece = S7(rosctr=3, pdu_ref=0x0165) / S7_Function(
-        function=0x1B, parameters=b"\x01", data=bytes.fromhex("000600fb7070010105aa")
+    piece = S7(pdu_ref=0x0165) / S7_Answer(
+        parameters=[S7_FunctionOnly(function="Download block"), S7_Octets(octets=b"\x01")],
+        data=[S7_Octets(octets=bytes.fromhex("000600fb7070010105aa"))],
     )
     assert bytes(TPKT() / COTP_DT() / piece) == BY_NUMBER[55].octets
 
@@ -136,15 +153,15 @@ def test_a_raw_body_is_parameters() -> None:
 @pytest.mark.parametrize(
     ("octets", "cls"),
     [
-        ("32030000020000010000000004", S7_Function),  # an answer too short for its function
+        ("32030000020000010000000004", S7_Answer),  # an answer too short for its function
         ("3201000002000002000004 00", S7_ReadVarRequest),
         ("3202000002000002000081040400", S7_ReadVarAnswer),
         ("32010000020000000002 abcd", S7_Data),
-        ("32010000020000070000 f0000001000101", S7_Function),  # Setup with seven octets
+        ("32010000020000070000 f0000001000101", S7_Job),  # Setup with seven octets
         ("320100000200000a0000 f0000001000100f0aabb", S7_Setup),  # and with ten
         ("32040000020000020000 0400", S7_ReadVarRequest),
         ("32010000020000000000 abcd", Raw),  # octets that no length names
-        ("32010000020000080000 f000", S7_Function),  # a length that lies
+        ("32010000020000080000 f000", S7_Job),  # a length that lies
     ],
 )  # fmt: skip
 def test_odd_pdus_survive(octets: str, cls: type[Packet]) -> None:
@@ -232,7 +249,7 @@ def test_any_octets_survive(octets: bytes, rosctr: int) -> None:
 @given(
     rosctr=st.sampled_from((1, 2, 3, 7)),
     lengths=st.tuples(st.integers(0, 40), st.integers(0, 40)),
-    function=st.sampled_from((0, 1, 4, 5, 0x28, 0xF0)),
+    function=st.sampled_from((0, 1, 4, 5, 0x1A, 0x1D, 0x28, 0x29, 0xF0)),
     octets=st.binary(max_size=60),
 )
 def test_any_body_survives(rosctr: int, lengths: tuple[int, int], function: int, octets: bytes) -> None:

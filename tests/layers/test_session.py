@@ -13,7 +13,8 @@ from scapy.packet import NoPayload, Packet, Raw
 from scapy.sendrecv import sniff
 from scapy.utils import EDecimal, wrpcap
 
-from dissect.layers import COTP_CR, COTP_DT, S7, TPKT, S7_ReadVarAnswer, S7_ReadVarRequest, S7Session, at
+from dissect.layers import COTP_CR, COTP_DT, S7, TPKT, S7_ReadVarAnswer, S7_ReadVarRequest, S7Plus, S7Session, at
+from dissect.layers.s7 import function_of
 from tests.layers.examples import BY_NUMBER
 
 CLIENT, PLC = ("02:00:00:00:00:01", "10.0.0.1", 4000), ("02:00:00:00:00:02", "10.0.0.2", 102)
@@ -129,7 +130,7 @@ def test_the_empty_dt_before_a_pdu_changes_nothing(tmp_path: Path) -> None:
     assert bytes(read[TPKT]) == READ
 
 
-def test_a_fragment_that_looks_like_s7_stays_raw(tmp_path: Path) -> None:
+def test_a_fragment_that_looks_like_s7_is_none(tmp_path: Path) -> None:
     """The end of an S7comm-plus TSDU that happens to begin with 0x32 0x01."""
     talk = Talk().open()
     talk.send("c", bytes(TPKT() / COTP_DT(eot=0) / Raw(b"\x72\x01\x00\x20")))
@@ -138,7 +139,7 @@ def test_a_fragment_that_looks_like_s7_stays_raw(tmp_path: Path) -> None:
     talk.send("c", bytes(end))
     _, last = seen(tmp_path, talk.packets)
     assert S7 not in last
-    assert last[Raw].load == READ[7:]
+    assert bytes(last[S7Plus]) == b"\x72\x01\x00\x20" + READ[7:]
 
 
 def test_a_pdu_that_the_capture_cut_comes_without_tpkt(tmp_path: Path) -> None:
@@ -269,7 +270,8 @@ def test_our_captures_give_what_they_expect(path: Path) -> None:
         packet for packet in sniff(offline=str(path.with_suffix(".pcapng")), session=S7Session) if S7 in packet
     ]
     assert len(pdus) == expected["s7_pdus"]
-    functions = Counter(f"0x{pdu.function:02x}" for pdu in pdus if "function" in pdu[S7].payload.default_fields)
+    told = [function_of(pdu[S7].payload) for pdu in pdus]
+    functions = Counter(f"0x{function:02x}" for function in told if function is not None)
     assert functions == Counter(expected["functions"])
     assert answered(pdus) == expected["answered"] - ANSWERED_ELSEWHERE.get(path.stem, 0)
 

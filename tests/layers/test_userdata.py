@@ -8,9 +8,12 @@ from dissect.layers import (
     COTP_DT,
     S7,
     TPKT,
+    S7_DataHead,
     S7_DataItem,
     S7_Function,
     S7_ModeTransition,
+    S7_Octets,
+    S7_Surplus,
     S7_UserdataExtended,
     S7_UserdataShort,
 )
@@ -33,21 +36,34 @@ def test_head_and_payload_of_the_worked_examples(number: int) -> None:
         assert (body.data_unit_ref, body.last_data_unit) == (parameters[8], parameters[9])
         assert body.error_code == int.from_bytes(parameters[10:], "big")
     data = octets[17 + header.param_length :]
-    (item,) = body.data
-    assert (item.return_code, item.transport_size) == (data[0], data[1])
-    assert item.length == len(item.octets) == len(data) - 4
-    assert item.octets == data[4:]
+    head = body.data[0]
+    assert type(head) is S7_DataHead
+    assert (head.return_code, head.transport_size, head.length) == (data[0], data[1], len(data) - 4)
+    assert b"".join(bytes(part) for part in body.data[1:]) == data[4:]
+    assert body.data_rest == b""
 
 
-def test_requests_and_answers_are_built_from_their_values() -> None:
-    item = S7_DataItem(transport_size=9, octets=bytes.fromhex("04240000"))
-    request = S7(pdu_ref=0x1500) / S7_UserdataShort(group="CPU functions", subfunction=1, data=[item])
+def test_the_data_head_follows_from_what_is_behind_it() -> None:
+    payload = S7_Octets(octets=bytes.fromhex("04240000"))
+    request = S7(pdu_ref=0x1500) / S7_UserdataShort(group="CPU functions", subfunction=1, data=[S7_DataHead(), payload])
     assert bytes(TPKT() / COTP_DT() / request) == BY_NUMBER[68].octets
-    nothing = S7_DataItem(return_code=0x0A, transport_size=0)
-    refusal = S7(pdu_ref=0x1800) / S7_UserdataExtended(error_code=0xD402, data=[nothing])
+    refusal = S7(pdu_ref=0x1800) / S7_UserdataExtended(error_code=0xD402, data=[S7_DataHead()])
     assert bytes(TPKT() / COTP_DT() / refusal) == BY_NUMBER[73].octets
-    follow_up = S7_UserdataExtended(type="request", sequence=3, data=[nothing])
+    follow_up = S7_UserdataExtended(type="request", sequence=3, data=[S7_DataHead()])
     assert bytes(TPKT() / COTP_DT() / S7(pdu_ref=0x1700) / follow_up) == BY_NUMBER[71].octets
+
+
+def test_a_data_head_of_ones_own_is_taken_as_it_is() -> None:
+    head = S7_DataHead(return_code=5, transport_size=3, length=77)
+    assert bytes(S7_UserdataShort(data=[head, S7_Octets(octets=b"ab")]))[8:].hex() == "0503004d6162"
+    with pytest.raises(ValueError, match="length of S7 data head would be 65536, more than it can say"):
+        bytes(S7_UserdataShort(data=[S7_DataHead(), S7_Octets(octets=bytes(65536))]))
+
+
+def test_a_data_item_may_stand_for_head_and_payload() -> None:
+    item = S7_DataItem(transport_size=9, octets=bytes.fromhex("04240000"))
+    request = S7(pdu_ref=0x1500) / S7_UserdataShort(group=4, subfunction=1, data=[item])
+    assert bytes(TPKT() / COTP_DT() / request) == BY_NUMBER[68].octets
 
 
 def test_the_mode_transition_push() -> None:
@@ -71,13 +87,13 @@ def test_a_head_that_is_not_whole_keeps_its_octets(parameters: str) -> None:
     octets = bytes.fromhex(parameters)
     packet = survives(S7, bytes((0x32, 7, 0, 0, 0, 1, 0, len(octets), 0, 0)) + octets)
     assert isinstance(packet.payload, S7_Function)
-    assert packet.parameters == octets[1:]
+    assert b"".join(bytes(part) for part in packet.parameters) == octets
 
 
 def test_what_follows_the_payload_is_left_over() -> None:
     packet = survives(S7, bytes.fromhex("32070000000100080007 0001120411440100 ff090002aabbcc"))
-    assert packet.data[0].octets == b"\xaa\xbb"
-    assert packet.data_rest == b"\xcc"
+    assert [bytes(part) for part in packet.data[-2:]] == [b"\xaa\xbb", b"\xcc"]
+    assert type(packet.data[-1]) is S7_Surplus
 
 
 def test_a_response_answers_the_request_of_its_group_and_subfunction() -> None:

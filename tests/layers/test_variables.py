@@ -13,9 +13,14 @@ from dissect.layers import (
     TPKT,
     S7_Any,
     S7_DataItem,
+    S7_DBArea,
+    S7_DBReadItem,
+    S7_NCKItem,
     S7_OtherItem,
     S7_ReadVarAnswer,
     S7_ReadVarRequest,
+    S7_SymbolInDB,
+    S7_SymbolStep,
     S7_WriteDataItem,
     S7_WriteVarAnswer,
     S7_WriteVarRequest,
@@ -117,22 +122,48 @@ def test_return_codes_show_their_names() -> None:
     assert "return_codes= [Success, Invalid address]" in shown(body(43))
 
 
-@pytest.mark.parametrize(
-    ("number", "syntax", "octets"),
-    [
-        (36, 0xB0, "0202004401600100480030"),
-        (38, 0x82, "41000100017f01"),
-        (39, 0xB2, "ff8a0e00011122334440000009"),
-    ],
-)
-def test_items_of_other_syntaxes_keep_their_octets(number: int, syntax: int, octets: str) -> None:
+def only_item(number: int) -> Packet:
+    """The only item of a worked example's request."""
     (item,) = body(number).items
+    assert isinstance(item, Packet)
+    return item
+
+
+def test_several_areas_of_data_blocks_in_one_item() -> None:
+    item = only_item(36)
+    assert isinstance(item, S7_DBReadItem)
+    assert (item.length, item.area_count) == (12, 2)
+    assert [(area.area_size, area.db, area.start) for area in item.areas] == [(2, 68, 352), (1, 72, 48)]
+    again = S7_DBReadItem(areas=[S7_DBArea(area_size=one.area_size, db=one.db, start=one.start) for one in item.areas])
+    request = S7(pdu_ref=0x500) / S7_ReadVarRequest(items=[again])
+    assert bytes(TPKT() / COTP_DT() / request) == BY_NUMBER[36].octets
+
+
+def test_a_variable_of_an_nc() -> None:
+    item = only_item(38)
+    assert isinstance(item, S7_NCKItem)
+    values = {"nck_area": 2, "nck_unit": 1, "column": 1, "line_": 1, "module": 0x7F, "line_count": 1}
+    assert {name: item.getfieldval(name) for name in values} == values
+    request = S7(pdu_ref=0x600) / S7_ReadVarRequest(items=[S7_NCKItem(**values)])
+    assert bytes(TPKT() / COTP_DT() / request) == BY_NUMBER[38].octets
+
+
+def test_a_symbol() -> None:
+    item = only_item(39)
+    assert isinstance(item, S7_SymbolInDB)
+    assert (item.root, item.db, item.crc) == (0x8A0E, 1, 0x11223344)
+    assert [(step.flags, step.value) for step in item.steps] == [(4, 9)]
+    again = S7_SymbolInDB(db=1, crc=0x11223344, steps=[S7_SymbolStep(flags=4, value=9)])
+    assert bytes(TPKT() / COTP_DT() / S7(pdu_ref=0x700) / S7_ReadVarRequest(items=[again])) == BY_NUMBER[39].octets
+
+
+def test_a_syntax_that_nobody_knows_keeps_its_octets() -> None:
+    request = survives(S7, bytes.fromhex("320100000001000a0000 0401 1206aa0102030405"))
+    (item,) = request.items
     assert isinstance(item, S7_OtherItem)
-    assert (item.syntax_id, item.length, item.octets.hex()) == (syntax, len(octets) // 2 + 1, octets)
-    request = S7_ReadVarRequest(items=[S7_OtherItem(syntax_id=syntax, octets=bytes.fromhex(octets))])
-    assert (
-        bytes(TPKT() / COTP_DT() / S7(pdu_ref=TPKT(BY_NUMBER[number].octets).pdu_ref) / request)
-        == BY_NUMBER[number].octets
+    assert (item.syntax_id, item.length, item.octets.hex()) == (0xAA, 6, "0102030405")
+    assert bytes(S7(pdu_ref=1) / S7_ReadVarRequest(items=[S7_OtherItem(syntax_id=0xAA, octets=item.octets)])) == bytes(
+        request
     )
 
 

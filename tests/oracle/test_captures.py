@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import shutil
+from collections import Counter
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -10,8 +13,10 @@ import pytest
 
 from dissect.oracle.compare import Comparison, compare
 from dissect.oracle.facts import PDU, TPDU
+from dissect.oracle.ours import NO_DISSECTOR
 from dissect.oracle.pyshark_reader import read_pyshark
 from dissect.oracle.tshark import OracleError
+from dissect.oracle.uncarried import REASONS, as_markdown, without_reason
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 #: The public captures, with the S7 PDUs in each by their own count.
@@ -41,10 +46,14 @@ OWN: Final = sorted(path.name for path in (ROOT / "captures").glob("*.pcapng"))
 CRAFTED: Final = sorted(path.name for path in (ROOT / "captures" / "crafted").glob("*.pc*"))
 #: Captures cut off in the middle, which tshark gives up on.
 CUT_OFF: Final = [name for name in CRAFTED if name.startswith("cut-")]
+#: PDUs that Wireshark cannot be asked about, by the reason; none elsewhere.
+NOT_COMPARABLE: Final = {"netlink.pcapng": {NO_DISSECTOR: 9}, "netlink-faults.pcapng": {NO_DISSECTOR: 19}}
+SKIPS: Final = re.compile(r"pytest\.(skip|importorskip|mark\.skip|xfail|mark\.xfail)")
 #: Wireshark numbers custom blocks as if they were packets, so that packet numbers differ from there on.
 NUMBERED_OTHERWISE: Final = frozenset(("sections.pcapng",))
 
 
+@cache
 def explained(path: Path, reorder: bool = False) -> Comparison:
     """Compare, and fail on every difference that nothing explains."""
     comparison = compare(str(path), reorder=reorder)
@@ -54,6 +63,13 @@ def explained(path: Path, reorder: bool = False) -> Comparison:
 
 def test_tshark_is_here() -> None:
     assert shutil.which("tshark"), "the oracle is tshark: install it (Debian: apt install tshark)"
+
+
+def test_nothing_here_is_left_out_where_tshark_is_missing() -> None:
+    """Only the public captures may be missing, and only where nobody says where they are."""
+    for path in Path(__file__).parent.glob("*.py"):
+        text = path.read_text(encoding="utf-8").replace(f"r{SKIPS.pattern!r}", "")
+        assert SKIPS.search(text) is None, f"{path.name} leaves tests out"
 
 
 @pytest.mark.parametrize("name", PUBLIC)
@@ -82,7 +98,24 @@ def test_own_capture(name: str) -> None:
 
 @pytest.mark.parametrize("name", [name for name in CRAFTED if name not in {*CUT_OFF, *NUMBERED_OTHERWISE}])
 def test_crafted_capture(name: str) -> None:
-    assert explained(ROOT / "captures" / "crafted" / name).differences is not None
+    comparison = explained(ROOT / "captures" / "crafted" / name)
+    assert comparison.differences is not None
+    assert comparison.not_comparable == NOT_COMPARABLE.get(name, {})
+
+
+def test_what_wireshark_shows_besides_is_told(corpus: Path) -> None:
+    """Every field it shows in a body is compared, or the page has it, with the reason."""
+    paths = [corpus / name for name in PUBLIC]
+    paths += [ROOT / "captures" / name for name in OWN]
+    paths += [ROOT / "captures" / "crafted" / name for name in CRAFTED if name not in {*CUT_OFF, *NUMBERED_OTHERWISE}]
+    comparisons = [explained(path) for path in paths]
+    other = sum((comparison.other for comparison in comparisons), Counter[str]())
+    again = sum((comparison.again for comparison in comparisons), Counter[str]())
+    assert without_reason(other, again) == []
+    assert as_markdown(other, again) in (ROOT / "docs" / "oracle.md").read_text(encoding="utf-8"), (
+        "run `python scripts/oracle_doc.py FOLDER` with the folder of the public captures"
+    )
+    assert [pattern for pattern, _ in REASONS if not any(re.fullmatch(pattern, name) for name in other)] == []
 
 
 @pytest.mark.parametrize("name", CUT_OFF)

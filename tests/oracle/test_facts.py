@@ -5,7 +5,10 @@ from __future__ import annotations
 import subprocess
 
 from dissect.iso import layouts as iso
+from dissect.oracle import facts
 from dissect.oracle.facts import (
+    BODY_NAMES,
+    IN_BODY,
     IN_DATA_ITEM,
     IN_HEADER,
     IN_ITEM,
@@ -17,8 +20,11 @@ from dissect.oracle.facts import (
     Fact,
     Place,
     Record,
+    layouts,
 )
+from dissect.s7 import clock
 from dissect.s7 import layouts as s7
+from dissect.wire import part
 from dissect.wire.layout import Layout
 
 LAYOUTS = [value for module in (iso, s7) for value in vars(module).values() if isinstance(value, Layout)]
@@ -26,14 +32,27 @@ LAYOUTS = [value for module in (iso, s7) for value in vars(module).values() if i
 
 def test_every_named_field_of_a_layout_is_compared() -> None:
     named = {field.wireshark for layout in LAYOUTS for field in layout.fields if field.wireshark}
-    assert named <= frozenset().union(*NAMES.values())
+    assert named <= frozenset().union(*NAMES.values()) | BODY_NAMES
     assert len(named) > 45
+
+
+def test_every_layout_of_a_body_is_found() -> None:
+    """Those that stand in a variable of their own and those that stand in a table only."""
+    found = layouts()
+    assert all(any(one is layout for one in found) for layout in (clock.CLOCK, s7.SETUP, part.FILL))
+    assert {"s7comm.data.ts_reserved", "s7comm.data.ts_year1"} <= BODY_NAMES
+    assert all(field.wireshark in BODY_NAMES or not field.wireshark for layout in found for field in layout.fields)
+
+
+def test_layouts_in_tables_are_found() -> None:
+    one, two, three = (Layout(name, "here", []) for name in "123")
+    assert list(facts._layouts_in({1: [one, (two, {"x": three})], 2: "text"})) == [one, two, three]
 
 
 def test_wireshark_has_every_name() -> None:
     text = subprocess.run(["tshark", "-G", "fields"], capture_output=True, check=True).stdout.decode("utf-8", "replace")
     fields = {line.split("\t")[2] for line in text.splitlines() if line.startswith("F\t")}
-    assert {name for names in NAMES.values() for name in names} - fields == set()
+    assert {name for names in (*NAMES.values(), BODY_NAMES) for name in names} - fields == set()
 
 
 def test_names_stand_where_they_belong() -> None:
@@ -49,6 +68,7 @@ def test_names_stand_where_they_belong() -> None:
 
 def test_a_place_reads_well() -> None:
     assert str(Place(IN_ITEM, 3, "s7comm.param.item.db")) == "s7comm.param.item.db of item 3"
+    assert str(Place(IN_BODY, 23, "s7comm.data.ts")) == "s7comm.data.ts at octet 23"
     assert str(Place(IN_HEADER, 0, "s7comm.header.pduref")) == "s7comm.header.pduref"
 
 

@@ -13,6 +13,7 @@ import pytest
 
 from dissect.oracle.compare import Comparison, compare
 from dissect.oracle.known import FORM, KNOWN, OURS, SCOPE, as_markdown
+from tests.examples import S7
 from tests.oracle.traffic import PUSH_ACK, Connection, connect, dt, parameter, pdu, setup, tpdu, tpkt, write_capture
 
 ROOT: Final = Path(__file__).resolve().parents[2]
@@ -128,6 +129,23 @@ EXAMPLES: Final[dict[str, Callable[[], list[bytes]]]] = {
         dt(
             pdu(
                 7, 0, b"\x00\x01\x12\x08\x13\x06\x02\x00\x00\x00\x00\x01", b"\xff\x09\x00\x08\x00\x01\xff\x09\x00\x02ab"
+            )
+        )
+    ),
+    "parts-joined": lambda: sent(*[example.octets for example in S7 if " part" in example.title]),
+    "time-with-its-century": lambda: sent(
+        *[example.octets for example in S7 if example.title == "Response with the clock"]
+    ),
+    "count-with-its-reserved-octet": lambda: sent(
+        *[one.octets for one in S7 if one.title.startswith("Request cyclic")], side=0
+    ),
+    "records-as-octets": lambda: sent(
+        dt(
+            pdu(
+                7,
+                1,
+                b"\x00\x01\x12\x08\x12\x84\x01\x02\x00\x00\x00\x00",
+                b"\xff\x09\x00\x30\x02\x32\x00\x04\x00\x28\x00\x01\x00\x04\x00\x01" + bytes(36),
             )
         )
     ),

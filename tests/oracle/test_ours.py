@@ -7,10 +7,12 @@ from pathlib import Path
 from random import Random
 
 from dissect.oracle.facts import (
+    IN_BODY,
     IN_DATA,
     IN_DATA_ITEM,
     IN_HEADER,
     IN_ITEM,
+    IN_JOINED,
     IN_PARAMETER,
     IN_PARAMETERS,
     IN_TPDU,
@@ -20,7 +22,7 @@ from dissect.oracle.facts import (
     Fact,
     Place,
 )
-from dissect.oracle.ours import Witness, pdu_record, tpdu_record
+from dissect.oracle.ours import Witness, pdu_record, take_joined, tpdu_record
 from tests.oracle.traffic import PUSH_ACK, Connection, connect, dt, parameter, pdu, setup, tpdu, write_capture
 
 
@@ -129,6 +131,30 @@ def test_userdata() -> None:
         "s7comm.data.transportsize": Fact(9, 23),
         "s7comm.data.length": Fact(2, 24),
     }
+
+
+def test_a_body_is_told_by_position() -> None:
+    parameters = b"\x00\x01\x12\x08\x12\x87\x01\x02\x00\x00\x00\x00"
+    clock = b"\x00\x19" + bytes.fromhex("1602081451379162")
+    record = pdu_record(1, pdu(7, 1, parameters, b"\xff\x09\x00\x0a" + clock))
+    assert {place: fact for place, fact in record.facts.items() if place.part == IN_BODY} == {
+        at(IN_BODY, "s7comm.data.ts_reserved", 26): Fact(b"\x00", 26),
+        at(IN_BODY, "s7comm.data.ts_year1", 27): Fact(b"\x19", 27),
+    }
+
+
+def test_an_answer_in_parts_is_read_from_the_joined_octets() -> None:
+    """The last part of two: alone it has no structure, and its own octets no names."""
+    parameters = b"\x00\x01\x12\x08\x12\x87\x01\x02\xd5\x00\x00\x00"
+    clock = b"\x00\x19" + bytes.fromhex("1602081451379162")
+    record = pdu_record(1, pdu(7, 1, parameters, b"\xff\x09\x00\x04" + clock[6:]))
+    before = {place: fact for place, fact in record.facts.items() if place.part != IN_BODY}
+    take_joined(record, clock)
+    assert {place: fact for place, fact in record.facts.items() if place not in before} == {
+        at(IN_JOINED, "s7comm.data.ts_reserved", 0): Fact(b"\x00", 0),
+        at(IN_JOINED, "s7comm.data.ts_year1", 1): Fact(b"\x19", 1),
+    }
+    assert before.items() <= record.facts.items()
 
 
 def test_values_are_those_of_the_objects_people_get() -> None:

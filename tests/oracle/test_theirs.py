@@ -7,10 +7,12 @@ from typing import Any
 import pytest
 
 from dissect.oracle.facts import (
+    IN_BODY,
     IN_DATA,
     IN_DATA_ITEM,
     IN_HEADER,
     IN_ITEM,
+    IN_JOINED,
     IN_PARAMETER,
     IN_PARAMETERS,
     IN_TPDU,
@@ -70,6 +72,63 @@ def layers(tpkts: list[tuple[Tree, list[Any]]], cotps: list[tuple[Tree, list[Any
             tree[name] = [one for one, _ in found]
             tree[f"{name}_raw"] = [its for _, its in found]
     return tree
+
+
+def s7(parameters: Tree, data: Tree, octets: str = "32", **more: Any) -> Tree:
+    """The layers of a packet with one S7 PDU, at octet 61, of this parameter block and data block."""
+    tree = layers([tpkt(54, 7)], [data_tpdu(58)])
+    tree["s7comm_raw"] = raw(octets, 61)
+    tree["s7comm"] = {
+        "s7comm.param_raw": raw("00", 71),
+        "s7comm.param": parameters,
+        "s7comm.data_raw": raw("00", 80),
+        "s7comm.data": data,
+        **more,
+    }
+    return tree
+
+
+HEADING: list[Any] = ["00", 90, 1, 0, 0]
+
+
+def test_a_body_is_taken_whole() -> None:
+    """Fields in trees in lists of trees, bits by their number, others by their octets; each by its position."""
+    parameters: Tree = {"s7comm.param.func_raw": raw("1d", 71), "s7comm.param.func": "0x1d"}
+    record: Tree = {
+        "s7comm.data.ts_raw": raw("0019200102030405", 86),
+        "s7comm.data.ts": "Jan  1, 2020",
+        "s7comm.data.ts_tree": {"s7comm.data.ts_reserved_raw": raw("00", 86), "s7comm.data.ts_reserved": "0x00"},
+    }
+    second: Tree = {"s7comm.data.ts_reserved_raw": raw("01", 96), "s7comm.data.ts_reserved": "0x01"}
+    data: Tree = {
+        "Some text": record,
+        "s7comm.data.userdata.szl_data_tree_raw": [HEADING, HEADING],
+        "s7comm.data.userdata.szl_data_tree": [{}, second],
+        "s7comm.data.fillbyte_raw": ["3", 99, 1, 0x0F, 4],
+        "s7comm.data.fillbyte": "3",
+        "s7comm.resp.data_raw": ["", 100, 0, 0, 30],
+        "s7comm.resp.data": "",
+        "s7comm.of.a.newer.version_raw": [raw("01", 101), raw("02", 102)],
+        "s7comm.of.a.newer.version": ["1", "2"],
+    }
+    (found,) = Frame(s7(parameters, data)).pdus
+    assert found.facts == {
+        Place(IN_PARAMETERS, 0, "s7comm.param.func"): Fact(0x1D, 10),
+        Place(IN_BODY, 25, "s7comm.data.ts_reserved"): Fact(b"\x00", 25),
+        Place(IN_BODY, 35, "s7comm.data.ts_reserved"): Fact(b"\x01", 35),
+        Place(IN_BODY, 38, "s7comm.data.fillbyte"): Fact(3, 38),
+        **{place: fact for place, fact in found.facts.items() if place.name == "s7comm.data.ts"},
+    }
+    assert found.other["s7comm.of.a.newer.version"] == 2
+    assert "s7comm.data.userdata.szl_data_tree" not in +found.other, "a heading is no field"
+    assert found.joined == b""
+
+
+def test_what_wireshark_joins_counts_from_its_own_beginning() -> None:
+    data: Tree = {"s7comm.data.ts_reserved_raw": raw("00", 4), "s7comm.data.ts_reserved": "0x00"}
+    (found,) = Frame(s7({}, data, **{"s7comm.fragments_raw": raw("0011223344", 0)})).pdus
+    assert found.joined == bytes.fromhex("0011223344")
+    assert found.facts == {Place(IN_JOINED, 4, "s7comm.data.ts_reserved"): Fact(b"\x00", 4)}
 
 
 @pytest.mark.parametrize(("value", "expected"), [(None, []), ("1", ["1"]), (["1", "2"], ["1", "2"]), ({}, [{}])])
@@ -221,7 +280,7 @@ def test_the_old_head_of_userdata_counts_as_the_new_one() -> None:
     assert len(told[0]) == 7
 
 
-def test_of_userdata_only_the_head_of_the_data_counts() -> None:
+def test_of_userdata_the_first_head_is_that_of_the_data() -> None:
     data: Tree = {
         "s7comm.data.returncode_raw": [raw("ff", 90), raw("0a", 101)],
         "s7comm.data.returncode": ["0xff", "0x0a"],
@@ -230,5 +289,7 @@ def test_of_userdata_only_the_head_of_the_data_counts() -> None:
     }
     record = Frame(pdu("7", {}, data)).pdus[0]
     assert {place: fact for place, fact in record.facts.items() if place.part != IN_HEADER} == {
-        Place(IN_DATA, 0, "s7comm.data.returncode"): Fact(0xFF, 29)
+        Place(IN_DATA, 0, "s7comm.data.returncode"): Fact(0xFF, 29),
+        Place(IN_BODY, 35, "s7comm.data.returncode"): Fact(b"\x05", 35),
+        Place(IN_BODY, 40, "s7comm.data.returncode"): Fact(b"\x0a", 40),
     }

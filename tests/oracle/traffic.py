@@ -1,6 +1,7 @@
 """Conversations made up at random, octet by octet, for both sides of the comparison to read.
 
-Nothing here comes from the package: not a layout, not a table, not a layer. What is made is legal or what devices do; lengths
+Nothing here comes from the package: not a layout, not a table, not a layer; what has a structure of its own inside is a
+worked example of the reference. What is made is legal or what devices do; lengths
 never lie. `conversation` gives the packets of one TCP connection, `write_capture` a file of several.
 """
 
@@ -11,6 +12,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from random import Random
 from typing import Final
+
+from tests.examples import S7
 
 SYN: Final = 0x02
 FIN: Final = 0x01
@@ -203,7 +206,11 @@ def write_pair(rng: Random, reference: int) -> tuple[bytes, bytes]:
 UNREAD: Final = (0x0209, 0x0309, 0x0560, 0x3F01, 0x2003)
 SZL: Final = 0x0401
 CLOCK: Final = 0x0701
-TIME: Final = b"\x00\x19\x20\x24\x03\x04\x05\x06\x07\x00\x02"
+TIME: Final = b"\x00\x19\x24\x03\x04\x05\x06\x07\x00\x02"
+#: S7 PDUs with a structure of their own: the worked examples of the reference that are alone what they are.
+WORKED: Final = [
+    example.octets[7:] for example in S7 if example.octets[5:8] == b"\xf0\x80\x32" and "part" not in example.title
+]
 
 
 def payload(rng: Random, kind: int, function: int) -> bytes:
@@ -237,6 +244,13 @@ def userdata_pair(rng: Random, reference: int) -> tuple[bytes, bytes]:
     sequence = rng.randrange(256)
     request = userdata(rng, reference, 1, function, 0, rng.random() < 0.8)
     return request, userdata(rng, reference, 2, function, sequence, short=False)
+
+
+def worked_pair(rng: Random, reference: int) -> tuple[bytes, bytes]:
+    """Return two of the worked examples; they need not have to do with each other."""
+    request, answer = rng.choice(WORKED), rng.choice(WORKED)
+    number = struct.pack(">H", reference)
+    return request[:4] + number + request[6:], answer[:4] + number + answer[6:]
 
 
 def control_pair(rng: Random, reference: int) -> tuple[bytes, bytes]:
@@ -314,7 +328,17 @@ def fragments(rng: Random, message: bytes) -> bytes:
     return dt(message[:cut], eot=False) + dt(message[cut:])
 
 
-PAIRS: Final = (read_pair, read_pair, read_pair, write_pair, write_pair, userdata_pair, control_pair)
+PAIRS: Final = (
+    read_pair,
+    read_pair,
+    read_pair,
+    write_pair,
+    write_pair,
+    userdata_pair,
+    control_pair,
+    worked_pair,
+    worked_pair,
+)
 
 
 def conversation(rng: Random, number: int, ports: Sequence[int] = (102, 102, 102, 10102)) -> list[bytes]:

@@ -9,6 +9,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from dissect.findings.catalogue import CATALOGUE
+from dissect.ibh.tables import IBH_NETLINK, KINDS
 from dissect.iso.upper import UPPER_NAMES
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict
@@ -49,15 +50,16 @@ def consistent(told: Told) -> None:
     outcomes = ("answered", "unanswered", "orphan_answers", "unsolicited")
     assert counts["total"] == sum(counts[key] for key in outcomes)
     assert counts["unanswered"] == sum(counts["unanswered_reasons"].values())
-    assert (
-        told["s7"]["pdus"] == 2 * counts["answered"] + sum(counts[key] for key in outcomes[1:]) + told["s7"]["unpaired"]
-    )
+    pdus = told["s7"]["pdus"] + told["s7plus"]["pdus"]
+    unpaired = told["s7"]["unpaired"] + told["s7plus"]["unpaired"]
+    assert pdus == 2 * counts["answered"] + sum(counts[key] for key in outcomes[1:]) + unpaired
+    assert told["s7plus"]["pdus"] == sum(told["s7plus"]["versions"].values())
     for key in ("total", "answered", "unanswered", "with_errors"):
         assert counts[key] == sum(function[key] for function in told["functions"])
     if not told["connections_not_listed"]:
         for key in (*outcomes, "with_errors"):
             assert counts[key] == sum(connection[key] for connection in told["connections"])
-        assert told["s7"]["pdus"] == sum(connection["pdus"] for connection in told["connections"])
+        assert pdus == sum(connection["pdus"] for connection in told["connections"])
     numbers = [connection["number"] for connection in told["connections"]]
     assert numbers == sorted(numbers)
     times = told["latency_ns"]
@@ -128,7 +130,8 @@ def test_enumerations_are_those_of_the_engine() -> None:
     assert enumeration("analysis", *packets, "ignored", "propertyNames", "enum") == set(CATEGORIES[FIRST_IGNORED:])
     assert enumeration("analysis", "properties", "tsdus", "propertyNames", "enum") == set(UPPER_NAMES)
     protocols = enumeration("analysis", "properties", "connections", "items", "properties", "protocol", "enum")
-    assert protocols == {None, *UPPER_NAMES} - {"empty"}
+    assert protocols == {None, IBH_NETLINK, *UPPER_NAMES} - {"empty"}
+    assert enumeration("analysis", "properties", "ibh", "propertyNames", "enum") == set(KINDS)
     assert enumeration("transaction", "properties", "outcome", "enum") == set(OUTCOMES) - {"open"}
     assert enumeration("transaction", "properties", "reason", "enum") == {None, *REASON_TEXTS}
     malformed = ("properties", "malformed", "items", "properties")
@@ -182,6 +185,7 @@ def test_a_connection_from_beginning_to_end() -> None:
         "client_known": True,
         "vlan": [100, 7],
         "protocol": "s7comm",
+        "identified_by": None,
         "start": "syn",
         "first_frame": 1,
         "first_time": "2024-03-04T05:06:07.000000000Z",
@@ -204,6 +208,20 @@ def test_a_connection_from_beginning_to_end() -> None:
         "ended_by": "10.0.0.2:102",
         "ended_frame": 11,
         "open_at_end": 1,
+        "ending": {
+            "how": "reset",
+            "by": "10.0.0.2:102",
+            "role": "server",
+            "frame": 11,
+            "time": "2024-03-04T05:06:07.010000000Z",
+            "silence_ns": 1_000_000,
+            "connecting": False,
+            "open_requests": 1,
+            "oldest_request": {"what": "Read Var DB10.DBW4", "before_ns": 1_000_000},
+            "last_request": {"what": "Read Var DB10.DBW4", "before_ns": 1_000_000},
+            "last_answer": {"what": "Read Var DB10.DBW4", "before_ns": 2_000_000},
+            "last_error": None,
+        },
     }
     assert told["transactions"]["unanswered_reasons"] == {"connection_closed": 1}
     assert told["failed"][0]["request_frame"] == 10
@@ -224,13 +242,13 @@ def test_functions_tell_userdata_apart() -> None:
 
 
 def test_cut_packets_and_other_protocols_are_counted() -> None:
-    talk = begun().send(1, dt(b"\x72\x01" + bytes(20)))
+    talk = begun().send(1, dt(b"\x72\xff\x01\x00"))
     packets = talk.send(0, dt(messages.read_job(1, [WORD]))).packets()
     packets[-1] = cut_to(packets[-1], 54 + 7 + 12)
     told = told_of(analysed(packets))
     assert told["packets"]["truncated"] == 1
     assert told["s7"]["cut"] == 1
-    assert told["tsdus"]["s7comm_plus"] == 1
+    assert told["tsdus"]["s7comm_plus"] == told["s7plus"]["pdus"] == told["s7plus"]["unpaired"] == 1
 
 
 def test_an_analysis_that_was_never_filled_says_what_to_do() -> None:

@@ -239,13 +239,13 @@ def test_a_header_that_is_not_all_there_has_no_invented_fields() -> None:
 
 
 def test_tpdus_on_a_line() -> None:
-    talk = begun().send(1, messages.EMPTY_DT).send(1, dt(b"\x72\x01" + bytes(20)))
+    talk = begun().send(1, messages.EMPTY_DT).send(1, dt(b"\x17\x03\x03" + bytes(19)))
     talk.send(0, messages.disconnect(1)).send(1, messages.tpkt(b"\x04\x70\x00\x01\x02"))
     lines = Lines()
     observed(lines, talk.packets())
     assert lines.tpdus[0] == "COTP CR  TSAP 01.00 (PG) → 01.02 (PG, rack 0 slot 2), TPDU size 1024"
     assert lines.tpdus[1] == "COTP CC  TSAP 01.00 (PG) → 01.02 (PG, rack 0 slot 2), TPDU size 1024"
-    assert lines.tpdus[5] == "COTP DT  S7comm-plus, 22 octets"
+    assert lines.tpdus[5] == "COTP DT  TLS, 22 octets: TLS 1.2 application data"
     assert lines.tpdus[6].startswith("COTP DR  ")
     assert lines.tpdus[6] != "COTP DR  "
     assert lines.tpdus[7].startswith("COTP ER  ")
@@ -256,7 +256,7 @@ def test_tpdus_on_a_line() -> None:
     [
         (b"", ""),
         (messages.read_job(1, [WORD]), ""),
-        (b"\x72\x01" + bytes(20), "S7comm-plus"),
+        (b"\x72\x01" + bytes(20), ""),
         (b"\x17\x03\x03\x00\x02ab", "TLS"),
         (b"hello", "unknown protocol"),
     ],

@@ -85,7 +85,7 @@ def test_how_connections_went(name: str, said: str) -> None:
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("cut-with-reset", "connection 1, packet 14: Read Var DB1.DBB8: the connection ended before an answer came"),
+        ("cut-with-reset", "connection 1, packet 14: Read Var DB1.DBB8: the server reset the connection 0.000 s later"),
         ("answer-slow", " ms, the limit is 1000 ms"),
         ("many-open", "connection 1, packet 13: more requests open than the 1 granted (AmQ)"),
         ("transfer-refused", "0xd241 Not permitted in current protection level"),
@@ -162,9 +162,8 @@ def test_an_unknown_client_is_no_arrow() -> None:
 @pytest.mark.parametrize(
     ("octets", "said"),
     [
-        (b"\x72\x01" + bytes(20), "10.0.0.2:102, S7comm-plus"),
-        (b"\x17\x03\x03\x00\x02ab", "10.0.0.2:102, TLS"),
-        (b"hello", "10.0.0.2:102, unknown protocol"),
+        (b"\x17\x03\x03\x00\x02ab", "10.0.0.2:102, TLS (TLS 1.2 application data)"),
+        (b"hello", "10.0.0.2:102, unknown protocol (begins with 68 65 6c 6c 6f)"),
     ],
 )
 def test_other_protocols_are_named(octets: bytes, said: str) -> None:
@@ -172,9 +171,8 @@ def test_other_protocols_are_named(octets: bytes, said: str) -> None:
     lines = report(analysed(talk.packets()))
     told = section(lines, "Connections")
     assert told[0].endswith(said)
-    assert f"; other messages: 1 {said.partition(', ')[2]}" in lines[2]
-    rack = "(PG, rack 0 slot 2)" in told[1]
-    assert rack == ("S7comm" in said)
+    assert f"; other messages: 1 {said.partition(', ')[2].partition(' (')[0]}" in lines[2]
+    assert "(PG, rack 0 slot 2)" not in told[1]
 
 
 def test_addresses_used_again() -> None:
@@ -182,8 +180,8 @@ def test_addresses_used_again() -> None:
     again = Talk(isns=(90_000, 7_000_000)).handshake()
     packets = first.packets() + [packet._replace(time_ns=packet.time_ns + 60 * MS) for packet in again.packets()]
     told = connection_of(packets)
-    assert (
-        told[3] == "3 PDUs, 1 answered, 1 unanswered; its addresses were taken by a new connection with 1 request open"
+    assert told[3].startswith(
+        "3 PDUs, 1 answered, 1 unanswered; its addresses were taken by a new connection with 1 request open: Read Var "
     )
 
 
@@ -340,7 +338,7 @@ def test_findings_come_in_order_of_weight_then_of_number() -> None:
     talk = begun(length=100)
     read(talk, 1, WORD, 0x0A)
     read(talk, 2, WORD, 0x0A)
-    talk.send(0, dt(b"\x72\x01" + bytes(20)))
+    talk.send(0, dt(b"\x17\x03\x03" + bytes(20)))
     items = [Item(0x02, 1, 1, 0x84, 8 * number) for number in range(10)]
     talk.send(0, dt(messages.read_job(3, items)))
     found = [line.split()[:2] for line in section(report(analysed(talk.packets())), "Findings")]

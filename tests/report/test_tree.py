@@ -53,7 +53,7 @@ def view(lines: list[str]) -> bytes:
 def test_a_read_request_field_by_field() -> None:
     lines = tree(messages.read_job(0x0102, [WORD]))
     assert [(octets.start, octets.stop - 1, name, said) for octets, name, said in rows(lines)] == [
-        (0, 0, "version", "0x03"),
+        (0, 0, "version", "3"),
         (1, 1, "reserved", "0x00"),
         (2, 3, "length", "31"),
         (4, 4, "li", "2"),
@@ -91,8 +91,8 @@ PDUS = {
     "write": messages.write_job(1, [WORD, WORD], [b"\x00\x01", b"\x00\x02"]),
     "write answer": messages.write_answer(1, [255, 10]),
     "refusal": messages.pdu(messages.ACK, 1, b"", b"", 0xD241),
-    "service": messages.pdu(messages.JOB, 1, b"\x28" + bytes(20)),
-    "service with data": messages.pdu(messages.JOB, 1, b"\x28" + bytes(20), bytes(5)),
+    "service": messages.pdu(messages.JOB, 1, b"\x2a" + bytes(20)),
+    "service with data": messages.pdu(messages.JOB, 1, b"\x2a" + bytes(20), bytes(5)),
     "userdata": messages.userdata(1, 1, 4, 1, b"\x00\x11\x00\x00"),
     "userdata answer": messages.userdata(1, 2, 4, 1, bytes(40)),
     "userdata without payload": messages.userdata(1, 2, 4, 1, b"", 0xD402),
@@ -111,10 +111,11 @@ def test_the_fields_stand_for_every_octet_once_and_in_order(pdu: bytes) -> None:
     assert not [line for line in lines if "MALFORMED" in line]
 
 
-def test_fill_octets_are_no_field() -> None:
+def test_the_octet_that_makes_an_item_even_is_called_so() -> None:
     lines = tree(messages.read_answer(1, [ODD, WORD], [b"abc", b"\x00\x02"]))
     packet = dt(messages.read_answer(1, [ODD, WORD], [b"abc", b"\x00\x02"]))
-    (fill,) = set(range(len(packet))) - set(covered(lines))
+    assert covered(lines) == list(range(len(packet)))
+    (fill,) = [octets.start for octets, name, _ in rows(lines) if name == "fill"]
     assert packet[fill - 3 : fill] == b"abc"
     assert value_of(lines, "data") == ["61 62 63", "00 02"]
 
@@ -126,7 +127,7 @@ def test_fill_octets_are_no_field() -> None:
         ("write", "data", "00 01"),
         ("write answer", "item 2", "0x0a Object does not exist"),
         ("refusal", "error", "0xd241 Not permitted in current protection level. "),
-        ("service", "octets", "28 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 … 21 octets"),
+        ("service", "octets", "00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 … 20 octets"),
         ("userdata", "subfunction", "0x01 read SZL"),
         ("userdata", "group", "0x04 CPU functions"),
         ("userdata answer", "return_code", "0xff Success"),

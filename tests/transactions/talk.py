@@ -17,6 +17,7 @@ from typing import Final
 from dissect.findings.finding import Finding
 from dissect.pipeline import Observer, Options, Pipeline
 from dissect.transactions.connection import Connection
+from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
 
 CLIENT: Final = 0
@@ -142,11 +143,13 @@ class Talk(Observer):
         self.transactions: list[Transaction] = []
         self.findings: list[Finding] = []
         self.connections: list[Connection] = []
+        self.operations: list[Operation] = []
         self.now_ns = START_NS
         #: Who is told, and whose clock counts: another talk may be captured in the same run.
         self.first = self if beside is None else beside
         self.pipeline: Pipeline = Pipeline(self, Options(slow_ns, strict)) if beside is None else beside.pipeline
         self.ports = [client_port, server_port]
+        self.hosts = [1, 2]
         self.seq = [1000, 90000]
         #: What each end acknowledges; None is the normal course: everything the other end sent.
         self.acked: list[int | None] = [None, None]
@@ -158,6 +161,9 @@ class Talk(Observer):
 
     def finding(self, finding: Finding) -> None:
         self.findings.append(finding)
+
+    def operation(self, operation: Operation) -> None:
+        self.operations.append(operation)
 
     def connection_closed(self, connection: Connection) -> None:
         self.connections.append(connection)
@@ -191,7 +197,7 @@ class Talk(Observer):
             0,
             0,
         )
-        addresses = b"\x0a\x00\x00" + bytes((1 + side,)) + b"\x0a\x00\x00" + bytes((2 - side,))
+        addresses = bytes((10, 0, 0, self.hosts[side], 10, 0, 0, self.hosts[1 - side]))
         ip = struct.pack(">BBHHHBBH", 0x45, 0, 40 + len(payload), 0, 0, 64, 6, 0) + addresses
         frame = bytes(12) + b"\x08\x00" + ip + tcp + payload
         self.pipeline.frame(self.first.now_ns, frame, 0, len(frame) - cut, len(frame), 1)

@@ -10,10 +10,12 @@ from dissect.transactions.checks import (
     BAD_DATA,
     BAD_REQUEST,
     COUNT_MISMATCH,
+    ODD_DATA_CODE,
     SIZE_MISMATCH,
+    WRITE_SIZE,
+    check_written,
     error_code,
     mismatch,
-    written_fits,
 )
 from dissect.transactions.transaction import Transaction
 from tests.transactions.talk import (
@@ -86,13 +88,13 @@ ASKED = read(1, dbw(1, 0), dbw(1, 2))
         (
             read(1, dbw(1, 0)[:3] + b"\x07\x00\x01" + dbw(1, 0)[6:]),
             ack_data(1, b"\x04\x01", b"\xff\x06\x00\x04\0\0\0\1"),
-            0,
+            ODD_DATA_CODE,
             False,
         ),
         (
             read(1, dbw(1, 0)[:3] + b"\x07\x00\x01" + dbw(1, 0)[6:]),
             ack_data(1, b"\x04\x01", b"\xff\x06\x00\x20\0\0\0\1"),
-            0,
+            ODD_DATA_CODE,
             False,
         ),
         # Writes.
@@ -105,7 +107,7 @@ ASKED = read(1, dbw(1, 0), dbw(1, 2))
         (write(1, [dbw(1, 0)], written(4, b"\0\1")[:-1]), ack_data(1, b"\x05\x01", b"\xff"), BAD_REQUEST, False),
         (write(1, [dbw(1, 0)], written(4, b"\0\1") * 2), ack_data(1, b"\x05\x01", b"\xff"), BAD_REQUEST, False),
         (write(1, [dbw(1, 0)], b""), ack_data(1, b"\x05\x01", b"\x07"), BAD_REQUEST, True),
-        (write(1, [dbw(1, 0)], written(4, b"\0\1\2") + b"\0"), ack_data(1, b"\x05\x01", b"\xff"), 0, False),
+        (write(1, [dbw(1, 0)], written(4, b"\0\1\2") + b"\0"), ack_data(1, b"\x05\x01", b"\xff"), WRITE_SIZE, False),
     ],
 )
 def test_what_is_odd_about_an_answer(
@@ -186,7 +188,7 @@ def test_mismatch(asked: bytes, told: bytes, misfit: bool) -> None:
 @given(st.binary(max_size=30), st.integers(0, 3))
 def test_what_is_written_is_looked_at_within_its_pdu(data: bytes, count: int) -> None:
     octets = write(1, [dbw(1, 0)] * count, data)
-    fits = written_fits(parameters(octets), b"\xff" * 5 + octets + b"\xff" * 9, 5, len(octets))
+    fits = not check_written(parameters(octets), b"\xff" * 5 + octets + b"\xff" * 9, 5, len(octets))
     reached = 0
     for _ in range(count):
         if reached + 4 > len(data):

@@ -1,0 +1,90 @@
+"""Somebody tries one TSAP after another: a scan for racks and slots (reference 7.1).
+
+What is remembered is bounded: pairs of client and server, and TSAPs of each. A pair is looked at for `WINDOW_NS` at a time, so
+that a client which over days talks to all modules of a rack is no scan.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.findings.judge import Judge
+from dissect.transactions.connection import Connection
+
+WINDOW_NS: Final = 60_000_000_000
+#: Pairs of client and server that are remembered, and TSAPs of each.
+MAX_PAIRS: Final = 1024
+MAX_TSAPS: Final = 32
+#: A scan is so many TSAPs of one server within the window, or so many of which it refused.
+TSAPS: Final = 6
+REFUSED: Final = 3
+#: TSAPs and packets that a finding names.
+_NAMED: Final = 8
+
+
+class _Pair:
+    """What a client asked a server for lately. ``asked`` has the packet of each called TSAP."""
+
+    __slots__ = ("asked", "first_ns", "refused", "told")
+
+    def __init__(self, first_ns: i64) -> None:
+        self.first_ns: i64 = first_ns
+        self.asked: dict[bytes, int] = {}
+        self.refused: set[bytes] = set()
+        self.told: bool = False
+
+
+class ScanWatch:
+    """Looks at the connect requests of all connections. ``forgotten`` counts pairs that had to leave: there were too many."""
+
+    def __init__(self, judge: Judge) -> None:
+        self._judge: Judge = judge
+        self._pairs: OrderedDict[bytes, _Pair] = OrderedDict()
+        self.forgotten: i64 = 0
+
+    def asked(self, connection: Connection, frame: i64, time_ns: i64) -> None:
+        """A connect request was sent."""
+        tsap = connection.tsap_called
+        if tsap is None:
+            return
+        pair = self._pair(connection, time_ns)
+        if tsap.octets not in pair.asked and len(pair.asked) < MAX_TSAPS:
+            pair.asked[tsap.octets] = int(frame)
+            self._look(pair, connection, time_ns)
+
+    def refused(self, connection: Connection, time_ns: i64) -> None:
+        """A connect request was refused, or its connection ended without an answer to it."""
+        tsap = connection.tsap_called
+        if tsap is None:
+            return
+        pair = self._pair(connection, time_ns)
+        if tsap.octets in pair.asked:
+            pair.refused.add(tsap.octets)
+            self._look(pair, connection, time_ns)
+
+    def _pair(self, connection: Connection, time_ns: i64) -> _Pair:
+        key: bytes = connection.client.address + connection.server.address
+        pair = self._pairs.get(key)
+        if pair is None or not 0 <= time_ns - pair.first_ns <= WINDOW_NS:
+            pair = _Pair(time_ns)
+            self._pairs[key] = pair
+            if len(self._pairs) > MAX_PAIRS:
+                self._pairs.popitem(last=False)
+                self.forgotten += 1
+        return pair
+
+    def _look(self, pair: _Pair, connection: Connection, time_ns: i64) -> None:
+        if pair.told or (len(pair.asked) < TSAPS and len(pair.refused) < REFUSED):
+            return
+        pair.told = True
+        tsaps = [".".join([f"{octet:02x}" for octet in octets]) for octets in list(pair.asked)[:_NAMED]]
+        age: int = time_ns - pair.first_ns
+        detail = (
+            f"{connection.client} asked {connection.server} for {len(pair.asked)} TSAPs within {age / 1e9:.1f} s,"
+            f" {len(pair.refused)} of them refused: {', '.join(tsaps)}"
+        )
+        frames = list(pair.asked.values())[-_NAMED:]
+        self._judge.note("security.tsap_scan", connection.number, frames, time_ns, detail)

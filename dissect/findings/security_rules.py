@@ -1,0 +1,277 @@
+"""Events that matter for security (reference 7.4): who stopped, loaded, read out, wrote, forced, guessed or looked around.
+
+What is said of a connection is said of requests that were answered well, or attempts where the attempt is the event. The
+sentence of a finding names who did what to whom, and what became of it.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.findings.judge import Judge
+from dissect.s7.bodies import Body, parse_body
+from dissect.s7.clock import SETTING
+from dissect.s7.errors import ERROR_CODES
+from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
+from dissect.s7.parameters import UserdataHead
+from dissect.s7.services import COMPRESS, COPY_TO_ROM, PI_SERVICES, PROGRAM
+from dissect.s7.tables import RETURN_CODES, USERDATA
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import PUSH, UNANSWERED, Transaction
+
+_DOWNLOADS: Final = frozenset((0x1A,))
+_UPLOAD: Final = 0x1D
+_PI_SERVICE: Final = 0x28
+_PLC_STOP: Final = 0x29
+
+_MODE: Final = 0
+_TEST: Final = 1
+_BLOCKS: Final = 3
+_CPU: Final = 4
+_SECURITY: Final = 5
+_TIME: Final = 7
+_NC: Final = 0x3F
+
+_FORCING: Final = frozenset((0x08, 0x09, 0x12))
+_DEBUGGING: Final = frozenset((0x01, 0x0A, 0x0B, 0x13))
+_MEMORY_RESET: Final = 0x0C
+_FLASH_LED: Final = 0x16
+_ALARM_CHANGES: Final = frozenset((0x07, 0x08, 0x0B))
+_READ_SZL: Final = 0x01
+_NC_DOWNLOAD: Final = 0x01
+_NC_UPLOAD: Final = 0x06
+_STOP: Final = 0x00
+
+#: SZL lists that tell what a device is, apart from its state (reference 7.4): id lists, identification, capabilities.
+_TELLING: Final = frozenset((0x00, 0x11, 0x1C, 0x31, 0x32))
+#: Inquiries on one connection that make it a reconnaissance, and distinct lists.
+_INQUIRIES: Final = 3
+_MANY_LISTS: Final = 10
+
+#: Failed passwords of one client at one server that make it guessing.
+_GUESSES: Final = 3
+#: Errors that say that a protection level stands against a request.
+_PROTECTED: Final = frozenset((0xD241, 0xD602, 0x8104))
+_ACCESS_DENIED: Final = 0x03
+#: Refused reads and writes of a connection that are looked at.
+_LOOKED_AT: Final = 100
+
+#: PDUs of one connection within a second that are a flood: no PLC answers so many.
+PACE: Final = 2048
+_SECOND_NS: Final = 1_000_000_000
+
+#: Clients, servers and pairs of them that are remembered.
+_MAX_REMEMBERED: Final = 4096
+
+
+class SecurityWatch:
+    """Judges transactions as events of security. One for a whole analysis: a new writer is one among several connections."""
+
+    def __init__(self, judge: Judge) -> None:
+        self._judge = judge
+        self._writers: dict[str, str] = {}  # server: the client that wrote first
+        self._pairs: set[tuple[str, str]] = set()  # (client, server): writers that were told
+        self._failures: dict[tuple[str, str], int] = {}
+
+    # ---- writes -----------------------------------------------------------------------------------------------------
+
+    def write(self, transaction: Transaction) -> None:
+        """A write to areas that this connection did not write before."""
+        connection = transaction.connection
+        areas = transaction.parameters.written
+        fresh = areas & ~connection.traits.written
+        connection.traits.written |= areas
+        if transaction.error_code or transaction.outcome == UNANSWERED:
+            return
+        items = transaction.parameters.subject
+        if fresh & WRITTEN_IO:
+            self._tell("security.write_outputs", transaction, items)
+        if fresh & WRITTEN_ELSEWHERE:
+            self._tell("security.write", transaction, items)
+        self._writer(transaction)
+
+    def _writer(self, transaction: Transaction) -> None:
+        client, server = _ends(transaction)
+        if len(self._writers) >= _MAX_REMEMBERED or len(self._pairs) >= _MAX_REMEMBERED:
+            self._writers.clear()
+            self._pairs.clear()
+        first = self._writers.setdefault(server, client)
+        if first != client and (client, server) not in self._pairs:
+            self._pairs.add((client, server))
+            self._tell("security.new_writer", transaction, f"until now only {first} wrote to {server}")
+
+    # ---- everything else --------------------------------------------------------------------------------------------
+
+    def take(self, transaction: Transaction) -> None:
+        """Judge a transaction that is no read or write."""
+        if transaction.is_plus:
+            return
+        head = transaction.parameters.userdata
+        if head is not None and transaction.rosctr == USERDATA:
+            self._userdata(transaction, head)
+        elif transaction.request_frame:
+            self._job(transaction)
+        if transaction.error_code in _PROTECTED and transaction.connection.traits.first("security.protected"):
+            self._tell("security.protected", transaction, transaction.function_name)
+
+    def refused_items(self, transaction: Transaction) -> None:
+        """Judge a read or write of which something was refused: is it protection? Looks at the first refusals only."""
+        traits = transaction.connection.traits
+        if traits.refusals >= _LOOKED_AT or not traits.first("security.protected"):
+            return
+        traits.refusals += 1
+        codes = [result.return_code for result in transaction.results()]
+        if transaction.error_code in _PROTECTED or _ACCESS_DENIED in codes:
+            what = transaction.parameters.subject
+            name = "" if transaction.error_code else f": {RETURN_CODES.name(_ACCESS_DENIED)}"
+            self._tell("security.protected", transaction, what + name)
+        else:
+            traits.told.discard("security.protected")
+
+    def _job(self, transaction: Transaction) -> None:
+        function = transaction.function
+        if function == _PLC_STOP:
+            self._tell("security.plc_stop", transaction, "PLC stop")
+        elif function == _PI_SERVICE:
+            self._pi_service(transaction)
+        elif function in _DOWNLOADS:
+            self._tell("security.program_change", transaction, _named(transaction))
+        elif function == _UPLOAD:
+            self._tell("security.program_read", transaction, _named(transaction))
+
+    def _pi_service(self, transaction: Transaction) -> None:
+        body = _asked(transaction)
+        name = body.text("service") if body is not None else ""
+        row = PI_SERVICES.get(name)
+        slug = _PI_SLUGS.get(row.security if row is not None else "", "security.nc_command")
+        if name in _MEMORY_SERVICES:
+            slug = "security.memory"
+        if name == PROGRAM:
+            slug = "security.plc_start"
+        if row is not None and slug:
+            self._tell(slug, transaction, _named(transaction))
+
+    def _userdata(self, transaction: Transaction, head: UserdataHead) -> None:
+        if transaction.outcome == PUSH:
+            if head.group == _MODE:
+                slug = "security.stopped" if head.subfunction == _STOP else "security.mode_changed"
+                self._tell(slug, transaction, f"mode {head.subfunction_name}")
+            return
+        if not transaction.request_frame:
+            return
+        group, subfunction = head.group, head.subfunction
+        slug = _USERDATA_SLUGS.get((group, subfunction), "")
+        if slug:
+            if slug in _ONCE and not transaction.connection.traits.first(slug):
+                return
+            self._tell(slug, transaction, _named(transaction))
+        elif group == _BLOCKS:
+            self._inquiry(transaction, 0x100 + subfunction)
+        elif group == _CPU and subfunction == _READ_SZL:
+            body = _asked(transaction)
+            szl = body.number("szl_id") if body is not None else -1
+            if szl >= 0:
+                self._inquiry(transaction, szl)
+        elif group == _SECURITY and subfunction == 1:
+            self._password(transaction)
+
+    def _inquiry(self, transaction: Transaction, szl_id: int) -> None:
+        """Somebody asks what the device is: said once, when it is more than a look at one list."""
+        traits = transaction.connection.traits
+        if (szl_id >= 0x100 and szl_id & 0xFF00 == 0x100) or szl_id & 0xFF in _TELLING:
+            traits.inquiries += 1
+        if len(traits.szl_ids) < _MANY_LISTS:
+            traits.szl_ids.add(szl_id)
+        if (traits.inquiries >= _INQUIRIES or len(traits.szl_ids) >= _MANY_LISTS) and traits.first(
+            "security.reconnaissance"
+        ):
+            self._tell(
+                "security.reconnaissance", transaction, f"{traits.inquiries} inquiries, now {_named(transaction)}"
+            )
+
+    def _password(self, transaction: Transaction) -> None:
+        client, server = _ends(transaction)
+        if not transaction.error_code:
+            self._failures.pop((client, server), None)
+            self._tell("security.password", transaction, "accepted" if transaction.response_frame else "not answered")
+            return
+        if len(self._failures) >= _MAX_REMEMBERED:
+            self._failures.clear()
+        failures = self._failures.get((client, server), 0) + 1
+        self._failures[client, server] = failures
+        self._tell("security.password_failed", transaction, f"attempt {failures}")
+        if failures == _GUESSES:
+            self._tell("security.password_guessing", transaction, f"{failures} wrong passwords in a row")
+
+    def pace(self, connection: Connection, frame: int, now_ns: int) -> None:
+        """Look at how long the latest `PACE` PDUs of a connection took; call it after each so many."""
+        since = connection.traits.pace_ns or int(connection.tcp.first_ns)
+        connection.traits.pace_ns = int(now_ns)
+        if 0 <= now_ns - since < _SECOND_NS and connection.traits.first("security.flood"):
+            detail = (
+                f"{PACE} messages within {(now_ns - since) / 1e9:.2f} s from {connection.client} to {connection.server}"
+            )
+            self._judge.note("security.flood", connection.number, [frame], now_ns, detail)
+
+    def _tell(self, slug: str, transaction: Transaction, what: str) -> None:
+        number = transaction.connection.number
+        if not self._judge.wants(slug, number):
+            return
+        frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
+        ends = transaction.connection.tcp.ends
+        asked, told = ends[transaction.asked_by], ends[1 - transaction.asked_by]
+        if transaction.outcome == PUSH:
+            who = f"{told} tells {asked}"
+        else:
+            who = f"{asked} to {told}"
+        result = ""
+        if transaction.error_code:
+            result = f", refused: 0x{transaction.error_code:04x} {ERROR_CODES.name(transaction.error_code)}"
+        elif transaction.outcome == UNANSWERED:
+            result = ", not answered"
+        time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
+        self._judge.detail(slug, number, frames, time_ns, f"{who}: {what}{result}")
+
+
+def _ends(transaction: Transaction) -> tuple[str, str]:
+    """Return who asked and who was asked, without their ports."""
+    ends = transaction.connection.tcp.ends
+    return ends[transaction.asked_by].host, ends[1 - transaction.asked_by].host
+
+
+def _asked(transaction: Transaction) -> Body | None:
+    request = transaction.request
+    return parse_body(request) if request is not None else None
+
+
+def _named(transaction: Transaction) -> str:
+    """Return the function and what its request is about."""
+    body = _asked(transaction)
+    notes = ", ".join(body.notes[:3]) if body is not None else ""
+    return f"{transaction.function_name} {notes}".rstrip()
+
+
+#: Slugs of PI services by their class (`dissect.s7.services.PI_SERVICES`).
+_PI_SLUGS: Final = {
+    "program change": "security.program_change",
+    "authentication": "security.nc_command",
+    "control": "security.nc_command",
+    "write": "security.nc_command",
+    "destructive": "security.nc_command",
+    "read": "",
+}
+_MEMORY_SERVICES: Final = frozenset((COPY_TO_ROM, COMPRESS))
+
+#: Slugs of userdata requests by group and subfunction.
+_USERDATA_SLUGS: Final[dict[tuple[int, int], str]] = {
+    **{(_TEST, subfunction): "security.force" for subfunction in _FORCING},
+    **{(_TEST, subfunction): "security.debug" for subfunction in _DEBUGGING},
+    (_TEST, _MEMORY_RESET): "security.memory",
+    (_TEST, _FLASH_LED): "security.flash_led",
+    **{(_CPU, subfunction): "security.alarm_change" for subfunction in _ALARM_CHANGES},
+    **{(_TIME, subfunction): "security.clock_set" for subfunction in SETTING},
+    (_NC, _NC_DOWNLOAD): "security.program_change",
+    (_NC, _NC_UPLOAD): "security.program_read",
+}
+#: Said once for a connection: what a session does again and again.
+_ONCE: Final = frozenset(("security.debug", "security.alarm_change"))

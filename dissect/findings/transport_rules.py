@@ -1,0 +1,106 @@
+"""What is worth saying about TPDUs: how a connection begins, what its confirm says, what follows its end (reference 7.1)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.findings.judge import Judge
+from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, Tpdu
+from dissect.iso.tables import CC, CR, DR, DT, ER, TPDU_TYPES
+from dissect.iso.tsap import Tsap
+from dissect.transactions.connection import NO_LIMIT, Connection
+from dissect.transactions.ending import DISCONNECT
+from dissect.transactions.table import Side
+
+# What was looked at or told of a connection (`Connection.told`); each for side 0, and shifted by one for side 1.
+_BEGUN: Final = 1
+_NUMBERED: Final = 4
+_AFTER_END: Final = 16
+
+#: Without a size in it, a connect request asks for this one (RFC 1006).
+_LARGEST: Final = 65531
+
+
+def judge_data(judge: Judge, side: Side, size: i64, frame: i64, time_ns: i64) -> None:
+    """A DT that is longer than `Connection.dt_limit`: too long, before the connection is set up, or after its end."""
+    connection = side.connection
+    if 0 < connection.tpdu_size < size:
+        detail = f"{size} octets, {connection.tpdu_size} negotiated"
+        judge.note("cotp.size_exceeded", connection.number, [frame], time_ns, detail)
+    if connection.dt_limit > 0:
+        return
+    judge_order(judge, side, DT, frame, time_ns)
+    if not _watched(connection):
+        connection.dt_limit = connection.tpdu_size or NO_LIMIT
+
+
+def _watched(connection: Connection) -> bool:
+    """Tell whether the order of what comes next is still worth a look."""
+    if connection.iso_ended_how == DISCONNECT:
+        return not connection.told & (_AFTER_END << connection.iso_ended_by)
+    begun: i64 = 3 * _BEGUN
+    return connection.tpdu_size == 0 and connection.told & begun != begun
+
+
+def judge_order(judge: Judge, side: Side, type_: i64, frame: i64, time_ns: i64) -> None:
+    """Hold a TPDU to the order there is: connect request, confirm or refusal, data, and nothing after a disconnect."""
+    connection = side.connection
+    ended: i64 = _AFTER_END << side.index
+    if connection.iso_ended_how == DISCONNECT and connection.iso_ended_by == side.index and not connection.told & ended:
+        connection.told |= ended
+        name = TPDU_TYPES.name(type_)
+        who = connection.tcp.ends[side.index]
+        frames = [int(connection.iso_ended_frame), int(frame)]
+        judge.note("cotp.after_disconnect", connection.number, frames, time_ns, f"{name} from {who}")
+    begun: i64 = _BEGUN << side.index
+    if connection.told & begun:
+        return
+    connection.told |= begun
+    peer = side.peer
+    if not connection.tcp.known_start or peer is None or side.holes or side.framer.skipped:
+        return
+    name = TPDU_TYPES.name(type_)
+    if side.index == connection.tcp.initiator:
+        if type_ != CR:
+            judge.note("cotp.bad_start", connection.number, [frame], time_ns, f"the first TPDU of the client is {name}")
+    elif connection.cr_seen and type_ != CC and type_ != DR and type_ != ER:
+        detail = f"the first TPDU of the server is {name}, after a connect request"
+        judge.note("cotp.bad_start", connection.number, [frame], time_ns, detail)
+
+
+def judge_number(judge: Judge, side: Side, number: i64, frame: i64, time_ns: i64) -> None:
+    """A TPDU number other than 0, which class 0 does not have; told once of each side."""
+    connection = side.connection
+    told: i64 = _NUMBERED << side.index
+    if not connection.told & told:
+        connection.told |= told
+        detail = f"TPDU number {number} from {connection.tcp.ends[side.index]}"
+        judge.note("cotp.tpdu_nr", connection.number, [frame], time_ns, detail)
+
+
+def judge_confirm(judge: Judge, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
+    """A connect confirm must fit its request: reference, class, TPDU size, TSAPs."""
+    connection = side.connection
+    if not connection.cr_seen or tpdu.malformed or connection.client_side == side.index:
+        return
+    wrong: list[str] = []
+    told: i64 = tpdu.field("dst_ref")
+    if told != connection.cr_ref:
+        wrong.append(f"destination reference 0x{told:04x}, the request has 0x{connection.cr_ref:04x}")
+    told = tpdu.field("class_")
+    if told > connection.cr_class:
+        wrong.append(f"class {told}, asked for {connection.cr_class}")
+    asked: i64 = connection.tpdu_size_asked or _LARGEST
+    if tpdu.tpdu_size > asked:
+        wrong.append(f"TPDU size {tpdu.tpdu_size}, asked for {asked}")
+    _compare(wrong, "calling", connection.tsap_calling, tpdu.tsap(CALLING_TSAP))
+    _compare(wrong, "called", connection.tsap_called, tpdu.tsap(CALLED_TSAP))
+    if wrong:
+        judge.note("cotp.bad_confirm", connection.number, [frame], time_ns, "; ".join(wrong))
+
+
+def _compare(wrong: list[str], name: str, asked: Tsap | None, told: Tsap | None) -> None:
+    if asked is not None and told is not None and asked.octets != told.octets:
+        wrong.append(f"{name} TSAP {told}, asked for {asked}")

@@ -1,0 +1,194 @@
+"""Framing of one direction of an IBH-NetLink connection, and what tells that a connection is one (docs/ibh.md).
+
+A packet begins with two channel numbers and states its length in the third octet. Neither is strong evidence, so that out of
+step only a packet is believed whose flags are known and whose MPI header, if it has one, agrees with the first header.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.ibh.packet import HEADER, little, mpi_head
+from dissect.ibh.tables import SERVICES
+
+#: The longest packet: its length is one octet.
+MAX_PACKET: Final = HEADER + 255
+_LENGTH_AT: Final = 2
+_CHANNELS: Final = frozenset((0x00, 0x01, 0x07, 0x10))
+_GATEWAY: Final = 0xFF
+_DEVICE: Final = frozenset(((0x00, 0x10), (0x10, 0x00)))
+#: The claim of a connection number, behind the number itself: what a client sends first.
+_CLAIM: Final = 0x97
+_CLAIM_REST: Final = b"\xff\xf0\xf0\xf0\xf0"
+_CLAIM_SIZE: Final = 14
+
+# Answers of `judge_beginning`.
+NO: Final = 0
+YES: Final = 1
+UNDECIDED: Final = 2
+
+
+def channels_fit(octets: bytes, at: i64, end: i64) -> bool:
+    """Tell whether what is there of two channel numbers is a pair that packets have; ``octets[at]`` must be there."""
+    first: i64 = octets[at]
+    if end - at < 2:
+        return first == _GATEWAY or first in _CHANNELS
+    second: i64 = octets[at + 1]
+    if first == _GATEWAY:
+        return second in _CHANNELS
+    return (second == _GATEWAY and first in _CHANNELS) or (first, second) in _DEVICE
+
+
+def flags_fit(octets: bytes, at: i64) -> bool:
+    """Tell whether a header, which must be there, asks for a known service or answers one."""
+    answered: i64 = little(octets, at + 4)
+    asked: i64 = little(octets, at + 6)
+    if asked:
+        return answered == 0 and asked in SERVICES
+    return answered != 0 and (answered & 0xFF) != 0 and (answered & 0xFF) in SERVICES
+
+
+def opens(octets: bytes, on_port: bool, at_start: bool) -> bool:
+    """Tell whether the octets of a segment speak IBH-NetLink; ``at_start``: they are the first ones that their side sent.
+
+    ``on_port``, on the gateway's own port, a known pair of channels with known flags is enough, and at the start the
+    beginning of such a header. Elsewhere it has to be certain.
+    """
+    end: i64 = len(octets)
+    if not octets:
+        return False
+    if not on_port:
+        return judge_beginning(octets, 0, end) == YES
+    if not channels_fit(octets, 0, end):
+        return False
+    return at_start if end < HEADER else flags_fit(octets, 0)
+
+
+def judge_beginning(octets: bytes, at: i64, end: i64) -> i64:
+    """Tell whether a packet certainly begins at ``at``: `YES`, `NO`, or `UNDECIDED` when more octets have to come.
+
+    Certain are a packet with an MPI header whose length agrees with that of the packet, and the claim of a connection number
+    that opens a connection.
+    """
+    if not channels_fit(octets, at, end):
+        return NO
+    if end - at < HEADER:
+        return UNDECIDED
+    if little(octets, at + 4) != 0:
+        return NO
+    asked: i64 = little(octets, at + 6)
+    length: i64 = octets[at + _LENGTH_AT]
+    if asked == _CLAIM:
+        if HEADER + length != _CLAIM_SIZE:
+            return NO
+        if end - at == HEADER:
+            return UNDECIDED
+        rest = octets[at + HEADER + 1 : min(end, at + _CLAIM_SIZE)]
+        if rest == _CLAIM_REST:
+            return YES
+        return UNDECIDED if end - at < _CLAIM_SIZE and _CLAIM_REST.startswith(rest) else NO
+    head: i64 = mpi_head(asked)
+    if head == 0:
+        return NO
+    if length <= head:
+        return NO
+    if end - at < HEADER + head:
+        return UNDECIDED
+    return YES if octets[at + HEADER + head - 1] == length - head else NO
+
+
+class PacketFramer:
+    """Finds packets in the octets of one direction. ``packets`` collects whole ones (header included), in order.
+
+    Every octet given is accounted for: ``framed`` (in whole packets and in those told as cut) + ``skipped`` + ``buffered``.
+    ``faults`` are first octets of what stood where a packet had to begin.
+    """
+
+    __slots__ = ("_held", "cut_packet", "faults", "framed", "packets", "skip", "skipped", "synced")
+
+    def __init__(self) -> None:
+        self._held: bytes = b""  # of a packet whose rest is to come; out of step, of what may become one
+        self.skip: i64 = 0  # octets still to come of a packet that a hole damaged
+        self.synced: bool = False
+        self.packets: list[bytes] = []
+        self.faults: list[int] = []
+        self.framed: i64 = 0
+        self.skipped: i64 = 0
+        self.cut_packet: bytes = b""
+
+    @property
+    def buffered(self) -> int:
+        """Octets held back: of an unfinished packet, or of what may become one."""
+        return len(self._held)
+
+    def push(self, octets: bytes) -> None:
+        """Take the octets of a segment; whole packets are appended to ``packets``."""
+        at: i64 = min(self.skip, len(octets))
+        if at:
+            self.skip -= at
+            self.skipped += at
+        if at == len(octets):
+            return
+        if self._held:
+            octets = self._held + octets
+            self._held = b""
+        elif not self.synced and at == 0:
+            # A segment usually begins with a packet: there, less is enough.
+            self.synced = len(octets) >= HEADER and channels_fit(octets, 0, HEADER) and flags_fit(octets, 0)
+        end: i64 = len(octets)
+        while at < end:
+            if not self.synced:
+                at = self._search(octets, at, end)
+                if not self.synced:
+                    break
+            if not channels_fit(octets, at, end):
+                self.faults.append(octets[at])
+                self.synced = False
+                continue
+            if end - at <= _LENGTH_AT:
+                break
+            size: i64 = HEADER + octets[at + _LENGTH_AT]
+            if at + size > end:
+                break
+            self.packets.append(octets[at : at + size])
+            self.framed += size
+            at += size
+        self._held = octets[at:end]
+
+    def hole(self, size: i64, cut: bool) -> bool:
+        """``size`` octets are missing here. True when the end of the packet they fall into is still known.
+
+        When ``cut`` (the capture cut the frame), the packet begun is left in ``cut_packet`` as far as it was captured;
+        otherwise its octets count as skipped.
+        """
+        held = self._held
+        self._held = b""
+        self.cut_packet = b""
+        left: i64 = self.skip
+        if held and self.synced:
+            have: i64 = len(held)
+            if cut:
+                self.cut_packet = held
+                self.framed += have
+            else:
+                self.skipped += have
+            left = HEADER + held[_LENGTH_AT] - have if have > _LENGTH_AT else 0
+        else:
+            self.skipped += len(held)
+        self.synced = 0 < size <= left
+        self.skip = left - size if self.synced else 0
+        return self.synced
+
+    def _search(self, octets: bytes, at: i64, end: i64) -> i64:
+        """Return where the next packet certainly begins, being in step again, or the first place that may yet prove one."""
+        here: i64 = at
+        while here < end:
+            judged: i64 = judge_beginning(octets, here, end)
+            if judged != NO:
+                self.synced = judged == YES
+                break
+            here += 1
+        self.skipped += here - at
+        return here

@@ -1,0 +1,234 @@
+"""What identifies a protocol that is not ours: the words that reports say about TLS, MMS and ICCP, and RDP.
+
+Enough to know what it is and who it is for, no more: nothing is decoded beyond it. Every text is escaped, none is longer
+than `MAX_TEXT` characters, and whatever the octets are nothing raises (reference section 1.4).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.iso.upper import MMS, RDP, TLS, UNKNOWN
+from dissect.wire.octets import u16, u24
+from dissect.wire.text import shortened
+
+#: Characters of a text that are shown.
+MAX_TEXT: Final = 200
+#: First octets that are shown of what nobody knows.
+_FIRST: Final = 8
+
+_RECORDS: Final = {0x14: "change cipher spec", 0x15: "alert", 0x16: "handshake", 0x17: "application data"}
+_TLS_VERSIONS: Final = {
+    0x0300: "SSL 3.0",
+    0x0301: "TLS 1.0",
+    0x0302: "TLS 1.1",
+    0x0303: "TLS 1.2",
+    0x0304: "TLS 1.3",
+}
+_HANDSHAKES: Final = {
+    1: "ClientHello",
+    2: "ServerHello",
+    4: "NewSessionTicket",
+    11: "Certificate",
+    12: "ServerKeyExchange",
+    13: "CertificateRequest",
+    14: "ServerHelloDone",
+    16: "ClientKeyExchange",
+}
+_SERVER_NAME: Final = 0
+_SUPPORTED_VERSIONS: Final = 43
+
+#: ISO session SPDUs (X.225) by their first octet.
+_SPDUS: Final = {0x0D: "CONNECT", 0x0E: "ACCEPT", 0x0C: "REFUSE", 0x09: "FINISH", 0x0A: "DISCONNECT", 0x19: "ABORT"}
+_CONNECT: Final = 0x0D
+_AARQ: Final = 0x60
+_CONTEXT: Final = 0xA1
+_CALLED_TITLE: Final = 0xA2
+_CALLING_TITLE: Final = 0xA6
+_OID: Final = 0x06
+
+_RDP_SECURITY: Final = {1: "TLS", 2: "CredSSP", 4: "RDSTLS", 8: "CredSSP with early authorisation", 16: "RDS AAD"}
+_COOKIE: Final = b"Cookie: "
+
+
+def identify(upper: i64, octets: bytes, start: i64, end: i64) -> str:
+    """Return what identifies the TSDU ``octets[start:end]`` of protocol ``upper``; empty when there is nothing to say."""
+    tsdu = octets[start:end]
+    if upper == TLS:
+        return _tls(tsdu)
+    if upper == MMS:
+        return _mms(tsdu)
+    if upper == RDP:
+        return "T.125 connect-initial" if tsdu[1:2] == b"\x65" else "T.125 connect-response"
+    if upper == UNKNOWN and tsdu:
+        return f"begins with {tsdu[:_FIRST].hex(' ')}"
+    return ""
+
+
+def identify_connect(variable: bytes) -> str:
+    """Return what the variable part of an RDP CR or CC says: whom the cookie names, which security is asked or chosen."""
+    said: list[str] = []
+    at: i64 = 0
+    if variable.startswith(_COOKIE):
+        end: i64 = variable.find(b"\r\n")
+        cookie = variable[len(_COOKIE) : end if end >= 0 else len(variable)]
+        said.append(f"cookie {_text(cookie)}")
+        at = end + 2 if end >= 0 else len(variable)
+    if len(variable) >= at + 8:
+        kind: i64 = variable[at]
+        number: i64 = int.from_bytes(variable[at + 4 : at + 8], "little")
+        if kind == 1:
+            said.append(f"asks for {_security(number)}")
+        elif kind == 2:
+            said.append(f"chooses {_security(number)}")
+        elif kind == 3:
+            said.append(f"refuses, failure code {number}")
+    return ", ".join(said)
+
+
+def _security(protocols: int) -> str:
+    names = [name for bit, name in _RDP_SECURITY.items() if protocols & bit]
+    return " or ".join(names) if names else "standard RDP security"
+
+
+def _text(octets: bytes) -> str:
+    return shortened(octets[: MAX_TEXT + 1].decode("latin-1"), MAX_TEXT)
+
+
+# ---- TLS ------------------------------------------------------------------------------------------------------------
+
+
+def _tls(octets: bytes) -> str:
+    if len(octets) < 5:
+        return ""
+    version: i64 = u16(octets, 1)
+    kind = _RECORDS.get(octets[0], "record")
+    name = ""
+    if octets[0] == 0x16 and len(octets) > 5 and octets[5] in _HANDSHAKES:
+        kind = _HANDSHAKES[octets[5]]
+        if octets[5] <= 2:
+            hello = octets[9 : 9 + u24(octets, 6)] if len(octets) >= 9 else b""
+            told, name = _hello(hello, octets[5] == 1)
+            version = told or version
+    server = f", server name {name}" if name else ""
+    return f"{_TLS_VERSIONS.get(version, f'version 0x{version:04x}')} {kind}{server}"
+
+
+def _hello(hello: bytes, from_client: bool) -> tuple[int, str]:
+    """Return the highest version a hello offers (0 when it does not say) and the server name, read as far as they are there."""
+    if len(hello) < 35:
+        return 0, ""
+    version: i64 = u16(hello, 0)
+    size: i64 = len(hello)
+    at: i64 = 35 + hello[34]  # behind version, random and session id
+    if from_client:
+        if at + 2 > size:
+            return version, ""
+        at += 2 + u16(hello, at)  # cipher suites
+        if at >= size:
+            return version, ""
+        at += 1 + hello[at]  # compression methods
+    else:
+        at += 3
+    name = ""
+    at += 2  # behind the length of the extensions
+    while at + 4 <= size:
+        kind: i64 = u16(hello, at)
+        value = hello[at + 4 : at + 4 + u16(hello, at + 2)]
+        if kind == _SERVER_NAME and from_client and len(value) > 5:
+            name = _text(value[5 : 5 + u16(value, 3)])
+        elif kind == _SUPPORTED_VERSIONS:
+            version = max(version, _highest(value[1:] if from_client else value))
+        at += 4 + u16(hello, at + 2)
+    return version, name
+
+
+def _highest(versions: bytes) -> int:
+    """Return the highest known version of a list of them; clients put numbers without meaning among them."""
+    highest = 0
+    for at in range(0, len(versions) - 1, 2):
+        version = versions[at] << 8 | versions[at + 1]
+        if version in _TLS_VERSIONS and version > highest:
+            highest = version
+    return highest
+
+
+# ---- MMS and ICCP ---------------------------------------------------------------------------------------------------
+
+
+def _mms(octets: bytes) -> str:
+    """Name the SPDU, and of a CONNECT what its association request says; MMS and ICCP differ in nothing else that is here."""
+    if octets[0] == 1:
+        return "DATA TRANSFER"
+    name = _SPDUS.get(octets[0], f"SPDU 0x{octets[0]:02x}")
+    said = _association(octets) if octets[0] == _CONNECT else ""
+    return f"{name}, {said}" if said else name
+
+
+def _association(octets: bytes) -> str:
+    """Return application context and AP titles of the AARQ inside a CONNECT, empty when none is found."""
+    at: i64 = octets.find(bytes((_AARQ,)))
+    while at >= 0:
+        body = _value(octets, at)
+        if body and body[0] in (0x80, _CONTEXT):
+            said = _titles(body)
+            if said:
+                return said
+        at = octets.find(bytes((_AARQ,)), at + 1)
+    return ""
+
+
+def _titles(body: bytes) -> str:
+    said: list[str] = []
+    at: i64 = 0
+    size: i64 = len(body)
+    while at + 2 <= size and len(said) < 3:
+        tag: i64 = body[at]
+        value = _value(body, at)
+        oid = _oid(_value(value, 0)) if value and value[0] == _OID else ""
+        if tag == _CONTEXT:
+            if not oid:
+                return ""  # no AARQ after all
+            said.append(f"application context {oid}")
+        elif (tag == _CALLED_TITLE or tag == _CALLING_TITLE) and value:
+            who = "called" if tag == _CALLED_TITLE else "calling"
+            said.append(f"{who} AP title {oid or value[:16].hex()}")
+        at += _size(body, at)
+    return ", ".join(said)
+
+
+def _size(octets: bytes, at: i64) -> i64:
+    """Return how many octets the BER element at ``at`` takes, tag and length included."""
+    first: i64 = octets[at + 1]
+    if first < 0x80:
+        return 2 + first
+    count: i64 = first & 0x7F
+    if count == 0 or count > 2 or at + 2 + count > len(octets):
+        return len(octets) - at
+    return 2 + count + int.from_bytes(octets[at + 2 : at + 2 + count], "big")
+
+
+def _value(octets: bytes, at: i64) -> bytes:
+    """Return the value of the BER element at ``at``, as much of it as is there."""
+    if at + 2 > len(octets):
+        return b""
+    first: i64 = octets[at + 1]
+    head: i64 = 2 if first < 0x80 else 2 + (first & 0x7F)
+    return octets[at + head : at + _size(octets, at)]
+
+
+def _oid(octets: bytes) -> str:
+    """Return an object identifier in dots."""
+    numbers: list[int] = []
+    value = 0
+    for octet in octets[:32]:
+        value = value << 7 | octet & 0x7F
+        if octet < 0x80:
+            numbers.append(value)
+            value = 0
+    if not numbers:
+        return ""
+    first = min(numbers[0] // 40, 2)
+    return ".".join([str(number) for number in (first, numbers[0] - 40 * first, *numbers[1:])])

@@ -1,0 +1,181 @@
+"""Start information of organisation blocks as Scapy packets (`dissect.s7.start_information`)."""
+
+from __future__ import annotations
+
+from dissect.layers.fields import header_fields
+from dissect.layers.parts import S7_Part
+from dissect.s7 import start_information
+
+__all__ = [
+    "S7_StartOB1",
+    "S7_StartOB10",
+    "S7_StartOB20",
+    "S7_StartOB30",
+    "S7_StartOB40",
+    "S7_StartOB55",
+    "S7_StartOB80",
+    "S7_StartOB81",
+    "S7_StartOB82",
+    "S7_StartOB83",
+    "S7_StartOB84",
+    "S7_StartOB85",
+    "S7_StartOB86",
+    "S7_StartOB87",
+    "S7_StartOB90",
+    "S7_StartOB100",
+    "S7_StartOB121",
+    "S7_StartOB122",
+    "S7_StartOther",
+]
+
+
+class S7_StartOther(S7_Part):
+    """Of an OB that is not in `START_INFORMATION`."""
+
+    name = "S7 start information"
+    layout = start_information.OTHER_START
+    fields_desc = header_fields(start_information.OTHER_START)
+
+
+class S7_StartOB1(S7_Part):
+    """Start information."""
+
+    name = "S7 start information"
+    layout = start_information.START_INFORMATION[1]
+    fields_desc = header_fields(start_information.START_INFORMATION[1])
+
+
+class S7_StartOB10(S7_Part):
+    """Start information."""
+
+    name = "S7 start information"
+    layout = start_information.START_INFORMATION[10]
+    fields_desc = header_fields(start_information.START_INFORMATION[10])
+
+
+class S7_StartOB20(S7_Part):
+    """Start information."""
+
+    name = "S7 start information"
+    layout = start_information.START_INFORMATION[20]
+    fields_desc = header_fields(start_information.START_INFORMATION[20])
+
+
+class S7_StartOB30(S7_Part):
+    """Start information."""
+
+    name = "S7 start information"
+    layout = start_information.START_INFORMATION[30]
+    fields_desc = header_fields(start_information.START_INFORMATION[30])
+
+
+class S7_StartOB40(S7_Part):
+    """Start information."""
+
+    name = "S7 start information"
+    layout = start_information.START_INFORMATION[40]
+    fields_desc = header_fields(start_information.START_INFORMATION[40])
+
+
+class S7_StartOB55(S7_Part):
+    """Start information."""
+
+    name = "S7 start information"
+    layout = start_information.START_INFORMATION[55]
+    fields_desc = header_fields(start_information.START_INFORMATION[55])
+
+
+class S7_StartOB80(S7_Part):
+    """Start information."""
+
+    name = "S7 start information"
+    layout = start_information.START_INFORMATION[80]
+    fields_desc = header_fields(start_information.START_INFORMATION[80])
+
+
+class S7_StartOB81(S7_Part):
+    """Start information."""
+
+    name = "S7 start information"
+    layout = start_information.START_INFORMATION[81]
+    fields_desc = header_fields(start_information.START_INFORMATION[81])
+
+
+class S7_StartOB82(S7_Part):
+    """Start information."""
+
+    name = "S7 start information"
+    layout = start_information.START_INFORMATION[82]
+    fields_desc = header_fields(start_information.START_INFORMATION[82])
+
+
+class S7_StartOB83(S7_Part):
+    """Start information."""
+
+    name = "S7 start information"
+    layout = start_information.START_INFORMATION[83]
+    fields_desc = header_fields(start_information.START_INFORMATION[83])
+
+
+class S7_StartOB84(S7_Part):
+    """Start information."""
+
+    name = "S7 start information"
+    layout = start_information.START_INFORMATION[84]
+    fields_desc = header_fields(start_information.START_INFORMATION[84])
+
+
+class S7_StartOB85(S7_Part):
+    """Start information."""
+
+    name = "S7 start information"
+    layout = start_information.START_INFORMATION[85]
+    fields_desc = header_fields(start_information.START_INFORMATION[85])
+
+
+class S7_StartOB86(S7_Part):
+    """Start information."""
+
+    name = "S7 start information"
+    layout = start_information.START_INFORMATION[86]
+    fields_desc = header_fields(start_information.START_INFORMATION[86])
+
+
+class S7_StartOB87(S7_Part):
+    """Start information."""
+
+    name = "S7 start information"
+    layout = start_information.START_INFORMATION[87]
+    fields_desc = header_fields(start_information.START_INFORMATION[87])
+
+
+class S7_StartOB90(S7_Part):
+    """Start information."""
+
+    name = "S7 start information"
+    layout = start_information.START_INFORMATION[90]
+    fields_desc = header_fields(start_information.START_INFORMATION[90])
+
+
+class S7_StartOB100(S7_Part):
+    """Start information."""
+
+    name = "S7 start information"
+    layout = start_information.START_INFORMATION[100]
+    fields_desc = header_fields(start_information.START_INFORMATION[100])
+
+
+class S7_StartOB121(S7_Part):
+    """Start information."""
+
+    name = "S7 start information"
+    layout = start_information.START_INFORMATION[121]
+    fields_desc = header_fields(start_information.START_INFORMATION[121])
+
+
+class S7_StartOB122(S7_Part):
+    """Start information."""
+
+    name = "S7 start information"
+    layout = start_information.START_INFORMATION[122]
+    fields_desc = header_fields(start_information.START_INFORMATION[122])

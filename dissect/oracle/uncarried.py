@@ -1,0 +1,47 @@
+"""The fields that Wireshark shows in the parameters and data of S7 PDUs and that no layout of ours has, with the reason.
+
+`scripts/oracle_doc.py` writes them to docs/oracle.md from what tshark shows in the captures; a test holds the page to that.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable
+from typing import Final
+
+#: Why there is no field of ours of that name, by what the name matches as a whole; the first match counts.
+REASONS: Final = (
+    (
+        r"s7comm\.param\.userdata\.(head|length|reqres1)",
+        "old names (Wireshark up to 4.0) of the first octets of a userdata head, which are compared under the present ones",
+    ),
+)
+
+AGAIN: Final = (
+    "octets of a field that is compared, shown once more in pieces (bits, digits, the parts of an address or a time)"
+)
+
+
+def reason(name: str) -> str:
+    """Return why no layout has a field of this name, empty when nobody has said so."""
+    return next((why for pattern, why in REASONS if re.fullmatch(pattern, name)), "")
+
+
+def without_reason(other: Counter[str], again: Counter[str]) -> list[str]:
+    """Return the names whose octets are not always in a field that is compared, and that have no reason."""
+    return sorted(name for name, count in other.items() if again[name] < count and not reason(name))
+
+
+def as_markdown(other: Counter[str], again: Counter[str]) -> str:
+    """Return the names as docs/oracle.md lists them; ``other`` and ``again`` are those of `dissect.oracle.compare`."""
+    groups: dict[str, list[str]] = {}
+    for name in sorted(other):
+        why = AGAIN if again[name] == other[name] else reason(name)
+        groups.setdefault(why, []).append(name)
+    rows = [f"| {why} | {_shortened(names)} |" for why, names in sorted(groups.items())]
+    return "\n".join(["| why | fields, below `s7comm.` |", "|---|---|", *rows]) + "\n"
+
+
+def _shortened(names: Iterable[str]) -> str:
+    return ", ".join(f"`{name.removeprefix('s7comm.')}`" for name in names)

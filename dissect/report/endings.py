@@ -1,0 +1,96 @@
+"""How connections ended, for a person and for a program."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from dissect.report import words
+from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, REUSED
+from dissect.wire.clock import Clock
+
+if TYPE_CHECKING:
+    from dissect.report.places import Places
+    from dissect.s7.parameters import Parameters
+    from dissect.transactions.connection import Connection
+    from dissect.transactions.ending import Ending
+
+#: Why a connection ends without anybody closing it.
+_DROPPED: Final = {
+    REUSED: "its addresses were taken by a new connection",
+    EVICTED: "forgotten, too many connections were open",
+    REPLACED: "replaced by a new connection on the same addresses",
+}
+
+
+def phrase(connection: Connection, places: Places) -> str:
+    """Say how a connection ended, what was open then and what came before, as the end of a sentence."""
+    ending = connection.ending
+    begun = "already open at the start, " if connection.mid_stream and not connection.tcp.known_start else ""
+    if ending is None or ending.how == OPEN:
+        said = "still open at the end of the capture"
+    elif ending.how in _DROPPED:
+        said = _DROPPED[ending.how]
+    elif ending.how in {DISCONNECT, ERROR_TPDU}:
+        said = f"ended by {connection.iso_ended}"
+    else:
+        role = connection.role(ending.side)
+        said = f"{'closed' if ending.how == FIN else 'reset'} by the {role} at {places.phrase([int(ending.frame)])}"
+    return f"{begun}{said}{_before(ending, places) if ending is not None else ''}"
+
+
+def _before(ending: Ending, places: Places) -> str:
+    """Say what was open, and what came last; of a connection that was closed in order nothing of that is worth a word."""
+    if ending.connecting and ending.how != OPEN:
+        return " before the connect request was answered"
+    parts = ""
+    oldest = ending.oldest
+    if oldest is not None:
+        at = places.phrase([int(ending.oldest_frame)])
+        age = words.duration(int(ending.time_ns - ending.oldest_ns))
+        first = "" if ending.open_requests == 1 else "the first is "
+        open_then = words.count(ending.open_requests, "request")
+        parts = f" with {open_then} open: {first}{oldest.subject} ({at}), {age} old"
+    elif ending.how in {FIN, DISCONNECT, OPEN}:
+        return ""
+    if ending.last_answer is not None:
+        ago = words.duration(int(ending.time_ns - ending.last_answer_ns))
+        kind = "answer, a refusal," if ending.last_error_ns == ending.last_answer_ns else "answer"
+        parts += f"; last {kind} {ago} before"
+    return parts
+
+
+def ending_as_dict(connection: Connection, places: Places) -> dict[str, object] | None:
+    """Return the `ending` of a connection in JSON, None while it is not over."""
+    ending = connection.ending
+    if ending is None:
+        return None
+    ends = connection.tcp.ends
+    frame = int(ending.frame)
+    values: dict[str, object] = {
+        "how": ending.how,
+        "by": str(ends[ending.side]) if ending.side >= 0 else None,
+        "role": connection.role(ending.side) if ending.side >= 0 else None,
+        "frame": places.number(frame) if frame else None,
+        "time": Clock().iso(ending.time_ns),
+        "silence_ns": ending.silence_ns,
+        "connecting": ending.connecting,
+        "open_requests": ending.open_requests,
+        "oldest_request": _event(ending.oldest, ending.oldest_ns, ending),
+        "last_request": _event(ending.last_request, ending.last_request_ns, ending),
+        "last_answer": _event(ending.last_answer, ending.last_answer_ns, ending),
+        "last_error": _error(ending),
+    }
+    if places.several:
+        values["file"] = places.locate(frame)[0] if frame else None
+    return values
+
+
+def _event(asked: Parameters | None, time_ns: int, ending: Ending) -> dict[str, object] | None:
+    return {"what": asked.subject, "before_ns": int(ending.time_ns - time_ns)} if asked is not None else None
+
+
+def _error(ending: Ending) -> dict[str, object] | None:
+    told = _event(ending.last_error, ending.last_error_ns, ending)
+    if told is not None:
+        told["code"] = ending.last_error_code or None
+    return told

@@ -1,0 +1,96 @@
+"""Operations for a person, one a line, and as lines of JSON."""
+
+from __future__ import annotations
+
+import json
+from typing import Final
+
+from dissect.report import words
+from dissect.report.places import Places
+from dissect.s7.errors import ERROR_CODES
+from dissect.transactions.operation import DONE, Operation
+from dissect.wire.clock import Clock
+from dissect.wire.text import shortened
+
+OPERATION_SCHEMA: Final = "s7dissect.operation/1"
+
+_NAMES: Final = {
+    "connect": "connect",
+    "download": "download",
+    "upload": "upload",
+    "long_answer": "long answer",
+    "cyclic": "cyclic reading",
+    "messages": "messages",
+    "test_job": "test job",
+    "password": "password",
+}
+_SUBJECT: Final = 120
+
+
+def operation_line(operation: Operation, clock: Clock, places: Places) -> str:
+    """Return one operation on one line: when, how long, who asked whom, what, how much, what came of it."""
+    ends = operation.connection.tcp.ends
+    frames = places.pair(operation.first_frame, operation.last_frame)
+    what = shortened(operation.subject, _SUBJECT)
+    said = "  ".join([text for text in (what, _carried(operation), result(operation)) if text])
+    return (
+        f"{words.moment(clock.iso(operation.begin_ns))}  #{operation.number:<4} {frames:<12}"
+        f" {ends[operation.asked_by]} → {ends[1 - operation.asked_by]}"
+        f"  {words.duration(operation.duration_ns):>8}  {_NAMES[operation.kind]}  {said}"
+    )
+
+
+def _carried(operation: Operation) -> str:
+    """Return of how much an operation consisted."""
+    parts = [words.count(operation.parts, "transaction")] if operation.parts != 1 else []
+    if operation.pushes:
+        parts.append(words.count(operation.pushes, "push", "pushes") + " of them")
+    if operation.octets:
+        announced = f" of {operation.announced}" if operation.announced not in {-1, operation.octets} else ""
+        parts.append(f"{operation.octets}{announced} octets")
+    return ", ".join(parts)
+
+
+def result(operation: Operation) -> str:
+    """Return what came of an operation, and why."""
+    shout = operation.result if operation.result in {DONE, "running"} else operation.result.upper()
+    if operation.error_code:
+        return f"{shout} 0x{operation.error_code:04x} {ERROR_CODES.name(operation.error_code)}"
+    why = words.REASONS.get(operation.reason, operation.reason)
+    odd = "; ".join([shortened(oddity.detail, _SUBJECT) for oddity in operation.oddities])
+    told = ", ".join([text for text in (why, odd) if text])
+    return f"{shout} ({told})" if told else shout
+
+
+def operation_json(operation: Operation, clock: Clock, places: Places) -> str:
+    """Return one operation as a line of JSON."""
+    ends = operation.connection.tcp.ends
+    code = operation.error_code
+    told: dict[str, object] = {
+        "schema": OPERATION_SCHEMA,
+        "number": operation.number,
+        "kind": operation.kind,
+        "connection": int(operation.connection.number),
+        "asked_by": str(ends[operation.asked_by]),
+        "answered_by": str(ends[1 - operation.asked_by]),
+        "subject": operation.subject,
+        "first_frame": places.number(operation.first_frame),
+        "last_frame": places.number(operation.last_frame),
+        "begin_time": clock.iso(operation.begin_ns),
+        "duration_ns": operation.duration_ns,
+        "result": operation.result,
+        "reason": operation.reason or None,
+        "error": {"code": code, "name": ERROR_CODES.name(code), "text": ERROR_CODES.text(code)} if code else None,
+        "transaction_count": operation.parts,
+        "transactions": operation.transactions,
+        "pushes": operation.pushes,
+        "octets": operation.octets,
+        "announced": operation.announced if operation.announced >= 0 else None,
+        "oddities": [
+            {"name": odd.name, "detail": odd.detail, "frame": places.number(odd.frame)} for odd in operation.oddities
+        ],
+    }
+    if places.several:
+        told["first_file"] = places.locate(operation.first_frame)[0]
+        told["last_file"] = places.locate(operation.last_frame)[0]
+    return json.dumps(told, separators=(",", ":"), ensure_ascii=True).replace("\x7f", "\\u007f")

@@ -1,0 +1,169 @@
+"""Block functions (userdata group 3, reference section 4.6): which blocks there are, and what a block says about itself."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.s7.block_names import block_text, name_fields, type_text
+from dissect.s7.parameters import REQUEST, RESPONSE, UserdataHead
+from dissect.s7.tables import BLOCK_KINDS, BLOCK_LANGUAGES, BLOCK_SECURITY, BLOCK_TYPES
+from dissect.wire.clock import civil
+from dissect.wire.layout import COUNTS_REST, Field, Layout, latin
+from dissect.wire.octets import u16, u32
+from dissect.wire.part import Cursor, Part
+
+LIST_BLOCKS: Final = 1
+LIST_OF_TYPE: Final = 2
+BLOCK_INFO: Final = 3
+
+_SOURCE: Final = "reference section 4.6"
+_DAYS_TO_1984: Final = 5113
+_MS_PER_DAY: Final = 86_400_000
+
+
+def block_time(octets: bytes) -> str | None:
+    """Return the time in six octets, milliseconds of the day and days since 1984-01-01; None if it is none."""
+    ms = u32(octets, 0)
+    if ms >= _MS_PER_DAY:
+        return None
+    year, month, day = civil(u16(octets, 4) + _DAYS_TO_1984)
+    seconds, rest = divmod(ms, 1000)
+    return (
+        f"{year:04d}-{month:02d}-{day:02d} {seconds // 3600:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}.{rest:03d}"
+    )
+
+
+def version_text(octets: bytes) -> str | None:
+    """Return the version in one octet, for example ``0.1``."""
+    return f"{octets[0] >> 4}.{octets[0] & 15}"
+
+
+_TYPE: Final = Field("block_type", 2, "Two digits as text.", "s7comm.blockinfo.blocktype", means=type_text)
+
+#: An entry of the answer to list blocks.
+BLOCK_COUNT: Final = Layout(
+    "blocks of a type",
+    _SOURCE,
+    [_TYPE, Field("block_count", 2, "Blocks of this type.", "s7comm.blockinfo.block_count", decimal=True)],
+)
+#: What a request to list the blocks of a type names.
+TYPE_WANTED: Final = Layout("block type", _SOURCE, [_TYPE])
+#: An entry of the answer to list blocks of a type.
+LISTED_BLOCK: Final = Layout(
+    "block",
+    _SOURCE,
+    [
+        Field("block_number", 2, "Number of the block.", "s7comm.blockinfo.block_num", decimal=True),
+        Field("flags", 1, "Unknown.", "s7comm.blockinfo.flags"),
+        Field("language", 1, "What it was written in.", "s7comm.blockinfo.block_lang", BLOCK_LANGUAGES),
+    ],
+)
+#: What a request of block info names.
+BLOCK_WANTED: Final = Layout(
+    "block name",
+    _SOURCE,
+    name_fields("s7comm.blockinfo.blocktype", "s7comm.data.blockinfo.block_number", "s7comm.data.blockinfo.filesys"),
+)
+
+
+def header_fields(named: bool) -> list[Field]:
+    """Return the fields of the 36 octets that a block begins with; ``named`` with Wireshark's names, where it knows them."""
+
+    def name(text: str) -> str:
+        return text if named else ""
+
+    flags = "s7comm.param.userdata.blockinfo."
+    return [
+        Field("mark", 2, "pp.", name("s7comm.blockinfo.res_const3"), means=latin),
+        Field("unknown_mark", 1, "1 in captures.", name("s7comm.blockinfo.res_unknown")),
+        Field("flags_rest", 1, "Unknown.", bits=(0xF0, 4)),
+        Field("non_retain", 1, "1: loses its values.", name(flags + "nonretain"), bits=(0x08, 3), shares=True),
+        Field("flags_middle", 1, "Unknown.", bits=(0x04, 2), shares=True),
+        Field("standard", 1, "1: standard block.", name(flags + "standard_block"), bits=(0x02, 1), shares=True),
+        Field("linked", 1, "1: linked in.", name(flags + "linked"), bits=(0x01, 0), shares=True),
+        Field("language", 1, "What it was written in.", name("s7comm.blockinfo.block_lang"), BLOCK_LANGUAGES),
+        Field("block_kind", 1, "Type of the block.", name("s7comm.blockinfo.subblk_type"), BLOCK_KINDS),
+        Field("block_number", 2, "Number of the block.", name("s7comm.blockinfo.block_num"), decimal=True),
+        Field("load_length", 4, "Octets in load memory.", name("s7comm.blockinfo.load_mem_len"), decimal=True),
+        Field("security", 4, "Protection.", name("s7comm.blockinfo.blocksecurity"), BLOCK_SECURITY),
+        Field("code_time", 6, "Last change of the code.", name("s7comm.blockinfo.code_timestamp"), means=block_time),
+        Field(
+            "interface_time",
+            6,
+            "Last change of the interface.",
+            name("s7comm.blockinfo.interface_timestamp"),
+            means=block_time,
+        ),
+        Field("ssb_length", 2, "Octets of the SSB.", name("s7comm.blockinfo.ssb_len"), decimal=True),
+        Field("add_length", 2, "Octets of the ADD.", name("s7comm.blockinfo.add_len"), decimal=True),
+        Field("local_length", 2, "Octets of local data.", name("s7comm.blockinfo.localdata_len"), decimal=True),
+        Field("mc7_length", 2, "Octets of MC7 code.", name("s7comm.blockinfo.mc7_len"), decimal=True),
+    ]
+
+
+#: The answer to block info.
+INFO: Final = Layout(
+    "block info",
+    _SOURCE,
+    [
+        Field("constant", 2, "0x0100 in captures.", "s7comm.blockinfo.blocktype"),
+        Field("info_length", 2, "Octets that follow.", "s7comm.blockinfo.res_infolength", counts=COUNTS_REST),
+        Field("unknown_info", 2, "0x2200 in captures.", "s7comm.blockinfo.res_unknown2"),
+        *header_fields(True),
+        Field("author", 8, "Who wrote it.", "s7comm.blockinfo.author", means=latin),
+        Field("family", 8, "Family of the block.", "s7comm.blockinfo.family", means=latin),
+        Field("name", 8, "Name of the block.", "s7comm.blockinfo.headername", means=latin),
+        Field("version", 1, "Major and minor, a nibble each.", "s7comm.blockinfo.headerversion", means=version_text),
+        Field("unknown_version", 1, "0 in captures.", "s7comm.blockinfo.res_unknown"),
+        Field("checksum", 2, "Checksum of the block.", "s7comm.blockinfo.checksum"),
+        Field("reserved_1", 4, "0.", "s7comm.blockinfo.reserved1"),
+        Field("reserved_2", 4, "0.", "s7comm.blockinfo.reserved2"),
+    ],
+)
+
+#: The header of a block where it is transferred; Wireshark does not look into blocks.
+HEADER: Final = Layout("block header", _SOURCE, header_fields(False))
+
+
+def parse_list(cursor: Cursor, head: UserdataHead) -> None:
+    """Cut the answer to list blocks: how many there are of each type."""
+    while head.type == RESPONSE and cursor.left:
+        part = cursor.take(BLOCK_COUNT)
+        if part is not None:
+            part.note = f"{part.number('block_count')} {part.text('block_type')}"
+
+
+def parse_list_of_type(cursor: Cursor, head: UserdataHead) -> None:
+    """Cut the request or the answer of list blocks of a type; an answer in parts is cut between its entries."""
+    if head.type == REQUEST:
+        wanted = cursor.take(TYPE_WANTED)
+        if wanted is not None:
+            wanted.note = wanted.text("block_type")
+    while head.type == RESPONSE and cursor.left:
+        part = cursor.take(LISTED_BLOCK)
+        if part is not None:
+            part.note = f"{part.number('block_number')}, {BLOCK_LANGUAGES.name(part.number('language'))}"
+
+
+def parse_info(cursor: Cursor, head: UserdataHead) -> None:
+    """Cut the request or the answer of block info."""
+    if head.type == REQUEST:
+        wanted = cursor.take(BLOCK_WANTED)
+        if wanted is not None:
+            wanted.note = f"block {block_text(cursor.octets[wanted.offset : wanted.end])}"
+    elif head.type == RESPONSE:
+        info = cursor.take(INFO)
+        if info is not None:
+            info.note = f"block {header_text(info)}"
+
+
+def header_text(part: Part) -> str:
+    """Return the block of a part with the `header_fields`, for example ``DB 1``."""
+    return f"{BLOCK_KINDS.name(part.number('block_kind'))} {part.number('block_number')}"
+
+
+def is_header(octets: bytes) -> bool:
+    """Tell whether a block begins here: the mark, a known type and lengths that do not contradict each other."""
+    if len(octets) < HEADER.size or octets[:2] != b"pp" or f"{octets[5]:02X}" not in BLOCK_TYPES:
+        return False
+    return u32(octets, 8) >= HEADER.size + u16(octets, 34)

@@ -1,0 +1,78 @@
+"""Diagnostic messages: the entry of the diagnostic buffer, which is read as an SZL and pushed as a message.
+
+Reference section 4.5 (list 0x00a0) and 4.9 (userdata group 4, subfunction 3).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.s7.diagnostic_tables import EVENT_CLASSES, event_name
+from dissect.s7.parameters import PUSH, UserdataHead
+from dissect.s7.values import date_and_time
+from dissect.wire.codes import CodeTable
+from dissect.wire.layout import Field, Layout
+from dissect.wire.part import Cursor, Part
+
+DIAGNOSTIC_MESSAGE: Final = 3
+
+#: Whether an event came or went.
+DIRECTIONS: Final = CodeTable("direction of an event", 1, [(0, "going", ""), (1, "coming", "")])
+
+_EVENT: Final = "s7comm.cpu.diag_msg.eventid"
+
+#: An entry of the diagnostic buffer.
+DIAGNOSTIC_EVENT: Final = Layout(
+    "diagnostic event",
+    "reference section 4.5",
+    [
+        Field("event_class", 2, "Event class.", f"{_EVENT}.class", EVENT_CLASSES, (0xF000, 12)),
+        Field("external_error", 2, "External error.", f"{_EVENT}.ident.exterr", None, (0x0800, 11), True),
+        Field("internal_error", 2, "Internal error.", f"{_EVENT}.ident.interr", None, (0x0400, 10), True),
+        Field(
+            "in_buffer", 2, "Entered into the diagnostic buffer.", f"{_EVENT}.ident.diagbuf", None, (0x0200, 9), True
+        ),
+        Field("coming", 2, "Coming or going.", f"{_EVENT}.ident.entleave", DIRECTIONS, (0x0100, 8), True),
+        Field("event_number", 2, "Number within the class.", f"{_EVENT}.nr", None, (0x00FF, 0), True),
+        Field("priority_class", 1, "Priority class.", "s7comm.cpu.diag_msg.prioclass", decimal=True),
+        Field("ob", 1, "OB number.", "s7comm.cpu.diag_msg.obnumber", decimal=True),
+        Field("data_id", 2, "DatID: what the information is.", "s7comm.cpu.diag_msg.datid"),
+        Field("info1", 2, "Additional information 1.", "s7comm.cpu.diag_msg.info1"),
+        Field("info2", 4, "Additional information 2.", "s7comm.cpu.diag_msg.info2"),
+        Field("time", 8, "Time stamp, DATE_AND_TIME in BCD.", "s7comm.data.ts", means=date_and_time),
+    ],
+)
+
+
+def event_id(part: Part) -> int:
+    """Return the event id of a `DIAGNOSTIC_EVENT`, -1 when the part was cut before it."""
+    if part.number("event_number") < 0:
+        return -1
+    return (
+        part.number("event_class") << 12
+        | part.number("external_error") << 11
+        | part.number("internal_error") << 10
+        | part.number("in_buffer") << 9
+        | part.number("coming") << 8
+        | part.number("event_number")
+    )
+
+
+def event_note(part: Part) -> str:
+    """Return what an entry of the diagnostic buffer says, for example ``0x4302 STARTUP to RUN, DT#2023-…``."""
+    number = event_id(part)
+    if number < 0:
+        return ""
+    time = part.text("time")
+    told = f"0x{number:04x} {event_name(number)}"
+    return f"{told}, {time}" if time else told
+
+
+def parse_diagnostic_message(cursor: Cursor, head: UserdataHead) -> None:
+    """Cut the payload of a diagnostic message: one entry of the diagnostic buffer, pushed."""
+    if head.type != PUSH:
+        cursor.rest()  # nobody has seen one asked for
+        return
+    part = cursor.take(DIAGNOSTIC_EVENT)
+    if part is not None:
+        part.note = event_note(part)

@@ -1,0 +1,102 @@
+"""NC programming and data record routing (userdata groups 0x3f and 0x20, reference section 4.4).
+
+The reference has their names only. The fields of NC files are those Wireshark knows (newer versions than 4.0, which reads the
+group as other ones); no capture of them was at hand. Of data record routing nobody published more than its names, so its
+payload stays octets.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.s7.block_names import number_text, printable
+from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, UserdataHead
+from dissect.wire.layout import REST, Field, Layout, latin
+from dissect.wire.part import Cursor
+
+REQUEST_DOWNLOAD: Final = 1
+DOWNLOAD_BLOCK: Final = 2
+CONTINUE_DOWNLOAD: Final = 3
+DOWNLOAD_ENDED: Final = 4
+START_UPLOAD: Final = 6
+UPLOAD: Final = 7
+CONTINUE_UPLOAD: Final = 8
+#: Every subfunction of data record routing.
+ROUTING: Final = (1, 2, 3)
+
+_SOURCE: Final = "reference section 4.4"
+_WINDOW: Final = [
+    Field("unacknowledged", 1, "PDUs sent without an acknowledgement.", "s7comm.data.ncprg.unackcount", decimal=True),
+    Field("unknown", 1, "Unknown.", "s7comm.data.blockcontrol.unknown1"),
+]
+_PATH: Final = Field("file_name", REST, "Name or path.", "s7comm.param.blockcontrol.filename", means=latin)
+
+NC_FILE: Final = Layout("NC file", _SOURCE, [_PATH])
+NC_UPLOAD: Final = Layout("NC upload", _SOURCE, [*_WINDOW, _PATH])
+#: How many PDUs may be or were sent without an acknowledgement.
+NC_WINDOW: Final = Layout("NC window", _SOURCE, [*_WINDOW])
+#: Before a piece of a file, and alone where nothing else is known.
+NC_PIECE: Final = Layout("NC piece", _SOURCE, [Field("unknown", 2, "Unknown.", "s7comm.data.blockcontrol.unknown1")])
+#: A file begins with it.
+NC_HEADER: Final = Layout(
+    "NC file header",
+    _SOURCE,
+    [
+        Field(
+            "file_length", 8, "Octets as text; blank for a folder.", "s7comm.data.ncprg.filelength", means=number_text
+        ),
+        Field("file_time", 16, "Time as text.", "s7comm.data.ncprg.filetime", means=latin),
+    ],
+)
+NC_PATH: Final = Layout(
+    "NC path", _SOURCE, [Field("path", REST, "Up to a line feed.", "s7comm.data.ncprg.filepath", means=latin)]
+)
+NC_DATA: Final = Layout("NC file data", _SOURCE, [Field("file_data", REST, "The file.", "s7comm.data.ncprg.filedata")])
+
+_PIECES: Final = frozenset((DOWNLOAD_BLOCK, START_UPLOAD, UPLOAD))
+_LINE_FEED: Final = b"\n"
+#: Characters of a length as text.
+_DIGITS: Final = frozenset(b" 0123456789")
+
+
+def parse_nc(cursor: Cursor, head: UserdataHead) -> None:
+    """Cut the payload of an NC programming function."""
+    function = head.subfunction
+    if head.type == REQUEST and function == REQUEST_DOWNLOAD:
+        cursor.take(NC_FILE, note=printable(cursor.octets[cursor.at : cursor.end]))
+    elif head.type == REQUEST and function == START_UPLOAD:
+        part = cursor.take(NC_UPLOAD)
+        if part is not None:
+            part.note = part.text("file_name")
+    elif (head.type == RESPONSE and function == REQUEST_DOWNLOAD) or (
+        head.type == PUSH and function in {CONTINUE_DOWNLOAD, CONTINUE_UPLOAD}
+    ):
+        window = cursor.take(NC_WINDOW)
+        if window is not None:
+            window.note = f"{window.number('unacknowledged')} without an acknowledgement"
+    elif cursor.left >= NC_PIECE.size:
+        cursor.take(NC_PIECE)
+        if function in _PIECES and head.type != REQUEST:
+            _take_piece(cursor)
+    cursor.rest("not known")  # of everything else nobody described more than that
+
+
+def _take_piece(cursor: Cursor) -> None:
+    start = cursor.octets[cursor.at : cursor.end]
+    if len(start) < NC_HEADER.size or not _DIGITS.issuperset(start[:8]) or not start[: NC_HEADER.size].isascii():
+        if start:
+            cursor.take(NC_DATA, note="continuation")  # a piece that does not begin a file
+        return
+    header = cursor.take(NC_HEADER)
+    if header is not None:
+        header.note = f"{header.text('file_length').strip() or 'no'} octets"
+    path = cursor.octets.find(_LINE_FEED, cursor.at, cursor.end)
+    if path >= 0:
+        cursor.take(NC_PATH, path + 1 - cursor.at, printable(cursor.octets[cursor.at : path]).rstrip("\r"))
+    if cursor.left:
+        cursor.take(NC_DATA)
+
+
+def parse_routing(cursor: Cursor, head: UserdataHead) -> None:
+    """Cut the payload of a data record routing function, whose structure nobody described."""
+    cursor.rest(head.subfunction_name)

@@ -1,0 +1,57 @@
+"""Security (userdata group 5, reference section 4.11): the password of a session.
+
+The encoding hides nothing: whoever has the octets has the password. So nothing here reads it out; who needs it asks
+`password_text`.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.s7.parameters import REQUEST, UserdataHead
+from dissect.wire.layout import REST, Field, Layout
+from dissect.wire.part import Cursor
+
+PASSWORD: Final = 1
+CLEAR_PASSWORD: Final = 2
+PASSWORD_SIZE: Final = 8
+_KEY: Final = 0x55
+
+_FIELD_TEXT: Final = "Password, encoded; not shown as text."
+ENCODED_PASSWORD: Final = Layout(
+    "password", "reference section 4.11", [Field("password", REST, _FIELD_TEXT, "s7comm.data.userdata")]
+)
+
+
+def decode_password(encoded: bytes) -> bytes:
+    """Return the octets of a password (each was combined with 0x55 and with the encoded octet two before)."""
+    return bytes(
+        octet ^ _KEY ^ (encoded[at - 2] if at >= 2 else 0)  # the first two have nothing two before
+        for at, octet in enumerate(encoded)
+    )
+
+
+def encode_password(password: bytes) -> bytes:
+    """Return a password of up to eight octets as it goes over the wire, filled up with blanks.
+
+    Raises ValueError for a longer one.
+    """
+    if len(password) > PASSWORD_SIZE:
+        message = f"a password has up to {PASSWORD_SIZE} octets, this one has {len(password)}: give a shorter one"
+        raise ValueError(message)
+    encoded = bytearray()
+    for at, octet in enumerate(password.ljust(PASSWORD_SIZE)):
+        encoded.append(octet ^ _KEY ^ (encoded[at - 2] if at >= 2 else 0))
+    return bytes(encoded)
+
+
+def password_text(encoded: bytes) -> str:
+    """Return the password in the octets of a request, without the blanks behind it. For those who ask, nobody else."""
+    return decode_password(encoded).decode("latin-1").rstrip(" ")
+
+
+def parse_password(cursor: Cursor, head: UserdataHead) -> None:
+    """Cut the password of a request; answers carry nothing."""
+    if head.type == REQUEST:
+        size = cursor.left
+        cursor.take(ENCODED_PASSWORD, PASSWORD_SIZE, f"password ({min(size, PASSWORD_SIZE)} octets, not shown)")

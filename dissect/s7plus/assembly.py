@@ -1,0 +1,54 @@
+"""From TSDUs to S7comm-plus PDUs.
+
+A PDU that is too long for one frame goes on in the following frames of its direction, each in a TSDU of its own with the
+header ``72 version length``; only the last has the trailer ``72 version 00 00`` behind its data, and nothing else tells the
+first from the others. The octets of a joined PDU are those frames one behind the other, which is what `parse_plus` reads.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
+from dissect.wire.octets import u16
+
+#: Octets of a PDU in several frames that are kept; what comes after them is counted only.
+MAX_PDU: Final = 65536
+_HEADER: Final = 4
+
+
+class PlusAssembler:
+    """Joins the frames of one direction. ``parts`` is None between PDUs; ``left_out`` counts octets past `MAX_PDU`."""
+
+    __slots__ = ("left_out", "parts")
+
+    def __init__(self) -> None:
+        self.parts: bytearray | None = None
+        self.left_out: i64 = 0  # of the PDU at hand
+
+    def push(self, tsdu: bytes) -> bytes | None:
+        """Take a TSDU that begins with 0x72; return the PDU when it is whole, else None."""
+        size: i64 = len(tsdu)
+        if size < _HEADER or tsdu[1] == SYSTEM_EVENT or tsdu[1] == KEEP_ALIVE:
+            return tsdu  # stands for itself, also between the frames of another PDU
+        ends: bool = _HEADER + u16(tsdu, 2) != size  # a trailer follows, or it is damaged
+        parts = self.parts
+        if parts is None:
+            self.left_out = 0
+            if ends:
+                return tsdu
+            self.parts = bytearray(tsdu)
+            return None
+        if self.left_out or len(parts) + size > MAX_PDU:
+            self.left_out += size
+        else:
+            parts += tsdu
+        return self.finish() if ends else None
+
+    def finish(self) -> bytes:
+        """Return what there is of an unfinished PDU, empty for none; the next frame begins another."""
+        parts = self.parts
+        self.parts = None
+        return bytes(parts) if parts is not None else b""

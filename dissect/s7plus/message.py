@@ -1,0 +1,321 @@
+"""An S7comm-plus PDU: frames, integrity part, opcode, function, sequence number, session (docs/s7plus.md)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.s7plus import layouts
+from dissect.s7plus.tables import (
+    FUNCTIONS,
+    KEEP_ALIVE,
+    NO_RESPONSE,
+    NOTIFICATION,
+    OPCODES,
+    PROTOCOL_ID,
+    REQUEST,
+    RESPONSE,
+    RESPONSE2,
+    SYSTEM_EVENT,
+    V1,
+    V3,
+    VERSIONS,
+)
+from dissect.wire.layout import Layout
+from dissect.wire.malformed import Malformed
+from dissect.wire.octets import u16, u32
+
+_HEADER: Final = 4
+#: Size of the digest in the integrity part of V3.
+DIGEST_SIZE: Final = 32
+_LAYER: Final = "s7plus"
+
+
+class PlusPdu:
+    """One S7comm-plus PDU.
+
+    ``octets`` are its frames one behind the other, headers and trailer included; ``data`` what they carry, integrity parts
+    left out, from the opcode on; ``body`` what follows the fixed part of ``data``. Numbers that the PDU does not have are -1.
+    ``whole`` tells whether the trailer was seen; ``integrity`` is the digest of the first frame, empty before V3.
+    """
+
+    __slots__ = (
+        "body",
+        "connection",
+        "credit_tick",
+        "cut",
+        "data",
+        "data_offset",
+        "frame",
+        "frames",
+        "function",
+        "integrity",
+        "malformed",
+        "message",
+        "number",
+        "octets",
+        "opcode",
+        "return_value",
+        "sequence",
+        "session_id",
+        "side",
+        "subscription_id",
+        "time_ns",
+        "transport_flags",
+        "version",
+        "whole",
+    )
+
+    def __init__(self, octets: bytes, frame: int, time_ns: int, connection: int, side: int) -> None:
+        self.octets = octets
+        self.frame = frame
+        self.time_ns = time_ns
+        self.connection = connection
+        self.side = side
+        self.cut = False
+        self.version = -1
+        self.frames = 0
+        self.whole = False
+        self.integrity = b""
+        self.data = b""
+        self.data_offset = 0  # of the first octet of ``data`` within ``octets``
+        self.body = b""
+        self.opcode = -1
+        self.function = -1
+        self.sequence = -1  # echoed by the response; notifications count their own
+        self.session_id = -1
+        self.transport_flags = -1
+        self.return_value = -1
+        self.subscription_id = -1
+        self.credit_tick = -1
+        self.number = -1  # of a keep-alive; octets that a system event confirms
+        self.message = b""  # text of a system event
+        self.malformed: list[Malformed] = []
+
+    @property
+    def kind(self) -> str:
+        """``Request``, ``Response``, ``Notification``, ``system event``, ``keep-alive``, or the number of the opcode."""
+        if self.version in (SYSTEM_EVENT, KEEP_ALIVE):
+            return VERSIONS.name(self.version)
+        return OPCODES.name(self.opcode) if self.opcode >= 0 else "?"
+
+    @property
+    def function_name(self) -> str:
+        """Name of the function, empty when there is none."""
+        return FUNCTIONS.name(self.function) if self.function >= 0 else ""
+
+    @property
+    def return_code(self) -> int:
+        """The lower 16 bits of the return value, -1 when there is none."""
+        return self.return_value & 0xFFFF if self.return_value >= 0 else -1
+
+    @property
+    def wants_response(self) -> bool:
+        """False for a request that asks for no answer."""
+        return self.opcode == REQUEST and not (self.transport_flags >= 0 and self.transport_flags & NO_RESPONSE)
+
+    @property
+    def readable(self) -> bool:
+        """True when opcode and sequence number are there, so that the PDU can be paired."""
+        return self.opcode in (REQUEST, RESPONSE, RESPONSE2) and self.sequence >= 0
+
+    def tell(self, reason: str, field: str, offset: int, needed: int, available: int) -> None:
+        """Add a fault to ``malformed``."""
+        limit = "snaplen" if self.cut else "tsdu"
+        self.malformed.append(Malformed(_LAYER, reason, field, offset, needed, available, limit))
+
+
+def parse_plus(
+    octets: bytes, frame: int = 0, time_ns: int = 0, connection: int = 0, side: int = 0, cut: bool = False
+) -> PlusPdu:
+    """Read one S7comm-plus PDU, whose frames stand one behind the other. Never raises.
+
+    ``cut`` says that octets of it are missing at the end, so that a missing trailer is no fault of its sender.
+    """
+    pdu = PlusPdu(octets, frame, time_ns, connection, side)
+    pdu.cut = cut
+    size = len(octets)
+    if size >= 2:
+        pdu.version = octets[1]
+    if size < _HEADER:
+        pdu.tell("too_short", "header", 0, _HEADER, size)
+        return pdu
+    pdu.frames = 1
+    if pdu.version == KEEP_ALIVE:
+        pdu.number = octets[2]
+        pdu.whole = True
+        if size > _HEADER:
+            pdu.tell("trailing_octets", "keep-alive", _HEADER, _HEADER, size)
+    elif pdu.version == SYSTEM_EVENT:
+        _read_event(pdu, octets)
+    else:
+        if pdu.version not in VERSIONS:
+            pdu.tell("unknown_type", "version", 1, 0, pdu.version)
+        _read_frames(pdu, octets)
+        _read_head(pdu)
+        if not pdu.whole and not cut and not pdu.malformed:
+            pdu.tell("too_short", "trailer", size, size + _HEADER, size)
+    return pdu
+
+
+def _read_event(pdu: PlusPdu, octets: bytes) -> None:
+    length = u16(octets, 2)
+    end = _HEADER + length
+    pdu.whole = end <= len(octets)
+    if not pdu.whole:
+        pdu.tell("length_beyond", "length", 2, end, len(octets))
+    elif end < len(octets) and octets[end:] != _trailer(SYSTEM_EVENT):
+        pdu.tell("trailing_octets", "system event", end, end, len(octets))
+    pdu.data_offset = _HEADER
+    pdu.data = octets[_HEADER:end]
+    fixed = layouts.EVENT.size
+    if len(pdu.data) >= 8:
+        pdu.number = u32(pdu.data, 4)
+    if len(pdu.data) < fixed:
+        if pdu.whole:
+            pdu.tell("too_short", "system event", _HEADER, fixed, len(pdu.data))
+        return
+    pdu.message = pdu.data[fixed:]
+
+
+def _read_frames(pdu: PlusPdu, octets: bytes) -> None:
+    """Take the frames apart: what they carry goes to ``data``; the trailer ends the PDU."""
+    size = len(octets)
+    parts: list[bytes] = []
+    at = 0
+    count = 0
+    while at + _HEADER <= size and octets[at] == PROTOCOL_ID and octets[at + 1] == pdu.version:
+        length = u16(octets, at + 2)
+        start = at + _HEADER
+        end = start + length
+        if length == 0 and count:
+            pdu.whole = True
+            at = end
+            break
+        if end > size:
+            pdu.tell("length_beyond", "length", at + 2, end, size)
+            end = size
+        start = _read_integrity(pdu, octets, start, end, count == 0)
+        if count == 0:
+            pdu.data_offset = start
+        parts.append(octets[start:end])
+        count += 1
+        at = end
+    pdu.frames = count
+    pdu.data = parts[0] if count == 1 else b"".join(parts)
+    if at < size and not (pdu.cut and at + _HEADER > size):
+        pdu.tell("trailing_octets", "pdu", at, at, size)
+
+
+def _read_integrity(pdu: PlusPdu, octets: bytes, start: int, end: int, first: bool) -> int:
+    """Return where the data of a frame begins: in V3 behind a digest, which is kept for the first frame."""
+    if pdu.version != V3 or start >= end:
+        return start
+    size = octets[start]
+    behind = start + 1 + size
+    if size != DIGEST_SIZE:
+        pdu.tell("bad_value", "digest_length", start, DIGEST_SIZE, size)
+    if behind > end:
+        pdu.tell("length_beyond", "digest", start, behind, end)
+        behind = end
+    if first:
+        pdu.integrity = octets[start + 1 : behind]
+    return behind
+
+
+def _read_head(pdu: PlusPdu) -> None:
+    data = pdu.data
+    size = len(data)
+    if size == 0:
+        if not pdu.malformed:
+            pdu.tell("too_short", "opcode", pdu.data_offset, 1, 0)
+        return
+    pdu.opcode = data[0]
+    if pdu.opcode == NOTIFICATION:
+        _read_notification(pdu, data)
+        return
+    if pdu.opcode not in OPCODES:
+        pdu.tell("unknown_type", "opcode", pdu.data_offset, 0, pdu.opcode)
+        pdu.body = data[1:]
+        return
+    layout = layouts.REQUEST if pdu.opcode == REQUEST else layouts.RESPONSE
+    if size >= 5:
+        pdu.function = u16(data, 3)
+    if size >= 9:
+        pdu.sequence = u16(data, 7)
+    if size < layout.size:
+        pdu.tell("too_short", layout.name, pdu.data_offset, layout.size, size)
+        return
+    pdu.transport_flags = data[layout.size - 1]
+    pdu.body = data[layout.size :]
+    if pdu.opcode == REQUEST:
+        pdu.session_id = u32(data, 9)
+    elif pdu.function in FUNCTIONS:
+        pdu.return_value = read_vlq64(pdu.body)[0]
+
+
+def _read_notification(pdu: PlusPdu, data: bytes) -> None:
+    size = len(data)
+    if pdu.version == V1:
+        pdu.body = data[1:]  # another form, which only old S7-1200 speak
+        return
+    if size >= 5:
+        pdu.subscription_id = u32(data, 1)
+    fixed = layouts.NOTIFICATION.size
+    if size < fixed:
+        pdu.tell("too_short", "notification", pdu.data_offset, fixed, size)
+        return
+    pdu.credit_tick = data[fixed - 1]
+    pdu.body = data[fixed:]
+    pdu.sequence = read_vlq32(pdu.body)[0]
+
+
+def fixed_part(pdu: PlusPdu) -> Layout | None:
+    """Return the layout of the fixed part that begins ``data``, None when there is none or its kind is unknown."""
+    if pdu.version == SYSTEM_EVENT:
+        return layouts.EVENT
+    if pdu.opcode == NOTIFICATION:
+        return None if pdu.version == V1 else layouts.NOTIFICATION
+    if pdu.opcode == REQUEST:
+        return layouts.REQUEST
+    return layouts.RESPONSE if pdu.opcode in OPCODES else None
+
+
+def read_vlq32(octets: bytes) -> tuple[int, int]:
+    """Read a number of variable size from the front: seven bits an octet, the highest first, bit 7 says that more follow.
+
+    Returns (number, octets it takes), (-1, 0) when it does not end within its five octets.
+    """
+    value = 0
+    for index in range(min(5, len(octets))):
+        value = value << 7 | octets[index] & 0x7F
+        if octets[index] < 0x80:
+            return value & 0xFFFFFFFF, index + 1
+    return -1, 0
+
+
+def read_vlq64(octets: bytes) -> tuple[int, int]:
+    """Read such a number of up to 64 bits: the ninth octet holds eight of them. Returns as `read_vlq32` does."""
+    value = 0
+    for index in range(min(8, len(octets))):
+        value = value << 7 | octets[index] & 0x7F
+        if octets[index] < 0x80:
+            return value, index + 1
+    if len(octets) < 9:
+        return -1, 0
+    return value << 8 | octets[8], 9
+
+
+def is_beginning(pdu: PlusPdu) -> bool:
+    """Tell whether a PDU begins where its octets begin: nothing but its opcode tells it from the rest of another one."""
+    if pdu.opcode == NOTIFICATION:
+        return pdu.version == V1 or pdu.credit_tick >= 0
+    if not pdu.readable:
+        return False
+    reserved: i64 = u16(pdu.data, 1) | u16(pdu.data, 5)
+    return reserved == 0 or pdu.function in FUNCTIONS
+
+
+def _trailer(version: int) -> bytes:
+    return bytes((PROTOCOL_ID, version, 0, 0))

@@ -1,0 +1,90 @@
+"""The function of an S7comm-plus PDU in the form that pairing works with."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.s7.parameters import Parameters
+from dissect.s7plus.tables import FUNCTIONS, INIT_SSL, NOTIFICATION, OPCODES
+
+#: What stands in `Parameters.rosctr` and `Transaction.rosctr` for S7comm-plus, which has none; never shown.
+PLUS: Final = 0x72
+
+#: Added to a function code, so that it never equals one of S7comm.
+_FUNCTION: Final = 0x20000
+#: Stands in `Parameters.function` for a notification, which has no function.
+_NOTIFICATION: Final = 0x30000
+#: All functions without a name share one row of statistics: there may be sixty thousand of them.
+_UNKNOWN: Final = 0x30001
+
+
+def is_plus_key(key: int) -> bool:
+    """Tell whether a row of statistics is one of S7comm-plus."""
+    return key >= _FUNCTION
+
+
+def names_function(key: int) -> bool:
+    """Tell whether such a row is that of one function, whose code is in its lower 16 bits."""
+    return key < _NOTIFICATION
+
+
+#: What people call the protocol, in front of its functions.
+TITLE: Final = "S7comm-plus"
+
+
+class PlusParameters(Parameters):
+    """What S7comm-plus PDUs of one function have in common. ``code`` is the function on the wire, -1 for a notification."""
+
+    __slots__ = ("code",)
+
+    def __init__(self, code: i64) -> None:
+        super().__init__(b"", PLUS)
+        self.code: i64 = code
+        self.function = _FUNCTION | code if code >= 0 else _NOTIFICATION
+
+    @property
+    def function_name(self) -> str:
+        """Name of the function with the protocol before it."""
+        return f"{TITLE} {self.code_name or OPCODES.name(NOTIFICATION).lower()}"
+
+    @property
+    def code_name(self) -> str:
+        """Name of the function alone, empty for a notification."""
+        return FUNCTIONS.name(self.code) if self.code >= 0 else ""
+
+    @property
+    def statistics_key(self) -> int:
+        """Number of the row of statistics that this function counts in."""
+        known: bool = self.code < 0 or self.code in FUNCTIONS
+        return self.function if known else _UNKNOWN
+
+    @property
+    def statistics_name(self) -> str:
+        """Name of that row."""
+        return self.function_name if self.code < 0 or self.code in FUNCTIONS else f"{TITLE} unknown function"
+
+    @property
+    def starts_tls(self) -> bool:
+        """True for the function after which TLS follows."""
+        return self.code == INIT_SSL
+
+
+class PlusParameterCache:
+    """One object for each function; bounded: when it is full it starts anew."""
+
+    CAPACITY: Final = 4096
+
+    def __init__(self) -> None:
+        self._by_code: dict[int, PlusParameters] = {}
+
+    def get(self, code: i64) -> PlusParameters:
+        """Return the object for a function code, -1 for notifications."""
+        found = self._by_code.get(code)
+        if found is None:
+            if len(self._by_code) >= self.CAPACITY:
+                self._by_code.clear()
+            found = PlusParameters(code)
+            self._by_code[code] = found
+        return found

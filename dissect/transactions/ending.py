@@ -1,0 +1,128 @@
+"""How a connection ended: who ended it and how, what was open then, and what came before. Facts only."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from mypy_extensions import i64
+
+if TYPE_CHECKING:
+    from dissect.s7.parameters import Parameters
+    from dissect.transactions.connection import Connection
+    from dissect.transactions.transaction import Transaction
+
+# How a connection ends (`Ending.how`).
+FIN: Final = "fin"
+RESET: Final = "reset"
+DISCONNECT: Final = "disconnect"
+ERROR_TPDU: Final = "error_tpdu"
+REUSED: Final = "reused"
+REPLACED: Final = "replaced"
+EVICTED: Final = "evicted"
+OPEN: Final = "open"
+
+
+#: What a side does that ends a connection so.
+_DEEDS: Final[dict[str, str]] = {
+    FIN: "closed the connection",
+    RESET: "reset the connection",
+    DISCONNECT: "ended the connection (COTP DR)",
+    ERROR_TPDU: "ended the connection (COTP ER)",
+}
+
+
+class Ending:
+    """The end of a connection, or of the capture while it was open.
+
+    ``how`` is one of the words above, ``side`` the side that ended it (-1: neither), ``frame`` the packet that shows it (0
+    for none) and ``time_ns`` when that was. ``open_requests`` were without answer; ``oldest`` is what the one asked first
+    wants, with its packet and time. The last request, answer and refusal before the end are told as what was asked and when
+    (None and 0 for none); ``last_error_code`` is the code of the whole answer, 0 when only an item was refused.
+    ``connecting`` tells that the connect request was still without answer of any kind.
+    """
+
+    __slots__ = (
+        "connecting",
+        "frame",
+        "how",
+        "last_answer",
+        "last_answer_ns",
+        "last_error",
+        "last_error_code",
+        "last_error_ns",
+        "last_request",
+        "last_request_ns",
+        "oldest",
+        "oldest_frame",
+        "oldest_ns",
+        "open_requests",
+        "side",
+        "time_ns",
+    )
+
+    def __init__(self, connection: Connection, frame: i64, now_ns: i64) -> None:
+        tcp = connection.tcp
+        self.how: str = tcp.ended or OPEN
+        self.side: i64 = tcp.ended_by
+        self.frame: i64 = tcp.ended_frame
+        self.time_ns: i64 = tcp.ended_ns
+        if connection.closed_reason == REPLACED:
+            self._set(REPLACED, -1, frame, now_ns)
+        elif connection.iso_ended_how and connection.iso_ended_ns >= max(
+            connection.last_request_ns, connection.last_answer_ns
+        ):
+            self._set(
+                connection.iso_ended_how, connection.iso_ended_by, connection.iso_ended_frame, connection.iso_ended_ns
+            )
+        elif self.how == OPEN:
+            self.time_ns = now_ns
+        elif self.how == EVICTED:
+            self.time_ns = tcp.last_ns
+        self.connecting: bool = (
+            connection.cr_seen
+            and connection.tpdu_size == 0
+            and connection.pdus == 0
+            and tcp.streams[1 - connection.client_side].octets == 0
+        )
+        self.last_request: Parameters | None = connection.last_request
+        self.last_request_ns: i64 = connection.last_request_ns
+        self.last_answer: Parameters | None = connection.last_answer
+        self.last_answer_ns: i64 = connection.last_answer_ns
+        self.last_error: Parameters | None = connection.last_error
+        self.last_error_ns: i64 = connection.last_error_ns
+        self.last_error_code: i64 = connection.last_error_code
+        self.open_requests: i64 = 0
+        self.oldest: Parameters | None = None
+        self.oldest_frame: i64 = 0
+        self.oldest_ns: i64 = 0
+        first: Transaction | None = None
+        for requests in connection.open_requests:
+            self.open_requests += requests.count
+            found = requests.longest_open()
+            if found is not None and (first is None or found.number < first.number):
+                first = found
+        if first is not None:
+            self.oldest = first.parameters
+            self.oldest_frame = first.request_frame
+            self.oldest_ns = first.request_ns
+
+    def _set(self, how: str, side: i64, frame: i64, time_ns: i64) -> None:
+        self.how = how
+        self.side = side
+        self.frame = frame
+        self.time_ns = time_ns
+
+    def deed(self, connection: Connection) -> str:
+        """Say who ended the connection and how, empty when neither side did: ``the server reset the connection``."""
+        return f"the {connection.role(self.side)} {_DEEDS[self.how]}" if self.how in _DEEDS else ""
+
+    @property
+    def cut(self) -> bool:
+        """True when one side ended the connection while something it carried was still without answer."""
+        return self.how in _DEEDS and (self.open_requests > 0 or self.connecting)
+
+    @property
+    def silence_ns(self) -> int | None:
+        """Time from the last request or answer to the end, None when there was neither."""
+        last: int = max(self.last_request_ns, self.last_answer_ns)
+        return self.time_ns - last if last else None

@@ -1,0 +1,187 @@
+"""Answers that come in several parts, joined (reference section 4.3).
+
+A long userdata answer is cut anywhere: every part has a request of its own, all parts have the same sequence number and data
+unit reference, the last one says that it is the last. `Joiner` is given the transactions of one connection in the order in
+which they end, and gives back payloads that are whole; `dissect.s7.bodies.parse_joined` cuts them into parts.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.s7.bodies import parse_joined
+from dissect.s7.layouts import DATA_HEAD
+from dissect.s7.message import Pdu
+from dissect.s7.parameters import UserdataHead
+from dissect.s7.tables import USERDATA
+from dissect.transactions.transaction import Transaction
+from dissect.wire.malformed import Malformed
+from dissect.wire.part import Part
+
+#: Chains that may be open at once on a connection; devices have one or two.
+MAX_CHAINS: Final = 16
+#: Octets of all open chains of a connection; the longest list seen has some thousand.
+MAX_OCTETS: Final = 1 << 20
+#: Chains that never ended which are remembered.
+MAX_UNFINISHED: Final = 64
+
+
+class Chain:
+    """The payloads of one userdata answer, in one part or several.
+
+    ``octets`` are the payloads without data heads; ``whole`` tells that the last part was there. ``first`` and ``last`` are the
+    transactions of the first and of the newest part, ``transactions`` counts them.
+    """
+
+    __slots__ = (
+        "_octets",
+        "data_unit_ref",
+        "first",
+        "group",
+        "last",
+        "sequence",
+        "subfunction",
+        "transactions",
+        "type",
+        "whole",
+    )
+
+    def __init__(self, head: UserdataHead, transaction: Transaction) -> None:
+        self.group: int = head.group
+        self.subfunction: int = head.subfunction
+        self.type: int = head.type
+        self.sequence: int = head.sequence
+        self.data_unit_ref: int = head.data_unit_ref
+        self._octets: bytearray = bytearray()
+        self.whole: bool = False
+        self.first: Transaction = transaction
+        self.last: Transaction = transaction
+        self.transactions: int = 0
+
+    def __repr__(self) -> str:
+        state = "whole" if self.whole else "open"
+        return f"Chain({self.group}, {self.subfunction}, {self.size} octets in {self.transactions}, {state})"
+
+    @property
+    def octets(self) -> bytes:
+        """The payloads joined."""
+        return bytes(self._octets)
+
+    @property
+    def size(self) -> int:
+        """Octets of the joined payload."""
+        return len(self._octets)
+
+    def append(self, payload: bytes, transaction: Transaction) -> None:
+        """Add the next part."""
+        self._octets += payload
+        self.last = transaction
+        self.transactions += 1
+
+    def parts(self, malformed: list[Malformed] | None = None) -> list[Part]:
+        """Cut the joined payload; offsets are within ``octets``, faults are added to ``malformed``."""
+        return parse_joined(self.group, self.subfunction, self.type, self.octets, malformed)
+
+
+class Joiner:
+    """Joins the answers of one connection. ``unfinished`` are chains whose last part never came, the oldest first.
+
+    ``unfinished_count`` counts all of them, also those that are remembered no more; ``headless`` counts parts whose first part
+    was not seen, as at the start of a capture.
+    """
+
+    __slots__ = ("_chains", "_octets", "headless", "unfinished", "unfinished_count")
+
+    def __init__(self) -> None:
+        self._chains: dict[int, Chain] = {}
+        self._octets: int = 0
+        self.unfinished: list[Chain] = []
+        self.unfinished_count: int = 0
+        self.headless: int = 0
+
+    @property
+    def open_count(self) -> int:
+        """Chains that more parts are expected of."""
+        return len(self._chains)
+
+    def feed(self, transaction: Transaction) -> Chain | None:
+        """Take a transaction that ended; return the answer when its payload is whole now, also when it came in one part."""
+        answer = transaction.response if transaction.rosctr == USERDATA else None
+        head = answer.parameters.userdata if answer is not None else None
+        if answer is None or head is None:
+            return None
+        asked = transaction.parameters.userdata if transaction.request_size else None
+        if head.error_code:
+            if asked is not None and asked.sequence:
+                self._give_up(_key(transaction, asked))  # more of an answer was asked for, and refused
+            return None
+        payload = _payload(answer)
+        if head.last_data_unit == 0 and head.data_unit_ref == 0:
+            chain = Chain(head, transaction)
+            chain.append(payload, transaction)
+            chain.whole = True
+            return chain
+        key = _key(transaction, head)
+        chain_of = self._begun(key, head, asked, transaction)
+        if chain_of is None:
+            self.headless += 1
+            return None
+        return self._add(key, chain_of, payload, transaction, head.last_data_unit == 0)
+
+    def _begun(
+        self, key: int, head: UserdataHead, asked: UserdataHead | None, transaction: Transaction
+    ) -> Chain | None:
+        """Return the chain that a part belongs to, a new one for a first part; None when its first part was not seen."""
+        chain = self._chains.get(key)
+        if chain is not None and chain.data_unit_ref == head.data_unit_ref and (asked is None or asked.sequence):
+            return chain
+        self._give_up(key)
+        if head.last_data_unit == 0 or (asked is not None and asked.sequence):
+            return None
+        chain = Chain(head, transaction)
+        if len(self._chains) >= MAX_CHAINS:
+            self._give_up(next(iter(self._chains)))
+        self._chains[key] = chain
+        return chain
+
+    def _add(self, key: int, chain: Chain, payload: bytes, transaction: Transaction, last: bool) -> Chain | None:
+        chain.append(payload, transaction)
+        self._octets += len(payload)
+        if last:
+            del self._chains[key]
+            self._octets -= chain.size
+            chain.whole = True
+            return chain
+        while self._octets > MAX_OCTETS:
+            self._give_up(next(iter(self._chains)))
+        return None
+
+    def close(self) -> list[Chain]:
+        """The connection ended: return all chains that never ended and are remembered."""
+        for key in list(self._chains):
+            self._give_up(key)
+        return self.unfinished
+
+    def _give_up(self, key: int) -> None:
+        chain = self._chains.pop(key, None)
+        if chain is None:
+            return
+        self._octets -= chain.size
+        self.unfinished_count += 1
+        self.unfinished.append(chain)
+        if len(self.unfinished) > MAX_UNFINISHED:
+            del self.unfinished[0]
+
+
+def _key(transaction: Transaction, head: UserdataHead) -> int:
+    """Return what the requests for all parts of an answer name: who is asked, what, the sequence number."""
+    return transaction.asked_by << 24 | head.group << 16 | head.subfunction << 8 | head.sequence
+
+
+def _payload(answer: Pdu) -> bytes:
+    """Return the payload of a userdata PDU: what its data head counts, as far as it is there."""
+    data = answer.data
+    if len(data) < DATA_HEAD.size:
+        return b""
+    size = int.from_bytes(data[2:4], "big")
+    return data[DATA_HEAD.size : DATA_HEAD.size + size]

@@ -1,0 +1,213 @@
+"""An operation: several transactions that belong together, such as a block download or a subscription with its pushes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from dissect.transactions.connection import Connection
+    from dissect.transactions.transaction import Transaction
+
+#: Operations that may be open on one connection; the oldest gives way.
+MAX_OPEN: Final = 64
+
+# What an operation is.
+CONNECT: Final = "connect"
+DOWNLOAD: Final = "download"
+UPLOAD: Final = "upload"
+LONG_ANSWER: Final = "long_answer"
+CYCLIC: Final = "cyclic"
+MESSAGES: Final = "messages"
+TEST_JOB: Final = "test_job"
+PASSWORD: Final = "password"  # noqa: S105 - the name of a kind, no secret
+#: Every kind with a sentence.
+KINDS: Final[dict[str, str]] = {
+    CONNECT: "A connection is set up: TCP, COTP and Setup communication.",
+    DOWNLOAD: "A block is loaded into the PLC; the PLC asks for its pieces.",
+    UPLOAD: "A block is read out of the PLC, piece by piece.",
+    LONG_ANSWER: "An answer that did not fit one PDU was asked for part by part.",
+    CYCLIC: "Values are subscribed to, and the PLC sends them in cycles or on change.",
+    MESSAGES: "Messages of the PLC are subscribed to: modes, diagnostics, alarms.",
+    TEST_JOB: "A test function of the programming device runs: monitor, modify, force, block status.",
+    PASSWORD: "A password is sent to the PLC.",
+}
+
+# How an operation ended.
+DONE: Final = "done"
+REFUSED: Final = "refused"
+FAILED: Final = "failed"
+UNFINISHED: Final = "unfinished"
+RUNNING: Final = "running"
+#: Every result with a sentence.
+RESULTS: Final[dict[str, str]] = {
+    DONE: "It came to its end.",
+    REFUSED: "The first request was refused.",
+    FAILED: "It began well, and a later step was refused or reported an error.",
+    UNFINISHED: "Its end is missing: the connection or the capture ended first, or something went unanswered.",
+    RUNNING: "A subscription or test job that was running when the connection or the capture ended.",
+}
+
+# What contradicts itself in an operation (`Operation.oddities`).
+WRONG_ID: Final = "wrong_id"
+BEYOND_END: Final = "beyond_end"
+WRONG_SIZE: Final = "wrong_size"
+CUT_SHORT: Final = "cut_short"
+
+#: Transactions whose numbers are kept, and oddities.
+_KEPT: Final = 1000
+_MAX_ODDITIES: Final = 8
+
+
+class Oddity:
+    """Something that contradicts itself in an operation: one of the names above, in words, and the packet it shows in."""
+
+    __slots__ = ("detail", "frame", "name")
+
+    def __init__(self, name: str, detail: str, frame: int) -> None:
+        self.name = name
+        self.detail = detail
+        self.frame = frame
+
+
+class Operation:
+    """Several transactions that belong together.
+
+    ``asked_by`` is the side of ``connection`` that began it; ``subject`` says what it is about, in text from the wire that is
+    not escaped. ``parts`` counts the transactions, of which ``transactions`` keeps the numbers (the first thousand);
+    ``pushes`` of them were sent unasked. ``octets`` is the size of what was carried: block content, joined answer, values.
+    ``announced`` is the size that was stated beforehand, -1 when none was. Times are nanoseconds since 1970.
+    """
+
+    __slots__ = (
+        "announced",
+        "asked_by",
+        "begin_ns",
+        "complete",
+        "connection",
+        "end_ns",
+        "error_code",
+        "first_frame",
+        "key",
+        "kind",
+        "last_frame",
+        "number",
+        "octets",
+        "oddities",
+        "parts",
+        "pushes",
+        "reason",
+        "result",
+        "subject",
+        "transactions",
+    )
+
+    def __init__(self, kind: str, connection: Connection, asked_by: int, key: str, begin_ns: int, frame: int) -> None:
+        self.number = 0
+        self.kind = kind
+        self.connection = connection
+        self.asked_by = asked_by
+        self.key = key  # what tells it from others of its kind on the connection
+        self.subject = ""
+        self.begin_ns = begin_ns
+        self.end_ns = begin_ns
+        self.first_frame = frame
+        self.last_frame = frame
+        self.transactions: list[int] = []
+        self.parts = 0
+        self.pushes = 0
+        self.octets = 0
+        self.announced = -1
+        self.complete = False  # the last piece came
+        self.result = ""
+        self.reason = ""
+        self.error_code = 0
+        self.oddities: list[Oddity] = []
+
+    def __repr__(self) -> str:
+        return f"Operation({self.number}, {self.kind!r}, {self.subject!r}, {self.result!r})"
+
+    @property
+    def duration_ns(self) -> int:
+        """Time from the first packet to the last."""
+        return self.end_ns - self.begin_ns
+
+    def add(self, transaction: Transaction) -> None:
+        """Count a transaction as part of this operation."""
+        self.parts += 1
+        if len(self.transactions) < _KEPT:
+            self.transactions.append(int(transaction.number))
+        for frame, time_ns in (
+            (transaction.request_frame, transaction.request_ns),
+            (transaction.response_frame, transaction.response_ns),
+        ):
+            if frame:
+                self.last_frame = max(self.last_frame, int(frame))
+                self.end_ns = max(self.end_ns, int(time_ns))
+
+    def odd(self, name: str, detail: str, frame: int) -> None:
+        """Note that something contradicts itself."""
+        if len(self.oddities) < _MAX_ODDITIES:
+            self.oddities.append(Oddity(name, detail, frame))
+
+
+class OpenOperations:
+    """The operations of a connection that go on."""
+
+    __slots__ = ("set_up", "these")
+
+    def __init__(self) -> None:
+        self.these: list[Operation] = []
+        self.set_up = False  # the first Setup communication was told
+
+    def find(self, kind: str, key: str) -> Operation | None:
+        """Return the open operation of a kind with this key."""
+        for operation in self.these:
+            if operation.kind == kind and operation.key == key:
+                return operation
+        return None
+
+
+class OperationBook:
+    """Finished operations, numbered, waiting to be told."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.over: list[Operation] = []
+        self.evicted = 0
+
+    def begin(self, kind: str, key: str, transaction: Transaction, subject: str) -> Operation:
+        """Open an operation with its first transaction."""
+        frame, time_ns = transaction.request_frame, transaction.request_ns
+        if not frame:
+            frame, time_ns = transaction.response_frame, transaction.response_ns
+        connection = transaction.connection
+        operation = Operation(kind, connection, int(transaction.asked_by), key, int(time_ns), int(frame))
+        operation.subject = subject
+        operation.add(transaction)
+        going = connection.operations.these
+        if len(going) >= MAX_OPEN:
+            self.evicted += 1
+            self.close(going[0], UNFINISHED, "too many at once")
+        going.append(operation)
+        return operation
+
+    def close(self, operation: Operation, result: str, reason: str = "") -> None:
+        """An operation is over."""
+        self.count += 1
+        operation.number = self.count
+        operation.result = result
+        operation.reason = reason
+        going = operation.connection.operations.these
+        if operation in going:
+            going.remove(operation)
+        self.over.append(operation)
+
+    def settle(self, operation: Operation, transaction: Transaction, went_well: str, went_wrong: str) -> None:
+        """Close an operation by what became of its last transaction."""
+        if not transaction.response_frame:
+            self.close(operation, UNFINISHED, transaction.reason)
+        elif transaction.error_code:
+            operation.error_code = int(transaction.error_code)
+            self.close(operation, went_wrong)
+        else:
+            self.close(operation, went_well)

@@ -1,0 +1,252 @@
+"""From transactions to operations: which belong together, what came of them (reference 3.7, 3.8, 4.3, 4.7 to 4.11).
+
+`Operations` is given every transaction but reads and writes, in the order in which they end, and collects the operations that
+are over in ``over``. It states facts; what they are worth is judged elsewhere. Transfers of blocks are followed in
+`dissect.transactions.transfers`.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.s7.alarm_layouts import MESSAGE_REQUEST
+from dissect.s7.alarms import NO_EVENTS, events_text
+from dissect.s7.bodies import parse_body
+from dissect.s7.cyclic import CYCLIC_UNSUBSCRIBE
+from dissect.s7.layouts import DATA_HEAD
+from dissect.s7.parameters import UserdataHead
+from dissect.s7.programmer_layouts import JOB
+from dissect.s7.tables import SETUP_COMMUNICATION, USERDATA
+from dissect.transactions.checks import STRAY_PUSH
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import (
+    CONNECT,
+    CYCLIC,
+    DONE,
+    FAILED,
+    LONG_ANSWER,
+    MESSAGES,
+    PASSWORD,
+    REFUSED,
+    RUNNING,
+    TEST_JOB,
+    UNFINISHED,
+    Operation,
+    OperationBook,
+)
+from dissect.transactions.transaction import ANSWERED, PUSH, UNANSWERED, Transaction
+from dissect.transactions.transfers import Transfers
+
+_MODE: Final = 0
+_TEST: Final = 1
+_CYCLIC: Final = 2
+_CPU: Final = 4
+_SECURITY: Final = 5
+
+_CYCLIC_STARTS: Final = frozenset((0x01, 0x05))
+_CYCLIC_STOPS: Final = 0x04
+_CYCLIC_CHANGES: Final = 0x07
+_MESSAGE_SERVICE: Final = 0x02
+_ALARM_PUSHES: Final = frozenset((0x03, 0x05, 0x06, 0x09, 0x0C, 0x0D, 0x0E, 0x10, 0x11, 0x12, 0x16))
+#: Alarm types of a message service that end a subscription (reference 4.9).
+_ALARM_ABORTS: Final = frozenset((0, 4, 6, 8))
+_TEST_STARTS: Final = frozenset((0x01, 0x02, 0x08, 0x09, 0x13))
+_TEST_STOPS: Final = 0x0F
+_SEND_PASSWORD: Final = 0x01
+
+#: Kinds that run until somebody stops them.
+ENDLESS: Final = frozenset((CYCLIC, MESSAGES, TEST_JOB))
+_MAX_SUBJECT: Final = 200
+#: Protocols of connections that Setup communication is expected on: S7comm, and none when nothing was said.
+_OURS: Final = frozenset(("", "s7comm"))
+
+
+def subject_of(transaction: Transaction) -> str:
+    """Return what a request is about: the notes of its parts, or its function; text from the wire, not escaped."""
+    request = transaction.request
+    notes = dict.fromkeys(parse_body(request).notes) if request is not None else {}
+    return ", ".join(notes)[:_MAX_SUBJECT] or transaction.function_name
+
+
+def payload_size(transaction: Transaction) -> int:
+    """Return the octets of the payload of a userdata answer or push."""
+    answer = transaction.response
+    head = parse_body(answer).find(DATA_HEAD) if answer is not None else None
+    return max(head.number("length"), 0) if head is not None else 0
+
+
+class Operations(OperationBook):
+    """Follows the operations of all connections."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._transfers = Transfers(self)
+
+    def take(self, transaction: Transaction) -> None:
+        """Take a transaction that is over: it may begin an operation, belong to one, or end one."""
+        parameters = transaction.parameters
+        head = parameters.userdata
+        if head is not None:
+            if transaction.rosctr == USERDATA:
+                self._userdata(transaction, head)
+        elif parameters.function == SETUP_COMMUNICATION:
+            self._set_up(transaction)
+        else:
+            self._transfers.take(transaction)
+
+    def end(self, connection: Connection, reason: str) -> None:
+        """A connection is over, ``reason`` is how (one of those of transactions): so are its operations."""
+        if connection.cr_seen and not connection.operations.set_up and connection.protocol in _OURS:
+            self._never_set_up(connection, reason)
+        for operation in list(connection.operations.these):
+            self.close(operation, RUNNING if operation.kind in ENDLESS else UNFINISHED, reason)
+
+    # ---- connections ------------------------------------------------------------------------------------------------
+
+    def _set_up(self, transaction: Transaction) -> None:
+        connection = transaction.connection
+        if connection.operations.set_up:
+            return
+        connection.operations.set_up = True
+        operation = self.begin(CONNECT, "", transaction, _negotiated(transaction))
+        _from_the_beginning(operation)
+        self.settle(operation, transaction, DONE, REFUSED)
+
+    def _never_set_up(self, connection: Connection, reason: str) -> None:
+        tcp = connection.tcp
+        operation = Operation(
+            CONNECT, connection, int(connection.client_side), "", int(tcp.last_ns), int(tcp.last_frame)
+        )
+        operation.subject = connection.refused or "no Setup communication"
+        _from_the_beginning(operation)
+        self.close(operation, REFUSED if connection.refused else UNFINISHED, "" if connection.refused else reason)
+
+    # ---- userdata ---------------------------------------------------------------------------------------------------
+
+    def _userdata(self, transaction: Transaction, head: UserdataHead) -> None:
+        answer = transaction.response_parameters
+        told = answer.userdata if answer is not None else None
+        if transaction.outcome == PUSH:
+            self._push(transaction, head)
+        elif self._part_of_long_answer(transaction, head, told):
+            return
+        elif head.group == _CYCLIC:
+            self._cyclic(transaction, head, told)
+        elif head.group == _TEST:
+            self._test_job(transaction, head, told)
+        elif head.group == _CPU and head.subfunction == _MESSAGE_SERVICE:
+            self._messages(transaction)
+        elif head.group == _SECURITY and head.subfunction == _SEND_PASSWORD and transaction.request_frame:
+            self.settle(self.begin(PASSWORD, "", transaction, ""), transaction, DONE, REFUSED)
+
+    def _part_of_long_answer(self, transaction: Transaction, head: UserdataHead, told: UserdataHead | None) -> bool:
+        """Follow an answer in parts: the first says that more is to come, each further one is asked for by sequence number."""
+        sequence = told.sequence if told is not None else head.sequence
+        key = f"{head.group}/{head.subfunction}/{sequence}"
+        operation = transaction.connection.operations.find(LONG_ANSWER, key)
+        more = told is not None and told.last_data_unit != 0
+        if operation is not None and head.sequence == sequence:
+            operation.add(transaction)
+        elif more:
+            if operation is not None:
+                self.close(operation, UNFINISHED, "begun again")
+            operation = self.begin(LONG_ANSWER, key, transaction, subject_of(transaction))
+        else:
+            return False
+        operation.octets += payload_size(transaction)
+        if transaction.outcome == UNANSWERED or transaction.error_code or not more:
+            self.settle(operation, transaction, DONE, FAILED)
+        return True
+
+    def _cyclic(self, transaction: Transaction, head: UserdataHead, told: UserdataHead | None) -> None:
+        job = told.sequence if told is not None else head.sequence
+        going = transaction.connection.operations
+        if head.subfunction in _CYCLIC_STARTS:
+            operation = self.begin(CYCLIC, str(job), transaction, subject_of(transaction))
+            operation.octets = payload_size(transaction)
+            if transaction.outcome != ANSWERED or transaction.error_code:
+                self.settle(operation, transaction, DONE, REFUSED)
+        elif head.subfunction == _CYCLIC_CHANGES:
+            changed = going.find(CYCLIC, str(head.sequence))
+            if changed is not None:
+                changed.add(transaction)
+                changed.octets += payload_size(transaction)
+        elif head.subfunction == _CYCLIC_STOPS:
+            request = transaction.request
+            named = parse_body(request).find(CYCLIC_UNSUBSCRIBE) if request is not None else None
+            stopped = going.find(CYCLIC, str(named.number("job"))) if named is not None else None
+            if stopped is not None:
+                stopped.add(transaction)
+                self.settle(stopped, transaction, DONE, FAILED)
+
+    def _test_job(self, transaction: Transaction, head: UserdataHead, told: UserdataHead | None) -> None:
+        going = transaction.connection.operations
+        if head.subfunction in _TEST_STARTS:
+            number = told.sequence if told is not None else head.sequence
+            operation = self.begin(TEST_JOB, f"{head.subfunction}/{number}", transaction, subject_of(transaction))
+            operation.octets = payload_size(transaction)
+            if transaction.outcome != ANSWERED or transaction.error_code:
+                self.settle(operation, transaction, DONE, REFUSED)
+            return
+        request = transaction.request
+        for part in parse_body(request).data if request is not None else []:
+            named = (
+                going.find(TEST_JOB, f"{part.number('function')}/{part.number('job')}") if part.layout is JOB else None
+            )
+            if named is not None:
+                named.add(transaction)
+                if head.subfunction == _TEST_STOPS:
+                    self.settle(named, transaction, DONE, FAILED)
+
+    def _messages(self, transaction: Transaction) -> None:
+        going = transaction.connection.operations
+        running = going.find(MESSAGES, str(transaction.asked_by))
+        request = transaction.request
+        asked = parse_body(request).find(MESSAGE_REQUEST) if request is not None else None
+        stops = asked is None or events_text(asked) == NO_EVENTS
+        if request is not None and parse_body(request).number("alarm_type") in _ALARM_ABORTS:
+            stops = True
+        if running is not None:
+            running.add(transaction)
+            if stops:
+                self.settle(running, transaction, DONE, FAILED)
+            return
+        if stops:
+            return
+        operation = self.begin(MESSAGES, str(transaction.asked_by), transaction, subject_of(transaction))
+        if transaction.outcome != ANSWERED or transaction.error_code:
+            self.settle(operation, transaction, DONE, REFUSED)
+
+    def _push(self, transaction: Transaction, head: UserdataHead) -> None:
+        """Something was sent unasked: find the subscription it belongs to."""
+        going = transaction.connection.operations
+        operation: Operation | None = None
+        if head.group == _CYCLIC:
+            operation = going.find(CYCLIC, str(head.sequence))
+        elif head.group == _TEST:
+            operation = going.find(TEST_JOB, f"{head.subfunction}/{head.sequence}")
+        elif head.group == _MODE or (head.group == _CPU and head.subfunction in _ALARM_PUSHES):
+            operation = going.find(MESSAGES, str(transaction.asked_by))
+        if operation is not None:
+            operation.add(transaction)
+            operation.pushes += 1
+            operation.octets += payload_size(transaction)
+        elif not transaction.connection.mid_stream and not transaction.connection.tcp.has_holes:
+            transaction.flags |= STRAY_PUSH
+
+
+def _from_the_beginning(operation: Operation) -> None:
+    """Let an operation begin with its TCP connection, where that was captured."""
+    tcp = operation.connection.tcp
+    if tcp.known_start:
+        operation.begin_ns = int(tcp.first_ns)
+        operation.first_frame = int(tcp.first_frame)
+
+
+def _negotiated(transaction: Transaction) -> str:
+    answer = transaction.response_parameters
+    granted = answer.setup if answer is not None else None
+    asked = transaction.parameters.setup
+    if granted is None:
+        return f"asks PDU {asked.pdu_length}" if asked is not None else "Setup communication"
+    return f"PDU {granted.pdu_length}, AmQ {granted.max_amq_calling}/{granted.max_amq_called}"

@@ -1,0 +1,41 @@
+from __future__ import annotations
+
+import builtins
+
+import pytest
+from scapy.config import conf
+from scapy.packet import explore, ls
+
+import dissect.layers
+from dissect.layers import S7_CyclicRequest
+
+
+def test_explore_lists_every_layer_with_its_name(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in dissect.layers.__all__:  # asked by the short name, Scapy loads the layers for the prompt
+        monkeypatch.setattr(builtins, name, None, raising=False)
+    explore("s7dissect")
+    by_name = capsys.readouterr().out
+    explore("scapy.layers.s7dissect")
+    assert capsys.readouterr().out == by_name
+    cells = [[cell.strip() for cell in line.split("|")] for line in by_name.splitlines()]
+    rows = {row[0]: row[1] for row in cells if len(row) == 2 and row[0]}
+    assert set(dissect.layers.__all__) - {"S7Session", "at", "bind_port"} <= set(rows)
+    assert rows["S7_CyclicRequest"] == "S7 cyclic request"
+    assert not [name for name, shown in rows.items() if not shown]
+
+
+def test_the_window_of_explore_knows_the_package() -> None:
+    described = dict(conf.layers.layers())
+    assert described["scapy.layers.s7dissect"].startswith("Scapy layers for TPKT, COTP and S7comm")
+    assert not [name for name in described if name.startswith("dissect")]
+
+
+def test_ls_tells_the_fields_and_what_a_new_packet_has(capsys: pytest.CaptureFixture[str]) -> None:
+    ls(S7_CyclicRequest)
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()][-2:]
+    assert lines == [
+        "time_base : XByteEnumField = ('1')",
+        "factor : ByteField = ('1')",
+    ]

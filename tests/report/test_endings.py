@@ -1,0 +1,84 @@
+"""How the end of a connection reads."""
+
+from __future__ import annotations
+
+from dissect.report.endings import ending_as_dict, phrase
+from dissect.report.places import Places
+from dissect.source.packet import SourceFile
+from dissect.transactions.connection import Connection
+from tests.transactions.talk import CLIENT, CONNECT, MS, RST, SECOND, SERVER, Talk, ack_data, dbw, read, refused, words
+
+PLACES = Places([SourceFile("a.pcap", 1)], False)
+
+
+def connection(talk: Talk) -> Connection:
+    talk.finish()
+    return talk.connections[0]
+
+
+def test_a_cut_names_who_how_and_what_was_open() -> None:
+    talk = Talk()
+    talk.open(8, 8)
+    talk.ask(read(1, dbw(1, 0)))
+    talk.tell(words(1, 7))
+    talk.ask(read(2, dbw(1, 2)), after_ns=100 * MS)
+    talk.packet(CLIENT, flags=RST, after_ns=2 * SECOND)
+    said = "reset by the client at packet 11 with 1 request open: Read Var DB1.DBW2 (packet 10), 2.00 s old"
+    assert phrase(connection(talk), PLACES) == f"{said}; last answer 2.10 s before"
+
+
+def test_several_open_requests() -> None:
+    talk = Talk()
+    talk.open(8, 8)
+    talk.ask(read(2, dbw(1, 2)), read(3, dbw(1, 4)))
+    talk.packet(SERVER, flags=RST, after_ns=SECOND)
+    said = "reset by the server at packet 9 with 2 requests open: the first is Read Var DB1.DBW2 (packet 8), 1.00 s old"
+    assert phrase(connection(talk), PLACES) == f"{said}; last answer 1.00 s before"
+
+
+def test_a_refusal_just_before() -> None:
+    talk = Talk()
+    talk.open()
+    talk.ask(read(2, dbw(9, 0)))
+    talk.tell(ack_data(2, b"\x04\x01", refused(0x0A)))
+    talk.packet(SERVER, flags=RST)
+    told = connection(talk)
+    assert phrase(told, PLACES) == "reset by the server at packet 10; last answer, a refusal, 1.00 ms before"
+    ending = ending_as_dict(told, PLACES)
+    assert ending is not None
+    assert ending["last_error"] == {"what": "Read Var DB9.DBW0", "before_ns": MS, "code": None}
+
+
+def test_an_end_in_order_is_short() -> None:
+    talk = Talk()
+    talk.open()
+    talk.close()
+    assert phrase(connection(talk), PLACES) == "closed by the client at packet 8"
+
+
+def test_a_connect_request_without_answer() -> None:
+    talk = Talk()
+    talk.hello()
+    talk.packet(CLIENT, CONNECT)
+    talk.packet(SERVER, flags=RST)
+    said = phrase(connection(talk), PLACES)
+    assert said == "reset by the server at packet 5 before the connect request was answered"
+
+
+def test_still_open() -> None:
+    talk = Talk()
+    talk.open()
+    told = connection(talk)
+    assert phrase(told, PLACES) == "still open at the end of the capture"
+    ending = ending_as_dict(told, PLACES)
+    assert ending is not None
+    assert (ending["how"], ending["by"], ending["role"], ending["frame"]) == ("open", None, None, None)
+
+
+def test_several_files_are_named() -> None:
+    talk = Talk()
+    talk.open()
+    talk.close()
+    ending = ending_as_dict(connection(talk), Places([SourceFile("a.pcap", 1), SourceFile("b.pcap", 8)], True))
+    assert ending is not None
+    assert (ending["file"], ending["frame"]) == ("b.pcap", 1)

@@ -1,0 +1,231 @@
+"""S7comm-plus in words, in lines, in trees and in JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dissect.conversation import Observer
+from dissect.report.contract import analysis_as_dict
+from dissect.report.jsonl import PduLines, TransactionLines
+from dissect.report.lines import CSV_COLUMNS, plus_line, transaction_cells, transaction_line
+from dissect.report.places import Places
+from dissect.report.plus import plus_as_dict, plus_notes
+from dissect.report.tree import plus_tree_lines
+from dissect.s7plus.message import parse_plus
+from dissect.session import Run
+from dissect.transactions.table import Side
+from dissect.wire.clock import Clock
+from tests.properties.messages import dt
+from tests.properties.packets import Talk
+from tests.report.schemas import complaints
+from tests.report.support import UNSAFE, analysed, begun, observed, read
+from tests.s7plus.pdus import (
+    GET_MULTI,
+    KEEP_ALIVE,
+    NOTIFICATION_V3,
+    RESPONSE_V3,
+    SET_VARIABLE,
+    asked,
+    event,
+    framed,
+    notified,
+    told,
+)
+
+PLACES = Places([], False)
+
+
+class Everything(Observer):
+    """Every line of every form."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.wants_pdus = True
+        self.lines: list[str] = []
+        self.jsonl: list[dict[str, Any]] = []
+        self.transactions: list[str] = []
+        self.cells: list[dict[str, str]] = []
+        self.told: list[dict[str, Any]] = []
+        self._pdus = PduLines()
+        self._transactions = TransactionLines()
+
+    def plus_pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
+        pdu = parse_plus(octets, frame, time_ns, side.connection.number, side.index, cut)
+        self.lines.append(plus_line(pdu, side.connection, Clock(), PLACES).partition("102  ")[2])
+        self.lines[-1] = self.lines[-1] or plus_line(pdu, side.connection, Clock(), PLACES).partition("49152  ")[2]
+        self.jsonl.append(json.loads(self._pdus.plus_line(pdu, side.connection)))
+
+    def transaction(self, transaction: Any) -> None:
+        self.transactions.append(transaction_line(transaction, Clock(), PLACES))
+        self.cells.append(dict(zip(CSV_COLUMNS, transaction_cells(transaction, Clock(), PLACES), strict=True)))
+        self.told.append(json.loads(self._transactions.line(transaction)))
+
+
+@pytest.fixture
+def talk() -> Talk:
+    """A request answered, one refused, one way, a notification, an event, a keep-alive, an S7 read."""
+    talk = begun()
+    talk.send(0, dt(framed(asked(5)))).send(1, dt(framed(told(5))))
+    talk.send(0, dt(framed(asked(6), 3))).send(1, dt(framed(told(6, body=b"\xff" * 8 + b"\xf4"), 3)))
+    talk.send(0, dt(framed(asked(7, SET_VARIABLE, flags=0x74)))).send(1, dt(framed(notified())))
+    talk.send(1, dt(event(99, b"LOG\x1bOUT"))).send(0, dt(KEEP_ALIVE))
+    talk.send(0, dt(framed(asked(8), trailer=False))).send(0, dt(framed(b"more"))).send(0, dt(framed(asked(9))[:-6]))
+    return read(talk, 1)
+
+
+@pytest.fixture
+def found(talk: Talk) -> Everything:
+    everything = Everything()
+    observed(everything, talk.packets())
+    return everything
+
+
+def test_lines(found: Everything) -> None:
+    damaged = "MALFORMED s7plus: length length beyond at octet 2 (needed 18, available 16, set by tsdu)"
+    assert found.lines == [
+        "S7comm-plus Request       seq 5  GetMultiVariables  session 0x00000386",
+        "S7comm-plus Response      seq 5  GetMultiVariables",
+        "S7comm-plus Request       seq 6  GetMultiVariables  session 0x00000386",
+        "S7comm-plus Response      seq 6  GetMultiVariables  return value 0xfffffffffffffff4 Object not found",
+        "S7comm-plus Request       seq 7  SetVariable  session 0x00000386, wants no response",
+        "S7comm-plus Notification  subscription 0x70000e51, number 5",
+        "S7comm-plus system event  99 octets confirmed, LOG\\x1bOUT",
+        "S7comm-plus keep-alive    number 7",
+        "S7comm-plus Request       seq 8  GetMultiVariables  session 0x00000386  in 2 frames",
+        f"S7comm-plus Request       seq 9  GetMultiVariables  {damaged}",
+    ]
+
+
+def test_transactions(found: Everything) -> None:
+    plus = [line.partition("  S7comm-plus ")[2] for line in found.transactions if "S7comm-plus" in line]
+    assert plus == [
+        "GetMultiVariables  session 0x00000386",
+        "GetMultiVariables  REFUSED 0xfff4 Object not found  session 0x00000386",
+        "SetVariable  one way  session 0x00000386, wants no response",
+        "notification  push  subscription 0x70000e51, number 5",
+        "GetMultiVariables  NO ANSWER (capture ends)  session 0x00000386",
+        "GetMultiVariables  NO ANSWER (capture ends)",
+    ]
+    keys = ("pdu_ref", "rosctr", "function", "function_name", "outcome", "errors")
+    assert [[row[key] for key in keys] for row in found.cells if "plus" in row["function_name"]][1:4] == [
+        ["6", "", "1356", "S7comm-plus GetMultiVariables", "answered", "return value: 0xfff4 Object not found"],
+        ["7", "", "1266", "S7comm-plus SetVariable", "unsolicited", ""],
+        ["", "", "", "S7comm-plus notification", "unsolicited", ""],
+    ]
+
+
+def test_transactions_in_json(found: Everything) -> None:
+    assert [complaint for line in found.told for complaint in complaints("transaction", line, exact=True)] == []
+    plus = [line for line in found.told if line.get("protocol") == "s7comm_plus"]
+    assert len(found.told) - len(plus) == 2
+    assert [line["pdu_ref"] for line in plus] == [5, 6, 7, None, 8, 9]
+    assert {line["rosctr"] for line in plus} == {None}
+    assert [line["function"] for line in plus[2:4]] == [
+        {"code": SET_VARIABLE, "name": "SetVariable"},
+        {"code": None, "name": None},
+    ]
+    assert plus[1]["errors"] == [
+        {"where": "return value", "code": 0xFFF4, "name": "Object not found", "text": "The device has no such object."}
+    ]
+    assert plus[0]["s7plus"]["request"]["session_id"] == 0x386
+    assert plus[1]["s7plus"]["response"]["return_value"] == "0xfffffffffffffff4"
+    assert plus[1]["s7plus"]["response"]["integrity"] == "5a" * 32
+    assert (plus[2]["response_frame"], plus[2]["s7plus"]["request"]["wants_response"]) == (None, False)
+    assert (plus[3]["request_frame"], plus[3]["s7plus"]["response"]["number"]) == (None, 5)
+
+
+def test_pdus_in_json(found: Everything) -> None:
+    assert [complaint for line in found.jsonl for complaint in complaints("pdu", line, exact=True)] == []
+    assert [line["s7plus"]["kind"] for line in found.jsonl][4:8] == [
+        "Request",
+        "Notification",
+        "system event",
+        "keep-alive",
+    ]
+    assert [line["pdu_ref"] for line in found.jsonl] == [5, 5, 6, 6, 7, None, None, None, 8, 9]
+    assert found.jsonl[6]["s7plus"]["message"] == "LOG\x1bOUT"
+    assert bytes.fromhex(found.jsonl[8]["octets"]) == framed(asked(8), trailer=False) + framed(b"more")
+
+
+def test_the_analysis(talk: Talk) -> None:
+    values = analysis_as_dict(analysed(talk.packets()))
+    assert complaints("analysis", json.loads(json.dumps(values)), exact=True) == []
+    assert values["s7plus"] == {
+        "pdus": 10,
+        "cut": 0,
+        "unpaired": 2,
+        "versions": {"0x02": 6, "0x03": 2, "0xfe": 1, "0xff": 1},
+        "opcodes": {"0x31": 5, "0x32": 2, "0x33": 1},
+        "functions": {"0x04f2": 1, "0x054c": 6},
+    }
+    functions = values["functions"]
+    assert isinstance(functions, list)
+    assert [(one["code"], one.get("protocol"), one["name"], one["total"], one["with_errors"]) for one in functions] == [
+        ("0x04", None, "Read Var", 1, 0),
+        ("0xf0", None, "Setup communication", 1, 0),
+        ("0x04f2", "s7comm_plus", "S7comm-plus SetVariable", 1, 0),
+        ("0x054c", "s7comm_plus", "S7comm-plus GetMultiVariables", 4, 1),
+        (None, "s7comm_plus", "S7comm-plus notification", 1, 0),
+    ]
+
+
+def test_unknown_functions_are_one_row(talk: Talk) -> None:
+    for number in range(300):
+        talk.send(0, dt(framed(asked(100 + number, 0x9000 + number))))
+    functions = analysis_as_dict(analysed(talk.packets()))["functions"]
+    assert isinstance(functions, list)
+    row = functions[-1]
+    assert (row["code"], row["name"], row["total"]) == (None, "S7comm-plus unknown function", 300)
+
+
+@pytest.mark.parametrize(
+    "octets", [RESPONSE_V3, NOTIFICATION_V3, framed(asked(1, body=b"abc")), event(5, b"x"), KEEP_ALIVE]
+)
+def test_a_tree_covers_every_octet(octets: bytes) -> None:
+    packet = dt(octets)
+    lines = list(plus_tree_lines(parse_plus(octets), packet))
+    covered: set[int] = set()
+    for line in lines[: lines.index("")]:
+        where = line[6:15].strip() if line.startswith("      ") else ""
+        if where and where.replace("-", "").isdigit():
+            first, _, last = where.partition("-")
+            covered |= set(range(int(first), int(last or first) + 1))
+    assert covered == set(range(len(packet)))
+    assert not [line for line in lines if "MALFORMED" in line]
+
+
+def test_a_tree_of_several_frames_and_of_a_part() -> None:
+    joined = framed(told(5, body=bytes(100)), 3, trailer=False) + framed(b"more", 3)
+    lines = list(plus_tree_lines(parse_plus(joined), b""))
+    assert lines[0].startswith("    put together from several frames or fragments; octets count from")
+    assert any(line.split() == ["data", "114", "octets", "in", "2", "frames"] for line in lines)
+    assert "    S7comm-plus trailer" in lines
+    cut = list(plus_tree_lines(parse_plus(framed(asked(1))[:-4], cut=True), b""))
+    assert cut[0].startswith("    its end is missing")
+    assert "    S7comm-plus trailer" not in cut
+
+
+@given(st.binary(max_size=70), st.booleans())
+def test_any_octets(octets: bytes, cut: bool) -> None:
+    pdu = parse_plus(b"\x72" + octets, cut=cut)
+    lines = [*plus_tree_lines(pdu, b""), *plus_notes(pdu)]
+    assert not [line for line in lines if UNSAFE.search(line)]
+    assert json.loads(json.dumps(plus_as_dict(pdu)))["kind"] == pdu.kind
+
+
+def test_shared_captures_hold_the_contract(corpus: Path) -> None:
+    lines = TransactionLines()
+    run = Run((str(corpus / "s7comm_and_s7commplus_sll.pcap"),), lines)
+    while run.step():
+        pass
+    told_of = [json.loads(line) for line in lines.take()]
+    plus = [line for line in told_of if line.get("protocol") == "s7comm_plus"]
+    assert len(plus) == 8 + 26 + 79
+    assert [complaint for line in plus for complaint in complaints("transaction", line, exact=True)] == []
+    assert sum(line["function"]["code"] == GET_MULTI for line in plus) == 6

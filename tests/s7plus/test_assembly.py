@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dissect.s7plus.assembly import MAX_PDU, PlusAssembler
+from dissect.s7plus.message import parse_plus
+from tests.s7plus.pdus import KEEP_ALIVE, asked, event, framed, told
+
+
+def test_a_frame_with_a_trailer_is_a_pdu() -> None:
+    assembler = PlusAssembler()
+    assert assembler.push(framed(asked(1))) == framed(asked(1))
+    assert assembler.parts is None
+
+
+def test_frames_until_the_trailer_are_one_pdu() -> None:
+    assembler = PlusAssembler()
+    frames = [framed(told(1, body=bytes(50)), trailer=False), framed(b"abc", trailer=False), framed(b"def")]
+    assert [assembler.push(frame) for frame in frames] == [None, None, b"".join(frames)]
+    assert assembler.push(framed(asked(2))) == framed(asked(2))
+
+
+def test_events_and_keep_alives_stand_between_frames() -> None:
+    assembler = PlusAssembler()
+    first, last = framed(told(1), trailer=False), framed(b"rest")
+    assert assembler.push(first) is None
+    assert assembler.push(KEEP_ALIVE) == KEEP_ALIVE
+    assert assembler.push(event(5)) == event(5)
+    assert assembler.push(last) == first + last
+
+
+def test_what_is_damaged_ends_what_is_open() -> None:
+    assembler = PlusAssembler()
+    assembler.push(framed(told(1), trailer=False))
+    assert assembler.push(b"\x72\x02\x00\x20short") == framed(told(1), trailer=False) + b"\x72\x02\x00\x20short"
+
+
+def test_a_long_pdu_is_kept_in_part_and_the_rest_counted() -> None:
+    assembler = PlusAssembler()
+    first, more, last = framed(told(1), trailer=False), framed(bytes(30_000), trailer=False), framed(b"end")
+    assert assembler.push(first) is None
+    for _ in range(9):
+        assert assembler.push(more) is None
+        assert assembler.parts is not None
+        assert len(assembler.parts) <= MAX_PDU
+    whole = assembler.push(last)
+    assert whole == first + more + more
+    assert assembler.left_out == 7 * len(more) + len(last)
+    assert parse_plus(whole, cut=True).sequence == 1
+    assert assembler.push(framed(asked(2))) == framed(asked(2))
+    assert assembler.left_out == 0
+
+
+def test_finish_gives_what_there_is() -> None:
+    assembler = PlusAssembler()
+    assert assembler.finish() == b""
+    first = framed(told(1), trailer=False)
+    assembler.push(first)
+    assert assembler.finish() == first
+    assert assembler.push(framed(asked(2))) == framed(asked(2))
+
+
+@given(st.lists(st.binary(max_size=20)))
+def test_never_raises(tsdus: list[bytes]) -> None:
+    assembler = PlusAssembler()
+    for tsdu in tsdus:
+        whole = assembler.push(b"\x72" + tsdu)
+        assert whole is None or whole[:1] == b"\x72"

@@ -1,0 +1,28 @@
+from __future__ import annotations
+
+import pytest
+
+from dissect.s7plus.tables import ERRORS, FUNCTIONS, OPCODES, RETURN_CODES, VERSIONS, refuses
+from dissect.wire.codes import CodeTable
+
+
+@pytest.mark.parametrize("table", [FUNCTIONS, OPCODES, RETURN_CODES, VERSIONS], ids=lambda table: str(table.title))
+def test_rows(table: CodeTable) -> None:
+    rows = list(table)
+    assert len({row.name for row in rows}) == len(rows)
+    assert all(row.name and row.text.endswith(".") for row in rows)
+    assert all(0 <= row.number < 1 << 4 * table.digits for row in rows)
+
+
+def test_the_codes_of_the_reference() -> None:
+    assert OPCODES.names() == {0x31: "Request", 0x32: "Response", 0x33: "Notification", 0x02: "Response2"}
+    assert {1, 2, 3, 0xFE} <= VERSIONS.names().keys()
+    assert FUNCTIONS.name(0x05B3) == "InitSSL"
+    assert {FUNCTIONS.name(code) for code in ERRORS} == {"Error", "Error2"}
+
+
+@pytest.mark.parametrize(
+    ("code", "no"), [(0, False), (17, False), (19, True), (22, False), (0x7FFF, False), (0x8000, True), (0xFFF4, True)]
+)
+def test_which_return_values_say_no(code: int, no: bool) -> None:
+    assert refuses(code) is no
