@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from dissect.cli.drive import EXIT_CODES, complain, drive, files_argument, format_option, places_of, write
+from dissect.cli.gate import fail_on_option, gate
 from dissect.conversation import Observer
 from dissect.report.operations import operation_json, operation_line
 from dissect.report.places import Places
@@ -17,7 +18,8 @@ from dissect.wire.clock import Clock
 @files_argument
 @format_option("text", "jsonl")
 @click.option("--kind", "kinds", multiple=True, type=click.Choice(list(KINDS)), help="Only operations of this kind.")
-def command(files: tuple[str, ...], format_: str, kinds: tuple[str, ...]) -> int:
+@fail_on_option
+def command(files: tuple[str, ...], format_: str, kinds: tuple[str, ...], fail_on: frozenset[str]) -> int:
     """Write one line for each operation: several transactions that belong together.
 
     That is: connections set up, blocks loaded into a PLC or read out of it, answers in several parts, cyclic and message
@@ -31,7 +33,7 @@ def command(files: tuple[str, ...], format_: str, kinds: tuple[str, ...]) -> int
     rows.places = places_of(run, files)
     code = drive(run, files, lambda: write(rows.take()))
     complain(run, code)
-    return code
+    return gate(run, fail_on, code)
 
 
 class _Rows(Observer):

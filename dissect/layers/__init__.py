@@ -10,7 +10,7 @@ Craft: lengths, counts and fill octets left out are filled in. ::
 
 Dissect: never raises, loses no octet, and finds several TPKTs in one segment. ::
 
-    TPKT(bytes(read)).summary()  # TPKT / COTP_DT / S7 Job Read Var ref=0x0200 DB10.DBW4*3
+    TPKT(bytes(read)).summary()  # TPKT / COTP_DT / S7 Job Read Var ref=0x0200 DB10.DBW4 x3
     packet.getlayer(TPKT, 2)[S7].pdu_ref  # of a packet whose segment holds two
 
 Read a capture on this package's own reassembly, one packet for each TPDU::

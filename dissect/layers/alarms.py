@@ -52,7 +52,7 @@ _OBJECTS = (
 
 
 class S7_MessageRequest(S7_Part):
-    """Message service."""
+    """Subscription of events: which, and the name of who asks."""
 
     name = "S7 message service"
     layout = alarm_layouts.MESSAGE_REQUEST
@@ -60,7 +60,7 @@ class S7_MessageRequest(S7_Part):
 
 
 class S7_MessageAnswer(S7_Part):
-    """Message service."""
+    """Answer to a subscription of events."""
 
     name = "S7 message service"
     layout = alarm_layouts.MESSAGE_ANSWER
@@ -76,7 +76,7 @@ class S7_AlarmSubscription(S7_Part):
 
 
 class S7_MessageReserved(S7_Part):
-    """Reserved."""
+    """What ends a subscription of alarms."""
 
     name = "S7 reserved"
     layout = alarm_layouts.MESSAGE_RESERVED
@@ -84,7 +84,7 @@ class S7_MessageReserved(S7_Part):
 
 
 class S7_MessageReservedAnswer(S7_Part):
-    """Reserved."""
+    """What ends the answer to a subscription of alarms."""
 
     name = "S7 reserved"
     layout = alarm_layouts.MESSAGE_RESERVED_ANSWER
@@ -92,7 +92,7 @@ class S7_MessageReservedAnswer(S7_Part):
 
 
 class S7_Archive(S7_Part):
-    """Archive."""
+    """An archive of AR_SEND by its AR_ID."""
 
     name = "S7 archive"
     layout = alarm_layouts.ARCHIVE_ITEM
@@ -100,7 +100,7 @@ class S7_Archive(S7_Part):
 
 
 class S7_ArchiveCount(S7_Part):
-    """Archives. ``item_count`` is filled in when left out."""
+    """How many archives follow. ``item_count`` is filled in when left out."""
 
     name = "S7 archives"
     layout = alarm_layouts.ARCHIVE_COUNT
@@ -117,7 +117,7 @@ class S7_ArchiveLength(S7_Part):
 
 
 class S7_ArchiveData(S7_Part):
-    """Archive data."""
+    """The content of an archive."""
 
     name = "S7 archive data"
     layout = alarm_layouts.ARCHIVE_DATA
@@ -125,7 +125,7 @@ class S7_ArchiveData(S7_Part):
 
 
 class S7_AlarmHead(S7_Part):
-    """Alarm. ``objects`` is filled in when left out."""
+    """Time and objects of an alarm, a notification or an acknowledgement. ``objects`` is filled in when left out."""
 
     name = "S7 alarm"
     layout = alarm_layouts.ALARM_HEAD
@@ -134,7 +134,7 @@ class S7_AlarmHead(S7_Part):
 
 
 class S7_ScanHead(S7_Part):
-    """Alarm. ``objects`` is filled in when left out."""
+    """Head of a push of SCAN. ``objects`` is filled in when left out."""
 
     name = "S7 alarm"
     layout = alarm_layouts.SCAN_HEAD
@@ -143,7 +143,10 @@ class S7_ScanHead(S7_Part):
 
 
 class S7_AlarmObjects(S7_Part):
-    """Of what has no time: locks, acknowledgements, queries. ``objects`` is filled in when left out."""
+    """Number of objects where no time is told.
+
+    Locks, acknowledgements, queries. ``objects`` is filled in when left out.
+    """
 
     name = "S7 message objects"
     layout = alarm_layouts.OBJECTS_HEAD
@@ -152,7 +155,7 @@ class S7_AlarmObjects(S7_Part):
 
 
 class S7_AlarmToLock(S7_Part):
-    """Alarm to lock or unlock. ``length`` and ``values`` are filled in when left out."""
+    """An alarm to lock or unlock, or locked or unlocked. ``length`` and ``values`` are filled in when left out."""
 
     name = "S7 alarm to lock or unlock"
     layout = alarm_layouts.SYNTAXES[21]
@@ -160,7 +163,7 @@ class S7_AlarmToLock(S7_Part):
 
 
 class S7_AlarmMessage(S7_Part):
-    """Message. ``length`` and ``values`` are filled in when left out."""
+    """An alarm as a push tells it. ``length`` and ``values`` are filled in when left out."""
 
     name = "S7 message"
     layout = alarm_layouts.SYNTAXES[22]
@@ -168,7 +171,7 @@ class S7_AlarmMessage(S7_Part):
 
 
 class S7_AlarmAcknowledgement(S7_Part):
-    """Acknowledgement. ``length`` and ``values`` are filled in when left out."""
+    """An alarm to acknowledge, or acknowledged. ``length`` and ``values`` are filled in when left out."""
 
     name = "S7 acknowledgement"
     layout = alarm_layouts.SYNTAXES[25]
@@ -176,7 +179,7 @@ class S7_AlarmAcknowledgement(S7_Part):
 
 
 class S7_Notification(S7_Part):
-    """Notification. ``length`` and ``values`` are filled in when left out."""
+    """A notification, with the signals that came and went. ``length`` and ``values`` are filled in when left out."""
 
     name = "S7 notification"
     layout = alarm_layouts.SYNTAXES[28]
@@ -184,7 +187,7 @@ class S7_Notification(S7_Part):
 
 
 class S7_AlarmQueryByType(S7_Part):
-    """Alarm query. ``length`` is filled in when left out."""
+    """Asks for the pending alarms of a kind. ``length`` is filled in when left out."""
 
     name = "S7 alarm query"
     layout = alarm_layouts.QUERY_BY_TYPE
@@ -194,7 +197,7 @@ class S7_AlarmQueryByType(S7_Part):
 
 
 class S7_AlarmQueryByEvent(S7_Part):
-    """Alarm query. ``length`` is filled in when left out."""
+    """Asks for one alarm by its number. ``length`` is filled in when left out."""
 
     name = "S7 alarm query"
     layout = alarm_layouts.QUERY_BY_EVENT
@@ -204,7 +207,7 @@ class S7_AlarmQueryByEvent(S7_Part):
 
 
 class S7_AlarmQueryOther(S7_Part):
-    """Alarm query. ``length`` is filled in when left out."""
+    """An alarm query of an unknown kind. ``length`` is filled in when left out."""
 
     name = "S7 alarm query"
     layout = alarm_layouts.QUERY_OTHER
@@ -212,7 +215,10 @@ class S7_AlarmQueryOther(S7_Part):
 
 
 class S7_AlarmQueryAnswer(S7_Part):
-    """Alarms. ``objects`` and ``complete_length`` are filled in when left out."""
+    """Head of the pending alarms that a query is answered with.
+
+    ``objects`` and ``complete_length`` are filled in when left out.
+    """
 
     name = "S7 alarms"
     layout = alarm_layouts.ALARM_QUERY_ANSWER
@@ -236,7 +242,7 @@ class S7_AlarmState(S7_Part):
 
 
 class S7_AlarmSComing(S7_Part):
-    """Came."""
+    """When a pending ALARM_S came; a data item follows."""
 
     name = "S7 came"
     layout = alarm_layouts.ALARM_S_COMING
@@ -244,7 +250,7 @@ class S7_AlarmSComing(S7_Part):
 
 
 class S7_AlarmSGoing(S7_Part):
-    """Went."""
+    """When a pending ALARM_S went; a data item follows."""
 
     name = "S7 went"
     layout = alarm_layouts.ALARM_S_GOING
@@ -252,7 +258,7 @@ class S7_AlarmSGoing(S7_Part):
 
 
 class S7_EndOfAlarms(S7_Part):
-    """End of alarms."""
+    """Ends the pending alarms whose length was not told."""
 
     name = "S7 end of alarms"
     layout = alarm_layouts.END_OF_ALARMS

@@ -10,8 +10,8 @@ __all__ = ["S7_Clock"]
 
 
 class S7_Clock(S7_Part):
-    """The clock: one octet more before the eight of DATE_AND_TIME for the century, which devices fill in wrongly."""
+    """The clock that a read answers with and a set sends. ``time_`` is DATE_AND_TIME, eight octets in BCD."""
 
     name = "S7 clock"
     layout = clock.CLOCK
-    fields_desc = header_fields(clock.CLOCK)
+    fields_desc = header_fields(clock.CLOCK, {"century": 0x19})

@@ -29,7 +29,7 @@ class S7_PIShort(S7_Part):
 
 
 class S7_PIHead(S7_Part):
-    """PI service. ``block_length`` is filled in when left out."""
+    """A PI service: the head, before the parameter block and the name. ``block_length`` is filled in when left out."""
 
     name = "S7 PI service"
     layout = control.PI_HEAD
@@ -37,7 +37,7 @@ class S7_PIHead(S7_Part):
 
 
 class S7_PIName(S7_Part):
-    """Behind the parameter block. ``name_length`` is filled in when left out."""
+    """The name of a PI service, behind the parameter block. ``name_length`` is filled in when left out."""
 
     name = "S7 service name"
     layout = control.PI_NAME
@@ -45,7 +45,7 @@ class S7_PIName(S7_Part):
 
 
 class S7_PIBlocks(S7_Part):
-    """Parameter block of services about blocks, and each of them. ``block_count`` is filled in when left out."""
+    """Parameter block of a PI service about blocks: how many follow. ``block_count`` is filled in when left out."""
 
     name = "S7 list of blocks"
     layout = control.PI_BLOCKS
@@ -53,7 +53,7 @@ class S7_PIBlocks(S7_Part):
 
 
 class S7_PIBlock(S7_Part):
-    """Listed block."""
+    """A block that a PI service is about."""
 
     name = "S7 listed block"
     layout = control.PI_BLOCK
@@ -69,7 +69,7 @@ class S7_PIArgument(S7_Part):
 
 
 class S7_PIString(S7_Part):
-    """One of the arguments of a Sinumerik service. ``string_length`` is filled in when left out."""
+    """An argument of a Sinumerik service. ``string_length`` is filled in when left out."""
 
     name = "S7 string argument"
     layout = control.PI_STRING
@@ -77,7 +77,7 @@ class S7_PIString(S7_Part):
 
 
 class S7_PIPassword(S7_Part):
-    """A password among them: not read out. ``string_length`` is filled in when left out."""
+    """A password among the arguments of a Sinumerik service. ``string_length`` is filled in when left out."""
 
     name = "S7 password argument"
     layout = control.PI_PASSWORD
@@ -93,7 +93,7 @@ class S7_PIFill(S7_Part):
 
 
 class S7_PLCStop(S7_Part):
-    """PLC stop. ``name_length`` is filled in when left out."""
+    """PLC stop with the name of the program. ``name_length`` is filled in when left out."""
 
     name = "S7 PLC stop"
     layout = control.PLC_STOP

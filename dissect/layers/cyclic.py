@@ -39,7 +39,7 @@ class S7_CyclicValues(S7_Part):
 
 
 class S7_CyclicUnsubscribe(S7_Part):
-    """Unsubscribe."""
+    """Ends a cyclic job."""
 
     name = "S7 unsubscribe"
     layout = cyclic.CYCLIC_UNSUBSCRIBE
@@ -63,7 +63,7 @@ class S7_RecordTransport(S7_Part):
 
 
 class S7_RecordStatus(S7_Part):
-    """Data record status. ``status_length`` is filled in when left out."""
+    """Status of a data record that was read. ``status_length`` is filled in when left out."""
 
     name = "S7 data record status"
     layout = cyclic.RECORD_STATUS
@@ -79,7 +79,7 @@ class S7_RecordNoStatus(S7_Part):
 
 
 class S7_RecordLength(S7_Part):
-    """Data record length. ``record_length`` is filled in when left out."""
+    """Octets of the data record that follows. ``record_length`` is filled in when left out."""
 
     name = "S7 data record length"
     layout = cyclic.RECORD_LENGTH
@@ -87,7 +87,7 @@ class S7_RecordLength(S7_Part):
 
 
 class S7_Record(S7_Part):
-    """Record."""
+    """The content of a data record."""
 
     name = "S7 record"
     layout = cyclic.RECORD

@@ -10,7 +10,7 @@ __all__ = ["S7_NCData", "S7_NCFile", "S7_NCHeader", "S7_NCPath", "S7_NCPiece", "
 
 
 class S7_NCFile(S7_Part):
-    """NC file."""
+    """Name of an NC file to download."""
 
     name = "S7 NC file"
     layout = nc.NC_FILE
@@ -18,7 +18,7 @@ class S7_NCFile(S7_Part):
 
 
 class S7_NCUpload(S7_Part):
-    """NC upload."""
+    """Name of an NC file to upload."""
 
     name = "S7 NC upload"
     layout = nc.NC_UPLOAD
@@ -50,7 +50,7 @@ class S7_NCHeader(S7_Part):
 
 
 class S7_NCPath(S7_Part):
-    """NC path."""
+    """Path that an NC file begins with."""
 
     name = "S7 NC path"
     layout = nc.NC_PATH
@@ -58,7 +58,7 @@ class S7_NCPath(S7_Part):
 
 
 class S7_NCData(S7_Part):
-    """NC file data."""
+    """Content of an NC file."""
 
     name = "S7 NC file data"
     layout = nc.NC_DATA

@@ -25,7 +25,7 @@ class S7_BSENDLength(S7_Part):
 
 
 class S7_BSENDData(S7_Part):
-    """BSEND data."""
+    """What a BSEND carries."""
 
     name = "S7 BSEND data"
     layout = pbc.BSEND_DATA

@@ -111,7 +111,7 @@ class S7_TestRequest(S7_Part):
 
 
 class S7_TestBlock(S7_Part):
-    """Block."""
+    """Block and address that a test is about."""
 
     name = "S7 block"
     layout = programmer_layouts.TEST_BLOCK
@@ -119,7 +119,7 @@ class S7_TestBlock(S7_Part):
 
 
 class S7_TestStep(S7_Part):
-    """Step address counter."""
+    """Step address counter of a test."""
 
     name = "S7 step address counter"
     layout = programmer_layouts.TEST_STEP
@@ -127,7 +127,7 @@ class S7_TestStep(S7_Part):
 
 
 class S7_TestEnvironment(S7_Part):
-    """Call environment."""
+    """When a test is to work: call environment and condition."""
 
     name = "S7 call environment"
     layout = programmer_layouts.TEST_ENVIRONMENT
@@ -135,7 +135,7 @@ class S7_TestEnvironment(S7_Part):
 
 
 class S7_TestEnvironmentDBS(S7_Part):
-    """Open data blocks."""
+    """Data blocks that are to be open."""
 
     name = "S7 open data blocks"
     layout = programmer_layouts.TEST_ENVIRONMENT_DBS
@@ -143,7 +143,7 @@ class S7_TestEnvironmentDBS(S7_Part):
 
 
 class S7_TestEnvironmentBlock(S7_Part):
-    """Calling block."""
+    """Block that is to call."""
 
     name = "S7 calling block"
     layout = programmer_layouts.TEST_ENVIRONMENT_BLOCK
@@ -151,7 +151,7 @@ class S7_TestEnvironmentBlock(S7_Part):
 
 
 class S7_TestEnvironmentAddress(S7_Part):
-    """Calling address."""
+    """Address that is to call."""
 
     name = "S7 calling address"
     layout = programmer_layouts.TEST_ENVIRONMENT_ADDRESS
@@ -167,7 +167,7 @@ class S7_TestAnswer(S7_Part):
 
 
 class S7_TestVariables(S7_Part):
-    """Variables. ``item_count`` is filled in when left out."""
+    """How many variables of a test function follow. ``item_count`` is filled in when left out."""
 
     name = "S7 variables"
     layout = programmer_layouts.TEST_VARIABLES
@@ -200,7 +200,7 @@ class S7_TestJob(S7_Part):
 
 
 class S7_TestJobReserved(S7_Part):
-    """Reserved."""
+    """What precedes the job to delete or replace."""
 
     name = "S7 reserved"
     layout = programmer_layouts.JOB_RESERVED
@@ -208,7 +208,7 @@ class S7_TestJobReserved(S7_Part):
 
 
 class S7_TestJobListReserved(S7_Part):
-    """Reserved."""
+    """What a request of the job list has."""
 
     name = "S7 reserved"
     layout = programmer_layouts.JOB_LIST_RESERVED
@@ -240,7 +240,7 @@ class S7_BlockStatus(S7_Part):
 
 
 class S7_BlockStatusLine(S7_Part):
-    """Line."""
+    """A line of a block to watch."""
 
     name = "S7 line"
     layout = programmer_layouts.BLOCK_STATUS_LINE
@@ -256,7 +256,7 @@ class S7_BlockStatus2(S7_Part):
 
 
 class S7_BlockStatusLine2(S7_Part):
-    """Line."""
+    """A line of a block to watch, by its address."""
 
     name = "S7 line"
     layout = programmer_layouts.BLOCK_STATUS_LINE_2
@@ -264,7 +264,7 @@ class S7_BlockStatusLine2(S7_Part):
 
 
 class S7_BlockStatusStart(S7_Part):
-    """Block status values."""
+    """Where the values of a block status begin."""
 
     name = "S7 block status values"
     layout = programmer_layouts.BLOCK_STATUS_START
@@ -280,7 +280,7 @@ class S7_BlockStatusData(S7_Part):
 
 
 class S7_ISTACKRequest(S7_Part):
-    """ISTACK."""
+    """Asks for the interrupt stack."""
 
     name = "S7 ISTACK"
     layout = programmer_layouts.ISTACK_REQUEST
@@ -288,7 +288,7 @@ class S7_ISTACKRequest(S7_Part):
 
 
 class S7_ISTACK(S7_Part):
-    """ISTACK."""
+    """The interrupt stack."""
 
     name = "S7 ISTACK"
     layout = programmer_layouts.ISTACK
@@ -296,7 +296,7 @@ class S7_ISTACK(S7_Part):
 
 
 class S7_BSTACKRequest(S7_Part):
-    """BSTACK."""
+    """Asks for the block stack."""
 
     name = "S7 BSTACK"
     layout = programmer_layouts.BSTACK_REQUEST
@@ -304,7 +304,7 @@ class S7_BSTACKRequest(S7_Part):
 
 
 class S7_BSTACKEntry(S7_Part):
-    """BSTACK entry."""
+    """An open block of the block stack."""
 
     name = "S7 BSTACK entry"
     layout = programmer_layouts.BSTACK_ENTRY
@@ -320,7 +320,7 @@ class S7_BSTACKClass(S7_Part):
 
 
 class S7_BSTACKTime(S7_Part):
-    """Start time."""
+    """Start time of an OB in the block stack."""
 
     name = "S7 start time"
     layout = programmer_layouts.BSTACK_TIME
@@ -336,7 +336,7 @@ class S7_BSTACKRest(S7_Part):
 
 
 class S7_LSTACKRequest(S7_Part):
-    """LSTACK."""
+    """Asks for the local data stack."""
 
     name = "S7 LSTACK"
     layout = programmer_layouts.LSTACK_REQUEST
@@ -344,7 +344,7 @@ class S7_LSTACKRequest(S7_Part):
 
 
 class S7_LSTACK(S7_Part):
-    """LSTACK. ``size`` is filled in when left out."""
+    """The local data stack of a block. ``size`` is filled in when left out."""
 
     name = "S7 LSTACK"
     layout = programmer_layouts.LSTACK
@@ -356,7 +356,7 @@ class S7_LSTACK(S7_Part):
 
 
 class S7_LSTACKData(S7_Part):
-    """Local data."""
+    """Local data of a block."""
 
     name = "S7 local data"
     layout = programmer_layouts.LSTACK_DATA
@@ -364,7 +364,7 @@ class S7_LSTACKData(S7_Part):
 
 
 class S7_LSTACKClass(S7_Part):
-    """Priority class."""
+    """Priority class and start time behind local data."""
 
     name = "S7 priority class"
     layout = programmer_layouts.LSTACK_CLASS
@@ -372,7 +372,7 @@ class S7_LSTACKClass(S7_Part):
 
 
 class S7_ExitHoldRequest(S7_Part):
-    """Exit HOLD."""
+    """Leaves HOLD."""
 
     name = "S7 exit HOLD"
     layout = programmer_layouts.EXIT_HOLD_REQUEST
@@ -380,7 +380,7 @@ class S7_ExitHoldRequest(S7_Part):
 
 
 class S7_BreakpointRequest(S7_Part):
-    """Breakpoint."""
+    """Sets a breakpoint."""
 
     name = "S7 breakpoint"
     layout = programmer_layouts.BREAKPOINT_REQUEST
@@ -388,7 +388,7 @@ class S7_BreakpointRequest(S7_Part):
 
 
 class S7_Breakpoint(S7_Part):
-    """Breakpoint."""
+    """Where the CPU stands, and its registers."""
 
     name = "S7 breakpoint"
     layout = programmer_layouts.BREAKPOINT

@@ -10,7 +10,7 @@ __all__ = ["S7_Password"]
 
 
 class S7_Password(S7_Part):
-    """Password."""
+    """The password of a session, encoded; `of` encodes a text."""
 
     name = "S7 password"
     layout = security.ENCODED_PASSWORD

@@ -14,7 +14,7 @@ __all__ = ["S7_SZLHead", "S7_SZLRequest"]
 
 
 class S7_SZLRequest(S7_Part):
-    """SZL request."""
+    """Asks for a system status list."""
 
     name = "S7 SZL request"
     layout = szl.SZL_REQUEST
@@ -22,7 +22,10 @@ class S7_SZLRequest(S7_Part):
 
 
 class S7_SZLHead(S7_Part):
-    """SZL head. ``record_length`` and ``record_count`` are filled in when left out."""
+    """Head of a system status list, before its records.
+
+    ``record_length`` and ``record_count`` are filled in when left out.
+    """
 
     name = "S7 SZL head"
     layout = szl.SZL_HEAD

@@ -23,7 +23,7 @@ __all__ = [
 
 
 class S7_FunctionStatus(S7_Part):
-    """The function and its status: an answer to request download, download block, upload and PI services."""
+    """The function and its status: the answer to request download, download block, upload and PI services."""
 
     name = "S7 function status"
     layout = transfer.STATUS
@@ -31,7 +31,7 @@ class S7_FunctionStatus(S7_Part):
 
 
 class S7_Download(S7_Part):
-    """Jobs: request download and download block; download ended; start upload, upload; end upload."""
+    """Head of a job to request download or download block."""
 
     name = "S7 download"
     layout = transfer.DOWNLOAD
@@ -39,7 +39,7 @@ class S7_Download(S7_Part):
 
 
 class S7_DownloadEnded(S7_Part):
-    """Download ended."""
+    """Head of a job that ends a download."""
 
     name = "S7 download ended"
     layout = transfer.DOWNLOAD_END
@@ -47,7 +47,7 @@ class S7_DownloadEnded(S7_Part):
 
 
 class S7_Upload(S7_Part):
-    """Upload."""
+    """Head of a job to start upload or upload, and of the answer to start upload."""
 
     name = "S7 upload"
     layout = transfer.UPLOAD_HEAD
@@ -55,7 +55,7 @@ class S7_Upload(S7_Part):
 
 
 class S7_EndUpload(S7_Part):
-    """End upload."""
+    """Head of a job to end upload."""
 
     name = "S7 end upload"
     layout = transfer.UPLOAD_END
@@ -63,10 +63,7 @@ class S7_EndUpload(S7_Part):
 
 
 class S7_FileName(S7_Part):
-    """The name of a block as a file, as devices write it, and as python-snap7 does.
-
-    ``name_length`` is filled in when left out.
-    """
+    """The name of a block as a file, as devices write it. ``name_length`` is filled in when left out."""
 
     name = "S7 file name"
     layout = transfer.FILE_NAME
@@ -76,7 +73,7 @@ class S7_FileName(S7_Part):
 
 
 class S7_ShortFileName(S7_Part):
-    """Short file name. ``name_length`` is filled in when left out."""
+    """The same without the first character, as one client writes it. ``name_length`` is filled in when left out."""
 
     name = "S7 short file name"
     layout = transfer.SHORT_FILE_NAME

@@ -30,9 +30,6 @@ RETURN_CODE: Final = s7.DATA_ITEM.fields[0].wireshark
 TRANSPORT_SIZE: Final = s7.DATA_ITEM.fields[1].wireshark
 LENGTH: Final = s7.DATA_ITEM.fields[2].wireshark
 SUBFUNCTIONS: Final = ("s7comm.param.userdata.subfunc", "s7comm.param.modetrans.subfunc")
-#: Octets of a record that Wireshark does not read, and how the names of fields of records begin.
-_RECORD: Final = "s7comm.param.userdata.szl_part_list"
-_OF_RECORDS: Final = "s7comm.szl."
 _LI: Final = "cotp.li"
 _TYPE: Final = "cotp.type"
 #: The reasons of a DR that Wireshark has names for.
@@ -181,90 +178,6 @@ def usend(case: Case) -> bool:
     at = s7.HEADER.size + 4
     one_sided = (case.ours is None) != (case.theirs is None)
     return one_sided and case.octets[1:2] == b"\x07" and case.octets[at : at + 1] == b"\x13"
-
-
-def in_parts(case: Case) -> bool:
-    """Whether we show a field of a part of an answer behind which more parts follow, and Wireshark does not."""
-    if case.theirs is not None or case.place.part != facts.IN_BODY:
-        return False
-    head = parse_pdu(case.octets).parameters.userdata
-    return head is not None and head.last_data_unit == 1
-
-
-def longer_time(case: Case) -> bool:
-    """Whether Wireshark's time of a clock begins two octets earlier than ours, at its reserved octet."""
-    return _begins_earlier(case, 2)
-
-
-def longer_count(case: Case) -> bool:
-    """Whether Wireshark's count begins one octet earlier than ours, at the reserved octet."""
-    return _begins_earlier(case, 1)
-
-
-def _begins_earlier(case: Case, ahead: int) -> bool:
-    if case.our_record is None or case.their_record is None:
-        return False
-    place = case.place
-    if case.ours is None:
-        mine, other = case.our_record.facts.get(place._replace(number=place.number + ahead)), case.theirs
-        return mine is not None and isinstance(other, bytes) and len(other) > ahead and other[ahead:] == mine.value
-    theirs = case.their_record.facts.get(place._replace(number=place.number - ahead))
-    return theirs is not None and isinstance(theirs.value, bytes) and theirs.value[ahead:] == case.ours
-
-
-def records_as_octets(case: Case) -> bool:
-    """Whether Wireshark shows octets where we show the fields of a record of a system status list."""
-    if case.our_record is None or case.their_record is None or (case.ours is None) == (case.theirs is None):
-        return False
-    for place, fact in case.their_record.facts.items():
-        if place.part != case.place.part or place.name != _RECORD or not isinstance(fact.value, bytes):
-            continue
-        inside = range(place.number, place.number + len(fact.value))
-        if case.ours is not None and case.place.number in inside:
-            return True
-        if case.place == place:
-            ours = [one for one in case.our_record.facts if one.part == place.part and one.number in inside]
-            return bool(ours) and all(one.name.startswith(_OF_RECORDS) for one in ours)
-    return False
-
-
-# ---- blocks ----------------------------------------------------------------------------------------------------------
-
-
-def whole_of_fields(case: Case) -> bool:
-    """Whether Wireshark shows as one text what we show as fields, without a gap from its first octet to its last."""
-    if case.ours is not None or not isinstance(case.theirs, bytes) or case.our_record is None:
-        return False
-    ends: dict[int, int] = {}
-    for place, fact in case.our_record.facts.items():
-        if place.part == case.place.part and isinstance(fact.value, bytes):
-            ends[place.number] = place.number + len(fact.value)
-    at = case.place.number
-    end = at + len(case.theirs)
-    while at < end and at in ends:
-        at = ends[at]
-    return at == end
-
-
-def block_header(case: Case) -> bool:
-    """Whether Wireshark shows as one what is the header of a block and its code, of which we show the code."""
-    if case.our_record is None or case.their_record is None:
-        return False
-    contents = [
-        [(place, fact.value) for place, fact in record.facts.items() if _same_name(place, case.place)]
-        for record in (case.our_record, case.their_record)
-    ]
-    if len(contents[0]) != 1 or len(contents[1]) != 1:
-        return False
-    (mine, code), (other, block) = contents[0][0], contents[1][0]
-    if not isinstance(code, bytes) or not isinstance(block, bytes):
-        return False
-    ends_alike = mine.number + len(code) == other.number + len(block) and block.endswith(code)
-    return mine.number > other.number and ends_alike and block.startswith(b"pp")
-
-
-def _same_name(place: Place, other: Place) -> bool:
-    return place.name == other.name and place.part == other.part
 
 
 # ---- COTP ------------------------------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """The differences that are understood: for each what the two sides say, which octets decide it, and who is right.
 
 This is the one place where a difference may be excused. An entry names the field and says by a predicate
-(`dissect.oracle.grounds`) exactly when it holds; what no entry claims is unexplained, and the tests fail on it. ``side`` says
+(`dissect.oracle.grounds`, `dissect.oracle.body_grounds`) exactly when it holds; what no entry claims is unexplained, and the tests fail on it. ``side`` says
 who is right: `OURS`, `SCOPE` where the package leaves something out on purpose, `FORM` where both say the same in other words.
 docs/oracle.md shows this table.
 """
@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from dissect.oracle import facts, grounds
+from dissect.oracle import body_grounds, facts, grounds
 from dissect.oracle.grounds import FRAME, LENGTH, OCTETS, SUBFUNCTIONS, TRANSPORT_SIZE, WHOLE, Case
 
 OURS: Final = "Ours is right"
@@ -131,7 +131,16 @@ KNOWN: Final = (
         "Nothing is shown of the payload of a part of an answer in several PDUs but the last.",
         "Wireshark shows all of it in the last part, where its octets are together; there every field is compared.",
         "4.3",
-        grounds.in_parts,
+        body_grounds.in_parts,
+    ),
+    Known(
+        "last-part-alone",
+        OURS,
+        tuple(sorted(facts.BODY_NAMES)),
+        "The last part of an answer in several PDUs, of which no other part was seen, is shown as if it were the whole.",
+        "Its data unit reference says that parts came before it; what is left has no head, and its fields are unknown.",
+        "4.3",
+        body_grounds.last_alone,
     ),
     Known(
         "time-with-its-century",
@@ -140,7 +149,7 @@ KNOWN: Final = (
         "The time of a clock begins at its reserved octet, two octets before the DATE_AND_TIME.",
         "The octet between is called the century and is not reliable; the eight behind it are the time.",
         "4.12",
-        grounds.longer_time,
+        body_grounds.longer_time,
     ),
     Known(
         "count-with-its-reserved-octet",
@@ -149,7 +158,7 @@ KNOWN: Final = (
         "The item count of cyclic services begins at the reserved octet before it.",
         "The octet between head and count is 0 in captures; the count has one octet, as everywhere else.",
         "4.7",
-        grounds.longer_count,
+        body_grounds.longer_count,
     ),
     Known(
         "records-as-octets",
@@ -158,7 +167,7 @@ KNOWN: Final = (
         "Records of some system status lists are shown as octets, as those of 0x0232, which are like those of 0x0132.",
         "An extract of a list holds the same records as the list (number in the low octet of the SZL-ID).",
         "4.5",
-        grounds.records_as_octets,
+        body_grounds.records_as_octets,
     ),
     Known(
         "name-and-its-fields",
@@ -167,7 +176,7 @@ KNOWN: Final = (
         "The file name of a block is shown whole besides its fields.",
         "Its marker, type, number and file system are compared one by one.",
         "3.9",
-        grounds.whole_of_fields,
+        body_grounds.whole_of_fields,
     ),
     Known(
         "block-with-its-header",
@@ -176,7 +185,7 @@ KNOWN: Final = (
         "The first piece of a block that is loaded is shown as octets from its first one.",
         "It begins with the header of the block, whose fields we show before the rest.",
         "4.6",
-        grounds.block_header,
+        body_grounds.block_header,
     ),
     Known(
         "damaged-pdu",

@@ -264,6 +264,9 @@ class Dialogue:
 
     def _replace(self, replaced: Transaction, answering: Side | None) -> None:
         """The reference of a request was used again while it waited: it and what waited before it stay unanswered."""
+        requests = replaced.connection.open_requests[replaced.asked_by]
+        for transaction in requests.drop_superseded(replaced):
+            self._give_up(transaction, answering, REFERENCE_REUSED)
         chain: list[Transaction] = []
         link: Transaction | None = replaced
         while link is not None:

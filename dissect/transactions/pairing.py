@@ -85,6 +85,8 @@ class OpenRequests:
             and old.request_octets == transaction.request_octets
         ):
             transaction.earlier = old
+            transaction.superseded = old.superseded  # what waits behind an entry of the table hangs on that entry
+            old.superseded = None
             self.table[key] = transaction
             return None
         self.count -= depth

@@ -52,9 +52,7 @@ from tests.transactions.talk import (
 
 PACKAGE: Final = Path(dissect.__file__).parent
 #: Rooms and modules that may judge.
-ENGINE: Final = frozenset(
-    ("tcp", "iso", "s7", "transactions", "findings", "conversation.py", "gateway.py", "pipeline.py")
-)
+ENGINE: Final = frozenset(("findings", "conversation.py", "gateway.py", "pipeline.py"))
 #: Rooms whose findings are written in the source as "room.what".
 SLUG: Final = re.compile(
     r"(capture|ip|stream|tpkt|ibh|cotp|s7|session|transaction|function|security|operation|internal)\.[a-z_0-9]+"

@@ -292,7 +292,7 @@ def test_shared_captures(
     corpus: Path, name: str, pdus: int, opcodes: dict[int, int], answered: int, one_way: int
 ) -> None:
     """The numbers are those of tshark's TPDUs, counted apart from this package."""
-    analysis = dissect.analyze(corpus / name)
+    analysis = dissect.analyze(str(corpus / name))
     assert analysis.pipeline is not None
     conversation = analysis.pipeline.conversation
     assert conversation.plus_pdus == conversation.tsdus[1] == pdus

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import doctest
+import os
 import re
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 from scapy.packet import Packet, fuzz, ls
 
+import dissect
 import dissect.layers
 from dissect.layers import COTP, S7, TPKT, S7_Any, S7_ReadVarRequest
 
@@ -26,11 +28,25 @@ def test_the_tutorial_is_true(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert doctest.DocTestRunner(verbose=False).run(examples, out=told.append).failed == 0, "".join(told)
 
 
-def test_the_tutorial_names_every_layer() -> None:
-    text = DOCUMENT.read_text(encoding="utf-8")
+def test_the_documents_name_every_layer() -> None:
+    pages = [DOCUMENT, DOCUMENT.with_name("layers-parts.md")]
+    text = "".join(page.read_text(encoding="utf-8") for page in pages)
     bases = {"S7_Body", "S7_Item", "S7_Userdata"}
     for name in set(dissect.layers.__all__) - bases:
-        assert name in text or (name.endswith("_Extended") and name.removesuffix("_Extended") in text), name
+        assert f"`{name}`" in text or name in text.split("## The layers")[0] or name.endswith("_Extended"), name
+
+
+def test_the_page_of_structures_is_the_classes() -> None:
+    root = DOCUMENT.parent.parent
+    environment = {**os.environ, "PYTHONPATH": str(Path(dissect.__file__).parent.parent)}
+    done = subprocess.run(
+        [sys.executable, root / "scripts" / "layers_doc.py"],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment,
+    )
+    assert done.stdout == (root / "docs" / "layers-parts.md").read_text(encoding="utf-8")
 
 
 def test_the_docstring_is_true() -> None:

@@ -87,7 +87,9 @@ def test_crafting() -> None:
     assert bytes(part) == framed(b"more", trailer=False)
     assert bytes(S7Plus(version=0xFE, content=[S7Plus_Event(confirmed_octets=9)])) == event(9)
     assert bytes(S7Plus_KeepAlive(number=7)) == KEEP_ALIVE
-    assert S7Plus(bytes(request)).body.function == 0x05B3
+    body = S7Plus(bytes(request)).body
+    assert body is not None
+    assert body.function == 0x05B3
     assert S7Plus().body is None
 
 

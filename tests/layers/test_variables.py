@@ -142,7 +142,7 @@ def test_several_areas_of_data_blocks_in_one_item() -> None:
 def test_a_variable_of_an_nc() -> None:
     item = only_item(38)
     assert isinstance(item, S7_NCKItem)
-    values = {"nck_area": 2, "nck_unit": 1, "column": 1, "line_": 1, "module": 0x7F, "line_count": 1}
+    values: dict[str, Any] = {"nck_area": 2, "nck_unit": 1, "column": 1, "line_": 1, "module": 0x7F, "line_count": 1}
     assert {name: item.getfieldval(name) for name in values} == values
     request = S7(pdu_ref=0x600) / S7_ReadVarRequest(items=[S7_NCKItem(**values)])
     assert bytes(TPKT() / COTP_DT() / request) == BY_NUMBER[38].octets

@@ -210,6 +210,66 @@ def test_in_parts_needs_a_head_that_says_so() -> None:
 
 
 @pytest.mark.parametrize(
+    ("unit", "last", "joined", "ours", "theirs", "holds"),
+    [
+        (5, 0, b"", None, b"\x00", True),
+        (5, 0, b"", b"\x00", None, True),
+        (5, 0, b"", b"\x00", b"\x01", False),
+        (5, 0, CLOCK, None, b"\x00", False),
+        (0, 0, b"", None, b"\x00", False),
+        (5, 1, b"", None, b"\x00", False),
+    ],
+)
+def test_last_alone(unit: int, last: int, joined: bytes, ours: Value | None, theirs: Value | None, holds: bool) -> None:
+    shown = Record(PDU, 1, b"", {})
+    shown.joined = joined
+    place = Place(IN_BODY, 26, "s7comm.data.ts_reserved")
+    assert grounds.last_alone(case(place, ours, theirs, clock(unit, last), shown)) == holds
+    assert not grounds.last_alone(case(TYPE, ours, theirs, clock(unit, last), shown))
+    assert not grounds.last_alone(case(place, ours, theirs, clock(unit, last), None))
+
+
+def name_of(*pieces: tuple[int, bytes]) -> Record:
+    facts = {Place(IN_BODY, at, f"s7comm.piece.{at}"): Fact(value, at) for at, value in pieces}
+    return Record(PDU, 1, b"", facts)
+
+
+@pytest.mark.parametrize(
+    ("pieces", "ours", "holds"),
+    [
+        (((19, b"_"), (20, b"0A"), (22, b"00001")), None, True),
+        (((19, b"_"), (22, b"00001")), None, False),
+        (((19, b"_"), (20, b"0A"), (22, b"000011")), None, False),
+        (((19, b"_"), (20, b"0A")), None, False),
+        (((19, b"_"), (20, b"0A"), (22, b"00001")), b"_", False),
+    ],
+)
+def test_whole_of_fields(pieces: tuple[tuple[int, bytes], ...], ours: Value | None, holds: bool) -> None:
+    place = Place(IN_BODY, 19, "s7comm.param.blockcontrol.filename")
+    assert grounds.whole_of_fields(case(place, ours, b"_0A00001", name_of(*pieces))) == holds
+
+
+@pytest.mark.parametrize(
+    ("code", "at", "block", "holds"),
+    [
+        (b"code", 22, b"pp\x01\x01code", True),
+        (b"code", 23, b"pp\x01\x01code", False),
+        (b"cod!", 22, b"pp\x01\x01code", False),
+        (b"code", 22, b"px\x01\x01code", False),
+        (b"pp\x01\x01code", 18, b"pp\x01\x01code", False),  # then there is no difference
+    ],
+)
+def test_block_header(code: bytes, at: int, block: bytes, holds: bool) -> None:
+    mine, other = Place(IN_BODY, at, "s7comm.resp.data"), Place(IN_BODY, 18, "s7comm.resp.data")
+    ours, theirs = Record(PDU, 1, b"", {mine: Fact(code, at)}), Record(PDU, 1, b"", {other: Fact(block, 18)})
+    assert grounds.block_header(case(mine, code, None, ours, theirs)) == holds
+    assert grounds.block_header(case(other, None, block, ours, theirs)) == holds
+    theirs.facts[other._replace(number=90)] = Fact(b"", 90)
+    assert not grounds.block_header(case(mine, code, None, ours, theirs)), "not the only content"
+    assert not grounds.block_header(case(mine, code, None, ours, None))
+
+
+@pytest.mark.parametrize(
     ("shown", "at", "holds"),
     [
         (CLOCK, 26, True),

@@ -26,6 +26,15 @@ PLAIN: Final = [pdu(3, number, b"\x04\x01", b"\xff\x09\x00\x04data") for number 
 CONNECT_REQUEST: Final = struct.pack(">BHHB", 0xE0, 0, 1, 0)
 
 
+#: A data block: its header, code and trailer.
+BLOCK: Final = bytes.fromhex("70700101050a0001000000640000000002914760") + bytes(80)
+
+
+def worked(title: str) -> list[bytes]:
+    """The worked examples whose titles begin so."""
+    return [example.octets for example in S7 if example.title.startswith(title)]
+
+
 def begun(sequence: int = 1000) -> Connection:
     """A connection up to its Setup."""
     rng = Random(1)
@@ -132,13 +141,12 @@ EXAMPLES: Final[dict[str, Callable[[], list[bytes]]]] = {
             )
         )
     ),
-    "parts-joined": lambda: sent(*[example.octets for example in S7 if " part" in example.title]),
-    "time-with-its-century": lambda: sent(
-        *[example.octets for example in S7 if example.title == "Response with the clock"]
-    ),
-    "count-with-its-reserved-octet": lambda: sent(
-        *[one.octets for one in S7 if one.title.startswith("Request cyclic")], side=0
-    ),
+    "parts-joined": lambda: sent(*worked("Response, first part"), *worked("Response, second and last part")),
+    "last-part-alone": lambda: sent(*worked("Response, second and last part")),
+    "time-with-its-century": lambda: sent(*worked("Response with the clock")),
+    "count-with-its-reserved-octet": lambda: sent(*worked("Request cyclic"), side=0),
+    "name-and-its-fields": lambda: sent(*worked("Job Start upload"), side=0),
+    "block-with-its-header": lambda: sent(dt(pdu(3, 1, b"\x1b\x00", b"\x00\x64\x00\xfb" + BLOCK)), side=0),
     "records-as-octets": lambda: sent(
         dt(
             pdu(

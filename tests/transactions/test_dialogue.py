@@ -763,3 +763,19 @@ def test_every_request_and_answer_is_told_of_once(steps: list[tuple[int, str, in
     connection = talk.connections[0]
     assert connection.answered + connection.unanswered == len(steps) + 1  # and the setup
     assert talk.pipeline.conversation.dialogue.open == 0
+
+
+@pytest.mark.parametrize("same", [True, False], ids=["the same again", "something else"])
+def test_what_waits_behind_a_request_is_told_when_that_is_replaced(same: bool) -> None:
+    """Two requests of one reference, the second acknowledging an answer not captured; then the reference comes again."""
+    talk = Talk()
+    talk.open(8, 8)
+    first = talk.ask(read(1, dbw(1, 0)))
+    talk.seq[SERVER] += len(dt(words(1, 1)))  # an answer that comes later, or never
+    second = talk.ask(read(1, dbw(1, 2)))
+    talk.acked[CLIENT] = 1
+    third = talk.ask(read(1, dbw(1, 2 if same else 4)))
+    talk.finish()
+    assert sorted(talk.pairs()) == [(first, 0), (second, 0), (third, 0)]
+    assert talk.outcomes() == ["unanswered"] * 3
+    assert talk.pipeline.conversation.dialogue.open == 0

@@ -1,0 +1,247 @@
+"""Operations: which transactions belong together, and what came of them."""
+
+from __future__ import annotations
+
+import pytest
+
+from dissect.transactions.operation import MAX_OPEN, Operation
+from dissect.transactions.operations import ENDLESS
+from tests.findings import events
+from tests.transactions.talk import ACK, CLIENT, FIN, MS, RST, SERVER, SYN, Talk, ack, granted, setup, tpkt
+
+REFUSAL = tpkt(bytes.fromhex("0680000100000001"[:14]))
+
+
+@pytest.fixture
+def talk() -> Talk:
+    """Return a talk whose connection is open and whose set-up was told."""
+    talk = Talk()
+    talk.open()
+    assert [one.kind for one in talk.operations] == ["connect"]
+    talk.operations.clear()
+    return talk
+
+
+def only(talk: Talk) -> Operation:
+    (operation,) = talk.operations
+    return operation
+
+
+# ---- connections ----------------------------------------------------------------------------------------------------
+
+
+def test_a_connection_from_its_first_packet_to_the_setup() -> None:
+    talk = Talk()
+    talk.open(2, 3, 240)
+    talk.close()
+    told = only(talk)
+    assert (told.kind, told.result, told.subject) == ("connect", "done", "PDU 240, AmQ 2/3")
+    assert (told.first_frame, told.last_frame, told.duration_ns) == (1, 7, 6 * MS)
+    assert (told.parts, told.transactions, told.number) == (1, [1], 1)
+
+
+def test_without_a_handshake_it_begins_with_the_setup() -> None:
+    talk = Talk()
+    talk.ask(setup(1))
+    talk.tell(granted(1))
+    assert (only(talk).first_frame, only(talk).last_frame) == (1, 2)
+
+
+def test_a_later_setup_is_no_other_connection(talk: Talk) -> None:
+    talk.ask(setup(1))
+    talk.tell(granted(1))
+    talk.close()
+    assert talk.operations == []
+
+
+def test_a_setup_that_is_refused() -> None:
+    talk = Talk()
+    talk.hello()
+    talk.connect()
+    talk.ask(setup(1))
+    talk.tell(ack(1, 0x8104))
+    talk.close()
+    assert (only(talk).result, only(talk).error_code, only(talk).subject) == ("refused", 0x8104, "asks PDU 480")
+
+
+def test_a_connection_that_is_refused() -> None:
+    talk = Talk()
+    talk.hello()
+    talk.packet(CLIENT, tpkt(bytes.fromhex("11e00000000100c1020100c2020102c0010a")))
+    talk.packet(SERVER, tpkt(bytes.fromhex("06800001000003")))
+    talk.close()
+    told = only(talk)
+    assert (told.kind, told.result, told.parts) == ("connect", "refused", 0)
+    assert told.subject == talk.connections[0].refused != ""
+
+
+def test_a_connection_that_is_never_set_up() -> None:
+    talk = Talk()
+    talk.hello()
+    talk.connect()
+    talk.packet(CLIENT, flags=RST | ACK)
+    talk.finish()
+    assert (only(talk).result, only(talk).reason) == ("unfinished", "connection_closed")
+
+
+def test_what_never_asked_to_connect_is_no_operation() -> None:
+    talk = Talk()
+    talk.packet(CLIENT, flags=SYN)
+    talk.packet(SERVER, flags=RST | ACK)
+    talk.finish()
+    assert talk.operations == []
+
+
+# ---- answers in parts -----------------------------------------------------------------------------------------------
+
+
+def list_of(size: int) -> bytes:
+    """An SZL answer of ``size`` octets: the head and records of two octets."""
+    return bytes.fromhex("000000000002") + ((size - 8) // 2).to_bytes(2, "big") + bytes(size - 8)
+
+
+def test_an_answer_in_three_parts(talk: Talk) -> None:
+    whole = list_of(100)
+    talk.ask(events.szl(1, 0))
+    talk.tell(events.tells(1, 4, 1, whole[:40], sequence=3, part=9))
+    talk.ask(events.asks(2, 4, 1, sequence=3))
+    talk.tell(events.tells(2, 4, 1, whole[40:80], sequence=3, part=9))
+    talk.ask(events.asks(3, 4, 1, sequence=3))
+    talk.tell(events.tells(3, 4, 1, whole[80:], sequence=3, part=-9))
+    told = only(talk)
+    assert (told.kind, told.result, told.octets, told.parts) == ("long_answer", "done", 100, 3)
+    assert told.subject.startswith("SZL 0x0000 ")
+    assert (told.first_frame, told.last_frame) == (8, 13)
+
+
+def test_a_part_that_is_refused(talk: Talk) -> None:
+    talk.ask(events.szl(1, 0))
+    talk.tell(events.tells(1, 4, 1, list_of(40), sequence=3, part=9))
+    talk.ask(events.asks(2, 4, 1, sequence=3))
+    talk.tell(events.tells(2, 4, 1, sequence=3, code=0xD405))
+    assert (only(talk).result, only(talk).error_code) == ("failed", 0xD405)
+
+
+def test_parts_that_are_not_fetched(talk: Talk) -> None:
+    talk.ask(events.szl(1, 0))
+    talk.tell(events.tells(1, 4, 1, list_of(40), sequence=3, part=9))
+    talk.ask(events.szl(2, 0))
+    talk.tell(events.tells(2, 4, 1, list_of(40), sequence=3, part=9))
+    talk.close()
+    assert [(one.result, one.reason) for one in talk.operations] == [
+        ("unfinished", "begun again"),
+        ("unfinished", "connection_closed"),
+    ]
+
+
+def test_a_whole_answer_is_no_operation(talk: Talk) -> None:
+    talk.ask(events.szl(1, 0))
+    talk.tell(events.tells(1, 4, 1, list_of(40), sequence=3))
+    talk.close()
+    assert talk.operations == []
+
+
+# ---- subscriptions --------------------------------------------------------------------------------------------------
+
+
+def subscribe(talk: Talk, job: int, pdu_ref: int = 1, code: int = 0) -> None:
+    talk.ask(events.asks(pdu_ref, 2, 1, events.CYCLIC))
+    talk.tell(events.tells(pdu_ref, 2, 1, b"" if code else events.CYCLIC_VALUES, sequence=job, code=code))
+
+
+def test_a_cyclic_subscription_with_its_pushes_and_its_end(talk: Talk) -> None:
+    subscribe(talk, 5)
+    for _ in range(3):
+        talk.tell(events.pushes(2, 1, events.CYCLIC_VALUES, sequence=5))
+    talk.ask(events.asks(2, 2, 4, bytes((5, 5))))
+    talk.tell(events.tells(2, 2, 4))
+    told = only(talk)
+    assert (told.kind, told.result, told.parts, told.pushes) == ("cyclic", "done", 5, 3)
+    assert told.octets == 4 * len(events.CYCLIC_VALUES)
+    assert told.subject == "every 1 s, DB10.DBW4"
+
+
+def test_two_subscriptions_are_told_apart(talk: Talk) -> None:
+    subscribe(talk, 5, 1)
+    subscribe(talk, 6, 2)
+    talk.tell(events.pushes(2, 1, events.CYCLIC_VALUES, sequence=6))
+    talk.close()
+    assert [(one.pushes, one.result, one.reason) for one in talk.operations] == [
+        (0, "running", "connection_closed"),
+        (1, "running", "connection_closed"),
+    ]
+
+
+def test_a_subscription_that_is_refused(talk: Talk) -> None:
+    subscribe(talk, 0, code=0xD805)
+    assert (only(talk).result, only(talk).error_code) == ("refused", 0xD805)
+
+
+def test_a_subscription_that_is_changed(talk: Talk) -> None:
+    subscribe(talk, 5)
+    talk.ask(events.asks(2, 2, 7, events.CYCLIC, sequence=5))
+    talk.tell(events.tells(2, 2, 7, events.CYCLIC_VALUES, sequence=5))
+    talk.close()
+    assert only(talk).parts == 2
+
+
+def test_messages_until_they_are_cancelled(talk: Talk) -> None:
+    talk.ask(events.asks(1, 4, 2, events.SUBSCRIBE))
+    talk.tell(events.tells(1, 4, 2, b"\x02\x00", sequence=1))
+    talk.tell(events.mode(2))
+    talk.ask(events.asks(2, 4, 2, events.UNSUBSCRIBE))
+    talk.tell(events.tells(2, 4, 2, b"\x02\x00", sequence=1))
+    told = only(talk)
+    assert (told.kind, told.result, told.parts, told.pushes) == ("messages", "done", 3, 1)
+
+
+def test_cancelling_what_was_not_subscribed_to_is_no_operation(talk: Talk) -> None:
+    talk.ask(events.asks(2, 4, 2, events.UNSUBSCRIBE))
+    talk.tell(events.tells(2, 4, 2, b"\x02\x00", sequence=1))
+    talk.close()
+    assert talk.operations == []
+
+
+def test_a_test_job_that_is_enabled_pushes_and_is_deleted(talk: Talk) -> None:
+    talk.ask(events.asks(1, 1, 2, events.TEST_JOB))
+    talk.tell(events.tells(1, 1, 2, sequence=4))
+    named = bytes.fromhex("00000002") + bytes((2, 4))
+    talk.ask(events.asks(2, 1, 0x0E, named))
+    talk.tell(events.tells(2, 1, 0x0E, sequence=5))
+    talk.tell(
+        events.pushes(1, 2, bytes.fromhex("0004000800000000") + bytes.fromhex("0001ff0400101234"[:16]), sequence=4)
+    )
+    talk.ask(events.asks(3, 1, 0x0F, bytes.fromhex("00000004") + b"\0\0" + bytes((2, 4))))
+    talk.tell(events.tells(3, 1, 0x0F, sequence=6))
+    told = only(talk)
+    assert (told.kind, told.result, told.parts, told.pushes) == ("test_job", "done", 4, 1)
+    assert told.subject == "MW0"
+
+
+def test_a_password_is_an_operation_of_its_own(talk: Talk) -> None:
+    talk.ask(events.asks(1, 5, 1, events.PASSWORD))
+    talk.tell(events.tells(1, 5, 1, code=0xD602))
+    told = only(talk)
+    assert (told.kind, told.result, told.error_code, told.subject) == ("password", "refused", 0xD602, "")
+
+
+# ---- bounds ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_oldest_of_too_many_gives_way(talk: Talk) -> None:
+    for number in range(MAX_OPEN + 1):
+        subscribe(talk, number, number + 1)
+    assert (only(talk).result, only(talk).reason) == ("unfinished", "too many at once")
+    assert talk.pipeline.conversation.watch.operations.evicted == 1
+    assert len(talk.pipeline.table.all_open()[0].connection.operations.these) == MAX_OPEN
+
+
+def test_the_numbers_of_endless_transactions_are_bounded(talk: Talk) -> None:
+    subscribe(talk, 5)
+    for _ in range(1500):
+        talk.tell(events.pushes(2, 1, events.CYCLIC_VALUES, sequence=5))
+    talk.packet(CLIENT, flags=FIN | ACK)
+    talk.close()
+    told = only(talk)
+    assert (told.parts, told.pushes, len(told.transactions)) == (1501, 1500, 1000)
+    assert told.kind in ENDLESS
