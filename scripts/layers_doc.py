@@ -24,7 +24,7 @@ def main() -> None:
     modules: dict[str, list[str]] = {}
     for layout, cls in sorted(CLASSES.items(), key=lambda item: item[1].__name__):
         filled = [f"`{name}`" for name, default in cls().default_fields.items() if default is None and name != "fill"]
-        text = (cls.__doc__ or "").split("\n")[0].split(" ``")[0]
+        text = re.sub(r" ``[^.]* filled in when left out\.$", "", (cls.__doc__ or "").split("\n")[0]).replace("``", "`")
         row = f"| `{cls.__name__}` | {text} | {layout.source} | {', '.join(filled)} |"
         modules.setdefault(cls.__module__, []).append(row)
     for name, rows in sorted(modules.items()):

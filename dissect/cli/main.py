@@ -31,7 +31,7 @@ EXIT_INTERRUPTED: Final = 130
 COMMANDS: Final = {
     "analyze": "What a capture holds, how fast it went, what failed and why.",
     "transactions": "One line per request and answer, with items and latency.",
-    "operations": "One line per download, upload, subscription, password: what transactions did together.",
+    "operations": "One line per download, upload, subscription, password.",
     "show": "One line per S7 PDU, or the fields and octets of one.",
     "verify": "Our dissection beside Wireshark's, field by field.",
 }

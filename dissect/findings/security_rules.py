@@ -51,7 +51,9 @@ _MANY_LISTS: Final = 10
 #: Failed passwords of one client at one server that make it guessing.
 _GUESSES: Final = 3
 #: Errors that say that a protection level stands against a request.
-_PROTECTED: Final = frozenset((0xD241, 0xD602, 0x8104))
+_PROTECTED: Final = frozenset((0xD241, 0xD602))
+#: What S7-1200/1500 say to reads and writes while PUT/GET access is off; to other requests: that there is no such service.
+_PROTECTED_VARIABLES: Final = _PROTECTED | {0x8104}
 _ACCESS_DENIED: Final = 0x03
 #: Refused reads and writes of a connection that are looked at.
 _LOOKED_AT: Final = 100
@@ -121,7 +123,7 @@ class SecurityWatch:
             return
         traits.refusals += 1
         codes = [result.return_code for result in transaction.results()]
-        if transaction.error_code in _PROTECTED or _ACCESS_DENIED in codes:
+        if transaction.error_code in _PROTECTED_VARIABLES or _ACCESS_DENIED in codes:
             what = transaction.parameters.subject
             name = "" if transaction.error_code else f": {RETURN_CODES.name(_ACCESS_DENIED)}"
             self._tell("security.protected", transaction, what + name)

@@ -215,22 +215,18 @@ class S7_AlarmQueryOther(S7_Part):
 
 
 class S7_AlarmQueryAnswer(S7_Part):
-    """Head of the pending alarms that a query is answered with.
-
-    ``objects`` and ``complete_length`` are filled in when left out.
-    """
+    """Head of the pending alarms that a query is answered with. ``complete_length`` is filled in when left out."""
 
     name = "S7 alarms"
     layout = alarm_layouts.ALARM_QUERY_ANSWER
-    counted: ClassVar[dict[str, tuple[str, ...]]] = {"objects": ("S7_AlarmState",)}
     fields_desc = header_fields(
         alarm_layouts.ALARM_QUERY_ANSWER,
-        {"return_code": 0xFF, "transport_size": 9, "complete_length": None, "objects": None},
+        {"return_code": 0xFF, "transport_size": 9, "complete_length": None, "objects": 1},
     )
 
     def count_of(self, field: Field, behind: list[Packet], sizes: list[int]) -> int:
-        """Return the number of alarms, or the octets of all of them."""
-        return sum(sizes) if field.name == "complete_length" else super().count_of(field, behind, sizes)
+        """Return the octets of all alarms."""
+        return sum(sizes)
 
 
 class S7_AlarmState(S7_Part):

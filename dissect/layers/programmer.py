@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from scapy.packet import Packet
 
 from dissect.layers.fields import header_fields
@@ -171,8 +169,13 @@ class S7_TestVariables(S7_Part):
 
     name = "S7 variables"
     layout = programmer_layouts.TEST_VARIABLES
-    counted: ClassVar[dict[str, tuple[str, ...]]] = {"item_count": ("S7_TestAddress", "S7_TestBit")}
     fields_desc = header_fields(programmer_layouts.TEST_VARIABLES, {"item_count": None})
+
+    def count_of(self, field: Field, behind: list[Packet], sizes: list[int]) -> int:
+        """Return how many addresses follow, or values, or return codes where there are no addresses."""
+        names = [type(part).__name__ for part in behind]
+        addresses = names.count("S7_TestAddress") + names.count("S7_TestBit")
+        return addresses or names.count("S7_DataItem") or names.count("S7_ReturnCode")
 
 
 class S7_TestAddress(S7_Part):

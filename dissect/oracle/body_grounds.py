@@ -7,7 +7,9 @@ from typing import Final
 from dissect.oracle import facts
 from dissect.oracle.facts import Place
 from dissect.oracle.grounds import Case
+from dissect.s7.bodies import parse_body
 from dissect.s7.message import parse_pdu
+from dissect.wire.part import OCTETS
 
 #: Octets of a record that Wireshark does not read, and how the names of fields of records begin.
 _RECORD: Final = "s7comm.param.userdata.szl_part_list"
@@ -49,6 +51,24 @@ def _begins_earlier(case: Case, ahead: int) -> bool:
         return mine is not None and isinstance(other, bytes) and len(other) > ahead and other[ahead:] == mine.value
     theirs = case.their_record.facts.get(place._replace(number=place.number - ahead))
     return theirs is not None and isinstance(theirs.value, bytes) and theirs.value[ahead:] == case.ours
+
+
+def fill_of_an_item(case: Case) -> bool:
+    """Whether only we show an octet behind an item of odd size in the parameters, or behind the last item of the data."""
+    if case.theirs is not None or case.place.part != facts.IN_BODY:
+        return False
+    pdu = parse_pdu(case.octets)
+    ends = [pdu.header_size + item.offset + len(item.octets) for item in pdu.parameters.items if len(item.octets) & 1]
+    return case.place.number in ends or case.place.number == len(case.octets) - 1
+
+
+def payload_as_octets(case: Case) -> bool:
+    """Whether Wireshark has a name for octets that we keep as they are: a part without a structure, from first to last."""
+    if case.ours is not None or case.place.part != facts.IN_BODY or not isinstance(case.theirs, bytes):
+        return False
+    place = (case.place.number, case.place.number + len(case.theirs))
+    parts = parse_body(parse_pdu(case.octets)).data if case.octets else []
+    return any(part.layout is OCTETS and (part.offset, part.end) == place for part in parts)
 
 
 def records_as_octets(case: Case) -> bool:

@@ -1,9 +1,9 @@
 """The differences that are understood: for each what the two sides say, which octets decide it, and who is right.
 
 This is the one place where a difference may be excused. An entry names the field and says by a predicate
-(`dissect.oracle.grounds`, `dissect.oracle.body_grounds`) exactly when it holds; what no entry claims is unexplained, and the tests fail on it. ``side`` says
-who is right: `OURS`, `SCOPE` where the package leaves something out on purpose, `FORM` where both say the same in other words.
-docs/oracle.md shows this table.
+(`dissect.oracle.grounds`, `dissect.oracle.body_grounds`) exactly when it holds; what no entry claims is unexplained, and the
+tests fail on it. ``side`` says who is right: `OURS`, `SCOPE` where the package leaves something out on purpose, `FORM` where
+both say the same in other words. docs/oracle.md shows this table.
 """
 
 from __future__ import annotations
@@ -168,6 +168,24 @@ KNOWN: Final = (
         "An extract of a list holds the same records as the list (number in the low octet of the SZL-ID).",
         "4.5",
         body_grounds.records_as_octets,
+    ),
+    Known(
+        "fill-of-an-item",
+        OURS,
+        (facts.FILL,),
+        "The octet that makes an item of odd size even is not shown behind an address in a request, nor at the end of the data.",
+        "It stands there as it does behind the data of an item, where Wireshark shows it.",
+        "3.5",
+        body_grounds.fill_of_an_item,
+    ),
+    Known(
+        "payload-as-octets",
+        FORM,
+        ("s7comm.data.userdata",),
+        "The payload of userdata whose structure is not known has a name.",
+        "We keep the same octets without one.",
+        "4.4",
+        body_grounds.payload_as_octets,
     ),
     Known(
         "name-and-its-fields",

@@ -16,6 +16,7 @@ from dissect.s7.parameters import Parameters
 from dissect.s7plus.parameters import PlusParameters
 from dissect.source.packet import SourceFile
 from dissect.transactions.connection import Connection
+from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
 
 #: Connections described one by one; the others are only counted.
@@ -56,6 +57,7 @@ class Analysis(Observer):
         self.connections: list[Connection] = []
         self.connections_not_listed: i64 = 0
         self.findings: list[Finding] = []
+        self.operations: dict[str, dict[str, int]] = {}  # by kind: how many ended with which result
         self.failed: list[Transaction] = []
         self._slowest: list[tuple[int, int, Transaction]] = []
         self._slow_floor: i64 = -1
@@ -113,6 +115,11 @@ class Analysis(Observer):
             self.connections.append(connection)
         else:
             self.connections_not_listed += 1
+
+    def operation(self, operation: Operation) -> None:
+        """Count an operation by its kind and result."""
+        results = self.operations.setdefault(operation.kind, {})
+        results[operation.result] = results.get(operation.result, 0) + 1
 
     def finding(self, finding: Finding) -> None:
         """Keep a detailed finding."""

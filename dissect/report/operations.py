@@ -8,13 +8,14 @@ from typing import Final
 from dissect.report import words
 from dissect.report.places import Places
 from dissect.s7.errors import ERROR_CODES
-from dissect.transactions.operation import DONE, Operation
+from dissect.transactions.operation import DONE, RUNNING, Operation
 from dissect.wire.clock import Clock
 from dissect.wire.text import shortened
 
 OPERATION_SCHEMA: Final = "s7dissect.operation/1"
 
-_NAMES: Final = {
+#: What people call the kinds.
+NAMES: Final = {
     "connect": "connect",
     "download": "download",
     "upload": "upload",
@@ -36,7 +37,7 @@ def operation_line(operation: Operation, clock: Clock, places: Places) -> str:
     return (
         f"{words.moment(clock.iso(operation.begin_ns))}  #{operation.number:<4} {frames:<12}"
         f" {ends[operation.asked_by]} → {ends[1 - operation.asked_by]}"
-        f"  {words.duration(operation.duration_ns):>8}  {_NAMES[operation.kind]}  {said}"
+        f"  {words.duration(operation.duration_ns):>8}  {NAMES[operation.kind]}  {said}"
     )
 
 
@@ -51,9 +52,14 @@ def _carried(operation: Operation) -> str:
     return ", ".join(parts)
 
 
+def shouted(text: str) -> str:
+    """Return a result the way it stands on a line: loud unless all is well."""
+    return text if text in {DONE, RUNNING} else text.upper()
+
+
 def result(operation: Operation) -> str:
     """Return what came of an operation, and why."""
-    shout = operation.result if operation.result in {DONE, "running"} else operation.result.upper()
+    shout = shouted(operation.result)
     if operation.error_code:
         return f"{shout} 0x{operation.error_code:04x} {ERROR_CODES.name(operation.error_code)}"
     why = words.REASONS.get(operation.reason, operation.reason)

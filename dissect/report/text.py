@@ -13,10 +13,13 @@ from dissect.iso.upper import UPPER_NAMES
 from dissect.report import endings, words
 from dissect.report.analysis import MAX_CONNECTIONS, Analysis
 from dissect.report.lines import PROTOCOLS, named
+from dissect.report.operations import NAMES, shouted
 from dissect.report.places import Places
 from dissect.source.packet import SourceFile
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
+from dissect.transactions.operation import CONNECT, RESULTS
+from dissect.transactions.operation import KINDS as KINDS_OF_OPERATIONS
 from dissect.transactions.transaction import Transaction
 from dissect.wire.clock import Clock
 from dissect.wire.text import printable, shortened
@@ -77,6 +80,7 @@ def analysis_lines(analysis: Analysis, interrupted: bool = False) -> Iterator[Li
         yield Line("  INTERRUPTED: what follows covers what was read until then", "error")
     yield from _connections(analysis, places)
     yield from _transactions(analysis)
+    yield from _operations(analysis)
     yield from _findings(analysis, places)
     yield from _failed(analysis, places)
     yield from _slowest(analysis, places)
@@ -242,6 +246,21 @@ def _transactions(analysis: Analysis) -> Iterator[Line]:
             ]
         )
     yield from table(rows, frozenset(range(1, 7)))
+
+
+def _operations(analysis: Analysis) -> Iterator[Line]:
+    """What transactions did together; connections that were set up alone are told above."""
+    if not set(analysis.operations) - {CONNECT}:
+        return
+    yield Line("")
+    yield Line("Operations", HEADING)
+    rows = []
+    for kind in KINDS_OF_OPERATIONS:
+        results = analysis.operations.get(kind, {})
+        if results:
+            told = [f"{results[result]} {shouted(result)}" for result in RESULTS if result in results]
+            rows.append([NAMES[kind], str(sum(results.values())), ", ".join(told)])
+    yield from table(rows, frozenset((1,)))
 
 
 def _failed(analysis: Analysis, places: Places) -> Iterator[Line]:

@@ -164,7 +164,7 @@ def _userdata_head(cursor: Cursor, parameters: Parameters) -> None:
     if head is None:
         cursor.rest()
     elif parameters.function != CPU_SERVICES:
-        cursor.take(MODE_TRANSITION, note=head.subfunction_name)
+        cursor.take(MODE_TRANSITION)  # the name of the function tells the mode
     elif head.usend:
         pbc.take_usend(cursor)
     else:

@@ -499,10 +499,14 @@ def test_the_lines_in_the_document_are_real(capfdbinary: Capture) -> None:
     text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     told = re.findall(r"^    (\d{4}-.*)$", text, re.MULTILINE)
     real = "".join(
-        run(capfdbinary, "transactions", ROOT / "captures" / f"{name}.pcapng").out
-        for name in ("item-errors", "cut-with-reset")
+        run(capfdbinary, command, ROOT / "captures" / f"{name}.pcapng").out
+        for command, name in (
+            ("transactions", "item-errors"),
+            ("transactions", "cut-with-reset"),
+            ("operations", "transfer"),
+        )
     ).splitlines()
-    assert len(told) == 3
+    assert len(told) == 5
     assert [line for line in told if line not in real] == []
 
 

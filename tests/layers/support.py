@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from scapy.packet import NoPayload, Packet
 from scapy.utils import RawPcapReader
 
+from dissect.layers import S7_Part
 from tests.layers.examples import EXAMPLES
 
-#: Fields that building fills in when they are left out.
+#: Fields that building fills in when they are left out; of parts it is all that have no default.
 FILLED: Final = frozenset(("li", "length", "param_length", "data_length", "item_count", "fill"))
 
 
@@ -48,7 +49,8 @@ def forget(packet: Packet) -> Packet:
 
 def _forget(layer: Packet) -> None:
     for name, value in list(layer.fields.items()):
-        if name in FILLED:
+        counts = type(layer)().default_fields[name] is None if isinstance(layer, S7_Part) else name in FILLED
+        if counts:
             layer.delfieldval(name)
         elif isinstance(value, list):
             for element in value:

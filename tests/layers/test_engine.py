@@ -216,7 +216,7 @@ def test_shared_captures(corpus: Path, name: str) -> None:
 
 
 def test_our_captures() -> None:
-    paths = sorted(CAPTURES.glob("*.pcap*"))
+    paths = [*sorted(CAPTURES.glob("*.pcap*")), CAPTURES / "crafted" / "worked.pcapng"]
     found = [octets for path in paths for octets in tpkts_of(path)]
     assert len(paths) > 1
     assert assert_all_read_alike(found) > len(paths)

@@ -13,6 +13,7 @@ from scapy.packet import Packet, Raw, fuzz
 
 import dissect.layers
 import dissect.s7
+import dissect.s7.security
 from dissect.layers import (
     S7,
     S7_CyclicRequest,
@@ -168,6 +169,26 @@ def test_a_count_that_was_deleted_is_filled_in_again() -> None:
     del packet.data_length, packet.data[0].length, packet.data[1].item_count
     again = S7(bytes(packet))
     assert (again.data_length, again.data[0].length, again.data[1].item_count) == (20, 16, 1)
+
+
+def test_the_head_of_a_system_status_list() -> None:
+    led, rest = dissect.layers.S7_SZLLED(led=4), dissect.layers.S7_SZLRecordRest(octets=b"ab")
+    assert built(dissect.layers.S7_SZLHead(szl_id=0x19), led, led)[:23] == "00 19 00 00 00 04 00 02"
+    assert built(dissect.layers.S7_SZLHead(szl_id=0x19), led, rest, led, rest)[:23] == "00 19 00 00 00 06 00 02"
+
+
+def test_what_a_service_needs_stands_before_its_name() -> None:
+    block = dissect.layers.S7_PIBlock(block_type="08", block_number="00020")
+    parts = [dissect.layers.S7_PIHead(), dissect.layers.S7_PIBlocks(), block, block]
+    octets = bytes(S7_Job(parameters=[*parts, dissect.layers.S7_PIName(service="_INSE")]))
+    assert octets[8:] == b"\x00\x12\x02\x0008000" + b"20P0800020P" + b"\x05_INSE"
+
+
+def test_a_password_is_encoded() -> None:
+    password = dissect.layers.S7_Password.of("secret")
+    assert dissect.s7.security.decode_password(password.password) == b"secret  "
+    with pytest.raises(ValueError, match="up to 8 octets"):
+        dissect.layers.S7_Password.of("secretsecret")
 
 
 # ---- showing ---------------------------------------------------------------------------------------------------------

@@ -11,7 +11,18 @@ from scapy.layers.l2 import Ether
 from scapy.packet import NoPayload, Packet, Padding, Raw
 from scapy.supersocket import StreamSocket
 
-from dissect.layers import COTP, COTP_DT, S7, TPKT, S7_ReadVarAnswer, S7_ReadVarRequest, TPKT_Rest, at, bind_port
+from dissect.layers import (
+    COTP,
+    COTP_DT,
+    S7,
+    TPKT,
+    S7_ReadVarAnswer,
+    S7_ReadVarRequest,
+    S7_UserdataExtended,
+    TPKT_Rest,
+    at,
+    bind_port,
+)
 from dissect.layers.tpkt import CHAIN_LIMIT
 from tests.layers.examples import BY_NUMBER, EXAMPLES, Example
 from tests.layers.support import forget, mutated, survives
@@ -36,6 +47,8 @@ def test_every_worked_example_survives_and_is_summed_up(example: Example) -> Non
 def test_every_worked_example_is_built_without_its_lengths(example: Example) -> None:
     blank = forget(TPKT(example.octets))
     assert blank.length is None
+    if example.number == 70:  # one part of a longer list: its head tells of more records than are here
+        blank[S7_UserdataExtended].data[1].record_count = 6
     assert bytes(blank) == example.octets
 
 

@@ -7,13 +7,18 @@ from hypothesis import strategies as st
 from dissect.layers import (
     COTP_DT,
     S7,
+    S7_USEND,
     TPKT,
+    S7_BSENDData,
+    S7_BSENDLength,
     S7_DataHead,
     S7_DataItem,
     S7_Function,
     S7_ModeTransition,
     S7_Octets,
+    S7_RId,
     S7_Surplus,
+    S7_USENDData,
     S7_UserdataExtended,
     S7_UserdataShort,
 )
@@ -107,6 +112,32 @@ def test_a_response_answers_the_request_of_its_group_and_subfunction() -> None:
     assert not (S7(pdu_ref=1) / S7_UserdataShort(group=4, subfunction=1)).answers(request)
     assert not (S7(pdu_ref=1) / S7_ModeTransition()).answers(request)
     assert not (S7(pdu_ref=1, rosctr=3)).answers(request)
+
+
+def test_each_part_of_a_long_answer_answers_its_own_request() -> None:
+    first = S7(pdu_ref=1) / S7_UserdataShort(group=4, subfunction=1)
+    follow_up = S7(pdu_ref=2) / S7_UserdataExtended(group=4, subfunction=1, type="request", sequence=3)
+    parts = [
+        S7(pdu_ref=number)
+        / S7_UserdataExtended(group=4, subfunction=1, sequence=3, data_unit_ref=9, last_data_unit=more)
+        for number, more in ((1, 1), (2, 0))
+    ]
+    assert [[part.answers(request) for request in (first, follow_up)] for part in parts] == [[1, 0], [0, 1]]
+
+
+def test_a_partner_answers_a_bsend_and_nobody_a_usend() -> None:
+    data = [S7_DataHead(), S7_RId(r_id=1), S7_BSENDLength(), S7_BSENDData(bsend_data=b"\xca\xfe\x00\x01")]
+    bsend = S7(pdu_ref=0x2300) / S7_UserdataExtended(group=6, subfunction=1, type="request", data=data)
+    assert bytes(TPKT() / COTP_DT() / bsend) == BY_NUMBER[97].octets
+    answer = TPKT(BY_NUMBER[98].octets)[S7]
+    assert answer.answers(bsend)
+    assert answer.hashret() == bsend.hashret()
+    usend = survives(S7, bytes(S7(pdu_ref=0x2300) / S7_USEND(r_id=7, data=[S7_USENDData(), S7_DataItem(octets=b"ab")])))
+    assert type(usend.payload) is S7_USEND
+    assert (usend.r_id, usend.data[0].item_count, usend.data[1].octets) == (7, 1, b"ab")
+    assert usend.summary() == "S7 Userdata CPU services ref=0x2300 USEND R_ID 0x00000007"
+    assert not answer.answers(usend)
+    assert not usend.answers(bsend)
 
 
 def test_an_unknown_group_shows_its_numbers() -> None:

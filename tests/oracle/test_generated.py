@@ -26,6 +26,14 @@ EXPECTED: Final = {
     "userdata-type-of-four-bits",
     "rejection-refused",
     "shown-again",
+    "fill-of-an-item",
+    "payload-as-octets",
+    "last-part-alone",
+    "time-with-its-century",
+    "count-with-its-reserved-octet",
+    "name-and-its-fields",
+    "block-with-its-header",
+    "mode-transition-as-head",
 }
 
 

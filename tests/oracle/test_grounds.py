@@ -10,9 +10,7 @@ import pytest
 
 from dissect.oracle import grounds
 from dissect.oracle.facts import (
-    IN_BODY,
     IN_DATA_ITEM,
-    IN_JOINED,
     IN_PARAMETERS,
     IN_TPDU,
     IN_TPKT,
@@ -128,13 +126,19 @@ def test_kept_from_before(first: bytes, second: bytes, number: int, name: str, t
     assert grounds.kept_from_before(there) == holds
 
 
+def clock(size: int) -> Record:
+    """The answer to reading a clock, with so many octets of its ten."""
+    head = b"\x00\x01\x12\x08\x12\x87\x01\x02\x00\x00\x00\x00"
+    return pdu_record(1, pdu(7, 1, head, b"\xff\x09\x00" + bytes([size]) + b"\x00" * size))
+
+
 def test_damaged() -> None:
     whole = pdu(1, 1, b"\x04\x01\x12\x0a\x10\x02\x00\x03\x00\x01\x84\x00\x00\x50")
     place = Place(IN_PARAMETERS, 0, "s7comm.param.itemcount")
     assert not grounds.damaged(case(place, 1, 2, pdu_record(1, whole)))
     assert grounds.damaged(case(place, 1, 2, pdu_record(1, whole + b"more")))
-    assert grounds.damaged(case(place, 1, 2, clock(payload=CLOCK[:7]))), "what is wrong inside the body counts as well"
-    assert not grounds.damaged(case(place, 1, 2, clock()))
+    assert grounds.damaged(case(place, 1, 2, clock(7))), "what is wrong inside the body counts as well"
+    assert not grounds.damaged(case(place, 1, 2, clock(10)))
 
 
 # ---- userdata --------------------------------------------------------------------------------------------------------
@@ -178,157 +182,6 @@ def test_split_in_fours_of_a_cut_pdu() -> None:
 def test_own_parameter_heads(rosctr: int, parameters: bytes, ours: Value | None, transition: bool, send: bool) -> None:
     there = case(TYPE, ours, 1, pdu_record(1, pdu(rosctr, 1, parameters)))
     assert (grounds.mode_transition(there), grounds.usend(there)) == (transition, send)
-
-
-RECORD: Final = "s7comm.param.userdata.szl_part_list"
-CLOCK: Final = b"\x00\x19" + bytes.fromhex("1602081451379162")
-
-
-def clock(unit: int = 0, last: int = 0, payload: bytes = CLOCK) -> Record:
-    """The answer to reading a clock, or a part of one."""
-    parameters = b"\x00\x01\x12\x08\x12\x87\x01\x02" + bytes([unit, last, 0, 0])
-    return pdu_record(1, pdu(7, 1, parameters, b"\xff\x09" + struct.pack(">H", len(payload)) + payload))
-
-
-@pytest.mark.parametrize(
-    ("last", "place", "theirs", "holds"),
-    [
-        (1, Place(IN_BODY, 26, "s7comm.data.ts_reserved"), None, True),
-        (0, Place(IN_BODY, 26, "s7comm.data.ts_reserved"), None, False),
-        (1, Place(IN_BODY, 26, "s7comm.data.ts_reserved"), b"\x01", False),
-        (1, Place(IN_JOINED, 26, "s7comm.data.ts_reserved"), None, False),
-        (1, Place(IN_PARAMETERS, 0, "s7comm.param.userdata.seq_num"), None, False),
-    ],
-)
-def test_in_parts(last: int, place: Place, theirs: Value | None, holds: bool) -> None:
-    assert grounds.in_parts(case(place, b"\x00", theirs, clock(5, last))) == holds
-
-
-def test_in_parts_needs_a_head_that_says_so() -> None:
-    place = Place(IN_BODY, 26, "s7comm.data.ts_reserved")
-    assert not grounds.in_parts(case(place, b"\x00", None, answer(b"\xff\x09\x00\x02ab")))
-
-
-@pytest.mark.parametrize(
-    ("unit", "last", "joined", "ours", "theirs", "holds"),
-    [
-        (5, 0, b"", None, b"\x00", True),
-        (5, 0, b"", b"\x00", None, True),
-        (5, 0, b"", b"\x00", b"\x01", False),
-        (5, 0, CLOCK, None, b"\x00", False),
-        (0, 0, b"", None, b"\x00", False),
-        (5, 1, b"", None, b"\x00", False),
-    ],
-)
-def test_last_alone(unit: int, last: int, joined: bytes, ours: Value | None, theirs: Value | None, holds: bool) -> None:
-    shown = Record(PDU, 1, b"", {})
-    shown.joined = joined
-    place = Place(IN_BODY, 26, "s7comm.data.ts_reserved")
-    assert grounds.last_alone(case(place, ours, theirs, clock(unit, last), shown)) == holds
-    assert not grounds.last_alone(case(TYPE, ours, theirs, clock(unit, last), shown))
-    assert not grounds.last_alone(case(place, ours, theirs, clock(unit, last), None))
-
-
-def name_of(*pieces: tuple[int, bytes]) -> Record:
-    facts = {Place(IN_BODY, at, f"s7comm.piece.{at}"): Fact(value, at) for at, value in pieces}
-    return Record(PDU, 1, b"", facts)
-
-
-@pytest.mark.parametrize(
-    ("pieces", "ours", "holds"),
-    [
-        (((19, b"_"), (20, b"0A"), (22, b"00001")), None, True),
-        (((19, b"_"), (22, b"00001")), None, False),
-        (((19, b"_"), (20, b"0A"), (22, b"000011")), None, False),
-        (((19, b"_"), (20, b"0A")), None, False),
-        (((19, b"_"), (20, b"0A"), (22, b"00001")), b"_", False),
-    ],
-)
-def test_whole_of_fields(pieces: tuple[tuple[int, bytes], ...], ours: Value | None, holds: bool) -> None:
-    place = Place(IN_BODY, 19, "s7comm.param.blockcontrol.filename")
-    assert grounds.whole_of_fields(case(place, ours, b"_0A00001", name_of(*pieces))) == holds
-
-
-@pytest.mark.parametrize(
-    ("code", "at", "block", "holds"),
-    [
-        (b"code", 22, b"pp\x01\x01code", True),
-        (b"code", 23, b"pp\x01\x01code", False),
-        (b"cod!", 22, b"pp\x01\x01code", False),
-        (b"code", 22, b"px\x01\x01code", False),
-        (b"pp\x01\x01code", 18, b"pp\x01\x01code", False),  # then there is no difference
-    ],
-)
-def test_block_header(code: bytes, at: int, block: bytes, holds: bool) -> None:
-    mine, other = Place(IN_BODY, at, "s7comm.resp.data"), Place(IN_BODY, 18, "s7comm.resp.data")
-    ours, theirs = Record(PDU, 1, b"", {mine: Fact(code, at)}), Record(PDU, 1, b"", {other: Fact(block, 18)})
-    assert grounds.block_header(case(mine, code, None, ours, theirs)) == holds
-    assert grounds.block_header(case(other, None, block, ours, theirs)) == holds
-    theirs.facts[other._replace(number=90)] = Fact(b"", 90)
-    assert not grounds.block_header(case(mine, code, None, ours, theirs)), "not the only content"
-    assert not grounds.block_header(case(mine, code, None, ours, None))
-
-
-@pytest.mark.parametrize(
-    ("shown", "at", "holds"),
-    [
-        (CLOCK, 26, True),
-        (CLOCK[2:], 28, False),  # then there is no difference
-        (CLOCK[:-1] + b"\x00", 26, False),
-        (CLOCK, 27, False),
-        (CLOCK[1:], 26, False),
-    ],
-)
-def test_longer_time(shown: bytes, at: int, holds: bool) -> None:
-    place = Place(IN_BODY, 28, "s7comm.data.ts")
-    ours = clock()
-    assert ours.facts[place].value == CLOCK[2:]
-    theirs_place = place._replace(number=at)
-    theirs = Record(PDU, 1, ours.octets, {theirs_place: Fact(shown, at)})
-    mine = case(place, CLOCK[2:], None, ours, theirs)
-    other = case(theirs_place, None, shown, ours, theirs)
-    assert (grounds.longer_time(mine), grounds.longer_time(other)) == (holds, holds)
-    assert not grounds.longer_time(case(place, CLOCK[2:], None, ours, None))
-
-
-@pytest.mark.parametrize(("shown", "at", "holds"), [(b"\0\1", 26, True), (b"\0\2", 26, False), (b"\1", 26, False)])
-def test_longer_count(shown: bytes, at: int, holds: bool) -> None:
-    head = b"\x00\x01\x12\x08\x12\x82\x01\x04\x00\x00\x00\x00"
-    ours = pdu_record(1, pdu(7, 1, head, b"\xff\x09\x00\x08\x00\x01\xff\x04\x00\x10\x00\xaa"))
-    place = Place(IN_BODY, 27, "s7comm.param.itemcount")
-    assert ours.facts[place].value == b"\1"
-    theirs = Record(PDU, 1, ours.octets, {place._replace(number=at): Fact(shown, at)})
-    mine = case(place, b"\1", None, ours, theirs)
-    other = case(place._replace(number=at), None, shown, ours, theirs)
-    assert (grounds.longer_count(mine), grounds.longer_count(other)) == (holds, holds)
-
-
-@pytest.mark.parametrize(
-    ("shown", "at", "name", "holds"),
-    [
-        (bytes(4), 34, RECORD, True),
-        (bytes(2), 36, RECORD, True),
-        (bytes(4), 38, RECORD, False),
-        (bytes(4), 34, "s7comm.data.userdata", False),
-    ],
-)
-def test_records_as_octets(shown: bytes, at: int, name: str, holds: bool) -> None:
-    mine = Place(IN_BODY, 36, "s7comm.szl.0132.0004.key")
-    other = Place(IN_BODY, at, name)
-    ours = Record(PDU, 1, b"", {mine: Fact(bytes(2), 36)})
-    theirs = Record(PDU, 1, b"", {other: Fact(shown, at)})
-    assert grounds.records_as_octets(case(mine, bytes(2), None, ours, theirs)) == holds
-    assert grounds.records_as_octets(case(other, None, shown, ours, theirs)) == holds
-    assert not grounds.records_as_octets(case(mine, bytes(2), b"ab", ours, theirs)), "both have the field"
-    assert not grounds.records_as_octets(case(mine, bytes(2), None, ours, None))
-
-
-def test_octets_in_the_place_of_something_else_are_no_record() -> None:
-    mine = Place(IN_BODY, 36, "s7comm.data.userdata.szl_id")
-    other = Place(IN_BODY, 34, RECORD)
-    ours = Record(PDU, 1, b"", {mine: Fact(bytes(2), 36)})
-    theirs = Record(PDU, 1, b"", {other: Fact(bytes(4), 34)})
-    assert not grounds.records_as_octets(case(other, None, bytes(4), ours, theirs))
 
 
 # ---- COTP ------------------------------------------------------------------------------------------------------------

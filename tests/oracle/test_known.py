@@ -145,6 +145,12 @@ EXAMPLES: Final[dict[str, Callable[[], list[bytes]]]] = {
     "last-part-alone": lambda: sent(*worked("Response, second and last part")),
     "time-with-its-century": lambda: sent(*worked("Response with the clock")),
     "count-with-its-reserved-octet": lambda: sent(*worked("Request cyclic"), side=0),
+    "fill-of-an-item": lambda: sent(
+        dt(pdu(1, 7, b"\x04\x02\x12\x03\x55ab\x00\x12\x0a\x10\x02\x00\x01\x00\x01\x84\x00\x00\x00")), side=0
+    ),
+    "payload-as-octets": lambda: sent(
+        dt(pdu(7, 1, b"\x00\x01\x12\x04\x11\x45\x60\x00", b"\xff\x09\x00\x04some")), side=0
+    ),
     "name-and-its-fields": lambda: sent(*worked("Job Start upload"), side=0),
     "block-with-its-header": lambda: sent(dt(pdu(3, 1, b"\x1b\x00", b"\x00\x64\x00\xfb" + BLOCK)), side=0),
     "records-as-octets": lambda: sent(

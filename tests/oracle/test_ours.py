@@ -140,6 +140,7 @@ def test_a_body_is_told_by_position() -> None:
     assert {place: fact for place, fact in record.facts.items() if place.part == IN_BODY} == {
         at(IN_BODY, "s7comm.data.ts_reserved", 26): Fact(b"\x00", 26),
         at(IN_BODY, "s7comm.data.ts_year1", 27): Fact(b"\x19", 27),
+        at(IN_BODY, "s7comm.data.ts", 28): Fact(clock[2:], 28),
     }
 
 
@@ -153,6 +154,7 @@ def test_an_answer_in_parts_is_read_from_the_joined_octets() -> None:
     assert {place: fact for place, fact in record.facts.items() if place not in before} == {
         at(IN_JOINED, "s7comm.data.ts_reserved", 0): Fact(b"\x00", 0),
         at(IN_JOINED, "s7comm.data.ts_year1", 1): Fact(b"\x19", 1),
+        at(IN_JOINED, "s7comm.data.ts", 2): Fact(clock[2:], 2),
     }
     assert before.items() <= record.facts.items()
 

@@ -74,16 +74,15 @@ def layers(tpkts: list[tuple[Tree, list[Any]]], cotps: list[tuple[Tree, list[Any
     return tree
 
 
-def s7(parameters: Tree, data: Tree, octets: str = "32", **more: Any) -> Tree:
+def s7(parameters: Tree, data: Tree) -> Tree:
     """The layers of a packet with one S7 PDU, at octet 61, of this parameter block and data block."""
     tree = layers([tpkt(54, 7)], [data_tpdu(58)])
-    tree["s7comm_raw"] = raw(octets, 61)
+    tree["s7comm_raw"] = raw("32", 61)
     tree["s7comm"] = {
         "s7comm.param_raw": raw("00", 71),
         "s7comm.param": parameters,
         "s7comm.data_raw": raw("00", 80),
         "s7comm.data": data,
-        **more,
     }
     return tree
 
@@ -126,7 +125,9 @@ def test_a_body_is_taken_whole() -> None:
 
 def test_what_wireshark_joins_counts_from_its_own_beginning() -> None:
     data: Tree = {"s7comm.data.ts_reserved_raw": raw("00", 4), "s7comm.data.ts_reserved": "0x00"}
-    (found,) = Frame(s7({}, data, **{"s7comm.fragments_raw": raw("0011223344", 0)})).pdus
+    tree = s7({}, data)
+    tree["s7comm"]["s7comm.fragments_raw"] = raw("0011223344", 0)
+    (found,) = Frame(tree).pdus
     assert found.joined == bytes.fromhex("0011223344")
     assert found.facts == {Place(IN_JOINED, 4, "s7comm.data.ts_reserved"): Fact(b"\x00", 4)}
 

@@ -72,7 +72,8 @@ def test_every_outcome_is_counted() -> None:
         "with_errors": 3,
     }
     assert analysis.unanswered_reasons == {"connection_closed": 1}
-    assert [finding.slug for finding in analysis.findings] == [
+    slugs = [finding.slug for finding in analysis.findings]
+    assert [slug for slug in slugs if slug.startswith("transaction.")] == [
         "transaction.item_error",
         "transaction.refused",
         "transaction.refused",

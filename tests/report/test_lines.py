@@ -198,9 +198,9 @@ def test_userdata_on_a_line() -> None:
     transition = messages.pdu(messages.USERDATA, 0, b"\x01\x00\x10\x10\x00\x00\x00\x00")
     talk.send(1, dt(transition))
     assert pdu_lines(talk) == [
-        "Userdata  ref 0x0001  CPU functions: read SZL  request, sequence 0",
+        "Userdata  ref 0x0001  CPU functions: read SZL  request, sequence 0  SZL 0x0011 module identification",
         "Userdata  ref 0x0001  CPU functions: read SZL  response, sequence 0, error 0xd402 Invalid SZL index",
-        "Userdata  ref 0x0002  CPU functions: read SZL  request, sequence 0",
+        "Userdata  ref 0x0002  CPU functions: read SZL  request, sequence 0  SZL 0x0012 CPU characteristics",
         "Userdata  ref 0x0002  CPU functions: read SZL  response, sequence 0, more to come",
         "Userdata  ref 0x0000  mode transition: STOP  push, sequence 0",
     ]

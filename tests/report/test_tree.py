@@ -94,7 +94,7 @@ PDUS = {
     "service": messages.pdu(messages.JOB, 1, b"\x2a" + bytes(20)),
     "service with data": messages.pdu(messages.JOB, 1, b"\x2a" + bytes(20), bytes(5)),
     "userdata": messages.userdata(1, 1, 4, 1, b"\x00\x11\x00\x00"),
-    "userdata answer": messages.userdata(1, 2, 4, 1, bytes(40)),
+    "userdata answer": messages.userdata(1, 2, 4, 1, bytes.fromhex("0000000000020010") + bytes(32)),
     "userdata without payload": messages.userdata(1, 2, 4, 1, b"", 0xD402),
     "mode transition": messages.pdu(messages.USERDATA, 0, b"\x01\x00\x10\x10\x00\x00\x00\x00"),
     "other syntax": messages.pdu(messages.JOB, 1, b"\x04\x01\x12\x08\xb0\x01\x00\x02\x00\x03\x00\x04"),
