@@ -42,6 +42,20 @@ HOT: Final = (
     "dissect/report/latency.py",
 )
 
+#: What of these stays interpreted: tables and layouts, which are made once when somebody looks at a body. Compiled, making
+#: them would be no faster, and the build would take half as long again.
+COLD: Final = frozenset(
+    (
+        "dissect/s7/diagnostic_tables.py",
+        "dissect/s7/programmer_layouts.py",
+        "dissect/s7/start_information.py",
+        "dissect/s7/szl_communication.py",
+        "dissect/s7/szl_modules.py",
+        "dissect/s7/szl_records.py",
+        "dissect/s7/szl_tables.py",
+    )
+)
+
 #: The commands that need the extensions; metadata and editable installs do not (a compiled copy would hide later edits).
 BUILDING: Final = frozenset(("bdist", "bdist_wheel", "build", "build_ext", "install"))
 
@@ -54,7 +68,7 @@ def say_interpreted(reason: str) -> None:
 def hot_modules() -> list[str]:
     """Return the paths of the modules to compile; a package's ``__init__`` is never one of them."""
     paths = (path for pattern in HOT for path in Path().glob(pattern))
-    return sorted(path.as_posix() for path in paths if path.name != "__init__.py")
+    return sorted(path.as_posix() for path in paths if path.name != "__init__.py" and path.as_posix() not in COLD)
 
 
 def compiler_trouble() -> str:

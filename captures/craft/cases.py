@@ -4,10 +4,38 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from captures.craft import files, iso, links, losses, lying, neighbours, netlink, pairing, rules, streams, worked
+from captures.craft import (
+    coverage,
+    coverage_userdata,
+    files,
+    iso,
+    links,
+    losses,
+    lying,
+    neighbours,
+    netlink,
+    pairing,
+    rules,
+    streams,
+    worked,
+)
 from captures.craft.case import RECIPES, Case, craft
 
 __all__ = ["FOLDER", "GROUPS", "RECIPES", "Case", "craft"]
 
-GROUPS = (streams, losses, links, files, iso, lying, rules, pairing, neighbours, netlink, worked)
+GROUPS = (
+    streams,
+    losses,
+    links,
+    files,
+    iso,
+    lying,
+    rules,
+    pairing,
+    neighbours,
+    netlink,
+    worked,
+    coverage,
+    coverage_userdata,
+)
 FOLDER = Path(__file__).resolve().parent.parent / "crafted"

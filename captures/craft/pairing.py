@@ -112,6 +112,8 @@ def plc_asks(case: Case) -> None:
     talk.send(CLIENT, dt(tell(0x0300, 6, 1)))
     talk.send(SERVER, dt(tell(0x0300, 6, 1)))
     case.pair(USERDATA, USERDATA)
+    case.find("security.program_change", 2)  # the download, _INSE
+    case.find("operation.wrong_size")  # three pieces of 70 octets are not 216
     talk.close()
 
 

@@ -16,6 +16,7 @@ from dissect.layers import (
     S7_Any,
     S7_DataItem,
     S7_Function,
+    S7_Octets,
     S7_ReadVarAnswer,
     S7_ReadVarRequest,
     S7_Setup,
@@ -110,13 +111,18 @@ def written(pdu_ref: int, *codes: int) -> bytes:
 
 def job(pdu_ref: int, function: int, parameters: bytes = b"", data: bytes = b"") -> bytes:
     """A job whose parameters are given as octets."""
-    return s7(pdu_ref, S7_Function(function=function, parameters=parameters, data=data))
+    return s7(pdu_ref, blocks(function, parameters, data))
 
 
 def ack_data(pdu_ref: int, function: int, parameters: bytes = b"", data: bytes = b"", error: int = 0) -> bytes:
     """An Ack_Data whose parameters are given as octets."""
-    body = S7_Function(function=function, parameters=parameters, data=data)
+    body = blocks(function, parameters, data)
     return s7(pdu_ref, body, rosctr=ACK_DATA, error_class=error >> 8, error_code=error & 0xFF)
+
+
+def blocks(function: int, parameters: bytes, data: bytes) -> S7_Function:
+    """The two blocks of a function, given as octets."""
+    return S7_Function(parameters=[S7_Octets(octets=bytes([function]) + parameters)], data=[S7_Octets(octets=data)])
 
 
 def ack(pdu_ref: int, error: int) -> bytes:

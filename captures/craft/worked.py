@@ -51,6 +51,20 @@ def reference_examples(case: Case) -> None:
     case.find("cotp.refused", 2)
     case.find("cotp.bad_start")
     case.find("session.foreign_on_102")
+    # The upload gives 8 octets of 216, the download ends while more is to come.
+    case.find("operation.wrong_size")
+    case.find("operation.cut_short")
+    case.find("security.program_read")
+    case.find("security.program_change", 3)  # the download, _INSE, _DELE
+    case.find("security.plc_start", 2)  # warm and cold
+    case.find("security.plc_stop")
+    case.find("security.stopped")
+    case.find("security.memory", 2)  # _MODU, _GARB
+    case.find("security.write")
+    case.find("security.clock_set")
+    case.find("security.password")
+    case.find("security.protected")
+    case.find("security.reconnaissance")
     case.table("tsdus", s7comm=case.counts["s7_pdus"], unknown=1)
 
 

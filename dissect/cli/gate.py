@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Final
 
@@ -38,6 +37,8 @@ def slugs_of(text: str) -> frozenset[str]:
 
 def _near(text: str) -> str:
     rooms = sorted({slug.partition(".")[0] + ".*" for slug in CATALOGUE})
+    import difflib  # late: a run without this mistake does not need it
+
     near = difflib.get_close_matches(text, [*SEVERITIES, *rooms, *CATALOGUE], n=3)
     begun = [slug for slug in CATALOGUE if text and (slug.startswith(text) or slug.endswith("." + text))]
     named = list(dict.fromkeys([*begun[:3], *near]))

@@ -48,7 +48,7 @@ class Exchange:
         if connection.pdus == 0:
             self._first_pdu(connection, frame, time_ns)
         connection.pdus += 1
-        if connection.pdus % PACE == 0:
+        if connection.pdus & (PACE - 1) == 0:
             self.watch.security.pace(connection, frame, time_ns)
         if self.observer.wants_pdus:
             self.observer.pdu(frame, time_ns, side, buf[at : at + size], False)
@@ -141,7 +141,8 @@ class Exchange:
         ):
             judge_transaction(self.judge, transaction, self._slow_ns)
         self.observer.transaction(transaction)
-        self._watch(transaction)
+        if transaction.has_errors or transaction.parameters.function != READ_VAR:
+            self._watch(transaction)
 
     def _watch(self, transaction: Transaction) -> None:
         """Show what is more than polling to those who watch."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.findings.judge import Judge
-from dissect.s7.bodies import parse_body
 from dissect.s7.errors import ERROR_CODES
 from dissect.transactions.checks import NOT_LOADED, STRAY_PUSH
 from dissect.transactions.operation import (
@@ -60,7 +59,7 @@ def judge_strays(judge: Judge, transaction: Transaction) -> None:
         judge.note("operation.stray_push", connection.number, frames, time_ns, transaction.function_name)
     if transaction.flags & NOT_LOADED:
         asked = transaction.request
-        notes = ", ".join(parse_body(asked).notes) if asked is not None else ""
+        notes = ", ".join(asked.body.notes) if asked is not None else ""
         judge.note("operation.not_loaded", connection.number, [int(transaction.request_frame)], time_ns, notes)
 
 

@@ -9,15 +9,18 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.findings.judge import Judge
-from dissect.s7.bodies import Body, parse_body
+from dissect.s7.body import Body
 from dissect.s7.clock import SETTING
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
+from dissect.s7.layouts import DATA_HEAD
+from dissect.s7.message import HEADER_SIZE
 from dissect.s7.parameters import UserdataHead
 from dissect.s7.services import COMPRESS, COPY_TO_ROM, PI_SERVICES, PROGRAM
 from dissect.s7.tables import RETURN_CODES, USERDATA
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import PUSH, UNANSWERED, Transaction
+from dissect.wire.octets import u16
 
 _DOWNLOADS: Final = frozenset((0x1A,))
 _UPLOAD: Final = 0x1D
@@ -137,9 +140,9 @@ class SecurityWatch:
         elif function == _PI_SERVICE:
             self._pi_service(transaction)
         elif function in _DOWNLOADS:
-            self._tell("security.program_change", transaction, _named(transaction))
+            self._tell("security.program_change", transaction)
         elif function == _UPLOAD:
-            self._tell("security.program_read", transaction, _named(transaction))
+            self._tell("security.program_read", transaction)
 
     def _pi_service(self, transaction: Transaction) -> None:
         body = _asked(transaction)
@@ -151,7 +154,7 @@ class SecurityWatch:
         if name == PROGRAM:
             slug = "security.plc_start"
         if row is not None and slug:
-            self._tell(slug, transaction, _named(transaction))
+            self._tell(slug, transaction)
 
     def _userdata(self, transaction: Transaction, head: UserdataHead) -> None:
         if transaction.outcome == PUSH:
@@ -166,24 +169,25 @@ class SecurityWatch:
         if slug:
             if slug in _ONCE and not transaction.connection.traits.first(slug):
                 return
-            self._tell(slug, transaction, _named(transaction))
+            self._tell(slug, transaction)
         elif group == _BLOCKS:
-            self._inquiry(transaction, 0x100 + subfunction)
+            self._inquiry(transaction, -subfunction)
         elif group == _CPU and subfunction == _READ_SZL:
-            body = _asked(transaction)
-            szl = body.number("szl_id") if body is not None else -1
-            if szl >= 0:
-                self._inquiry(transaction, szl)
+            szl_id = _szl_id(transaction)
+            if szl_id >= 0:
+                self._inquiry(transaction, szl_id)
         elif group == _SECURITY and subfunction == 1:
             self._password(transaction)
 
-    def _inquiry(self, transaction: Transaction, szl_id: int) -> None:
-        """Somebody asks what the device is: said once, when it is more than a look at one list."""
+    def _inquiry(self, transaction: Transaction, inquiry: int) -> None:
+        """Somebody asks what the device is, by SZL-ID or (negative) block function: said once, if it is no mere look."""
         traits = transaction.connection.traits
-        if (szl_id >= 0x100 and szl_id & 0xFF00 == 0x100) or szl_id & 0xFF in _TELLING:
+        if "security.reconnaissance" in traits.told:
+            return
+        if inquiry < 0 or inquiry & 0xFF in _TELLING:
             traits.inquiries += 1
         if len(traits.szl_ids) < _MANY_LISTS:
-            traits.szl_ids.add(szl_id)
+            traits.szl_ids.add(inquiry)
         if (traits.inquiries >= _INQUIRIES or len(traits.szl_ids) >= _MANY_LISTS) and traits.first(
             "security.reconnaissance"
         ):
@@ -215,7 +219,8 @@ class SecurityWatch:
             )
             self._judge.note("security.flood", connection.number, [frame], now_ns, detail)
 
-    def _tell(self, slug: str, transaction: Transaction, what: str) -> None:
+    def _tell(self, slug: str, transaction: Transaction, what: str = "") -> None:
+        """Note an event; unless ``what`` says it, it is what the request asks for."""
         number = transaction.connection.number
         if not self._judge.wants(slug, number):
             return
@@ -231,6 +236,7 @@ class SecurityWatch:
             result = f", refused: 0x{transaction.error_code:04x} {ERROR_CODES.name(transaction.error_code)}"
         elif transaction.outcome == UNANSWERED:
             result = ", not answered"
+        what = what or _named(transaction)
         time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
         self._judge.detail(slug, number, frames, time_ns, f"{who}: {what}{result}")
 
@@ -243,7 +249,17 @@ def _ends(transaction: Transaction) -> tuple[str, str]:
 
 def _asked(transaction: Transaction) -> Body | None:
     request = transaction.request
-    return parse_body(request) if request is not None else None
+    return request.body if request is not None else None
+
+
+def _szl_id(transaction: Transaction) -> int:
+    """Return the SZL-ID that a request asks for, read in place because panels poll SZLs; -1 when there is none.
+
+    A request for a further part of an answer has no payload.
+    """
+    at = transaction.request_offset + HEADER_SIZE + len(transaction.parameters.octets) + DATA_HEAD.size
+    end = transaction.request_offset + transaction.request_size
+    return int(u16(transaction.request_buf, at)) if at + 4 <= end else -1
 
 
 def _named(transaction: Transaction) -> str:

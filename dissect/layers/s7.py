@@ -86,7 +86,7 @@ class S7(WireLayer):
 
     def guess_payload_class(self, payload: bytes) -> type[Packet]:
         """Choose the body by ROSCTR and function (Scapy's interface)."""
-        parameters = payload[: self.param_length]
+        parameters = bytes(payload[: self.param_length])
         if not parameters:
             return S7_Data if self.param_length == 0 and self.data_length else Raw
         body: type[S7_Body] | None

@@ -9,11 +9,24 @@ from dissect.oracle.facts import Place
 from dissect.oracle.grounds import Case
 from dissect.s7.bodies import parse_body
 from dissect.s7.message import parse_pdu
+from dissect.s7.services import PI_SERVICES
 from dissect.wire.part import OCTETS
 
 #: Octets of a record that Wireshark does not read, and how the names of fields of records begin.
-_RECORD: Final = "s7comm.param.userdata.szl_part_list"
+RECORD_OCTETS: Final = "s7comm.param.userdata.szl_part_list"
 _OF_RECORDS: Final = "s7comm.szl."
+#: What a PI service is told, and its name.
+ARGUMENT: Final = "s7comm.param.pistart.argument"
+_SERVICE: Final = "s7comm.param.pistart.servicename"
+
+
+def argument_unknown(case: Case) -> bool:
+    """Whether Wireshark shows a PI service that nobody has heard of without an argument, and we with one."""
+    if case.theirs is not None or case.their_record is None or case.octets[10:11] != b"\x28":
+        return False
+    shown = {place.name: fact.value for place, fact in case.their_record.facts.items()}
+    service = shown.get(_SERVICE)
+    return isinstance(service, bytes) and ARGUMENT not in shown and service.decode("latin-1") not in PI_SERVICES
 
 
 def in_parts(case: Case) -> bool:
@@ -76,7 +89,7 @@ def records_as_octets(case: Case) -> bool:
     if case.our_record is None or case.their_record is None or (case.ours is None) == (case.theirs is None):
         return False
     for place, fact in case.their_record.facts.items():
-        if place.part != case.place.part or place.name != _RECORD or not isinstance(fact.value, bytes):
+        if place.part != case.place.part or place.name != RECORD_OCTETS or not isinstance(fact.value, bytes):
             continue
         inside = range(place.number, place.number + len(fact.value))
         if case.ours is not None and case.place.number in inside:

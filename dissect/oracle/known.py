@@ -1,17 +1,17 @@
 """The differences that are understood: for each what the two sides say, which octets decide it, and who is right.
 
-This is the one place where a difference may be excused. An entry names the field and says by a predicate
-(`dissect.oracle.grounds`, `dissect.oracle.body_grounds`) exactly when it holds; what no entry claims is unexplained, and the
-tests fail on it. ``side`` says who is right: `OURS`, `SCOPE` where the package leaves something out on purpose, `FORM` where
-both say the same in other words. docs/oracle.md shows this table.
+This is the one place where a difference may be excused. An entry (`dissect.oracle.entry`) names the field and says by a
+predicate (`dissect.oracle.grounds`, `body_grounds`, `service_grounds`) exactly when it holds; what no entry claims is
+unexplained, and the tests fail on it. ``side`` says who is right: `OURS`, `SCOPE` where the package leaves something out on
+purpose, `FORM` where both say the same in other words. docs/oracle.md shows this table.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
-from dissect.oracle import body_grounds, facts, grounds
+from dissect.oracle import body_grounds, facts, grounds, service_grounds
+from dissect.oracle.entry import Known
 from dissect.oracle.grounds import FRAME, LENGTH, OCTETS, SUBFUNCTIONS, TRANSPORT_SIZE, WHOLE, Case
 
 OURS: Final = "Ours is right"
@@ -20,30 +20,6 @@ FORM: Final = "The same in another form"
 
 #: What is missing when Wireshark shows nothing of a TPDU.
 _ALL_OF_TPDU: Final = (OCTETS, *sorted(facts.NAMES[facts.IN_TPDU] | facts.NAMES[facts.IN_PARAMETER]))
-
-
-class Known:
-    """One understood difference; ``names`` are the fields it may claim, ``applies`` decides by the octets."""
-
-    __slots__ = ("applies", "id", "names", "reference", "side", "what", "why")
-
-    def __init__(
-        self,
-        id_: str,
-        side: str,
-        names: tuple[str, ...],
-        what: str,
-        why: str,
-        reference: str,
-        applies: Callable[[Case], bool],
-    ) -> None:
-        self.id = id_
-        self.side = side
-        self.names = frozenset(names)
-        self.what = what
-        self.why = why
-        self.reference = reference
-        self.applies = applies
 
 
 def explain(case: Case) -> str:
@@ -173,7 +149,8 @@ KNOWN: Final = (
         "fill-of-an-item",
         OURS,
         (facts.FILL,),
-        "The octet that makes an item of odd size even is not shown behind an address in a request, nor at the end of the data.",
+        "The octet that makes an item of odd size even is not shown behind an address in a request, nor at the end of the"
+        " data.",
         "It stands there as it does behind the data of an item, where Wireshark shows it.",
         "3.5",
         body_grounds.fill_of_an_item,
@@ -186,6 +163,60 @@ KNOWN: Final = (
         "We keep the same octets without one.",
         "4.4",
         body_grounds.payload_as_octets,
+    ),
+    Known(
+        "records-without-names",
+        OURS,
+        (body_grounds.RECORD_OCTETS,),
+        "Records of some system status lists are shown as octets, and no name is known for any of their fields.",
+        "The Siemens manual of system functions describes them.",
+        "4.5",
+        service_grounds.record_without_names,
+    ),
+    Known(
+        "address-of-a-record",
+        FORM,
+        ("s7comm.param.item.length", "s7comm.param.item.db", "s7comm.param.item.address"),
+        "Count, DB number and address of an item in the area of data records have names of their own.",
+        "Its octets are the same in every area; our names are those of S7ANY.",
+        "3.6",
+        service_grounds.data_record,
+    ),
+    Known(
+        "fill-of-a-record",
+        OURS,
+        (facts.FILL,),
+        "The octet between status and length of a data record that was read is not shown.",
+        "The length begins behind it; it says nothing.",
+        "4.7",
+        service_grounds.fill_before_length,
+    ),
+    Known(
+        "archives-as-reserved",
+        OURS,
+        tuple(sorted(facts.BODY_NAMES)),
+        "The list of archives of a message service is shown as reserved octets.",
+        "With an alarm type of AR_SEND, the number of archives and their ids (or return codes) follow.",
+        "4.9",
+        service_grounds.archives,
+    ),
+    Known(
+        "archive-as-octets",
+        OURS,
+        tuple(sorted(facts.BODY_NAMES)),
+        "What AR_SEND pushes is shown as octets.",
+        "It begins with the id of the archive and a length.",
+        "4.9",
+        service_grounds.archive_data,
+    ),
+    Known(
+        "argument-of-unknown-service",
+        OURS,
+        (body_grounds.ARGUMENT,),
+        "The argument of a PI service that Wireshark has no name for has a heading and no value.",
+        "The octets before the name of a service are its argument, whatever its name.",
+        "3.10",
+        body_grounds.argument_unknown,
     ),
     Known(
         "name-and-its-fields",
@@ -220,6 +251,15 @@ KNOWN: Final = (
         "We report the PDU as malformed and read what its own limits allow; Wireshark reads past them until it fails.",
         "3.1, 3.5",
         grounds.damaged,
+    ),
+    Known(
+        "credit-of-a-parameter",
+        FORM,
+        (service_grounds.CREDIT,),
+        "The credit in the parameter 0x8c (flow control confirmation) has the name of the credit of an AK.",
+        "It is no field of the header; code and length of the parameter are compared, its value we keep as octets.",
+        "2.3",
+        service_grounds.credit_of_parameter,
     ),
     Known(
         "expedited-refused",

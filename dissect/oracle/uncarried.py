@@ -16,6 +16,26 @@ REASONS: Final = (
         r"s7comm\.param\.userdata\.(head|length|reqres1)",
         "old names (Wireshark up to 4.0) of the first octets of a userdata head, which are compared under the present ones",
     ),
+    (
+        r"s7comm\.param\.pi\.n_x\.\w+",
+        "arguments of Sinumerik services: each is one text to us, which Wireshark gives a name by service and place",
+    ),
+    (
+        r"s7comm\.readrec\.(id|index|mlen)",
+        "names of their own for address, DB number and count of an item in the area of data records",
+    ),
+    (
+        r"s7comm\.szl\.009[24]\.xxxx\.status_\w+",
+        "a field of bits for racks or stations, which is one field to us and has the numbers of those set as its meaning",
+    ),
+    (
+        r"s7comm\.szl\.0132\.0004\.ken_ver[12]_(hw|awp)",
+        "checksums that Wireshark reads with the low octet first; we have the same octets as numbers like all others",
+    ),
+    (
+        r"s7comm\.varstat\.unknown",
+        "octets of programmer commands whose meaning nobody knows, which we keep without a name",
+    ),
 )
 
 AGAIN: Final = (

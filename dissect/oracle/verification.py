@@ -9,7 +9,8 @@ from typing import Final
 
 from dissect.oracle import facts
 from dissect.oracle.compare import Comparison, Difference
-from dissect.oracle.known import KNOWN, Known
+from dissect.oracle.entry import Known
+from dissect.oracle.known import KNOWN
 from dissect.wire.text import encodable, printable
 
 VERIFICATION_SCHEMA: Final = "s7dissect.verification/1"
@@ -85,6 +86,7 @@ def _file(path: str, comparison: Comparison) -> dict[str, object]:
         "tpdus": comparison.compared[facts.TPDU],
         "pdus": comparison.compared[facts.PDU],
         "fields": comparison.fields,
+        "not_comparable": dict(comparison.not_comparable),
         "differences": [_difference(difference) for difference in comparison.differences],
     }
 

@@ -51,7 +51,6 @@ class Analysis(Observer):
         self.orphans: i64 = 0
         self.unsolicited: i64 = 0
         self.with_errors: i64 = 0
-        self.latencies: Latencies = Latencies()
         self.functions: dict[int, FunctionStatistics] = {}
         self.unanswered_reasons: dict[str, int] = {}
         self.connections: list[Connection] = []
@@ -68,6 +67,14 @@ class Analysis(Observer):
         """Take over what the pipeline counted and the files that were read."""
         self.pipeline = pipeline
         self.files = files
+
+    @property
+    def latencies(self) -> Latencies:
+        """Answer times of all functions together, put together anew at each access."""
+        together = Latencies()
+        for statistics in self.functions.values():
+            together.merge(statistics.latencies)
+        return together
 
     def as_dict(self) -> dict[str, object]:
         """Return the analysis as the JSON contract has it (docs/json.md)."""
@@ -91,7 +98,6 @@ class Analysis(Observer):
             self.answered += 1
             statistics.answered += 1
             latency: i64 = transaction.response_ns - transaction.request_ns
-            self.latencies.add(latency)
             statistics.latencies.add(latency)
             if latency > self._slow_floor:
                 self._keep_slow(latency, transaction)

@@ -15,7 +15,6 @@ from mypy_extensions import i64
 
 from dissect.conversation import Observer
 from dissect.report.plus import plus_function_json, plus_json, plus_pdu_line
-from dissect.s7.bodies import parse_body
 from dissect.s7.items import DataItem, Item
 from dissect.s7.message import Pdu
 from dissect.s7.parameters import Parameters, UserdataHead
@@ -271,7 +270,7 @@ def _notes(transaction: Transaction) -> str:
 
 
 def _noted(pdu: Pdu | None) -> str:
-    return "" if pdu is None else ",".join([json_text(note) for note in parse_body(pdu).notes])
+    return "" if pdu is None else ",".join([json_text(note) for note in pdu.body.notes])
 
 
 def _errors(transaction: Transaction) -> str:
@@ -355,7 +354,7 @@ def _body(pdu: Pdu) -> str:
         if pdu.data:
             text += f',"data":"{pdu.data.hex()}"'
         if parameters.setup is None and not parameters.items:
-            body = parse_body(pdu)
+            body = pdu.body
             parts = [_part("parameters", part) for part in body.parameters] + [
                 _part("data", part) for part in body.data
             ]

@@ -10,6 +10,8 @@ from mypy_extensions import i64
 EXACT: Final = 16384
 #: Buckets to each doubling.
 _STEPS: Final = 128
+#: Buckets for every answer time that 63 bits can hold.
+_BUCKETS: Final = 57 * _STEPS
 
 
 class Latencies:
@@ -26,7 +28,7 @@ class Latencies:
         self.smallest: i64 = 0
         self.largest: i64 = 0
         self._recent: list[int] = []
-        self._buckets: dict[int, int] | None = None
+        self._buckets: list[int] | None = None
 
     def add(self, latency_ns: i64) -> None:
         """Take one answer time."""
@@ -58,8 +60,8 @@ class Latencies:
             return self._recent[rank - 1]
         self._fold()
         seen = 0
-        for bucket in sorted(buckets):
-            seen += buckets[bucket]
+        for bucket, count in enumerate(buckets):
+            seen += count
             if seen >= rank:
                 return min(max(_lower_end(bucket), int(self.smallest)), int(self.largest))
         return self.largest
@@ -79,20 +81,42 @@ class Latencies:
     def _fold(self) -> None:
         buckets = self._buckets
         if buckets is None:
-            buckets = {}
+            buckets = [0] * _BUCKETS
             self._buckets = buckets
         for latency in self._recent:
-            bucket = _bucket(latency)
-            buckets[bucket] = buckets.get(bucket, 0) + 1
+            bucket: i64 = _bucket(latency)
+            buckets[bucket] = buckets[bucket] + 1
         self._recent = []
 
+    def merge(self, other: Latencies) -> None:
+        """Take all answer times of ``other``, which keeps them."""
+        if not other.count:
+            return
+        if not self.count or other.smallest < self.smallest:
+            self.smallest = other.smallest
+        if not self.count or other.largest > self.largest:
+            self.largest = other.largest
+        self.count += other.count
+        self._recent.extend(other._recent)
+        if other._buckets is not None or len(self._recent) > EXACT:
+            self._fold()
+        if self._buckets is not None and other._buckets is not None:
+            for bucket, count in enumerate(other._buckets):
+                self._buckets[bucket] += count
 
-def _bucket(latency_ns: i64) -> int:
+
+def _bucket(latency_ns: i64) -> i64:
     """Return the bucket number: the doubling times `_STEPS`, plus the step within it."""
     if latency_ns < _STEPS:
         return max(0, latency_ns)
     doubling: i64 = 0
     value: i64 = latency_ns
+    while value >= _STEPS << 16:  # answer times of milliseconds would be halved a dozen times
+        value >>= 16
+        doubling += 16
+    while value >= _STEPS << 4:
+        value >>= 4
+        doubling += 4
     while value >= 2 * _STEPS:
         value >>= 1
         doubling += 1

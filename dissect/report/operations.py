@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Final
 
 from dissect.report import words
@@ -70,6 +69,8 @@ def result(operation: Operation) -> str:
 
 def operation_json(operation: Operation, clock: Clock, places: Places) -> str:
     """Return one operation as a line of JSON."""
+    import json  # late: text does not need it
+
     ends = operation.connection.tcp.ends
     code = operation.error_code
     told: dict[str, object] = {

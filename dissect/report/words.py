@@ -6,7 +6,6 @@ from typing import Final
 
 from dissect.iso.tsap import Tsap
 from dissect.report.plus import plus_subject
-from dissect.s7.bodies import parse_body
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
 from dissect.s7.tables import READ_VAR, RETURN_CODES, SETUP_COMMUNICATION, SUCCESS, WRITE_VAR
@@ -173,7 +172,7 @@ def notes(transaction: Transaction) -> str:
 
 def body_notes(pdu: Pdu) -> str:
     """Return what the parts of a PDU are about: the first few notes, and how many more there are."""
-    found = parse_body(pdu).notes
+    found = pdu.body.notes
     more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
     return ", ".join([shortened(note, _NOTE) for note in found[:_NAMED]]) + more
 

@@ -24,6 +24,7 @@ from dissect.s7 import (
     szl,
     transfer,
 )
+from dissect.s7.body import Body
 from dissect.s7.data_parts import RETURN_CODE, take_data_items, take_items
 from dissect.s7.layouts import (
     DATA_HEAD,
@@ -54,7 +55,6 @@ from dissect.s7.tables import (
     USERDATA_SUBFUNCTIONS,
     WRITE_VAR,
 )
-from dissect.wire.layout import Layout
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Cursor, Part
 
@@ -62,53 +62,6 @@ from dissect.wire.part import Cursor, Part
 JobParser = Callable[[Cursor, bool], None]
 #: Cuts the payload of a userdata PDU, which follows the four octets of its data head.
 PayloadParser = Callable[[Cursor, UserdataHead], None]
-
-
-class Body:
-    """The parts of a PDU behind its header; offsets are within the PDU.
-
-    ``malformed`` tells what the parts have against themselves; the facts of `Pdu.malformed` are not repeated in it.
-    """
-
-    __slots__ = ("data", "malformed", "parameters")
-
-    def __init__(self) -> None:
-        self.parameters: list[Part] = []
-        self.data: list[Part] = []
-        self.malformed: list[Malformed] = []
-
-    @property
-    def parts(self) -> list[Part]:
-        """All parts in wire order."""
-        return self.parameters + self.data
-
-    def find(self, layout: Layout) -> Part | None:
-        """Return the first part of this layout, None when there is none."""
-        for part in self.parts:
-            if part.layout is layout:
-                return part
-        return None
-
-    def number(self, name: str) -> int:
-        """Return the number in the first field called ``name``, -1 when there is none."""
-        for part in self.parts:
-            found = part.find(name)
-            if found is not None:
-                return found.value
-        return -1
-
-    def text(self, name: str) -> str:
-        """Return what the first field called ``name`` says, empty when there is none."""
-        for part in self.parts:
-            found = part.find(name)
-            if found is not None:
-                return found.meaning
-        return ""
-
-    @property
-    def notes(self) -> list[str]:
-        """What the parts are about, in wire order; text from the wire, not escaped."""
-        return [part.note for part in self.parts if part.note]
 
 
 def parse_body(pdu: Pdu) -> Body:

@@ -135,8 +135,6 @@ def _parameter_block(block: Cursor, name: str) -> None:
         if argument is not None:
             text = printable(argument.octets("argument"))
             argument.note = f'"{text}"' + (", cold restart" if name == PROGRAM and text.startswith("C") else "")
-    elif name == PROGRAM:
-        pass  # no argument: a warm restart, as the row of the service says
 
 
 def _strings(block: Cursor, name: str) -> None:

@@ -7,6 +7,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.s7.body import Body
 from dissect.s7.items import DataItem, parse_data_items
 from dissect.s7.parameters import Parameters, parse_parameters
 from dissect.s7.tables import ACK, ACK_DATA, FUNCTIONS, JOB, READ_VAR, ROSCTR, SUCCESS, USERDATA, WRITE_VAR
@@ -107,6 +108,15 @@ class Pdu:
     def data(self) -> bytes:
         """The data block, as much of it as is there."""
         return self.octets[self.data_offset : self.data_offset + self.data_length]
+
+    @property
+    def body(self) -> Body:
+        """The parts behind the header (`dissect.s7.bodies`), cut anew at each access. Never raises."""
+        from dissect.s7.bodies import (
+            parse_body,  # late: the tables of all structures come with it, and few runs need them
+        )
+
+        return parse_body(self)
 
     def data_items(self, malformed: list[Malformed] | None = None) -> list[DataItem]:
         """Return the data items of a read answer or a write request, offsets within the PDU; empty for other PDUs."""

@@ -299,10 +299,11 @@ PROTECTION: Final = _record(_PROTECTION, STATUS_SECTIONS, 0x04, [
     Field("startup_switch", 2, "Position of the start-up switch.", f"{_PROTECTION}.crst_wrst", STARTUP_SWITCH),
     Field("fail_safe", 2, "0: no F program.", f"{_PROTECTION}.ken_f"),
     Field("redundancy", 2, "Whether the ids below are valid.", f"{_PROTECTION}.ken_rel"),
-    Field("hardware_1", 2, "Checksum 1 of the hardware configuration.", f"{_PROTECTION}.ken_ver1_hw"),
-    Field("hardware_2", 2, "Checksum 2 of the hardware configuration.", f"{_PROTECTION}.ken_ver2_hw"),
-    Field("program_1", 2, "Checksum 1 of the user program.", f"{_PROTECTION}.ken_ver1_awp"),
-    Field("program_2", 2, "Checksum 2 of the user program.", f"{_PROTECTION}.ken_ver2_awp"),
+    # No names of Wireshark's: it reads these four with the low octet first.
+    Field("hardware_1", 2, "Checksum 1 of the hardware configuration."),
+    Field("hardware_2", 2, "Checksum 2 of the hardware configuration."),
+    Field("program_1", 2, "Checksum 1 of the user program."),
+    Field("program_2", 2, "Checksum 2 of the user program."),
     reserved("reserved", 16, f"{_PROTECTION}.res"),
 ])  # fmt: skip
 

@@ -7,16 +7,12 @@ are over in ``over``. It states facts; what they are worth is judged elsewhere. 
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-from dissect.s7.alarm_layouts import MESSAGE_REQUEST
-from dissect.s7.alarms import NO_EVENTS, events_text
-from dissect.s7.bodies import parse_body
-from dissect.s7.cyclic import CYCLIC_UNSUBSCRIBE
 from dissect.s7.layouts import DATA_HEAD
+from dissect.s7.message import HEADER_SIZE
 from dissect.s7.parameters import UserdataHead
-from dissect.s7.programmer_layouts import JOB
-from dissect.s7.tables import SETUP_COMMUNICATION, USERDATA
+from dissect.s7.tables import PI_SERVICE, REQUEST_DOWNLOAD, SETUP_COMMUNICATION, USERDATA
 from dissect.transactions.checks import STRAY_PUSH
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import (
@@ -35,7 +31,10 @@ from dissect.transactions.operation import (
     OperationBook,
 )
 from dissect.transactions.transaction import ANSWERED, PUSH, UNANSWERED, Transaction
-from dissect.transactions.transfers import Transfers
+from dissect.wire.octets import u16
+
+if TYPE_CHECKING:
+    from dissect.transactions.transfers import Transfers
 
 _MODE: Final = 0
 _TEST: Final = 1
@@ -57,6 +56,8 @@ _SEND_PASSWORD: Final = 0x01
 #: Kinds that run until somebody stops them.
 ENDLESS: Final = frozenset((CYCLIC, MESSAGES, TEST_JOB))
 _MAX_SUBJECT: Final = 200
+#: Where the header states the octets of the data block.
+_DATA_LENGTH_AT: Final = 8
 #: Protocols of connections that Setup communication is expected on: S7comm, and none when nothing was said.
 _OURS: Final = frozenset(("", "s7comm"))
 
@@ -64,15 +65,16 @@ _OURS: Final = frozenset(("", "s7comm"))
 def subject_of(transaction: Transaction) -> str:
     """Return what a request is about: the notes of its parts, or its function; text from the wire, not escaped."""
     request = transaction.request
-    notes = dict.fromkeys(parse_body(request).notes) if request is not None else {}
+    notes = dict.fromkeys(request.body.notes) if request is not None else {}
     return ", ".join(notes)[:_MAX_SUBJECT] or transaction.function_name
 
 
 def payload_size(transaction: Transaction) -> int:
-    """Return the octets of the payload of a userdata answer or push."""
-    answer = transaction.response
-    head = parse_body(answer).find(DATA_HEAD) if answer is not None else None
-    return max(head.number("length"), 0) if head is not None else 0
+    """Return the octets of the payload of a userdata answer or push: of its data block but the head."""
+    if transaction.response_size < HEADER_SIZE:
+        return 0
+    stated = u16(transaction.response_buf, transaction.response_offset + _DATA_LENGTH_AT)
+    return max(int(stated) - DATA_HEAD.size, 0)
 
 
 class Operations(OperationBook):
@@ -80,7 +82,7 @@ class Operations(OperationBook):
 
     def __init__(self) -> None:
         super().__init__()
-        self._transfers = Transfers(self)
+        self._transfers: Transfers | None = None
 
     def take(self, transaction: Transaction) -> None:
         """Take a transaction that is over: it may begin an operation, belong to one, or end one."""
@@ -91,7 +93,11 @@ class Operations(OperationBook):
                 self._userdata(transaction, head)
         elif parameters.function == SETUP_COMMUNICATION:
             self._set_up(transaction)
-        else:
+        elif REQUEST_DOWNLOAD <= parameters.function <= PI_SERVICE:
+            if self._transfers is None:
+                from dissect.transactions.transfers import Transfers
+
+                self._transfers = Transfers(self)
             self._transfers.take(transaction)
 
     def end(self, connection: Connection, reason: str) -> None:
@@ -141,10 +147,12 @@ class Operations(OperationBook):
 
     def _part_of_long_answer(self, transaction: Transaction, head: UserdataHead, told: UserdataHead | None) -> bool:
         """Follow an answer in parts: the first says that more is to come, each further one is asked for by sequence number."""
+        more = told is not None and told.last_data_unit != 0
+        if not more and not transaction.connection.operations.these:
+            return False  # nearly always: neither the first part of several nor a further one
         sequence = told.sequence if told is not None else head.sequence
         key = f"{head.group}/{head.subfunction}/{sequence}"
         operation = transaction.connection.operations.find(LONG_ANSWER, key)
-        more = told is not None and told.last_data_unit != 0
         if operation is not None and head.sequence == sequence:
             operation.add(transaction)
         elif more:
@@ -172,8 +180,10 @@ class Operations(OperationBook):
                 changed.add(transaction)
                 changed.octets += payload_size(transaction)
         elif head.subfunction == _CYCLIC_STOPS:
+            from dissect.s7.cyclic import CYCLIC_UNSUBSCRIBE  # late, as the others below: see `Pdu.body`
+
             request = transaction.request
-            named = parse_body(request).find(CYCLIC_UNSUBSCRIBE) if request is not None else None
+            named = request.body.find(CYCLIC_UNSUBSCRIBE) if request is not None else None
             stopped = going.find(CYCLIC, str(named.number("job"))) if named is not None else None
             if stopped is not None:
                 stopped.add(transaction)
@@ -188,8 +198,10 @@ class Operations(OperationBook):
             if transaction.outcome != ANSWERED or transaction.error_code:
                 self.settle(operation, transaction, DONE, REFUSED)
             return
+        from dissect.s7.programmer_layouts import JOB
+
         request = transaction.request
-        for part in parse_body(request).data if request is not None else []:
+        for part in request.body.data if request is not None else []:
             named = (
                 going.find(TEST_JOB, f"{part.number('function')}/{part.number('job')}") if part.layout is JOB else None
             )
@@ -199,12 +211,15 @@ class Operations(OperationBook):
                     self.settle(named, transaction, DONE, FAILED)
 
     def _messages(self, transaction: Transaction) -> None:
+        from dissect.s7.alarm_layouts import MESSAGE_REQUEST
+        from dissect.s7.alarms import NO_EVENTS, events_text
+
         going = transaction.connection.operations
         running = going.find(MESSAGES, str(transaction.asked_by))
         request = transaction.request
-        asked = parse_body(request).find(MESSAGE_REQUEST) if request is not None else None
+        asked = request.body.find(MESSAGE_REQUEST) if request is not None else None
         stops = asked is None or events_text(asked) == NO_EVENTS
-        if request is not None and parse_body(request).number("alarm_type") in _ALARM_ABORTS:
+        if request is not None and request.body.number("alarm_type") in _ALARM_ABORTS:
             stops = True
         if running is not None:
             running.add(transaction)

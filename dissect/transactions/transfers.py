@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7.bodies import Body, parse_body
+from dissect.s7.body import Body
 from dissect.s7.control import PI_BLOCK
 from dissect.s7.services import LINK_IN, LINK_IN_SECOND
 from dissect.s7.tables import (
@@ -59,9 +59,9 @@ class Transfers:
         request = transaction.request
         if request is None:
             return
-        body = parse_body(request)
+        body = request.body
         response = transaction.response
-        answer = parse_body(response) if response is not None else Body()
+        answer = response.body if response is not None else Body()
         if function == REQUEST_DOWNLOAD:
             self._begin_download(transaction, body)
         elif function == DOWNLOAD_BLOCK:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from mypy_extensions import mypyc_attr
+
 
 class Code:
     """One row: the number on the wire, its short name, one sentence that says what it means."""
@@ -23,18 +25,29 @@ class Code:
         return f"Code({self.number:#x}, {self.name!r})"
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class CodeTable:
     """The rows of one field, looked up by number.
 
     ``digits`` is the count of hexadecimal digits an unknown number is shown with (2 for one octet, 4 for two).
     """
 
-    __slots__ = ("_rows", "digits", "title")
+    __slots__ = ("_listed", "_made", "digits", "title")
 
     def __init__(self, title: str, digits: int, rows: list[tuple[int, str, str]]) -> None:
         self.title = title
         self.digits = digits
-        self._rows: dict[int, Code] = {number: Code(number, name, text) for number, name, text in rows}
+        self._listed: list[tuple[int, str, str]] | None = rows
+        self._made: dict[int, Code] = {}
+
+    @property
+    def _rows(self) -> dict[int, Code]:
+        """The rows by number, made when somebody first asks: most tables are never asked in a run."""
+        listed = self._listed
+        if listed is not None:
+            self._listed = None
+            self._made = {number: Code(number, name, text) for number, name, text in listed}
+        return self._made
 
     def __contains__(self, number: int) -> bool:
         return number in self._rows

@@ -29,14 +29,24 @@ class Part:
     knows (``SZL 0x0011``); it is text from the wire and not escaped.
     """
 
-    __slots__ = ("end", "layout", "note", "offset", "values")
+    __slots__ = ("_octets", "_values", "end", "layout", "note", "offset")
 
     def __init__(self, layout: Layout, octets: bytes, offset: int, end: int) -> None:
         self.layout = layout
         self.offset = offset
         self.end = end
-        self.values: list[FieldValue] = layout.read(octets, offset, end)
         self.note = ""
+        self._octets = octets
+        self._values: list[FieldValue] | None = None
+
+    @property
+    def values(self) -> list[FieldValue]:
+        """The fields, read when somebody looks."""
+        values = self._values
+        if values is None:
+            values = self.layout.read(self._octets, self.offset, self.end)
+            self._values = values
+        return values
 
     def find(self, name: str) -> FieldValue | None:
         """Return the field called ``name``, None when the part was cut before it or has none."""

@@ -216,7 +216,8 @@ def test_shared_captures(corpus: Path, name: str) -> None:
 
 
 def test_our_captures() -> None:
-    paths = [*sorted(CAPTURES.glob("*.pcap*")), CAPTURES / "crafted" / "worked.pcapng"]
+    crafted = ("reference-examples", "s7-lengths", "refusals", "plc-asks")
+    paths = [*sorted(CAPTURES.glob("*.pcap*")), *(CAPTURES / "crafted" / f"{name}.pcapng" for name in crafted)]
     found = [octets for path in paths for octets in tpkts_of(path)]
     assert len(paths) > 1
     assert assert_all_read_alike(found) > len(paths)

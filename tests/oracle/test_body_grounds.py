@@ -62,6 +62,26 @@ def test_last_alone(unit: int, last: int, joined: bytes, ours: Value | None, the
     assert not body_grounds.last_alone(case(place, ours, theirs, clock(unit, last), None))
 
 
+@pytest.mark.parametrize(
+    ("function", "shown", "theirs", "holds"),
+    [
+        (b"\x28", {"servicename": b"_XYZW"}, None, True),
+        (b"\x28", {"servicename": b"_MODU"}, None, False),
+        (b"\x28", {"servicename": b"_XYZW"}, b"EP", False),
+        (b"\x28", {"servicename": b"_XYZW", "argument": b"E"}, None, False),
+        (b"\x28", {}, None, False),
+        (b"\x29", {"servicename": b"_XYZW"}, None, False),
+    ],
+)
+def test_argument_unknown(function: bytes, shown: dict[str, bytes], theirs: Value | None, holds: bool) -> None:
+    place = Place(IN_BODY, 20, body_grounds.ARGUMENT)
+    facts = {Place(IN_BODY, 40, f"s7comm.param.pistart.{name}"): Fact(value, 40) for name, value in shown.items()}
+    ours = Record(PDU, 1, pdu(1, 7, function + bytes(7)), {})
+    there = case(place, b"EP", theirs, ours, Record(PDU, 1, b"", facts))
+    assert body_grounds.argument_unknown(there) == holds
+    assert not body_grounds.argument_unknown(case(place, b"EP", theirs, ours, None))
+
+
 ODD: Final = pdu(1, 7, b"\x04\x02\x12\x03\x55ab\x00\x12\x0a\x10\x02\x00\x01\x00\x01\x84\x00\x00\x00")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from random import Random
 from typing import Final
@@ -12,10 +13,11 @@ import pytest
 
 from dissect.oracle import compare as comparison_module
 from dissect.oracle.compare import Comparison, Difference, compare
-from dissect.oracle.facts import NAMES, PDU, TPDU, Fact, Place, Record, Value
+from dissect.oracle.facts import IN_BODY, IN_JOINED, NAMES, PDU, TPDU, Fact, Place, Record, Value
 from dissect.oracle.ours import Witness
 from dissect.oracle.theirs import Frame
 from dissect.oracle.tshark import Reader, read_tshark
+from tests.examples import S7
 from tests.oracle.traffic import (
     PUSH_ACK,
     Connection,
@@ -155,6 +157,55 @@ def test_a_missing_field_is_a_difference(capture: Path, frames: list[Frame], nam
     record, place = first(frames, name)
     comparison = compare(str(capture), says(changed(frames, change)))
     assert told(comparison) == [(record.frame, record.kind, str(place))]
+
+
+@pytest.fixture(scope="module")
+def worked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Frame]]:
+    """The worked examples of the reference in one connection, and what Wireshark says of them."""
+    connection = Connection(Random(11), 1)
+    connection.open()
+    for example in S7:
+        connection.put(0 if example.from_client else 1, PUSH_ACK, example.octets)
+    path = write_capture(tmp_path_factory.mktemp("worked") / "worked.pcap", connection.packets)
+    return path, list(read_tshark(str(path)))
+
+
+@pytest.mark.parametrize("change", ["elsewhere", "otherwise", "gone"])
+def test_each_field_of_a_body_counts(worked: tuple[Path, list[Frame]], change: str) -> None:
+    """Whatever field of a body is told at another octet, with another value, or not at all: it is found."""
+    path, shown = worked
+    before = compare(str(path), says(shown))
+    assert before.unexplained == []
+    known = {(one.frame, one.field) for one in before.differences}
+    first: dict[str, tuple[int, Place]] = {}
+    for number, frame in enumerate(shown):
+        for place in (place for record in frame.pdus for place in record.facts if place.part in {IN_BODY, IN_JOINED}):
+            if (frame.number, str(place)) not in known:
+                first.setdefault(place.name, (number, place))
+    assert len(first) > 120
+    for name, (number, place) in first.items():
+        altered = changed(shown[number : number + 1], partial(CHANGES[change], place))
+        found = compare(str(path), says([*shown[:number], *altered, *shown[number + 1 :]])).unexplained
+        assert name in {one.field.split(" at ")[0] for one in found}, str(place)
+        assert {one.frame for one in found} == {altered[0].number}
+
+
+def elsewhere(place: Place, frames: list[Frame]) -> None:
+    facts = frames[0].pdus[0].facts
+    fact = facts.pop(place)
+    facts[place._replace(number=place.number + 7)] = Fact(fact.value, fact.offset + 7)
+
+
+def otherwise(place: Place, frames: list[Frame]) -> None:
+    facts = frames[0].pdus[0].facts
+    facts[place] = Fact(other(facts[place].value), facts[place].offset)
+
+
+def gone(place: Place, frames: list[Frame]) -> None:
+    del frames[0].pdus[0].facts[place]
+
+
+CHANGES: Final = {"elsewhere": elsewhere, "otherwise": otherwise, "gone": gone}
 
 
 def test_a_field_too_many_is_a_difference(capture: Path, frames: list[Frame]) -> None:

@@ -26,6 +26,8 @@ PLAIN: Final = [pdu(3, number, b"\x04\x01", b"\xff\x09\x00\x04data") for number 
 CONNECT_REQUEST: Final = struct.pack(">BHHB", 0xE0, 0, 1, 0)
 
 
+#: A PI service that nobody knows, with an argument.
+SERVICE: Final = b"\x28\x00\x00\x00\x00\x00\x00\xfd\x00\x02EP\x05_XYZW"
 #: A data block: its header, code and trailer.
 BLOCK: Final = bytes.fromhex("70700101050a0001000000640000000002914760") + bytes(80)
 
@@ -33,6 +35,12 @@ BLOCK: Final = bytes.fromhex("70700101050a0001000000640000000002914760") + bytes
 def worked(title: str) -> list[bytes]:
     """The worked examples whose titles begin so."""
     return [example.octets for example in S7 if example.title.startswith(title)]
+
+
+def userdata(kind_and_group: int, subfunction: int, payload: bytes) -> bytes:
+    """Userdata with the extended head."""
+    head = bytes([0, 1, 0x12, 8, 0x12, kind_and_group, subfunction, 1, 0, 0, 0, 0])
+    return dt(pdu(7, 1, head, b"\xff\x09" + struct.pack(">H", len(payload)) + payload))
 
 
 def begun(sequence: int = 1000) -> Connection:
@@ -151,6 +159,19 @@ EXAMPLES: Final[dict[str, Callable[[], list[bytes]]]] = {
     "payload-as-octets": lambda: sent(
         dt(pdu(7, 1, b"\x00\x01\x12\x04\x11\x45\x60\x00", b"\xff\x09\x00\x04some")), side=0
     ),
+    "records-without-names": lambda: sent(
+        userdata(0x84, 1, b"\x00\x90\x00\x00\x00\x0e\x00\x01" + bytes(14)),
+    ),
+    "address-of-a-record": lambda: sent(
+        dt(pdu(1, 7, b"\x04\x01\x12\x0a\x10\x02\x00\x64\x00\x05\x01\x00\x01\x00")), side=0
+    ),
+    "fill-of-a-record": lambda: sent(userdata(0x82, 8, b"\x00\x01\xff\x09\x00\x00\x00\x03abc")),
+    "archives-as-reserved": lambda: sent(userdata(0x84, 2, b"\x02\x00\x07\x01\xff\x00")),
+    "archive-as-octets": lambda: sent(userdata(0x04, 0x10, b"\x12\x06\x13\x00\x00\x00\x00\x05\x04\x00data")),
+    "credit-of-a-parameter": lambda: sent(
+        tpdu(CONNECT_REQUEST, parameter(0x8C, b"\x00\x00\x00\x01\x00\x01\x00\x04")), side=0
+    ),
+    "argument-of-unknown-service": lambda: sent(dt(pdu(1, 7, SERVICE)), side=0),
     "name-and-its-fields": lambda: sent(*worked("Job Start upload"), side=0),
     "block-with-its-header": lambda: sent(dt(pdu(3, 1, b"\x1b\x00", b"\x00\x64\x00\xfb" + BLOCK)), side=0),
     "records-as-octets": lambda: sent(

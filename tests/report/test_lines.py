@@ -201,7 +201,7 @@ def test_userdata_on_a_line() -> None:
         "Userdata  ref 0x0001  CPU functions: read SZL  request, sequence 0  SZL 0x0011 module identification",
         "Userdata  ref 0x0001  CPU functions: read SZL  response, sequence 0, error 0xd402 Invalid SZL index",
         "Userdata  ref 0x0002  CPU functions: read SZL  request, sequence 0  SZL 0x0012 CPU characteristics",
-        "Userdata  ref 0x0002  CPU functions: read SZL  response, sequence 0, more to come",
+        "Userdata  ref 0x0002  CPU functions: read SZL  response, sequence 0, more to come  continuation",
         "Userdata  ref 0x0000  mode transition: STOP  push, sequence 0",
     ]
 

@@ -103,7 +103,7 @@ def test_the_last_of_several_parts_holds_whole_entries() -> None:
 
 def test_times() -> None:
     assert block_time(bytes(6)) == "1984-01-01 00:00:00.000"
-    assert block_time(bytes.fromhex("05265bff 16d0")) == "1999-12-31 23:59:59.999"
+    assert block_time(bytes.fromhex("05265bff 16d3")) == "1999-12-31 23:59:59.999"
     assert block_time(bytes.fromhex("05265c00 0000")) is None
     assert block_time(b"\0\0\0\0\xff\xff") == "2163-06-06 00:00:00.000"
 

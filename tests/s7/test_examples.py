@@ -9,7 +9,8 @@ from typing import Final
 import pytest
 
 from dissect.iso.cotp import parse_tpdu
-from dissect.s7.bodies import Body, parse_body
+from dissect.s7.bodies import parse_body
+from dissect.s7.body import Body
 from dissect.s7.layouts import ACK_HEADER, HEADER
 from dissect.s7.message import ACK_HEADER_SIZE, Pdu, parse_pdu
 from dissect.wire.layout import FieldValue

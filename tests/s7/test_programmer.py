@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.s7 import programmer_layouts as layouts
-from dissect.s7.bodies import Body
+from dissect.s7.body import Body
 from dissect.wire.part import OCTETS, Part
 from tests.s7.userdata_pdus import (
     PUSH,

@@ -32,9 +32,7 @@ NAME_ROWS: Rows = [
     ("file_system", "passive"),
 ]
 #: The 36 octets that a block begins with (reference section 4.6).
-HEADER = (
-    "7070 01 01 05 0a 0001 000000d8 00000003 02395d992d70 03a1638321a7 0038 0000 0000 0058"
-)
+HEADER = "7070 01 01 05 0a 0001 000000d8 00000003 02395d992d70 03a1638321a7 0038 0000 0000 0058"
 
 #: (parameters, is an answer, data, fields, notes): reference sections 3.7, 3.8, 8.5 and 8.6.
 EXAMPLES: list[tuple[str, bool, str, Rows, list[str]]] = [

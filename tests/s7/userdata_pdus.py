@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dissect.s7.bodies import Body, parse_body
+from dissect.s7.bodies import parse_body
+from dissect.s7.body import Body
 from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import PUSH, REQUEST, RESPONSE
 from dissect.wire.malformed import LIMITS, REASONS

@@ -1,0 +1,138 @@
+"""The compiled dictionary (R16): a header of 64 octets, then the records as MessagePack. All numbers little-endian.
+
+    0   8  magic 89 53 43 44 0D 0A 1A 0A        16  4  CRC-32 of the body
+    8   1  major version                        20 12  reserved, 0
+    9   1  minor version                        32 32  wire id
+    10  2  size of the header                   64     body
+    12  4  size of the file
+
+Everything here is our profile: the text only says that dictionaries are binary files.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from hashlib import sha256
+from typing import Final
+
+import msgspec
+
+from dissect.scd.errors import DictionaryError
+from dissect.scd.records import Body, FieldRecord, ObjectRecord, Traits
+
+MAGIC: Final = b"\x89SCD\r\n\x1a\n"
+MAJOR: Final = 1
+MINOR: Final = 0
+HEADER_SIZE: Final = 64
+#: No dictionary is larger.
+MAX_FILE: Final = 64 << 20
+
+_HEADER: Final = struct.Struct("<8sBBHII12s32s")
+_DECODER: Final = msgspec.msgpack.Decoder(Body)
+_ENCODER: Final = msgspec.msgpack.Encoder()
+_POSITION: Final = re.compile(r"\(byte (\d+)\)")
+
+
+def build_file(body: Body) -> bytes:
+    """Return the compiled file of checked records; the same records always give the same octets."""
+    octets = _ENCODER.encode(body)
+    size = HEADER_SIZE + len(octets)
+    if size > MAX_FILE:
+        raise DictionaryError("file", f"{size} octets, a dictionary has at most {MAX_FILE}")
+    header = _HEADER.pack(MAGIC, MAJOR, MINOR, HEADER_SIZE, size, zlib.crc32(octets), bytes(12), wire_id(body))
+    return header + octets
+
+
+def parse_file(octets: bytes, path: str = "") -> Body:
+    """Return the records of a compiled file; what they mean is still to be checked. Raises `DictionaryError`."""
+    try:
+        return _parse(octets)
+    except DictionaryError as error:
+        error.path = path
+        raise
+
+
+def is_compiled(octets: bytes) -> bool:
+    """Whether a file begins like a compiled dictionary, were it damaged after the fourth octet."""
+    return octets[:4] == MAGIC[:4]
+
+
+def _parse(octets: bytes) -> Body:
+    size = len(octets)
+    if size > MAX_FILE:
+        raise DictionaryError("file", f"{size} octets, a dictionary has at most {MAX_FILE}")
+    if octets[:8] != MAGIC[:size]:
+        damaged = " (damaged as by a text-mode transfer)" if is_compiled(octets) else ""
+        raise DictionaryError("header, octet 0", f"no compiled dictionary: the magic number differs{damaged}")
+    if size < HEADER_SIZE:
+        raise DictionaryError(f"header, octet {size}", f"the file ends within the header of {HEADER_SIZE} octets")
+    _, major, minor, header_size, file_size, crc, spare, identity = _HEADER.unpack_from(octets)
+    if major != MAJOR:
+        raise DictionaryError("header, octet 8", f"format {major}.{minor} is not known here, only {MAJOR}")
+    if header_size < HEADER_SIZE or header_size > size or (minor <= MINOR and header_size != HEADER_SIZE):
+        raise DictionaryError("header, octet 10", f"a header of {header_size} octets")
+    if file_size != size:
+        raise DictionaryError("header, octet 12", f"the file should have {file_size} octets and has {size}")
+    content = memoryview(octets)[header_size:]
+    if zlib.crc32(content) != crc:
+        raise DictionaryError("header, octet 16", f"the CRC-32 of the body is {zlib.crc32(content):08x}, not {crc:08x}")
+    if minor <= MINOR and any(spare):
+        raise DictionaryError("header, octet 20", "the reserved octets are not 0")
+    body = _decode(content, header_size)
+    if minor <= MINOR and _ENCODER.encode(body) != content:
+        raise DictionaryError(
+            "body", "not in the one form a dictionary has: fields too many, or numbers written longer"
+        )
+    if wire_id(body) != identity:
+        raise DictionaryError("header, octet 32", "the wire id is not that of the body")
+    return body
+
+
+def _decode(content: memoryview, start: int) -> Body:
+    try:
+        return _DECODER.decode(content)
+    except msgspec.ValidationError as error:
+        text, _, path = str(error).partition(" - at ")
+        raise DictionaryError(f"body {path.strip('`')}".rstrip(), text) from None
+    except msgspec.DecodeError as error:
+        match = _POSITION.search(str(error))
+        where = f"body, octet {start + int(match[1])}" if match else f"body, octet {start + len(content)}"
+        raise DictionaryError(where, str(error)) from None
+    except UnicodeDecodeError as error:
+        at = bytes(content).find(error.object) if error.object else -1
+        where = f"body, octet {start + at + error.start}" if at >= 0 else "body"
+        raise DictionaryError(where, f"a name or text is no UTF-8: {error.reason}", rule="R42") from None
+    except RecursionError:
+        raise DictionaryError("body", "arrays in arrays without end") from None
+
+
+def wire_id(body: Body) -> bytes:
+    """Return SHA-256 over what decides decoding: all of the records but names, texts, units and limits."""
+    return sha256(
+        _ENCODER.encode(
+            (
+                body.time_scale,
+                [(row.index, row.kind, row.bits) for row in body.types],
+                [(row.index, [_field(field) for field in row.fields]) for row in body.structs],
+                [_object(row) for row in body.objects],
+                body.envelope,
+            )
+        )
+    ).digest()
+
+
+def _field(row: FieldRecord) -> tuple[object, ...]:
+    return row.type, row.bits, row.fixed, row.access, row.mappable, row.default, _traits(row.traits)
+
+
+def _object(row: ObjectRecord) -> tuple[object, ...]:
+    return (
+        row.index, row.object_class, row.type, row.bits, row.access, row.mandatory, row.mappable, row.count, row.used,
+        row.values, [_field(field) for field in row.fields], _traits(row.traits),
+    )  # fmt: skip
+
+
+def _traits(traits: Traits | None) -> tuple[float, float] | None:
+    return None if traits is None or (traits.scale == 1 and not traits.shift) else (traits.scale, traits.shift)

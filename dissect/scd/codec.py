@@ -1,0 +1,305 @@
+"""The codec: information objects ↔ octets, by a dictionary (R8-R15, R97-R108).
+
+A payload is a bare PDO, a bare struct (R99), the value of one variable (an SDO's) or a message in an envelope, which says
+itself what it holds; which of them travels where is not part of a dictionary. Everything is all or nothing: when octets are
+wrong, `Error` is raised and no object has changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final
+
+import msgspec
+
+from dissect.scd.columns import decode_columns
+from dissect.scd.dictionary import Dictionary
+from dissect.scd.envelope import DEFAULT, Envelope
+from dissect.scd.errors import E_COUNT, E_SHORT, E_TYPE, E_VALUE, Error
+from dissect.scd.messages import Message, build_message, parse_message
+from dissect.scd.model import Pdo, StructType, Variable
+from dissect.scd.objects import Objects
+from dissect.scd.packing import (
+    TRAILING,
+    Flags,
+    Key,
+    Octets,
+    Packing,
+    Slot,
+    decode_value,
+    encode_value,
+    flag,
+    single,
+)
+from dissect.scd.types import SIZED, UINT32, Value
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+#: Spellings of PDOs and structs that are remembered.
+_MOST_SPELLINGS: Final = 4096
+#: Sub-index with class and type of an object (C33).
+_STRUCTURE_SUB: Final = 255
+
+
+class Decoded(msgspec.Struct, frozen=True):
+    """What octets said: ``values`` by (index, sub), of a bare struct by the name of the field.
+
+    ``flags`` are what was noticed → the variables concerned (see `packing`); ``surplus`` are octets after the payload.
+    """
+
+    values: dict[Key, Value]
+    flags: Flags
+    surplus: bytes = b""
+
+
+class Codec:
+    """Encodes and decodes by one dictionary. With ``strict_pad`` undefined bits that are not zero are flagged."""
+
+    def __init__(self, dictionary: Dictionary, *, strict_pad: bool = False) -> None:
+        self.dictionary: Final = dictionary
+        self.strict_pad: Final = strict_pad
+        self._pdos: dict[str, Pdo] = {}
+        self._packings: dict[str, Packing] = {}
+
+    @cached_property
+    def envelope(self) -> Envelope:
+        """The dictionary's envelope, or the default one."""
+        return Envelope(self.dictionary.envelope or DEFAULT)
+
+    def objects(self, message: str = "") -> Objects:
+        """Return an empty collection of information objects."""
+        return Objects(self.dictionary, message)
+
+    # PDOs
+
+    def pdo(self, key: str) -> Pdo:
+        """Return the PDO "T1" or "R65", or of a name, with the mapping it has now; raises `Error` E_PDO_NUMBER."""
+        found = self.dictionary.pdo(key)
+        return self._pdos.get(f"{found.direction}{found.number}", found)
+
+    def remap(self, pdo: Pdo) -> None:
+        """Use another mapping for a PDO from now on: what `Dictionary.with_mapping` made of a rewritten mapping object."""
+        self._pdos[f"{pdo.direction}{pdo.number}"] = pdo
+        self._packings.clear()
+
+    def encode(self, pdo: str, values: Mapping[Any, object], *, partial: bool = False) -> bytes:
+        """Return the payload of a PDO. ``values`` go by (index, sub), name or "object.field".
+
+        A missing value is `Error` E_COUNT, with ``partial`` it is the variable's default or zero. A value that the PDO does
+        not carry is E_COUNT too, except in `Objects`.
+        """
+        packing = self._packing(pdo)
+        return packing.pack(self._collect(packing, values, partial=partial))
+
+    def decode(self, pdo: str, octets: Octets, objects: Objects | None = None) -> Decoded:
+        """Return the values of a PDO's payload and put them into ``objects`` (R15). Raises `Error` E_SHORT or E_UTF8.
+
+        Octets after the payload are kept and flagged ``trailing``.
+        """
+        packing = self._packings.get(pdo) or self._packing(pdo)
+        decoded = self._decode(packing, octets)
+        if objects is not None:
+            objects.merge(decoded.values)
+        return decoded
+
+    def decode_many(self, pdo: str, octets: Octets, offsets: ArrayLike | Sequence[int]) -> dict[Key, NDArray[Any]]:
+        """Return the values of the PDO's payloads at ``offsets`` of ``octets``, one numpy array for each variable.
+
+        See `columns.decode_columns` for the types; raises `Error` E_SHORT, ImportError without numpy.
+        """
+        return decode_columns(self._packing(pdo), octets, offsets)
+
+    # Structs and objects as a whole
+
+    def encode_type(self, name: str | int, values: Mapping[Any, object], *, partial: bool = False) -> bytes:
+        """Return the octets of a bare struct; ``values`` go by the names of its fields, or "struct.field"."""
+        struct, packing = self._struct(name)
+        own = {f"{struct.name}.{field.name}": field.name for field in struct.fields}
+        if isinstance(values, Objects):
+            given: dict[Any, object] = {key: values[full] for full, key in own.items() if full in values}
+        else:
+            given = {own.get(key, key): value for key, value in values.items()}
+        fields = {field.name: field for field in struct.fields}
+        return packing.pack(_gather(packing, given, fields, partial=partial))
+
+    def decode_type(self, name: str | int, octets: Octets, objects: Objects | None = None) -> Decoded:
+        """Return the fields of a bare struct (R99) by name."""
+        struct, packing = self._struct(name)
+        decoded = self._decode(packing, octets)
+        if objects is not None:
+            objects.merge({f"{struct.name}.{key}": value for key, value in decoded.values.items()})
+        return decoded
+
+    def encode_object(self, key: int | str, values: Sequence[object] | Mapping[Any, object]) -> bytes:
+        """Return the data of a whole ARRAY or RECORD, in which sub-index 0 is not (R69, R70); reserved fields have no value."""
+        packing = self._object(key)
+        if not isinstance(values, Mapping):
+            return packing.pack(list(values))
+        return packing.pack(self._collect(packing, values, partial=False))
+
+    def decode_object(self, key: int | str, octets: Octets, objects: Objects | None = None) -> Decoded:
+        """Return the values in the data of a whole ARRAY, RECORD, or VAR of fixed width."""
+        packing = self._object(key)
+        decoded = self._decode(packing, octets)
+        if objects is not None:
+            objects.merge(decoded.values)
+        return decoded
+
+    # Single values, as SDOs carry them
+
+    def encode_value(self, key: str | tuple[int, int], value: object) -> bytes:
+        """Return the octets of one variable's value."""
+        if self._asks_structure(key):
+            return encode_value(UINT32, value, where=str(key))
+        variable = self.dictionary.variable(key)
+        return variable.encode(value)
+
+    def decode_value(self, key: str | tuple[int, int], octets: Octets, objects: Objects | None = None) -> Decoded:
+        """Return one variable's value. Raises `Error` E_SHORT, E_LONG, E_LENGTH, E_UTF8, E_INDEX or E_SUB.
+
+        Sub-index 255 is a number of 32 bits: the object's class in bits 0-7, its type in bits 8-23 (C33).
+        """
+        flags: Flags = {}
+        if isinstance(key, tuple) and self._asks_structure(key):
+            return Decoded({key: decode_value(UINT32, octets, flags, where=str(key))}, flags)
+        variable = self.dictionary.variable(key)
+        at = variable.address
+        value = decode_value(
+            variable.type, octets, flags, bits=variable.bits, key=at, where=variable.label, strict_pad=self.strict_pad
+        )
+        decoded = Decoded({at: value}, flags)
+        if objects is not None:
+            objects.merge(decoded.values)
+        return decoded
+
+    def _asks_structure(self, key: str | tuple[int, int]) -> bool:
+        return isinstance(key, tuple) and key[1] == _STRUCTURE_SUB and key[0] in self.dictionary.objects
+
+    # Messages
+
+    def decode_message(self, octets: Octets, objects: Objects | None = None) -> Message:
+        """Return the one message in its envelope that ``octets`` are; raises `Error`. Octets after it flag ``trailing``."""
+        message = parse_message(self, octets)
+        if message.error is not None:
+            raise message.error
+        if message.size < len(octets):
+            flag(message.flags, TRAILING)
+        if objects is not None:
+            objects.merge({key: value for key, value in message.values.items() if key[1] != _STRUCTURE_SUB})
+        return message
+
+    def parse_message(self, octets: Octets, at: int = 0) -> Message:
+        """Return the message that begins at ``at``. Never raises for what is received: see ``error`` of the result."""
+        return parse_message(self, octets, at)
+
+    def parse_messages(self, octets: Octets) -> Iterator[Message]:
+        """Give every message of a unit (datagram, TSDU): whole messages one after the other; stops after a broken frame."""
+        at = 0
+        while at < len(octets):
+            message = parse_message(self, octets, at)
+            yield message
+            if message.size <= 0:
+                return
+            at += message.size
+
+    def encode_message(self, message: Message) -> bytes:
+        """Return the octets of a message: its ``data`` if there are any, else its ``values``. Raises `Error`."""
+        return build_message(self, message)
+
+    # Packings
+
+    def _decode(self, packing: Packing, octets: Octets) -> Decoded:
+        if type(octets) is not bytes:
+            octets = bytes(memoryview(octets))
+        flags: Flags = {}
+        surplus = b""
+        if len(octets) != packing.size:
+            if len(octets) < packing.size:
+                raise Error(E_SHORT, packing.where, f"{len(octets)} octets of {packing.size}")
+            surplus = octets[packing.size :]
+            flags[TRAILING] = ()
+        values = packing.unpack(octets, flags, strict_pad=self.strict_pad)
+        return Decoded(dict(zip(packing.keys, values, strict=True)), flags, surplus)
+
+    def _packing(self, key: str) -> Packing:
+        packing = self._packings.get(key)
+        if packing is None:
+            pdo = self.pdo(key)
+            slots = [
+                Slot(row.variable.address, row.variable.type, row.bits, row.offset, row.variable.label)
+                for row in pdo.map
+            ]
+            packing = self._remember(key, Packing(slots, pdo.bits, f"{pdo.direction}{pdo.number} {pdo.name}".rstrip()))
+        return packing
+
+    def _struct(self, name: str | int) -> tuple[StructType, Packing]:
+        found = self.dictionary.type(name)
+        if not isinstance(found, StructType):
+            raise Error(E_TYPE, str(name), f"{found.name} is a simple type, not a struct")
+        key = f"type {found.index}"
+        packing = self._packings.get(key)
+        if packing is None:
+            packing = self._remember(key, _fields_packing(found.fields, found.bits, found.name, named=True))
+        return found, packing
+
+    def _object(self, key: int | str) -> Packing:
+        obj = self.dictionary[key]
+        if isinstance(obj, Variable):
+            raise Error(E_VALUE, str(key), "this is a variable, not a whole object")
+        known = f"object {obj.index}"
+        packing = self._packings.get(known)
+        if packing is None:
+            fields = (obj.head,) if obj.single and obj.head is not None else obj.fields
+            packing = self._remember(known, _fields_packing(fields, obj.bits, obj.name, named=False))
+        return packing
+
+    def _remember(self, key: str, packing: Packing) -> Packing:
+        if len(self._packings) >= _MOST_SPELLINGS:
+            self._packings.clear()
+        self._packings[key] = packing
+        return packing
+
+    def _collect(self, packing: Packing, values: Mapping[Any, object], *, partial: bool) -> list[object]:
+        """Return the values for the slots of a packing, whatever way they are addressed."""
+        variables = {key: self.dictionary.variable(key) for key in packing.keys}
+        if isinstance(values, Objects):
+            given: dict[Any, object] = {key: values[key] for key in packing.keys if key in values}
+        else:
+            given = {}
+            for key, value in values.items():
+                known = key if key in variables else self.dictionary.variable(key).address
+                if known in given:
+                    raise Error(E_COUNT, str(key), "the value of this variable is given twice")
+                given[known] = value
+        return _gather(packing, given, variables, partial=partial)
+
+
+def _fields_packing(fields: Sequence[Variable], bits: int, where: str, *, named: bool) -> Packing:
+    slots = [
+        Slot(row.name if named else row.address, row.type, row.bits, row.offset, row.label, row.fixed) for row in fields
+    ]
+    return Packing(slots, bits, where)
+
+
+def _gather(
+    packing: Packing, given: Mapping[Any, object], variables: Mapping[Any, Variable], *, partial: bool
+) -> list[object]:
+    """Return one value for each slot; raises `Error` E_COUNT for values that are missing or that nothing takes."""
+    surplus = [str(key) for key in given if key not in packing.keys]
+    if surplus:
+        raise Error(E_COUNT, packing.where, f"no place for a value of {', '.join(surplus)}")
+    missing = [slot.where for slot in packing.slots if slot.key not in given]
+    if missing and not partial:
+        raise Error(E_COUNT, packing.where, f"no value for {', '.join(missing)}")
+    return [given[slot.key] if slot.key in given else _fallback(slot, variables[slot.key]) for slot in packing.slots]
+
+
+def _fallback(slot: Slot, variable: Variable) -> Value:
+    """Return the default of a variable, or what all bits zero are."""
+    if variable.default is not None:
+        return variable.default
+    if slot.type.kind in SIZED:
+        return decode_value(slot.type, bytes(slot.bits // 8), {}, bits=slot.bits)
+    return single(slot.type, slot.bits).unpack(bytes((slot.bits + 7) // 8), {})[0]

@@ -1,0 +1,290 @@
+"""Envelopes: what stands around the values of a message and says which they are (profile, reference 3.3).
+
+The text describes no message (C3, C51). What is here is this project's own envelope "1", and a way to describe another one
+in the dictionary: fields of bits before and after the data, in the order they are sent.
+"""
+
+from __future__ import annotations
+
+from binascii import crc_hqx
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Final, NamedTuple
+
+from dissect.scd.errors import E_CRC, E_DICTIONARY, E_LENGTH, E_PROTOCOL, E_RANGE, E_SHORT, E_VALUE, Error
+from dissect.scd.packing import Octets
+from dissect.scd.records import CrcRecord, EnvelopeField, EnvelopeRecord
+from dissect.scd.types import MAX_OCTETS
+
+#: The first octet of the default envelope: neither TPKT (03), S7 (32, 72) nor text begins with it.
+PROTOCOL: Final = 0xDC
+
+#: Envelope "1". The kind octet is POWERLINK's: command in the low six bits, 40h abort, 80h response.
+DEFAULT: Final = EnvelopeRecord(
+    fields=[
+        EnvelopeField("protocol", 8, value=PROTOCOL),
+        EnvelopeField("kind", 6),
+        EnvelopeField("abort", 1),
+        EnvelopeField("response", 1),
+        EnvelopeField("tid", 8),
+        EnvelopeField("err", 8, signed=True),
+        EnvelopeField("index", 16),
+        EnvelopeField("sub", 8),
+        EnvelopeField("port", 8),
+        EnvelopeField("size", 16, counts="data"),
+        EnvelopeField("data"),
+        EnvelopeField("crc", 16),
+    ],
+    kinds=[(0x01, "write"), (0x02, "read"), (0x10, "pdo")],
+    crc=CrcRecord(),
+)
+
+#: Fields that hold no number of the message itself.
+_UNNUMBERED: Final = frozenset(("reserved", "const", "data", "crc", "size"))
+
+
+class Wrapped(NamedTuple):
+    """A message without the meaning of its data: numbers by role, ``data``, ``size`` of the whole message in octets.
+
+    ``error`` is what is wrong with it; numbers and data are what could be read nevertheless (``size`` 0: nothing).
+    """
+
+    numbers: dict[str, int]
+    data: bytes
+    size: int
+    error: Error | None
+
+
+class _Place(NamedTuple):
+    """A field and where it begins, in bits from the begin of the head or of the tail."""
+
+    field: EnvelopeField
+    offset: int
+
+    def read(self, octets: bytes) -> int:
+        """Return the number at this place of the head or tail ``octets``."""
+        if self.field.big:
+            first = self.offset // 8
+            number = int.from_bytes(octets[first : first + self.field.bits // 8], "big")
+        else:
+            number = int.from_bytes(octets, "little") >> self.offset & ((1 << self.field.bits) - 1)
+        if self.field.signed and number >> (self.field.bits - 1):
+            number -= 1 << self.field.bits
+        return number
+
+    def write(self, number: int) -> int:
+        """Return the number's bits at their place in the bits of the head or tail; raises `Error` E_RANGE."""
+        bits, signed = self.field.bits, self.field.signed
+        low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
+        if not low <= number <= high:
+            raise Error(E_RANGE, f"envelope field {self.field.role}", f"{number} is outside {low}..{high}")
+        number &= (1 << bits) - 1
+        if self.field.big:
+            number = int.from_bytes(number.to_bytes(bits // 8, "big"), "little")
+        return number << self.offset
+
+
+class Envelope:
+    """An envelope ready to wrap and unwrap. Raises `Error` E_DICTIONARY for a description that cannot work."""
+
+    def __init__(self, record: EnvelopeRecord = DEFAULT) -> None:
+        roles = [field.role for field in record.fields]
+        if roles.count("data") != 1:
+            raise Error(E_DICTIONARY, "envelope", f"one field is the data, here are {roles.count('data')}")
+        at = roles.index("data")
+        self.record = record
+        self.roles = frozenset(roles)
+        self._head, self.head_size = _places(record.fields[:at], "before")
+        self._tail, self.tail_size = _places(record.fields[at + 1 :], "after")
+        self._size = next((place for place in self._head if place.field.role == "size"), None)
+        if self._size is None and "size" in roles:
+            raise Error(E_DICTIONARY, "envelope", "the size has to stand before the data that it counts")
+        self._crc_in_head = any(place.field.role == "crc" for place in self._head)
+        crcs = [place.field for place in self._head + self._tail if place.field.role == "crc"]
+        if len(crcs) > 1 or (crcs and crcs[0].bits != 16):
+            raise Error(E_DICTIONARY, "envelope", "there is one crc, of 16 bits")
+        self._crc_size = 2 * len(crcs)
+        self._crc = _crc_function(record.crc) if crcs and record.crc else None
+        self._covers_data = record.crc is not None and record.crc.covers == "data"
+
+    @property
+    def framed(self) -> bool:
+        """Whether messages tell their size, so that a stream can be cut into them."""
+        return self._size is not None
+
+    def frame_size(self, octets: Octets, at: int = 0) -> int:
+        """Return the size of the message that begins at ``at``, 0 while its header is not all there.
+
+        Raises `Error` E_PROTOCOL or E_LENGTH for what is no message, E_DICTIONARY when messages do not tell their size.
+        """
+        size, error = self.frame(octets, at)
+        if error is not None:
+            raise error
+        return size
+
+    def frame(self, octets: Octets, at: int = 0) -> tuple[int, Error | None]:
+        """Return what `frame_size` does, and the error instead of raising it."""
+        head = bytes(octets[at : at + self.head_size])
+        error = self._signature(head, self._head)
+        if error is not None:
+            return 0, error
+        if self._size is None:
+            return 0, Error(E_DICTIONARY, "envelope", "without a size field a stream cannot be cut into messages")
+        if len(head) < self.head_size:
+            return 0, None
+        return self._total(head)
+
+    def parse(self, octets: Octets, at: int = 0) -> Wrapped:
+        """Return the message at ``at``. Never raises for what is received: see ``error`` of the result.
+
+        Without a size field the message reaches to the end of ``octets``.
+        """
+        head = bytes(octets[at : at + self.head_size])
+        numbers: dict[str, int] = {}
+        if len(head) < self.head_size:
+            detail = f"{len(head)} octets, the header has {self.head_size}"
+            return Wrapped(numbers, b"", 0, Error(E_SHORT, "envelope", detail))
+        _read_all(self._head, head, numbers)
+        there = len(octets) - at
+        total, error = (there, None) if self._size is None else self._total(head)
+        if error is None and total > there:
+            error = Error(E_SHORT, "envelope", f"{there} octets of {total}")
+        elif error is None and total < self.head_size + self.tail_size:
+            error = Error(
+                E_SHORT, "envelope", f"{total} octets, without data there are {self.head_size + self.tail_size}"
+            )
+        if error is not None:
+            return Wrapped(numbers, bytes(octets[at + self.head_size :]), 0, self._signature(head, self._head) or error)
+        message = bytes(octets[at : at + total])
+        tail_at = total - self.tail_size
+        tail = message[tail_at:]
+        _read_all(self._tail, tail, numbers)
+        error = (
+            self._signature(head, self._head) or self._signature(tail, self._tail) or self._checked(message, tail_at)
+        )
+        return Wrapped(numbers, message[self.head_size : tail_at], total, error)
+
+    def build(self, numbers: Mapping[str, int], data: bytes) -> bytes:
+        """Return the message of these numbers (by role, 0 where none is given) around ``data``.
+
+        Raises `Error` E_RANGE for a number that its field cannot hold, E_LENGTH for more data than the size can tell,
+        E_VALUE for a number that the envelope has no field for.
+        """
+        unknown = sorted(role for role, number in numbers.items() if number and role not in self.roles)
+        if unknown or not _UNNUMBERED.isdisjoint(numbers):
+            raise Error(E_VALUE, "envelope", f"no field to be given for {', '.join(unknown) or 'size, data or crc'}")
+        if len(data) > MAX_OCTETS:
+            raise Error(E_LENGTH, "envelope", f"{len(data)} octets of data, a message has at most {MAX_OCTETS} (C27)")
+        given = dict(numbers)
+        if self._size is not None:
+            given["size"] = self._counted(len(data))
+            if given["size"] >> self._size.field.bits:
+                raise Error(E_LENGTH, "envelope", f"{len(data)} octets of data are more than the size field can tell")
+        head = _write_all(self._head, given, self.head_size)
+        tail = _write_all(self._tail, given, self.tail_size)
+        if self._crc is None:
+            return head + data + tail
+        place = next(place for place in self._head + self._tail if place.field.role == "crc")
+        before = place.offset // 8
+        part = head[:before] if self._crc_in_head else head + data + tail[:before]
+        given["crc"] = self._crc(data if self._covers_data else part)
+        head = _write_all(self._head, given, self.head_size)
+        return head + data + _write_all(self._tail, given, self.tail_size)
+
+    def _counted(self, data: int) -> int:
+        assert self._size is not None
+        counts = self._size.field.counts
+        if counts == "total":
+            return self.head_size + data + self.tail_size
+        if counts == "rest":
+            return self.head_size - self._after_size() + data + self.tail_size
+        return data + (self._crc_size if counts == "data+crc" else 0)
+
+    def _after_size(self) -> int:
+        assert self._size is not None
+        return (self._size.offset + self._size.field.bits + 7) // 8
+
+    def _total(self, head: bytes) -> tuple[int, Error | None]:
+        """Return the octets of the whole message by the size field of ``head``; the error when that cannot be."""
+        assert self._size is not None
+        told = self._size.read(head)
+        data = told - self._counted(0)
+        if 0 <= data <= MAX_OCTETS:
+            return self.head_size + data + self.tail_size, None
+        return 0, Error(
+            E_LENGTH, "envelope", f"a size of {told} leaves {data} octets for the data, not 0..{MAX_OCTETS}"
+        )
+
+    def _signature(self, octets: bytes, places: list[_Place]) -> Error | None:
+        """Return the error when a field that never changes is there with another value."""
+        for place in places:
+            wanted = place.field.value
+            if wanted is None or place.field.role == "reserved" or place.offset + place.field.bits > 8 * len(octets):
+                continue
+            found = place.read(octets)
+            if found != wanted:
+                return Error(E_PROTOCOL, f"envelope field {place.field.role}", f"{found:#x} instead of {wanted:#x}")
+        return None
+
+    def _checked(self, message: bytes, tail_at: int) -> Error | None:
+        """Return the error when the checksum differs."""
+        if self._crc is None:
+            return None
+        begin, places = (0, self._head) if self._crc_in_head else (tail_at, self._tail)
+        place = next(place for place in places if place.field.role == "crc")
+        found = place.read(message[begin : begin + (self.head_size if self._crc_in_head else self.tail_size)])
+        covered = message[self.head_size : tail_at] if self._covers_data else message[: begin + place.offset // 8]
+        wanted = self._crc(covered)
+        return None if found == wanted else Error(E_CRC, "envelope", f"{found:#06x} received, {wanted:#06x} computed")
+
+
+def _places(fields: list[EnvelopeField], side: str) -> tuple[list[_Place], int]:
+    """Return the fields on one side of the data with their offsets, and the octets they take."""
+    places, offset = [], 0
+    for field in fields:
+        where = f"envelope field {field.role}"
+        if not 0 < field.bits <= 64 and field.role != "reserved":
+            raise Error(E_DICTIONARY, where, f"it has 1 to 64 bits, not {field.bits}")
+        if (field.big or field.role == "crc") and (offset % 8 or field.bits % 8):
+            raise Error(E_DICTIONARY, where, "a big-endian field or a crc begins and ends with an octet")
+        if field.role == "size" and field.counts == "rest" and (offset + field.bits) % 8:
+            raise Error(E_DICTIONARY, where, "a size that counts the rest ends with an octet")
+        places.append(_Place(field, offset))
+        offset += field.bits
+    if offset % 8:
+        raise Error(E_DICTIONARY, "envelope", f"{offset} bits stand {side} the data: fill them up with reserved ones")
+    return places, offset // 8
+
+
+def _read_all(places: list[_Place], octets: bytes, numbers: dict[str, int]) -> None:
+    for place in places:
+        if place.field.role not in _UNNUMBERED:
+            numbers[place.field.role] = place.read(octets)
+
+
+def _write_all(places: list[_Place], numbers: Mapping[str, int], size: int) -> bytes:
+    bits = 0
+    for place in places:
+        fixed = place.field.value
+        bits |= place.write(numbers.get(place.field.role, 0) if fixed is None else fixed)
+    return bits.to_bytes(size, "little")
+
+
+def _hqx(record: CrcRecord, octets: bytes) -> int:
+    return crc_hqx(octets, record.init) ^ record.xorout
+
+
+def _crc_function(record: CrcRecord) -> Callable[[bytes], int]:
+    """Return what computes the checksum: the standard library where it can, else anycrc (extra "scd")."""
+    if record.poly == 0x1021 and not record.refin and not record.refout:
+        return partial(_hqx, record)
+    try:
+        import anycrc
+    except ImportError:
+        hint = "a CRC with these parameters needs the package anycrc: pip install 's7dissect[scd]'"
+        raise Error(E_DICTIONARY, "envelope crc", hint) from None
+    crc = anycrc.CRC(
+        width=16, poly=record.poly, init=record.init, refin=record.refin, refout=record.refout, xorout=record.xorout
+    )
+    calculate: Callable[[bytes], int] = crc.calc
+    return calculate

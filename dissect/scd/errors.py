@@ -1,0 +1,123 @@
+"""What can go wrong with SCD: the codes of the library, the error of a dictionary, the numbers of ``scd_err_t`` (R52).
+
+Two things that are easily mixed up: a *code* such as ``E_RANGE`` says why this library could not do something, an
+``scd_err_t`` is what one device tells another in a message.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import Final
+
+E_ACCESS: Final = "E_ACCESS"
+E_COUNT: Final = "E_COUNT"
+E_CRC: Final = "E_CRC"
+E_DICTIONARY: Final = "E_DICTIONARY"
+E_INDEX: Final = "E_INDEX"
+E_KIND: Final = "E_KIND"
+E_LENGTH: Final = "E_LENGTH"
+E_LONG: Final = "E_LONG"
+E_MAP: Final = "E_MAP"
+E_PDO_NUMBER: Final = "E_PDO_NUMBER"
+E_PROTOCOL: Final = "E_PROTOCOL"
+E_RANGE: Final = "E_RANGE"
+E_SHORT: Final = "E_SHORT"
+E_SUB: Final = "E_SUB"
+E_TYPE: Final = "E_TYPE"
+E_UTF8: Final = "E_UTF8"
+E_VALUE: Final = "E_VALUE"
+
+#: Every code of this library and what it says.
+CODES: Final = MappingProxyType(
+    {
+        E_ACCESS: "the access attribute does not allow this",
+        E_COUNT: "values are missing or too many",
+        E_CRC: "the checksum differs",
+        E_DICTIONARY: "the dictionary breaks a rule",
+        E_INDEX: "no object of this index",
+        E_KIND: "no such kind of message",
+        E_LENGTH: "the value is longer than its field, or a block of another length",
+        E_LONG: "octets are left over",
+        E_MAP: "the variable cannot be mapped like this",
+        E_PDO_NUMBER: "no PDO of this number",
+        E_PROTOCOL: "a field that never changes has another value",
+        E_RANGE: "the number is outside of its type",
+        E_SHORT: "octets are missing",
+        E_SUB: "no sub-index of this number",
+        E_TYPE: "no type of this index or name",
+        E_UTF8: "the string is no UTF-8",
+        E_VALUE: "a value of another kind",
+    }
+)
+
+#: scd_err_t: 0 good, < 0 error, > 0 status of the application (profile; after the abort codes of CiA 301 and POWERLINK).
+ERROR_TEXTS: Final = MappingProxyType(
+    {
+        0: "good",
+        -1: "general error",
+        -2: "unsupported access",
+        -3: "read of a write-only object",
+        -4: "write of a read-only object",
+        -5: "no such object",
+        -6: "no such sub-index",
+        -7: "length or type does not match",
+        -8: "value too long",
+        -9: "value too short",
+        -10: "value out of range",
+        -11: "object cannot be mapped",
+        -12: "mapping longer than a PDO",
+        -13: "time-out",
+        -14: "unknown command",
+        -15: "out of memory",
+        -16: "hardware error",
+        -17: "value cannot be stored",
+        -18: "refused, local control",
+        -19: "refused in this state of the device",
+        -20: "no dictionary, or another one",
+        -21: "CRC error",
+    }
+)
+
+
+class Error(Exception):
+    """What this library could not do: ``code`` (one of `CODES`), ``where`` (object, field, offset), ``detail``."""
+
+    def __init__(self, code: str, where: str, detail: str = "") -> None:
+        self.code = code
+        self.where = where
+        self.detail = detail or CODES[code]
+        super().__init__(code, where, self.detail)
+
+    def __str__(self) -> str:
+        return f"{self.code}: {self.where}: {self.detail}" if self.where else f"{self.code}: {self.detail}"
+
+
+class DictionaryError(Error):
+    """A dictionary that breaks a rule; nothing of it is kept.
+
+    ``where`` is the place inside (an object, a key, an octet), ``rule`` the requirement broken ("R73", or empty where no
+    number fits), ``path`` the file, ``line`` the line of a TOML source counted from 1 (0: unknown), ``index`` the index of
+    the entry concerned (-1: none).
+    """
+
+    def __init__(
+        self,
+        where: str,
+        detail: str,
+        *,
+        rule: str = "",
+        code: str = E_DICTIONARY,
+        index: int = -1,
+        path: str = "",
+        line: int = 0,
+    ) -> None:
+        super().__init__(code, where, detail)
+        self.rule = rule
+        self.index = index
+        self.path = path
+        self.line = line
+
+    def __str__(self) -> str:
+        place = f"{self.path}:{self.line}" if self.line else self.path
+        rule = f" ({self.rule})" if self.rule else ""
+        return ": ".join(part for part in (place, self.where, self.detail) if part) + rule

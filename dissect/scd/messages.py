@@ -1,0 +1,205 @@
+"""Messages: what an envelope and a dictionary together say (profile, reference 3.3)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import msgspec
+
+from dissect.scd.errors import E_COUNT, E_INDEX, E_KIND, E_PDO_NUMBER, E_VALUE, Error
+from dissect.scd.packing import ACCESS, TRAILING, VERSION, Flags, Key, Octets, flag
+from dissect.scd.ranges import is_mapping, pdo_of_index, section_of
+from dissect.scd.types import Value
+
+if TYPE_CHECKING:
+    from dissect.scd.codec import Codec
+    from dissect.scd.model import Pdo
+
+Service = Literal["", "read", "write", "pdo"]
+#: A PDO is only ever a "push".
+Phase = Literal["", "request", "response", "abort", "push"]
+
+
+class Message(msgspec.Struct):
+    """A message. Fields that the envelope does not have are 0; ``values`` by (index, sub).
+
+    ``service`` and ``phase`` are empty where the kind is not known. ``pdo`` is "T1" or "R65". ``data`` are the octets between
+    header and tail, ``numbers`` every field of the envelope by its role, ``size`` the octets of the whole message (0: it
+    could not be cut out). ``error`` says what is wrong with a received message; then ``values`` is empty.
+    """
+
+    service: Service = ""
+    phase: Phase = ""
+    tid: int = 0
+    err: int = 0
+    index: int = 0
+    sub: int = 0
+    port: int = 0
+    values: dict[Key, Value] = {}
+    flags: Flags = {}
+    pdo: str = ""
+    data: bytes = b""
+    src: int = 0
+    dst: int = 0
+    seq: int = 0
+    size: int = 0
+    error: Error | None = None
+    numbers: dict[str, int] = {}
+
+
+def parse_message(codec: Codec, octets: Octets, at: int = 0) -> Message:
+    """Return the message that begins at ``at``; what is wrong with it is its ``error``."""
+    wrapped = codec.envelope.parse(octets, at)
+    numbers = wrapped.numbers
+    read = numbers.get
+    message = Message(
+        tid=read("tid", 0), err=read("err", 0), index=read("index", 0), sub=read("sub", 0), port=read("port", 0),
+        src=read("src", 0), dst=read("dst", 0), seq=read("seq", 0),
+        data=wrapped.data, size=wrapped.size, error=wrapped.error, numbers=numbers,
+    )  # fmt: skip
+    if not numbers:
+        return message
+    try:
+        message.service, message.phase = _kind(codec, numbers)
+        if message.error is None:
+            _decode(codec, message)
+    except Error as error:
+        message.values = {}
+        message.error = message.error or error
+    return message
+
+
+def build_message(codec: Codec, message: Message) -> bytes:
+    """Return the octets of a message. Raises `Error` for what the envelope or the dictionary does not have."""
+    roles = codec.envelope.roles
+    numbers = {
+        "tid": message.tid, "err": message.err, "index": message.index, "sub": message.sub, "port": message.port,
+        "src": message.src, "dst": message.dst, "seq": message.seq,
+        "response": int(message.phase == "response" or (message.phase == "abort" and "response" in roles)),
+        "abort": int(message.phase == "abort"),
+    }  # fmt: skip
+    if message.phase not in ({"push"} if message.service == "pdo" else {"request", "response", "abort"}):
+        raise Error(
+            E_KIND, "message", f"a {message.service or 'message without service'} is no {message.phase or 'phase'!r}"
+        )
+    if "kind" in roles:
+        number = next((number for number, service in codec.envelope.record.kinds if service == message.service), None)
+        if number is None:
+            raise Error(E_KIND, "message", f"the envelope has no kind for {message.service!r}")
+        numbers["kind"] = number
+    if message.pdo:
+        pdo = codec.pdo(message.pdo)
+        if "pdo" in roles:
+            numbers["pdo"] = pdo.number
+        elif "index" in roles:
+            numbers["index"] = pdo.mapping.index
+    return codec.envelope.build(numbers, message.data or _data(codec, message))
+
+
+def _kind(codec: Codec, numbers: dict[str, int]) -> tuple[Service, Phase]:
+    """Return service and phase; raises `Error` E_KIND for numbers that no message has."""
+    kinds = codec.envelope.record.kinds
+    response, abort = numbers.get("response", 0), numbers.get("abort", 0)
+    shown = f"kind {numbers.get('kind', 0):#04x}, response {response}, abort {abort}"
+    service: Service | None
+    if "kind" in numbers:
+        service = dict(kinds).get(numbers["kind"])
+        if service is None:
+            raise Error(E_KIND, "envelope", f"{shown}: no such kind")
+    elif len(kinds) == 1:
+        service = kinds[0][1]
+    else:
+        service = "pdo" if "pdo" in numbers else "write"
+    if service == "pdo":
+        if response or abort:
+            raise Error(E_KIND, "envelope", f"{shown}: a PDO has no answer")
+        return service, "push"
+    if abort:
+        if not response and "response" in numbers:
+            raise Error(E_KIND, "envelope", f"{shown}: an abort is an answer")
+        return service, "abort"
+    return service, "response" if response else "request"
+
+
+def _decode(codec: Codec, message: Message) -> None:
+    """Fill in values and flags; raises `Error`."""
+    if message.service == "pdo":
+        _decode_pdo(codec, message)
+        return
+    carries = message.phase == ("response" if message.service == "read" else "request")
+    expects = carries and "index" in message.numbers and (not message.err or bool(message.data))
+    if "index" in message.numbers:
+        _judge_access(codec, message)
+    if expects:
+        decoded = codec.decode_value((message.index, message.sub), message.data)
+        message.values = decoded.values
+        for name, keys in decoded.flags.items():
+            message.flags[name] = keys
+    elif message.data and not carries:
+        flag(message.flags, TRAILING)
+
+
+def _judge_access(codec: Codec, message: Message) -> None:
+    """Flag what access attributes and index ranges forbid (R74, R87); raises `Error` E_INDEX, E_SUB for what is not there."""
+    dictionary, key = codec.dictionary, (message.index, message.sub)
+    if message.index not in dictionary.objects and section_of(message.index).holds in {"", "static"}:
+        flag(message.flags, ACCESS, key)
+        raise Error(E_INDEX, f"{message.index:#06x}", "indices of this section cannot be addressed")
+    if message.sub == 255 and message.index in dictionary.objects:
+        allowed = message.service == "read"
+    else:
+        try:
+            variable = dictionary.variable(key)
+        except Error:
+            if message.phase == "abort":
+                return  # that there is no such object may be the very reason of the abort
+            raise
+        allowed = variable.readable if message.service == "read" else variable.writable
+    if not allowed:
+        flag(message.flags, ACCESS, key)
+
+
+def _decode_pdo(codec: Codec, message: Message) -> None:
+    pdo = _find_pdo(codec, message.numbers)
+    message.pdo = f"{pdo.direction}{pdo.number}"
+    decoded = codec.decode(message.pdo, message.data)
+    message.values = decoded.values
+    for name, keys in decoded.flags.items():
+        message.flags[name] = keys
+    # In place of a sub-index a PDO carries the version of its mapping, 0 for none.
+    if "index" in message.numbers and message.sub and pdo.version and message.sub != pdo.version:
+        flag(message.flags, VERSION)
+
+
+def _find_pdo(codec: Codec, numbers: dict[str, int]) -> Pdo:
+    if "pdo" in numbers:
+        number = numbers["pdo"]
+        # A number alone does not say the direction: what has only one PDO of this number means that.
+        return codec.pdo(f"{'T' if number in codec.dictionary.tpdo else 'R'}{number}")
+    index = numbers.get("index", 0)
+    if not is_mapping(index):
+        raise Error(E_PDO_NUMBER, f"{index:#06x}", "no index of a mapping object (0x1600 to 0x17ff, 0x1a00 to 0x1bff)")
+    direction, _, number = pdo_of_index(index)
+    return codec.pdo(f"{direction}{number}")
+
+
+def _data(codec: Codec, message: Message) -> bytes:
+    """Return the data that the values make."""
+    if message.service == "pdo":
+        if not message.pdo:
+            raise Error(E_PDO_NUMBER, "message", "say which PDO")
+        return codec.encode(message.pdo, message.values)
+    carries = message.phase == ("response" if message.service == "read" else "request")
+    if not carries or (message.err and not message.values):
+        if message.values:
+            raise Error(E_COUNT, "message", f"a {message.service} {message.phase} carries no value")
+        return b""
+    if len(message.values) != 1:
+        raise Error(
+            E_COUNT, "message", f"a {message.service} {message.phase} carries one value, not {len(message.values)}"
+        )
+    ((key, value),) = message.values.items()
+    address = codec.dictionary.variable(key).address if isinstance(key, str) else key
+    if address != (message.index, message.sub):
+        raise Error(E_VALUE, "message", f"a value of {key} in a message on ({message.index:#06x}, {message.sub})")
+    return codec.encode_value(address, value)

@@ -1,0 +1,85 @@
+"""The collection of information objects that a codec reads from and writes to (R11-R15)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, MutableMapping
+from typing import Any
+
+from dissect.scd.dictionary import Dictionary
+from dissect.scd.errors import E_INDEX, Error
+from dissect.scd.model import StructType, Variable
+from dissect.scd.packing import Key
+from dissect.scd.types import Value
+
+
+class Objects(MutableMapping[Any, Value]):
+    """Values of a dictionary's variables, by (index, sub), "0x6000:1", name or "object.field"; checked when they are set.
+
+    A field of a bare struct is "struct.field". ``message`` names what `encode` and `decode` of this package take the octets
+    for: a PDO, a struct, an object or a variable; empty for a message in its envelope. ``changed`` are the keys whose values
+    the last decoding changed. Iteration gives (index, sub), or the text for fields of structs, in the order they came.
+    """
+
+    def __init__(self, dictionary: Dictionary, message: str = "") -> None:
+        self.dictionary = dictionary
+        self.message = message
+        self.changed: tuple[Key, ...] = ()
+        self._values: dict[Key, Value] = {}
+
+    def __getitem__(self, key: Key) -> Value:
+        if key in self._values:
+            return self._values[key]
+        return self._values[self._resolve(key)[0]]
+
+    def __setitem__(self, key: Key, value: object) -> None:
+        known, variable = self._resolve(key)
+        self._values[known] = variable.check(value)
+
+    def __delitem__(self, key: Key) -> None:
+        del self._values[self._resolve(key)[0]]
+
+    def __contains__(self, key: object) -> bool:
+        if not isinstance(key, (tuple, str)):
+            return False
+        try:
+            return key in self._values or self._resolve(key)[0] in self._values
+        except Error:
+            return False
+
+    def __iter__(self) -> Iterator[Key]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def named(self) -> dict[str, Value]:
+        """Return the values by the full names of their variables."""
+        return {self._resolve(key)[1].label: value for key, value in self._values.items()}
+
+    def merge(self, values: Mapping[Key, Value]) -> None:
+        """Take over decoded values, which are right already, and note which of them are other ones."""
+        own = self._values
+        self.changed = tuple([key for key, value in values.items() if key not in own or not _same(own[key], value)])
+        own.update(values)
+
+    def _resolve(self, key: Key) -> tuple[Key, Variable]:
+        """Return the key this collection uses, and the variable. Raises `Error` E_INDEX or E_SUB."""
+        if isinstance(key, str):
+            name, point, field = key.rpartition(".")
+            found = self.dictionary.types.get(self.dictionary.type_names.get(name, -1)) if point else None
+            if isinstance(found, StructType):
+                for variable in found.fields:
+                    if variable.name == field and not variable.reserved:
+                        return key, variable
+        elif len(key) != 2:
+            raise Error(E_INDEX, repr(key), "an address is (index, sub-index)")
+        variable = self.dictionary.variable(key)
+        return variable.address, variable
+
+    def __repr__(self) -> str:
+        return f"<Objects of {self.dictionary.name!r}: {len(self._values)} values>"
+
+
+def _same(old: Value, new: Value) -> bool:
+    # NaN differs from itself, and True equals 1: neither is a change here.
+    return old == new or (old != old and new != new)  # noqa: PLR0124

@@ -1,0 +1,255 @@
+"""One table of a source: its keys by kind, each asked for once, and an error for what is missing, wrong or unknown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
+
+from dissect.scd.errors import DictionaryError, Error
+from dissect.scd.plain import as_plain
+from dissect.scd.records import Access, Counts, CrcRecord, EnvelopeField, EnvelopeRecord, FieldRecord, Plain, Traits
+from dissect.scd.types import STANDARD, STANDARD_NAMES, Kind, SimpleType
+
+_MISSING: Final = object()
+_ROLE_NAMES: Final = (
+    "protocol", "kind", "response", "abort", "tid", "seq", "err", "index", "sub", "pdo", "port", "src", "dst", "size", "data",
+    "crc", "reserved", "const",
+)  # fmt: skip
+_ONE_BIT: Final = ("response", "abort")
+
+
+class Table:
+    """The keys of one table; ``where`` names it in errors, ``line`` is its line (0: unknown)."""
+
+    def __init__(self, content: object, where: str, line: int = 0) -> None:
+        self.where = where
+        self.line = line
+        if not isinstance(content, Mapping):
+            raise DictionaryError(where, f"{content!r} is no table", line=line)
+        self.content: Mapping[str, Any] = content
+        self._asked: set[str] = set()
+
+    def fail(self, key: str, detail: str, rule: str = "") -> DictionaryError:
+        """Return the error of a key."""
+        return DictionaryError(f"{self.where}, {key}", detail, rule=rule, line=self.line)
+
+    def has(self, key: str) -> bool:
+        """Whether the key is there."""
+        return key in self.content
+
+    def mark(self, key: str) -> None:
+        """Note that the key was read by somebody else."""
+        self._asked.add(key)
+
+    def done(self) -> None:
+        """Raise for keys that nothing asked for."""
+        for key in self.content:
+            if key not in self._asked:
+                raise self.fail(str(key), "no such key here; these are: " + ", ".join(sorted(self._asked)))
+
+    def _get(self, key: str, default: object) -> object:
+        self._asked.add(key)
+        found = self.content.get(key, default)
+        if found is _MISSING:
+            raise self.fail(key, "is missing")
+        return found
+
+    def text(self, key: str, default: object = _MISSING) -> str:
+        """Return a text."""
+        found = self._get(key, default)
+        if isinstance(found, str):
+            try:
+                found.encode()
+            except UnicodeEncodeError:
+                raise self.fail(key, f"{found!r} has no UTF-8 form", "R42") from None
+            return found
+        raise self.fail(key, f"{found!r} is no text")
+
+    def number(self, key: str, default: object = _MISSING) -> int:
+        """Return a whole number of at most 64 bits; JSON may write it as a text such as "0x6000"."""
+        found = self._get(key, default)
+        if isinstance(found, str):
+            try:
+                found = int(found, 0)
+            except ValueError:
+                raise self.fail(key, f"{found!r} is no whole number") from None
+        if isinstance(found, int) and not isinstance(found, bool) and -(1 << 63) <= found < 1 << 60:
+            return found
+        raise self.fail(key, f"{found!r} is no whole number")
+
+    def name_or_number(self, key: str) -> str | int:
+        """Return a name, or an index written as a number."""
+        found = self._get(key, _MISSING)
+        if isinstance(found, str) or (isinstance(found, int) and not isinstance(found, bool)):
+            return found
+        raise self.fail(key, f"{found!r} is neither a name nor an index")
+
+    def flag(self, key: str, default: bool) -> bool:
+        """Return true or false."""
+        found = self._get(key, default)
+        if isinstance(found, bool):
+            return found
+        raise self.fail(key, f"{found!r} is neither true nor false")
+
+    def choice(self, key: str, choices: Sequence[str], default: object = _MISSING) -> Any:
+        """Return one of the texts of ``choices``."""
+        found = self._get(key, default)
+        if isinstance(found, str) and found in choices:
+            return found
+        raise self.fail(key, f"{found!r} is none of {', '.join(choices)}")
+
+    def items(self, key: str) -> list[Any]:
+        """Return an array, empty where the key is missing."""
+        found = self._get(key, [])
+        if isinstance(found, list):
+            return found
+        raise self.fail(key, f"{found!r} is no array")
+
+    def real(self, key: str) -> float | int | None:
+        """Return a finite number, None where the key is missing."""
+        found = self._get(key, None)
+        if found is None or (isinstance(found, (int, float)) and not isinstance(found, bool) and math.isfinite(found)):
+            return found
+        raise self.fail(key, f"{found!r} is no finite number")
+
+    def value(self, key: str, kind: SimpleType, bits: int) -> Plain:
+        """Return a default value of a type as it is kept, None where the key is missing."""
+        found = self._get(key, None)
+        return None if found is None else self._plain(key, found, kind, bits)
+
+    def values(self, key: str, kind: SimpleType, bits: int) -> list[Plain]:
+        """Return the default values of an array's elements."""
+        return [self._plain(f"{key} {number}", item, kind, bits) for number, item in enumerate(self.items(key), 1)]
+
+    def field_values(self, key: str, fields: Sequence[FieldRecord], kinds: Sequence[SimpleType]) -> list[Plain]:
+        """Return the default values of a record's fields, given by their names."""
+        found = self._get(key, {})
+        if not isinstance(found, Mapping):
+            raise self.fail(key, "the values of a record are a table by the names of its fields")
+        numbers = {field.name: number for number, field in enumerate(fields) if field.type}
+        values: list[Plain] = [None] * len(fields)
+        for name, value in found.items():
+            if name not in numbers:
+                raise self.fail(key, f"no field {name!r}", "R70")
+            number = numbers[name]
+            kind = kinds[number]
+            values[number] = self._plain(f"{key} {name}", value, kind, kind.bits or fields[number].bits)
+        return values
+
+    def _plain(self, key: str, found: object, kind: SimpleType, bits: int) -> Plain:
+        if kind.kind is Kind.BLOCK and isinstance(found, str):
+            try:
+                found = bytes.fromhex(found)
+            except ValueError:
+                raise self.fail(key, f"{found!r} is no hexadecimal text", "R53") from None
+        if kind.kind is Kind.REAL and found == "nan":
+            found = math.nan
+        try:
+            value = kind.check(found, bits)
+        except Error as error:
+            raise DictionaryError(
+                f"{self.where}, {key}", error.detail, rule="R72", code=error.code, line=self.line
+            ) from None
+        return as_plain(value)
+
+
+def traits_of(table: Table) -> Traits | None:
+    """Return unit, scale, shift, limits and texts of a variable's table, None where there are none."""
+    texts: list[tuple[int, str]] = []
+    found = Table(table.content.get("texts", {}), f"{table.where}, texts", table.line)
+    for key in found.content:
+        try:
+            texts.append((int(key, 0), found.text(key)))
+        except ValueError:
+            raise found.fail(key, "texts are given by whole numbers", "C36") from None
+    table.mark("texts")
+    scale = table.real("scale")
+    traits = Traits(
+        table.text("unit", ""),
+        1.0 if scale is None else float(scale),
+        float(table.real("shift") or 0.0),
+        table.real("low"),
+        table.real("high"),
+        sorted(texts),
+    )
+    return None if traits == Traits() else traits
+
+
+def fields_of(table: Table, type_of: Callable[[Table], SimpleType]) -> list[FieldRecord]:
+    """Return the fields of a struct's or record's table; ``{reserved=6}`` is a gap, with ``fixed`` if its bits are defined."""
+    fields = []
+    for number, item in enumerate(table.items("fields"), 1):
+        row = Table(item, f"{table.where}, field {number}", table.line)
+        if row.has("reserved"):
+            fixed = row.number("fixed") if row.has("fixed") else None
+            fields.append(FieldRecord("", 0, row.number("reserved"), fixed))
+        else:
+            name = row.text("name")
+            kind = type_of(row)
+            bits = 8 * row.number("size", 0)
+            mappable = row.flag("mappable", False) if row.has("mappable") else None
+            access: Access = row.choice("access", ("rw", "wo", "ro", "const")) if row.has("access") else ""
+            default = row.value("default", kind, kind.bits or bits)
+            fields.append(FieldRecord(name, kind.index, bits, None, access, mappable, default, traits_of(row)))
+        row.done()
+    return fields
+
+
+def envelope_of(content: object, line: int) -> EnvelopeRecord | None:
+    """Return the described envelope, None where the source describes none."""
+    if content is None:
+        return None
+    table = Table(content, "envelope", line)
+    crc = None
+    if table.has("crc"):
+        row = Table(table.content["crc"], "envelope, crc", line)
+        crc = CrcRecord(
+            row.number("poly", 0x1021), row.number("init", 0), row.flag("refin", False), row.flag("refout", False),
+            row.number("xorout", 0), row.choice("covers", ("before", "data"), "before"),
+        )  # fmt: skip
+        row.done()
+        table.mark("crc")
+    fields = [_envelope_field(item, number, line) for number, item in enumerate(table.items("fields"), 1)]
+    kinds = []
+    for number, item in enumerate(table.items("kinds"), 1):
+        row = Table(item, f"envelope, kind {number}", line)
+        kinds.append((row.number("value"), row.choice("service", ("read", "write", "pdo"))))
+        row.done()
+    table.done()
+    return EnvelopeRecord(fields, sorted(kinds), crc)
+
+
+def _envelope_field(item: object, number: int, line: int) -> EnvelopeField:
+    row = Table(item, f"envelope, field {number}", line)
+    role = row.choice("role", _ROLE_NAMES)
+    bits, signed = (1 if role in _ONE_BIT else 0), False
+    if row.has("type"):
+        written = row.text("type")
+        kind = STANDARD[STANDARD_NAMES[written]] if written in STANDARD_NAMES else None
+        if kind is None or kind.kind not in (Kind.BOOL, Kind.INT, Kind.UINT):
+            raise row.fail("type", f"{written!r} is no whole number of the text's types", "profile 3.3")
+        bits, signed = kind.bits, kind.kind is Kind.INT
+    if row.has("bits"):
+        if row.has("type"):
+            raise row.fail("bits", "either type or bits", "profile 3.3")
+        bits, signed = row.number("bits"), row.flag("signed", False)
+    value = row.number("value") if row.has("value") else None
+    counts: Counts = row.choice("counts", ("data", "data+crc", "rest", "total")) if row.has("counts") else ""
+    field = EnvelopeField(role, bits, signed, row.flag("big", False), value, counts)
+    row.done()
+    return field
+
+
+def errors_of(content: object, line: int) -> list[tuple[int, str]]:
+    """Return the texts of scd_err_t that replace the usual ones: {"-5" = "no such object"}."""
+    if content is None:
+        return []
+    table = Table(content, "errors", line)
+    texts = []
+    for key in table.content:
+        try:
+            texts.append((int(key, 0), table.text(key)))
+        except ValueError:
+            raise table.fail(key, "texts are given by whole numbers", "R52") from None
+    return sorted(texts)
