@@ -36,6 +36,11 @@ _HEAD: Final = f'{{"schema":"{TRANSACTION_SCHEMA}","number":'
 #: Cached pieces are forgotten together when there are this many.
 _MAX_CACHED: Final = 8192
 
+#: Where the header holds the PDU reference, and the octets of PDUs whose notes are cached.
+_REFERENCE_AT: Final = 4
+_REFERENCE_END: Final = 6
+_SHORT: Final = 64
+
 _SMALL: Final = [str(number) for number in range(256)]
 
 _NO_ITEM: Final = (
@@ -153,6 +158,7 @@ class TransactionLines(Observer):
         self.lines: list[str] = []
         self._clock: Clock = Clock()
         self._ends: dict[int, str] = {}
+        self._short: dict[bytes, str] = {}
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the line of a transaction."""
@@ -194,7 +200,7 @@ class TransactionLines(Observer):
             f"{_HEAD}{transaction.number}{self._connection(transaction.connection, transaction.asked_by)}"
             f',"pdu_ref":{reference},"rosctr":{rosctr},"function":{function_text(transaction.parameters)}'
             f',"request_frame":{frames},"request_time":{at},"latency_ns":{latency}'
-            f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{self._setup(transaction)}{_notes(transaction)}'
+            f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{self._setup(transaction)}{self._notes(transaction)}'
             f',"items":[{self._items(transaction)}],"errors":[{_errors(transaction)}]}}'
         )
 
@@ -233,6 +239,32 @@ class TransactionLines(Observer):
         given = json.dumps(granted.as_dict(), separators=(",", ":")) if granted is not None else "null"
         return f',"setup":{{"asked":{wish},"granted":{given}}}'
 
+    def _notes(self, transaction: Transaction) -> str:
+        """Return what request and answer are about, for functions whose items do not tell it."""
+        function: i64 = transaction.parameters.function
+        if function == READ_VAR or function == WRITE_VAR or function == SETUP_COMMUNICATION:
+            return ""
+        if transaction.rosctr == PLUS:
+            return plus_json(transaction)
+        asks = self._noted(transaction.request_octets, transaction, True)
+        tells = self._noted(transaction.response_octets, transaction, False)
+        return f',"asks":[{asks}],"tells":[{tells}]'
+
+    def _noted(self, octets: bytes, transaction: Transaction, asked: bool) -> str:
+        """Return the notes of a PDU. Short ones, most requests among them, come again and again with other references."""
+        if not octets:
+            return ""
+        key = octets[:_REFERENCE_AT] + octets[_REFERENCE_END:] if len(octets) <= _SHORT else b""
+        found = self._short.get(key) if key else None
+        if found is None:
+            pdu = transaction.request if asked else transaction.response
+            found = "" if pdu is None else ",".join([json_text(note) for note in pdu.body.notes])
+            if key:
+                if len(self._short) >= _MAX_CACHED:
+                    self._short.clear()
+                self._short[key] = found
+        return found
+
     def _items(self, transaction: Transaction) -> str:
         parts: list[str] = []
         if transaction.outcome == ANSWERED and transaction.parameters.function == READ_VAR:
@@ -257,20 +289,6 @@ def _item(item: Item | None, code: i64, data: bytes | None) -> str:
     known: bool = item is not None and (item.size == len(data) or item.fits(len(data)))
     value = octets_value(item.transport_size, data) if item is not None and known else "null"
     return f'{head}{told},"data":"{data.hex()}","value":{value}}}'
-
-
-def _notes(transaction: Transaction) -> str:
-    """Return what request and answer are about, for functions whose items do not tell it."""
-    function: i64 = transaction.parameters.function
-    if function == READ_VAR or function == WRITE_VAR or function == SETUP_COMMUNICATION:
-        return ""
-    if transaction.rosctr == PLUS:
-        return plus_json(transaction)
-    return f',"asks":[{_noted(transaction.request)}],"tells":[{_noted(transaction.response)}]'
-
-
-def _noted(pdu: Pdu | None) -> str:
-    return "" if pdu is None else ",".join([json_text(note) for note in pdu.body.notes])
 
 
 def _errors(transaction: Transaction) -> str:

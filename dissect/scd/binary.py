@@ -85,7 +85,7 @@ def _parse(octets: bytes) -> Body:
         raise DictionaryError(
             "body", "not in the one form a dictionary has: fields too many, or numbers written longer"
         )
-    if wire_id(body) != identity:
+    if minor <= MINOR and wire_id(body) != identity:
         raise DictionaryError("header, octet 32", "the wire id is not that of the body")
     return body
 

@@ -7,7 +7,7 @@ wrong, `Error` is raised and no object has changed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final
 
@@ -98,8 +98,7 @@ class Codec:
 
         Octets after the payload are kept and flagged ``trailing``.
         """
-        packing = self._packings.get(pdo) or self._packing(pdo)
-        decoded = self._decode(packing, octets)
+        decoded = self._decode(self._packings.get(pdo) or self._packing(pdo), octets)
         if objects is not None:
             objects.merge(decoded.values)
         return decoded
@@ -122,7 +121,7 @@ class Codec:
         else:
             given = {own.get(key, key): value for key, value in values.items()}
         fields = {field.name: field for field in struct.fields}
-        return packing.pack(_gather(packing, given, fields, partial=partial))
+        return packing.pack(_gather(packing, given, fields.__getitem__, partial=partial))
 
     def decode_type(self, name: str | int, octets: Octets, objects: Objects | None = None) -> Decoded:
         """Return the fields of a bare struct (R99) by name."""
@@ -220,8 +219,8 @@ class Codec:
                 raise Error(E_SHORT, packing.where, f"{len(octets)} octets of {packing.size}")
             surplus = octets[packing.size :]
             flags[TRAILING] = ()
-        values = packing.unpack(octets, flags, strict_pad=self.strict_pad)
-        return Decoded(dict(zip(packing.keys, values, strict=True)), flags, surplus)
+        values = packing.unpack(octets, flags, self.strict_pad)
+        return Decoded(dict(zip(packing.keys, values)), flags, surplus)  # noqa: B905 - as many, and on the hot path
 
     def _packing(self, key: str) -> Packing:
         packing = self._packings.get(key)
@@ -263,17 +262,18 @@ class Codec:
 
     def _collect(self, packing: Packing, values: Mapping[Any, object], *, partial: bool) -> list[object]:
         """Return the values for the slots of a packing, whatever way they are addressed."""
-        variables = {key: self.dictionary.variable(key) for key in packing.keys}
+        given: Mapping[Any, object] = values
         if isinstance(values, Objects):
-            given: dict[Any, object] = {key: values[key] for key in packing.keys if key in values}
-        else:
-            given = {}
+            given = values.take(packing.keys)
+        elif values.keys() != packing.key_set:
+            found: dict[Any, object] = {}
             for key, value in values.items():
-                known = key if key in variables else self.dictionary.variable(key).address
-                if known in given:
+                known = key if key in packing.key_set else self.dictionary.variable(key).address
+                if known in found:
                     raise Error(E_COUNT, str(key), "the value of this variable is given twice")
-                given[known] = value
-        return _gather(packing, given, variables, partial=partial)
+                found[known] = value
+            given = found
+        return _gather(packing, given, self.dictionary.variable, partial=partial)
 
 
 def _fields_packing(fields: Sequence[Variable], bits: int, where: str, *, named: bool) -> Packing:
@@ -284,16 +284,18 @@ def _fields_packing(fields: Sequence[Variable], bits: int, where: str, *, named:
 
 
 def _gather(
-    packing: Packing, given: Mapping[Any, object], variables: Mapping[Any, Variable], *, partial: bool
+    packing: Packing, given: Mapping[Any, object], variable: Callable[[Any], Variable], *, partial: bool
 ) -> list[object]:
     """Return one value for each slot; raises `Error` E_COUNT for values that are missing or that nothing takes."""
-    surplus = [str(key) for key in given if key not in packing.keys]
+    if given.keys() == packing.key_set:
+        return [given[key] for key in packing.keys]
+    surplus = [str(key) for key in given if key not in packing.key_set]
     if surplus:
         raise Error(E_COUNT, packing.where, f"no place for a value of {', '.join(surplus)}")
     missing = [slot.where for slot in packing.slots if slot.key not in given]
     if missing and not partial:
         raise Error(E_COUNT, packing.where, f"no value for {', '.join(missing)}")
-    return [given[slot.key] if slot.key in given else _fallback(slot, variables[slot.key]) for slot in packing.slots]
+    return [given[slot.key] if slot.key in given else _fallback(slot, variable(slot.key)) for slot in packing.slots]
 
 
 def _fallback(slot: Slot, variable: Variable) -> Value:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, MutableMapping
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, MutableMapping
+from typing import Any, Final
 
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.errors import E_INDEX, Error
 from dissect.scd.model import StructType, Variable
 from dissect.scd.packing import Key
 from dissect.scd.types import Value
+
+_NOTHING: Final = object()
 
 
 class Objects(MutableMapping[Any, Value]):
@@ -59,8 +61,19 @@ class Objects(MutableMapping[Any, Value]):
     def merge(self, values: Mapping[Key, Value]) -> None:
         """Take over decoded values, which are right already, and note which of them are other ones."""
         own = self._values
-        self.changed = tuple([key for key, value in values.items() if key not in own or not _same(own[key], value)])
+        # What was not there differs from everything; NaN differs from itself, which is no change.
+        self.changed = tuple(
+            [
+                key
+                for key, value in values.items()
+                if (old := own.get(key, _NOTHING)) is not value and old != value and (old == old or value == value)  # noqa: PLR0124
+            ]
+        )
         own.update(values)
+
+    def take(self, keys: Iterable[Key]) -> dict[Key, Value]:
+        """Return the values of those ``keys``, written as `__iter__` gives them, that are there."""
+        return {key: self._values[key] for key in keys if key in self._values}
 
     def _resolve(self, key: Key) -> tuple[Key, Variable]:
         """Return the key this collection uses, and the variable. Raises `Error` E_INDEX or E_SUB."""
@@ -78,8 +91,3 @@ class Objects(MutableMapping[Any, Value]):
 
     def __repr__(self) -> str:
         return f"<Objects of {self.dictionary.name!r}: {len(self._values)} values>"
-
-
-def _same(old: Value, new: Value) -> bool:
-    # NaN differs from itself, and True equals 1: neither is a change here.
-    return old == new or (old != old and new != new)  # noqa: PLR0124

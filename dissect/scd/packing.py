@@ -9,12 +9,12 @@ receipt (R26, R32, C8) unless somebody asks.
 
 from __future__ import annotations
 
-import math
 import struct
 import sys
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from ipaddress import IPv4Address
+from math import isinf
 from typing import Any, Final, NamedTuple
 
 import bitstruct
@@ -102,7 +102,8 @@ class Packing:
         self.bits = bits
         self.size = (bits + 7) // 8
         self.slots = [slot for slot in slots if slot.type.kind is not Kind.RESERVED and slot.bits]
-        self.keys = [slot.key for slot in self.slots]
+        self.keys = tuple([slot.key for slot in self.slots])
+        self.key_set = frozenset(self.keys)
         self._constant = sum((slot.fixed or 0) << slot.offset for slot in slots if slot.type.kind is Kind.RESERVED)
         valued = sum(((1 << slot.bits) - 1) << slot.offset for slot in self.slots)
         self._unvalued = ((1 << 8 * self.size) - 1) & ~valued
@@ -120,19 +121,22 @@ class Packing:
         self._reals = [at for at, kind in enumerate(kinds) if kind is Kind.REAL]
         finishers = [_finisher(slot, reverse=not self.aligned) for slot in self.slots]
         self._finish = [(at, finish) for at, finish in enumerate(finishers) if finish is not None]
+        self._plain = self.aligned and not (self._timed or self._reals or self._finish)
 
-    def unpack(self, octets: bytes, flags: Flags, *, strict_pad: bool = False) -> Sequence[Value]:
+    def unpack(self, octets: bytes, flags: Flags, strict_pad: bool = False) -> Sequence[Value]:
         """Return the values in the first ``size`` of ``octets``, which must be there; what is noticed goes into ``flags``.
 
         Raises `Error` E_UTF8 for a string that is none.
         """
         if len(octets) != self.size:
             octets = octets[: self.size]
+        if self._plain and not strict_pad:
+            return self._unpack(octets)
         raw: Sequence[Any] = self._unpack(octets) if self.aligned else self._unpack(octets[::-1])[::-1]
         if self._timed:
             raw = self._join_times(raw, flags)
         for at in self._reals:
-            if math.isinf(raw[at]):
+            if isinf(raw[at]):
                 flag(flags, NONFINITE, self.keys[at])
         if self._finish:
             raw = list(raw)
@@ -263,15 +267,12 @@ def _check_places(slots: Sequence[Slot], bits: int, where: str) -> None:
 
 def _aligned(slots: Sequence[Slot]) -> bool:
     """Whether struct can do it: every variable on whole octets of its own, in a width that struct knows."""
-    for at, slot in enumerate(slots):
-        if slot.offset % 8:
-            return False
-        if slot.type.kind is Kind.BOOL:
-            if at + 1 < len(slots) and slots[at + 1].offset < slot.offset + 8:
-                return False
-        elif slot.type.kind not in _OCTETS and (slot.type.kind, slot.bits) not in _CODES:
-            return False
-    return True
+    # When each begins with an octet, nothing else is in the octet of a Boolean.
+    return all(
+        slot.offset % 8 == 0
+        and (slot.type.kind in _OCTETS or slot.type.kind is Kind.BOOL or (slot.type.kind, slot.bits) in _CODES)
+        for slot in slots
+    )
 
 
 def _struct_format(slots: Sequence[Slot], size: int) -> str:

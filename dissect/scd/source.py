@@ -279,7 +279,7 @@ class _Reader:
         if node >= 0 or version >= 0:
             fields = [FieldRecord("node", 5, 0), FieldRecord("version", 5, 0)]
             settings: list[Plain] = [max(node, 0), max(version, 0)]
-            label = table.text("comm_name", f"{name}: связь")
+            label = table.text("comm_name", f"{name}: communication")
             self._add(
                 table,
                 ObjectRecord(comm, RECORD, label, 0, 0, access, mandatory, False, values=settings, fields=fields),

@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
+
+import pytest
 
 from dissect.scd.codec import Codec
 from dissect.scd.dictionary import Dictionary
+from dissect.scd.errors import Error
 from dissect.scd.mapping import Entry, pack_entry
-from dissect.scd.records import Body, EnvelopeRecord, FieldRecord, ObjectRecord, StructRecord, TypeRecord
+from dissect.scd.records import (
+    Body,
+    CrcRecord,
+    EnvelopeField,
+    EnvelopeRecord,
+    FieldRecord,
+    ObjectRecord,
+    StructRecord,
+    TypeRecord,
+)
 from dissect.scd.types import STANDARD, Kind
 
 BOOL, INT8, INT16, INT32, UINT8, UINT16, UINT32, FLOAT32, STRING, INTERVAL, BLOCK, FLOAT64, INT64, UINT64 = (
@@ -84,3 +96,65 @@ def field(name: str, kind: int, bits: int = 0, fixed: int | None = None) -> Fiel
 def keyed(values: Sequence[object]) -> dict[tuple[int, int], object]:
     """Values of `pdo` by address."""
     return {(0x6000 + at, 0): value for at, value in enumerate(values)}
+
+
+def code(error: pytest.ExceptionInfo[Error]) -> str:
+    return error.value.code
+
+
+def pump() -> StructRecord:
+    fields = [
+        field("run", BOOL),
+        field("", 0, 3, fixed=0b101),
+        field("", 0, 4),
+        field("level", UINT16),
+        field("flow", FLOAT32),
+    ]
+    return StructRecord(0x40, "pump_t", fields)
+
+
+def array() -> ObjectRecord:
+    return ObjectRecord(0x2000, 8, "a", INT16, 0, "rw", False, True, 3, 3)
+
+
+def plant(envelope: EnvelopeRecord | None = None, *, access: str = "rw") -> Codec:
+    """6000h:00 Boolean, 6041h:00 uint16, a constant, and T1 of the reference's §2: u16, i32, i8."""
+    objects = [
+        variable(0x6000, BOOL, access=access),
+        variable(0x6041, UINT16, access=access),
+        variable(0x6042, INT32),
+        variable(0x6043, INT8),
+        variable(0x6044, STRING, 64),
+        variable(0x6045, UINT8, access="const"),
+        variable(0x6046, UINT8, access="wo"),
+        mapping(0x1A00, "T1 map", [Entry(0x6041, 0, 0, 16), Entry(0x6042, 0, 16, 32), Entry(0x6043, 0, 48, 8)]),
+        mapping(0x1641, "R66 map", [Entry(0x6000, 0, 0, 1)] if access == "rw" else []),
+    ]
+    return Codec(dictionary(objects, envelope=envelope))
+
+
+#: Reference §3.3, to the octet, but for the write, which needs a RECORD (test_messages).
+#: What is at 6000h:01 belongs to that RECORD too.
+WIRE: list[tuple[str, str, dict[str, Any]]] = [
+    ("DC 02 07 00 41 60 00 00 00 00 D5 D2", "read request", {"tid": 7, "index": 0x6041}),
+    ("DC 82 07 00 41 60 00 00 02 00 37 02 1F 30", "read response",
+     {"tid": 7, "index": 0x6041, "values": {(0x6041, 0): 0x0237}}),
+    ("DC C2 07 FB 41 60 00 00 00 00 09 56", "read abort", {"tid": 7, "index": 0x6041, "err": -5}),
+    ("DC 81 08 00 00 60 01 00 00 00 E5 C0", "write response", {"tid": 8, "index": 0x6000, "sub": 1}),
+    ("DC 10 2A 00 00 1A 00 00 07 00 37 02 18 FC FF FF 08 BB 4D", "pdo push",
+     {"tid": 42, "index": 0x1A00, "pdo": "T1", "values": {(0x6041, 0): 0x0237, (0x6042, 0): -1000, (0x6043, 0): 8}}),
+]  # fmt: skip
+
+
+#: The example of the reference's §3.3.
+REFERENCE = EnvelopeRecord(
+    fields=[
+        EnvelopeField("src", 8), EnvelopeField("dst", 8),
+        EnvelopeField("kind", 6), EnvelopeField("response", 1), EnvelopeField("abort", 1),
+        EnvelopeField("size", 16, counts="rest"),
+        EnvelopeField("index", 16, big=True), EnvelopeField("sub", 8),
+        EnvelopeField("err", 8, signed=True), EnvelopeField("data"), EnvelopeField("crc", 16),
+    ],
+    kinds=[(1, "write"), (2, "read"), (16, "pdo")],
+    crc=CrcRecord(init=0xFFFF),
+)  # fmt: skip
