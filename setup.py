@@ -38,6 +38,7 @@ HOT: Final = (
     "dissect/gateway.py",
     "dissect/pipeline.py",
     "dissect/report/analysis.py",
+    "dissect/report/json_text.py",
     "dissect/report/jsonl.py",
     "dissect/report/latency.py",
 )

@@ -4,7 +4,8 @@ Decoding and encoding of three PDOs, a batch of them into columns, loading a dic
 the whole call: octets in, a mapping of values with the flags for infinities, surplus octets and times out. Of the others what
 they give is measured: bitstruct a tuple, construct a container, cantools a dictionary, canopen (only where everything is
 aligned: its bit fields are wrong) the values of a mapping. Each value is checked against ours first. What is not installed is
-left out. Times are the best of several rounds, in microseconds a call, and how often that is ours.
+left out. Everybody takes turns; figures are the best of several rounds, in microseconds of CPU time a call, and as multiples of
+ours.
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ import random
 import struct
 import sys
 import tempfile
+import time
 import timeit
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +38,8 @@ ALIGNED: Fields = [("u", 16), ("s", 32), ("s", 8)]
 UNALIGNED: Fields = [("b", 1), ("b", 1), ("u", 12), ("s", 32), ("b", 1), ("u", 5), ("s", 10), ("f", 32)]
 MIXED: Fields = [*UNALIGNED[:7], ("u", 8)] * 7 + [("f", 32), ("f", 64), *[("u", 16)] * 5, ("b", 1)]
 PDOS = {"3 aligned": ALIGNED, "8 unaligned": UNALIGNED, "64 mixed": MIXED}
+
+OURS = "s7dissect decode"
 
 #: What is promised, in microseconds a call, PDOs a second and milliseconds (issue 4).
 TARGETS = {"3 aligned": 1.0, "8 unaligned": 2.0, "batch": 5e6, "load": 50.0}
@@ -75,13 +80,19 @@ def sample(fields: Fields, dice: random.Random) -> list[Any]:
     return made
 
 
-def best(call: Callable[[], object], rounds: int = 7) -> float:
-    """Return the seconds of one call, the best of several rounds of about 20 ms."""
-    timer = timeit.Timer(call)
-    number = 1
-    while (took := timer.timeit(number)) < 0.02:
-        number = max(2 * number, int(number * 0.02 / max(took, 1e-9)))
-    return min(timer.repeat(rounds, number)) / number
+def best(calls: Sequence[Callable[[], object]], rounds: int = 15) -> list[float]:
+    """Return the CPU seconds of one call of each: the best of several rounds, in which they take turns of about 10 ms."""
+    timers = [timeit.Timer(call, timer=time.process_time) for call in calls]
+    numbers = []
+    for timer in timers:
+        number = 1
+        while (took := timer.timeit(number)) < 0.01:
+            number = max(2 * number, int(number * 0.01 / max(took, 1e-6)))
+        numbers.append(number)
+    figures = [
+        [timer.timeit(number) / number for timer, number in zip(timers, numbers, strict=True)] for _ in range(rounds)
+    ]
+    return [min(column) for column in zip(*figures, strict=True)]
 
 
 def bit_format(fields: Fields) -> str:
@@ -209,10 +220,10 @@ def measure_pdo(name: str, fields: Fields) -> list[tuple[str, str, float]]:
     assert list(decoded.values.values()) == values
     assert decoded.flags == {}
     objects = codec.objects()
-    figures = [
-        (name, "s7dissect decode", best(lambda: codec.decode("T1", octets)) * 1e6),
-        (name, "s7dissect decode, objects updated", best(lambda: codec.decode("T1", octets, objects)) * 1e6),
-    ]
+    calls: dict[str, Callable[[], object]] = {
+        OURS: lambda: codec.decode("T1", octets),
+        f"{OURS}, objects updated": lambda: codec.decode("T1", octets, objects),
+    }
     for who, make in PEERS.items():
         try:
             decode = make(fields)
@@ -224,9 +235,10 @@ def measure_pdo(name: str, fields: Fields) -> list[tuple[str, str, float]]:
         found = decode(octets)
         found = list(found.values()) if isinstance(found, dict) else list(found)
         assert found == values, (who, found, values)
-        figures.append((name, who, best(lambda decode=decode: decode(octets)) * 1e6))  # type: ignore[misc]
-    figures.append((name, "s7dissect encode", best(lambda: codec.encode("T1", keyed)) * 1e6))
-    return figures
+        calls[who] = partial(decode, octets)
+    calls["s7dissect encode"] = lambda: codec.encode("T1", keyed)
+    seconds = best(list(calls.values()))
+    return [(name, who, one * 1e6) for who, one in zip(calls, seconds, strict=True)]
 
 
 def measure_batch(fields: Fields, count: int) -> float | None:
@@ -249,7 +261,7 @@ def measure_batch(fields: Fields, count: int) -> float | None:
     for at in (0, 17, count - 1):
         single = codec.decode("T1", whole[offsets[at] : offsets[at] + codec.pdo("T1").size])
         assert [made[key][at].item() for key in made] == list(single.values.values())
-    return count / best(lambda: codec.decode_many("T1", whole, places), rounds=5)
+    return count / best([lambda: codec.decode_many("T1", whole, places)])[0]
 
 
 def measure_load(objects: int) -> float:
@@ -263,7 +275,7 @@ def measure_load(objects: int) -> float:
         path = Path(folder) / "made.scd"
         Dictionary(Body("benchmark", "1", "utc", [], [], [*maps, *rows])).save(path)
         assert len(load(path)) == objects
-        return best(lambda: load(path)) * 1e3
+        return best([lambda: load(path)])[0] * 1e3
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -275,7 +287,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     print(machine())
     figures = [figure for name, fields in PDOS.items() for figure in measure_pdo(name, fields)]
-    ours = {name: us for name, who, us in figures if who == "s7dissect decode"}
+    ours = {name: us for name, who, us in figures if who == OURS}
     lines = [(f"{name}: {who}", f"{us:.2f}", f"{us / ours[name]:.1f}") for name, who, us in figures]
     print(columns(("PDO", "µs a call", "x our decode"), lines))
     batches = {name: measure_batch(fields, options.batch) for name, fields in PDOS.items()}

@@ -21,6 +21,7 @@ _PUBLIC: Final = {
     "Connection": "dissect.transactions.connection",
     "Finding": "dissect.findings.finding",
     "Observer": "dissect.conversation",
+    "Operation": "dissect.transactions.operation",
     "Options": "dissect.conversation",
     "Analysis": "dissect.report.analysis",
     "Pdu": "dissect.s7.message",
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from dissect.session import open as open
     from dissect.source.packet import CaptureError as CaptureError
     from dissect.transactions.connection import Connection as Connection
+    from dissect.transactions.operation import Operation as Operation
     from dissect.transactions.transaction import Transaction as Transaction
     from dissect.transactions.transaction import TransactionError as TransactionError
 else:

@@ -20,6 +20,7 @@ from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.source.files import open_capture
 from dissect.source.packet import PacketSink, Reader, SourceFile
 from dissect.transactions.connection import Connection
+from dissect.transactions.operation import Operation
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
 
@@ -27,7 +28,7 @@ from dissect.transactions.transaction import Transaction
 CONTINUES_NS: Final = 60_000_000_000
 
 #: What `open` yields.
-Event = Connection | Pdu | PlusPdu | Transaction | Finding
+Event = Connection | Pdu | PlusPdu | Transaction | Operation | Finding
 
 
 class _Joint(PacketSink):
@@ -127,6 +128,9 @@ class _Queue(Observer):
     def transaction(self, transaction: Transaction) -> None:
         self.events.append(transaction)
 
+    def operation(self, operation: Operation) -> None:
+        self.events.append(operation)
+
     def finding(self, finding: Finding) -> None:
         self.events.append(finding)
 
@@ -135,7 +139,7 @@ class _Queue(Observer):
 
 
 def open(path: str, *more: str, pdus: bool = True, slow_ns: int = 1_000_000_000) -> Iterator[Event]:
-    """Iterate the events of one capture or several: `Pdu`, `PlusPdu`, `Transaction`, `Finding`, and `Connection` at its end.
+    """Iterate the events of one capture or several: PDUs, transactions, operations and findings, connections at their end.
 
     Events come in the order in which they become certain; a transaction follows its PDUs. ``pdus=False`` leaves the single
     PDUs out, which is faster. Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding.

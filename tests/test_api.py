@@ -37,7 +37,10 @@ while run.step():
 REVEALED = [
     "int | None",
     "dict[str, object]",
-    "Connection | dissect.s7.message.Pdu | dissect.s7plus.message.PlusPdu | dissect.transactions.transaction.Transaction | dissect.findings.finding.Finding",
+    (
+        "Connection | dissect.s7.message.Pdu | dissect.s7plus.message.PlusPdu | dissect.transactions.transaction.Transaction"
+        " | dissect.transactions.operation.Operation | dissect.findings.finding.Finding"
+    ),
     "int | None",
     "list[dissect.transactions.transaction.TransactionError]",
     "int | float | str | list[bool | int | float | str | None] | None",

@@ -418,7 +418,7 @@ def test_answers_that_say_no() -> None:
     talk.send(0, asked(1)).send(1, dt(pdu(ACK, 1, b"", b"", 0x8104)))
     talk.send(0, asked(2)).send(1, dt(read_answer(2, [WORD], [0x0A])))
     result = run(talk)
-    assert result.counts == {"transaction.refused": 1, "transaction.item_error": 1}
+    assert result.counts == {"transaction.refused": 1, "transaction.item_error": 1, "security.protected": 1}
     refused, failed = result.transactions[1:]
     assert [(error.where, error.code) for error in refused.errors] == [("header", 0x8104)]
     assert [(error.where, error.code, error.address) for error in failed.errors] == [("item 1", 0x0A, "DB10.DBW4")]

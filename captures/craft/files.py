@@ -20,6 +20,7 @@ DAY = 86_400
 
 def converse(case: Case) -> None:
     """Handshake, connect, setup, ten reads, two writes, close; answer times from 100 to 1100 microseconds."""
+    case.find("security.write")
     talk = Talk(case)
     talk.begin()
     for number in range(1, 11):

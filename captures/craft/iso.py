@@ -52,6 +52,7 @@ def framed(content: bytes) -> bytes:
     "an empty TSDU."
 )
 def cotp_fragments(case: Case) -> None:
+    case.find("security.write")
     talk = Talk(case)
     talk.begin(tpdu_size=512, pdu_length=960)
     most = 512 - 3
@@ -188,6 +189,7 @@ def leave(talk: Talk) -> None:
     "messages that are never finished. The traffic around goes on."
 )
 def cotp_faults(case: Case) -> None:
+    case.find("security.write")
     contradict(case)
     connect_wrongly(case)
     exceed(case)

@@ -89,6 +89,7 @@ def old_tag(side: int, packet: Layer) -> bytes:
     "header round a whole packet, and in fragments."
 )
 def ipv6(case: Case) -> None:
+    case.find("security.write")
     talk = Talk(case, *V6)
     talk.begin()
     talk.poll(2)
@@ -166,6 +167,7 @@ def fragment4(talk: Talk, side: int, ident: int, offset: int, octets: bytes, mor
     "counts), the TCP header itself in two, two datagrams interleaved, one that stays incomplete."
 )
 def ip_fragments(case: Case) -> None:
+    case.find("security.write")
     writer = FragmentedWriter(case)
     request = writer.request
     case.put(*request(64, 200))

@@ -47,6 +47,7 @@ GOOD = b"\x00\x01"
     "requests and answers; a PDU that ends inside its header. Every one with a readable header is still paired."
 )
 def s7_lengths(case: Case) -> None:
+    case.find("security.write")
     talk = Talk(case)
     talk.begin()
 
@@ -103,6 +104,7 @@ def s7_lengths(case: Case) -> None:
     "function or userdata group; a kind of PDU that does not exist."
 )
 def s7_mismatches(case: Case) -> None:
+    case.find("security.write")
     talk = Talk(case)
     talk.begin()
     number = talk.next_ref()

@@ -102,6 +102,7 @@ class NetLink:
     "data packet acknowledged, a read whose answer never comes, the station disconnected."
 )
 def netlink(case: Case) -> None:
+    case.find("security.write")
     case.ports = []
     link = NetLink(case)
     link.connect()

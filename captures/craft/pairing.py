@@ -127,6 +127,9 @@ def bsend(number: int, payload: bytes) -> bytes:
     "message, alarm, cyclic data, variable status, USEND."
 )
 def pushes(case: Case) -> None:
+    case.find("operation.stray_push")
+    case.find("security.mode_changed")
+    case.find("security.stopped")
     talk = Talk(case)
     talk.begin()
     stamp = bytes.fromhex("2311142215306213")

@@ -8,18 +8,17 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from json.encoder import encode_basestring_ascii
 from typing import Final
 
 from mypy_extensions import i64
 
 from dissect.conversation import Observer
+from dissect.report.json_text import SMALL, json_text, octets_value
 from dissect.report.plus import plus_function_json, plus_json, plus_pdu_line
 from dissect.s7.items import DataItem, Item
 from dissect.s7.message import Pdu
 from dissect.s7.parameters import Parameters, UserdataHead
 from dissect.s7.tables import FUNCTIONS, READ_VAR, ROSCTR, SETUP_COMMUNICATION, SUCCESS, USERDATA_TYPES, WRITE_VAR
-from dissect.s7.values import Value, decode_value, real_text
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.parameters import PLUS, PlusParameters
 from dissect.transactions.connection import Connection
@@ -41,57 +40,11 @@ _REFERENCE_AT: Final = 4
 _REFERENCE_END: Final = 6
 _SHORT: Final = 64
 
-_SMALL: Final = [str(number) for number in range(256)]
 
 _NO_ITEM: Final = (
     '{"address":null,"syntax_id":null,"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null'
     ',"return_code":'
 )
-
-
-def json_text(value: str) -> str:
-    """Return a JSON string: ASCII only, and DEL, which JSON would leave as it is, escaped like every other control."""
-    return encode_basestring_ascii(value).replace("\x7f", "\\u007f")
-
-
-def value_text(value: Value) -> str:
-    """Return a decoded value as JSON; NaN and the infinities, which JSON has no numbers for, as strings."""
-    if value is None:
-        return "null"
-    if value is True:
-        return "true"
-    if value is False:
-        return "false"
-    if isinstance(value, int):
-        return str(value)
-    if isinstance(value, float):
-        text = repr(value)
-        return f'"{text}"' if text in {"nan", "inf", "-inf"} else text
-    if isinstance(value, str):
-        return json_text(value)
-    return f"[{','.join([value_text(element) for element in value])}]"
-
-
-def octets_value(transport_size: i64, octets: bytes) -> str:
-    """Return the JSON of ``decode_value(transport_size, octets)``, written straight for the sizes polling is made of."""
-    size: i64 = len(octets)
-    if transport_size == 0x01 and size == 1:
-        return "true" if octets[0] & 1 else "false"
-    if transport_size == 0x02:
-        if size == 1:
-            return _SMALL[octets[0]]
-        return f"[{','.join([_SMALL[octet] for octet in octets])}]" if size else "null"
-    if transport_size == 0x08 and size and size % 4 == 0:
-        texts = [_real(octets[at : at + 4]) for at in range(0, size, 4)]
-        return texts[0] if size == 4 else f"[{','.join(texts)}]"
-    return value_text(decode_value(transport_size, octets))
-
-
-def _real(octets: bytes) -> str:
-    text = real_text(octets)
-    if "." in text or "e" in text:
-        return text
-    return f'"{text}"' if "n" in text else text + ".0"
 
 
 def function_text(parameters: Parameters) -> str:
@@ -192,7 +145,7 @@ class TransactionLines(Observer):
         latency = str(transaction.response_ns - transaction.request_ns) if outcome == ANSWERED else "null"
         reason = f'"{transaction.reason}"' if transaction.reason else "null"
         reference = str(transaction.pdu_ref)
-        rosctr = _SMALL[transaction.rosctr]
+        rosctr = SMALL[transaction.rosctr]
         if transaction.rosctr == PLUS:  # which has neither a ROSCTR nor, in a notification, a reference
             rosctr = "null"
             reference = reference if transaction.function >= 0 else "null"
@@ -283,7 +236,7 @@ class TransactionLines(Observer):
 def _item(item: Item | None, code: i64, data: bytes | None) -> str:
     """Return one item of a transaction joined with its return code (-1 for none) and octets."""
     head = item_text(item) if item is not None else _NO_ITEM
-    told = _SMALL[code] if code >= 0 else "null"
+    told = SMALL[code] if code >= 0 else "null"
     if data is None:
         return f'{head}{told},"data":null,"value":null}}'
     known: bool = item is not None and (item.size == len(data) or item.fits(len(data)))

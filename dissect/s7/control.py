@@ -102,7 +102,7 @@ def parse_service(cursor: Cursor, answer: bool) -> None:
     block.finish()
     cursor.parts.extend(block.parts)
     cursor.at += size
-    _take_name(cursor, name)
+    _take_name(cursor, name, size > 0)
 
 
 def _name_behind(cursor: Cursor, size: int) -> str:
@@ -111,13 +111,16 @@ def _name_behind(cursor: Cursor, size: int) -> str:
     return printable(cursor.octets[at + 1 : min(at + 1 + cursor.octets[at], cursor.end)]) if at < cursor.end else ""
 
 
-def _take_name(cursor: Cursor, name: str) -> None:
+def _take_name(cursor: Cursor, name: str, has_block: bool) -> None:
     told = cursor.octets[cursor.at] if cursor.left else 0
     if told >= cursor.left:  # the length octet itself is one of those left
         cursor.tell("length_beyond", "name_length", told, max(cursor.left - 1, 0))
     row = PI_SERVICES.get(name)
+    note = f"{name}: {row.meaning}" if row is not None else name
+    if name == PROGRAM:
+        note = f"{name}: start the CPU" if has_block else f"{name}: start the CPU, warm restart"
     if cursor.left:
-        cursor.take(PI_NAME, min(1 + told, cursor.left), f"{name}: {row.meaning}" if row is not None else name)
+        cursor.take(PI_NAME, min(1 + told, cursor.left), note)
 
 
 def _parameter_block(block: Cursor, name: str) -> None:

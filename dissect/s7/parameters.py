@@ -146,7 +146,9 @@ class Parameters:
         self.malformed: list[Malformed] = []
         self.written: i64 = 0  # kinds of areas that a write goes to (`dissect.s7.items.written_areas`)
         self.fragment: str = ""  # a report's cached text
-        self.answer_size: i64 = 0  # of a read: octets of the smallest PDU that answers all items, as far as that is known
+        self.answer_size: i64 = (
+            0  # of a read: octets of the smallest PDU that answers all items, as far as that is known
+        )
         self.unjudged: bool = True  # nobody looked at codes and addresses yet
         self.answer_unjudged: bool = False  # of a read: nobody looked at the transport sizes of a good answer yet
 

@@ -176,7 +176,7 @@ def _take_lengths(cursor: Cursor) -> None:
 def _take_length(cursor: Cursor) -> None:
     size = _told_size(cursor, UPLOAD_LENGTH, "length_length")
     part = cursor.take(UPLOAD_LENGTH, 1 + size) if size >= 0 else None
-    if part is not None:
+    if part is not None and part.text("total"):
         part.note = f"{part.text('total')} octets"
 
 

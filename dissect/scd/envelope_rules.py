@@ -48,6 +48,9 @@ def check_envelope(record: EnvelopeRecord) -> None:
         bit = _check_field(field, bit, f"envelope, field {number} ({field.role})")
     if bit % 8:
         raise _fail(f"{bit} bits beside the data, which is no number of whole octets")
+    roles = [field.role for field in fields]
+    if times["size"] and roles.index("size") > roles.index("data"):
+        raise _fail("size stands before the data that it counts")
     if times["crc"] != (record.crc is not None):
         raise _fail("a field of the role crc and a table crc belong together")
     if record.crc is not None:
@@ -75,6 +78,8 @@ def _check_field(field: EnvelopeField, bit: int, where: str) -> int:
         raise _fail("has one bit", where)
     if field.role == "crc" and (field.bits != 16 or bit % 8):
         raise _fail("has the two octets of scd_crc_t, at whole octets", where)
+    if field.counts == "rest" and (bit + field.bits) % 8:
+        raise _fail("a size that counts the rest ends at a whole octet", where)
     if (field.role == "size") != bool(field.counts):
         raise _fail("size says what it counts (data, data+crc, rest, total), and nothing else does", where)
     if field.signed and field.role != "err":

@@ -131,11 +131,27 @@ def test_the_fault_a_session_was_made_for_is_found(name: str, slug: str, count: 
 
 @pytest.mark.parametrize(
     "name",
-    ["setup-pdu-sizes", "read-areas", "write-areas", "multi-items", "nodes7-poll", "nodes7-poll-parallel", "clock",
-     "password", "plc-control", "bsend"],
-)  # fmt: skip
+    ["setup-pdu-sizes", "read-areas", "nodes7-poll", "nodes7-poll-parallel", "bsend"],
+)
 def test_a_session_without_fault_gives_no_finding(name: str) -> None:
     assert analysis(name)["findings"] == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "events"),
+    [
+        ("write-areas", {"security.write": 1, "security.write_outputs": 1}),
+        ("multi-items", {"security.write": 1, "security.write_outputs": 1}),
+        ("clock", {"security.clock_set": 2}),
+        ("password", {"security.password": 2}),
+        (
+            "plc-control",
+            {"security.memory": 2, "security.plc_start": 2, "security.plc_stop": 2, "security.program_change": 1},
+        ),
+    ],
+)
+def test_a_session_without_fault_tells_only_what_matters_for_security(name: str, events: dict[str, int]) -> None:
+    assert analysis(name)["findings"] == events
 
 
 def test_values_are_those_the_server_held() -> None:

@@ -226,13 +226,13 @@ EXAMPLES: Final = [
         62,
         True,
         "0300002502f0803201000010000014000028000000000000fd000009505f50524f4752414d",
-        'S7 Job PI service ref=0x1000 P_PROGRAM: start the CPU: empty = warm restart, "C " = cold restart; with functi… (92 characters)',
+        "S7 Job PI service ref=0x1000 P_PROGRAM: start the CPU, warm restart",
     ),
     Example(
         63,
         True,
         "0300002702f0803201000011000016000028000000000000fd0002432009505f50524f4752414d",
-        'S7 Job PI service ref=0x1100 "C ", cold restart, P_PROGRAM: start the CPU: empty = warm restart, "C " = cold restart; with functi… (92 characters)',
+        'S7 Job PI service ref=0x1100 "C ", cold restart, P_PROGRAM: start the CPU',
     ),
     Example(
         64,

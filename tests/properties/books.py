@@ -97,7 +97,7 @@ def check_books(pipeline: Pipeline, record: Record | None = None) -> None:
     if record is None:
         return
     halves = sum([bool(one.request_frame) + bool(one.response_frame) for one in record.transactions])
-    assert halves + talk.unpaired == talk.pdus
+    assert halves + talk.unpaired + talk.plus_unpaired == talk.pdus + talk.plus_pdus
     assert len({one.number for one in record.transactions}) == len(record.transactions)
     assert sorted([one.number for one in record.opened]) == sorted([one.number for one in record.closed])
     for finding in record.findings:

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from mypy_extensions import i64
 
 from dissect.conversation import Options
-from dissect.report.jsonl import PduLines, TransactionLines, octets_value, value_text
+from dissect.report.json_text import octets_value, value_text
+from dissect.report.jsonl import PduLines, TransactionLines
 from dissect.s7.message import parse_pdu
 from dissect.s7.values import Value, decode_value
 from dissect.session import Run

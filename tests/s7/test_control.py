@@ -51,12 +51,12 @@ EXAMPLES: list[tuple[str, Rows, list[str]]] = [
     (
         service("P_PROGRAM"),
         [*HEAD, ("block_length", 0), ("name_length", 9), ("service", "P_PROGRAM")],
-        [f"P_PROGRAM: {PI_SERVICES['P_PROGRAM'].meaning}"],
+        ["P_PROGRAM: start the CPU, warm restart"],
     ),
     (
         service("P_PROGRAM", "4320"),
         [*HEAD, ("block_length", 2), ("argument", "C"), ("name_length", 9), ("service", "P_PROGRAM")],
-        ['"C ", cold restart', f"P_PROGRAM: {PI_SERVICES['P_PROGRAM'].meaning}"],
+        ['"C ", cold restart', "P_PROGRAM: start the CPU"],
     ),
     (
         service("_MODU", "4550"),

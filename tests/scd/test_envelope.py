@@ -4,8 +4,11 @@ import sys
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from dissect.scd.envelope import Envelope
+from dissect.scd.envelope_rules import check_envelope
 from dissect.scd.errors import Error
 from dissect.scd.messages import Message
 from dissect.scd.records import CrcRecord, EnvelopeField, EnvelopeRecord
@@ -159,3 +162,93 @@ def test_envelopes_that_cannot_work(fields: list[EnvelopeField]) -> None:
     with pytest.raises(Error) as error:
         Envelope(EnvelopeRecord(fields, []))
     assert error.value.code == "E_DICTIONARY"
+
+
+ROLES = [
+    "protocol",
+    "kind",
+    "response",
+    "abort",
+    "tid",
+    "seq",
+    "err",
+    "index",
+    "sub",
+    "pdo",
+    "port",
+    "src",
+    "dst",
+    "size",
+    "crc",
+]
+
+
+@st.composite
+def described(draw: st.DrawFn) -> EnvelopeRecord:
+    """An envelope by the rules of a dictionary: any roles in any order, bits filled up around the data."""
+    fields: list[EnvelopeField] = []
+    roles: list[Any] = draw(st.permutations(draw(st.lists(st.sampled_from(ROLES), unique=True, max_size=8))))
+    at = 0
+    before = draw(st.integers(0, len(roles)))
+    for number in range(len(roles) + 1):
+        role: Any = roles[number] if number < len(roles) else ""
+        big = draw(st.booleans()) or role in {"crc", "size"}
+        if at % 8 and (number == before or number == len(roles) or big):
+            fields.append(EnvelopeField("reserved", -at % 8, value=draw(st.sampled_from([None, 1]))))
+            at += -at % 8
+        if number == before:
+            fields.append(EnvelopeField("data"))
+        if not role or (role == "size" and number >= before):
+            continue
+        if role == "crc":
+            fields.append(EnvelopeField(role, 16, big=draw(st.booleans())))
+        elif role == "size":
+            counts: Any = draw(st.sampled_from(["data", "data+crc", "rest", "total"]))
+            fields.append(
+                EnvelopeField(role, draw(st.sampled_from([8, 16, 32])), big=draw(st.booleans()), counts=counts)
+            )
+        elif role in {"response", "abort"}:
+            fields.append(EnvelopeField(role, 1))
+        else:
+            bits = 8 * draw(st.integers(1, 4)) if big else draw(st.integers(1, 40))
+            value = draw(st.integers(0, (1 << bits) - 1)) if role == "protocol" else None
+            fields.append(EnvelopeField(role, bits, signed=role == "err" and draw(st.booleans()), big=big, value=value))
+        at += fields[-1].bits
+    crc = CrcRecord(init=draw(st.sampled_from([0, 0xFFFF])), covers=draw(st.sampled_from(["before", "data"])))
+    kinds: Any = [(1, "read")] if "kind" in roles else []
+    return EnvelopeRecord(fields, kinds, crc if "crc" in roles else None)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        [EnvelopeField("data"), EnvelopeField("size", 16, counts="data")],
+        [EnvelopeField("size", 4, counts="rest"), EnvelopeField("tid", 4), EnvelopeField("data")],
+    ],
+)
+def test_what_no_envelope_can_do_no_dictionary_may_describe(fields: list[EnvelopeField]) -> None:
+    with pytest.raises(Error) as error:
+        check_envelope(EnvelopeRecord(fields, []))
+    assert error.value.code == "E_DICTIONARY"
+
+
+@given(described(), st.data())
+def test_parse_after_build_is_the_same_for_any_description(record: EnvelopeRecord, data: st.DataObject) -> None:
+    check_envelope(record)
+    envelope = Envelope(record)
+    numbers: dict[str, int] = {}
+    for field in record.fields:
+        if field.role in {"data", "crc", "size", "reserved"}:
+            continue
+        low, high = (-(1 << field.bits - 1), (1 << field.bits - 1) - 1) if field.signed else (0, (1 << field.bits) - 1)
+        numbers[field.role] = data.draw(st.integers(low, high)) if field.value is None else field.value
+    content = data.draw(st.binary(max_size=100))
+    octets = envelope.build(numbers, content)
+    assert envelope.parse(octets) == (numbers, content, len(octets), None)
+    if envelope.framed:
+        assert envelope.parse(octets + b"more") == (numbers, content, len(octets), None)
+        assert envelope.frame_size(octets) == len(octets)
+        for size in range(len(octets)):
+            short = envelope.parse(octets[:size]).error
+            assert short is not None
+            assert short.code == "E_SHORT"
