@@ -32,6 +32,8 @@ def operation_line(operation: Operation, clock: Clock, places: Places) -> str:
     ends = operation.connection.tcp.ends
     frames = places.pair(operation.first_frame, operation.last_frame)
     what = shortened(operation.subject, _SUBJECT)
+    told = words.some_notes([part.note for part in operation.content_parts()[1:] if part.note])
+    what = f"{what} → {told}" if told else what
     said = "  ".join([text for text in (what, _carried(operation), result(operation)) if text])
     return (
         f"{words.moment(clock.iso(operation.begin_ns))}  #{operation.number:<4} {frames:<12}"
@@ -93,6 +95,8 @@ def operation_json(operation: Operation, clock: Clock, places: Places) -> str:
         "pushes": operation.pushes,
         "octets": operation.octets,
         "announced": operation.announced if operation.announced >= 0 else None,
+        "tells": [part.note for part in operation.content_parts() if part.note],
+        "content": operation.content.hex() if operation.content_head is not None else None,
         "oddities": [
             {"name": odd.name, "detail": odd.detail, "frame": places.number(odd.frame)} for odd in operation.oddities
         ],

@@ -172,7 +172,11 @@ def notes(transaction: Transaction) -> str:
 
 def body_notes(pdu: Pdu) -> str:
     """Return what the parts of a PDU are about: the first few notes, and how many more there are."""
-    found = pdu.body.notes
+    return some_notes(pdu.body.notes)
+
+
+def some_notes(found: list[str]) -> str:
+    """Return the first few notes, and how many more there are."""
     more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
     return ", ".join([shortened(note, _NOTE) for note in found[:_NAMED]]) + more
 

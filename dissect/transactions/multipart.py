@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7.bodies import parse_joined
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.message import Pdu
 from dissect.s7.parameters import UserdataHead
@@ -80,6 +79,8 @@ class Chain:
 
     def parts(self, malformed: list[Malformed] | None = None) -> list[Part]:
         """Cut the joined payload; offsets are within ``octets``, faults are added to ``malformed``."""
+        from dissect.s7.bodies import parse_joined  # late: see `Pdu.body`
+
         return parse_joined(self.group, self.subfunction, self.type, self.octets, malformed)
 
 

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from dissect.s7.parameters import UserdataHead
+from dissect.wire.part import Part
+
 if TYPE_CHECKING:
     from dissect.transactions.connection import Connection
+    from dissect.transactions.multipart import Joiner
     from dissect.transactions.transaction import Transaction
 
 #: Operations that may be open on one connection; the oldest gives way.
@@ -75,7 +79,8 @@ class Operation:
     ``asked_by`` is the side of ``connection`` that began it; ``subject`` says what it is about, in text from the wire that is
     not escaped. ``parts`` counts the transactions, of which ``transactions`` keeps the numbers (the first thousand);
     ``pushes`` of them were sent unasked. ``octets`` is the size of what was carried: block content, joined answer, values.
-    ``announced`` is the size that was stated beforehand, -1 when none was. Times are nanoseconds since 1970.
+    ``announced`` is the size that was stated beforehand, -1 when none was. ``content`` is the answer that came in parts,
+    joined, once it is whole; empty for other kinds. Times are nanoseconds since 1970.
     """
 
     __slots__ = (
@@ -84,6 +89,8 @@ class Operation:
         "begin_ns",
         "complete",
         "connection",
+        "content",
+        "content_head",
         "end_ns",
         "error_code",
         "first_frame",
@@ -122,6 +129,8 @@ class Operation:
         self.reason = ""
         self.error_code = 0
         self.oddities: list[Oddity] = []
+        self.content = b""
+        self.content_head: UserdataHead | None = None
 
     def __repr__(self) -> str:
         return f"Operation({self.number}, {self.kind!r}, {self.subject!r}, {self.result!r})"
@@ -130,6 +139,15 @@ class Operation:
     def duration_ns(self) -> int:
         """Time from the first packet to the last."""
         return self.end_ns - self.begin_ns
+
+    def content_parts(self) -> list[Part]:
+        """Cut the joined answer into parts, anew at each call; empty where there is none (reference 4.3)."""
+        head = self.content_head
+        if head is None:
+            return []
+        from dissect.s7.bodies import parse_joined  # late: see `Pdu.body`
+
+        return parse_joined(head.group, head.subfunction, head.type, self.content)
 
     def add(self, transaction: Transaction) -> None:
         """Count a transaction as part of this operation."""
@@ -153,10 +171,11 @@ class Operation:
 class OpenOperations:
     """The operations of a connection that go on."""
 
-    __slots__ = ("set_up", "these")
+    __slots__ = ("joiner", "set_up", "these")
 
     def __init__(self) -> None:
         self.these: list[Operation] = []
+        self.joiner: Joiner | None = None  # once an answer came in parts
         self.set_up = False  # the first Setup communication was told
 
     def find(self, kind: str, key: str) -> Operation | None:

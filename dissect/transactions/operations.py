@@ -162,6 +162,7 @@ class Operations(OperationBook):
         else:
             return False
         operation.octets += payload_size(transaction)
+        _join(operation, transaction)
         if transaction.outcome == UNANSWERED or transaction.error_code or not more:
             self.settle(operation, transaction, DONE, FAILED)
         return True
@@ -248,6 +249,20 @@ class Operations(OperationBook):
             operation.octets += payload_size(transaction)
         elif not transaction.connection.mid_stream and not transaction.connection.tcp.has_holes:
             transaction.flags |= STRAY_PUSH
+
+
+def _join(operation: Operation, transaction: Transaction) -> None:
+    """Add a part of a long answer; with the last one the answer is whole."""
+    from dissect.transactions.multipart import Joiner  # late, as few captures have such answers
+
+    going = operation.connection.operations
+    if going.joiner is None:
+        going.joiner = Joiner()
+    chain = going.joiner.feed(transaction)
+    if chain is not None:
+        operation.content = chain.octets
+        answer = transaction.response_parameters
+        operation.content_head = answer.userdata if answer is not None else None
 
 
 def _from_the_beginning(operation: Operation) -> None:

@@ -111,6 +111,8 @@ def test_an_answer_in_three_parts(talk: Talk) -> None:
     told = only(talk)
     assert (told.kind, told.result, told.octets, told.parts) == ("long_answer", "done", 100, 3)
     assert told.subject.startswith("SZL 0x0000 ")
+    assert told.content == whole
+    assert [part.layout.name for part in told.content_parts()] == ["SZL head", *["SZL id of the module"] * 46]
     assert (told.first_frame, told.last_frame) == (8, 13)
 
 
@@ -120,6 +122,7 @@ def test_a_part_that_is_refused(talk: Talk) -> None:
     talk.ask(events.asks(2, 4, 1, sequence=3))
     talk.tell(events.tells(2, 4, 1, sequence=3, code=0xD405))
     assert (only(talk).result, only(talk).error_code) == ("failed", 0xD405)
+    assert (only(talk).content, only(talk).content_parts()) == (b"", [])
 
 
 def test_parts_that_are_not_fetched(talk: Talk) -> None:
