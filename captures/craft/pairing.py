@@ -24,7 +24,14 @@ from captures.craft.pdus import (
     values,
 )
 from captures.craft.talk import CLIENT, SERVER, Talk
-from dissect.layers import S7_ModeTransition, S7_UserdataExtended, S7_UserdataShort
+from dissect.layers import (
+    S7_USEND,
+    S7_DataItem,
+    S7_ModeTransition,
+    S7_USENDData,
+    S7_UserdataExtended,
+    S7_UserdataShort,
+)
 
 BLOCK = b"_0A00001P"
 
@@ -161,8 +168,4 @@ def short_push(group: int, subfunction: int, payload: bytes) -> bytes:
 
 def usend() -> bytes:
     """A USEND: its R_ID stands where others have the extended head."""
-    head = S7_UserdataExtended(
-        type=PUSH, group=6, subfunction=2, syntax_id=0x13, data_unit_ref=0, last_data_unit=0, error_code=1
-    )
-    head.data = [userdata_item(b"\x00\x01\xff\x09\x00\x02ab")]
-    return s7(0, head)
+    return s7(0, S7_USEND(r_id=1, data=[S7_USENDData(), S7_DataItem(transport_size=9, octets=b"ab")]))

@@ -32,6 +32,8 @@ NO_DISSECTOR: Final = "Wireshark has no dissector for IBH-NetLink"
 
 #: Attributes that are not called as their field is.
 _ATTRIBUTES: Final = {"address": "start_bit"}
+#: Octets of the parameters of a USEND before its R_ID.
+_BEFORE_R_ID: Final = 5
 _NO_FIELDS: Final = object()
 #: Where in a PDU the length of the data block stands, where in extended parameters the data unit reference does.
 _DATA_LENGTH: Final = 8
@@ -226,6 +228,8 @@ def _userdata(found: dict[Place, Fact], pdu: Pdu, octets: bytes) -> None:
         _read(found, part, 0, s7.MODE_TRANSITION, octets, at, _NO_FIELDS)
         return
     layout = s7.USERDATA_EXTENDED if head.extended else s7.USERDATA_SHORT
+    if head.usend:
+        octets = octets[: at + _BEFORE_R_ID]  # which stands where others have type and group
     _read(found, part, 0, layout, octets, at, head)
 
 

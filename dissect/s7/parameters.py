@@ -252,8 +252,7 @@ def _parse_userdata(parameters: Parameters, octets: bytes, size: i64) -> None:
         head.data_unit_ref = octets[8]
         head.last_data_unit = octets[9]
         head.error_code = u16(octets, 10)
-    if octets[4] != _USEND or head.group != GROUP_PBC:  # USEND puts its R_ID where others have the head
-        _check_head(parameters, octets, size)
+    _check_head(parameters, octets, size)
 
 
 def _check_head(parameters: Parameters, octets: bytes, size: i64) -> None:

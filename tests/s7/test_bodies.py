@@ -32,7 +32,6 @@ UNKNOWN: Final = {
     (0x01, 0x06): "time measurement: no source tells what its data mean",
     (0x01, 0x07): "force selection: no source tells what its data mean",
     (0x01, 0x16): "flash LED: no source tells what its data mean",
-    (0x06, 0x02): "syntax id 0x13 with a length of 8, which no known head has (crafted)",
     (0x20, 0x01): "data record routing: nobody published more than the names",
     (0x20, 0x02): "data record routing: nobody published more than the names",
     (0x20, 0x03): "data record routing: nobody published more than the names",
@@ -40,7 +39,6 @@ UNKNOWN: Final = {
 #: A part of a list in several PDUs: it is decoded whole when its parts are joined (`parse_joined`).
 IN_PARTS: Final = frozenset(("continuation", "first octets of a record"))
 READ_SZL: Final = (4, 1)
-ODD_HEAD: Final = (6, 2)
 #: Captures with wrong messages in them on purpose, and those whose server answers with wrong lengths.
 FAULTY: Final = frozenset((
     "netlink-faults.pcapng", "s7-lengths.pcapng", "s7-mismatches.pcapng", "szl-python.pcapng",
@@ -76,7 +74,7 @@ def explained(one: Left, faulty: bool) -> bool:
         return faulty
     place = (one.group, one.subfunction)
     if one.layout == SURPLUS.name:
-        return place == ODD_HEAD
+        return False
     return place in UNKNOWN or (place == READ_SZL and one.note in IN_PARTS)
 
 

@@ -138,12 +138,11 @@ def test_mode_transition_of_another_size(size: int, reason: str) -> None:
 
 
 def test_usend_has_its_r_id_where_others_have_the_head() -> None:
-    octets = bytes.fromhex("000112081346010000000001")
-    parameters = parse_parameters(octets, USERDATA)
+    parameters = parse_parameters(bytes.fromhex("00011206130000000001"), USERDATA)
     assert parameters.userdata is not None
-    assert (parameters.userdata.group, parameters.userdata.extended, parameters.malformed) == (6, False, [])
-    elsewhere = parse_parameters(octets[:5] + b"\x44" + octets[6:], USERDATA)
-    assert faults(elsewhere) == [("bad_value", "userdata head.syntax_id", 4, 0x12, 0x13)]
+    assert (parameters.userdata.group, parameters.userdata.usend, parameters.malformed) == (6, True, [])
+    longer = parse_parameters(bytes.fromhex("000112081346010000000001"), USERDATA)
+    assert faults(longer) == [("bad_value", "userdata head.syntax_id", 4, 0x12, 0x13)]
 
 
 @pytest.mark.parametrize(
