@@ -16,7 +16,7 @@ from typing import Any
 import msgspec
 
 from dissect.oracle.theirs import OF_FRAME, PROTOCOLS, WANTED, WHOLE, Frame, Tree
-from dissect.oracle.tshark import FILTER, Child, preferences
+from dissect.oracle.tshark import FILTER, Child, OracleError, preferences
 
 
 def read_pyshark(path: str, ports: Iterable[int] = (), reorder: bool = False) -> Iterator[Frame]:
@@ -29,10 +29,20 @@ def read_pyshark(path: str, ports: Iterable[int] = (), reorder: bool = False) ->
     whole = False
     try:
         for line in child.stdout:
-            yield Frame(msgspec.json.decode(line, type=dict[str, Any]))
+            yield Frame(_decoded(line, path))
         whole = True
     finally:
         child.close(stop=not whole)
+
+
+def _decoded(line: bytes, path: str) -> Tree:
+    """Return what a line of the child holds. Raises OracleError, with the place, for a line that is no JSON."""
+    try:
+        return msgspec.json.decode(line, type=dict[str, Any])
+    except msgspec.DecodeError as error:
+        where = int(str(error).rpartition("byte ")[2].rstrip(")") or 0) if "byte " in str(error) else 0
+        near = line[max(where - 60, 0) : where + 20]
+        raise OracleError(f"pyshark, reading {path}: {error}, near {near!r}") from error
 
 
 def _plain(name: str, value: Any) -> Any:

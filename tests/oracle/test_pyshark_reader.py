@@ -8,7 +8,7 @@ from random import Random
 
 import pytest
 
-from dissect.oracle.pyshark_reader import read_pyshark
+from dissect.oracle.pyshark_reader import _decoded, read_pyshark
 from dissect.oracle.tshark import OracleError, read_tshark
 from tests.oracle.traffic import conversation, interleaved, write_capture
 
@@ -53,3 +53,8 @@ def test_a_file_that_is_no_capture(tmp_path: Path) -> None:
     path.write_text("this is no capture")
     with pytest.raises(OracleError, match="isn't a capture file"):
         list(read_pyshark(str(path)))
+
+
+def test_a_line_that_is_no_json_is_told_with_its_place() -> None:
+    with pytest.raises(OracleError, match=r"reading a.pcap: .*byte 5\), near b'\{\"a\":x\}'"):
+        _decoded(b'{"a":x}', "a.pcap")
