@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import doctest
 import re
-import time
 from pathlib import Path
 
 DOCUMENT = Path(__file__).resolve().parent.parent.parent / "docs" / "layers-tutorial.md"
@@ -15,7 +14,6 @@ def test_the_session_goes_as_it_stands_there() -> None:
     examples = doctest.DocTestParser().get_doctest("\n".join(blocks), {}, DOCUMENT.name, str(DOCUMENT), 0)
     assert len(examples.examples) > 40
     told: list[str] = []
-    began = time.monotonic()
     try:
         failed = doctest.DocTestRunner(verbose=False).run(examples, out=told.append, clear_globs=False).failed
     finally:
@@ -23,4 +21,3 @@ def test_the_session_goes_as_it_stands_there() -> None:
             if name in examples.globs:
                 getattr(examples.globs[name], close)()
     assert failed == 0, "".join(told)
-    assert time.monotonic() - began < 30
