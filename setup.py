@@ -35,6 +35,8 @@ HOT: Final = (
     "dissect/transactions/*.py",
     "dissect/findings/*.py",
     "dissect/conversation.py",
+    "dissect/datagrams.py",
+    "dissect/waiting.py",
     "dissect/gateway.py",
     "dissect/pipeline.py",
     "dissect/report/analysis.py",

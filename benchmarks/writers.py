@@ -5,8 +5,9 @@ from __future__ import annotations
 import struct
 from typing import BinaryIO, Final
 
+from dissect.source.pcapng_writer import interface_block, packet_block, section_block
+
 _RECORD: Final = struct.Struct("<IIII")
-_EPB: Final = struct.Struct("<IIIIIII")
 _SNAPLEN: Final = 262144
 ETHERNET: Final = 1
 #: Octets gathered before they go to the file.
@@ -36,10 +37,7 @@ class CaptureWriter:
 
     def _head(self) -> bytes:
         if self._kind == "pcapng":
-            section = struct.pack("<IIIHHqI", 0x0A0D0D0A, 28, 0x1A2B3C4D, 1, 0, -1, 28)
-            # if_tsresol (option 9) = 9: nanoseconds; then the end of options.
-            interface = struct.pack("<IIHHIHHB3xHHI", 1, 32, self._link_type, 0, _SNAPLEN, 9, 1, 9, 0, 0, 32)
-            return section + interface
+            return section_block() + interface_block(self._link_type, snaplen=_SNAPLEN)
         magic = 0xA1B23C4D if self._kind == "pcap-ns" else 0xA1B2C3D4
         return struct.pack("<IHHiIII", magic, 2, 4, 0, 0, _SNAPLEN, self._link_type)
 
@@ -54,10 +52,7 @@ class CaptureWriter:
         size = len(frame)
         wire = wire_length or size
         if self._kind == "pcapng":
-            pad = -size % 4
-            total = 32 + size + pad
-            head = _EPB.pack(6, total, 0, time_ns >> 32, time_ns & 0xFFFFFFFF, size, wire)
-            self._put(head + frame + bytes(pad) + total.to_bytes(4, "little"))
+            self._put(packet_block(0, time_ns, frame, wire))
         else:
             seconds, rest = divmod(time_ns, 1_000_000_000)
             self._put(_RECORD.pack(seconds, rest if self._kind == "pcap-ns" else rest // 1000, size, wire) + frame)

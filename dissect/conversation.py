@@ -20,9 +20,10 @@ from dissect.iso.foreign import identify, identify_connect
 from dissect.iso.recognition import HERE, OTHER, PROBES, WITHIN, raw_protocol, recognise
 from dissect.iso.tables import CC, CR, DR, DT, ER
 from dissect.iso.tpkt import BAD_VERSION
-from dissect.iso.upper import S7COMM, S7COMM_PLUS, TLS, UNKNOWN, UPPER_NAMES, classify, is_rdp_connect
+from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, TLS, UNKNOWN, UPPER_NAMES, classify, is_rdp_connect
 from dissect.tcp.stream import MASK
-from dissect.transactions.connection import FOREIGN, ISO, ISO_TSAP_PORT, Connection
+from dissect.transactions.carried import Backlog
+from dissect.transactions.connection import CARRIED, FOREIGN, ISO, ISO_TSAP_PORT, Connection
 from dissect.transactions.ending import Ending
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import CONNECTION_CLOSED
@@ -68,6 +69,33 @@ class Conversation(PlusExchange):
         """A connection is over and was never recognised: on port 102 that is worth saying, unless little of it was seen."""
         if side.tcp.known_start or side.connection.probed >= PROBES:
             self._give_to_others(side, side.connection.protocol, frame, time_ns)
+
+    def follow(self, side: Side, transport: str) -> bool:
+        """Open a conversation over ``tcp`` or ``udp`` for the carrier if it claims it."""
+        connection = side.connection
+        carrier = self.carrier
+        if carrier is None or not carrier.claims_port(transport, connection):
+            return False
+        connection.state = CARRIED
+        self.connections += 1
+        connection.number = self.connections
+        side.backlog = Backlog()
+        peer = side.peer
+        assert peer is not None
+        peer.backlog = Backlog()
+        self.observer.connection_opened(connection)
+        return True
+
+    def carried_octets(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """Take the next octets of a connection that a carrier follows."""
+        carrier = self.carrier
+        assert carrier is not None
+        try:
+            carrier.stream(side, octets, frame, time_ns)
+        except Exception as bug:
+            if self._strict:
+                raise
+            self.note_bug(bug, frame, time_ns)
 
     def on_102(self, side: Side) -> bool:
         """Tell whether a connection uses the port that ISO-on-TCP is registered on."""
@@ -243,6 +271,9 @@ class Conversation(PlusExchange):
         self.observer.connection_opened(connection)
 
     def _tsdu(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
+        if self.carrier is not None and self.carrier.tsdu(side, buf[at : at + size], frame, time_ns):
+            self.tsdus[SCD] += 1
+            return
         upper: i64 = (
             S7COMM if size >= 10 and buf[at] == 0x32 and 1 <= buf[at + 1] <= 7 else classify(buf, at, at + size)
         )
@@ -286,6 +317,9 @@ class Conversation(PlusExchange):
         side.holes += 1
         side.missing += size
         side.hole_frame = frame
+        if side.backlog is not None:
+            self._carried_hole(side, size, cut, frame, time_ns)
+            return
         inside = side.framer.hole(size, cut)
         if cut and len(side.framer.cut_packet) > 7:
             self._cut_tpkt(side, side.framer.cut_packet, frame, time_ns)
@@ -301,6 +335,13 @@ class Conversation(PlusExchange):
             lost = "the capture cut a packet of it" if cut else "octets were lost"
             self.judge.note("cotp.unfinished_tsdu", side.connection.number, [frame], time_ns, lost)
         self.finish_plus(side, frame, time_ns)
+
+    def _carried_hole(self, side: Side, size: i64, cut: bool, frame: i64, time_ns: i64) -> None:
+        if not cut:
+            detail = f"{size} octets from {side.tcp.ends[side.index]}"
+            self.judge.note("stream.hole", side.connection.number, [frame], time_ns, detail)
+        if self.carrier is not None:
+            self.carrier.hole(side, size, frame, time_ns)
 
     def _cut_tpkt(self, side: Side, packet: bytes, frame: i64, time_ns: i64) -> None:
         """A TPKT the capture cut: an S7 header that is there still tells what was asked or answered."""
@@ -348,6 +389,8 @@ class Conversation(PlusExchange):
             self.dialogue.end(end, reason)
         if self.dialogue.also:
             self.beside(frame, now_ns)
+        if self.carrier is not None:
+            self.carrier.end(side, frame, now_ns)
         for upper in range(len(UPPER_NAMES)):
             self._named.discard(side.connection.number * len(UPPER_NAMES) + upper)
         self.watch.end(side.connection, reason)

@@ -37,6 +37,9 @@ class Gateway(Conversation):
 
     def probe(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
         """Look at octets of a connection not known yet: does it speak IBH-NetLink, or ISO-on-TCP."""
+        if self.follow(side, "tcp"):
+            self.carried_octets(side, octets, frame, time_ns)
+            return
         ends = side.tcp.ends
         on_port: bool = ends[0].port == NETLINK_PORT or ends[1].port == NETLINK_PORT
         first: i64 = side.end_seq - len(octets)

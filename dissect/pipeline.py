@@ -8,7 +8,8 @@ no clock, file or thread in here, time comes in with each packet. In the order i
 
 The common case goes straight down: a segment that is the next one and holds whole TPKTs, each a DT with a whole S7 PDU.
 Whatever is irregular leaves that road for `_slow_frame`, `_lifecycle` and `_irregular`, and meets it again as soon as it
-can. What an IBH-NetLink gateway carries joins it at `_tsdu` (`dissect.gateway`). An `Observer` is told what happens.
+can, at `_chunks` in `dissect.waiting`, where all that needs time to pass is. What an IBH-NetLink gateway carries joins it at
+`_tsdu` (`dissect.gateway`). An `Observer` is told what happens.
 """
 
 from __future__ import annotations
@@ -19,16 +20,15 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.conversation import Observer, Options
-from dissect.findings.books import Books
-from dissect.gateway import Gateway
 from dissect.iso.recognition import is_connect_request
 from dissect.tcp import stream
 from dissect.tcp.connection import ACK, FIN, RST, SYN
+from dissect.tcp.ip import UDP
 from dissect.transactions import accounts
-from dissect.transactions.connection import FOREIGN, IBH, ISO, PROBING
-from dissect.transactions.dialogue import Dialogue
-from dissect.transactions.table import MAX_CONNECTIONS, Side
-from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
+from dissect.transactions.connection import FOREIGN, ISO, PROBING
+from dissect.transactions.table import Side
+from dissect.transactions.transaction import CONNECTION_CLOSED, CONNECTION_EVICTED
+from dissect.waiting import FAR_FUTURE, TICK_NS, Waiting
 from dissect.wire.build import COMPILED
 from dissect.wire.octets import u16, u32
 
@@ -38,28 +38,17 @@ __all__ = ["Observer", "Options", "Pipeline"]
 _FUSED: Final = struct.Struct(">12xHBxHxxHxB2x12sIIH")
 _FUSED_SIZE: Final = 54
 
-#: How often (capture time) what waits is looked at.
-_TICK_NS: Final = 50_000_000
 #: Steps back of the clock up to this are what two capture queues do.
 _DISORDER_NS: Final = 1_000_000
-#: Sides that wait are sought out of those whose connection is over when the list has grown to this.
-_MANY_WAITING: Final = 4 * MAX_CONNECTIONS
 #: After a reset a segment this far ahead may have been captured out of order; anything else comes too late.
 _AFTER_RESET: Final = 65536
-_FAR_FUTURE: Final = 0x7FFFFFFFFFFFFFFF
 
 
-class Pipeline(Books):
+class Pipeline(Waiting):
     """Packets in, transactions and findings out. See the module for the way through."""
 
     def __init__(self, observer: Observer, options: Options | None = None) -> None:
-        options = options if options is not None else Options()
-        self.conversation: Gateway = Gateway(observer, options)
-        super().__init__(observer, self.conversation.judge)
-        self._dialogue: Dialogue = self.conversation.dialogue
-        self._strict: bool = options.strict
-        self._waiting: list[Side] = []  # sides with held segments or held answers
-        self._deadline_ns: i64 = _FAR_FUTURE
+        super().__init__(observer, options if options is not None else Options())
 
     # ---- packet → segment -------------------------------------------------------------------------------------------
 
@@ -96,8 +85,8 @@ class Pipeline(Books):
         """The clock of the capture runs backwards: what waits must not wait until it has caught up."""
         if self.now_ns - time_ns > _DISORDER_NS:
             self._note("capture.time_backwards", f"by {int(self.now_ns - time_ns) / 1e9:.6f} s")
-        if self._deadline_ns != _FAR_FUTURE:
-            self._deadline_ns = min(self._deadline_ns, time_ns + _TICK_NS)
+        if self._deadline_ns != FAR_FUTURE:
+            self._deadline_ns = min(self._deadline_ns, time_ns + TICK_NS)
 
     def _packet(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
         if link_type != 1 or end - start < _FUSED_SIZE:
@@ -138,6 +127,8 @@ class Pipeline(Books):
         found = self._find_segment(buf, start, end, link_type)
         if found.problem:
             return accounts.CATEGORIES.index(found.problem)
+        if found.protocol == UDP:
+            return self.datagram(found)
         side = self.table.sides.get(found.key)
         if side is None or found.word & 7:
             flags: i64 = found.word & 0x3F
@@ -181,8 +172,8 @@ class Pipeline(Books):
         if side.tcp.closed and not was_closed:
             self.table.linger(side)
             self._forget_closed()  # not only when time passes: in some captures it stands still
-        if self._deadline_ns == _FAR_FUTURE:
-            self._deadline_ns = self.now_ns + _TICK_NS
+        if self._deadline_ns == FAR_FUTURE:
+            self._deadline_ns = self.now_ns + TICK_NS
         return category
 
     def _give_way(self, side: Side) -> None:
@@ -282,114 +273,3 @@ class Pipeline(Books):
         # Only then the answers: the request one of them waits for may just have come out.
         self._expire_answers(peer)
         self._expire_answers(side)
-
-    def _chunks(self, side: Side, cut: bool = False) -> None:
-        """Pass on what a stream has ready: octets and holes, in order. ``cut``: the capture cut the frame there."""
-        half = side.stream
-        ready = half.ready
-        half.ready = []
-        for chunk in ready:
-            side.end_seq = chunk.end_seq
-            side.last_ack = chunk.ack
-            if chunk.hole:
-                if side.connection.followed:
-                    self.octets.holes += 1
-                    self.octets.missing += chunk.hole
-                self.conversation.hole(side, chunk.hole, cut, chunk.frame, chunk.time_ns)
-            elif side.connection.state == PROBING:
-                self.conversation.probe(side, chunk.octets, chunk.frame, chunk.time_ns)
-            elif side.connection.state == FOREIGN:
-                side.framer.skipped += len(chunk.octets)
-            elif side.connection.state == IBH:
-                self.conversation.ibh_octets(side, chunk.octets, chunk.frame, chunk.time_ns)
-            else:
-                self.conversation.octets(side, chunk.octets, chunk.frame, chunk.time_ns)
-
-    # ---- what waits for time to pass --------------------------------------------------------------------------------
-
-    def _wait(self, side: Side) -> None:
-        """Look at ``side`` again when time passes or its connection shows another packet."""
-        if not side.waiting:
-            side.waiting = True
-            self._waiting.append(side)
-            if len(self._waiting) > _MANY_WAITING:
-                self._waiting = [one for one in self._waiting if one.waiting]
-        if self._deadline_ns == _FAR_FUTURE:
-            self._deadline_ns = self.now_ns + _TICK_NS
-
-    def _expire_answers(self, side: Side) -> None:
-        self._dialogue.expire(side, self.now_ns)
-        if self._dialogue.also:
-            self.conversation.beside(self.frames, self.now_ns)
-
-    def _tick(self) -> None:
-        """Time has passed: give up what waited too long, forget connections that are over."""
-        self._deadline_ns = self.now_ns + _TICK_NS
-        try:
-            self._give_up_waiting()
-            self._forget_closed()
-        except Exception as bug:
-            if self._strict:
-                raise
-            self.conversation.note_bug(bug, self.frames, self.now_ns)
-        self._waiting = [side for side in self._waiting if side.waiting]
-        if not self._waiting and not self.table.lingering:
-            self._deadline_ns = _FAR_FUTURE
-
-    def _give_up_waiting(self) -> None:
-        waiting = list(self._waiting)
-        for side in waiting:
-            side.stream.expire(self.now_ns)
-            if side.stream.ready:
-                self._chunks(side)
-        for side in waiting:  # only then the answers: the request one of them waits for may just have come out
-            self._expire_answers(side)
-            asked = side.connection.open_requests[1 - side.index]
-            side.waiting = side.stream.time_bound or asked.orphans is not None
-
-    def _forget_closed(self) -> None:
-        for side in self.table.closed(self.now_ns):
-            self._finish(side, CONNECTION_CLOSED)
-
-    # ---- the end ----------------------------------------------------------------------------------------------------
-
-    def _finish(self, side: Side, reason: str) -> None:
-        """A connection is over: pass on what is held, close what is open, add up its octets."""
-        peer = side.peer
-        if peer is None:
-            return  # finished before
-        try:
-            self._end(side, peer, reason)
-        except Exception as bug:
-            if self._strict:
-                raise
-            self.conversation.note_bug(bug, self.frames, self.now_ns)
-        # What never was ISO-on-TCP, nor ought to have been, is not our loss.
-        if side.connection.number or self.conversation.on_102(side):
-            for end in (side, peer):
-                self._add_up(end)
-        self.table.remove(side)
-
-    def _end(self, side: Side, peer: Side, reason: str) -> None:
-        for end in (side, peer):
-            end.stream.finish()
-            if end.stream.ready:
-                self._chunks(end)
-            end.waiting = False
-        connection = side.connection
-        if connection.number:
-            if side.tcp.ended and reason == CAPTURE_ENDED:
-                reason = CONNECTION_CLOSED
-            self.conversation.end(side, reason, self.frames, self.now_ns)
-        elif connection.state == PROBING and connection.probed:
-            self.conversation.end_unrecognised(side, self.frames, self.now_ns)
-
-    def finish(self) -> None:
-        """The capture ends: every connection still open is closed, everything held is told."""
-        for side in self.table.closed(self.now_ns, True):
-            self._finish(side, CONNECTION_CLOSED)
-        for side in self.table.all_open():
-            self._finish(side, CAPTURE_ENDED)
-        self._waiting = []
-        self._deadline_ns = _FAR_FUTURE
-        self.conversation.tell_findings()

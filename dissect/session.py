@@ -7,11 +7,13 @@ more than `CONTINUES_NS` later, as the files of a ring buffer do) continues its 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
 from dissect.conversation import Observer, Options
+from dissect.findings.carrier import Carrier
 from dissect.findings.finding import Finding
 from dissect.pipeline import Pipeline
 from dissect.report.analysis import Analysis
@@ -19,16 +21,20 @@ from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.source.files import open_capture
 from dissect.source.packet import PacketSink, Reader, SourceFile
+from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
 
+if TYPE_CHECKING:
+    from dissect.scd.dictionary import Dictionary
+
 #: A file whose first packet comes this soon after the last one of the file before it continues its connections.
 CONTINUES_NS: Final = 60_000_000_000
 
 #: What `open` yields.
-Event = Connection | Pdu | PlusPdu | Transaction | Operation | Finding
+Event = Connection | Pdu | PlusPdu | ScdMessage | Transaction | Operation | Finding
 
 
 class _Joint(PacketSink):
@@ -125,6 +131,9 @@ class _Queue(Observer):
     def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         self.events.append(parse_plus(octets, frame, time_ns, side.connection.number, side.index, cut))
 
+    def scd(self, frame: i64, time_ns: i64, side: Side, found: ScdMessage) -> None:
+        self.events.append(found)
+
     def transaction(self, transaction: Transaction) -> None:
         self.events.append(transaction)
 
@@ -138,28 +147,54 @@ class _Queue(Observer):
         self.events.append(connection)
 
 
-def open(path: str, *more: str, pdus: bool = True, slow_ns: int = 1_000_000_000) -> Iterator[Event]:
+def _carrier(scd: str | Path | Dictionary | None, bind: str | Path | None) -> Carrier | None:
+    """Return what decodes SCD, None where nothing is asked for. ValueError when only one half is given."""
+    if scd is None and bind is None:
+        return None
+    if scd is None or bind is None:
+        raise ValueError("decoding SCD takes both a dictionary (scd) and a file that says where it travels (bind)")
+    from dissect.bindings import load_carrier
+
+    return load_carrier(scd, bind)
+
+
+def open(
+    path: str,
+    *more: str,
+    pdus: bool = True,
+    slow_ns: int = 1_000_000_000,
+    scd: str | Path | Dictionary | None = None,
+    bind: str | Path | None = None,
+) -> Iterator[Event]:
     """Iterate the events of one capture or several: PDUs, transactions, operations and findings, connections at their end.
 
     Events come in the order in which they become certain; a transaction follows its PDUs. ``pdus=False`` leaves the single
-    PDUs out, which is faster. Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding.
+    PDUs out, which is faster. With the dictionary ``scd`` and the bindings file ``bind`` SCD is decoded (docs/scd-traffic.md).
+    Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding. Raises `scd.DictionaryError` or
+    `dissect.bindings.BindingError` for a dictionary or a bindings file that is wrong.
     """
     queue = _Queue(pdus)
-    run = Run([path, *more], queue, Options(slow_ns))
+    run = Run([path, *more], queue, Options(slow_ns, carrier=_carrier(scd, bind)))
     while run.step():
         yield from queue.events
         queue.events = []
     yield from queue.events
 
 
-def analyze(path: str, *more: str, slow_ns: int = 1_000_000_000) -> Analysis:
+def analyze(
+    path: str,
+    *more: str,
+    slow_ns: int = 1_000_000_000,
+    scd: str | Path | Dictionary | None = None,
+    bind: str | Path | None = None,
+) -> Analysis:
     """Fold one capture or several into an `Analysis`: connections, transactions by function, answer times, findings, loss.
 
-    ``slow_ns``: an answer later than this many nanoseconds is a finding. Raises `CaptureError` when a file cannot be read
-    at all; damage inside one is a finding.
+    ``slow_ns``: an answer later than this many nanoseconds is a finding. ``scd`` and ``bind`` as for `open`. Raises
+    `CaptureError` when a file cannot be read at all; damage inside one is a finding.
     """
     analysis = Analysis()
-    run = Run([path, *more], analysis, Options(slow_ns))
+    run = Run([path, *more], analysis, Options(slow_ns, carrier=_carrier(scd, bind)))
     while run.step():
         pass
     analysis.take(run.pipeline, run.files)

@@ -30,19 +30,29 @@ ORDER: Final = (
     "findings",
     "conversation",
     "gateway",
+    "datagrams",
+    "waiting",
     "pipeline",
+    "bindings",
     "report",
+    "recording",
     "session",  # analyze() folds what it reads with report.analysis
+    "metrics",
+    "baseline",
+    "alerts",
+    "live",
     "layers",
     "oracle",
     "testing",
     "cli",
 )
 #: Rooms that show the package to somebody; only they may ask the package itself for its version or its public names.
-FACES: Final = frozenset(("report", "layers", "oracle", "testing", "cli"))
+FACES: Final = frozenset(("report", "metrics", "layers", "oracle", "testing", "cli"))
 
 #: Rooms between a packet and a finding: no file, socket, clock, thread or log.
-PURE: Final = frozenset(("tcp", "iso", "ibh", "s7", "transactions", "findings", "conversation", "gateway", "pipeline"))
+PURE: Final = frozenset(
+    ("tcp", "iso", "ibh", "s7", "transactions", "findings", "conversation", "gateway", "datagrams", "waiting", "pipeline")
+)
 PURE_IMPORTS: Final = frozenset(
     (
         "__future__",

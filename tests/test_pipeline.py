@@ -10,11 +10,11 @@ import pytest
 
 from dissect.conversation import Options
 from dissect.findings.judge import MAX_DETAILED
-from dissect.pipeline import _MANY_WAITING
 from dissect.tcp.ip import MAX_DATAGRAMS
 from dissect.transactions.connection import Connection
 from dissect.transactions.table import EVICTED_AT_ONCE, MAX_CONNECTIONS, MAX_HALF_OPEN, MAX_LINGERING
 from dissect.transactions.transaction import Transaction
+from dissect.waiting import _MANY_WAITING
 from tests.properties.books import Record, Result, check_books, facts, told, true
 from tests.properties.messages import (
     EMPTY_DT,

@@ -132,6 +132,7 @@ def coverage_functions(case: Case) -> None:
     case.find("security.plc_stop")
     commands = [one for name, one in PI_SERVICES.items() if name.startswith(NC_PREFIX) and one.security != "read"]
     case.find("security.nc_command", len(commands))
+    case.find("security.unknown_service")  # _FREE
     talk.close()
 
 

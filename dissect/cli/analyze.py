@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 
+from dissect.cli.carried import scd_options
 from dissect.cli.drive import (
     EXIT_CODES,
     complain,
@@ -16,6 +19,9 @@ from dissect.cli.drive import (
 )
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_INTERRUPTED
+
+if TYPE_CHECKING:
+    from dissect.findings.carrier import Carrier
 
 
 @click.command("analyze", epilog=EXIT_CODES)
@@ -31,7 +37,10 @@ from dissect.cli.main import EXIT_INTERRUPTED
     help="Answers that take longer than this many milliseconds are a finding.",
 )
 @fail_on_option
-def command(files: tuple[str, ...], format_: str, slow_ns: int, fail_on: frozenset[str]) -> int:
+@scd_options
+def command(
+    files: tuple[str, ...], format_: str, slow_ns: int, fail_on: frozenset[str], carrier: Carrier | None
+) -> int:
     """Tell what captures hold, how fast it went, what failed and why.
 
     That is: connections, transactions by function with answer times, findings, failed and slowest transactions, and what is
@@ -45,7 +54,7 @@ def command(files: tuple[str, ...], format_: str, slow_ns: int, fail_on: frozens
     from dissect.session import Run
 
     analysis = Analysis()
-    run = Run(files, analysis, Options(slow_ns))
+    run = Run(files, analysis, Options(slow_ns, carrier=carrier))
     code = drive(run, files)
     analysis.take(run.pipeline, run.files)
     if format_ == "json":

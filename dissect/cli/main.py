@@ -33,7 +33,11 @@ COMMANDS: Final = {
     "transactions": "One line per request and answer, with items and latency.",
     "operations": "One line per download, upload, subscription, password.",
     "show": "One line per S7 PDU, or the fields and octets of one.",
+    "cut": "A part of a capture as pcapng, findings as comments.",
     "verify": "Our dissection beside Wireshark's, field by field.",
+    "monitor": "What happens on a line, while it happens.",
+    "interfaces": "What can be captured live here, and by whom.",
+    "scd": "Dictionaries of SCD, and values by them.",
 }
 
 
@@ -101,6 +105,8 @@ def _run(arguments: list[str] | None) -> int:
         if not isinstance(exc, CaptureError):
             raise
         click.echo(f"s7dissect: {exc}", err=True)
+        for line in getattr(exc, "advice", ()):
+            click.echo(f"    {line}", err=True)
         return EXIT_USAGE
     return result if isinstance(result, int) else EXIT_OK
 

@@ -5,23 +5,37 @@ from __future__ import annotations
 import click
 from mypy_extensions import i64
 
+from dissect.cli.carried import scd_options
 from dissect.cli.drive import EXIT_CODES, complain, drive, files_argument, format_option, places_of, write
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_OK, EXIT_USAGE
-from dissect.conversation import Observer
+from dissect.conversation import Observer, Options
+from dissect.findings.carrier import Carrier
 from dissect.ibh.packet import parse_packet
 from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
 from dissect.iso.cotp import parse_tpdu
 from dissect.iso.tables import DT, ED
 from dissect.report.jsonl import PduLines
-from dissect.report.lines import carried, comment_line, message_name, netlink_line, pdu_line, plus_line, tpdu_line
+from dissect.report.lines import (
+    carried,
+    comment_line,
+    message_name,
+    netlink_line,
+    pdu_line,
+    plus_line,
+    scd_line,
+    tpdu_line,
+)
 from dissect.report.places import Places
+from dissect.report.scd import scd_tree_lines
 from dissect.report.tree import netlink_tree_lines, plus_tree_lines, tpdu_tree_lines, tree_lines
 from dissect.s7.message import parse_pdu
 from dissect.s7plus.message import parse_plus
 from dissect.session import Run
-from dissect.transactions.connection import IBH
+from dissect.transactions.carried import ScdMessage
+from dissect.transactions.connection import IBH, Connection
 from dissect.transactions.table import Side
+from dissect.transactions.transaction import Transaction
 from dissect.wire.clock import Clock
 
 
@@ -33,7 +47,15 @@ from dissect.wire.clock import Clock
 )
 @click.option("-V", "--verbose", is_flag=True, help="With the field tree, octet ranges and a hex view.")
 @fail_on_option
-def command(files: tuple[str, ...], format_: str, frame: int | None, verbose: bool, fail_on: frozenset[str]) -> int:
+@scd_options
+def command(
+    files: tuple[str, ...],
+    format_: str,
+    frame: int | None,
+    verbose: bool,
+    fail_on: frozenset[str],
+    carrier: Carrier | None,
+) -> int:
     """Write one line for each PDU of S7comm and S7comm-plus: the packet that completed it, when (UTC), who to whom, what.
 
     Text shows COTP connects, disconnects, errors, messages of other protocols and packet comments as well; -T jsonl writes
@@ -44,7 +66,7 @@ def command(files: tuple[str, ...], format_: str, frame: int | None, verbose: bo
     if verbose and format_ != "text":
         raise click.UsageError("-V is for text: -T jsonl has the fields of every PDU anyway.")
     shown = _Pdus(format_ == "jsonl", frame, verbose)
-    run = Run(files, shown)
+    run = Run(files, shown, Options(carrier=carrier))
     shown.begin(places_of(run, files))
     code = drive(run, files, lambda: write(shown.take()))
     complain(run, code)
@@ -147,6 +169,25 @@ class _Pdus(Observer):
         if self._verbose:
             whole = self._packet if self._packet.endswith(octets) and not cut else b""
             self._lines.extend(plus_tree_lines(pdu, whole))
+
+    def scd(self, frame: i64, time_ns: i64, side: Side, found: ScdMessage) -> None:
+        """Add the line of an SCD message of its own."""
+        if self._wanted(frame):
+            self._scd(found, side.connection)
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Add the lines of the SCD in an S7 transaction; where it stood in a write, the packet is that of the request."""
+        for found in transaction.carried or ():
+            if self._wanted(found.frame):
+                self._scd(found, transaction.connection)
+
+    def _scd(self, found: ScdMessage, connection: Connection) -> None:
+        if self._as_jsonl:
+            self._lines.append(self._pdus.scd_line(found, connection))
+            return
+        self._lines.append(scd_line(found, connection, self._clock, self._places))
+        if self._verbose:
+            self._lines.extend(scd_tree_lines(found))
 
     def _wanted(self, frame: int) -> bool:
         return self._frame is None or self._places.number(frame) == self._frame

@@ -8,9 +8,11 @@ from collections.abc import Callable
 
 import click
 
+from dissect.cli.carried import scd_options
 from dissect.cli.drive import EXIT_CODES, complain, drive, files_argument, format_option, nanoseconds, places_of, write
 from dissect.cli.gate import fail_on_option, gate
 from dissect.conversation import Observer, Options
+from dissect.findings.carrier import Carrier
 from dissect.report.jsonl import Choice, TransactionLines
 from dissect.report.lines import csv_columns, transaction_cells, transaction_line
 from dissect.report.places import Places
@@ -31,7 +33,15 @@ from dissect.wire.clock import Clock
     help="Only transactions whose answer took longer than this many milliseconds; with --failed these as well.",
 )
 @fail_on_option
-def command(files: tuple[str, ...], format_: str, failed: bool, slow_ns: int | None, fail_on: frozenset[str]) -> int:
+@scd_options
+def command(
+    files: tuple[str, ...],
+    format_: str,
+    failed: bool,
+    slow_ns: int | None,
+    fail_on: frozenset[str],
+    carrier: Carrier | None,
+) -> int:
     """Write one line for each request and its answer.
 
     It says when the request was sent (UTC), its number and packets, who asked whom, how long the answer took, the function,
@@ -41,7 +51,8 @@ def command(files: tuple[str, ...], format_: str, failed: bool, slow_ns: int | N
     so a request without answer stands where it was given up.
     """
     choose = _choice(failed, slow_ns)
-    options = Options(slow_ns) if slow_ns is not None else None  # what is slow is a finding as well
+    # What is slow is a finding as well.
+    options = Options(slow_ns, carrier=carrier) if slow_ns is not None else Options(carrier=carrier)
     take: Callable[[], list[str]]
     if format_ == "jsonl":
         lines = TransactionLines(choose)

@@ -23,6 +23,7 @@ class Books(PacketSink):
         self.table: ConnectionTable = ConnectionTable()
         self.fragments: FragmentStore = FragmentStore()
         self.octets: OctetAccount = OctetAccount()
+        self.wants_udp: bool = False
         self.frames: i64 = 0
         self.cut_frames: i64 = 0
         self.first_ns: i64 = 0
@@ -36,6 +37,10 @@ class Books(PacketSink):
     def note_damage(self, detail: str) -> None:
         """The source found its capture damaged."""
         self._judge.note("capture.damaged", 0, [self.frames] if self.frames else [], self.now_ns, detail)
+
+    def note_dropped(self, detail: str) -> None:
+        """The source lost packets since it was last asked."""
+        self._judge.note("capture.dropped", 0, [self.frames] if self.frames else [], self.now_ns, detail)
 
     def packet_counts(self) -> dict[str, int]:
         """Return what became of every packet, by category; the numbers add up to ``frames``."""
@@ -77,6 +82,11 @@ class Books(PacketSink):
             self.octets.framed += ibh.framed
             self.octets.skipped += ibh.skipped
             self.octets.buffered += ibh.buffered
+        backlog = side.backlog
+        if backlog is not None:
+            self.octets.framed += backlog.framed
+            self.octets.skipped += backlog.skipped
+            self.octets.buffered += len(backlog.octets)
 
     def _note(self, slug: str, detail: str = "", connection: i64 = 0) -> None:
         """Count and, within the bounds, detail a finding about the packet at hand."""
@@ -102,13 +112,14 @@ class Books(PacketSink):
             self._note("stream.refused", f"{server} refuses {client}")
 
     def _find_segment(self, buf: bytes, start: i64, end: i64, link_type: i64) -> Segment:
-        """Return the TCP segment of a frame, or why there is none."""
+        """Return the TCP segment of a frame, or a UDP datagram when these are wanted, or why there is none."""
         fragments = self.fragments
         conflicts: i64 = fragments.conflicts
         evicted: i64 = fragments.evicted
-        found = find_segment(buf, start, end, link_type, fragments, self.now_ns)
+        found = find_segment(buf, start, end, link_type, fragments, self.now_ns, self.wants_udp)
         if fragments.conflicts > conflicts:
-            self._note("ip.fragment_conflict", "in a datagram that holds TCP")
+            what = "TCP or UDP" if self.wants_udp else "TCP"
+            self._note("ip.fragment_conflict", f"in a datagram that holds {what}")
         if fragments.evicted > evicted:
             self._note("ip.fragments_evicted")
         return found

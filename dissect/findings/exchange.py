@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from mypy_extensions import i64
 
+from dissect.findings.carrier import Carrier
 from dissect.findings.item_rules import judge_parameters
 from dissect.findings.judge import Judge
 from dissect.findings.observer import Observer, Options
@@ -15,7 +16,6 @@ from dissect.iso.upper import S7COMM, UPPER_NAMES
 from dissect.s7.message import header_size, parse_pdu, read_header
 from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, ParameterCache, Parameters
 from dissect.s7.tables import ACK, ACK_DATA, JOB, READ_VAR, ROSCTR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
-from dissect.s7plus.parameters import PLUS
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.connection import IBH, Connection
 from dissect.transactions.dialogue import BAD_DATA, Dialogue
@@ -40,6 +40,9 @@ class Exchange:
         self._slow_ns: i64 = options.slow_ns
         self._strict: bool = options.strict
         self.watch: Watch = Watch(observer, self.judge)
+        self.carrier: Carrier | None = options.carrier
+        if options.carrier is not None:
+            options.carrier.attach(self)
 
     def _pdu(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
         connection = side.connection
@@ -140,16 +143,51 @@ class Exchange:
             or (transaction.request_frame and transaction.response_ns - transaction.request_ns > self._slow_ns)
         ):
             judge_transaction(self.judge, transaction, self._slow_ns)
+        if self.carrier is not None:
+            self._look_inside(self.carrier, transaction)
         self.observer.transaction(transaction)
         if transaction.has_errors or transaction.parameters.function != READ_VAR:
             self._watch(transaction)
+
+    # ---- what a carrier found ---------------------------------------------------------------------------------------
+
+    def carried_request(
+        self, side: Side, reference: i64, parameters: Parameters, octets: bytes, frame: i64, time_ns: i64
+    ) -> None:
+        """Take a request of another protocol that ``side`` sent; ``reference`` is what its answer will repeat."""
+        size: i64 = len(octets)
+        done = self.dialogue.ask(side, parameters.rosctr, reference, parameters, octets, 0, size, frame, time_ns)
+        self._answered(done, frame, time_ns)
+
+    def carried_answer(
+        self, side: Side, reference: i64, parameters: Parameters, octets: bytes, frame: i64, time_ns: i64
+    ) -> None:
+        """Take an answer of another protocol that ``side`` sent."""
+        size: i64 = len(octets)
+        done = self.dialogue.answer(side, parameters.rosctr, reference, parameters, octets, 0, size, 0, frame, time_ns)
+        self._answered(done, frame, time_ns)
+
+    def carried_push(
+        self, side: Side, reference: i64, parameters: Parameters, octets: bytes, frame: i64, time_ns: i64
+    ) -> None:
+        """Take what ``side`` sent without being asked, in another protocol."""
+        size: i64 = len(octets)
+        self.done(self.dialogue.push(side, reference, parameters, octets, 0, size, frame, time_ns))
+
+    def _look_inside(self, carrier: Carrier, transaction: Transaction) -> None:
+        try:
+            carrier.transaction(transaction)
+        except Exception as bug:
+            if self._strict:
+                raise
+            self.note_bug(bug, max(transaction.request_frame, transaction.response_frame), transaction.response_ns)
 
     def _watch(self, transaction: Transaction) -> None:
         """Show what is more than polling to those who watch."""
         parameters = transaction.parameters
         function: i64 = parameters.function
         if function != READ_VAR and function != WRITE_VAR:
-            if transaction.rosctr != PLUS:  # whose contents are not read
+            if transaction.rosctr <= USERDATA:  # S7comm
                 self.watch.take(transaction)
         else:
             if parameters.written & ~transaction.connection.traits.written:
@@ -171,6 +209,8 @@ class Exchange:
                     judge_unanswered(self.judge, transaction, now_ns, self._slow_ns)
                 else:
                     judge_transaction(self.judge, transaction, self._slow_ns)
+                if self.carrier is not None:
+                    self.carrier.transaction(transaction)
                 self.observer.transaction(transaction)
                 self._watch(transaction)
             except Exception as bug:

@@ -43,6 +43,11 @@ class Judge:
         self._detailed_all[slug] = in_all + 1
         return True
 
+    def renew(self) -> None:
+        """Allow as many detailed findings again as in the beginning: who watches a line for days wants those of today."""
+        self._detailed = {}
+        self._detailed_all = {}
+
     def note(self, slug: str, connection: i64, frames: list[int], time_ns: i64, detail: str = "") -> None:
         """Count and, within the bounds, detail a finding."""
         if self.wants(slug, connection):

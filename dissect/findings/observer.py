@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from mypy_extensions import i64, mypyc_attr
 
+from dissect.findings.carrier import Carrier
 from dissect.findings.finding import Finding
+from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.table import Side
@@ -12,11 +14,23 @@ from dissect.transactions.transaction import Transaction
 
 
 class Options:
-    """What a user can set. ``slow_ns``: an answer later than this is slow. ``strict``: a bug of ours raises."""
+    """What a user can set. ``slow_ns``: an answer later than this is slow. ``strict``: a bug of ours raises.
 
-    def __init__(self, slow_ns: int = 1_000_000_000, strict: bool = False) -> None:
+    ``carrier`` looks for another protocol in what passes. ``overdue_ns``: a request still open after this is told at once,
+    before it is known what becomes of it; 0 for never, as in a file what becomes of it is known.
+    """
+
+    def __init__(
+        self,
+        slow_ns: int = 1_000_000_000,
+        strict: bool = False,
+        carrier: Carrier | None = None,
+        overdue_ns: int = 0,
+    ) -> None:
         self.slow_ns: i64 = slow_ns
+        self.overdue_ns: i64 = overdue_ns
         self.strict: bool = strict
+        self.carrier: Carrier | None = carrier
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -44,6 +58,9 @@ class Observer:
 
     def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """A whole S7comm-plus PDU, its frames one behind the other, or what is known of one (only with ``wants_pdus``)."""
+
+    def scd(self, frame: i64, time_ns: i64, side: Side, found: ScdMessage) -> None:
+        """An SCD message of its own, not in an S7 item (only with ``wants_pdus``)."""
 
     def transaction(self, transaction: Transaction) -> None:
         """A transaction is complete, or given up."""

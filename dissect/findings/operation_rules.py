@@ -9,6 +9,7 @@ from dissect.s7.errors import ERROR_CODES
 from dissect.transactions.checks import NOT_LOADED, STRAY_PUSH
 from dissect.transactions.operation import (
     BEYOND_END,
+    BSEND,
     CUT_SHORT,
     DOWNLOAD,
     FAILED,
@@ -20,7 +21,7 @@ from dissect.transactions.operation import (
 )
 from dissect.transactions.transaction import CAPTURE_ENDED, HOLE, Transaction
 
-_TRANSFERS: Final = frozenset((DOWNLOAD, UPLOAD))
+_TRANSFERS: Final = frozenset((DOWNLOAD, UPLOAD, BSEND))
 _ODDITIES: Final = {
     BEYOND_END: "operation.beyond_end",
     CUT_SHORT: "operation.cut_short",

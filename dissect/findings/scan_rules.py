@@ -60,15 +60,15 @@ class ScanWatch:
         tsap = connection.tsap_called
         if tsap is None:
             return
-        pair = self._pair(connection, time_ns)
-        if tsap.octets in pair.asked:
+        pair = self._pairs.get(_key(connection))
+        if pair is not None and _lately(pair, time_ns) and tsap.octets in pair.asked:
             pair.refused.add(tsap.octets)
             self._look(pair, connection, time_ns)
 
     def _pair(self, connection: Connection, time_ns: i64) -> _Pair:
-        key: bytes = connection.client.address + connection.server.address
+        key = _key(connection)
         pair = self._pairs.get(key)
-        if pair is None or not 0 <= time_ns - pair.first_ns <= WINDOW_NS:
+        if pair is None or not _lately(pair, time_ns):
             pair = _Pair(time_ns)
             self._pairs[key] = pair
             if len(self._pairs) > MAX_PAIRS:
@@ -88,3 +88,13 @@ class ScanWatch:
         )
         frames = list(pair.asked.values())[-_NAMED:]
         self._judge.note("security.tsap_scan", connection.number, frames, time_ns, detail)
+
+
+def _key(connection: Connection) -> bytes:
+    """Return the pair that a connection belongs to."""
+    return connection.client.address + connection.server.address
+
+
+def _lately(pair: _Pair, time_ns: i64) -> bool:
+    """Tell whether a pair is still within its window."""
+    return 0 <= time_ns - pair.first_ns <= WINDOW_NS

@@ -16,16 +16,18 @@ from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.message import HEADER_SIZE
 from dissect.s7.parameters import UserdataHead
-from dissect.s7.services import COMPRESS, COPY_TO_ROM, PI_SERVICES, PROGRAM
-from dissect.s7.tables import RETURN_CODES, USERDATA
+from dissect.s7.services import COMPRESS, COPY_TO_ROM, NC_PREFIX, PI_SERVICES, PROGRAM
+from dissect.s7.tables import (
+    PI_SERVICE,
+    PLC_STOP,
+    REQUEST_DOWNLOAD,
+    RETURN_CODES,
+    START_UPLOAD,
+    USERDATA,
+)
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import PUSH, UNANSWERED, Transaction
 from dissect.wire.octets import u16
-
-_DOWNLOADS: Final = frozenset((0x1A,))
-_UPLOAD: Final = 0x1D
-_PI_SERVICE: Final = 0x28
-_PLC_STOP: Final = 0x29
 
 _MODE: Final = 0
 _TEST: Final = 1
@@ -135,25 +137,20 @@ class SecurityWatch:
 
     def _job(self, transaction: Transaction) -> None:
         function = transaction.function
-        if function == _PLC_STOP:
+        if function == PLC_STOP:
             self._tell("security.plc_stop", transaction, "PLC stop")
-        elif function == _PI_SERVICE:
+        elif function == PI_SERVICE:
             self._pi_service(transaction)
-        elif function in _DOWNLOADS:
+        elif function == REQUEST_DOWNLOAD:
             self._tell("security.program_change", transaction)
-        elif function == _UPLOAD:
+        elif function == START_UPLOAD:
             self._tell("security.program_read", transaction)
 
     def _pi_service(self, transaction: Transaction) -> None:
         body = _asked(transaction)
         name = body.text("service") if body is not None else ""
-        row = PI_SERVICES.get(name)
-        slug = _PI_SLUGS.get(row.security if row is not None else "", "security.nc_command")
-        if name in _MEMORY_SERVICES:
-            slug = "security.memory"
-        if name == PROGRAM:
-            slug = "security.plc_start"
-        if row is not None and slug:
+        slug = _service_slug(name)
+        if slug:
             self._tell(slug, transaction)
 
     def _userdata(self, transaction: Transaction, head: UserdataHead) -> None:
@@ -267,6 +264,20 @@ def _named(transaction: Transaction) -> str:
     body = _asked(transaction)
     notes = ", ".join(body.notes[:3]) if body is not None else ""
     return f"{transaction.function_name} {notes}".rstrip()
+
+
+def _service_slug(name: str) -> str:
+    """Return what it is to call a PI service; empty for one that only reads, and for none."""
+    if name == PROGRAM:
+        return "security.plc_start"
+    if name in _MEMORY_SERVICES:
+        return "security.memory"
+    row = PI_SERVICES.get(name)
+    if row is not None:
+        return _PI_SLUGS[row.security]
+    if name.startswith(NC_PREFIX):
+        return "security.nc_command"
+    return "security.unknown_service" if name else ""
 
 
 #: Slugs of PI services by their class (`dissect.s7.services.PI_SERVICES`).

@@ -196,8 +196,8 @@ def judge_end(judge: Judge, side: Side, frame: i64, time_ns: i64) -> None:
     """The connection is over: tell when only one side of it was captured."""
     connection = side.connection
     peer = side.peer
-    if peer is None or connection.pdus < _ONE_SIDED_PDUS:
-        return
+    if peer is None or connection.pdus < _ONE_SIDED_PDUS or connection.udp:
+        return  # over UDP one side may well say nothing
     if not side.captured or not peer.captured:
         seen = side if side.captured else peer
         judge.note(

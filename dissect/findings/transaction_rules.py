@@ -160,6 +160,10 @@ def _data_codes(transaction: Transaction) -> str:
 
 
 def _judge_errors(judge: Judge, transaction: Transaction) -> None:
+    if transaction.is_scd:
+        error = transaction.errors[0]
+        _note(judge, "transaction.refused", transaction, f"{error.name} {error.code}: {error.text}")
+        return
     if transaction.error_code:
         if judge.wants("transaction.refused", transaction.connection.number):
             error = transaction.errors[0]

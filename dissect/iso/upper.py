@@ -13,9 +13,10 @@ TLS: Final = 3
 RDP: Final = 4
 UNKNOWN: Final = 5
 EMPTY: Final = 6
+SCD: Final = 7  # only where a binding says so: nothing tells it
 
 #: Names as reports use them, by the numbers above.
-UPPER_NAMES: Final[list[str]] = ["s7comm", "s7comm_plus", "mms", "tls", "rdp", "unknown", "empty"]
+UPPER_NAMES: Final[list[str]] = ["s7comm", "s7comm_plus", "mms", "tls", "rdp", "unknown", "empty", "scd"]
 
 #: ISO session SPDUs (X.225): connect, accept, refuse, finish, disconnect, abort.
 _SESSION: Final = frozenset((0x0D, 0x0E, 0x0C, 0x09, 0x0A, 0x19))

@@ -18,7 +18,7 @@ Read a capture on this package's own reassembly, one packet for each TPDU::
     for packet in sniff(offline="plant.pcapng", session=S7Session):
         print(packet.summary())
 
-`bind_port` adds another TCP port. ``docs/layers.md`` is the longer tutorial.
+`bind_port` adds another TCP port, `bind_scd` binds `SCD`, which has none of its own. ``docs/layers.md`` is the longer tutorial.
 """
 
 from __future__ import annotations
@@ -86,6 +86,7 @@ from dissect.layers.s7plus import (
     S7Plus_Request,
     S7Plus_Response,
 )
+from dissect.layers.scd import SCD, bind_scd, unbind_scd
 from dissect.layers.security import *  # noqa: F403
 from dissect.layers.session import S7Session
 from dissect.layers.start_information import *  # noqa: F403
@@ -132,6 +133,7 @@ __all__ = [
     "MPI",
     "S7",
     "S7_USEND",
+    "SCD",
     "TPKT",
     "COTP_AK_Extended",
     "COTP_DT_Extended",
@@ -181,6 +183,8 @@ __all__ = [
     "TPKT_Rest",
     "at",
     "bind_port",
+    "bind_scd",
+    "unbind_scd",
 ]
 __all__ += alarms.__all__
 __all__ += blocks.__all__

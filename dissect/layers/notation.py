@@ -6,17 +6,10 @@ import re
 from typing import Final
 
 from dissect.layers.variables import S7_Any
-from dissect.s7.tables import AREA_LETTERS, TRANSPORT_SIZES
+from dissect.s7.tables import LETTER_AREAS, TRANSPORT_SIZES
 
 #: Transport size of a width letter. No letter is one bit.
 _WIDTHS: Final = {"": 0x01, "X": 0x01, "B": 0x02, "W": 0x04, "D": 0x06, "L": 0x0F}
-#: Area letters, with the German ones (E and A for inputs and outputs, Z for counters) that half of the world writes.
-_AREAS: Final = {
-    **{letters: area for area, letters in AREA_LETTERS.items() if len(letters) == 1},
-    "E": 0x81,
-    "A": 0x82,
-    "Z": 0x1C,
-}
 _BLOCKS: Final = {"DB": 0x84, "DI": 0x85}
 _COUNTER: Final = 0x1C
 _TIMER: Final = 0x1D
@@ -42,9 +35,9 @@ def at(address: str, count: int = 1, transport_size: str | int | None = None) ->
         octet, bit = int(block[4]), block[5]
     else:
         other = _ELSEWHERE.fullmatch(text)
-        if other is None or other[1] not in _AREAS:
+        if other is None or other[1] not in LETTER_AREAS:
             raise _no_address(address, "write it as DB10.DBX4.1, DB10.DBW4, MW20, I0.0, T5 or C3")
-        area, db, width = _AREAS[other[1]], 0, other[2]
+        area, db, width = LETTER_AREAS[other[1]], 0, other[2]
         octet, bit = int(other[3]), other[4]
         if area in (_COUNTER, _TIMER):
             return _item(address, area, 0, _number(address, width, octet, bit), area, count, transport_size)

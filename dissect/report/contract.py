@@ -9,7 +9,7 @@ from dissect.findings.finding import SEVERITIES, Finding
 from dissect.ibh.tables import KINDS
 from dissect.iso.tables import TPDU_TYPES
 from dissect.iso.tsap import Tsap
-from dissect.iso.upper import UPPER_NAMES
+from dissect.iso.upper import SCD, UPPER_NAMES
 from dissect.pipeline import Pipeline
 from dissect.report import words
 from dissect.report.analysis import Analysis, FunctionStatistics
@@ -20,6 +20,7 @@ from dissect.report.plus import PROTOCOL
 from dissect.s7plus.parameters import is_plus_key, names_function
 from dissect.source.packet import SourceFile
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
+from dissect.transactions.carried import is_scd_key
 from dissect.transactions.connection import Connection
 from dissect.wire.clock import Clock
 from dissect.wire.text import encodable
@@ -70,6 +71,7 @@ def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str,
             "opcodes": {f"0x{code:02x}": count for code, count in enumerate(talk.plus_opcodes) if count},
             "functions": {f"0x{code:04x}": count for code, count in sorted(talk.plus_functions.items())},
         },
+        "scd": talk.carrier.as_dict() if talk.carrier is not None else None,
         "transactions": {
             "total": analysis.total,
             "answered": analysis.answered,
@@ -139,12 +141,16 @@ def _loss(pipeline: Pipeline) -> dict[str, object]:
         "half_open_evicted": pipeline.table.half_open_evicted,
         "datagrams_evicted": pipeline.fragments.evicted,
         "datagrams_expired": pipeline.fragments.expired,
+        "operations_evicted": pipeline.conversation.watch.operations.evicted,
+        "scan_pairs_forgotten": pipeline.conversation.scans.forgotten,
     }
 
 
 def _function(code: int, statistics: FunctionStatistics) -> dict[str, object]:
     values: dict[str, object] = {"code": f"0x{code & 0xFF:02x}" if 0 <= code < 0x10000 else None}
-    if is_plus_key(code):
+    if is_scd_key(code):
+        values = {"code": None, "protocol": UPPER_NAMES[SCD]}
+    elif is_plus_key(code):
         values = {"code": f"0x{code & 0xFFFF:04x}" if names_function(code) else None, "protocol": PROTOCOL}
     elif code >= 0x10000:
         group = (code >> 8) & 0xFF
@@ -184,6 +190,7 @@ def connection_as_dict(connection: Connection, places: Places) -> dict[str, obje
         "client": str(connection.client),
         "server": str(connection.server),
         "client_known": connection.client_known,
+        "transport": "udp" if connection.udp else "tcp",
         "vlan": words.vlans(tcp.vlan),
         "protocol": connection.protocol or None,
         "identified_by": connection.identified_by or None,

@@ -26,7 +26,11 @@ def phrase(connection: Connection, places: Places) -> str:
     """Say how a connection ended, what was open then and what came before, as the end of a sentence."""
     ending = connection.ending
     begun = "already open at the start, " if connection.mid_stream and not connection.tcp.known_start else ""
-    if ending is None or ending.how == OPEN:
+    if connection.udp:
+        begun = ""
+    if connection.udp and (ending is None or ending.how == OPEN):
+        said = f"last datagram at {places.phrase([int(connection.tcp.last_frame)])}"
+    elif ending is None or ending.how == OPEN:
         said = "still open at the end of the capture"
     elif ending.how in _DROPPED:
         said = _DROPPED[ending.how]

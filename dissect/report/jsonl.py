@@ -15,12 +15,14 @@ from mypy_extensions import i64
 from dissect.conversation import Observer
 from dissect.report.json_text import SMALL, json_text, octets_value
 from dissect.report.plus import plus_function_json, plus_json, plus_pdu_line
+from dissect.report.scd import scd_function_json, scd_json, scd_line_json
 from dissect.s7.items import DataItem, Item
 from dissect.s7.message import Pdu
 from dissect.s7.parameters import Parameters, UserdataHead
 from dissect.s7.tables import FUNCTIONS, READ_VAR, ROSCTR, SETUP_COMMUNICATION, SUCCESS, USERDATA_TYPES, WRITE_VAR
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.parameters import PLUS, PlusParameters
+from dissect.transactions.carried import SCD, ScdMessage, ScdParameters
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
 from dissect.wire.clock import Clock
@@ -53,6 +55,8 @@ def function_text(parameters: Parameters) -> str:
         code: i64 = parameters.function
         if isinstance(parameters, PlusParameters):
             text = plus_function_json(parameters)
+        elif isinstance(parameters, ScdParameters):
+            text = scd_function_json(parameters)
         elif code < 0:
             text = '{"code":null,"name":null}'
         else:
@@ -149,12 +153,18 @@ class TransactionLines(Observer):
         if transaction.rosctr == PLUS:  # which has neither a ROSCTR nor, in a notification, a reference
             rosctr = "null"
             reference = reference if transaction.function >= 0 else "null"
+        elif transaction.rosctr == SCD:
+            rosctr = "null"
+            reference = _scd_reference(transaction)
+        carried = (
+            scd_json(transaction, self.locate) if transaction.rosctr == SCD or transaction.carried is not None else ""
+        )
         return (
             f"{_HEAD}{transaction.number}{self._connection(transaction.connection, transaction.asked_by)}"
             f',"pdu_ref":{reference},"rosctr":{rosctr},"function":{function_text(transaction.parameters)}'
             f',"request_frame":{frames},"request_time":{at},"latency_ns":{latency}'
             f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{self._setup(transaction)}{self._notes(transaction)}'
-            f',"items":[{self._items(transaction)}],"errors":[{_errors(transaction)}]}}'
+            f',"items":[{self._items(transaction)}],"errors":[{_errors(transaction)}]{carried}}}'
         )
 
     def _places(self, asked: int, told: int, locate: Locate) -> str:
@@ -199,6 +209,8 @@ class TransactionLines(Observer):
             return ""
         if transaction.rosctr == PLUS:
             return plus_json(transaction)
+        if transaction.rosctr == SCD:
+            return ""
         asks = self._noted(transaction.request_octets, transaction, True)
         tells = self._noted(transaction.response_octets, transaction, False)
         return f',"asks":[{asks}],"tells":[{tells}]'
@@ -231,6 +243,12 @@ class TransactionLines(Observer):
         for result in transaction.results():
             parts.append(_item(result.item, result.return_code, result.data))
         return ",".join(parts)
+
+
+def _scd_reference(transaction: Transaction) -> str:
+    """Return the number by which request and answer were paired, null where the envelope has none."""
+    found = transaction.scd
+    return str(found[0].message.tid) if found and "tid" in found[0].message.numbers else "null"
 
 
 def _item(item: Item | None, code: i64, data: bytes | None) -> str:
@@ -279,6 +297,11 @@ class PduLines:
             f"{_body(pdu)}"
             f',"cut":{"true" if pdu.cut else "false"},"malformed":[{told}]}}'
         )
+
+    def scd_line(self, found: ScdMessage, connection: Connection) -> str:
+        """Return the line of one SCD message, without a line end."""
+        place = self.locate(found.frame) if self.locate is not None else None
+        return scd_line_json(found, self._clock.iso(found.time_ns), connection, place)
 
     def plus_line(self, pdu: PlusPdu, connection: Connection) -> str:
         """Return the line of one S7comm-plus PDU, without a line end."""

@@ -13,13 +13,15 @@ from dissect.iso.upper import EMPTY, S7COMM, S7COMM_PLUS, UPPER_NAMES, classify,
 from dissect.report import words
 from dissect.report.places import Places
 from dissect.report.plus import plus_notes
+from dissect.report.scd import scd_subject, scd_summary
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
-from dissect.s7.tables import JOB, RETURN_CODES, SUCCESS
+from dissect.s7.tables import JOB, RETURN_CODES, SUCCESS, USERDATA
 from dissect.s7plus.message import PlusPdu
+from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import ItemResult, Transaction, TransactionError
+from dissect.transactions.transaction import ItemResult, Transaction
 from dissect.wire.clock import Clock
 from dissect.wire.text import cell, printable, shortened
 
@@ -53,6 +55,7 @@ PROTOCOLS: Final = {
     "mms": "MMS",
     "tls": "TLS",
     "rdp": "RDP",
+    "scd": "SCD",
     "unknown": "unknown protocol",
     IBH_NETLINK: "IBH-NetLink",
 }
@@ -92,8 +95,8 @@ def transaction_cells(transaction: Transaction, clock: Clock, places: Places) ->
         str(ends[transaction.asked_by]),
         str(ends[1 - transaction.asked_by]),
         str(transaction.pdu_ref) if not transaction.is_plus or transaction.function >= 0 else "",
-        str(transaction.rosctr) if not transaction.is_plus else "",
-        str(transaction.function) if transaction.function >= 0 else "",
+        str(transaction.rosctr) if transaction.rosctr <= USERDATA else "",
+        str(transaction.function) if transaction.function >= 0 and not transaction.is_scd else "",
         transaction.function_name,
         str(places.number(asked)) if asked else "",
         str(places.number(told)) if told else "",
@@ -102,8 +105,8 @@ def transaction_cells(transaction: Transaction, clock: Clock, places: Places) ->
         str(latency) if latency is not None else "",
         transaction.outcome_name,
         transaction.reason,
-        "; ".join(words.items(transaction)),
-        "; ".join([f"{error.where}: {_code(error)} {error.name}" for error in transaction.errors]),
+        "; ".join([*words.items(transaction), *([scd_subject(transaction)] if transaction.scd else [])]),
+        "; ".join([f"{error.where}: {words.error_text(error)}" for error in transaction.errors]),
     ]
     if places.several:
         names = [places.locate(frame)[0] if frame else "" for frame in (asked, told)]
@@ -113,11 +116,6 @@ def transaction_cells(transaction: Transaction, clock: Clock, places: Places) ->
 
 def _with_files(values: list[str], names: list[str]) -> list[str]:
     return [*values[:_FILES_AT], *names, *values[_FILES_AT:]]
-
-
-def _code(error: TransactionError) -> str:
-    """Return an error code as it stands on the wire: one octet for an item, else two."""
-    return f"0x{error.code:02x}" if error.where.startswith("item") else f"0x{error.code:04x}"
 
 
 def pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places) -> str:
@@ -132,6 +130,12 @@ def pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places) -> 
     reference = f"0x{pdu.pdu_ref:04x}" if pdu.pdu_ref >= 0 else "?"
     head = _head(pdu.frame, pdu.time_ns, connection, pdu.side, clock, places)
     return f"{head}  {kind:<8}  ref {reference}{function}{said}"
+
+
+def scd_line(found: ScdMessage, connection: Connection, clock: Clock, places: Places) -> str:
+    """Return one SCD message on one line."""
+    head = _head(int(found.frame), int(found.time_ns), connection, int(found.side), clock, places)
+    return f"{head}  {scd_summary(found)}"
 
 
 def plus_line(pdu: PlusPdu, connection: Connection, clock: Clock, places: Places) -> str:

@@ -7,7 +7,7 @@ from typing import Final
 from dissect.report import words
 from dissect.report.places import Places
 from dissect.s7.errors import ERROR_CODES
-from dissect.transactions.operation import DONE, RUNNING, Operation
+from dissect.transactions.operation import DONE, LONG_ANSWER, RUNNING, Operation
 from dissect.wire.clock import Clock
 from dissect.wire.text import shortened
 
@@ -19,6 +19,7 @@ NAMES: Final = {
     "download": "download",
     "upload": "upload",
     "long_answer": "long answer",
+    "bsend": "BSEND",
     "cyclic": "cyclic reading",
     "messages": "messages",
     "test_job": "test job",
@@ -32,7 +33,9 @@ def operation_line(operation: Operation, clock: Clock, places: Places) -> str:
     ends = operation.connection.tcp.ends
     frames = places.pair(operation.first_frame, operation.last_frame)
     what = shortened(operation.subject, _SUBJECT)
-    told = words.some_notes([part.note for part in operation.content_parts()[1:] if part.note])
+    told = ""
+    if operation.kind == LONG_ANSWER:
+        told = words.some_notes([part.note for part in operation.content_parts()[1:] if part.note])
     what = f"{what} → {told}" if told else what
     said = "  ".join([text for text in (what, _carried(operation), result(operation)) if text])
     return (

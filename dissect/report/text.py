@@ -12,11 +12,11 @@ from dissect.ibh.tables import KINDS
 from dissect.iso.upper import UPPER_NAMES
 from dissect.report import endings, words
 from dissect.report.analysis import MAX_CONNECTIONS, Analysis
+from dissect.report.completeness import completeness
 from dissect.report.lines import PROTOCOLS, named
 from dissect.report.operations import NAMES, shouted
 from dissect.report.places import Places
 from dissect.source.packet import SourceFile
-from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import CONNECT, RESULTS
 from dissect.transactions.operation import KINDS as KINDS_OF_OPERATIONS
@@ -37,22 +37,6 @@ HEADING: Final = "heading"
 DIM: Final = "dim"
 #: Further styles are the severities; the default leaves a line plain.
 PLAIN: Final = ""
-
-#: How packets that were not used are called.
-_IGNORED: Final = {
-    "not_ip": "not IP",
-    "not_tcp": "IP but not TCP",
-    "fragment_waiting": "fragments of datagrams that never became whole",
-    "fragment_dropped": "dropped fragments",
-    "other_protocol": "of TCP connections that do not speak ISO-on-TCP",
-    "before_start": "from before the first octet seen of their connection",
-    "after_close": "after the end of their connection",
-    "reset_ignored": "resets that were not believed",
-    "cut": "cut before the end of their headers",
-    "bad_header": "with impossible headers",
-    "link_type": "of a link type that is not supported",
-    "failed": "the analyzer failed on",
-}
 
 
 class Line(NamedTuple):
@@ -80,6 +64,7 @@ def analysis_lines(analysis: Analysis, interrupted: bool = False) -> Iterator[Li
         yield Line("  INTERRUPTED: what follows covers what was read until then", "error")
     yield from _connections(analysis, places)
     yield from _transactions(analysis)
+    yield from _scd(analysis)
     yield from _operations(analysis)
     yield from _findings(analysis, places)
     yield from _failed(analysis, places)
@@ -179,7 +164,10 @@ def _connection(connection: Connection, places: Places) -> Iterator[Line]:
     vids = ".".join([str(vid) for vid in words.vlans(int(connection.tcp.vlan))])
     vlan = f", VLAN {vids}" if vids else ""
     protocol = "" if connection.protocol == "s7comm" else f", {named(connection) or 'no data'}"
-    yield Line(f"  {connection.number}  {connection.client} {arrow} {connection.server}{vlan}{protocol}", PLAIN, 5)
+    over = " UDP" if connection.udp else ""
+    yield Line(
+        f"  {connection.number}  {connection.client} {arrow} {connection.server}{over}{vlan}{protocol}", PLAIN, 5
+    )
     calling, called = connection.tsap_calling, connection.tsap_called
     if calling is not None or called is not None:
         said = words.tsaps(calling, called, connection.protocol in {"", "s7comm", "s7comm_plus"})
@@ -246,6 +234,32 @@ def _transactions(analysis: Analysis) -> Iterator[Line]:
             ]
         )
     yield from table(rows, frozenset(range(1, 7)))
+
+
+def _scd(analysis: Analysis) -> Iterator[Line]:
+    """What the bindings found."""
+    carrier = analysis.pipeline.conversation.carrier if analysis.pipeline is not None else None
+    found = carrier.as_dict() if carrier is not None else {}
+    if not found:
+        return
+    yield Line("")
+    version = f" {found['version']}" if found["version"] else ""
+    yield Line(f"SCD by the dictionary {printable(found['dictionary'])}{printable(version)}", HEADING)
+    rows = [["binding", "messages", "values", "not decoded"]]
+    for row in found["bindings"]:
+        wrong = str(row["not_decoded"]) if row["not_decoded"] else "."
+        rows.append([printable(row["name"]), str(row["messages"]), str(row["values"]), wrong])
+    yield from table(rows, frozenset((1, 2, 3)))
+    cut = sum(row["cut"] for row in found["bindings"])
+    losses = {
+        "datagrams cut by the capture": cut,
+        "messages of no kind that can be paired": found["unpaired"],
+        "octets skipped that begin no message": found["octets_skipped"],
+        "devices forgotten, too many are heard of": found["devices_forgotten"],
+    }
+    for what, count in losses.items():
+        if count:
+            yield Line(f"  {count} {what}", "warning")
 
 
 def _operations(analysis: Analysis) -> Iterator[Line]:
@@ -345,24 +359,5 @@ def _completeness(analysis: Analysis) -> Iterator[Line]:
         return
     yield Line("")
     yield Line("Completeness", HEADING)
-    counts = pipeline.packet_counts()
-    used = sum(counts[name] for name in CATEGORIES[:FIRST_IGNORED])
-    repeated = counts["retransmission"] + counts["keep_alive"]
-    again = f", {words.count(repeated, 'of them a repetition', 'of them repetitions')} on TCP level" if repeated else ""
-    yield Line(f"  {used} of {words.count(pipeline.frames, 'packet')} used{again}")
-    for name in CATEGORIES[FIRST_IGNORED:]:
-        if counts[name]:
-            yield Line(f"  {counts[name]} not used: {_IGNORED[name]}")
-    if pipeline.cut_frames:
-        yield Line(f"  {words.count(pipeline.cut_frames, 'packet')} cut by the capture (snaplen)", "warning")
-    octets = pipeline.octets
-    if octets.holes:
-        holes = words.count(octets.holes, "hole")
-        missing = words.count(octets.missing, "octet")
-        yield Line(f"  {holes} in the TCP streams, {missing} missing from the capture", "warning")
-    else:
-        yield Line("  no hole in the TCP streams")
-    if octets.skipped:
-        yield Line(f"  {words.count(octets.skipped, 'octet')} skipped that belong to no message", "warning")
-    if octets.buffered:
-        yield Line(f"  {words.count(octets.buffered, 'octet')} of unfinished messages at the end")
+    for told, style in completeness(pipeline):
+        yield Line(f"  {told}", style)

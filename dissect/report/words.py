@@ -6,6 +6,7 @@ from typing import Final
 
 from dissect.iso.tsap import Tsap
 from dissect.report.plus import plus_subject
+from dissect.report.scd import scd_subject
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
 from dissect.s7.tables import READ_VAR, RETURN_CODES, SETUP_COMMUNICATION, SUCCESS, WRITE_VAR
@@ -22,6 +23,7 @@ from dissect.transactions.transaction import (
     TABLE_FULL,
     ItemResult,
     Transaction,
+    TransactionError,
 )
 from dissect.wire.text import printable, shortened
 
@@ -156,13 +158,18 @@ def items(transaction: Transaction) -> list[str]:
 
 def subject(transaction: Transaction) -> str:
     """Return what a transaction is about: all its items, the setup, or what request and answer say."""
-    return ", ".join(items(transaction)) or _setup(transaction) or notes(transaction)
+    said = ", ".join(items(transaction)) or _setup(transaction) or notes(transaction)
+    if transaction.carried is not None:
+        said = "; ".join([text for text in (said, scd_subject(transaction)) if text])
+    return said
 
 
 def notes(transaction: Transaction) -> str:
     """Return what request and answer say, for functions that have no items: a few notes of each."""
     if transaction.is_plus:
         return plus_subject(transaction)
+    if transaction.is_scd:
+        return scd_subject(transaction)
     if transaction.function in _TOLD_BY_ITEMS:
         return ""
     asked, told = transaction.request, transaction.response
@@ -208,6 +215,14 @@ def _setup(transaction: Transaction) -> str:
     return f"granted {given}" if given == wish else f"asks {wish}, granted {given}"
 
 
+def error_text(error: TransactionError) -> str:
+    """Return an error: a code of S7 as it stands on the wire with its name, one of SCD with what it means."""
+    if error.where == "message":
+        return f"{error.name} {error.code}: {printable(error.text)}"
+    code = f"0x{error.code:02x}" if error.where.startswith("item") else f"0x{error.code:04x}"
+    return f"{code} {error.name}"
+
+
 def outcome(transaction: Transaction) -> str:
     """Return how a transaction ended, empty when all went well."""
     why = f" ({REASONS.get(transaction.reason, transaction.reason)})" if transaction.reason else ""
@@ -219,8 +234,8 @@ def outcome(transaction: Transaction) -> str:
         said = ""
     else:
         said = f"NO ANSWER{why}"
-    if transaction.error_code:
+    if transaction.error_code and transaction.has_errors:
         error = transaction.errors[0]
-        refused = f"REFUSED 0x{error.code:04x} {error.name}"
+        refused = f"REFUSED {error_text(error)}"
         said = f"{said}, {refused}" if said else refused
     return said

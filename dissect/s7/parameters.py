@@ -247,6 +247,7 @@ def _parse_userdata(parameters: Parameters, octets: bytes, size: i64) -> None:
     head = UserdataHead(type_and_group >> 6, type_and_group & 0x3F, octets[6], octets[7])
     parameters.userdata = head
     rest: i64 = octets[3]
+    # What looks like a USEND and is none has an R_ID where an error code would be read.
     if size >= _EXTENDED and rest >= 8 and octets[4] != _USEND:
         head.extended = True
         head.data_unit_ref = octets[8]

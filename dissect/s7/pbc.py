@@ -9,7 +9,6 @@ from dissect.s7.layouts import DATA_ITEM, USERDATA_SHORT
 from dissect.s7.parameters import UserdataHead
 from dissect.s7.syntaxes import PBC_ID, R_ID_FIELDS, r_id_text
 from dissect.wire.layout import REST, Field, Layout
-from dissect.wire.octets import u16
 from dissect.wire.part import Cursor
 
 BSEND: Final = 1
@@ -39,26 +38,33 @@ USEND_DATA: Final = Layout(
 )
 
 
+def goes_on(head: UserdataHead) -> bool:
+    """Tell whether a piece of a BSEND goes on with one that came before.
+
+    The first of several and one that is alone have sequence number 0, as every new request; the others the one that the
+    partner gave in its answer to the first. All of several have a data unit reference, in captures another one each.
+    """
+    return head.sequence != 0 and head.data_unit_ref != 0
+
+
 def parse_bsend(cursor: Cursor, head: UserdataHead) -> None:
     """Cut a piece of a BSEND, in a request or a push; the partner's answers carry nothing.
 
-    The first piece of several, and one that is alone, begin with the length of all. A piece between the first and the last
-    is not marked, so one is taken for the first when its length can be that of more than is here.
+    The first piece of several, and one that is alone, begin with the length of all.
     """
     part = cursor.take(PBC_ID)
     if part is None:
         return
     part.note = r_id_text(part.number("r_id"))
-    left = cursor.left
-    more = head.more and left >= BSEND_LENGTH.size and u16(cursor.octets, cursor.at) > left - BSEND_LENGTH.size
-    if not head.data_unit_ref or more:
+    follows = goes_on(head)
+    if not follows:
         length = cursor.take(BSEND_LENGTH)
         if length is not None:
             length.note = f"{length.number('total_length')} octets"
-            if not more and length.number("total_length") > cursor.left:
+            if not head.more and length.number("total_length") > cursor.left:
                 cursor.tell("length_beyond", "total_length", length.number("total_length"), cursor.left)
     if cursor.left:
-        cursor.take(BSEND_DATA, note="" if more or not head.data_unit_ref else "continuation")
+        cursor.take(BSEND_DATA, note="continuation" if follows else "")
 
 
 def take_usend(cursor: Cursor) -> None:

@@ -108,6 +108,14 @@ AREA_LETTERS: Final[dict[int, str]] = {
     0x87: "V",
 }
 
+#: Areas by the one letter people write, with the German ones (E and A for inputs and outputs, Z for counters).
+LETTER_AREAS: Final[dict[str, int]] = {
+    **{letters: area for area, letters in AREA_LETTERS.items() if len(letters) == 1},
+    "E": 0x81,
+    "A": 0x82,
+    "Z": 0x1c,
+}
+
 #: Areas whose address is a plain number of an object, not an octet address times 8.
 NUMBERED_AREAS: Final = frozenset((0x1c, 0x1d, 0x1e, 0x1f))
 

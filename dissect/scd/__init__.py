@@ -18,6 +18,7 @@ _PUBLIC: Final = {
     "Dictionary": ("dissect.scd.dictionary", "Dictionary"),
     "DictionaryError": ("dissect.scd.errors", "DictionaryError"),
     "Error": ("dissect.scd.errors", "Error"),
+    "Imported": ("dissect.scd.foreign", "Imported"),
     "Interval": ("dissect.scd.values", "Interval"),
     "MAC": ("dissect.scd.values", "MAC"),
     "Message": ("dissect.scd.messages", "Message"),
@@ -25,6 +26,7 @@ _PUBLIC: Final = {
     "compile": ("dissect.scd.loading", "compile_source"),
     "decode": ("dissect.scd.service", "decode"),
     "encode": ("dissect.scd.service", "encode"),
+    "import_file": ("dissect.scd.loading", "import_file"),
     "init": ("dissect.scd.service", "init"),
     "load": ("dissect.scd.loading", "load"),
 }
@@ -34,7 +36,9 @@ if TYPE_CHECKING:
     from dissect.scd.dictionary import Dictionary as Dictionary
     from dissect.scd.errors import DictionaryError as DictionaryError
     from dissect.scd.errors import Error as Error
+    from dissect.scd.foreign import Imported as Imported
     from dissect.scd.loading import compile_source as compile_source
+    from dissect.scd.loading import import_file as import_file
     from dissect.scd.loading import load as load
     from dissect.scd.messages import Message as Message
     from dissect.scd.service import decode as decode

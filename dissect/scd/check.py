@@ -12,7 +12,7 @@ from typing import Final, Protocol
 from dissect.scd import ranges
 from dissect.scd.assembly import assemble_types
 from dissect.scd.envelope_rules import check_envelope
-from dissect.scd.errors import DictionaryError, Error
+from dissect.scd.errors import DictionaryError, Error, shown
 from dissect.scd.model import ARRAY, CLASSES, DOMAIN, NULL, RECORD, VAR
 from dissect.scd.plain import from_plain
 from dissect.scd.records import Body, FieldRecord, ObjectRecord, Plain, Traits, TypeRecord
@@ -57,7 +57,7 @@ def check_body(body: Body) -> None:
 
 
 def _where(what: str, index: int, name: str) -> str:
-    return f"{what} 0x{index:04x} {name!r}" if 0 <= index <= 0xFFFF else f"{what} {index} {name!r}"
+    return f"{what} 0x{index:04x} {shown(name)}" if 0 <= index <= 0xFFFF else f"{what} {index} {shown(name)}"
 
 
 def _ascend(rows: Iterable[_Entry], what: str) -> None:
@@ -121,7 +121,7 @@ def _check_fields(fields: Sequence[FieldRecord], simple: dict[int, SimpleType], 
     names: set[str] = set()
     total = 0
     for number, field in enumerate(fields, 1):
-        where = f"{owner}, field {number} {field.name!r}"
+        where = f"{owner}, field {number} {shown(field.name)}"
         total += _check_field(field, simple, where, index)
         if field.type:
             trouble = _name_trouble(field.name)
@@ -140,10 +140,10 @@ def _check_field(field: FieldRecord, simple: dict[int, SimpleType], where: str, 
     """Check one field and return its bits."""
     if not field.type:
         trouble = width_trouble(Kind.RESERVED, field.bits)
-        if field.fixed is not None and not 0 <= field.fixed < 1 << min(field.bits, 64):
+        if not trouble and field.fixed is not None and not 0 <= field.fixed < 1 << min(field.bits, 64):
             trouble = f"{field.fixed} does not fit {min(field.bits, 64)} bits"
-        if field.default is not None or field.traits is not None or field.mappable is not None or field.access:
-            trouble = "reserved bits have no value"
+        if field.name or field.access or (field.default, field.mappable, field.traits) != (None, None, None):
+            trouble = "reserved bits have neither name nor value"
         if trouble:
             raise DictionaryError(where, trouble, rule="R31", index=index)
         return field.bits
@@ -198,6 +198,8 @@ def _check_traits(traits: Traits | None, kind: SimpleType, where: str, index: in
     trouble = ""
     if not (math.isfinite(traits.scale) and math.isfinite(traits.shift) and traits.scale):
         trouble = "scale and shift are finite, and scale is not 0"
+    elif not traits.shift and math.copysign(1, traits.shift) < 0:
+        trouble = "a shift of 0 has no sign"
     elif any(isinstance(limit, float) and not math.isfinite(limit) for limit in limits):
         trouble = "limits are finite"
     elif traits.low is not None and traits.high is not None and traits.low > traits.high:
@@ -229,6 +231,8 @@ class _Objects:
         section = ranges.section_of(row.index)
         if section.holds != "object":
             raise self.fail(f"0x{section.first:04x} to 0x{section.last:04x} ({section.name}) holds no objects", "R77")
+        if row.values and row.values[-1] is None:
+            raise self.fail("default values end with one that says nothing", "C36")
         if row.object_class == NULL:
             plain = ObjectRecord(row.index, NULL, row.name, 0, 0, "", row.mandatory, False)
             if row != plain:
@@ -297,7 +301,7 @@ class _Objects:
         if len(row.values) > len(fields):
             raise self.fail(f"{len(row.values)} default values for {len(fields)} fields", "R70")
         for field, value in zip(fields, row.values, strict=False):
-            where = f"{self.where}, field {field.name!r}"
+            where = f"{self.where}, field {shown(field.name)}"
             if field.type:
                 kind = self.simple[field.type]
                 _check_default(value, kind, kind.bits or field.bits, where, row.index)

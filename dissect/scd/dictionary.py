@@ -19,7 +19,7 @@ from dissect.scd.binary import build_file, wire_id
 from dissect.scd.check import check_body
 from dissect.scd.errors import E_INDEX, E_MAP, E_PDO_NUMBER, E_TYPE, ERROR_TEXTS, DictionaryError, Error
 from dissect.scd.mapping import entries_of, place
-from dissect.scd.model import DEFTYPE, Object, Pdo, StructType, Variable
+from dissect.scd.model import DEFTYPE, NULL, Object, Pdo, StructType, Variable
 from dissect.scd.records import Body, EnvelopeRecord
 from dissect.scd.types import STANDARD_NAMES, UINT64, SimpleType
 
@@ -68,7 +68,7 @@ class Dictionary:
         first = ranges.PDO_BASES[direction, "map"]
         pdos = {}
         for index, obj in self.objects.items():
-            if first <= index < first + ranges.MAX_PDO:
+            if first <= index < first + ranges.MAX_PDO and obj.object_class != NULL:
                 used = obj[0].default
                 count = used if isinstance(used, int) else 0
                 try:
@@ -85,7 +85,7 @@ class Dictionary:
         object, E_MAP for a wrong entry.
         """
         obj = self.objects.get(index)
-        if obj is None or not ranges.is_mapping(index):
+        if obj is None or obj.object_class == NULL or not ranges.is_mapping(index):
             raise Error(E_INDEX, f"0x{index:04x}", "no mapping object of a PDO")
         direction, _, number = ranges.pdo_of_index(index)
         where = f"0x{index:04x} {obj.name!r}"
@@ -157,7 +157,8 @@ class Dictionary:
             return self[key[0]][key[1]]
         address = None if key in self.names else _ADDRESS.fullmatch(key)
         if address is not None:
-            return self[int(address[1], 16)][int(address[2], 0) if address[2] else 0]
+            sub = address[2] or "0"
+            return self[int(address[1], 16)][int(sub, 16 if "x" in sub.lower() else 10)]
         found = self._named(key)
         return found if isinstance(found, Variable) else found[0]
 
@@ -180,6 +181,10 @@ class Dictionary:
                 if pdo.name == key:
                     return pdo
         raise Error(E_PDO_NUMBER, key, f"the dictionary has no PDO {key!r}")
+
+    def error_text(self, number: int) -> str:
+        """Return what an ``scd_err_t`` means (R52): the dictionary's text, else what its sign says."""
+        return self.errors.get(number) or ("status of the application" if number > 0 else "unknown error")
 
     @cached_property
     def octets(self) -> bytes:
@@ -209,8 +214,8 @@ def _whole(value: object) -> int:
 
 
 def _communication(comm: Object | None) -> tuple[int, int]:
-    """Return node and mapping version of a communication parameter (C49)."""
-    if comm is None:
+    """Return node and mapping version of a communication parameter (C49); CANopen's first field is a COB-ID of 32 bits."""
+    if comm is None or not comm.fields or comm.fields[0].bits != 8:
         return 0, 0
     node, version = ([_whole(field.default) for field in comm.fields] + [0, 0])[:2]
     return node, version

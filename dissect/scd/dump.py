@@ -46,7 +46,7 @@ def dump_tables(od: Dictionary) -> dict[str, Any]:
 
 def dump_json(od: Dictionary) -> str:
     """Return the dictionary as JSON; what JSON cannot say (NaN) is a text."""
-    return json.dumps(dump_tables(od), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+    return _shown(json.dumps(dump_tables(od), ensure_ascii=False, indent=1, allow_nan=False), toml=False) + "\n"
 
 
 def dump_toml(od: Dictionary) -> str:
@@ -86,10 +86,17 @@ def _object(row: ObjectRecord, od: Dictionary) -> dict[str, Any]:
         if row.used != row.count:
             table["used"] = row.used
         if row.values:
-            table["values"] = [_value(value, kind) for value in row.values]
+            table["values"] = _elements(row.values, kind)
     elif row.values:
         table["default"] = _value(row.values[0], kind)
     return {**table, **_traits(row.traits)}
+
+
+def _elements(values: list[Plain], kind: SimpleType) -> Any:
+    """Return the defaults of an array's elements: a list, or a table by sub-index where some have none."""
+    if None not in values:
+        return [_value(value, kind) for value in values]
+    return {str(sub): _value(value, kind) for sub, value in enumerate(values, 1) if value is not None}
 
 
 def _record(row: ObjectRecord, od: Dictionary) -> dict[str, Any]:
@@ -175,10 +182,23 @@ def _toml(value: Any, key: str = "") -> str:
     if isinstance(value, float):
         return repr(value)
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        return _shown(json.dumps(value, ensure_ascii=False), toml=True)
     if isinstance(value, list):
         parts = [_toml(item) for item in value]
         if value and isinstance(value[0], dict):
             return "[\n" + "".join(f"  {part},\n" for part in parts) + "]"
         return f"[{', '.join(parts)}]"
     return "{" + ", ".join(f"{_key(name)} = {_toml(item, name)}" for name, item in value.items()) + "}"
+
+
+def _shown(text: str, *, toml: bool) -> str:
+    """Return JSON or TOML with what does not print escaped, so that no text in a dictionary can steer a terminal."""
+    if text.replace("\n", "").isprintable():
+        return text
+    return "".join([char if char.isprintable() or char == "\n" else _escape(ord(char), toml) for char in text])
+
+
+def _escape(code: int, toml: bool) -> str:
+    if code < 0x10000:
+        return f"\\u{code:04x}"
+    return f"\\U{code:08x}" if toml else json.dumps(chr(code)).strip('"')

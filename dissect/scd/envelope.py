@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from binascii import crc_hqx
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import cached_property, partial
 from typing import Final, NamedTuple
 
-from dissect.scd.errors import E_CRC, E_DICTIONARY, E_LENGTH, E_PROTOCOL, E_RANGE, E_SHORT, E_VALUE, Error
+from dissect.scd.errors import E_CRC, E_DICTIONARY, E_LENGTH, E_PROTOCOL, E_RANGE, E_SHORT, E_VALUE, Error, shown
 from dissect.scd.packing import Octets
 from dissect.scd.records import CrcRecord, EnvelopeField, EnvelopeRecord
 from dissect.scd.types import MAX_OCTETS
@@ -19,7 +19,8 @@ from dissect.scd.types import MAX_OCTETS
 #: The first octet of the default envelope: neither TPKT (03), S7 (32, 72) nor text begins with it.
 PROTOCOL: Final = 0xDC
 
-#: Envelope "1". The kind octet is POWERLINK's: command in the low six bits, 40h abort, 80h response.
+#: Envelope "1", that of a dictionary which describes none: 10 octets, data, CRC-16/XMODEM. The kind octet is POWERLINK's:
+#: command in the low six bits, 40h abort, 80h response.
 DEFAULT: Final = EnvelopeRecord(
     fields=[
         EnvelopeField("protocol", 8, value=PROTOCOL),
@@ -77,7 +78,7 @@ class _Place(NamedTuple):
         bits, signed = self.field.bits, self.field.signed
         low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
         if not low <= number <= high:
-            raise Error(E_RANGE, f"envelope field {self.field.role}", f"{number} is outside {low}..{high}")
+            raise Error(E_RANGE, f"envelope field {self.field.role}", f"{shown(number)} is outside {low}..{high}")
         number &= (1 << bits) - 1
         if self.field.big:
             number = int.from_bytes(number.to_bytes(bits // 8, "big"), "little")
@@ -104,8 +105,20 @@ class Envelope:
         if len(crcs) > 1 or (crcs and crcs[0].bits != 16):
             raise Error(E_DICTIONARY, "envelope", "there is one crc, of 16 bits")
         self._crc_size = 2 * len(crcs)
-        self._crc = _crc_function(record.crc) if crcs and record.crc else None
+        self._crc = crc_function(record.crc) if crcs and record.crc else None
         self._covers_data = record.crc is not None and record.crc.covers == "data"
+
+    @cached_property
+    def opening(self) -> bytes:
+        """The octets that every message begins with; empty when its first octet is not the same in each one."""
+        bits = known = 0
+        for place in self._head:
+            if place.field.value is None or place.field.role == "reserved" or place.offset != known:
+                break
+            bits |= place.write(place.field.value)
+            known += place.field.bits
+        whole = known // 8
+        return (bits & ((1 << 8 * whole) - 1)).to_bytes(whole, "little")
 
     @property
     def framed(self) -> bool:
@@ -274,7 +287,7 @@ def _hqx(record: CrcRecord, octets: bytes) -> int:
     return crc_hqx(octets, record.init) ^ record.xorout
 
 
-def _crc_function(record: CrcRecord) -> Callable[[bytes], int]:
+def crc_function(record: CrcRecord) -> Callable[[bytes], int]:
     """Return what computes the checksum: the standard library where it can, else anycrc (extra "scd")."""
     if record.poly == 0x1021 and not record.refin and not record.refout:
         return partial(_hqx, record)

@@ -10,27 +10,6 @@ from dissect.scd.records import CrcRecord, EnvelopeField, EnvelopeRecord
 
 MAX_FIELDS: Final = 64
 
-#: The envelope of a dictionary that describes none: 10 octets, data, CRC-16/XMODEM (profile, envelope "1"). The kind octet is
-#: POWERLINK's: command in the low six bits, 40h abort, 80h response; DCh is neither TPKT (03), S7 (32, 72) nor text.
-DEFAULT_ENVELOPE: Final = EnvelopeRecord(
-    fields=[
-        EnvelopeField("protocol", 8, value=0xDC),
-        EnvelopeField("kind", 6),
-        EnvelopeField("abort", 1),
-        EnvelopeField("response", 1),
-        EnvelopeField("tid", 8),
-        EnvelopeField("err", 8, signed=True),
-        EnvelopeField("index", 16),
-        EnvelopeField("sub", 8),
-        EnvelopeField("port", 8),
-        EnvelopeField("size", 16, counts="data"),
-        EnvelopeField("data"),
-        EnvelopeField("crc", 16),
-    ],
-    kinds=[(0x01, "write"), (0x02, "read"), (0x10, "pdo")],
-    crc=CrcRecord(),
-)
-
 
 def check_envelope(record: EnvelopeRecord) -> None:
     """Raise `DictionaryError` for an envelope that cannot be taken apart in one way."""

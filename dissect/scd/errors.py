@@ -79,6 +79,23 @@ ERROR_TEXTS: Final = MappingProxyType(
 )
 
 
+#: The longest piece of somebody's data that an error shows.
+_MOST_SHOWN: Final = 100
+
+
+def shown(value: object) -> str:
+    """Return ``value`` for a sentence: its ``repr``, cut where it is long, in words where it has none."""
+    if isinstance(value, int) and value.bit_length() > 8 * _MOST_SHOWN:
+        return f"a number of {value.bit_length()} bits"
+    if isinstance(value, (str, bytes, bytearray)) and len(value) > _MOST_SHOWN:
+        return f"{value[:_MOST_SHOWN]!r}... ({len(value)} in all)"
+    try:
+        text = repr(value)
+    except (RecursionError, ValueError):
+        return f"a {type(value).__name__} that cannot be shown"
+    return text if len(text) <= 2 * _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
+
+
 class Error(Exception):
     """What this library could not do: ``code`` (one of `CODES`), ``where`` (object, field, offset), ``detail``."""
 

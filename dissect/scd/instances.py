@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from dissect.scd import ranges
-from dissect.scd.errors import Error
+from dissect.scd.errors import Error, shown
 from dissect.scd.reading import Table
 
 _DEVICE_OBJECT: Final = re.compile(r"0[xX]6([0-7][0-9a-fA-F]{2})(?=[:.]|$)")
@@ -29,23 +29,27 @@ def expand(lists: Mapping[str, list[Table]]) -> dict[str, list[Table]]:
                 template[kind].append(table)
             else:
                 rows.append(table)
-    used = set()
+    used: set[str] = set()
+    placed: set[tuple[str, int]] = set()
     for order in lists["instance"]:
         name = order.text("of")
         devices = order.items("devices")
         order.done()
         if name not in templates:
-            raise order.fail("of", f"no type, object or pdo has device = {name!r}", "R93")
+            raise order.fail("of", f"no type, object or pdo has device = {shown(name)}", "R93")
         used.add(name)
         for device in devices:
             if not isinstance(device, int) or isinstance(device, bool) or not 0 <= device < ranges.DEVICES:
-                raise order.fail("devices", f"{device!r} is no device 0 to 7", "R93")
+                raise order.fail("devices", f"{shown(device)} is no device 0 to 7", "R93")
+            if (name, device) in placed:
+                raise order.fail("devices", f"{shown(name)} is device {device} already", "R93")
+            placed.add((name, device))
             for kind, tables in templates[name].items():
                 kept[kind].extend(_shifted(kind, table, device) for table in tables)
     for name, template in templates.items():
         if name not in used:
             first = next(table for tables in template.values() for table in tables)
-            raise first.fail("device", f"no [[instance]] is of {name!r}", "R93")
+            raise first.fail("device", f"no [[instance]] is of {shown(name)}", "R93")
     return kept
 
 

@@ -1,20 +1,33 @@
-"""From a file to a checked dictionary (R13, R17): compiled, or a TOML or JSON source."""
+"""From a file to a checked dictionary (R13, R17): compiled, a TOML or JSON source, or a device description."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
 from dissect.scd.binary import MAX_FILE, is_compiled, parse_file
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.errors import DictionaryError
 from dissect.scd.source import parse_json, parse_toml
+from dissect.scd.toml_tables import source_text
+
+if TYPE_CHECKING:
+    from dissect.scd.foreign import Imported
+
+#: Suffixes of device descriptions: INI files of CANopen, XML files of POWERLINK and CANopen.
+INI_SUFFIXES: Final = (".eds", ".dcf")
+XML_SUFFIXES: Final = (".xdd", ".xdc")
+#: A parsed XML file takes many times its size.
+MAX_DESCRIPTION: Final = 16 << 20
 
 
 def load(path: str | Path) -> Dictionary:
-    """Return the dictionary of a file, compiled or source; nothing is kept of one that is wrong.
+    """Return the dictionary of a file, compiled, source or device description; nothing is kept of one that is wrong.
 
     Raises `DictionaryError` with the place, OSError where there is no reading the file.
     """
+    if is_description(path):
+        return import_file(path).dictionary
     octets = _read(Path(path))
     if is_compiled(octets) or Path(path).suffix not in (".toml", ".json"):
         return load_octets(octets, str(path))
@@ -32,11 +45,40 @@ def load_octets(octets: bytes, path: str = "") -> Dictionary:
 
 
 def compile_source(path: str | Path) -> Dictionary:
-    """Return the dictionary of a source: TOML, or JSON by its suffix; `Dictionary.save` writes it compiled.
+    """Return the dictionary of a source: TOML, or by its suffix JSON, EDS, DCF, XDD, XDC; `Dictionary.save` writes it.
+
+    What a device description says and a dictionary cannot hold is dropped; `import_file` tells it.
 
     Raises `DictionaryError` with file, line and rule, OSError where there is no reading the file.
     """
+    if is_description(path):
+        return import_file(path).dictionary
     return _from_source(_read(Path(path)), str(path))
+
+
+def is_description(path: str | Path) -> bool:
+    """Whether the suffix is that of an EDS, DCF, XDD or XDC file."""
+    return Path(path).suffix.lower() in INI_SUFFIXES + XML_SUFFIXES
+
+
+def import_file(path: str | Path, encoding: str = "") -> Imported:
+    """Return the dictionary of a device description (EDS, DCF, XDD, XDC by its suffix), and notes of what it does not keep.
+
+    ``encoding`` is that of an EDS or DCF; without one it is UTF-8 or else Latin-1, which a note tells; XML says its own.
+    Raises `DictionaryError` with the place, also where the package that reads the format is missing, OSError.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in INI_SUFFIXES + XML_SUFFIXES:
+        suffixes = ", ".join(INI_SUFFIXES + XML_SUFFIXES)
+        raise DictionaryError("file", f"{suffix or 'no suffix'!r} is none of {suffixes}", path=str(path))
+    octets = _read(Path(path), MAX_DESCRIPTION)
+    if suffix in INI_SUFFIXES:
+        from dissect.scd.eds import import_eds
+
+        return import_eds(octets, str(path), encoding)
+    from dissect.scd.xdd import import_xdd
+
+    return import_xdd(octets, str(path))
 
 
 def compile_text(text: str, path: str = "") -> Dictionary:
@@ -45,20 +87,16 @@ def compile_text(text: str, path: str = "") -> Dictionary:
 
 
 def _from_source(octets: bytes, path: str) -> Dictionary:
-    try:
-        text = octets.decode()
-    except UnicodeDecodeError as error:
-        line = octets.count(b"\n", 0, error.start) + 1
-        raise DictionaryError(f"octet {error.start}", f"no UTF-8: {error.reason}", path=path, line=line) from None
+    text = source_text(octets, path)
     return parse_json(text, path) if path.endswith(".json") else parse_toml(text, path)
 
 
-def _read(path: Path) -> bytes:
+def _read(path: Path, most: int = MAX_FILE) -> bytes:
     size = path.stat().st_size
-    if size > MAX_FILE:
-        raise DictionaryError("file", f"{size} octets, a dictionary has at most {MAX_FILE}", path=str(path))
+    if size > most:
+        raise DictionaryError("file", f"{size} octets, a dictionary has at most {most}", path=str(path))
     with path.open("rb") as stream:
-        octets = stream.read(MAX_FILE + 1)
-    if len(octets) > MAX_FILE:
-        raise DictionaryError("file", f"more than {MAX_FILE} octets", path=str(path))
+        octets = stream.read(most + 1)
+    if len(octets) > most:
+        raise DictionaryError("file", f"more than {most} octets", path=str(path))
     return octets

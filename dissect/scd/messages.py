@@ -25,7 +25,7 @@ class Message(msgspec.Struct):
 
     ``service`` and ``phase`` are empty where the kind is not known. ``pdo`` is "T1" or "R65". ``data`` are the octets between
     header and tail, ``numbers`` every field of the envelope by its role, ``size`` the octets of the whole message (0: it
-    could not be cut out). ``error`` says what is wrong with a received message; then ``values`` is empty.
+    could not be cut out). ``content`` names the struct, object or variable where the octets are a bare one. ``error`` says what is wrong with a received message; then ``values`` is empty.
     """
 
     service: Service = ""
@@ -45,6 +45,7 @@ class Message(msgspec.Struct):
     size: int = 0
     error: Error | None = None
     numbers: dict[str, int] = {}
+    content: str = ""
 
 
 def parse_message(codec: Codec, octets: Octets, at: int = 0) -> Message:

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from dissect.scd.errors import E_SUB, Error
+from dissect.scd.errors import E_SUB, Error, shown
 from dissect.scd.packing import decode_value, encode_value
 from dissect.scd.ranges import device_of_pdo
 from dissect.scd.records import Access, Traits
@@ -177,7 +177,8 @@ class Object(msgspec.Struct, frozen=True, eq=False):
             if not found.reserved:
                 return found
             raise Error(E_SUB, f"0x{self.index:04x}:{sub}", f"sub-index {sub} of {self.name!r} is reserved")
-        raise Error(E_SUB, f"0x{self.index:04x}:{key}", f"{self.name!r} has no sub-index {key!r}")
+        where = f"0x{self.index:04x}:{key if isinstance(key, str) else shown(key)}"
+        raise Error(E_SUB, where, f"{self.name!r} has no sub-index {shown(key)}")
 
     def __contains__(self, key: object) -> bool:
         if not isinstance(key, (int, str)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from ipaddress import IPv4Address
 
-from dissect.scd.errors import E_UTF8, E_VALUE, Error
+from dissect.scd.errors import E_UTF8, E_VALUE, Error, shown
 from dissect.scd.records import Plain
 from dissect.scd.types import Kind, SimpleType, Value
 
@@ -37,5 +37,5 @@ def from_plain(plain: Plain, kind: SimpleType, bits: int, where: str = "") -> Va
     kept = as_plain(found)
     same = kept == plain or (isinstance(plain, float) and math.isnan(plain) and math.copysign(1, plain) > 0)
     if not same or type(kept) is not type(plain):
-        raise Error(E_VALUE, where, f"{plain!r} is not the form in which a {kind.name} is kept")
+        raise Error(E_VALUE, where, f"{shown(plain)} is not the form in which a {kind.name} is kept")
     return found

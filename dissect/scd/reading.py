@@ -6,17 +6,30 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
-from dissect.scd.errors import DictionaryError, Error
+from dissect.scd.bounds import HIGHEST, LOWEST
+from dissect.scd.errors import DictionaryError, Error, shown
 from dissect.scd.plain import as_plain
+from dissect.scd.ranges import MAX_SUB
 from dissect.scd.records import Access, Counts, CrcRecord, EnvelopeField, EnvelopeRecord, FieldRecord, Plain, Traits
 from dissect.scd.types import STANDARD, STANDARD_NAMES, Kind, SimpleType
 
 _MISSING: Final = object()
+#: A longer key is cut in errors.
+_LONGEST_KEY: Final = 100
 _ROLE_NAMES: Final = (
     "protocol", "kind", "response", "abort", "tid", "seq", "err", "index", "sub", "pdo", "port", "src", "dst", "size", "data",
     "crc", "reserved", "const",
 )  # fmt: skip
 _ONE_BIT: Final = ("response", "abort")
+
+
+def whole_number(text: str) -> int | None:
+    """Return the whole number that ``text`` writes as TOML does ("0x6000", "-5"), None where it is none of 64 bits."""
+    try:
+        number = int(text, 0)
+    except ValueError:  # also of digits too many for Python
+        return None
+    return number if LOWEST <= number <= HIGHEST else None
 
 
 class Table:
@@ -26,13 +39,14 @@ class Table:
         self.where = where
         self.line = line
         if not isinstance(content, Mapping):
-            raise DictionaryError(where, f"{content!r} is no table", line=line)
+            raise DictionaryError(where, f"{shown(content)} is no table", line=line)
         self.content: Mapping[str, Any] = content
         self._asked: set[str] = set()
 
     def fail(self, key: str, detail: str, rule: str = "") -> DictionaryError:
         """Return the error of a key."""
-        return DictionaryError(f"{self.where}, {key}", detail, rule=rule, line=self.line)
+        name = key if key.isprintable() and len(key) <= _LONGEST_KEY else shown(key)
+        return DictionaryError(f"{self.where}, {name}", detail, rule=rule, line=self.line)
 
     def has(self, key: str) -> bool:
         """Whether the key is there."""
@@ -62,56 +76,52 @@ class Table:
             try:
                 found.encode()
             except UnicodeEncodeError:
-                raise self.fail(key, f"{found!r} has no UTF-8 form", "R42") from None
+                raise self.fail(key, f"{shown(found)} has no UTF-8 form", "R42") from None
             return found
-        raise self.fail(key, f"{found!r} is no text")
+        raise self.fail(key, f"{shown(found)} is no text")
 
     def number(self, key: str, default: object = _MISSING) -> int:
         """Return a whole number of at most 64 bits; JSON may write it as a text such as "0x6000"."""
         found = self._get(key, default)
-        if isinstance(found, str):
-            try:
-                found = int(found, 0)
-            except ValueError:
-                raise self.fail(key, f"{found!r} is no whole number") from None
-        if isinstance(found, int) and not isinstance(found, bool) and -(1 << 63) <= found < 1 << 60:
-            return found
-        raise self.fail(key, f"{found!r} is no whole number")
+        number = whole_number(found) if isinstance(found, str) else found
+        if isinstance(number, int) and not isinstance(number, bool) and LOWEST <= number <= HIGHEST:
+            return number
+        raise self.fail(key, f"{shown(found)} is no whole number of at most 64 bits")
 
     def name_or_number(self, key: str) -> str | int:
         """Return a name, or an index written as a number."""
         found = self._get(key, _MISSING)
         if isinstance(found, str) or (isinstance(found, int) and not isinstance(found, bool)):
             return found
-        raise self.fail(key, f"{found!r} is neither a name nor an index")
+        raise self.fail(key, f"{shown(found)} is neither a name nor an index")
 
     def flag(self, key: str, default: bool) -> bool:
         """Return true or false."""
         found = self._get(key, default)
         if isinstance(found, bool):
             return found
-        raise self.fail(key, f"{found!r} is neither true nor false")
+        raise self.fail(key, f"{shown(found)} is neither true nor false")
 
     def choice(self, key: str, choices: Sequence[str], default: object = _MISSING) -> Any:
         """Return one of the texts of ``choices``."""
         found = self._get(key, default)
         if isinstance(found, str) and found in choices:
             return found
-        raise self.fail(key, f"{found!r} is none of {', '.join(choices)}")
+        raise self.fail(key, f"{shown(found)} is none of {', '.join(choices)}")
 
     def items(self, key: str) -> list[Any]:
         """Return an array, empty where the key is missing."""
         found = self._get(key, [])
         if isinstance(found, list):
             return found
-        raise self.fail(key, f"{found!r} is no array")
+        raise self.fail(key, f"{shown(found)} is no array")
 
     def real(self, key: str) -> float | int | None:
         """Return a finite number, None where the key is missing."""
         found = self._get(key, None)
         if found is None or (isinstance(found, (int, float)) and not isinstance(found, bool) and math.isfinite(found)):
             return found
-        raise self.fail(key, f"{found!r} is no finite number")
+        raise self.fail(key, f"{shown(found)} is no finite number")
 
     def value(self, key: str, kind: SimpleType, bits: int) -> Plain:
         """Return a default value of a type as it is kept, None where the key is missing."""
@@ -119,8 +129,20 @@ class Table:
         return None if found is None else self._plain(key, found, kind, bits)
 
     def values(self, key: str, kind: SimpleType, bits: int) -> list[Plain]:
-        """Return the default values of an array's elements."""
+        """Return the default values of an array's elements: all from the first on, or some in a table by sub-index."""
+        found = self._get(key, [])
+        if isinstance(found, Mapping):
+            return self._values_by_sub(key, found, kind, bits)
         return [self._plain(f"{key} {number}", item, kind, bits) for number, item in enumerate(self.items(key), 1)]
+
+    def _values_by_sub(self, key: str, found: Mapping[str, Any], kind: SimpleType, bits: int) -> list[Plain]:
+        values: dict[int, Plain] = {}
+        for written, item in found.items():
+            sub = whole_number(written)
+            if sub is None or not 1 <= sub <= MAX_SUB or sub in values:
+                raise self.fail(key, f"{shown(written)} is no sub-index 1 to {MAX_SUB}, or is there twice", "R62")
+            values[sub] = self._plain(f"{key} {sub}", item, kind, bits)
+        return [values.get(sub) for sub in range(1, max(values, default=0) + 1)]
 
     def field_values(self, key: str, fields: Sequence[FieldRecord], kinds: Sequence[SimpleType]) -> list[Plain]:
         """Return the default values of a record's fields, given by their names."""
@@ -131,7 +153,7 @@ class Table:
         values: list[Plain] = [None] * len(fields)
         for name, value in found.items():
             if name not in numbers:
-                raise self.fail(key, f"no field {name!r}", "R70")
+                raise self.fail(key, f"no field {shown(name)}", "R70")
             number = numbers[name]
             kind = kinds[number]
             values[number] = self._plain(f"{key} {name}", value, kind, kind.bits or fields[number].bits)
@@ -142,7 +164,7 @@ class Table:
             try:
                 found = bytes.fromhex(found)
             except ValueError:
-                raise self.fail(key, f"{found!r} is no hexadecimal text", "R53") from None
+                raise self.fail(key, f"{shown(found)} is no hexadecimal text", "R53") from None
         if kind.kind is Kind.REAL and found == "nan":
             found = math.nan
         try:
@@ -159,10 +181,10 @@ def traits_of(table: Table) -> Traits | None:
     texts: list[tuple[int, str]] = []
     found = Table(table.content.get("texts", {}), f"{table.where}, texts", table.line)
     for key in found.content:
-        try:
-            texts.append((int(key, 0), found.text(key)))
-        except ValueError:
-            raise found.fail(key, "texts are given by whole numbers", "C36") from None
+        number = whole_number(key)
+        if number is None:
+            raise found.fail(key, "texts are given by whole numbers", "C36")
+        texts.append((number, found.text(key)))
     table.mark("texts")
     scale = table.real("scale")
     traits = Traits(
@@ -228,7 +250,7 @@ def _envelope_field(item: object, number: int, line: int) -> EnvelopeField:
         written = row.text("type")
         kind = STANDARD[STANDARD_NAMES[written]] if written in STANDARD_NAMES else None
         if kind is None or kind.kind not in (Kind.BOOL, Kind.INT, Kind.UINT):
-            raise row.fail("type", f"{written!r} is no whole number of the text's types", "profile 3.3")
+            raise row.fail("type", f"{shown(written)} is no whole number of the text's types", "profile 3.3")
         bits, signed = kind.bits, kind.kind is Kind.INT
     if row.has("bits"):
         if row.has("type"):
@@ -248,8 +270,8 @@ def errors_of(content: object, line: int) -> list[tuple[int, str]]:
     table = Table(content, "errors", line)
     texts = []
     for key in table.content:
-        try:
-            texts.append((int(key, 0), table.text(key)))
-        except ValueError:
-            raise table.fail(key, "texts are given by whole numbers", "R52") from None
+        number = whole_number(key)
+        if number is None:
+            raise table.fail(key, "texts are given by whole numbers", "R52")
+        texts.append((number, table.text(key)))
     return sorted(texts)

@@ -7,43 +7,38 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Mapping
 from typing import Any, Final, TypeVar
 
 import msgspec
 
 from dissect.scd import ranges
+from dissect.scd.bounds import check_bounds
 from dissect.scd.dictionary import Dictionary
-from dissect.scd.errors import DictionaryError, Error
+from dissect.scd.errors import DictionaryError, Error, shown
 from dissect.scd.instances import expand
 from dissect.scd.mapping import Entry, pack_entry
 from dissect.scd.model import ARRAY, DOMAIN, NULL, RECORD
 from dissect.scd.reading import Table, envelope_of, errors_of, fields_of, traits_of
 from dissect.scd.records import Body, FieldRecord, ObjectClass, ObjectRecord, Plain, StructRecord, TypeRecord
-from dissect.scd.types import STANDARD, STANDARD_NAMES, Kind, SimpleType, reserved
+from dissect.scd.toml_tables import header_lines, parse_tables
+from dissect.scd.types import STANDARD, STANDARD_NAMES, Kind, SimpleType, reserved, width_trouble
 
 _LISTS: Final = ("type", "object", "pdo", "instance")
 _TABLES: Final = ("dictionary", "envelope", "errors")
 _CLASSES: Final[dict[str, ObjectClass]] = {"NULL": 0, "DOMAIN": 2, "VAR": 7, "ARRAY": 8, "RECORD": 9}
 _KINDS: Final = {kind.name.lower(): kind for kind in Kind if kind is not Kind.RESERVED}
-_AT_LINE: Final = re.compile(r" \(at line (\d+), column \d+\)$")
 Row = TypeVar("Row", TypeRecord, StructRecord, ObjectRecord)
+#: Of a sub-index, zeros in front allowed.
+_MOST_DIGITS: Final = 9
 _UINT32_MAP: Final = 7
 _UINT64_MAP: Final = 27
 
 
 def parse_toml(text: str, path: str = "") -> Dictionary:
     """Return the dictionary of a TOML source; raises `DictionaryError` with ``path``, line, table and rule."""
-    try:
-        tables = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        match = _AT_LINE.search(str(error))
-        line = int(match[1]) if match else text.count("\n") + 1
-        raise DictionaryError("TOML", _AT_LINE.sub("", str(error)), path=path, line=line) from None
-    except RecursionError:
-        raise DictionaryError("TOML", "arrays in arrays without end", path=path) from None
-    return _build(tables, path, _header_lines(text, tables))
+    tables = parse_tables(text, path)
+    return _build(tables, path, header_lines(text, tables, _LISTS, _TABLES))
 
 
 def parse_json(text: str, path: str = "") -> Dictionary:
@@ -64,22 +59,6 @@ def _no_key_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(found) != len(pairs):
         raise ValueError("a key is there twice in one object")
     return found
-
-
-def _header_lines(text: str, tables: Mapping[str, Any]) -> dict[tuple[str, int], int]:
-    """Return the line of each [[table]] by (name, position); none for a name whose headers cannot be counted surely."""
-    lines: dict[tuple[str, int], int] = {}
-    for name in _LISTS:
-        pattern = re.compile(rf"^[ \t]*\[\[[ \t]*{name}[ \t]*\]\]", re.MULTILINE)
-        found = [text.count("\n", 0, match.start()) + 1 for match in pattern.finditer(text)]
-        rows = tables.get(name)
-        if isinstance(rows, list) and len(rows) == len(found):
-            lines.update({(name, number): line for number, line in enumerate(found)})
-    for name in _TABLES:
-        match = re.search(rf"^[ \t]*\[[ \t]*{name}[ \t]*\]", text, re.MULTILINE)
-        if match is not None:
-            lines[name, 0] = text.count("\n", 0, match.start()) + 1
-    return lines
 
 
 def _build(tables: Mapping[str, Any], path: str, lines: Mapping[tuple[str, int], int]) -> Dictionary:
@@ -116,6 +95,11 @@ class _Reader:
     def body(self) -> Body:
         """Return the records, in their order."""
         self._top_level()
+        for name in _TABLES:
+            check_bounds(self._tables.get(name), f"[{name}]", self._lines.get((name, 0), 0))
+        for name in _LISTS:
+            for number, row in enumerate(self._tables.get(name, ())):
+                check_bounds(row, f"[[{name}]] {number + 1}", self._lines.get((name, number), 0))
         head = Table(self._tables.get("dictionary", {}), "[dictionary]", self._lines.get(("dictionary", 0), 0))
         name, version = head.text("name"), head.text("version", "")
         scale = head.choice("time_scale", ("utc", "tai"), "utc")
@@ -167,7 +151,7 @@ class _Reader:
 
     def _add(self, table: Table, row: ObjectRecord) -> None:
         if row.name in self._names:
-            raise table.fail("name", f"{row.name!r} is already 0x{self._names[row.name].index:04x}", "R71")
+            raise table.fail("name", f"{shown(row.name)} is already 0x{self._names[row.name].index:04x}", "R71")
         self._place(table, self._objects, row)
         self._names[row.name] = row
 
@@ -177,10 +161,13 @@ class _Reader:
         own = self._simple.get(written) if written in STANDARD_NAMES else None
         kind = own.kind if own is not None else _KINDS.get(written)
         if kind is None:
-            raise table.fail("base", f"{written!r} is no kind: {', '.join(_KINDS)}, or a type of the text", "R66")
+            raise table.fail("base", f"{shown(written)} is no kind: {', '.join(_KINDS)}, or a type of the text", "R66")
         bits = table.number("bits", -1) if not table.has("size") else 8 * table.number("size")
         if bits < 0:
             bits = own.bits if own is not None else _only_width(kind)
+        trouble = width_trouble(kind, bits)  # checked at once, as values of the type are checked while they are read
+        if trouble:
+            raise table.fail("size" if table.has("size") else "bits", trouble, "R34, R37")
         row = TypeRecord(index, name, int(kind), bits)
         self._simple.setdefault(name, SimpleType(index, name, kind, bits))
         self._by_index.setdefault(index, self._simple[name])
@@ -206,7 +193,7 @@ class _Reader:
         else:
             found = self._by_index.get(written)
         if found is None:
-            raise table.fail("type", f"no type {written!r}; [[type]] defines one", "R72")
+            raise table.fail("type", f"no type {shown(written)}; [[type]] defines one", "R72")
         return found
 
     def _object(self, table: Table) -> ObjectRecord:
@@ -319,10 +306,10 @@ class _Reader:
             whole, _, field = written.rpartition(".")
             obj = self._names.get(whole)
         if obj is None:
-            raise row.fail("var", f"no object {written!r}", "R103")
+            raise row.fail("var", f"no object {shown(written)}", "R103")
         sub, bits = self._sub(obj, field)
         if sub < 0:
-            raise row.fail("var", f"{obj.name!r} has no sub-index {field!r}", "R103")
+            raise row.fail("var", f"{shown(obj.name)} has no sub-index {shown(field)}", "R103")
         return obj.index, sub, bits
 
     def _sub(self, obj: ObjectRecord, field: str) -> tuple[int, int]:
@@ -332,7 +319,7 @@ class _Reader:
         for position, row in enumerate(fields, 1):
             if field in (str(position), row.name):
                 return position, self._kind_of(row).bits or row.bits
-        if isinstance(struct, SimpleType) and field.isdecimal():
+        if isinstance(struct, SimpleType) and field.isdecimal() and len(field) <= _MOST_DIGITS:
             last = obj.count if obj.object_class == ARRAY else 0
             first = 1 if obj.object_class == ARRAY else 0
             if first <= int(field) <= last:
@@ -352,6 +339,7 @@ def _ascending(rows: Mapping[int, Row]) -> list[Row]:
 
 def _trimmed(values: list[Plain]) -> list[Plain]:
     """Drop the missing values at the end: what says nothing is not written."""
-    while values and values[-1] is None:
-        values = values[:-1]
-    return values
+    size = len(values)
+    while size and values[size - 1] is None:
+        size -= 1
+    return values[:size]

@@ -15,7 +15,7 @@ from typing import Final
 
 import msgspec
 
-from dissect.scd.errors import E_LENGTH, E_RANGE, E_UTF8, E_VALUE, Error
+from dissect.scd.errors import E_LENGTH, E_RANGE, E_UTF8, E_VALUE, Error, shown
 from dissect.scd.values import MAC, Interval, NetTime
 
 #: A decoded value. Void and Reserved have none.
@@ -107,13 +107,13 @@ def width_trouble(kind: Kind, bits: int) -> str:
 def _bool(value: object, _bits: int, where: str) -> Value:
     if value is True or value is False:
         return value
-    raise Error(E_VALUE, where, f"{value!r} is neither true nor false")
+    raise Error(E_VALUE, where, f"{shown(value)} is neither true nor false")
 
 
 def _number(value: object, where: str) -> int:
     if isinstance(value, int) and not isinstance(value, bool):
         return int(value)
-    raise Error(E_RANGE, where, f"{value!r} is no whole number")
+    raise Error(E_RANGE, where, f"{shown(value)} is no whole number")
 
 
 def _int(value: object, bits: int, where: str) -> Value:
@@ -121,25 +121,25 @@ def _int(value: object, bits: int, where: str) -> Value:
     half = 1 << (bits - 1)
     if -half <= number < half:
         return number
-    raise Error(E_RANGE, where, f"{number} is outside {-half}..{half - 1}")
+    raise Error(E_RANGE, where, f"{shown(number)} is outside {-half}..{half - 1}")
 
 
 def _uint(value: object, bits: int, where: str) -> Value:
     number = _number(value, where)
     if 0 <= number < 1 << bits:
         return number
-    raise Error(E_RANGE, where, f"{number} is outside 0..{(1 << bits) - 1}")
+    raise Error(E_RANGE, where, f"{shown(number)} is outside 0..{(1 << bits) - 1}")
 
 
 def _real(value: object, bits: int, where: str) -> Value:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise Error(E_RANGE, where, f"{value!r} is no number")
+        raise Error(E_RANGE, where, f"{shown(value)} is no number")
     try:
         number = float(value)
         if bits == 32:
             _FLOAT.pack(number)
     except OverflowError:
-        raise Error(E_RANGE, where, f"{value!r} is too large for {bits} bits") from None
+        raise Error(E_RANGE, where, f"{shown(value)} is too large for {bits} bits") from None
     if math.isinf(number):
         raise Error(E_RANGE, where, "infinity is no value of this type, only finite numbers and NaN are (R41)")
     return number
@@ -147,11 +147,11 @@ def _real(value: object, bits: int, where: str) -> Value:
 
 def _string(value: object, bits: int, where: str) -> Value:
     if not isinstance(value, str):
-        raise Error(E_VALUE, where, f"{value!r} is no text")
+        raise Error(E_VALUE, where, f"{shown(value)} is no text")
     try:
         size = len(value.encode())
     except UnicodeEncodeError:
-        raise Error(E_UTF8, where, f"{value!r} has no UTF-8 form") from None
+        raise Error(E_UTF8, where, f"{shown(value)} has no UTF-8 form") from None
     if value.endswith("\0"):
         raise Error(E_VALUE, where, "a text cannot end in U+0000, which fills strings up")
     most = bits // 8 or MAX_OCTETS
@@ -162,7 +162,7 @@ def _string(value: object, bits: int, where: str) -> Value:
 
 def _block(value: object, bits: int, where: str) -> Value:
     if not isinstance(value, (bytes, bytearray, memoryview)):
-        raise Error(E_VALUE, where, f"{value!r} is no block of octets")
+        raise Error(E_VALUE, where, f"{shown(value)} is no block of octets")
     octets = bytes(value)
     if (bits and len(octets) * 8 != bits) or len(octets) > MAX_OCTETS:
         raise Error(E_LENGTH, where, f"{len(octets)} octets, the block has {bits // 8 or f'at most {MAX_OCTETS}'}")
@@ -174,8 +174,8 @@ def _two_fields(value: object, where: str, form: str) -> tuple[int, int]:
         seconds, nanoseconds = _number(value[0], where), _number(value[1], where)
         if -_INT32 <= seconds < _INT32:
             return seconds, nanoseconds
-        raise Error(E_RANGE, where, f"{seconds} seconds do not fit 32 bits")
-    raise Error(E_VALUE, where, f"{value!r} is no {form}")
+        raise Error(E_RANGE, where, f"{shown(seconds)} seconds do not fit 32 bits")
+    raise Error(E_VALUE, where, f"{shown(value)} is no {form}")
 
 
 def _nettime(value: object, _bits: int, where: str) -> Value:
@@ -189,7 +189,7 @@ def _nettime(value: object, _bits: int, where: str) -> Value:
     seconds, nanoseconds = _two_fields(value, where, "time: seconds and nanoseconds, or ISO 8601")
     if 0 <= nanoseconds < _SECOND:
         return NetTime(seconds, nanoseconds)
-    raise Error(E_RANGE, where, f"{nanoseconds} ns are outside 0..999999999")
+    raise Error(E_RANGE, where, f"{shown(nanoseconds)} ns are outside 0..999999999")
 
 
 def _interval(value: object, _bits: int, where: str) -> Value:
@@ -198,7 +198,7 @@ def _interval(value: object, _bits: int, where: str) -> Value:
     seconds, nanoseconds = _two_fields(value, where, "interval: seconds and nanoseconds")
     if -_SECOND < nanoseconds < _SECOND:
         return Interval(seconds, nanoseconds)
-    raise Error(E_RANGE, where, f"{nanoseconds} ns are outside -999999999..999999999")
+    raise Error(E_RANGE, where, f"{shown(nanoseconds)} ns are outside -999999999..999999999")
 
 
 def _mac(value: object, _bits: int, where: str) -> Value:
@@ -207,7 +207,7 @@ def _mac(value: object, _bits: int, where: str) -> Value:
             return MAC(value)
         except ValueError as error:
             raise Error(E_VALUE, where, str(error)) from None
-    raise Error(E_VALUE, where, f"{value!r} is no MAC address")
+    raise Error(E_VALUE, where, f"{shown(value)} is no MAC address")
 
 
 def _ip(value: object, _bits: int, where: str) -> Value:
@@ -216,7 +216,7 @@ def _ip(value: object, _bits: int, where: str) -> Value:
             return IPv4Address(value)
         except AddressValueError:
             pass
-    raise Error(E_VALUE, where, f"{value!r} is no IP address such as 192.168.100.1")
+    raise Error(E_VALUE, where, f"{shown(value)} is no IP address such as 192.168.100.1")
 
 
 def _reserved(_value: object, _bits: int, where: str) -> Value:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta
 from typing import Final, NamedTuple, Self
 
+from dissect.scd.errors import shown
+
 _SECOND: Final = 1_000_000_000
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
@@ -34,8 +36,11 @@ class NetTime(NamedTuple):
         whole, point, rest = text.partition(".")
         digits = rest[: len(rest) - len(rest.lstrip("0123456789"))]
         if point and not 1 <= len(digits) <= 9:
-            raise ValueError(f"{text!r} does not have one to nine digits after the point")
-        moment = datetime.fromisoformat(whole + rest[len(digits) :])
+            raise ValueError(f"{shown(text)} does not have one to nine digits after the point")
+        try:
+            moment = datetime.fromisoformat(whole + rest[len(digits) :])
+        except ValueError:
+            raise ValueError(f"{shown(text)} is no moment such as 2015-10-18T00:00:00Z") from None
         if moment.tzinfo is None:
             moment = moment.replace(tzinfo=UTC)
         return cls((moment - _EPOCH) // timedelta(seconds=1), int(digits.ljust(9, "0")))
@@ -88,7 +93,7 @@ class MAC(bytes):
         """Take six octets or a text; raises ValueError."""
         octets = _mac_octets(address) if isinstance(address, str) else address
         if len(octets) != 6:
-            raise ValueError(f"{address!r} is no MAC address of six octets")
+            raise ValueError(f"{shown(address)} is no MAC address of six octets")
         return super().__new__(cls, octets)
 
     def __str__(self) -> str:
@@ -101,5 +106,5 @@ class MAC(bytes):
 def _mac_octets(text: str) -> bytes:
     parts = text.replace("-", ":").split(":")
     if [len(part) for part in parts] != [2] * 6:
-        raise ValueError(f"{text!r} is no MAC address such as 00:1B:44:11:3A:B7")
+        raise ValueError(f"{shown(text)} is no MAC address such as 00:1B:44:11:3A:B7")
     return bytes.fromhex("".join(parts))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import select
 import sys
 import zlib
+from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Final, Protocol, cast
 
@@ -51,7 +52,7 @@ def open_capture(path: str) -> Reader:
     """
     source = _open_stdin() if path == "-" else _open_file(path)
     try:
-        return _find_reader(source, "standard input" if path == "-" else path)
+        return find_reader(source, "standard input" if path == "-" else path)
     except BaseException:
         source.close()
         raise
@@ -82,7 +83,7 @@ def _open_stdin() -> PlainSource:
     return PlainSource(cast(_Stream, getattr(buffered, "raw", buffered)), owned=False)
 
 
-def _find_reader(source: OctetSource, name: str) -> Reader:
+def find_reader(source: OctetSource, name: str) -> Reader:
     """Return the reader for what ``source`` holds."""
     head = _read_head(source)
     compression = _compression(head)
@@ -179,7 +180,7 @@ class _DamagedError(Exception):
     """Compressed data that goes no further; the message is for a person."""
 
 
-class _CompressedSource:
+class _CompressedSource(ABC):
     """What the two decompressors share: the octets taken and not used yet, and the way damage is told."""
 
     def __init__(self, source: OctetSource, head: bytes) -> None:
@@ -205,9 +206,9 @@ class _CompressedSource:
         self._ended = True
         self._source.close()
 
+    @abstractmethod
     def _decompress(self, size: int) -> bytes:
         """Return some octets, or none and come nearer to some, or set ``_ended``; `_DamagedError` if it goes no further."""
-        raise NotImplementedError
 
     def _more(self) -> bytes:
         """Return some octets more from below; none at the end."""

@@ -31,7 +31,8 @@ class Reader:
     ``packets`` and ``octets`` count what was read so far. ``damage`` is empty, or one sentence that says where the capture
     was found damaged or cut; what came before it was delivered. ``rejected`` counts blocks that were given up while reading
     went on, and ``notes`` says in sentences why, and what else in the capture is odd: one for each kind, with where it was
-    first met and how often.
+    first met and how often. ``interface`` is the name of the interface that captured the packet being delivered, empty where
+    the capture names none.
     """
 
     def __init__(self) -> None:
@@ -40,6 +41,7 @@ class Reader:
         self.damage: str = ""
         self.rejected: i64 = 0
         self.notes: list[str] = []
+        self.interface: str = ""
 
     def step(self, sink: PacketSink) -> bool:
         """Read some more and deliver its packets to ``sink``; False when there is nothing more to read.

@@ -1,7 +1,7 @@
 """pcapng files (draft-ietf-opsawg-pcapng): sections, interfaces and packets in any number and either byte order.
 
 Read are the Section Header, Interface Description, Enhanced Packet and Simple Packet Blocks and the obsolete Packet
-Block, with the comments of packets. Every other block is skipped by its length. A Simple Packet Block has no time;
+Block, with the comments of packets; Interface Statistics Blocks are kept. Every other block is skipped by its length. A Simple Packet Block has no time;
 its packet gets the time of the packet before it (0 when there is none).
 
 A block that contradicts itself is given up, counted in ``rejected`` and explained in ``notes``. Reading stops only
@@ -29,24 +29,31 @@ BYTE_ORDER_MAGICS: Final = (b"\x1a\x2b\x3c\x4d", b"\x4d\x3c\x2b\x1a")
 MAX_BLOCK: Final = 16 * 1024 * 1024
 MAX_INTERFACES: Final = 65_536
 
-_SECTION: Final = 0x0A0D0D0A
-_INTERFACE: Final = 1
+#: Types of blocks, and codes of options, as `dissect.source.pcapng_writer` writes them too.
+SECTION: Final = 0x0A0D0D0A
+INTERFACE: Final = 1
 _OLD_PACKET: Final = 2
 _SIMPLE_PACKET: Final = 3
-_ENHANCED_PACKET: Final = 6
+STATISTICS: Final = 5
+ENHANCED_PACKET: Final = 6
 
 _MIN_BLOCK: Final = 12
 _MIN_SECTION: Final = 28
 _MIN_INTERFACE: Final = 20
 _MIN_SIMPLE: Final = 16
+#: The largest statistics block kept; real ones have about a hundred octets.
+_MAX_STATISTICS: Final = 4096
 _MIN_PACKET: Final = 32
 
-_OPT_END: Final = 0
-_OPT_COMMENT: Final = 1
-_IF_TSRESOL: Final = 9
+OPT_END: Final = 0
+OPT_COMMENT: Final = 1
+IF_NAME: Final = 2
+IF_TSRESOL: Final = 9
 _IF_TSOFFSET: Final = 14
 
 _MAX_TIME: Final = 2**63 - 1
+#: Octets of an interface's name that are kept.
+_MAX_NAME: Final = 255
 
 _OPTION_OVERRUN: Final = "an option claims {} octets, more than its block holds, and was left out with those after it"
 _OPTION_SIZE: Final = "a time option of an interface holds {} octets, which is not its size, and was left out"
@@ -65,17 +72,29 @@ _MANY_INTERFACES: Final = f"a section describes more than {MAX_INTERFACES} inter
 class Interface:
     """What a section says about one interface, as far as its packets need it.
 
-    ``link_type`` is a LINKTYPE number, -1 when the description could not be read. A tick of its clock is ``base **
-    -exponent`` seconds (``base`` 2 or 10), its zero ``offset`` seconds after 1970-01-01 UTC. When a tick is a whole
-    number of nanoseconds and the offset 0, ``multiplier`` is that number and ``safe_high`` the first upper half of a
-    time that may not fit.
+    ``link_type`` is a LINKTYPE number, -1 when the description could not be read; ``name`` is empty when it has none. A
+    tick of its clock is ``base ** -exponent`` seconds (``base`` 2 or 10), its zero ``offset`` seconds after 1970-01-01
+    UTC. When a tick is a whole number of nanoseconds and the offset 0, ``multiplier`` is that number and ``safe_high``
+    the first upper half of a time that may not fit.
     """
 
-    __slots__ = ("base", "divisor", "exponent", "limit", "link_type", "multiplier", "offset", "safe_high", "snaplen")
+    __slots__ = (
+        "base",
+        "divisor",
+        "exponent",
+        "limit",
+        "link_type",
+        "multiplier",
+        "name",
+        "offset",
+        "safe_high",
+        "snaplen",
+    )
 
     def __init__(self, link_type: i64, snaplen: i64) -> None:
         self.link_type: i64 = link_type
         self.snaplen: i64 = snaplen
+        self.name: str = ""
         self.limit: i64 = packet_limit(link_type)
         self.base: int = 10
         self.exponent: int = 6
@@ -102,7 +121,11 @@ class Interface:
 
 
 class PcapngReader(ChunkReader):
-    """A pcapng file. ``head`` begins with `PCAPNG_MAGIC`."""
+    """A pcapng file. ``head`` begins with `PCAPNG_MAGIC`.
+
+    ``statistics`` holds the last Interface Statistics Block of each interface of the section being read, by its number, as it
+    is (`dissect.source.statistics` reads them).
+    """
 
     def __init__(self, source: OctetSource, head: bytes) -> None:
         super().__init__(source, head)
@@ -114,6 +137,7 @@ class PcapngReader(ChunkReader):
         self._time_ns: i64 = 0
         self._doubt: bool = False
         self._need = _MIN_BLOCK
+        self.statistics: dict[int, bytes] = {}
 
     def step(self, sink: PacketSink) -> bool:
         """Read about one chunk and deliver its packets to ``sink``; False when there is nothing more to read."""
@@ -144,7 +168,7 @@ class PcapngReader(ChunkReader):
                 kind, total = u32(buf, at), u32(buf, at + 4)
             else:
                 kind, total = u32le(buf, at), u32le(buf, at + 4)
-            if kind == _SECTION:
+            if kind == SECTION:
                 if not self._order(at):
                     return
                 total = self._u32(at + 4)
@@ -191,7 +215,7 @@ class PcapngReader(ChunkReader):
             self._stop(at, "two blocks one after the other have lengths that differ at front and end")
             return
         self._doubt = True
-        if kind == _SECTION or kind == _INTERFACE:
+        if kind == SECTION or kind == INTERFACE:
             self._note(_TRAILER, trailer, at)
             self._block(sink, kind, at, total)
         else:
@@ -199,14 +223,18 @@ class PcapngReader(ChunkReader):
 
     def _block(self, sink: PacketSink, kind: i64, at: i64, total: i64) -> None:
         """Read one whole block."""
-        if kind == _ENHANCED_PACKET or kind == _OLD_PACKET:
+        if kind == ENHANCED_PACKET or kind == _OLD_PACKET:
             self._packet(sink, kind, at, total)
-        elif kind == _SECTION:
+        elif kind == SECTION:
             self._section(at, total)
-        elif kind == _INTERFACE:
+        elif kind == INTERFACE:
             self._interface(at, total)
         elif kind == _SIMPLE_PACKET:
             self._simple(sink, at, total)
+        elif kind == STATISTICS and total <= _MAX_STATISTICS:
+            number = self._u32(at + 8)
+            if number < len(self._interfaces):
+                self.statistics[number] = self._buf[at : at + total]
 
     def _section(self, at: i64, total: i64) -> None:
         """Begin a section: what the one before said about interfaces is over."""
@@ -219,6 +247,7 @@ class PcapngReader(ChunkReader):
             self._stop(at, f"a section is of version {major} of the format, which nobody has defined")
             return
         self._interfaces = []
+        self.statistics = {}
 
     def _interface(self, at: i64, total: i64) -> None:
         """Add an interface; one that cannot be read keeps its place, or the numbers of those after it would be wrong."""
@@ -236,9 +265,12 @@ class PcapngReader(ChunkReader):
         end = at + total - 4
         while True:
             code, start, length = self._option(option, end)
-            if code == _OPT_END:
+            if code == OPT_END:
                 break
-            if code == _IF_TSRESOL or code == _IF_TSOFFSET:
+            if code == IF_NAME:
+                named = self._buf[start : start + min(length, _MAX_NAME)]
+                interface.name = named.decode("utf-8", "backslashreplace")
+            elif code == IF_TSRESOL or code == _IF_TSOFFSET:
                 self._clock(interface, code, start, length)
             option = start + ((length + 3) & ~3)
         interface.settle()
@@ -246,20 +278,20 @@ class PcapngReader(ChunkReader):
     def _option(self, at: i64, end: i64) -> tuple[i64, i64, i64]:
         """Return (code, where its value starts, size) of the option at ``at``; the code is 0 when there is none."""
         if at + 4 > end:
-            return _OPT_END, at, 0
+            return OPT_END, at, 0
         word = self._u32(at)
         code = word >> 16 if self._big else word & 0xFFFF
         length = word & 0xFFFF if self._big else word >> 16
-        if code == _OPT_END:
-            return _OPT_END, at, 0
+        if code == OPT_END:
+            return OPT_END, at, 0
         if at + 4 + length > end:
             self._note(_OPTION_OVERRUN, length, at)
-            return _OPT_END, at, 0
+            return OPT_END, at, 0
         return code, at + 4, length
 
     def _clock(self, interface: Interface, code: i64, start: i64, length: i64) -> None:
         """Take an option about an interface's clock."""
-        if length != (1 if code == _IF_TSRESOL else 8):
+        if length != (1 if code == IF_TSRESOL else 8):
             self._note(_OPTION_SIZE, length, start - 4)
         elif code == _IF_TSOFFSET:
             octets = self._buf[start : start + 8]
@@ -336,6 +368,7 @@ class PcapngReader(ChunkReader):
             self._note(SHORT_WIRE, wire, start)
             wire = end - start
         self.packets += 1
+        self.interface = interface.name
         sink.frame(self._time_ns, self._buf, start, end, wire, interface.link_type)
 
     def _slow_time(self, interface: Interface, high: i64, low: i64, at: i64) -> i64:
@@ -352,8 +385,8 @@ class PcapngReader(ChunkReader):
         """Deliver the comments among the options of a packet."""
         while True:
             code, start, length = self._option(at, end)
-            if code == _OPT_END:
+            if code == OPT_END:
                 return
-            if code == _OPT_COMMENT and length:
+            if code == OPT_COMMENT and length:
                 sink.comment(self._buf[start : start + length].decode("utf-8", "backslashreplace"))
             at = start + ((length + 3) & ~3)

@@ -1,4 +1,4 @@
-"""IPv4 and IPv6: where the TCP segment of a packet is, and the reassembly of fragments.
+"""IPv4 and IPv6: where the TCP segment or UDP datagram of a packet is, and the reassembly of fragments.
 
 The IP length is trusted, not the frame's: Ethernet trailers look like data. A length that reaches beyond the frame is cut to
 what was captured, and told.
@@ -14,12 +14,14 @@ from mypy_extensions import i64
 from dissect.wire.octets import u16
 
 TCP: Final = 6
+UDP: Final = 17
 _EXTENSION_HEADERS: Final = frozenset((0, 43, 51, 60, 135, 139, 140))
 _MAX_EXTENSION_HEADERS: Final = 16
 _AUTHENTICATION: Final = 51
 _FRAGMENT_HEADER: Final = 44
 _CUT: Final = -1  # instead of a protocol
-#: Size of the fragment key of IPv6 (addresses, identification, next header); that of IPv4 is 11, a VLAN may follow.
+#: Sizes of the fragment keys (addresses, identification, protocol or next header); a VLAN may follow.
+_V4_KEY: Final = 11
 _V6_KEY: Final = 37
 
 #: Fragments of one datagram are dropped when it is not whole after this much capture time.
@@ -38,8 +40,9 @@ class IpPacket:
 
     ``problem`` is empty, or why the packet cannot be used: ``bad_header``, ``cut``.
     ``start``/``end`` bound the payload within the captured octets; ``missing`` counts payload octets the IP length claims and
-    the capture does not hold. For a fragment that may be of a TCP segment ``fragment_key`` is not empty, and the payload is
-    what `FragmentStore.add` takes, IPv6 extension headers behind the fragment header included.
+    the capture does not hold. For a fragment that may be of a TCP segment, or of a UDP datagram when these are wanted,
+    ``fragment_key`` is not empty, and the payload is what `FragmentStore.add` takes, IPv6 extension headers behind the
+    fragment header included.
     """
 
     __slots__ = (
@@ -66,23 +69,26 @@ class IpPacket:
         self.more: bool = False
 
 
-def parse_ip(buf: bytes, at: i64, end: i64) -> IpPacket:
-    """Read the IP header at ``at``; the frame's octets end at ``end``. Never raises."""
+def parse_ip(buf: bytes, at: i64, end: i64, wants_udp: bool = False) -> IpPacket:
+    """Read the IP header at ``at``; the frame's octets end at ``end``. Never raises.
+
+    ``wants_udp``: fragments of UDP are worth keeping too.
+    """
     packet = IpPacket()
     if at >= end:
         packet.problem = "cut"
         return packet
     version: i64 = buf[at] >> 4
     if version == 4:
-        _parse_v4(packet, buf, at, end)
+        _parse_v4(packet, buf, at, end, wants_udp)
     elif version == 6:
-        _parse_v6(packet, buf, at, end)
+        _parse_v6(packet, buf, at, end, wants_udp)
     else:
         packet.problem = "bad_header"
     return packet
 
 
-def _parse_v4(packet: IpPacket, buf: bytes, at: i64, end: i64) -> None:
+def _parse_v4(packet: IpPacket, buf: bytes, at: i64, end: i64, wants_udp: bool) -> None:
     if end - at < 20:
         packet.problem = "cut"
         return
@@ -108,11 +114,11 @@ def _parse_v4(packet: IpPacket, buf: bytes, at: i64, end: i64) -> None:
     if flags & 0x3FFF:
         packet.fragment_offset = (flags & 0x1FFF) * 8
         packet.more = bool(flags & 0x2000)
-        if packet.protocol == TCP:
+        if packet.protocol == TCP or (wants_udp and packet.protocol == UDP):
             packet.fragment_key = b"%b%b%b" % (packet.addresses, buf[at + 4 : at + 6], buf[at + 9 : at + 10])
 
 
-def _parse_v6(packet: IpPacket, buf: bytes, at: i64, end: i64) -> None:
+def _parse_v6(packet: IpPacket, buf: bytes, at: i64, end: i64, wants_udp: bool) -> None:
     if end - at < 40:
         packet.problem = "cut"
         return
@@ -128,14 +134,14 @@ def _parse_v6(packet: IpPacket, buf: bytes, at: i64, end: i64) -> None:
         if here + 8 > packet.end:
             protocol = _CUT
         else:
-            protocol = _parse_fragment_header(packet, buf, here)
+            protocol = _parse_fragment_header(packet, buf, here, wants_udp)
     if protocol == _CUT:
         packet.problem = "cut" if packet.missing else "bad_header"
         return
     packet.protocol = protocol
 
 
-def _parse_fragment_header(packet: IpPacket, buf: bytes, here: i64) -> i64:
+def _parse_fragment_header(packet: IpPacket, buf: bytes, here: i64, wants_udp: bool) -> i64:
     """Read the fragment header at ``here``; return the protocol behind it and its extension headers, `_CUT` when cut."""
     word: i64 = u16(buf, here + 2)
     packet.fragment_offset = word & 0xFFF8
@@ -148,7 +154,8 @@ def _parse_fragment_header(packet: IpPacket, buf: bytes, here: i64) -> i64:
         if not packet.more:
             packet.start = after  # an atomic fragment is whole by itself (RFC 6946)
             return protocol
-    if protocol == TCP or (packet.fragment_offset and protocol in _EXTENSION_HEADERS):
+    wanted: bool = protocol == TCP or (wants_udp and protocol == UDP)
+    if wanted or (packet.fragment_offset and protocol in _EXTENSION_HEADERS):
         packet.fragment_key = packet.addresses + buf[here + 4 : here + 8] + buf[here : here + 1]
     return protocol
 
@@ -199,13 +206,14 @@ class FragmentStore:
 
     ``waiting``, ``used`` and ``dropped`` count packets; ``conflicts`` counts datagrams whose fragments contradict each other,
     in their octets or in where the datagram ends; ``evicted`` counts datagrams dropped because the store was full, ``expired``
-    those that were not whole in time.
+    those that were not whole in time. ``protocol`` is that of the datagram `add` returned last.
     """
 
     def __init__(self) -> None:
         # In order of arrival. (The first key of a plain dict takes longer to find the more were deleted before it.)
         self._datagrams: OrderedDict[bytes, _Datagram] = OrderedDict()
         self._octets: i64 = 0
+        self.protocol: i64 = 0
         self.waiting: i64 = 0
         self.used: i64 = 0
         self.dropped: i64 = 0
@@ -213,11 +221,14 @@ class FragmentStore:
         self.evicted: i64 = 0
         self.expired: i64 = 0
 
-    def add(self, key: bytes, offset: i64, more: bool, octets: bytes, time_ns: i64) -> bytes | None:
-        """Take one fragment; return the TCP segment when it is the last one missing, else None.
+    def add(
+        self, key: bytes, offset: i64, more: bool, octets: bytes, time_ns: i64, wants_udp: bool = False
+    ) -> bytes | None:
+        """Take one fragment; return the TCP segment or, when wanted, UDP datagram if it is the last one missing, else None.
 
-        A fragment that cannot be, or that contradicts where its datagram ends, is dropped. The packet that completes a
-        datagram is not counted here: its caller accounts for it like any whole packet.
+        No octets are returned when the extension headers of the whole lead to another protocol. A fragment that cannot be,
+        or that contradicts where its datagram ends, is dropped. The packet that completes a datagram is not counted here:
+        its caller accounts for it like any whole packet.
         """
         self._expire(time_ns)
         end: i64 = offset + len(octets)
@@ -241,7 +252,7 @@ class FragmentStore:
             datagram.total = end
         self._insert(datagram, offset, octets)
         if datagram.octets == datagram.total:
-            return self._complete(key, datagram)
+            return self._complete(key, datagram, wants_udp)
         while len(self._datagrams) > MAX_DATAGRAMS or self._octets > MAX_FRAGMENT_OCTETS:
             self._drop(next(iter(self._datagrams)))
             self.evicted += 1
@@ -284,14 +295,16 @@ class FragmentStore:
             start = stop
             index += 1
 
-    def _complete(self, key: bytes, datagram: _Datagram) -> bytes:
+    def _complete(self, key: bytes, datagram: _Datagram, wants_udp: bool) -> bytes:
         self._forget(key, datagram)
         self.used += datagram.fragments - 1
         whole = b"".join([piece for _, piece in datagram.pieces])
         if len(key) < _V6_KEY:
+            self.protocol = key[_V4_KEY - 1]
             return whole
         protocol, at = _skip_extensions(whole, 0, len(whole), key[_V6_KEY - 1])
-        return whole[at:] if protocol == TCP else b""
+        self.protocol = protocol
+        return whole[at:] if protocol == TCP or (wants_udp and protocol == UDP) else b""
 
     def _forget(self, key: bytes, datagram: _Datagram) -> None:
         del self._datagrams[key]

@@ -1,25 +1,32 @@
-"""From a frame of any link and any IP to its TCP segment; the common frame the pipeline reads itself."""
+"""From a frame of any link and any IP to its TCP segment or UDP datagram; the common frame the pipeline reads itself."""
 
 from __future__ import annotations
+
+from typing import Final
 
 from mypy_extensions import i64
 
 from dissect.tcp import ip, link
 from dissect.wire.octets import u16, u32
 
+_UDP_HEADER: Final = 8
+
 
 class Segment:
-    """A TCP segment as a packet brought it.
+    """A TCP segment, or a UDP datagram, as a packet brought it.
 
-    ``problem`` is empty, or names the category of packets (`transactions.accounts`) that have no segment to give.
-    ``key`` is addresses and ports as they stand in the packet, then the VLAN key when there is one; ``word`` is the data
-    offset and the flags; ``missing`` counts octets that the IP length claims and the capture does not hold.
+    ``problem`` is empty, or names the category of packets (`transactions.accounts`) that have neither to give.
+    ``protocol`` is `ip.TCP` or `ip.UDP`, 0 when there is a problem. ``key`` is addresses and ports as they stand in the
+    packet, then the VLAN key when there is one; ``octets`` the payload. ``word`` is the data offset and the flags; a datagram
+    has none of ``seq``, ``ack`` and ``word``. ``missing`` counts octets of payload that the IP length, for a datagram the UDP
+    length, claims and the capture does not hold.
     """
 
-    __slots__ = ("ack", "key", "missing", "octets", "problem", "seq", "vlan", "word")
+    __slots__ = ("ack", "key", "missing", "octets", "problem", "protocol", "seq", "vlan", "word")
 
     def __init__(self, problem: str) -> None:
         self.problem: str = problem
+        self.protocol: i64 = 0
         self.key: bytes = b""
         self.vlan: i64 = 0
         self.seq: i64 = 0
@@ -30,32 +37,44 @@ class Segment:
 
 
 def find_segment(
-    buf: bytes, start: i64, end: i64, link_type: i64, fragments: ip.FragmentStore, time_ns: i64
+    buf: bytes,
+    start: i64,
+    end: i64,
+    link_type: i64,
+    fragments: ip.FragmentStore,
+    time_ns: i64,
+    wants_udp: bool = False,
 ) -> Segment:
     """Return the TCP segment of the frame ``buf[start:end]``, or why there is none. Never raises.
 
-    A fragment goes to ``fragments`` and comes out with the one that makes its datagram whole.
+    With ``wants_udp`` a UDP datagram is as good; without, it is ``not_tcp``. A fragment goes to ``fragments`` and comes out
+    with the one that makes its datagram whole. Checksums are not verified: captures taken where the checksum is left to the
+    network card show a wrong one in every packet sent, and a receiver has dropped what was damaged.
     """
     at, vlan = link.find_ip(buf, start, end, link_type)
     if at < 0:
         if at == link.CUT:
             return Segment("cut")
         return Segment("link_type" if at == link.UNSUPPORTED else "not_ip")
-    packet = ip.parse_ip(buf, at, end)
+    packet = ip.parse_ip(buf, at, end, wants_udp)
     if packet.problem:
         return Segment(packet.problem)
     tag = int(vlan).to_bytes(8, "big") if vlan else b""
     if not packet.fragment_key:
-        if packet.protocol != ip.TCP:
-            return Segment("not_tcp")
-        return _read(packet.addresses, tag, vlan, buf, packet.start, packet.end, packet.missing)
+        if packet.protocol == ip.TCP:
+            return _read(packet.addresses, tag, vlan, buf, packet.start, packet.end, packet.missing)
+        if wants_udp and packet.protocol == ip.UDP:
+            return _read_datagram(packet.addresses, tag, vlan, buf, packet.start, packet.end, packet.missing)
+        return Segment("not_tcp")
     if packet.missing:
         return Segment("cut")  # a datagram with a cut piece can never be whole
-    whole = fragments.add(
-        packet.fragment_key + tag, packet.fragment_offset, packet.more, buf[packet.start : packet.end], time_ns
-    )
+    piece = buf[packet.start : packet.end]
+    key = packet.fragment_key + tag
+    whole = fragments.add(key, packet.fragment_offset, packet.more, piece, time_ns, wants_udp)
     if whole is None:
         return Segment("fragment_waiting")
+    if wants_udp and fragments.protocol == ip.UDP:
+        return _read_datagram(packet.addresses, tag, vlan, whole, 0, len(whole), 0)
     if not whole:
         return Segment("not_tcp")  # what stands behind the extension headers is known only now
     return _read(packet.addresses, tag, vlan, whole, 0, len(whole), 0)
@@ -72,6 +91,7 @@ def _read(addresses: bytes, tag: bytes, vlan: i64, buf: bytes, at: i64, end: i64
     if at + header > end:
         return Segment("cut" if missing else "bad_header")
     segment = Segment("")
+    segment.protocol = ip.TCP
     segment.key = b"%b%b%b" % (addresses, buf[at : at + 4], tag)
     segment.vlan = vlan
     segment.seq = u32(buf, at + 4)
@@ -80,3 +100,24 @@ def _read(addresses: bytes, tag: bytes, vlan: i64, buf: bytes, at: i64, end: i64
     segment.octets = buf[at + header : end]
     segment.missing = missing
     return segment
+
+
+def _read_datagram(addresses: bytes, tag: bytes, vlan: i64, buf: bytes, at: i64, end: i64, missing: i64) -> Segment:
+    """Read the UDP header at ``at``; ``missing`` octets of the IP payload are behind ``end``.
+
+    The UDP length counts the header (RFC 768); what the IP packet holds behind it is padding. Length 0, the jumbogram of
+    RFC 2675, needs an IPv6 option that nobody sends, and is as bad as one shorter than the header.
+    """
+    if end - at < _UDP_HEADER:
+        return Segment("cut" if missing else "bad_header")
+    length: i64 = u16(buf, at + 4)
+    if length < _UDP_HEADER or length > end - at + missing:
+        return Segment("bad_header")
+    stop: i64 = min(at + length, end)
+    datagram = Segment("")
+    datagram.protocol = ip.UDP
+    datagram.key = b"%b%b%b" % (addresses, buf[at : at + 4], tag)
+    datagram.vlan = vlan
+    datagram.octets = buf[at + _UDP_HEADER : stop]
+    datagram.missing = at + length - stop
+    return datagram

@@ -26,8 +26,9 @@ from dissect.s7.tables import (
     WRITE_VAR,
 )
 from dissect.s7plus.message import parse_plus
-from dissect.s7plus.parameters import PLUS, PlusParameters
+from dissect.s7plus.parameters import PlusParameters
 from dissect.s7plus.tables import ERRORS, refuses
+from dissect.transactions.carried import ScdParameters
 from dissect.transactions.transaction import Transaction
 from dissect.wire.build import COMPILED
 from dissect.wire.malformed import Malformed
@@ -60,8 +61,8 @@ def check_answer(transaction: Transaction, parameters: Parameters, data_at: i64)
         if head is not None and head.error_code:
             transaction.error_code = head.error_code
             transaction.has_errors = True
-        elif transaction.response_rosctr == PLUS:
-            check_plus_answer(transaction)
+        elif transaction.response_rosctr > USERDATA:
+            check_other_answer(transaction)
         return
     code: i64 = u16(buf, at + 10)
     if code:
@@ -82,8 +83,16 @@ def check_answer(transaction: Transaction, parameters: Parameters, data_at: i64)
             transaction.connection.grant(setup, transaction.asked_by)
 
 
-def check_plus_answer(transaction: Transaction) -> None:
-    """Look at the return value of an S7comm-plus answer: a negative one, or a partial error, is an error."""
+def check_other_answer(transaction: Transaction) -> None:
+    """Look at the return value of an S7comm-plus answer, or what an SCD message says of itself.
+
+    In S7comm-plus a negative value, or a partial error, is an error; in SCD an abort or a negative ``scd_err_t``.
+    """
+    told = transaction.response_parameters
+    if isinstance(told, ScdParameters):
+        transaction.error_code = told.err
+        transaction.has_errors = told.refused
+        return
     code: i64 = parse_plus(transaction.response_octets).return_code
     if refuses(code):
         transaction.error_code = code
@@ -147,11 +156,18 @@ def _check_write(transaction: Transaction, count: i64, buf: bytes, at: i64, end:
 
 
 def mismatch(request: Parameters, answer: Parameters) -> bool:
-    """Tell whether an answer names something else than its request: the function, for userdata group and subfunction."""
+    """Tell whether an answer names something else than its request: the function, for userdata group and subfunction.
+
+    For SCD it is the service and the object it is about.
+    """
     if answer.function < 0:
         return False  # an Ack without parameters
     asked = request.userdata
     told = answer.userdata
+    if isinstance(answer, ScdParameters):
+        return request.function != answer.function or not (
+            isinstance(request, ScdParameters) and request.index == answer.index and request.sub == answer.sub
+        )
     if isinstance(answer, PlusParameters):
         return request.function != answer.function and answer.code not in ERRORS
     if asked is not None and told is not None:

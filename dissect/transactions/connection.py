@@ -33,6 +33,7 @@ PROBING: Final = 0
 ISO: Final = 1
 FOREIGN: Final = 2
 IBH: Final = 3
+CARRIED: Final = 4  # what a `Carrier` follows: SCD over TCP or UDP
 
 #: `Connection.dt_limit` while nothing is known against any size.
 NO_LIMIT: Final = 0x7FFFFFFF
@@ -68,6 +69,7 @@ class Connection:
     __slots__ = (
         "_setup_by",
         "answered",
+        "bound",
         "client_known",
         "client_side",
         "closed_reason",
@@ -113,6 +115,7 @@ class Connection:
         "traits",
         "tsap_called",
         "tsap_calling",
+        "udp",
         "unanswered",
         "unsolicited",
     )
@@ -120,6 +123,10 @@ class Connection:
     def __init__(self, number: i64, tcp: TcpConnection) -> None:
         self.number: i64 = number
         self.tcp: TcpConnection = tcp
+        self.udp: bool = False  # a conversation over UDP, which has no beginning and no end
+        self.bound: i64 = (
+            -1
+        )  # number of the binding that a carrier found for its TSAPs or ports, -1 while nobody looked
         self.state: i64 = PROBING
         self.probed: i64 = 0  # segments with octets looked at while probing
         self.protocol: str = ""  # what the TSDUs speak, as far as one name does
@@ -196,8 +203,8 @@ class Connection:
 
     @property
     def followed(self) -> bool:
-        """True while the octets of the connection are read: it speaks ISO-on-TCP or IBH-NetLink."""
-        return self.state == ISO or self.state == IBH
+        """True while the octets of the connection are read: it speaks ISO-on-TCP or IBH-NetLink, or SCD where that is bound."""
+        return self.state == ISO or self.state == IBH or self.state == CARRIED
 
     @property
     def established(self) -> bool:

@@ -7,6 +7,8 @@ transaction; what they are worth is judged elsewhere.
 
 from __future__ import annotations
 
+from typing import Final
+
 from mypy_extensions import i64
 
 from dissect.s7.message import header_size, parse_pdu
@@ -21,14 +23,14 @@ from dissect.transactions.checks import (
     REORDERED,
     check_answer,
     check_data_codes,
-    check_plus_answer,
+    check_other_answer,
     check_written,
     contradicts,
     error_code,
     mismatch,
 )
-from dissect.transactions.pairing import FEW_OPEN, MAX_OPEN, MAX_OPEN_ALL, PLUS_KEY, USERDATA_KEY
-from dissect.transactions.table import Side
+from dissect.transactions.pairing import FEW_OPEN, MAX_OPEN, MAX_OPEN_ALL, key_of
+from dissect.transactions.table import MAX_CONNECTIONS, Side
 from dissect.transactions.transaction import (
     ANSWERED,
     CAPTURE_ENDED,
@@ -43,6 +45,9 @@ from dissect.transactions.transaction import (
 
 __all__ = ["BAD_DATA", "Dialogue"]
 
+#: Sides that asked are sought out of those whose connection is over when there are this many; more than can be open.
+_MANY_ASKING: Final = 8 * MAX_CONNECTIONS
+
 
 class Dialogue:
     """Pairs the PDUs of all connections."""
@@ -52,6 +57,8 @@ class Dialogue:
         self.open: i64 = 0  # requests without answer on all connections
         self.also: list[Transaction] = []
         self.holding: list[Side] = []  # sides with an answer held since somebody last looked
+        self.watching: bool = False  # somebody looks after `asking`
+        self.asking: list[Side] = []  # sides that asked since somebody last looked, and are not `Side.watched`
 
     def ask(
         self,
@@ -82,7 +89,7 @@ class Dialogue:
             connection.note_request(side.index, parameters)
         if parameters.function == WRITE_VAR:
             transaction.flags |= check_written(parameters, buf, at, size)
-        key: i64 = pdu_ref if rosctr == JOB else pdu_ref | (PLUS_KEY if rosctr == PLUS else USERDATA_KEY)
+        key: i64 = key_of(rosctr, pdu_ref)
         requests = connection.open_requests[side.index]
         if requests.orphans is not None:
             orphan = requests.find_orphan(key, side.end_seq)
@@ -95,6 +102,8 @@ class Dialogue:
         answering = side.peer
         waiting = requests.table.get(key)
         self.open += 1
+        if self.watching and not side.watched:
+            self._watch(side)
         if waiting is None:
             requests.add(key, transaction)
         else:
@@ -108,6 +117,12 @@ class Dialogue:
             if oldest is not None:
                 self._give_up(oldest, answering, TABLE_FULL)
         return None
+
+    def _watch(self, side: Side) -> None:
+        side.watched = True
+        if len(self.asking) >= _MANY_ASKING:
+            self.asking = [one for one in self.asking if one.peer is not None]
+        self.asking.append(side)
 
     def answer(
         self,
@@ -125,7 +140,7 @@ class Dialogue:
         """An answer: complete the oldest request it fits, or hold it for a moment. Returns the completed transaction."""
         connection = side.connection
         requests = connection.open_requests[1 - side.index]
-        key: i64 = pdu_ref if rosctr < USERDATA else pdu_ref | (PLUS_KEY if rosctr == PLUS else USERDATA_KEY)
+        key: i64 = key_of(rosctr, pdu_ref)
         waiting = requests.table.get(key)
         if waiting is not None and waiting.acknowledged(side.end_seq) and waiting.earlier is None:
             # The asking side had this answer before it asked: it belongs to the request before that one, or to none.
@@ -195,7 +210,7 @@ class Dialogue:
 
     def waits(self, side: Side, rosctr: i64, pdu_ref: i64) -> bool:
         """Tell whether a request is open that an answer of ``side`` with this reference would complete."""
-        key: i64 = pdu_ref if rosctr < USERDATA else pdu_ref | (PLUS_KEY if rosctr == PLUS else USERDATA_KEY)
+        key: i64 = key_of(rosctr, pdu_ref)
         return key in side.connection.open_requests[1 - side.index].table
 
     def tell(
@@ -225,7 +240,7 @@ class Dialogue:
     ) -> Transaction:
         """An unsolicited indication: a transaction of its own, with an answering half only."""
         self.count += 1
-        rosctr: i64 = PLUS if parameters.rosctr == PLUS else USERDATA
+        rosctr: i64 = parameters.rosctr
         transaction = Transaction(self.count, side.connection, 1 - side.index, rosctr, pdu_ref, parameters)
         transaction.response_frame = frame
         transaction.response_ns = time_ns
@@ -325,8 +340,8 @@ class Dialogue:
         """No request turned up: the answer becomes a transaction of its own."""
         self.count += 1
         transaction.number = self.count
-        if transaction.rosctr == PLUS:
-            check_plus_answer(transaction)
+        if transaction.rosctr > USERDATA:
+            check_other_answer(transaction)
         else:
             if transaction.rosctr != USERDATA:
                 transaction.rosctr = JOB  # what was asked, though nobody saw it

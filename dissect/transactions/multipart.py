@@ -1,8 +1,11 @@
-"""Answers that come in several parts, joined (reference section 4.3).
+"""Answers and BSENDs that come in several parts, joined (reference sections 4.3 and 4.10).
 
 A long userdata answer is cut anywhere: every part has a request of its own, all parts have the same sequence number and data
 unit reference, the last one says that it is the last. `Joiner` is given the transactions of one connection in the order in
 which they end, and gives back payloads that are whole; `dissect.s7.bodies.parse_joined` cuts them into parts.
+
+A long BSEND is cut by the side that sends it, and every piece is a request of its own. Pieces have the same R_ID in front, and
+the sequence number that the partner gave in its answer to the first; only the first begins with the length of all.
 """
 
 from __future__ import annotations
@@ -11,7 +14,9 @@ from typing import Final
 
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.message import Pdu
-from dissect.s7.parameters import UserdataHead
+from dissect.s7.parameters import GROUP_PBC, RESPONSE, UserdataHead
+from dissect.s7.pbc import BSEND, BSEND_LENGTH, goes_on
+from dissect.s7.syntaxes import PBC_ID
 from dissect.s7.tables import USERDATA
 from dissect.transactions.transaction import Transaction
 from dissect.wire.malformed import Malformed
@@ -24,12 +29,17 @@ MAX_OCTETS: Final = 1 << 20
 #: Chains that never ended which are remembered.
 MAX_UNFINISHED: Final = 64
 
+#: Octets before what the program sent, in a whole BSEND.
+_BEFORE_SENT: Final = PBC_ID.size + BSEND_LENGTH.size
+#: Added to the keys of BSENDs, which are made of other things than those of answers.
+_SENDS: Final = 1 << 40
+
 
 class Chain:
-    """The payloads of one userdata answer, in one part or several.
+    """The payloads of one userdata answer or BSEND, in one part or several.
 
     ``octets`` are the payloads without data heads; ``whole`` tells that the last part was there. ``first`` and ``last`` are the
-    transactions of the first and of the newest part, ``transactions`` counts them.
+    transactions of the first and of the newest part, ``transactions`` counts them. ``r_id`` is -1 for what is no BSEND.
     """
 
     __slots__ = (
@@ -38,6 +48,7 @@ class Chain:
         "first",
         "group",
         "last",
+        "r_id",
         "sequence",
         "subfunction",
         "transactions",
@@ -56,6 +67,7 @@ class Chain:
         self.first: Transaction = transaction
         self.last: Transaction = transaction
         self.transactions: int = 0
+        self.r_id: int = -1
 
     def __repr__(self) -> str:
         state = "whole" if self.whole else "open"
@@ -71,6 +83,18 @@ class Chain:
         """Octets of the joined payload."""
         return len(self._octets)
 
+    @property
+    def sent(self) -> bytes:
+        """What the program sent with a BSEND, without R_ID and length; empty for what is no BSEND."""
+        return bytes(self._octets[_BEFORE_SENT:]) if self.r_id >= 0 else b""
+
+    @property
+    def announced(self) -> int:
+        """The octets of ``sent`` that the first piece of a BSEND announces; -1 when it does not, and for what is no BSEND."""
+        if self.r_id < 0 or self.size < _BEFORE_SENT:
+            return -1
+        return int.from_bytes(self._octets[PBC_ID.size : _BEFORE_SENT], "big")
+
     def append(self, payload: bytes, transaction: Transaction) -> None:
         """Add the next part."""
         self._octets += payload
@@ -85,7 +109,7 @@ class Chain:
 
 
 class Joiner:
-    """Joins the answers of one connection. ``unfinished`` are chains whose last part never came, the oldest first.
+    """Joins the answers and BSENDs of one connection. ``unfinished`` are chains whose last part never came, the oldest first.
 
     ``unfinished_count`` counts all of them, also those that are remembered no more; ``headless`` counts parts whose first part
     was not seen, as at the start of a capture.
@@ -106,7 +130,10 @@ class Joiner:
         return len(self._chains)
 
     def feed(self, transaction: Transaction) -> Chain | None:
-        """Take a transaction that ended; return the answer when its payload is whole now, also when it came in one part."""
+        """Take a transaction that ended; return the answer or BSEND that is whole now, also when it came in one part."""
+        begun = transaction.parameters.userdata if transaction.rosctr == USERDATA else None
+        if begun is not None and begun.group == GROUP_PBC and begun.subfunction == BSEND:
+            return self._send(transaction, begun)
         answer = transaction.response if transaction.rosctr == USERDATA else None
         head = answer.parameters.userdata if answer is not None else None
         if answer is None or head is None:
@@ -129,6 +156,30 @@ class Joiner:
             return None
         return self._add(key, chain_of, payload, transaction, head.last_data_unit == 0)
 
+    def _send(self, transaction: Transaction, head: UserdataHead) -> Chain | None:
+        """Take a piece of a BSEND, in a request or a push; the partner's answers carry nothing."""
+        piece = transaction.request or transaction.response
+        payload = _payload(piece) if piece is not None and head.type != RESPONSE else b""
+        if len(payload) < PBC_ID.size:
+            return None
+        r_id = int.from_bytes(payload[PBC_ID.size - 4 : PBC_ID.size], "big")
+        key = _SENDS | head.type << 34 | int(transaction.asked_by) << 32 | r_id
+        follows = goes_on(head)
+        if transaction.error_code or not follows:
+            self._give_up(key)
+        if transaction.error_code:
+            return None
+        chain = self._chains.get(key)
+        if chain is None and follows:
+            self.headless += 1
+            return None
+        if chain is None:
+            chain = self._open(key, head, transaction)
+            chain.r_id = r_id
+        else:
+            payload = payload[PBC_ID.size :]
+        return self._add(key, chain, payload, transaction, head.last_data_unit == 0)
+
     def _begun(
         self, key: int, head: UserdataHead, asked: UserdataHead | None, transaction: Transaction
     ) -> Chain | None:
@@ -139,6 +190,10 @@ class Joiner:
         self._give_up(key)
         if head.last_data_unit == 0 or (asked is not None and asked.sequence):
             return None
+        return self._open(key, head, transaction)
+
+    def _open(self, key: int, head: UserdataHead, transaction: Transaction) -> Chain:
+        """Begin a chain; the oldest gives way when there are too many."""
         chain = Chain(head, transaction)
         if len(self._chains) >= MAX_CHAINS:
             self._give_up(next(iter(self._chains)))

@@ -20,6 +20,7 @@ CONNECT: Final = "connect"
 DOWNLOAD: Final = "download"
 UPLOAD: Final = "upload"
 LONG_ANSWER: Final = "long_answer"
+BSEND: Final = "bsend"
 CYCLIC: Final = "cyclic"
 MESSAGES: Final = "messages"
 TEST_JOB: Final = "test_job"
@@ -30,6 +31,7 @@ KINDS: Final[dict[str, str]] = {
     DOWNLOAD: "A block is loaded into the PLC; the PLC asks for its pieces.",
     UPLOAD: "A block is read out of the PLC, piece by piece.",
     LONG_ANSWER: "An answer that did not fit one PDU was asked for part by part.",
+    BSEND: "A program sends to the program of its partner more than fits one PDU, piece by piece.",
     CYCLIC: "Values are subscribed to, and the PLC sends them in cycles or on change.",
     MESSAGES: "Messages of the PLC are subscribed to: modes, diagnostics, alarms.",
     TEST_JOB: "A test function of the programming device runs: monitor, modify, force, block status.",
@@ -79,8 +81,8 @@ class Operation:
     ``asked_by`` is the side of ``connection`` that began it; ``subject`` says what it is about, in text from the wire that is
     not escaped. ``parts`` counts the transactions, of which ``transactions`` keeps the numbers (the first thousand);
     ``pushes`` of them were sent unasked. ``octets`` is the size of what was carried: block content, joined answer, values.
-    ``announced`` is the size that was stated beforehand, -1 when none was. ``content`` is the answer that came in parts,
-    joined, once it is whole; empty for other kinds. Times are nanoseconds since 1970.
+    ``announced`` is the size that was stated beforehand, -1 when none was. ``content`` is the answer or BSEND that came in
+    parts, joined, once it is whole; empty for other kinds. Times are nanoseconds since 1970.
     """
 
     __slots__ = (
@@ -141,7 +143,7 @@ class Operation:
         return self.end_ns - self.begin_ns
 
     def content_parts(self) -> list[Part]:
-        """Cut the joined answer into parts, anew at each call; empty where there is none (reference 4.3)."""
+        """Cut the joined answer or BSEND into parts, anew at each call; empty where there is none (reference 4.3)."""
         head = self.content_head
         if head is None:
             return []
@@ -175,7 +177,7 @@ class OpenOperations:
 
     def __init__(self) -> None:
         self.these: list[Operation] = []
-        self.joiner: Joiner | None = None  # once an answer came in parts
+        self.joiner: Joiner | None = None  # once something came in parts
         self.set_up = False  # the first Setup communication was told
 
     def find(self, kind: str, key: str) -> Operation | None:

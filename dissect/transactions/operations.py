@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Final
 
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.message import HEADER_SIZE
-from dissect.s7.parameters import UserdataHead
+from dissect.s7.parameters import GROUP_PBC, UserdataHead
 from dissect.s7.tables import PI_SERVICE, REQUEST_DOWNLOAD, SETUP_COMMUNICATION, USERDATA
 from dissect.transactions.checks import STRAY_PUSH
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import (
+    BSEND,
     CONNECT,
     CYCLIC,
     DONE,
@@ -27,6 +28,7 @@ from dissect.transactions.operation import (
     RUNNING,
     TEST_JOB,
     UNFINISHED,
+    WRONG_SIZE,
     Operation,
     OperationBook,
 )
@@ -134,6 +136,8 @@ class Operations(OperationBook):
         told = answer.userdata if answer is not None else None
         if transaction.outcome == PUSH:
             self._push(transaction, head)
+        elif head.group == GROUP_PBC:
+            self._send(transaction, head)
         elif self._part_of_long_answer(transaction, head, told):
             return
         elif head.group == _CYCLIC:
@@ -166,6 +170,39 @@ class Operations(OperationBook):
         if transaction.outcome == UNANSWERED or transaction.error_code or not more:
             self.settle(operation, transaction, DONE, FAILED)
         return True
+
+    def _send(self, transaction: Transaction, head: UserdataHead) -> None:
+        """Follow a BSEND in pieces, each of which the partner answers; one that fits one PDU is no operation."""
+        request = transaction.request
+        if request is None:
+            return
+        from dissect.s7.pbc import BSEND_DATA, goes_on  # late: see `Pdu.body`
+        from dissect.s7.syntaxes import r_id_text
+
+        body = request.body
+        r_id = body.number("r_id")
+        key = f"{transaction.asked_by}/{r_id}"
+        operation = transaction.connection.operations.find(BSEND, key)
+        if goes_on(head):
+            if operation is None:
+                return
+            operation.add(transaction)
+        else:
+            if operation is not None:
+                self.close(operation, UNFINISHED, "begun again")
+            if r_id < 0 or head.last_data_unit == 0:
+                return
+            operation = self.begin(BSEND, key, transaction, r_id_text(r_id))
+            operation.announced = body.number("total_length")
+        piece = body.find(BSEND_DATA)
+        operation.octets += piece.end - piece.offset if piece is not None else 0
+        _join(operation, transaction)
+        operation.complete = head.last_data_unit == 0
+        if operation.complete and operation.octets != operation.announced and not operation.connection.tcp.has_holes:
+            detail = f"{operation.octets} octets, {operation.announced} announced"
+            operation.odd(WRONG_SIZE, detail, int(transaction.request_frame))
+        if operation.complete or transaction.error_code:
+            self.settle(operation, transaction, DONE, FAILED)
 
     def _cyclic(self, transaction: Transaction, head: UserdataHead, told: UserdataHead | None) -> None:
         job = told.sequence if told is not None else head.sequence
@@ -252,8 +289,8 @@ class Operations(OperationBook):
 
 
 def _join(operation: Operation, transaction: Transaction) -> None:
-    """Add a part of a long answer; with the last one the answer is whole."""
-    from dissect.transactions.multipart import Joiner  # late, as few captures have such answers
+    """Add a part of a long answer or BSEND; with the last one it is whole."""
+    from dissect.transactions.multipart import Joiner  # late, as few captures have such things
 
     going = operation.connection.operations
     if going.joiner is None:
@@ -261,8 +298,7 @@ def _join(operation: Operation, transaction: Transaction) -> None:
     chain = going.joiner.feed(transaction)
     if chain is not None:
         operation.content = chain.octets
-        answer = transaction.response_parameters
-        operation.content_head = answer.userdata if answer is not None else None
+        operation.content_head = UserdataHead(chain.type, chain.group, chain.subfunction, chain.sequence)
 
 
 def _from_the_beginning(operation: Operation) -> None:

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
+from dissect.s7.tables import USERDATA
+from dissect.s7plus.parameters import PLUS
 from dissect.tcp.stream import HALF_SPACE, MASK
 
 if TYPE_CHECKING:
@@ -45,6 +47,17 @@ _FRESH: Final = 1024
 USERDATA_KEY: Final = 0x10000
 #: Added to the sequence number of an S7comm-plus request.
 PLUS_KEY: Final = 0x20000
+#: Added to what an SCD request is known by: its transaction number, or index and sub-index, of 25 bits together.
+SCD_KEY: Final = 0x40000000
+
+
+def key_of(rosctr: i64, pdu_ref: i64) -> i64:
+    """Return the key of a request, or of the request that an answer belongs to."""
+    if rosctr < USERDATA:
+        return pdu_ref
+    if rosctr == USERDATA:
+        return pdu_ref | USERDATA_KEY
+    return pdu_ref | (PLUS_KEY if rosctr == PLUS else SCD_KEY)
 
 
 class Orphan:
@@ -199,6 +212,21 @@ class OpenRequests:
                     return found
                 found = behind
         return None
+
+    def asked_after(self, number: i64) -> list[Transaction]:
+        """Return the open requests with a larger number than ``number``, in order of their numbers. They stay."""
+        found: list[Transaction] = []
+        for entry in self.table.values():
+            row: Transaction | None = entry
+            while row is not None:
+                link: Transaction | None = row
+                while link is not None:
+                    if link.number > number:
+                        found.append(link)
+                    link = link.earlier
+                row = row.superseded
+        found.sort(key=_number)
+        return found
 
     def drain(self) -> list[Transaction]:
         """Remove and return every open request, oldest first."""

@@ -17,6 +17,7 @@ from dissect.iso.tpkt import Framer
 from dissect.s7plus.assembly import PlusAssembler
 from dissect.tcp.connection import Endpoint, TcpConnection
 from dissect.tcp.stream import MASK, HalfStream
+from dissect.transactions.carried import Backlog
 from dissect.transactions.connection import Connection
 
 MAX_CONNECTIONS: Final = 8192
@@ -36,6 +37,7 @@ class Side:
 
     __slots__ = (
         "assembler",
+        "backlog",
         "connection",
         "end_seq",
         "framer",
@@ -52,7 +54,9 @@ class Side:
         "requests",
         "stream",
         "tcp",
+        "told_overdue",
         "waiting",
+        "watched",
     )
 
     def __init__(self, index: i64, key: bytes, tcp: TcpConnection, connection: Connection) -> None:
@@ -65,6 +69,7 @@ class Side:
         self.ibh: PacketFramer | None = None  # in the place of `framer` once the connection speaks IBH-NetLink
         self.assembler: Assembler = Assembler()
         self.plus: PlusAssembler | None = None  # there from the first S7comm-plus frame on
+        self.backlog: Backlog | None = None  # in the place of `framer` where a carrier follows the stream
         self.peer: Side | None = None
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
         self.end_seq: i64 = 0  # sequence number after the octets at hand
@@ -73,6 +78,8 @@ class Side:
         self.missing: i64 = 0  # octets in holes
         self.hole_frame: i64 = 0  # packet at which the latest hole was given up
         self.waiting: bool = False  # in the pipeline's list of sides to look at when time passes
+        self.watched: bool = False  # of those whose requests are watched for being overdue
+        self.told_overdue: i64 = 0  # number of its latest request that was told to be
         self.garbage: bool = False  # inside a stretch that was already told
 
     @property

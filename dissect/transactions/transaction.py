@@ -16,6 +16,7 @@ from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.parameters import PLUS, PlusParameters
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.tcp.stream import HALF_SPACE, MASK
+from dissect.transactions.carried import SCD, ScdMessage, ScdParameters
 
 if TYPE_CHECKING:
     from dissect.transactions.connection import Connection
@@ -113,6 +114,7 @@ class Transaction:
 
     __slots__ = (
         "asked_by",
+        "carried",
         "connection",
         "earlier",
         "error_code",
@@ -171,6 +173,7 @@ class Transaction:
             None  # a request before it with the same reference, its answer not seen yet
         )
         self.earlier: Transaction | None = None  # an identical request with the same reference, still open
+        self.carried: list[ScdMessage] | None = None  # SCD in the items or the block of an S7 transaction
 
     def __repr__(self) -> str:
         return f"Transaction({self.number}, {self.function_name}, {self.outcome_name})"
@@ -201,6 +204,26 @@ class Transaction:
         return self.rosctr == PLUS
 
     @property
+    def is_scd(self) -> bool:
+        """True for SCD, whose request and answer are in `scd`."""
+        return self.rosctr == SCD
+
+    @property
+    def scd(self) -> list[ScdMessage]:
+        """The SCD of a transaction: its request and answer, or what stood in the items of an S7 transaction."""
+        if self.carried is not None:
+            return self.carried
+        found: list[ScdMessage] = []
+        if self.rosctr == SCD:
+            asked = self.parameters
+            if self.request_size and isinstance(asked, ScdParameters):
+                found.append(asked.scd)
+            told = self.response_parameters
+            if isinstance(told, ScdParameters):
+                found.append(told.scd)
+        return found
+
+    @property
     def function_name(self) -> str:
         """Name of the function, for userdata of group and subfunction."""
         return self.parameters.function_name
@@ -228,7 +251,7 @@ class Transaction:
     @property
     def request(self) -> Pdu | None:
         """The S7comm request, parsed anew at each access; None when there is none."""
-        if not self.request_size or self.is_plus:
+        if not self.request_size or self.is_plus or self.is_scd:
             return None
         return parse_pdu(
             self.request_octets, self.request_frame, self.request_ns, self.connection.number, self.asked_by
@@ -237,7 +260,7 @@ class Transaction:
     @property
     def response(self) -> Pdu | None:
         """The S7comm answer, parsed anew at each access; None when there is none."""
-        if not self.response_size or self.is_plus:
+        if not self.response_size or self.is_plus or self.is_scd:
             return None
         return parse_pdu(
             self.response_octets, self.response_frame, self.response_ns, self.connection.number, 1 - self.asked_by
@@ -333,6 +356,8 @@ class Transaction:
         """Everything the answer says no to, in wire order: header, parameter, items. Empty when all is well."""
         if not self.has_errors:
             return []
+        if self.is_scd:
+            return self._scd_errors()
         errors = []
         if self.error_code:
             where = "parameter" if self.parameters.userdata is not None else "header"
@@ -350,3 +375,10 @@ class Transaction:
                     TransactionError(f"item {number}", code, RETURN_CODES.name(code), RETURN_CODES.text(code), address)
                 )
         return errors
+
+    def _scd_errors(self) -> list[TransactionError]:
+        told = self.response_parameters
+        if not isinstance(told, ScdParameters):
+            return []
+        name = "abort" if told.scd.message.phase == "abort" else "error"
+        return [TransactionError("message", int(told.err), name, told.scd.dictionary.error_text(int(told.err)))]

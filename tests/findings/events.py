@@ -103,6 +103,16 @@ def tells(
     return userdata(pdu_ref, bytes(parameters), payload(octets))
 
 
+def bsend(pdu_ref: int, octets: bytes, announced: int = -1, sequence: int = 0, part: int = 0, r_id: int = 1) -> bytes:
+    """A BSEND, or a piece of one: ``part`` as in `tells`, ``announced`` the length in front, -1 for none."""
+    parameters = bytearray(head(REQUEST, 6, 1, sequence, 0))
+    parameters[8] = abs(part)
+    parameters[9] = int(part > 0)
+    length = announced.to_bytes(2, "big") if announced >= 0 else b""
+    octets = b"\x12\x06\x13\x00" + r_id.to_bytes(4, "big") + length + octets
+    return userdata(pdu_ref, bytes(parameters), payload(octets))
+
+
 def pushes(group: int, subfunction: int, octets: bytes, sequence: int = 0) -> bytes:
     """Userdata that nobody asked for."""
     code = 0 if group in {1, 2} else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from tests.findings import events
 from tests.findings.operation_scenarios import load, read_out
 from tests.findings.registry import silent, speaks
-from tests.transactions.talk import SECOND, Talk, ack_data, dbw, item, read, refused, words, write, written
+from tests.transactions.talk import SECOND, Talk, ack_data, dbw, item, job, read, refused, words, write, written
 
 QB0 = item(0x82, 0, 0, 2)
 MB0 = item(0x83, 0, 0, 2)
@@ -268,6 +268,24 @@ def alarm_acknowledged(talk: Talk) -> None:
 @speaks("security.nc_command")
 def file_deleted(talk: Talk) -> None:
     order(talk, events.service(1, "_N_F_DELE", events.texts("P01", "/_N_WKS_DIR")), 0x28)
+
+
+@speaks("security.unknown_service")
+def made_up_service(talk: Talk) -> None:
+    order(talk, events.service(1, "_XYZA"), 0x28)
+    talk.pipeline.conversation.tell_findings()
+    assert talk.findings[-1].detail == "10.0.0.1:50000 to 10.0.0.2:102: PI service _XYZA"
+
+
+@silent("security.unknown_service")
+def services_in_the_tables_or_without_a_name(talk: Talk) -> None:
+    order(talk, events.service(1, "_N_XYZA_", events.texts("P01")), 0x28)  # one of a numerical control, whatever it is
+    talk.ask(events.service(2, "P_PROGRAM"))
+    talk.tell(events.answered(2, 0x28))
+    talk.ask(job(3, b"\x28"))
+    talk.tell(events.answered(3, 0x28))
+    talk.pipeline.conversation.tell_findings()
+    assert talk.slugs().count("security.nc_command") == 1
 
 
 @speaks("security.flood")

@@ -16,7 +16,7 @@ from dissect.s7plus.assembly import MAX_PDU
 from dissect.tcp import ip
 from dissect.transactions.table import MAX_CONNECTIONS, MAX_HALF_OPEN
 from dissect.transactions.transaction import Transaction
-from tests.findings import operation_scenarios, security_scenarios
+from tests.findings import operation_scenarios, scd_scenarios, security_scenarios
 from tests.findings.registry import SILENT, SPEAKS, silent, speaks
 from tests.ibh import packets as ibh
 from tests.transactions.talk import (
@@ -52,10 +52,10 @@ from tests.transactions.talk import (
 
 PACKAGE: Final = Path(dissect.__file__).parent
 #: Rooms and modules that may judge.
-ENGINE: Final = frozenset(("findings", "conversation.py", "gateway.py", "pipeline.py"))
+ENGINE: Final = frozenset(("findings", "bindings", "conversation.py", "gateway.py", "pipeline.py"))
 #: Rooms whose findings are written in the source as "room.what".
 SLUG: Final = re.compile(
-    r"(capture|ip|stream|tpkt|ibh|cotp|s7|session|transaction|function|security|operation|internal)\.[a-z_0-9]+"
+    r"(capture|ip|stream|tpkt|ibh|cotp|s7|session|transaction|function|security|scd|operation|internal)\.[a-z_0-9]+"
 )
 
 
@@ -110,6 +110,7 @@ def test_what_the_code_notes_is_the_catalogue() -> None:
     "s7.redundancy_id",
     "s7.ack_content",
     "internal.bug",
+    "capture.dropped",
 )
 def plain(talk: Talk) -> None:
     """Nothing is wrong at all."""
@@ -126,6 +127,11 @@ def plain(talk: Talk) -> None:
 @speaks("capture.damaged")
 def damaged(talk: Talk) -> None:
     talk.pipeline.note_damage("cut off")
+
+
+@speaks("capture.dropped")
+def dropped(talk: Talk) -> None:
+    talk.pipeline.note_dropped("3 packets")
 
 
 @speaks("capture.cut_frames")
@@ -749,6 +755,24 @@ def unanswered(talk: Talk) -> None:
     talk.close()
 
 
+@speaks("transaction.overdue")
+def overdue(talk: Talk) -> None:
+    talk.watch(2 * SECOND)
+    talk.open()
+    talk.ask(read(1, dbw(1, 0)))
+    talk.silence(2 * SECOND)
+
+
+@silent("transaction.overdue")
+def nearly_overdue(talk: Talk) -> None:
+    talk.watch(2 * SECOND)
+    talk.open()
+    talk.ask(read(1, dbw(1, 0)))
+    talk.silence(2 * SECOND - 2 * MS)
+    talk.tell(words(1, 1))
+    talk.silence(10 * SECOND)
+
+
 @speaks("transaction.orphan")
 def orphan(talk: Talk) -> None:
     talk.open()
@@ -917,7 +941,11 @@ def test_rule_keeps_silent(slug: str) -> None:
 
 
 def test_every_rule_has_both() -> None:
-    assert {operation_scenarios.__name__, security_scenarios.__name__}  # importing them entered theirs
+    assert {
+        operation_scenarios.__name__,
+        scd_scenarios.__name__,
+        security_scenarios.__name__,
+    }  # importing them entered theirs
     assert set(SPEAKS) == set(SILENT) == set(CATALOGUE)
 
 

@@ -84,6 +84,8 @@ def test_what_is_remembered_is_bounded() -> None:
     for number in range(MAX_PAIRS + 10):
         watch.asked(asking(1, client=number), number, 0)
     assert (len(watch._pairs), watch.forgotten) == (MAX_PAIRS, 10)
+    watch.refused(asking(1, client=0), 0)  # one that had to leave: a refusal alone brings no pair back
+    assert watch.forgotten == 10
     for number in range(256):
         watch.asked(asking(number, client=7_000_000), number, 0)
     (pair,) = [pair for pair in watch._pairs.values() if len(pair.asked) > 1]

@@ -183,6 +183,7 @@ def test_a_connection_from_beginning_to_end() -> None:
         "client": "10.0.0.1:49152",
         "server": "10.0.0.2:102",
         "client_known": True,
+        "transport": "tcp",
         "vlan": [100, 7],
         "protocol": "s7comm",
         "identified_by": None,

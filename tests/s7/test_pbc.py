@@ -21,22 +21,24 @@ def usend(data: str, head: str = "00 01 12 06 13 00 00000001") -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("payload", "unit", "last", "layouts", "notes"),
+    ("payload", "sequence", "unit", "last", "layouts", "notes"),
     [
-        (ALONE, 0, 0, [PBC_ID, BSEND_LENGTH, BSEND_DATA], ["R_ID 0x00000001", "4 octets"]),
-        (ID + "0008 cafe0001", 7, 1, [PBC_ID, BSEND_LENGTH, BSEND_DATA], ["R_ID 0x00000001", "8 octets"]),
-        (ID + "0001 cafe0001", 7, 1, [PBC_ID, BSEND_DATA], ["R_ID 0x00000001", "continuation"]),
-        (ID + "00080001", 7, 0, [PBC_ID, BSEND_DATA], ["R_ID 0x00000001", "continuation"]),
-        (ID, 0, 0, [PBC_ID], ["R_ID 0x00000001"]),
+        (ALONE, 0, 0, 0, [PBC_ID, BSEND_LENGTH, BSEND_DATA], ["R_ID 0x00000001", "4 octets"]),
+        (ALONE, 2, 0, 0, [PBC_ID, BSEND_LENGTH, BSEND_DATA], ["R_ID 0x00000001", "4 octets"]),
+        (ID + "0008 cafe0001", 0, 7, 1, [PBC_ID, BSEND_LENGTH, BSEND_DATA], ["R_ID 0x00000001", "8 octets"]),
+        (ID + "0008 cafe0001", 2, 7, 1, [PBC_ID, BSEND_DATA], ["R_ID 0x00000001", "continuation"]),
+        (ID + "00080001", 2, 7, 0, [PBC_ID, BSEND_DATA], ["R_ID 0x00000001", "continuation"]),
+        (ID, 0, 0, 0, [PBC_ID], ["R_ID 0x00000001"]),
+        (ID, 2, 7, 0, [PBC_ID], ["R_ID 0x00000001"]),
     ],
 )
-def test_bsend(payload: str, unit: int, last: int, layouts: list[object], notes: list[str]) -> None:
-    octets = userdata(REQUEST, 6, 1, payload, 0, unit, last)
+def test_bsend(payload: str, sequence: int, unit: int, last: int, layouts: list[object], notes: list[str]) -> None:
+    octets = userdata(REQUEST, 6, 1, payload, sequence, unit, last)
     found = body(octets)
     assert [part.layout for part in payload_parts(found)] == layouts
     assert found.notes == notes
     assert found.number("r_id") == 1
-    assert bool(found.malformed) is (payload == ID)  # the length is missing
+    assert bool(found.malformed) is (payload == ID and not sequence)  # the length is missing
     stands_cuts(octets)
 
 
@@ -83,10 +85,18 @@ def test_octets_behind_a_usend_are_told() -> None:
     assert [fault.reason for fault in parse_pdu(usend("", "00 01 12 06 13 00 000000")).malformed] == ["too_short"]
 
 
-@given(st.integers(0, 3), st.binary(max_size=40), st.integers(0, 3), st.integers(0, 2))
-def test_never_raises(kind: int, payload: bytes, unit: int, last: int) -> None:
-    body(userdata(kind, 6, 1, payload.hex(), 0, unit, last))
-    body(userdata(kind, 6, 1, ID + payload.hex(), 0, unit, last))
+def test_an_r_id_is_no_error_code() -> None:
+    pdu = parse_pdu(usend("", "00 01 12 08 13 46 02 00 0000d209"))
+    head = pdu.parameters.userdata
+    assert head is not None
+    assert (head.extended, head.usend, head.error_code, pdu.refused) == (False, False, 0, False)
+    assert [(fault.reason, fault.field) for fault in pdu.malformed] == [("bad_value", "userdata head.syntax_id")]
+
+
+@given(st.integers(0, 3), st.binary(max_size=40), st.integers(0, 2), st.integers(0, 3), st.integers(0, 2))
+def test_never_raises(kind: int, payload: bytes, sequence: int, unit: int, last: int) -> None:
+    body(userdata(kind, 6, 1, payload.hex(), sequence, unit, last))
+    body(userdata(kind, 6, 1, ID + payload.hex(), sequence, unit, last))
 
 
 @given(st.binary(max_size=12), st.binary(max_size=40))

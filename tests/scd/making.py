@@ -133,8 +133,7 @@ def plant(envelope: EnvelopeRecord | None = None, *, access: str = "rw") -> Code
     return Codec(dictionary(objects, envelope=envelope))
 
 
-#: Reference §3.3, to the octet, but for the write, which needs a RECORD (test_messages).
-#: What is at 6000h:01 belongs to that RECORD too.
+#: Reference §3.3, to the octet. What is on 6000h:01 needs a RECORD there, which `plant` does not have.
 WIRE: list[tuple[str, str, dict[str, Any]]] = [
     ("DC 02 07 00 41 60 00 00 00 00 D5 D2", "read request", {"tid": 7, "index": 0x6041}),
     ("DC 82 07 00 41 60 00 00 02 00 37 02 1F 30", "read response",
@@ -143,6 +142,8 @@ WIRE: list[tuple[str, str, dict[str, Any]]] = [
     ("DC 81 08 00 00 60 01 00 00 00 E5 C0", "write response", {"tid": 8, "index": 0x6000, "sub": 1}),
     ("DC 10 2A 00 00 1A 00 00 07 00 37 02 18 FC FF FF 08 BB 4D", "pdo push",
      {"tid": 42, "index": 0x1A00, "pdo": "T1", "values": {(0x6041, 0): 0x0237, (0x6042, 0): -1000, (0x6043, 0): 8}}),
+    ("DC 01 08 00 00 60 01 00 01 00 01 69 FF", "write request",
+     {"tid": 8, "index": 0x6000, "sub": 1, "values": {(0x6000, 1): True}}),
 ]  # fmt: skip
 
 

@@ -68,8 +68,8 @@ def error_of(octets: bytes) -> DictionaryError:
     return caught.value
 
 
+@pytest.mark.requirement("R16")
 def test_the_header_to_the_octet() -> None:
-    """R16."""
     assert FILE[:8] == bytes.fromhex("89 53 43 44 0D 0A 1A 0A")
     assert FILE[8:12] == bytes.fromhex("01 00 40 00")
     assert struct.unpack_from("<II", FILE, 12) == (len(FILE), zlib.crc32(FILE[64:]))
@@ -79,8 +79,8 @@ def test_the_header_to_the_octet() -> None:
     assert msgspec.msgpack.decode(FILE[64:])[:3] == ["Насосная", "", "utc"]
 
 
+@pytest.mark.requirement("R13", "R17", "R18")
 def test_loading_gives_the_same(tmp_path: Path) -> None:
-    """R13, R17, R18."""
     plant = scd.compile(PLANT)
     plant.save(tmp_path / "plant.scd")
     loaded = scd.load(tmp_path / "plant.scd")
@@ -89,8 +89,9 @@ def test_loading_gives_the_same(tmp_path: Path) -> None:
     assert scd.load(PLANT).octets == plant.octets
 
 
+@pytest.mark.requirement("R18")
 def test_the_same_octets_whatever_the_hash_seed() -> None:
-    """R18: dictionaries are identical at all participants."""
+    """Dictionaries are identical at all participants."""
     code = f"from dissect import scd; print(scd.compile({str(PLANT)!r}).octets.hex())"
     found = {
         subprocess.run(
@@ -102,6 +103,7 @@ def test_the_same_octets_whatever_the_hash_seed() -> None:
     assert found == {scd.compile(PLANT).octets.hex()}
 
 
+@pytest.mark.requirement("R18")
 @pytest.mark.parametrize(
     ("old", "new", "wire"),
     [
@@ -116,7 +118,7 @@ def test_the_same_octets_whatever_the_hash_seed() -> None:
     ],
 )
 def test_wire_id_is_of_what_decides_decoding(old: str, new: str, wire: bool) -> None:
-    """R18, C5."""
+    """C5."""
     other = parse_toml(SMALL.replace(old, new))
     assert (other.wire_id != OD.wire_id, other.file_id != OD.file_id) == (wire, True)
 
@@ -183,6 +185,7 @@ def test_changing_nothing_is_fine() -> None:
     assert load_octets(changed(lambda _: None)).octets == FILE
 
 
+@pytest.mark.requirement("R57", "R62", "R71", "R72", "R73")
 @pytest.mark.parametrize(
     ("change", "where", "rule"),
     [
@@ -218,8 +221,8 @@ def test_records_of_other_types() -> None:
     assert error_of(changed(lambda records: records[5][0].__setitem__(1, 5))).where == "body $[5][0][1]"
 
 
+@pytest.mark.requirement("R42", "R71")
 def test_a_name_that_is_no_utf8() -> None:
-    """R42, R71."""
     at = FILE.index("Насос".encode(), 100)
     octets = FILE[64:at] + b"\xff" + FILE[at + 1 :]
     error = error_of(sealed(octets, OD.wire_id))

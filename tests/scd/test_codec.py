@@ -3,8 +3,8 @@ from __future__ import annotations
 import math
 import random
 import struct
-from typing import Any
 
+import canopen
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from dissect.scd.codec import Codec
 from dissect.scd.errors import Error
 from dissect.scd.mapping import Entry, pack_entry
-from dissect.scd.records import FieldRecord, ObjectRecord, StructRecord
+from dissect.scd.records import ObjectRecord
 from dissect.scd.values import MAC
 from tests.scd import making
 from tests.scd.making import (
@@ -27,7 +27,6 @@ from tests.scd.making import (
     MAC_T,
     NETTIME,
     STRING,
-    UINT4,
     UINT8,
     UINT12,
     UINT16,
@@ -40,6 +39,7 @@ from tests.scd.making import (
 )
 
 
+@pytest.mark.requirement("R41")
 @pytest.mark.parametrize("shift", [0, 1])
 def test_r41_infinity_is_not_sent_and_is_flagged_when_received(shift: int) -> None:
     codec = making.pdo(*[BOOL] * shift, FLOAT32)
@@ -56,33 +56,15 @@ def test_r41_infinity_is_not_sent_and_is_flagged_when_received(shift: int) -> No
     assert decoded.flags == {"nonfinite": (last,)}
 
 
-# Reference §2, several variables.
-
-PDOS: list[tuple[str, tuple[making.Part, ...], list[Any], str]] = [
-    ("R29, R30: eight Booleans", (BOOL,) * 8, [True, False, True, True, False, False, False, True], "8D"),
-    ("three uint12", (UINT12,) * 3, [0x123, 0x456, 0x789], "23 61 45 89 07"),
-    ("R24, R33: nothing is aligned by itself", (BOOL, UINT12, INT32), [True, 0xABC, -2], "79 D5 FF FF FF 1F"),
-    ("47 bits", (BOOL, BOOL, UINT12, INT32, BOOL), [True, False, 0xABC, -2, True], "F1 AA FF FF FF 7F"),
-    ("bool, float32", (BOOL, FLOAT32), [True, 1.0], "01 00 00 7F 00"),
-    ("uint4, string", (UINT4, (STRING, 16)), [0xF, "AB"], "1F 24 04"),
-    ("bool, MAC", (BOOL, MAC_T), [True, MAC("00:1B:44:11:3A:B7")], "01 36 88 22 74 6E 01"),
-    ("R33: reserved bits align", (BOOL, (0, 7), UINT16, FLOAT32), [True, 0x1234, 1.0], "01 34 12 00 00 80 3F"),
-    ("u16, i32, i8", (UINT16, INT32, INT8), [0x0237, -1000, 8], "37 02 18 FC FF FF 08"),
-    ("gaps", (UINT8, (0, 8), UINT16, (0, 8), UINT8), [0x11, 0x2233, 0x44], "11 00 33 22 00 44"),
-    ("§3.1", (BOOL, BOOL, (0, 2), UINT12, INT16), [True, False, 0xABC, -1500], "C1 AB 24 FA"),
-]  # fmt: skip
+@pytest.mark.requirement("R69")
+@pytest.mark.parametrize("values", [[], [1, -1], [1, -1, 256, 3]])
+def test_an_array_is_sent_whole(values: list[int]) -> None:
+    with pytest.raises(Error) as error:
+        Codec(making.dictionary([array()])).encode_object("a", values)
+    assert code(error) == "E_COUNT"
 
 
-@pytest.mark.parametrize(("parts", "values", "octets"), [row[1:] for row in PDOS], ids=[row[0] for row in PDOS])
-def test_worked_examples_of_pdos(parts: tuple[making.Part, ...], values: list[Any], octets: str) -> None:
-    codec = making.pdo(*parts)
-    assert codec.encode("T1", keyed(values)).hex(" ").upper() == octets
-    decoded = codec.decode("T1", bytes.fromhex(octets))
-    assert decoded.values == keyed(values)
-    assert [type(value) for value in decoded.values.values()] == [type(value) for value in values]
-    assert (decoded.flags, decoded.surplus) == ({}, b"")
-
-
+@pytest.mark.requirement("R32")
 def test_r32_bits_of_a_gap_are_any_and_only_strict_pad_tells() -> None:
     parts: tuple[making.Part, ...] = (BOOL, (0, 7), UINT16, FLOAT32)
     octets = bytes.fromhex("AB 34 12 00 00 80 3F")
@@ -94,6 +76,7 @@ def test_r32_bits_of_a_gap_are_any_and_only_strict_pad_tells() -> None:
     assert making.pdo(UINT12, strict_pad=True).decode("T1", b"\xff\x0f").flags == {}
 
 
+@pytest.mark.requirement("R32")
 def test_r32_reserved_bits_with_a_value_are_sent_as_that() -> None:
     codec = Codec(making.dictionary(structs=[pump()]), strict_pad=True)
     octets = codec.encode_type("pump_t", {"run": True, "level": 0x1234, "flow": 1.0})
@@ -104,6 +87,7 @@ def test_r32_reserved_bits_with_a_value_are_sent_as_that() -> None:
     assert other.flags == {"pad": ()}
 
 
+@pytest.mark.requirement("R99")
 def test_r99_a_bare_struct_is_a_message() -> None:
     codec = Codec(making.dictionary(structs=[pump()]))
     octets = bytes.fromhex("AB 34 12 00 00 80 3F")
@@ -120,32 +104,13 @@ def test_r99_a_bare_struct_is_a_message() -> None:
         assert code(error) == "E_TYPE"
 
 
-def test_r69_the_data_of_an_array_is_without_sub_index_0() -> None:
-    codec = Codec(making.dictionary([array()]))
-    octets = bytes.fromhex("01 00 FF FF 00 01")
-    assert codec.encode_object("a", [1, -1, 256]) == octets
-    assert codec.decode_object(0x2000, octets).values == {(0x2000, 1): 1, (0x2000, 2): -1, (0x2000, 3): 256}
-    assert codec.encode_value((0x2000, 0), 3) == b"\x03"
-    assert codec.decode_value("0x2000:0", b"\x03").values == {(0x2000, 0): 3}
-    with pytest.raises(Error) as error:
-        codec.encode_object("a", [1, -1])
-    assert code(error) == "E_COUNT"
-
-
+@pytest.mark.requirement("R70")
 def test_r70_the_data_of_a_record_is_without_sub_index_0_and_reserved_fields_have_no_value() -> None:
     record = ObjectRecord(0x2000, 9, "r", 0x40, 0, "rw", False, True)
     codec = Codec(making.dictionary([record], [pump()]))
     octets = codec.encode_object("r", [True, 0x1234, 1.0])
     assert octets == bytes.fromhex("0B 34 12 00 00 80 3F")
     assert codec.decode_object("r", octets).values == {(0x2000, 1): True, (0x2000, 4): 0x1234, (0x2000, 5): 1.0}
-
-
-def test_r59_the_structure_of_a_struct_is_read_at_its_index() -> None:
-    fields = [FieldRecord(name, kind, 0) for name, kind in (("a", BOOL), ("b", UINT16), ("c", FLOAT32), ("d", MAC_T))]
-    codec = Codec(making.dictionary(structs=[StructRecord(0x41, "s", fields)]))
-    shown = [codec.encode_value((0x41, sub), value).hex(" ") for sub, value in enumerate((4, 1, 6, 8, 0x0401))]
-    assert shown == ["04", "01 00", "06 00", "08 00", "01 04"]
-    assert codec.decode_value((0x41, 4), b"\x01\x04").values == {(0x41, 4): 0x0401}
 
 
 def test_c33_sub_index_255_is_class_and_type() -> None:
@@ -195,6 +160,7 @@ def test_unknown_pdos() -> None:
         assert code(error) == "E_PDO_NUMBER"
 
 
+@pytest.mark.requirement("R104")
 def test_r104_a_mapping_rewritten_in_traffic_is_used_from_then_on() -> None:
     codec = making.pdo(UINT8, UINT16)
     assert codec.decode("T1", b"\x01\x02\x03").values == keyed([1, 0x0302])
@@ -203,6 +169,7 @@ def test_r104_a_mapping_rewritten_in_traffic_is_used_from_then_on() -> None:
     assert codec.decode("T1", b"\x01\x02\x03").values == {(0x6001, 0): 0x0201, (0x6000, 0): 3}
 
 
+@pytest.mark.requirement("R103")
 def test_r103_a_pdo_that_is_off_is_empty() -> None:
     codec = making.pdo()
     assert codec.encode("T1", {}) == b""
@@ -234,7 +201,6 @@ def test_aligned_pdos_are_what_struct_makes_of_them() -> None:
 
 def test_aligned_pdos_are_what_python_canopen_makes_of_them() -> None:
     """Only aligned: its bit fields are wrong (its own open request #454)."""
-    canopen = pytest.importorskip("canopen")
     od = canopen.ObjectDictionary()
     od.add_object(canopen.objectdictionary.ODVariable("v", 0x2000))
     kinds = {UINT16: 0x0237, INT32: -1000, INT8: 8, FLOAT32: 1.5}

@@ -30,8 +30,6 @@ from tests.scd.making import (
     keyed,
 )
 
-np = pytest.importorskip("numpy")
-
 
 def test_columns_have_the_types_of_the_variables() -> None:
     codec = making.pdo(BOOL, UINT12, INT16, FLOAT32, UINT64, making.INT12)

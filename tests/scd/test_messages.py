@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,44 +8,10 @@ from dissect.scd.codec import Codec
 from dissect.scd.errors import Error
 from dissect.scd.messages import Message
 from dissect.scd.packing import Key
-from dissect.scd.records import EnvelopeField, EnvelopeRecord, FieldRecord, ObjectRecord, StructRecord
+from dissect.scd.records import EnvelopeField, EnvelopeRecord, FieldRecord, ObjectRecord
 from dissect.scd.types import Value
 from tests.scd import making
-from tests.scd.making import BOOL, INT16, REFERENCE, WIRE, plant
-
-WRITE = bytes.fromhex("DC 01 08 00 00 60 01 00 01 00 01 69 FF")
-
-
-@pytest.mark.parametrize(("octets", "what", "wanted"), WIRE, ids=[row[1] for row in WIRE])
-def test_wire_examples(octets: str, what: str, wanted: dict[str, Any]) -> None:
-    pump = making.field("run", BOOL), making.field("on", BOOL)
-    codec = plant() if wanted["index"] != 0x6000 else record_plant(list(pump))
-    whole = bytes.fromhex(octets)
-    message = codec.decode_message(whole)
-    assert f"{message.service} {message.phase}" == what
-    assert message.size == len(whole)
-    assert message.flags == {}
-    default = Message()
-    for name in ("tid", "err", "index", "sub", "port", "pdo", "values"):
-        assert getattr(message, name) == wanted.get(name, getattr(default, name)), name
-    again = Message(service=message.service, phase=message.phase, **wanted)
-    assert codec.encode_message(again) == whole
-
-
-def record_plant(fields: list[Any]) -> Codec:
-    struct = StructRecord(0x40, "pump_t", fields)
-    return Codec(making.dictionary([ObjectRecord(0x6000, 9, "pump", 0x40, 0, "rw", False, True)], [struct]))
-
-
-def test_wire_example_of_a_write() -> None:
-    codec = record_plant([making.field("run", BOOL), making.field("", 0, 7)])
-    objects = codec.objects()
-    message = codec.decode_message(WRITE, objects)
-    assert (message.service, message.phase, message.tid, message.values) == ("write", "request", 8, {(0x6000, 1): True})
-    assert objects["pump.run"] is True
-    assert objects.changed == ((0x6000, 1),)
-    wanted = Message(service="write", phase="request", tid=8, index=0x6000, sub=1, values={(0x6000, 1): True})
-    assert codec.encode_message(wanted) == WRITE
+from tests.scd.making import INT16, REFERENCE, WIRE, plant
 
 
 def test_every_cut_of_every_example_is_short_and_a_tail_is_flagged() -> None:
@@ -115,6 +79,7 @@ def sent(codec: Codec, kind: int, index: int, data: bytes = b"", **more: int) ->
     return codec.parse_message(codec.envelope.build(numbers, data))
 
 
+@pytest.mark.requirement("R74")
 def test_r74_access_that_is_not_allowed_is_flagged() -> None:
     codec = plant()
     assert sent(codec, 0x02, 0x6046).flags == {"access": ((0x6046, 0),)}
@@ -125,6 +90,7 @@ def test_r74_access_that_is_not_allowed_is_flagged() -> None:
     assert sent(codec, 0x02, 0x6045).flags == {}
 
 
+@pytest.mark.requirement("R87")
 @pytest.mark.parametrize("index", [0x0000, 0x0001, 0x001F, 0x0060, 0x0260, 0x0401, 0xC000, 0xFFFF])
 def test_r87_types_and_reserved_indices_cannot_be_addressed(index: int) -> None:
     message = sent(plant(), 0x02, index)
@@ -167,6 +133,7 @@ def test_answers_without_a_value() -> None:
     assert sent(codec, 0x10, 0x1A00, bytes(8)).flags == {"trailing": ()}
 
 
+@pytest.mark.requirement("R95", "R107")
 def test_r95_r107_the_mapping_index_gives_direction_and_number() -> None:
     message = sent(plant(), 0x10, 0x1641, b"\x01")
     assert (message.pdo, message.values) == ("R66", {(0x6000, 0): True})

@@ -11,6 +11,7 @@ from tests.scd.making import (
 )
 
 
+@pytest.mark.requirement("R15")
 def test_r15_objects_are_updated_and_say_what_changed() -> None:
     codec = making.pdo(UINT8, FLOAT32)
     objects = codec.objects()

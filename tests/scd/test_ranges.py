@@ -8,8 +8,9 @@ from dissect.scd import ranges
 from dissect.scd.errors import Error
 
 
+@pytest.mark.requirement("R57", "R77")
 def test_sections_cover_every_index_once() -> None:
-    """R57, R77, C31: 65536 indices, none twice, none left out."""
+    """C31: 65536 indices, none twice, none left out."""
     end = 0
     for section in ranges.SECTIONS:
         assert section.first == end
@@ -17,6 +18,25 @@ def test_sections_cover_every_index_once() -> None:
     assert end == 0x10000
 
 
+@pytest.mark.requirement(
+    "R77",
+    "R78",
+    "R79",
+    "R80",
+    "R81",
+    "R82",
+    "R83",
+    "R84",
+    "R85",
+    "R86",
+    "R87",
+    "R88",
+    "R89",
+    "R90",
+    "R91",
+    "R92",
+    "R96",
+)
 @pytest.mark.parametrize(
     ("index", "holds"),
     [
@@ -45,22 +65,23 @@ def test_what_a_section_holds(index: int, holds: str) -> None:
     assert ranges.section_of(index).holds == holds
 
 
+@pytest.mark.requirement("R57", "R61")
 @pytest.mark.parametrize("index", [-1, 0x10000])
 def test_an_index_has_16_bits(index: int) -> None:
-    """R57, R61."""
     with pytest.raises(Error, match="E_INDEX"):
         ranges.section_of(index)
 
 
+@pytest.mark.requirement("R93", "R94")
 @pytest.mark.parametrize(("device", "first"), list(enumerate(range(0x6000, 0xA000, 0x800))))
 def test_devices_stand_800h_apart(device: int, first: int) -> None:
-    """R93, R94."""
     assert ranges.object_of_device(0x6000, device) == first
     assert ranges.device_of_object(first + 0x7FF) == (device, 0x67FF)
     assert ranges.type_of_device(0x60, device) == 0x60 + 0x40 * device
     assert ranges.type_of_device(0x9F, device) == 0x9F + 0x40 * device
 
 
+@pytest.mark.requirement("R95", "R105", "R106", "R107", "R108")
 @pytest.mark.parametrize(
     ("direction", "part", "number", "index"),
     [
@@ -74,13 +95,13 @@ def test_devices_stand_800h_apart(device: int, first: int) -> None:
     ],
 )
 def test_pdo_formulas(direction: str, part: str, number: int, index: int) -> None:
-    """R105, R106."""
     assert ranges.pdo_index(direction, part, number) == index
     assert ranges.pdo_of_index(index) == (direction, part, number)
 
 
+@pytest.mark.requirement("R95")
 def test_every_pdo_number_comes_back() -> None:
-    """R95, C46: the first PDO of the second segment is number 65."""
+    """C46: the first PDO of the second segment is number 65."""
     for number in range(1, 513):
         device, local = ranges.device_of_pdo(number)
         assert ranges.pdo_of_device(device, local) == number

@@ -14,6 +14,7 @@ from tests.scd.making import (
 )
 
 
+@pytest.mark.requirement("R10", "R13", "R14", "R15")
 def test_r10_r13_r14_r15_init_encode_decode(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(service, "_codec", None)
     with pytest.raises(Error) as error:

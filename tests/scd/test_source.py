@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from dissect import scd
 from dissect.scd.dictionary import Dictionary
-from dissect.scd.envelope_rules import DEFAULT_ENVELOPE, check_envelope
+from dissect.scd.envelope import DEFAULT
+from dissect.scd.envelope_rules import check_envelope
 from dissect.scd.errors import DictionaryError, Error
 from dissect.scd.model import StructType
 from dissect.scd.source import parse_json, parse_toml
@@ -35,8 +36,8 @@ def plant() -> Dictionary:
     return scd.compile(PLANT)
 
 
+@pytest.mark.requirement("R56", "R58", "R61", "R62", "R71")
 def test_objects_are_found_in_every_way(plant: Dictionary) -> None:
-    """R56, R58, R61, R62, R71."""
     run = plant[0x6000][1]
     assert plant["Насос 1.run"] is run
     assert plant.variable("0x6000:1") is plant.variable("0x6000.1") is plant.variable((0x6000, 1)) is run
@@ -50,18 +51,20 @@ def test_objects_are_found_in_every_way(plant: Dictionary) -> None:
     assert (plant["Насос 1.speed"] in plant, 0x6000 in plant, 0x6002 in plant) == (False, True, False)
 
 
+@pytest.mark.requirement("R62")
 @pytest.mark.parametrize(
     ("key", "code"), [("0x6002", "E_INDEX"), ("0x6000:9", "E_SUB"), ("0x6000:3", "E_SUB"), ("Насос 9", "E_INDEX")]
 )
 def test_what_is_not_there(plant: Dictionary, key: str, code: str) -> None:
-    """R62; a reserved field keeps its number and cannot be addressed."""
+    """A reserved field keeps its number and cannot be addressed."""
     with pytest.raises(Error) as caught:
         plant.variable(key)
     assert caught.value.code == code
 
 
+@pytest.mark.requirement("R60", "R69", "R70")
 def test_sub_index_0_is_no_data(plant: Dictionary) -> None:
-    """R60, R69, R70, C32."""
+    """C32."""
     for index, count, bits in ((0x2001, 3, 48), (0x6000, 4, 24)):
         head = plant[index][0]
         assert (head.type.name, head.default, head.access) == ("uint8", count, "const")
@@ -69,8 +72,9 @@ def test_sub_index_0_is_no_data(plant: Dictionary) -> None:
         assert plant[index].bits == bits
 
 
+@pytest.mark.requirement("R59", "R67")
 def test_structure_of_a_struct_is_readable(plant: Dictionary) -> None:
-    """R59, R67: number of fields, then their type codes as UNSIGNED16."""
+    """Number of fields, then their type codes as UNSIGNED16."""
     struct = plant.type("pump_t")
     assert isinstance(struct, StructType)
     assert struct.readout() == (4, 1, 1, 0, 3)
@@ -79,15 +83,15 @@ def test_structure_of_a_struct_is_readable(plant: Dictionary) -> None:
     assert [field.offset for field in struct.fields] == [0, 1, 2, 8]
 
 
+@pytest.mark.requirement("R66", "R87", "R90")
 def test_a_static_type_is_only_a_reference(plant: Dictionary) -> None:
-    """R66, R87, R90."""
     for index in (1, 0x1B, 0x60, 0x403):
         assert list(plant[index]) == []
         assert plant[index].object_class == 5
 
 
+@pytest.mark.requirement("R93", "R94", "R95")
 def test_devices_are_instances(plant: Dictionary) -> None:
-    """R93, R94, R95."""
     assert plant[0x6800].name == "Насос 2"
     assert [pdo.device for pdo in plant.tpdo.values()] == [0, 0, 1, 1]
     assert plant.tpdo[65].local_number == 1
@@ -95,8 +99,9 @@ def test_devices_are_instances(plant: Dictionary) -> None:
     assert plant.tpdo[65].mapping.index == 0x1A40
 
 
+@pytest.mark.requirement("R98", "R103", "R105", "R106")
 def test_pdos_come_from_their_mapping_objects(plant: Dictionary) -> None:
-    """R98, R103, R105, R106, C49: entry = index, sub, 0, offset, length."""
+    """C49: entry = index, sub, 0, offset, length."""
     pdo = plant.tpdo[2]
     assert [(row.variable.label, row.offset, row.bits) for row in pdo.map] == [
         ("Насос 1.run", 0, 1),
@@ -112,8 +117,9 @@ def test_pdos_come_from_their_mapping_objects(plant: Dictionary) -> None:
     assert plant.pdo("T1") is plant.pdo("TPDO 1") is plant.pdo("Состояние 1") is plant.tpdo[1]
 
 
+@pytest.mark.requirement("R104")
 def test_a_mapping_can_be_rewritten(plant: Dictionary) -> None:
-    """R104: an SDO write to 1A00h gives another PDO; the dictionary stays."""
+    """An SDO write to 1A00h gives another PDO; the dictionary stays."""
     entry = 0x6041 | 16 << 48
     pdo = plant.with_mapping(0x1A00, [entry])
     assert [(row.variable.index, row.offset, row.bits) for row in pdo.map] == [(0x6041, 0, 16)]
@@ -134,15 +140,15 @@ def test_canopen_entries_follow_each_other() -> None:
     assert od[0x1A02][1].default == 0x20000008
 
 
+@pytest.mark.requirement("R74", "R75")
 @pytest.mark.parametrize("access", ["rw", "wo", "ro", "const"])
 def test_access(access: str) -> None:
-    """R74, R75."""
     variable = parse_toml(HEAD + obj(f'type="uint8"\naccess="{access}"'))[0x2000][0]
     assert (variable.readable, variable.writable) == (access != "wo", access in {"rw", "wo"})
 
 
+@pytest.mark.requirement("R63", "R64", "R65", "R68", "R69", "R70", "R72")
 def test_classes() -> None:
-    """R63, R64, R65, R68, R69, R70, R72."""
     od = parse_toml(
         HEAD + PUMP + obj('class="NULL"') + obj('class="DOMAIN"', 0x2001, "d") + obj('class="VAR"\ntype="mac"', 0x2002, "v")
         + obj('class="ARRAY"\ntype="ip"\ncount=2', 0x2003, "a") + obj('class="RECORD"\ntype="pump_t"', 0x2004, "r")
@@ -198,6 +204,10 @@ WRONG = [
 ]  # fmt: skip
 
 
+@pytest.mark.requirement(
+    "R31", "R34", "R37", "R42", "R52", "R53", "R55", "R57", "R60", "R62", "R66", "R70", "R71", "R72", "R73", "R77", "R81",
+    "R88", "R89", "R90", "R93", "R95", "R103", "R106",
+)  # fmt: skip
 @pytest.mark.parametrize(
     ("rule", "text", "line", "said"),
     [pytest.param(*row, id=f"{row[0]}-{row[3]}-{number}") for number, row in enumerate(WRONG)],
@@ -225,8 +235,9 @@ def test_json_that_is_none(text: str) -> None:
         parse_json(text, "t.json")
 
 
+@pytest.mark.requirement("R22", "R24", "R25")
 def test_octets_of_a_value(plant: Dictionary) -> None:
-    """R22, R24, R25, C7, C56: N bits are the fewest octets that hold them; nothing is aligned unless it is written."""
+    """C7, C56: N bits are the fewest octets that hold them; nothing is aligned unless it is written."""
     assert [
         (plant.variable(key).bits, plant.variable(key).size) for key in ("0x6000:1", "0x6001", "0x6044", "0x2003")
     ] == [
@@ -244,8 +255,9 @@ def test_octets_of_a_value(plant: Dictionary) -> None:
     assert ([field.offset for field in packed.fields], packed.bits, packed.size) == ([0, 1, 49, 49], 50, 7)
 
 
+@pytest.mark.requirement("R31", "R32", "R33")
 def test_reserved_bits_are_defined_or_any(plant: Dictionary) -> None:
-    """R31, R32, R33: a gap in a struct, its bits given with ``fixed`` or any."""
+    """A gap in a struct, its bits given with ``fixed`` or any."""
     od = parse_toml(HEAD + PUMP.replace("reserved=6", "reserved=6, fixed=63"))
     assert [(row.reserved, row.fixed) for row in od.types[0x40].fields[2:]] == [  # type: ignore[union-attr]
         (True, 63),
@@ -254,8 +266,9 @@ def test_reserved_bits_are_defined_or_any(plant: Dictionary) -> None:
     assert plant[0x6000].fields[2].fixed is None
 
 
+@pytest.mark.requirement("R76")
 def test_mandatory(plant: Dictionary) -> None:
-    """R76, C37."""
+    """C37."""
     assert [row.mandatory for row in plant if row.index in {0x1000, 0x1020, 0x6000, 0x6800}] == [
         True,
         False,
@@ -264,8 +277,9 @@ def test_mandatory(plant: Dictionary) -> None:
     ]
 
 
+@pytest.mark.requirement("R5", "R72")
 def test_a_user_extends_the_library_of_types(plant: Dictionary) -> None:
-    """R5, R72, C15: widths the text has no index for are types of the dictionary."""
+    """C15: widths the text has no index for are types of the dictionary."""
     kind = plant.type("uint12")
     assert (kind, plant[0x6001].type) == (plant.types[0x60], plant.types[0x60])
     with pytest.raises(Error, match="E_TYPE"):
@@ -273,12 +287,13 @@ def test_a_user_extends_the_library_of_types(plant: Dictionary) -> None:
 
 
 def test_the_default_envelope_keeps_the_rules() -> None:
-    check_envelope(DEFAULT_ENVELOPE)
-    assert sum(field.bits for field in DEFAULT_ENVELOPE.fields) == 8 * (10 + 2)
+    check_envelope(DEFAULT)
+    assert sum(field.bits for field in DEFAULT.fields) == 8 * (10 + 2)
 
 
+@pytest.mark.requirement("R103")
 def test_overlong_pdo() -> None:
-    """R103: offset and length are 16 bits, a PDO ends before bit 65535."""
+    """Offset and length are 16 bits, a PDO ends before bit 65535."""
     text = HEAD + obj('type="block"\nsize=5000') + obj('type="block"\nsize=5000', 0x2001, "y")
     with pytest.raises(DictionaryError, match="65535"):
         parse_toml(text + '[[pdo]]\ndir="T"\nnumber=1\nmap=["x", "y"]\n')

@@ -21,6 +21,29 @@ def code_of(call: object, *arguments: object) -> str:
     return caught.value.code
 
 
+@pytest.mark.requirement(
+    "R19",
+    "R29",
+    "R30",
+    "R35",
+    "R36",
+    "R38",
+    "R39",
+    "R40",
+    "R42",
+    "R43",
+    "R44",
+    "R45",
+    "R46",
+    "R47",
+    "R48",
+    "R49",
+    "R50",
+    "R51",
+    "R52",
+    "R53",
+    "R55",
+)
 @pytest.mark.parametrize(
     ("name", "index", "kind", "bits"),
     [
@@ -54,40 +77,42 @@ def code_of(call: object, *arguments: object) -> str:
     ],
 )
 def test_standard_types(name: str, index: int, kind: Kind, bits: int) -> None:
-    """R19, R55."""
     row = STANDARD[STANDARD_NAMES[name]]
     assert (row.index, row.kind, row.bits) == (index, kind, bits)
 
 
+@pytest.mark.requirement("R55")
 def test_the_table_has_no_other_index() -> None:
-    """R55."""
     assert sorted(STANDARD) == [1, 2, 3, 4, 5, 6, 7, 8, 10, 13, 15, 17, 21, 27, 1025, 1026, 1027]
 
 
+@pytest.mark.requirement("R21", "R28")
 def test_void_is_no_bits() -> None:
-    """R21, R28: the empty sequence; C11: Void is Reserved 0."""
+    """The empty sequence; C11: Void is Reserved 0."""
     assert (VOID.bits, VOID.index, VOID.kind) == (0, 0, Kind.RESERVED)
     assert reserved(0) is VOID
 
 
+@pytest.mark.requirement("R31", "R33")
 @pytest.mark.parametrize("bits", [1, 6, 64, 300])
 def test_reserved_has_bits_and_no_value(bits: int) -> None:
-    """R31, R33."""
     assert reserved(bits).bits == bits
     assert code_of(reserved(bits).check, 0) == "E_VALUE"
 
 
+@pytest.mark.requirement("R20", "R34")
 @pytest.mark.parametrize("bits", range(1, 65))
 def test_every_unsigned_width(bits: int) -> None:
-    """R20, R34: 0..2^N-1."""
+    """0..2^N-1."""
     kind = integer(bits, signed=False)
     assert [kind.check(0), kind.check(2**bits - 1)] == [0, 2**bits - 1]
     assert [code_of(kind.check, -1), code_of(kind.check, 2**bits)] == ["E_RANGE", "E_RANGE"]
 
 
+@pytest.mark.requirement("R37")
 @pytest.mark.parametrize("bits", range(1, 65))
 def test_every_integer_width(bits: int) -> None:
-    """R37: -2^(N-1)..2^(N-1)-1."""
+    """-2^(N-1)..2^(N-1)-1."""
     kind = integer(bits, signed=True)
     half = 2 ** (bits - 1)
     assert [kind.check(-half), kind.check(half - 1)] == [-half, half - 1]
@@ -102,9 +127,9 @@ def test_no_other_width(bits: int) -> None:
     assert width_trouble(Kind.INT, bits)
 
 
+@pytest.mark.requirement("R29")
 @pytest.mark.parametrize("value", [0, 1, 2, "true", None, 1.0])
 def test_boolean_takes_only_booleans(value: object) -> None:
-    """R29."""
     assert STANDARD[1].check(True) is True
     assert STANDARD[1].check(False) is False
     assert code_of(STANDARD[1].check, value) == "E_VALUE"
@@ -115,17 +140,19 @@ def test_a_number_is_a_number(value: object) -> None:
     assert code_of(STANDARD[3].check, value) == "E_RANGE"
 
 
+@pytest.mark.requirement("R41")
 @pytest.mark.parametrize(
     ("bits", "value"),
     [(32, math.inf), (64, -math.inf), (32, 1e39), (32, 3.4028235677973366e38), (64, 10**400), (32, "1"), (64, True)],
 )
 def test_reals_are_finite(bits: int, value: object) -> None:
-    """R41, C17."""
+    """C17."""
     assert code_of(STANDARD[8 if bits == 32 else 17].check, value) == "E_RANGE"
 
 
+@pytest.mark.requirement("R39", "R40", "R41")
 def test_reals_that_are_values() -> None:
-    """R39, R40, R41: finite, zero included, or NaN."""
+    """Finite, zero included, or NaN."""
     assert STANDARD[8].check(3.4028235677973362e38) == 3.4028235677973362e38
     assert STANDARD[17].check(1.7976931348623157e308) == 1.7976931348623157e308
     assert math.copysign(1, STANDARD[8].check(-0.0)) == -1  # type: ignore[arg-type]
@@ -133,6 +160,7 @@ def test_reals_that_are_values() -> None:
     assert STANDARD[8].check(1) == 1.0
 
 
+@pytest.mark.requirement("R42")
 @pytest.mark.parametrize(
     ("value", "octets", "code"),
     [
@@ -144,21 +172,23 @@ def test_reals_that_are_values() -> None:
     ],
 )
 def test_strings_that_do_not_fit(value: object, octets: int, code: str) -> None:
-    """R42, C18, C19: the length is that of the octets."""
+    """C18, C19: the length is that of the octets."""
     assert STANDARD[10].check("Насос", 80) == "Насос"
     assert code_of(STANDARD[10].check, value, 8 * octets) == code
 
 
+@pytest.mark.requirement("R53", "R54")
 def test_blocks() -> None:
-    """R53, R54: any octets; of a declared size exactly."""
+    """Any octets; of a declared size exactly."""
     assert STANDARD[15].check(b"\xff\0") == b"\xff\0"
     assert STANDARD[15].check(bytearray(b"ab"), 16) == b"ab"
     assert code_of(STANDARD[15].check, b"a", 16) == "E_LENGTH"
     assert code_of(STANDARD[15].check, "ab", 16) == "E_VALUE"
 
 
+@pytest.mark.requirement("R43")
 def test_network_time() -> None:
-    """R43, C21."""
+    """C21."""
     kind = STANDARD[1027]
     time = kind.check("2015-10-18T00:00:00.123456789Z")
     assert time == NetTime(0x5622E100, 123456789)
@@ -172,8 +202,9 @@ def test_network_time() -> None:
         assert code_of(kind.check, nonsense) == "E_VALUE"
 
 
+@pytest.mark.requirement("R44")
 def test_interval() -> None:
-    """R44, C22: the difference of each field; from one number both have its sign."""
+    """C22: the difference of each field; from one number both have its sign."""
     kind = STANDARD[13]
     assert kind.check(Interval(1, -1)).total_ns == 999999999  # type: ignore[union-attr]
     assert Interval.from_ns(-1_500_000_000) == Interval(-1, -500_000_000)
@@ -189,8 +220,9 @@ def test_times_keep_their_nanoseconds(total: int) -> None:
     assert NetTime.from_isoformat(NetTime.from_ns(total).isoformat()).total_ns == total
 
 
+@pytest.mark.requirement("R45", "R46")
 def test_addresses() -> None:
-    """R45, R46, C24."""
+    """C24."""
     mac = STANDARD[0x401].check("00:1B:44:11:3A:B7")
     assert (mac, str(mac)) == (MAC(b"\x00\x1b\x44\x11\x3a\xb7"), "00:1B:44:11:3A:B7")
     assert STANDARD[0x402].check("192.168.100.1") == IPv4Address("192.168.100.1")
@@ -200,8 +232,9 @@ def test_addresses() -> None:
         assert code_of(STANDARD[0x402].check, wrong) == "E_VALUE"
 
 
+@pytest.mark.requirement("R47", "R48", "R51", "R52")
 def test_small_aliases_hold_one_octet() -> None:
-    """R47, R48, R51, R52, C25: a port of this stack has 8 bits."""
+    """C25: a port of this stack has 8 bits."""
     port = STANDARD[STANDARD_NAMES["scd_port_t"]]
     assert port.check(200) == 200
     assert code_of(port.check, 502) == "E_RANGE"
@@ -209,8 +242,9 @@ def test_small_aliases_hold_one_octet() -> None:
     assert STANDARD[STANDARD_NAMES["scd_size_t"]].check(258) == 258
 
 
+@pytest.mark.requirement("R52")
 def test_error_numbers_fit_their_type() -> None:
-    """R52, C28."""
+    """C28."""
     for number in ERROR_TEXTS:
         assert STANDARD[2].check(number) == number
     assert sorted(ERROR_TEXTS) == list(range(-21, 1))

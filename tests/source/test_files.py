@@ -268,7 +268,7 @@ def test_every_octet_of_compressed_data_changed(compression: str) -> None:
     for at in range(len(whole)):
         for new in {0, 0xFF, whole[at] ^ 1, whole[at] ^ 0x80} - {whole[at]}:
             try:
-                reader = files._find_reader(MemorySource(whole[:at] + bytes([new]) + whole[at + 1 :]), "x")
+                reader = files.find_reader(MemorySource(whole[:at] + bytes([new]) + whole[at + 1 :]), "x")
             except CaptureError:
                 outcomes["refused"] += 1
                 continue
@@ -576,7 +576,7 @@ def test_a_failing_disk_is_told_and_costs_only_what_was_not_read(compression: st
     sample = SAMPLES["pcap"]
     whole = COMPRESSIONS[compression](sample.octets)
     stream = _FailingStream(whole[:-1])
-    reader = files._find_reader(PlainSource(stream, owned=True), "x")
+    reader = files.find_reader(PlainSource(stream, owned=True), "x")
     frames = drain(reader).frames
     assert frames == sample.frames_before(reader.octets)
     assert reader.damage.startswith(f"reading failed after octet {len(whole) - 1}: Input/output error")
@@ -585,7 +585,7 @@ def test_a_failing_disk_is_told_and_costs_only_what_was_not_read(compression: st
 
 def test_a_disk_that_fails_at_once_is_no_capture() -> None:
     with pytest.raises(CaptureError, match=r"^x: reading failed after octet 0: Input/output error$"):
-        files._find_reader(PlainSource(_FailingStream(b""), owned=True), "x")
+        files.find_reader(PlainSource(_FailingStream(b""), owned=True), "x")
 
 
 @each_compression

@@ -102,6 +102,9 @@ def test_v4_fragments_of_other_protocols_need_not_be_kept(flags: int) -> None:
     buf = v4(PAYLOAD, flags=flags, protocol=UDP)
     packet = parse_ip(buf, 0, len(buf))
     assert (packet.problem, packet.protocol, packet.fragment_key) == ("", UDP, b"")
+    assert parse_ip(buf, 0, len(buf), True).fragment_key == SRC + DST + b"\x12\x34\x11"
+    other = v4(PAYLOAD, flags=flags, protocol=1)
+    assert parse_ip(other, 0, len(other), True).fragment_key == b""
 
 
 # ---- IPv6 -----------------------------------------------------------------------------------------------------------
@@ -179,6 +182,9 @@ def test_v6_fragments_of_other_protocols_need_not_be_kept(offset: int, more: boo
     buf = v6(fragment_header(UDP, offset, more) + PAYLOAD, next_header=44)
     packet = parse_ip(buf, 0, len(buf))
     assert (packet.problem, packet.protocol, packet.fragment_key) == ("", UDP, b"")
+    assert parse_ip(buf, 0, len(buf), True).fragment_key == SRC6 + DST6 + b"\x12\x34\x56\x78\x11"
+    other = v6(fragment_header(58, offset, more) + PAYLOAD, next_header=44)
+    assert parse_ip(other, 0, len(other), True).fragment_key == b""
 
 
 def test_v6_first_fragment_without_its_whole_header_chain() -> None:
@@ -293,6 +299,12 @@ def test_a_v6_header_chain_changed_by_an_overlap_leads_nowhere() -> None:
     store = FragmentStore()
     assert filled(store, evil, key) == [b""]
     assert store.conflicts == 1
+    assert [store.add(key, *piece, 0, True) for piece in evil] == [
+        None,
+        None,
+        PAYLOAD,
+    ]  # where UDP is wanted, it is that
+    assert (store.protocol, store.conflicts) == (UDP, 2)
 
 
 @st.composite

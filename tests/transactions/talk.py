@@ -14,10 +14,13 @@ from __future__ import annotations
 import struct
 from typing import Final
 
+from dissect.findings.carrier import Carrier
 from dissect.findings.finding import Finding
 from dissect.pipeline import Observer, Options, Pipeline
+from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
+from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
 
 CLIENT: Final = 0
@@ -144,6 +147,7 @@ class Talk(Observer):
         self.findings: list[Finding] = []
         self.connections: list[Connection] = []
         self.operations: list[Operation] = []
+        self.messages: list[ScdMessage] = []
         self.now_ns = START_NS
         #: Who is told, and whose clock counts: another talk may be captured in the same run.
         self.first = self if beside is None else beside
@@ -154,7 +158,18 @@ class Talk(Observer):
         #: What each end acknowledges; None is the normal course: everything the other end sent.
         self.acked: list[int | None] = [None, None]
 
+    def carry(self, carrier: Carrier) -> None:
+        """Begin anew, with somebody who looks for another protocol in what passes."""
+        self.pipeline = Pipeline(self, Options(strict=True, carrier=carrier))
+
+    def watch(self, overdue_ns: int = 2 * SECOND) -> None:
+        """Begin anew, on a line where requests are told that wait longer than this."""
+        self.pipeline = Pipeline(self, Options(strict=True, overdue_ns=overdue_ns))
+
     # What the pipeline tells.
+
+    def scd(self, frame: int, time_ns: int, side: Side, found: ScdMessage) -> None:
+        self.messages.append(found)
 
     def transaction(self, transaction: Transaction) -> None:
         self.transactions.append(transaction)
@@ -211,6 +226,16 @@ class Talk(Observer):
         self.pipeline.frame(self.first.now_ns, frame, 0, len(frame), len(frame), 1)
         return int(self.pipeline.frames)
 
+    def datagram(self, side: int, payload: bytes, ports: tuple[int, int] = (49200, 5600), cut: int = 0) -> int:
+        """Capture a UDP datagram of ``side`` and return its number; ``ports`` are those of client and server."""
+        udp = struct.pack(">HHHH", ports[side], ports[1 - side], 8 + len(payload), 0) + payload
+        addresses = bytes((10, 0, 0, self.hosts[side], 10, 0, 0, self.hosts[1 - side]))
+        ip = struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0) + addresses
+        frame = bytes(12) + b"\x08\x00" + ip + udp
+        self.first.now_ns += MS
+        self.pipeline.frame(self.first.now_ns, frame, 0, len(frame) - cut, len(frame), 1)
+        return int(self.pipeline.frames)
+
     def hello(self) -> None:
         """The TCP handshake."""
         self.packet(CLIENT, flags=SYN)
@@ -250,6 +275,11 @@ class Talk(Observer):
     def wait(self, duration_ns: int) -> None:
         """Let time pass."""
         self.first.now_ns += duration_ns
+
+    def silence(self, duration_ns: int) -> None:
+        """Let time pass on a silent line, and tell the pipeline so."""
+        self.wait(duration_ns)
+        self.pipeline.tick(self.first.now_ns)
 
     def close(self) -> None:
         """Both ends close the TCP connection, and the capture ends."""

@@ -17,7 +17,10 @@ from dissect.transactions.multipart import MAX_CHAINS, MAX_OCTETS, MAX_UNFINISHE
 from dissect.transactions.transaction import Transaction
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import SURPLUS
+from tests.findings.events import bsend
 from tests.transactions.talk import Talk, dbw, read, userdata, words
+
+CAPTURE: Final = Path(__file__).resolve().parents[2] / "captures" / "bsend.pcapng"
 
 FIRST: Final = bytes.fromhex("0000 0000 0002 0006 0000 0f00 0011")
 SECOND: Final = bytes.fromhex("0f11 001c 0131")
@@ -154,6 +157,75 @@ def test_octets_are_bounded() -> None:
     assert (joiner.open_count, joiner.unfinished_count) == (0, 1)
     joiner.feed(more)
     assert joiner.headless == 1
+
+
+def sends(*pdus: bytes, code: int = 0) -> list[Transaction]:
+    """The BSENDs ``pdus``, each answered with nothing; the last one with an error code."""
+    answers = [userdata(pdu_ref, bytes.fromhex("000112081286010200000000")) for pdu_ref in range(1, len(pdus) + 1)]
+    answers[-1] = userdata(len(pdus), bytes.fromhex("00011208128601020000") + code.to_bytes(2, "big"))
+    return transactions(*zip(pdus, answers, strict=True))
+
+
+def test_a_bsend_alone() -> None:
+    (chain,) = joined(Joiner(), sends(bsend(1, b"data", 4, r_id=7)))
+    assert (chain.r_id, chain.sent, chain.announced, chain.whole, chain.transactions) == (7, b"data", 4, True, 1)
+    told: list[Malformed] = []
+    assert [part.layout.name for part in chain.parts(told)] == ["R_ID", "BSEND length", "BSEND data"]
+    assert told == []
+
+
+def test_a_bsend_in_pieces() -> None:
+    joiner = Joiner()
+    pieces = (
+        bsend(1, b"ab", 6, part=5),
+        bsend(2, b"ef", 2, r_id=2),
+        bsend(3, b"cd", sequence=2, part=6),
+        bsend(4, b"ef", sequence=2, part=-7),
+        bsend(5, b"gh", sequence=2, part=-7),  # of which the beginning is missing
+    )
+    given_ = sends(*pieces)
+    assert [(one.r_id, one.sent, one.announced) for one in joined(joiner, given_)] == [(2, b"ef", 2), (1, b"abcdef", 6)]
+    assert (joiner.open_count, joiner.unfinished_count, joiner.headless) == (0, 0, 1)
+
+
+def test_a_bsend_that_is_refused_or_begun_again() -> None:
+    joiner = Joiner()
+    given_ = sends(bsend(1, b"ab", 6, part=5), bsend(2, b"ab", 6, part=6), bsend(3, b"cd", sequence=2, part=7), code=1)
+    assert joined(joiner, given_) == []
+    assert [(one.sent, one.whole) for one in joiner.close()] == [(b"ab", False), (b"ab", False)]
+
+
+def test_bsends_that_never_end_are_bounded() -> None:
+    joiner = Joiner()
+    assert joined(joiner, sends(*[bsend(n, b"ab", 6, part=5, r_id=n) for n in range(1, MAX_CHAINS + 3)])) == []
+    assert (joiner.open_count, joiner.unfinished_count) == (MAX_CHAINS, 2)
+    first, more = sends(bsend(1, b"", 9, part=5), bsend(2, bytes(60000), sequence=2, part=5))
+    joiner = Joiner()
+    joiner.feed(first)
+    for _ in range(MAX_OCTETS // 60000 + 1):
+        assert joiner.feed(more) is None
+    assert (joiner.open_count, joiner.unfinished_count) == (0, 1)
+
+
+def test_what_is_no_whole_bsend_is_left_out() -> None:
+    joiner = Joiner()
+    cut = userdata(1, bytes.fromhex("000112081246010000000000"), bytes.fromhex("ff09000712061300000000"))
+    short = bsend(2, b"")
+    (chain,) = joined(joiner, sends(cut, short))
+    assert (chain.r_id, chain.sent, chain.announced) == (1, b"", -1)
+    assert joined(joiner, transactions((question(1), answer(1, FIRST, 3))))[0].r_id == -1
+
+
+def test_the_bsend_of_two_partners() -> None:
+    joiners: dict[Connection, Joiner] = {}
+    found = []
+    for event in dissect.open(str(CAPTURE), pdus=False):
+        if isinstance(event, Transaction):
+            chain = joiners.setdefault(event.connection, Joiner()).feed(event)
+            if chain is not None and chain.r_id >= 0:
+                found.append((chain.last.asked_by, chain.r_id, chain.announced, chain.transactions, chain.sent))
+    long = bytes(range(256)) * 5 + bytes(range(220))
+    assert found == [(0, 1, 8, 1, b"level 17"), (1, 2, 200, 1, bytes(range(200))), (0, 1, 1500, 4, long)]
 
 
 def lists(path: Path) -> Iterator[tuple[Joiner, Chain]]:

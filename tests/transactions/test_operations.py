@@ -144,6 +144,65 @@ def test_a_whole_answer_is_no_operation(talk: Talk) -> None:
     assert talk.operations == []
 
 
+# ---- BSEND ----------------------------------------------------------------------------------------------------------
+
+
+def send(talk: Talk, pdu: bytes, pdu_ref: int, code: int = 0) -> None:
+    talk.ask(pdu)
+    talk.tell(events.tells(pdu_ref, 6, 1, sequence=2, code=code))
+
+
+def test_a_bsend_in_three_pieces(talk: Talk) -> None:
+    send(talk, events.bsend(1, b"abc", 8, part=5), 1)
+    send(talk, events.bsend(2, b"\xff\xffd", sequence=2, part=6), 2)
+    send(talk, events.bsend(3, b"ef", sequence=2, part=-7), 3)
+    told = only(talk)
+    assert (told.kind, told.result, told.subject, told.complete) == ("bsend", "done", "R_ID 0x00000001", True)
+    assert (told.octets, told.announced, told.parts, told.oddities) == (8, 8, 3, [])
+    assert told.content == bytes.fromhex("1206130000000001 0008") + b"abc\xff\xffdef"
+    assert [part.layout.name for part in told.content_parts()] == ["R_ID", "BSEND length", "BSEND data"]
+    assert told.content_parts()[2].octets("bsend_data") == b"abc\xff\xffdef"
+    assert (told.first_frame, told.last_frame) == (8, 13)
+
+
+def test_two_bsends_at_once_are_told_apart(talk: Talk) -> None:
+    send(talk, events.bsend(1, b"ab", 4, part=5), 1)
+    send(talk, events.bsend(2, b"cd", 4, part=6, r_id=2), 2)
+    talk.tell(events.bsend(9, b"ef", 4, part=6))  # the partner sends with the same R_ID
+    talk.ask(events.tells(9, 6, 1, sequence=2))
+    send(talk, events.bsend(3, b"CD", sequence=2, part=-7, r_id=2), 3)
+    send(talk, events.bsend(4, b"AB", sequence=2, part=-8), 4)
+    talk.close()
+    assert [(one.asked_by, one.content[10:], one.result) for one in talk.operations] == [
+        (0, b"cdCD", "done"),
+        (0, b"abAB", "done"),
+        (1, b"", "unfinished"),
+    ]
+
+
+def test_a_bsend_that_is_refused_begun_again_or_of_another_size(talk: Talk) -> None:
+    send(talk, events.bsend(1, b"ab", 4, part=5), 1)
+    send(talk, events.bsend(2, b"ab", 4, part=6), 2)
+    send(talk, events.bsend(3, b"cd", sequence=2, part=7), 3, code=0xD209)
+    send(talk, events.bsend(4, b"ab", 4, part=8), 4)
+    send(talk, events.bsend(5, b"cde", sequence=2, part=-9), 5)
+    assert [(one.result, one.reason, one.error_code) for one in talk.operations] == [
+        ("unfinished", "begun again", 0),
+        ("failed", "", 0xD209),
+        ("done", "", 0),
+    ]
+    assert talk.operations[1].content == b""
+    assert [(odd.name, odd.detail) for odd in talk.operations[2].oddities] == [("wrong_size", "5 octets, 4 announced")]
+
+
+def test_a_bsend_alone_or_without_its_beginning_is_no_operation(talk: Talk) -> None:
+    send(talk, events.bsend(1, b"ab", 2), 1)
+    send(talk, events.bsend(2, b"cd", sequence=2, part=-7), 2)
+    talk.tell(events.tells(3, 6, 1, sequence=2))
+    talk.close()
+    assert talk.operations == []
+
+
 # ---- subscriptions --------------------------------------------------------------------------------------------------
 
 

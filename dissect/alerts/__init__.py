@@ -1,0 +1,11 @@
+"""Alerts: rules from a TOML file over what passes on a line, told to people and programs, not more often than wanted."""
+
+from __future__ import annotations
+
+from dissect.alerts.alert import Alert
+from dissect.alerts.dispatcher import Dispatcher
+from dissect.alerts.engine import AlertEngine
+from dissect.alerts.loading import RuleError, load_rules
+from dissect.alerts.rules import AlertRules, Rule
+
+__all__ = ["Alert", "AlertEngine", "AlertRules", "Dispatcher", "Rule", "RuleError", "load_rules"]

@@ -1,0 +1,86 @@
+"""An alert: a rule spoke. As JSON it is what programs get, as a line what people read."""
+
+from __future__ import annotations
+
+import json
+from typing import Final
+
+from dissect.alerts.rules import Rule
+from dissect.baseline.subjects import Pair
+from dissect.report import words
+from dissect.wire.clock import Clock
+from dissect.wire.text import encodable, printable, shortened
+
+SCHEMA: Final = "s7dissect.alert/1"
+#: Characters of a text on one line.
+_MAX_TEXT: Final = 1000
+
+
+class Alert:
+    """What a rule has to say once.
+
+    ``text`` is a sentence, ``pair`` and ``connection`` (0: none) who it is about, ``detail`` what was seen, JSON-ready:
+    ``finding``, ``new`` or ``measured``. ``repeated`` counts the times it was not told since it was told last; ``since_ns`` is
+    when a state began that lasts (0: an event). Texts may hold text from the wire, not escaped.
+    """
+
+    __slots__ = ("connection", "detail", "pair", "repeated", "rule", "severity", "since_ns", "text", "time_ns")
+
+    def __init__(
+        self,
+        rule: Rule,
+        time_ns: int,
+        severity: str,
+        pair: Pair | None,
+        text: str,
+        detail: dict[str, object],
+        connection: int = 0,
+    ) -> None:
+        self.rule = rule
+        self.time_ns = time_ns
+        self.severity = severity
+        self.pair = pair
+        self.text = text
+        self.detail = detail
+        self.connection = connection
+        self.repeated = 0
+        self.since_ns = 0
+
+    def __repr__(self) -> str:
+        return f"Alert({self.rule.name!r}, {self.text!r}, repeated={self.repeated})"
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the alert, JSON-ready (docs/alerts.md)."""
+        clock = Clock()
+        client, server = self.pair if self.pair is not None else (None, None)
+        return {
+            "schema": SCHEMA,
+            "rule": self.rule.name,
+            "when": self.rule.when,
+            "severity": self.severity,
+            "time": clock.iso(self.time_ns),
+            "client": client,
+            "server": server,
+            "connection": self.connection or None,
+            "text": encodable(self.text),
+            "repeated": self.repeated,
+            "since": clock.iso(self.since_ns) if self.since_ns else None,
+            **self.detail,
+        }
+
+    def as_json(self) -> str:
+        """Return the alert as one line of ASCII."""
+        return json.dumps(self.as_dict()).replace("\x7f", "\\u007f")
+
+    def message(self) -> str:
+        """Return what happened on one line, without time and severity, safe for a terminal."""
+        parts = [f"{printable(self.rule.name)}: {shortened(self.text, _MAX_TEXT)}"]
+        if self.since_ns and self.time_ns > self.since_ns:
+            parts.append(f"for {words.duration(self.time_ns - self.since_ns)}")
+        if self.repeated:
+            parts.append(f"repeated {words.count(self.repeated, 'time')}")
+        return ", ".join(parts)
+
+    def line(self) -> str:
+        """Return the alert for a person, on one line."""
+        return f"{words.moment(Clock().iso(self.time_ns))} UTC  ALERT {self.severity}  {self.message()}"

@@ -1,0 +1,109 @@
+"""How often a rule speaks: at once, then at most every cooldown, saying how often it would have spoken in between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from typing import Final
+
+from dissect.alerts.alert import Alert
+from dissect.alerts.rules import Rule
+
+#: Different things that are remembered; what comes beyond is counted and not told.
+MAX_REMEMBERED: Final = 16384
+
+#: Makes the alert once it is known that it will be told; gets the time.
+Make = Callable[[int], Alert]
+
+
+class _Told:
+    """What is remembered of one thing that a rule may tell."""
+
+    __slots__ = ("counted", "make", "repeated", "since_ns", "spoken", "told_ns")
+
+    def __init__(self, make: Make) -> None:
+        self.make = make
+        self.told_ns = 0
+        self.spoken = False  # told at least once
+        self.repeated = 0
+        self.since_ns = -1  # of a state: when it began, -1 while it does not hold
+        self.counted = False  # this time it holds was told, or counted
+
+
+class Cooldown:
+    """Passes alerts on to ``tell``. ``crowded`` counts those that are lost because too many different ones are remembered."""
+
+    def __init__(self, tell: Callable[[Alert], None]) -> None:
+        self.crowded = 0
+        self._tell = tell
+        self._told: dict[tuple[Rule, Hashable], _Told] = {}
+
+    def event(self, rule: Rule, about: Hashable, now_ns: int, make: Make) -> None:
+        """Something happened that ``rule`` looks for; ``about`` tells alike things from others."""
+        told = self._entry(rule, about, make)
+        if told is not None:
+            told.make = make
+            self._speak(rule, told, now_ns)
+
+    def state(self, rule: Rule, about: Hashable, now_ns: int, make: Make | None) -> None:
+        """A state that ``rule`` looks for holds, or not (``make`` is None)."""
+        if make is None:
+            known = self._told.get((rule, about))
+            if known is not None:
+                known.since_ns = -1
+            return
+        told = self._entry(rule, about, make)
+        if told is None:
+            return
+        told.make = make
+        if told.since_ns < 0:
+            told.since_ns = now_ns
+            told.counted = False
+        if now_ns - told.since_ns < rule.for_ns:
+            return
+        if not told.counted:
+            told.counted = True
+            self._speak(rule, told, now_ns)
+        elif now_ns - told.told_ns >= rule.cooldown_ns and not rule.once:
+            self._say(told, now_ns)  # it goes on
+
+    def flush(self, now_ns: int, over: bool = False) -> None:
+        """Tell what was held back and whose time has come; all of it when everything is ``over``."""
+        for key, told in list(self._told.items()):
+            rule = key[0]
+            waited = now_ns - told.told_ns >= rule.cooldown_ns
+            if told.repeated and (waited or over) and not rule.once:
+                self._say(told, now_ns)
+            elif waited and not told.repeated and not rule.once and told.since_ns < 0:
+                del self._told[key]
+
+    def rewind(self, now_ns: int) -> None:
+        """The clock went back: nothing was told later than now, and no state has held since then."""
+        for told in self._told.values():
+            told.told_ns = min(told.told_ns, now_ns)
+            told.since_ns = -1
+
+    def _entry(self, rule: Rule, about: Hashable, make: Make) -> _Told | None:
+        key = (rule, about)
+        told = self._told.get(key)
+        if told is None:
+            if len(self._told) >= MAX_REMEMBERED:
+                self.crowded += 1
+                return None
+            told = self._told[key] = _Told(make)
+        return told
+
+    def _speak(self, rule: Rule, told: _Told, now_ns: int) -> None:
+        if not told.spoken or (not rule.once and now_ns - told.told_ns >= rule.cooldown_ns):
+            self._say(told, now_ns)
+        else:
+            told.repeated += 1
+
+    def _say(self, told: _Told, now_ns: int) -> None:
+        alert = told.make(now_ns)
+        alert.repeated = told.repeated
+        if told.since_ns >= 0:
+            alert.since_ns = told.since_ns
+        told.spoken = True
+        told.told_ns = now_ns
+        told.repeated = 0
+        self._tell(alert)

@@ -1,0 +1,217 @@
+"""The engine: is told what passes, asks its rules, and tells alerts. Its only clock is that of the capture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.alerts.alert import Alert
+from dissect.alerts.cooldown import Cooldown
+from dissect.alerts.loading import RuleError
+from dissect.alerts.rules import EVENTS, FINDING, NEW, AlertRules, Rule
+from dissect.alerts.states import StateWatch, state_watch
+from dissect.baseline.norms import Baseline
+from dissect.baseline.subjects import Pair, Pairs, moment
+from dissect.baseline.watch import BaselineWatch, Deviation
+from dissect.conversation import Observer
+from dissect.findings.finding import WARNING, Finding
+from dissect.report.contract import finding_as_dict
+from dissect.report.places import Places
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import Transaction
+
+#: How often (capture time) states are looked at, and by how many open connections that becomes rarer.
+LOOK_NS: Final = 200_000_000
+_MANY: Final = 512
+#: A connection that carried no transaction so long is judged by what is known of it.
+_JUDGE_NS: Final = 1_000_000_000
+#: A tick this much before the one before it: the clock was set back.
+_SET_BACK_NS: Final = 1_000_000_000
+
+
+class AlertEngine(Observer):
+    """Asks ``rules`` about everything it is told, and gives alerts to ``tell`` (a `Dispatcher`'s ``submit``, a list's ``append``).
+
+    `tick` must be called while the line is silent, and may be called as often as one likes. ``count`` are alerts that were
+    told. Raises `RuleError` when a rule needs a baseline and there is none.
+    """
+
+    def __init__(
+        self, rules: AlertRules, baseline: Baseline | None = None, tell: Callable[[Alert], None] | None = None
+    ) -> None:
+        super().__init__()
+        for number, rule in enumerate(rules.rules, 1):
+            if rule.needs_baseline and baseline is None:
+                where = f"[[rule]] {number}, when"
+                raise RuleError(rules.path, 0, where, f'"{rule.when}" of {rule.name!r} is told by a baseline: give one')
+        self.now_ns = 0
+        self.count = 0
+        self._tell = tell
+        self._cooldown = Cooldown(self._pass_on)
+        self._finding_rules = [rule for rule in rules.rules if rule.when == FINDING]
+        self._new_rules = [rule for rule in rules.rules if rule.when == NEW]
+        self._states = [state_watch(rule, baseline) for rule in rules.rules if rule.when not in EVENTS]
+        self._watch = BaselineWatch(baseline) if baseline is not None and self._new_rules else None
+        self._pairs = Pairs()
+        self._open: dict[int, Connection] = {}
+        self._unjudged: dict[int, Connection] = {}
+        self._covered: dict[tuple[Rule, Pair], bool] = {}
+        self._look_ns = 0
+        self._places = Places([], False)
+
+    @property
+    def crowded(self) -> int:
+        """Alerts that are lost because too many different ones are remembered."""
+        return self._cooldown.crowded
+
+    @property
+    def forgotten(self) -> int:
+        """Pairs and connections that are measured no more because there were too many."""
+        return sum(watch.forgotten for watch in self._states)
+
+    # ---- observer ---------------------------------------------------------------------------------------------------
+
+    def connection_opened(self, connection: Connection) -> None:
+        """Watch a connection."""
+        number = int(connection.number)
+        self._open[number] = connection
+        self._pairs.of(connection)
+        if self._watch is not None:
+            self._unjudged[number] = connection
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Judge a connection that carried nothing; watch it no more."""
+        number = int(connection.number)
+        if self._unjudged.pop(number, None) is not None:
+            self._judge(connection)
+        self._open.pop(number, None)
+        for watch in self._states:
+            watch.closed(connection)
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Ask the rules about a transaction."""
+        time_ns = moment(transaction)
+        if time_ns > self.now_ns:
+            self._advance(time_ns)
+        connection = transaction.connection
+        pair = self._pairs.of(connection)
+        if self._watch is not None:
+            if self._unjudged.pop(int(connection.number), None) is not None:
+                self._judge(connection)
+            for deviation in self._watch.transaction(pair, transaction):
+                self._deviates(deviation, connection)
+        for watch in self._states:
+            if self._covers(watch.rule, pair):
+                if int(connection.number) not in watch.connections:
+                    watch.opened(connection, pair, self.now_ns)
+                watch.take(pair, transaction, self.now_ns)
+
+    def finding(self, finding: Finding) -> None:
+        """Ask the rules about a finding."""
+        if finding.time_ns > self.now_ns:
+            self._advance(int(finding.time_ns))
+        pair = self._pairs.numbered(int(finding.connection))
+        for rule in self._finding_rules:
+            if finding.slug in rule.slugs and rule.covers(pair):
+                make = partial(self._found, rule, finding, pair)
+                self._cooldown.event(rule, (finding.slug, pair), self.now_ns, make)
+
+    # ---- time -------------------------------------------------------------------------------------------------------
+
+    def tick(self, now_ns: i64) -> None:
+        """It is ``now_ns`` by the clock of the capture, whether anything passed or not."""
+        now = int(now_ns)
+        if now < self.now_ns - _SET_BACK_NS:
+            self.restart(now)
+        elif now > self.now_ns:
+            self._advance(now)
+
+    def restart(self, now_ns: int) -> None:
+        """The clock went back, or another capture begins: measure anew."""
+        self.now_ns = now_ns
+        self._look_ns = now_ns
+        self._cooldown.rewind(now_ns)
+        for watch in self._states:
+            watch.restart(now_ns)
+
+    def finish(self) -> None:
+        """Everything has passed: tell what was held back."""
+        for connection in list(self._unjudged.values()):
+            self._judge(connection)
+        self._unjudged.clear()
+        if self.now_ns:
+            self._look()
+        self._cooldown.flush(self.now_ns, over=True)
+
+    def _advance(self, now_ns: int) -> None:
+        """Time passes. States are looked at before what happens now counts, so that a silence is seen before it ends."""
+        if not self.now_ns:
+            self._look_ns = now_ns
+        self.now_ns = now_ns
+        if now_ns >= self._look_ns:
+            self._look()
+
+    def _look(self) -> None:
+        now_ns = self.now_ns
+        self._look_ns = now_ns + LOOK_NS * (1 + len(self._open) // _MANY)
+        for number, connection in list(self._unjudged.items()):
+            if now_ns - connection.tcp.first_ns >= _JUDGE_NS:
+                del self._unjudged[number]
+                self._judge(connection)
+        for watch in self._states:
+            self._adopt(watch)
+            for about, make in watch.look(now_ns):
+                self._cooldown.state(watch.rule, about, now_ns, make)
+        self._cooldown.flush(now_ns)
+
+    def _adopt(self, watch: StateWatch) -> None:
+        """Let a rule know connections that carried no transaction yet."""
+        for number, connection in self._open.items():
+            if number not in watch.connections:
+                pair = self._pairs.of(connection)
+                if self._covers(watch.rule, pair):
+                    watch.opened(connection, pair, self.now_ns)
+
+    # ---- alerts -----------------------------------------------------------------------------------------------------
+
+    def _judge(self, connection: Connection) -> None:
+        watch = self._watch
+        if watch is not None:
+            for deviation in watch.connection(self._pairs.of(connection), connection):
+                self._deviates(deviation, connection)
+
+    def _deviates(self, deviation: Deviation, connection: Connection) -> None:
+        for rule in self._new_rules:
+            if deviation.kind in rule.kinds and self._covers(rule, deviation.pair):
+                make = partial(_new, rule, deviation, int(connection.number))
+                about = (deviation.kind, deviation.pair, deviation.what)
+                self._cooldown.event(rule, about, self.now_ns, make)
+
+    def _found(self, rule: Rule, finding: Finding, pair: Pair | None, now_ns: int) -> Alert:
+        text = f"{finding.rule.sentence} {finding.detail}".rstrip()
+        detail: dict[str, object] = {"finding": finding_as_dict(finding, self._places)}
+        severity = rule.severity or finding.severity
+        return Alert(rule, now_ns, severity, pair, text, detail, int(finding.connection))
+
+    def _covers(self, rule: Rule, pair: Pair) -> bool:
+        if rule.anyone:
+            return True
+        known = self._covered.get((rule, pair))
+        if known is None:
+            if len(self._covered) > 16384:
+                self._covered.clear()
+            known = self._covered[rule, pair] = rule.covers(pair)
+        return known
+
+    def _pass_on(self, alert: Alert) -> None:
+        self.count += 1
+        if self._tell is not None:
+            self._tell(alert)
+
+
+def _new(rule: Rule, deviation: Deviation, connection: int, now_ns: int) -> Alert:
+    detail: dict[str, object] = {"new": {"kind": deviation.kind, "what": deviation.what}}
+    return Alert(rule, now_ns, rule.severity or WARNING, deviation.pair, deviation.text, detail, connection)

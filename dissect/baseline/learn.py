@@ -1,0 +1,169 @@
+"""Learns what is normal from what passes. Memory is bounded; what did not fit is counted."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.baseline.measures import AnswerTimes, RateWindow
+from dissect.baseline.norms import Baseline, PairNorm
+from dissect.baseline.subjects import Pair, Pairs, Subjects, moment, tsaps
+from dissect.conversation import Observer
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import ANSWERED, Transaction
+from dissect.wire.clock import Clock
+
+MAX_PAIRS: Final = 1024
+#: Entries of all sets of all pairs together, and of one set.
+MAX_ENTRIES: Final = 65536
+MAX_SET: Final = 4096
+
+_S: Final = 1_000_000_000
+_MS: Final = 1_000_000
+
+
+class _Learned:
+    """One pair: what it did so far, and its current stretch of time."""
+
+    __slots__ = (
+        "answers", "connections", "first_ns", "functions", "last_ns", "ports", "reads", "second", "seconds_ns",
+        "silence_ns", "ten", "top_1s", "top_10s", "transactions", "tsaps", "writes",
+    )  # fmt: skip
+
+    def __init__(self) -> None:
+        self.ports: set[int] = set()
+        self.tsaps: set[str] = set()
+        self.functions: set[str] = set()
+        self.reads: set[str] = set()
+        self.writes: set[str] = set()
+        self.connections = 0
+        self.transactions = 0
+        self.answers = AnswerTimes()
+        self.seconds_ns = 0
+        self.silence_ns = -1
+        self.top_1s = 0
+        self.top_10s = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Another stretch of time begins: what lies between is no silence."""
+        self.first_ns = -1
+        self.last_ns = -1
+        self.second = RateWindow(_S)
+        self.ten = RateWindow(10 * _S)
+
+    def pass_by(self, now_ns: int) -> None:
+        """A transaction at ``now_ns``."""
+        self.transactions += 1
+        self.second.add(now_ns)
+        self.ten.add(now_ns)
+        self.top_1s = max(self.top_1s, self.second.highest)
+        self.top_10s = max(self.top_10s, self.ten.highest)
+        if self.last_ns < 0:
+            self.first_ns = self.last_ns = now_ns
+        elif now_ns > self.last_ns:
+            self.silence_ns = max(self.silence_ns, now_ns - self.last_ns)
+            self.seconds_ns += now_ns - self.last_ns
+            self.last_ns = now_ns
+
+
+class Learner(Observer):
+    """Watches a run; `baseline` is what it learned. ``left_out`` counts pairs and entries that did not fit."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.left_out = 0
+        self._pairs: dict[Pair, _Learned] = {}
+        self._names = Pairs()
+        self._subjects = Subjects()
+        self._entries = 0
+        self._begin_ns = -1
+        self._end_ns = -1
+
+    def restart(self) -> None:
+        """Say that what follows is another capture, at another time."""
+        for learned in self._pairs.values():
+            learned.restart()
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Learn from a transaction, whatever became of it."""
+        learned = self._learned(transaction.connection)
+        if learned is None:
+            return
+        subject = self._subjects.of(transaction)
+        self._keep(learned.functions, (subject.function,))
+        self._keep(learned.reads, subject.reads)
+        self._keep(learned.writes, subject.writes)
+        now_ns = moment(transaction)
+        self._begin_ns = now_ns if self._begin_ns < 0 else min(self._begin_ns, now_ns)
+        self._end_ns = max(self._end_ns, now_ns)
+        learned.pass_by(now_ns)
+        if transaction.outcome == ANSWERED:
+            learned.answers.add(int(transaction.response_ns) - int(transaction.request_ns))
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Learn the port and the TSAPs of a connection."""
+        learned = self._learned(connection)
+        if learned is None:
+            return
+        learned.connections += 1
+        port = int(connection.server.port)
+        if port not in learned.ports:
+            if self._fits(len(learned.ports)):
+                learned.ports.add(port)
+        named = tsaps(connection)
+        if named:
+            self._keep(learned.tsaps, (named,))
+
+    def baseline(self, captures: tuple[str, ...] = ()) -> Baseline:
+        """Return what was learned so far."""
+        clock = Clock()
+        baseline = Baseline({pair: _norm(pair, learned) for pair, learned in self._pairs.items()}, captures)
+        if self._begin_ns >= 0:
+            baseline.begin = clock.iso(self._begin_ns)
+            baseline.end = clock.iso(self._end_ns)
+        baseline.left_out = self.left_out
+        return baseline
+
+    def _learned(self, connection: Connection) -> _Learned | None:
+        pair = self._names.of(connection)
+        learned = self._pairs.get(pair)
+        if learned is None:
+            if len(self._pairs) >= MAX_PAIRS:
+                self.left_out += 1
+                return None
+            learned = self._pairs[pair] = _Learned()
+        return learned
+
+    def _keep(self, known: set[str], names: tuple[str, ...]) -> None:
+        for name in names:
+            if name not in known:
+                if self._fits(len(known)):
+                    known.add(name)
+
+    def _fits(self, size: int) -> bool:
+        if size >= MAX_SET or self._entries >= MAX_ENTRIES:
+            self.left_out += 1
+            return False
+        self._entries += 1
+        return True
+
+
+def _norm(pair: Pair, learned: _Learned) -> PairNorm:
+    norm = PairNorm(*pair)
+    norm.server_ports = frozenset(learned.ports)
+    norm.tsaps = frozenset(learned.tsaps)
+    norm.functions = frozenset(learned.functions)
+    norm.reads = frozenset(learned.reads)
+    norm.writes = frozenset(learned.writes)
+    norm.connections = learned.connections
+    norm.transactions = learned.transactions
+    norm.seconds = learned.seconds_ns / _S
+    norm.highest_1s = learned.top_1s or None
+    norm.highest_10s = learned.top_10s or None
+    answers = learned.answers
+    if answers.count:
+        norm.median_ms = (answers.quantile(0.5) or 0) / _MS
+        norm.p99_ms = (answers.quantile(0.99) or 0) / _MS
+        norm.longest_ms = answers.longest / _MS
+    norm.longest_silence = learned.silence_ns / _S if learned.silence_ns >= 0 else None
+    return norm

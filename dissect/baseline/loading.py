@@ -1,0 +1,114 @@
+"""Reads a baseline that somebody may have edited: every key and value is what it should be, or the error says where."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from dissect.baseline.norms import MAX_CAPTURES, NAME_KEYS, Baseline, PairNorm
+from dissect.baseline.plant_file import PlantFile, PlantFileError, address_of, names_of, read_text
+from dissect.baseline.subjects import Pair
+from dissect.baseline.writing import FORMAT
+from dissect.scd.errors import DictionaryError, shown
+from dissect.scd.reading import Table
+
+#: More pairs than a learner keeps: several baselines may have been put together.
+MAX_PAIRS: Final = 16384
+_MAX_PORT: Final = 0xFFFF
+_RATE: Final = ("highest_1s", "highest_10s")
+_ANSWER: Final = {"median": "median_ms", "p99": "p99_ms", "longest": "longest_ms"}
+
+
+class BaselineError(PlantFileError):
+    """A baseline that cannot be used."""
+
+
+def load_baseline(path: str | Path) -> Baseline:
+    """Return the baseline of a file. Raises `BaselineError`, OSError where there is no reading the file."""
+    try:
+        return parse_baseline(read_text(path))
+    except DictionaryError as error:  # what reads tables knows one error
+        raise BaselineError(str(path), error.line, error.where, error.detail) from None
+
+
+def parse_baseline(text: str) -> Baseline:
+    """Return the baseline of a text. Raises `DictionaryError` with table, key and line."""
+    file = PlantFile(text, ("pair",), ("learned",))
+    number = file.top.number("format")
+    if number != FORMAT:
+        raise file.top.fail("format", f"{number} is not known here, this is format {FORMAT}")
+    file.top.done()
+    baseline = Baseline()
+    learned = file.single("learned")
+    if learned is not None:
+        baseline.captures = tuple(sorted(names_of(learned, "captures") or ()))[:MAX_CAPTURES]
+        baseline.begin = learned.text("begin", "")
+        baseline.end = learned.text("end", "")
+        learned.done()
+    lines: dict[Pair, Table] = {}
+    for table in file.tables("pair", MAX_PAIRS):
+        norm = _norm(table)
+        pair = (norm.client, norm.server)
+        if pair in lines:
+            first = lines[pair]
+            raise table.fail("client", f"{pair[0]} and {pair[1]} are there already: {first.where}, line {first.line}")
+        lines[pair] = table
+        baseline.pairs[pair] = norm
+    return baseline
+
+
+def _norm(table: Table) -> PairNorm:
+    norm = PairNorm(address_of(table, "client"), address_of(table, "server"))
+    norm.server_ports = _ports(table)
+    for key in NAME_KEYS:
+        setattr(norm, key, names_of(table, key))
+    norm.connections = _count(table, "connections") or 0
+    norm.transactions = _count(table, "transactions") or 0
+    norm.seconds = _measure(table, "seconds") or 0.0
+    norm.longest_silence = _measure(table, "longest_silence")
+    rate = _inline(table, "rate")
+    if rate is not None:
+        for key in _RATE:
+            setattr(norm, key, _count(rate, key))
+        _measure(rate, "mean")  # for people: it follows from transactions and seconds
+        rate.done()
+    answers = _inline(table, "answer_ms")
+    if answers is not None:
+        for key, name in _ANSWER.items():
+            setattr(norm, name, _measure(answers, key))
+        answers.done()
+    table.done()
+    return norm
+
+
+def _inline(table: Table, key: str) -> Table | None:
+    table.mark(key)
+    return Table(table.content[key], f"{table.where}, {key}", table.line) if table.has(key) else None
+
+
+def _ports(table: Table) -> frozenset[int] | None:
+    if not table.has("server_ports"):
+        table.mark("server_ports")
+        return None
+    ports = table.items("server_ports")
+    for port in ports:
+        if not isinstance(port, int) or isinstance(port, bool) or not 0 <= port <= _MAX_PORT:
+            raise table.fail("server_ports", f"{shown(port)} is no port")
+    return frozenset(ports)
+
+
+def _count(table: Table, key: str) -> int | None:
+    if not table.has(key):
+        table.mark(key)
+        return None
+    number = table.number(key)
+    if number < 0:
+        raise table.fail(key, f"{number} is below 0")
+    return number
+
+
+def _measure(table: Table, key: str) -> float | None:
+    measure = table.real(key)
+    if measure is not None and measure < 0:
+        raise table.fail(key, f"{measure} is below 0")
+    return None if measure is None else float(measure)

@@ -1,0 +1,117 @@
+"""What a transaction is about, in the words of a baseline: who asks whom, which function, which areas, which TSAPs."""
+
+from __future__ import annotations
+
+import re
+from collections import OrderedDict
+from typing import Final
+
+from dissect.s7.items import Item
+from dissect.s7.parameters import Parameters
+from dissect.s7.syntaxes import DB_READ, SYMBOL
+from dissect.s7.tables import AREA_LETTERS, DB_AREAS, READ_VAR, SYNTAX_IDS, WRITE_VAR
+from dissect.s7plus.parameters import PlusParameters
+from dissect.transactions import carried
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import Transaction
+
+#: Addresses of client and server, without ports: those of a client change with each connection.
+Pair = tuple[str, str]
+
+_MAX_CACHED: Final = 4096
+#: Connections whose pair is remembered: findings may come after the connection they are about.
+_MAX_CONNECTIONS: Final = 16384
+#: Characters of a TSAP: real ones have a few octets, the wire allows 254.
+_MAX_TSAP: Final = 64
+_DB: Final = re.compile(r"DB[0-9]+(?=\.)")
+
+
+class Subject:
+    """Name of the function, and the areas that are read and written (``DB12``, ``M``, ``I``), each once, in wire order."""
+
+    __slots__ = ("function", "reads", "writes")
+
+    def __init__(self, function: str, reads: tuple[str, ...], writes: tuple[str, ...]) -> None:
+        self.function = function
+        self.reads = reads
+        self.writes = writes
+
+
+class Subjects:
+    """Subjects by parameter block, which polling repeats for hours. Bounded: when it is full it starts anew."""
+
+    def __init__(self) -> None:
+        self._known: dict[Parameters, Subject] = {}
+
+    def of(self, transaction: Transaction) -> Subject:
+        """Return what a transaction is about."""
+        parameters = transaction.parameters
+        known = self._known.get(parameters)
+        if known is None:
+            if len(self._known) >= _MAX_CACHED:
+                self._known.clear()
+            known = _subject(transaction)
+            self._known[parameters] = known
+        return known
+
+
+def _subject(transaction: Transaction) -> Subject:
+    parameters = transaction.parameters
+    if transaction.is_scd:
+        return Subject(carried.TITLE, (), ())
+    if isinstance(parameters, PlusParameters):
+        return Subject(parameters.statistics_name, (), ())
+    areas = tuple(dict.fromkeys([name for item in parameters.items for name in area_names(item)]))
+    reads = areas if parameters.function == READ_VAR else ()
+    writes = areas if parameters.function == WRITE_VAR else ()
+    return Subject(parameters.function_name, reads, writes)
+
+
+def area_names(item: Item) -> list[str]:
+    """Return the areas an item names: the block for DBs, the letter for others, the syntax for what has no such area."""
+    area = int(item.area)
+    if area >= 0:
+        letters = AREA_LETTERS.get(area, f"area0x{area:02x}")
+        return [f"{letters}{item.db}" if area in DB_AREAS else letters]
+    if item.syntax_id == DB_READ:
+        return _DB.findall(item.address) or [SYNTAX_IDS.name(int(item.syntax_id))]
+    if item.syntax_id == SYMBOL and item.address.startswith("SYM "):
+        return [" ".join(item.address.split(" ")[:2])]
+    return [SYNTAX_IDS.name(int(item.syntax_id))]
+
+
+def tsaps(connection: Connection) -> str:
+    """Return the TSAPs of a connection, ``01.00 > 01.02``; empty when the connect request was not captured."""
+    calling, called = connection.tsap_calling, connection.tsap_called
+    if calling is None and called is None:
+        return ""
+    return " > ".join(["?" if one is None else str(one)[:_MAX_TSAP] for one in (calling, called)])
+
+
+def moment(transaction: Transaction) -> int:
+    """Return the time of a transaction: of its answer, or of its request where none came."""
+    return int(transaction.response_ns or transaction.request_ns)
+
+
+class Pairs:
+    """The pair of each connection, by its number: a bounded number of the latest ones."""
+
+    def __init__(self) -> None:
+        self._known: OrderedDict[int, tuple[Pair, bool]] = OrderedDict()
+
+    def of(self, connection: Connection) -> Pair:
+        """Return who asks whom; what is known of that may change until a connection says who its client is."""
+        number = int(connection.number)
+        known = self._known.get(number)
+        if known is not None and (known[1] or not connection.client_known):
+            return known[0]
+        pair = (connection.client.host, connection.server.host)
+        self._known[number] = (pair, connection.client_known)
+        if len(self._known) > _MAX_CONNECTIONS:
+            self._known.popitem(last=False)
+        return pair
+
+    def numbered(self, number: int) -> Pair | None:
+        """Return the pair of the connection of this number, None when it is not remembered."""
+        known = self._known.get(number)
+        return None if known is None else known[0]

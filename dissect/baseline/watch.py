@@ -1,0 +1,101 @@
+"""Compares what passes with what is normal: what was never seen before."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.baseline.norms import Baseline, PairNorm
+from dissect.baseline.subjects import Pair, Subject, Subjects, tsaps
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import Transaction
+
+# What can be new (`Deviation.kind`).
+CLIENT: Final = "client"
+PAIR: Final = "pair"
+PORT: Final = "port"
+TSAP: Final = "tsap"
+FUNCTION: Final = "function"
+READ: Final = "read"
+WRITE: Final = "write"
+
+KINDS: Final = (CLIENT, PAIR, PORT, TSAP, FUNCTION, READ, WRITE)
+
+_MAX_CACHED: Final = 16384
+
+
+class Deviation:
+    """Something that is not in the baseline: ``kind`` is one of `KINDS`, ``what`` names it, ``text`` is a sentence.
+
+    ``what`` and ``text`` may hold text from the wire (TSAPs), not escaped.
+    """
+
+    __slots__ = ("kind", "pair", "text", "what")
+
+    def __init__(self, kind: str, pair: Pair, what: str, text: str) -> None:
+        self.kind = kind
+        self.pair = pair
+        self.what = what
+        self.text = text
+
+    def __repr__(self) -> str:
+        return f"Deviation({self.kind!r}, {self.pair!r}, {self.what!r})"
+
+
+class BaselineWatch:
+    """Holds transactions and connections against a baseline; every one that deviates is told, each time."""
+
+    def __init__(self, baseline: Baseline) -> None:
+        self._pairs = baseline.pairs
+        self._clients = frozenset([client for client, _ in baseline.pairs])
+        self._subjects = Subjects()
+        self._judged: dict[tuple[Pair, Subject], tuple[Deviation, ...]] = {}
+
+    def transaction(self, pair: Pair, transaction: Transaction) -> tuple[Deviation, ...]:
+        """Return what is new about the function and the areas of a transaction of ``pair``."""
+        subject = self._subjects.of(transaction)
+        found = self._judged.get((pair, subject))
+        if found is None:
+            if len(self._judged) >= _MAX_CACHED:
+                self._judged.clear()
+            found = tuple(self._about(pair, subject))
+            self._judged[pair, subject] = found
+        return found
+
+    def connection(self, pair: Pair, connection: Connection) -> list[Deviation]:
+        """Return what is new about who talks to whom, port and TSAPs of a connection."""
+        client, server = pair
+        norm = self._pairs.get(pair)
+        found = []
+        if norm is None:
+            if client not in self._clients:
+                found.append(
+                    Deviation(CLIENT, pair, client, f"client {client} was never seen before; it talks to {server}")
+                )
+            else:
+                found.append(Deviation(PAIR, pair, f"{client} > {server}", f"{client} never talked to {server} before"))
+        port = int(connection.server.port)
+        if norm is not None and norm.server_ports is not None and port not in norm.server_ports:
+            found.append(Deviation(PORT, pair, str(port), f"{client} never used port {port} of {server} before"))
+        named = tsaps(connection)
+        if norm is not None and norm.tsaps is not None and named and named not in norm.tsaps:
+            found.append(Deviation(TSAP, pair, named, f"{client} never connected to {server} with TSAP {named} before"))
+        return found
+
+    def _about(self, pair: Pair, subject: Subject) -> list[Deviation]:
+        client, server = pair
+        norm = self._pairs.get(pair, _NOTHING)
+        found = []
+        if norm.functions is not None and subject.function not in norm.functions:
+            text = f"{client} never asked {server} for {subject.function} before"
+            found.append(Deviation(FUNCTION, pair, subject.function, text))
+        for area in subject.reads:
+            if norm.reads is not None and area not in norm.reads:
+                found.append(Deviation(READ, pair, area, f"{client} never read {area} of {server} before"))
+        for area in subject.writes:
+            if norm.writes is not None and area not in norm.writes:
+                found.append(Deviation(WRITE, pair, area, f"{client} never wrote {area} of {server} before"))
+        return found
+
+
+#: What a pair that is not in the baseline may do.
+_NOTHING: Final = PairNorm("", "", functions=frozenset(), reads=frozenset(), writes=frozenset())

@@ -1,0 +1,136 @@
+"""A baseline as TOML: stable order, one entry a line where there are many, the same baseline the same octets."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from ipaddress import ip_address
+from typing import Final
+
+from dissect.baseline.norms import NAME_KEYS, Baseline, PairNorm
+from dissect.baseline.subjects import Pair
+from dissect.wire.text import encodable
+
+FORMAT: Final = 1
+
+_HEAD: Final = """\
+# What is normal on this line: who asks whom, for what, how often. `s7dissect baseline` learned it from captures; read it and
+# change it as you know your plant. Everything that is not in here is told by alerts `when = "new"` and by
+# `s7dissect baseline --against THIS_FILE CAPTURE`.
+#
+# A key that is left out is not watched: without `writes` a pair may write anything. An empty list allows nothing.
+# rate: transactions in any second and in any ten; answer_ms: milliseconds; longest_silence: seconds between transactions.
+"""
+#: Columns of a line.
+_WIDTH: Final = 110
+_PLAIN: Final = re.compile(r"[ !#-\[\]-~]*")
+_DIGITS: Final = re.compile(r"([0-9]+)")
+
+
+def baseline_toml(baseline: Baseline) -> str:
+    """Return a baseline as the file that `load_baseline` reads."""
+    return "\n".join(_lines(baseline)) + "\n"
+
+
+def _lines(baseline: Baseline) -> Iterator[str]:
+    yield from _HEAD.splitlines()
+    if baseline.left_out:
+        yield f"# NOT COMPLETE: {baseline.left_out} times something did not fit the bounds of the learner and is not here."
+    yield ""
+    yield f"format = {FORMAT}"
+    yield ""
+    yield "[learned]"
+    yield from _list("captures", [toml_text(name) for name in baseline.captures])
+    if baseline.begin:
+        yield f"begin = {toml_text(baseline.begin)}"
+        yield f"end = {toml_text(baseline.end)}"
+    for pair in sorted(baseline.pairs, key=_by_address):
+        yield ""
+        yield from _pair(baseline.pairs[pair])
+
+
+def _pair(norm: PairNorm) -> Iterator[str]:
+    yield "[[pair]]"
+    yield f"client = {toml_text(norm.client)}"
+    yield f"server = {toml_text(norm.server)}"
+    if norm.server_ports is not None:
+        yield from _list("server_ports", [str(port) for port in sorted(norm.server_ports)])
+    for key in NAME_KEYS:
+        names: frozenset[str] | None = getattr(norm, key)
+        if names is not None:
+            yield from _list(key, [toml_text(name) for name in sorted(names, key=_naturally)])
+    yield f"connections = {norm.connections}"
+    yield f"transactions = {norm.transactions}"
+    yield f"seconds = {_number(norm.seconds)}"
+    yield from _table("rate", [("mean", norm.mean), ("highest_1s", norm.highest_1s), ("highest_10s", norm.highest_10s)])
+    yield from _table("answer_ms", [("median", norm.median_ms), ("p99", norm.p99_ms), ("longest", norm.longest_ms)])
+    if norm.longest_silence is not None:
+        yield f"longest_silence = {_number(norm.longest_silence)}"
+
+
+def _table(key: str, values: Iterable[tuple[str, float | None]]) -> Iterator[str]:
+    """Give an inline table of the values that are known, nothing when none is."""
+    known = [f"{name} = {_number(value)}" for name, value in values if value is not None]
+    if known:
+        yield f"{key} = {{ {', '.join(known)} }}"
+
+
+def _list(key: str, entries: list[str]) -> Iterator[str]:
+    line = f"{key} = [{', '.join(entries)}]"
+    if len(line) <= _WIDTH:
+        yield line
+        return
+    yield f"{key} = ["
+    row = "   "
+    for entry in entries:
+        if len(row) + len(entry) + 2 > _WIDTH and row.strip():
+            yield row
+            row = "   "
+        row += f" {entry},"
+    yield row
+    yield "]"
+
+
+def _number(value: float) -> str:
+    """Return a number with six digits that count, never with an exponent."""
+    if isinstance(value, int):
+        return str(value)
+    text = f"{value:.9f}" if abs(value) < 1000 else f"{value:.3f}"
+    whole, _, part = text.partition(".")
+    keep = max(6 - len(whole.lstrip("-0")), 0)
+    zeros = len(part) - len(part.lstrip("0")) if whole in {"0", "-0"} else 0
+    return f"{whole}.{part[: keep + zeros].rstrip('0') or '0'}"
+
+
+def toml_text(text: str) -> str:
+    """Return a TOML string on one line: ASCII, everything else escaped; what UTF-8 cannot hold as `encodable` shows it."""
+    if _PLAIN.fullmatch(text):
+        return f'"{text}"'
+    return '"' + "".join([_escaped(character) for character in encodable(text)]) + '"'
+
+
+def _escaped(character: str) -> str:
+    code = ord(character)
+    if character in '"\\':
+        return "\\" + character
+    if 0x20 <= code < 0x7F:
+        return character
+    return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
+
+def _by_address(pair: Pair) -> tuple[tuple[int, int, bytes, str], ...]:
+    """Order pairs as people read them: by server, then by client, IPv4 before IPv6, numbers as numbers."""
+    return tuple([_address_key(host) for host in reversed(pair)])
+
+
+def _address_key(host: str) -> tuple[int, int, bytes, str]:
+    try:
+        address = ip_address(host)
+    except ValueError:
+        return 1, 0, b"", host
+    return 0, address.version, address.packed, ""
+
+
+def _naturally(name: str) -> list[tuple[int, str]]:
+    """Order DB2 before DB10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in _DIGITS.split(name)]

@@ -1,0 +1,26 @@
+"""Where SCD travels (`bindings_file`), and what is done with it there (`engine`)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dissect.bindings.bindings_file import BindingError, load_bindings
+
+if TYPE_CHECKING:
+    from dissect.bindings.engine import ScdCarrier
+    from dissect.scd.dictionary import Dictionary
+
+__all__ = ["BindingError", "load_bindings", "load_carrier"]
+
+
+def load_carrier(scd: str | Path | Dictionary, bind: str | Path) -> ScdCarrier:
+    """Return what decodes SCD by the dictionary ``scd`` (or its file) where the file ``bind`` says that it travels.
+
+    Raises `DictionaryError`, `BindingError`, or OSError where there is no reading a file.
+    """
+    from dissect.bindings.engine import ScdCarrier
+    from dissect.scd.loading import load
+
+    dictionary = load(scd) if isinstance(scd, (str, Path)) else scd
+    return ScdCarrier(dictionary, load_bindings(bind, dictionary))

@@ -1,0 +1,272 @@
+"""The file that says where SCD travels: [[binding]] tables in TOML, apart from the dictionary (docs/scd-traffic.md)."""
+
+from __future__ import annotations
+
+from ipaddress import ip_network
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from dissect.bindings.binding import Binding, Bindings, Network
+from dissect.bindings.content_names import Content, find_content
+from dissect.bindings.place import AREAS, MAX_DB, MAX_OCTET, Place, in_blocks, parse_place
+from dissect.scd.bounds import check_bounds
+from dissect.scd.codec import Codec
+from dissect.scd.dictionary import Dictionary
+from dissect.scd.errors import DictionaryError, Error, shown
+from dissect.scd.reading import Table
+from dissect.scd.toml_tables import header_lines, parse_tables, source_text
+from dissect.scd.types import MAX_OCTETS
+from dissect.wire.text import printable
+
+MAX_FILE: Final = 1 << 20
+MAX_BINDINGS: Final = 1024
+#: A TSAP is the value of a parameter whose size is an octet; 255 is kept for extensions.
+_MAX_TSAP: Final = 254
+_MAX_PORT: Final = 0xFFFF
+_MAX_R_ID: Final = 0xFFFFFFFF
+_CARRIERS: Final = ("udp", "tcp", "tsap", "s7", "area", "bsend")
+#: S7 and stream contents that leave their size open have it written beside them.
+_SIZED_CARRIERS: Final = ("tcp", "s7")
+
+
+class BindingError(Exception):
+    """A file of bindings that cannot be used; ``line`` counts from 1 (0: not known), ``key`` is the table and its key."""
+
+    def __init__(self, path: str, line: int, key: str, detail: str) -> None:
+        self.path = path
+        self.line = line
+        self.key = key
+        self.detail = detail
+        super().__init__(path, line, key, detail)
+
+    def __str__(self) -> str:
+        place = f"{self.path}:{self.line}" if self.line else self.path
+        return ": ".join(part for part in (printable(place), self.key, self.detail) if part)
+
+
+def load_bindings(path: str | Path, dictionary: Dictionary) -> Bindings:
+    """Return the bindings of a file for a dictionary. Raises `BindingError`, OSError where there is no reading the file."""
+    with Path(path).open("rb") as stream:
+        octets = stream.read(MAX_FILE + 1)
+    if len(octets) > MAX_FILE:
+        raise BindingError(str(path), 0, "file", f"more than {MAX_FILE} octets: these are no bindings")
+    try:
+        return _parse(source_text(octets, str(path)), dictionary)
+    except DictionaryError as error:  # what reads tables knows one error
+        raise BindingError(str(path), error.line, error.where, error.detail) from None
+
+
+def _parse(text: str, dictionary: Dictionary) -> Bindings:
+    """Return the bindings of a text; raises `DictionaryError` with table, key and line."""
+    content = parse_tables(text)
+    for name, rows in content.items():
+        if name != "binding":
+            raise DictionaryError(f"[{name}]", "bindings are written [[binding]], nothing else is here")
+        if not isinstance(rows, list):
+            raise DictionaryError("[binding]", "is written [[binding]]")
+    rows = content.get("binding", [])
+    if not 1 <= len(rows) <= MAX_BINDINGS:
+        raise DictionaryError("[[binding]]", f"{len(rows)} of them, a file has 1 to {MAX_BINDINGS}")
+    lines = header_lines(text, content, ("binding",))
+    reader = _Reader(dictionary)
+    for number, row in enumerate(rows):
+        where, line = f"[[binding]] {number + 1}", lines.get(("binding", number), 0)
+        check_bounds(row, where, line)
+        reader.add(Table(row, where, line))
+    return Bindings([binding for binding, _ in reader.rows])
+
+
+class _Reader:
+    """Reads one table after another; ``rows`` are the bindings and the tables they were written in."""
+
+    def __init__(self, dictionary: Dictionary) -> None:
+        self.rows: list[tuple[Binding, Table]] = []
+        self._dictionary = dictionary
+        self._names: dict[str, Table] = {}
+        try:
+            self._framed = Codec(dictionary).envelope.framed
+        except Error as error:
+            raise DictionaryError(f"dictionary {shown(dictionary.name)}, {error.where}", error.detail) from None
+
+    def add(self, table: Table) -> None:
+        """Read a table; raises `DictionaryError`."""
+        keys = [key for key in _CARRIERS if table.has(key)]
+        if len(keys) != 1:
+            told = "one of them is needed" if not keys else "exclude each other: one table for each"
+            raise table.fail(", ".join(keys or _CARRIERS[:4] + _CARRIERS[5:]), told)
+        binding = _CARRIED[keys[0]](table)
+        network = _network(table)
+        content = self._content(table)
+        size = self._size(table, binding, content)
+        where = f" {network.network_address if network.num_addresses == 1 else network}" if network else ""
+        name = table.text("name", binding.name + where)
+        device = table.choice("device", ("port", "peer"), "port")
+        if binding.carrier == "s7" and device == "peer":
+            raise table.fail("device", "an S7 area lies in the CPU, which is asked")
+        table.done()
+        binding = msgspec.structs.replace(
+            binding, name=name, network=network, device=device,
+            holds=content.holds, key=content.key, title=content.title, address=content.address, size=size,
+        )  # fmt: skip
+        self._check(table, binding)
+        self.rows.append((binding, table))
+        self._names[name] = table
+
+    def _content(self, table: Table) -> Content:
+        try:
+            return find_content(self._dictionary, table.text("holds"))
+        except DictionaryError:
+            raise
+        except Error as error:
+            raise table.fail("holds", error.detail) from None
+
+    def _size(self, table: Table, binding: Binding, content: Content) -> int:
+        """Return the octets of the content, 0 where that varies and the carrier tells it."""
+        if binding.carrier == "tcp" and content.holds == "messages":
+            if not self._framed:
+                detail = (
+                    "the messages of this dictionary's envelope tell no size, so a TCP stream cannot be cut into them"
+                )
+                raise table.fail("holds", detail)
+            return 0
+        if binding.carrier not in _SIZED_CARRIERS:
+            return content.size
+        if not table.has("size"):
+            if not content.size:
+                detail = (
+                    f"is missing: {shown(table.text('holds'))} has no size of its own, so say how many octets it takes"
+                )
+                raise table.fail("size", detail)
+            return content.size
+        size = _within(table, "size", 1, MAX_OCTETS)
+        if content.size and size != content.size:
+            raise table.fail("size", f"{shown(table.text('holds'))} has {content.size} octets, not {size}")
+        return size
+
+    def _check(self, table: Table, binding: Binding) -> None:
+        """Raise for a name that is there already, and for what another binding of the file says of the same octets."""
+        if not binding.name.strip():
+            raise table.fail("name", "is empty")
+        first = self._names.get(binding.name)
+        for other, before in self.rows:
+            trouble = _clash(binding, other)
+            if trouble:
+                raise table.fail(trouble, f"{_told(binding, other)} {before.where}{_at(before)}")
+        if first is not None:
+            raise table.fail("name", f"{shown(binding.name)} is the name of {first.where}{_at(first)}: give it another")
+        if binding.carrier == "s7" and binding.offset + binding.size - 1 > MAX_OCTET:
+            raise table.fail("size", f"it ends behind octet {MAX_OCTET}, the last one that an item can address")
+
+
+def _at(table: Table) -> str:
+    return f", line {table.line}" if table.line else ""
+
+
+def _clash(one: Binding, other: Binding) -> str:
+    """Return the key by which two bindings claim the same octets, empty where they do not.
+
+    Of the same port, TSAP or R_ID the narrower network is asked first, so only equal networks clash. In an S7 area every
+    binding is asked.
+    """
+    if one.carrier != other.carrier:
+        return ""
+    if one.carrier == "s7":
+        same = (one.area, one.db) == (other.area, other.db) and one.overlaps(other)
+        apart = one.offset + one.size <= other.offset or other.offset + other.size <= one.offset
+        return "s7" if same and not apart else ""
+    same = (one.port, one.tsap, one.r_id, one.network) == (other.port, other.tsap, other.r_id, other.network)
+    return {"cotp": "tsap"}.get(one.carrier, one.carrier) if same else ""
+
+
+def _told(one: Binding, other: Binding) -> str:
+    if one.carrier != "s7":
+        return "is bound already, by"
+    end = Place(other.area, other.db, other.offset + other.size - 1)
+    return f"octets are bound already, {Place(other.area, other.db, other.offset)} to {end} by"
+
+
+def _within(table: Table, key: str, low: int, high: int) -> int:
+    number = table.number(key)
+    if not low <= number <= high:
+        raise table.fail(key, f"{shown(number)} is outside {low} to {high}")
+    return number
+
+
+def _network(table: Table) -> Network | None:
+    if not table.has("host"):
+        table.text("host", "")
+        return None
+    written = table.text("host")
+    try:
+        return ip_network(written)
+    except ValueError:
+        detail = f'{shown(written)} is neither an address such as "10.0.0.5" nor a network such as "10.0.0.0/24"'
+        raise table.fail("host", detail) from None
+
+
+def _udp(table: Table) -> Binding:
+    port = _within(table, "udp", 1, _MAX_PORT)
+    return Binding(f"udp {port}", "udp", "messages", port=port)
+
+
+def _tcp(table: Table) -> Binding:
+    port = _within(table, "tcp", 1, _MAX_PORT)
+    return Binding(f"tcp {port}", "tcp", "messages", port=port)
+
+
+def _bsend(table: Table) -> Binding:
+    r_id = _within(table, "bsend", 0, _MAX_R_ID)
+    return Binding(f"BSEND 0x{r_id:08x}", "bsend", "messages", r_id=r_id)
+
+
+def _tsap(table: Table) -> Binding:
+    written = table.content["tsap"]
+    table.mark("tsap")
+    octets = _tsap_octets(written)
+    if octets is None or not 1 <= len(octets) <= _MAX_TSAP:
+        detail = f'{shown(written)} is no TSAP: write 1 to {_MAX_TSAP} octets as "SCD1", "0x0102" or [1, 2]'
+        raise table.fail("tsap", detail)
+    text = octets.decode("ascii", "replace")
+    shown_as = f'"{text}"' if text.isascii() and text.isprintable() else f"0x{octets.hex()}"
+    return Binding(f"TSAP {shown_as}", "cotp", "messages", tsap=octets)
+
+
+def _tsap_octets(written: Any) -> bytes | None:
+    """Return the octets of a text, a hexadecimal text or a list of numbers; None for anything else."""
+    if isinstance(written, list):
+        numbers = [
+            octet for octet in written if isinstance(octet, int) and not isinstance(octet, bool) and 0 <= octet < 256
+        ]
+        return bytes(numbers) if len(numbers) == len(written) else None
+    if not isinstance(written, str) or not written.isascii():
+        return None
+    if not written.lower().startswith("0x"):
+        return written.encode()
+    try:
+        return bytes.fromhex(written[2:])
+    except ValueError:
+        return None
+
+
+def _s7(table: Table) -> Binding:
+    written = table.text("s7")
+    place = parse_place(written)
+    if place is None:
+        detail = f'{shown(written)} is no octet of an area: write "DB10.DBB0", "MB20", "IB0" or "QB4"'
+        raise table.fail("s7", detail)
+    return _at_place(place)
+
+
+def _area(table: Table) -> Binding:
+    area = AREAS[table.choice("area", tuple(AREAS))]
+    db = _within(table, "db", 0, MAX_DB) if in_blocks(area) else 0
+    return _at_place(Place(area, db, _within(table, "offset", 0, MAX_OCTET)))
+
+
+def _at_place(place: Place) -> Binding:
+    return Binding(str(place), "s7", "messages", area=place.area, db=place.db, offset=place.offset)
+
+
+_CARRIED: Final = {"udp": _udp, "tcp": _tcp, "tsap": _tsap, "s7": _s7, "area": _area, "bsend": _bsend}

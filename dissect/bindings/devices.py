@@ -1,0 +1,100 @@
+"""What is known of each device: its constants, and mappings that were rewritten while somebody watched (R104-R106)."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import TYPE_CHECKING, Final
+
+from dissect.scd.codec import Codec
+from dissect.scd.ranges import is_mapping
+
+if TYPE_CHECKING:
+    from dissect.bindings.binding import Binding
+    from dissect.scd.dictionary import Dictionary
+    from dissect.scd.model import Pdo
+    from dissect.scd.packing import Key
+    from dissect.scd.types import Value
+    from dissect.tcp.connection import Endpoint
+    from dissect.transactions.table import Side
+
+#: Devices remembered; when there are more, the one heard of longest ago is forgotten.
+MAX_DEVICES: Final = 4096
+_ABSENT: Final = object()
+
+
+class Device:
+    """One device: the codec with its mappings, and the values of its constants as they were last seen."""
+
+    def __init__(self, dictionary: Dictionary, codec: Codec, *, strict_pad: bool) -> None:
+        self.codec = codec
+        self.constants: dict[Key, Value] = {}
+        self._dictionary = dictionary
+        self._strict_pad = strict_pad
+        self._own_codec = False
+        self._mappings: dict[int, dict[int, int]] = {}
+
+    def constant(self, key: Key, value: Value) -> Value | None:
+        """Note the value of a constant; return the one it had before if that was another, else None."""
+        old = self.constants.get(key, _ABSENT)
+        self.constants[key] = value
+        if old is _ABSENT or old == value or (old != old and value != value):  # noqa: PLR0124 - NaN
+            return None
+        return old  # type: ignore[return-value]
+
+    def write_mapping(self, index: int, sub: int, value: int) -> Pdo | None:
+        """Note that an element of a mapping object was written; return the PDO as it is now, None while it is switched off.
+
+        Raises `Error` for entries that no PDO can have; then the mapping stays as it was.
+        """
+        obj = self._dictionary.objects[index]
+        written = self._mappings.setdefault(index, {})
+        written[sub] = value
+        used = written.get(0, _default(obj[0].default))
+        fields = obj.fields[:used]
+        entries = [written.get(number, _default(field.default)) for number, field in enumerate(fields, 1)]
+        pdo = self._dictionary.with_mapping(index, entries)
+        if not self._own_codec:
+            self.codec = Codec(self._dictionary, strict_pad=self._strict_pad)
+            self._own_codec = True
+        self.codec.remap(pdo)
+        return pdo if used else None
+
+
+class Devices:
+    """Devices by address and port. ``forgotten`` counts those that had to leave."""
+
+    def __init__(self, dictionary: Dictionary, *, strict_pad: bool) -> None:
+        self.dictionary = dictionary
+        self.codec = Codec(dictionary, strict_pad=strict_pad)
+        self.forgotten = 0
+        self._strict_pad = strict_pad
+        self._known: OrderedDict[tuple[bytes, int], Device] = OrderedDict()
+        _ = self.codec.envelope  # an envelope that cannot work is told before the first packet
+
+    def of(self, side: Side, binding: Binding) -> Device:
+        """Return the device of a conversation: the end that owns the dictionary."""
+        connection = side.connection
+        return self.at(connection.client if binding.device == "peer" else connection.server)
+
+    def at(self, end: Endpoint) -> Device:
+        """Return the device behind an address and port."""
+        key = (end.address, end.port)
+        found = self._known.get(key)
+        if found is None:
+            found = Device(self.dictionary, self.codec, strict_pad=self._strict_pad)
+            self._known[key] = found
+            if len(self._known) > MAX_DEVICES:
+                self._known.popitem(last=False)
+                self.forgotten += 1
+        else:
+            self._known.move_to_end(key)
+        return found
+
+
+def is_rewritten(dictionary: Dictionary, key: Key) -> bool:
+    """Tell whether a value is that of a mapping object of the dictionary, sub-index 0 or an element."""
+    return isinstance(key, tuple) and is_mapping(key[0]) and key[0] in dictionary.objects and key[1] != 255
+
+
+def _default(value: object) -> int:
+    return value if isinstance(value, int) else 0

@@ -1,0 +1,332 @@
+"""SCD in traffic: what the bindings point at is decoded by the dictionary, paired and judged.
+
+`ScdCarrier` is hooked into the pipeline (`dissect.findings.carrier`). The way of a message:
+
+    datagram / stream / tsdu / transaction → _unit → _take → dialogue (pairs) → transaction → judged, told
+
+Everything between the pipeline and a `Transaction` is here; what state a device has is in `devices`, what deserves attention
+in `dissect.bindings.judging`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+from dissect.bindings.binding import Binding, Bindings
+from dissect.bindings.contents import decode
+from dissect.bindings.devices import Device, Devices
+from dissect.bindings.judging import ScdJudge
+from dissect.bindings.streams import cut_stream
+from dissect.findings.carrier import Carrier
+from dissect.iso.upper import SCD as UPPER_SCD
+from dissect.iso.upper import UPPER_NAMES
+from dissect.s7.parameters import GROUP_PBC
+from dissect.s7.tables import JOB, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
+from dissect.transactions.carried import SCD, ScdMessage, ScdParameters
+from dissect.transactions.multipart import Joiner
+from dissect.wire.text import encodable, printable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from dissect.findings.exchange import Exchange
+    from dissect.scd.dictionary import Dictionary
+    from dissect.scd.messages import Message
+    from dissect.transactions.connection import Connection
+    from dissect.transactions.table import Side
+    from dissect.transactions.transaction import ItemResult, Transaction
+
+#: `Connection.bound` once it is known that no binding is for its TSAPs.
+_NOT_BOUND: Final = -2
+#: Connections whose BSENDs are put together from their pieces.
+_MAX_JOINERS: Final = 1024
+#: Put into the reference of a request that is known by its index and sub-index, so that it is no transaction number.
+_BY_OBJECT: Final = 0x1000000
+
+
+class BindingCount:
+    """What a binding found: messages, those with an error, values; ``cut`` were not captured whole."""
+
+    def __init__(self) -> None:
+        self.messages = 0
+        self.errors = 0
+        self.values = 0
+        self.cut = 0
+
+
+class ScdCarrier(Carrier):
+    """Decodes SCD where the bindings say it travels.
+
+    ``counts`` by name of the binding; ``unpaired`` are messages of no kind; ``skipped`` octets of streams that begin none.
+    """
+
+    def __init__(self, dictionary: Dictionary, bindings: Bindings, *, strict_pad: bool = False) -> None:
+        super().__init__()
+        self.dictionary = dictionary
+        self.bindings = bindings
+        self.counts: dict[str, BindingCount] = {binding.name: BindingCount() for binding in bindings.all}
+        self.unpaired = 0
+        self.skipped = 0
+        self.udp_ports = set(bindings.udp)
+        self.devices = Devices(dictionary, strict_pad=strict_pad)
+        self._numbers = {id(binding): number for number, binding in enumerate(bindings.all)}
+        self._functions: dict[str, int] = {}
+        self._joiners: dict[int, Joiner] = {}
+        self._exchange: Exchange
+        self._judge: ScdJudge
+
+    def attach(self, exchange: Exchange) -> None:
+        """Remember where findings, observer and dialogue are."""
+        self._exchange = exchange
+        self._judge = ScdJudge(exchange.judge, self.devices)
+
+    # ---- where SCD travels ------------------------------------------------------------------------------------------
+
+    def claims_port(self, transport: str, connection: Connection) -> bool:
+        """Tell whether a port of a new conversation is bound; its other end is the client."""
+        bound = self.bindings.udp if transport == "udp" else self.bindings.tcp
+        ends = connection.tcp.ends
+        for side in (0, 1):
+            for binding in bound.get(ends[side].port, ()):
+                if binding.matches(ends[0].address, ends[1].address):
+                    connection.bound = self._numbers[id(binding)]
+                    connection.protocol = UPPER_NAMES[UPPER_SCD]
+                    connection.identified_by = printable(binding.name)
+                    connection.set_client(1 - side)
+                    return True
+        return False
+
+    def datagram(self, side: Side, octets: bytes, missing: int, frame: int, time_ns: int) -> None:
+        """Take a datagram: whole messages one after another, or one bare content."""
+        binding = self.bindings.all[side.connection.bound]
+        if missing:
+            self.counts[binding.name].cut += 1
+            return
+        self._unit(side, binding, octets, frame, time_ns)
+
+    def stream(self, side: Side, octets: bytes, frame: int, time_ns: int) -> None:
+        """Take octets of a bound TCP connection."""
+        binding = self.bindings.all[side.connection.bound]
+        units, skipped = cut_stream(side, self.devices.codec.envelope, binding, octets)
+        if skipped:
+            self.skipped += skipped
+            self._judge.garbage(side, skipped, frame, time_ns)
+        for unit in units:
+            self._unit(side, binding, unit, frame, time_ns)
+
+    def hole(self, side: Side, size: int, frame: int, time_ns: int) -> None:
+        """Octets are missing: what was begun stays incomplete, and the next message has to be found."""
+        backlog = side.backlog
+        if backlog is not None:
+            backlog.skipped += len(backlog.octets)
+            backlog.octets = b""
+        side.framer.synced = False
+
+    def tsdu(self, side: Side, octets: bytes, frame: int, time_ns: int) -> bool:
+        """Take a TSDU of a connection whose TSAPs are bound."""
+        connection = side.connection
+        if connection.bound < 0 and (connection.bound == _NOT_BOUND or not self._bind_tsap(connection)):
+            return False
+        self._unit(side, self.bindings.all[connection.bound], octets, frame, time_ns)
+        return True
+
+    def _bind_tsap(self, connection: Connection) -> bool:
+        known = False
+        for tsap in (connection.tsap_called, connection.tsap_calling):
+            if tsap is None:
+                continue
+            known = True
+            for binding in self.bindings.cotp.get(tsap.octets, ()):
+                ends = connection.tcp.ends
+                if binding.matches(ends[0].address, ends[1].address):
+                    connection.bound = self._numbers[id(binding)]
+                    connection.protocol = UPPER_NAMES[UPPER_SCD]
+                    return True
+        if known:
+            connection.bound = _NOT_BOUND
+        return False
+
+    # ---- from octets to transactions --------------------------------------------------------------------------------
+
+    def _unit(self, side: Side, binding: Binding, octets: bytes, frame: int, time_ns: int, place: str = "") -> None:
+        device = self.devices.of(side, binding)
+        for found in self._decode(device, binding, octets):
+            found.frame = frame
+            found.time_ns = time_ns
+            found.connection = side.connection.number
+            found.side = side.index
+            found.place = place
+            side.connection.pdus += 1
+            if self._exchange.observer.wants_pdus:
+                self._exchange.observer.scd(frame, time_ns, side, found)
+            self._judge.message(side, found)
+            self._pair(side, found, frame, time_ns)
+
+    def _decode(self, device: Device, binding: Binding, octets: bytes, at: int = 0) -> Iterator[ScdMessage]:
+        """Give the messages in ``octets``, which begin at offset ``at`` of what carries them, and count them."""
+        count = self.counts[binding.name]
+        place = 0
+        for message in decode(device.codec, binding, octets):
+            size = message.size or len(octets) - place
+            found = ScdMessage(message, self.dictionary, binding.name, octets[place : place + size])
+            found.offset = at + place
+            place += size
+            count.messages += 1
+            count.values += len(message.values)
+            if message.error is not None:
+                count.errors += 1
+            yield found
+
+    def _pair(self, side: Side, found: ScdMessage, frame: int, time_ns: int) -> None:
+        message = found.message
+        if (message.service and not message.phase) or (message.error is not None and not message.service):
+            self.unpaired += 1
+            return
+        parameters = self._parameters(found)
+        reference = _reference(message)
+        exchange = self._exchange
+        if message.phase == "request":
+            exchange.carried_request(side, reference, parameters, found.octets, frame, time_ns)
+        elif message.phase in {"response", "abort"}:
+            exchange.carried_answer(side, reference, parameters, found.octets, frame, time_ns)
+        else:
+            exchange.carried_push(side, reference, parameters, found.octets, frame, time_ns)
+
+    def _parameters(self, found: ScdMessage) -> ScdParameters:
+        message = found.message
+        name: str = message.service
+        if message.service == "pdo":
+            name = f"PDO {message.pdo}" if message.pdo else "PDO of no known number"
+        elif not message.service:
+            name = message.content or "message"
+        # Names are those of the dictionary, so there is an end to them.
+        key = self._functions.setdefault(name, len(self._functions))
+        parameters = ScdParameters(key, name, found)
+        if "index" in message.numbers and message.service != "pdo":
+            parameters.index = message.index
+            parameters.sub = message.sub
+        parameters.err = message.err
+        parameters.refused = message.phase == "abort" or message.err < 0
+        return parameters
+
+    # ---- transactions -----------------------------------------------------------------------------------------------
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Look into the items and blocks of an S7 transaction; judge an exchange of its own when it is over."""
+        if transaction.rosctr == SCD:
+            self._judge.exchange(transaction)
+        elif transaction.rosctr == JOB and self.bindings.s7:
+            function = transaction.parameters.function
+            if function in {READ_VAR, WRITE_VAR}:
+                self._items(transaction, wrote=function == WRITE_VAR)
+        elif transaction.rosctr == USERDATA and self.bindings.bsend:
+            self._block(transaction)
+
+    def _items(self, transaction: Transaction, *, wrote: bool) -> None:
+        """Decode what stands in items of a read or write, where the whole content was read or written."""
+        ends = transaction.connection.tcp.ends
+        found: list[ScdMessage] = []
+        for result in transaction.results():
+            item = result.item
+            if item is None or result.data is None or item.start_bit < 0 or item.start_bit & 7:
+                continue
+            for binding in self.bindings.s7.get((item.area, item.db), ()):
+                begin = binding.offset - (item.start_bit >> 3)
+                if begin >= 0 and begin + binding.size <= len(result.data):
+                    if binding.matches(ends[0].address, ends[1].address):
+                        found += self._content(transaction, binding, result, begin, wrote=wrote)
+        if found:
+            transaction.carried = found
+
+    def _content(
+        self, transaction: Transaction, binding: Binding, result: ItemResult, begin: int, *, wrote: bool
+    ) -> list[ScdMessage]:
+        assert result.data is not None
+        assert result.item is not None
+        octets = result.data[begin : begin + binding.size]
+        accepted = not wrote or result.return_code == SUCCESS
+        return self._inside(transaction, binding, octets, begin, result.item.address, asked=wrote, accepted=accepted)
+
+    def _inside(
+        self,
+        transaction: Transaction,
+        binding: Binding,
+        octets: bytes,
+        begin: int,
+        place: str,
+        *,
+        asked: bool,
+        accepted: bool,
+    ) -> list[ScdMessage]:
+        """Return the messages in octets that an S7 transaction carried in its request (``asked``) or its answer."""
+        connection = transaction.connection
+        device = self.devices.at(connection.client if binding.device == "peer" else connection.server)
+        told = []
+        for found in self._decode(device, binding, octets, begin):
+            found.frame = transaction.request_frame if asked else transaction.response_frame
+            found.time_ns = transaction.request_ns if asked else transaction.response_ns
+            found.connection = connection.number
+            found.side = transaction.asked_by if asked else 1 - transaction.asked_by
+            found.place = place
+            self._judge.content(device, found, accepted=accepted)
+            told.append(found)
+        return told
+
+    def _block(self, transaction: Transaction) -> None:
+        """Decode a BSEND of a bound R_ID when its last piece was taken."""
+        number = transaction.connection.number
+        joiner = self._joiners.get(number)
+        if joiner is None:
+            head = transaction.parameters.userdata
+            if head is None or head.group != GROUP_PBC:
+                return
+            joiner = self._joiners[number] = Joiner()
+            if len(self._joiners) > _MAX_JOINERS:
+                del self._joiners[next(iter(self._joiners))]
+        chain = joiner.feed(transaction)
+        if chain is None or chain.r_id < 0:
+            return
+        ends = transaction.connection.tcp.ends
+        for binding in self.bindings.bsend.get(chain.r_id, ()):
+            if binding.matches(ends[0].address, ends[1].address):
+                place = f"BSEND 0x{chain.r_id:08x}"
+                accepted = not transaction.has_errors
+                transaction.carried = self._inside(
+                    transaction, binding, bytes(chain.sent), 0, place, asked=True, accepted=accepted
+                )
+                return
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what was found where, and by which dictionary (docs/json.md)."""
+        return {
+            "dictionary": encodable(self.dictionary.name),
+            "version": encodable(self.dictionary.version),
+            "wire_id": self.dictionary.wire_id.hex(),
+            "bindings": [
+                {
+                    "name": encodable(name),
+                    "messages": count.messages,
+                    "values": count.values,
+                    "not_decoded": count.errors,
+                    "cut": count.cut,
+                }
+                for name, count in self.counts.items()
+            ],
+            "unpaired": self.unpaired,
+            "octets_skipped": self.skipped,
+            "devices_forgotten": self.devices.forgotten,
+        }
+
+    def end(self, side: Side, frame: int, time_ns: int) -> None:
+        """The connection is over: its counters count for nothing any more."""
+        self._judge.forget(side.connection.number)
+        self._joiners.pop(side.connection.number, None)
+
+
+def _reference(message: Message) -> int:
+    """Return what request and answer have in common (profile, reference 3.3): tid, else the object, else nothing."""
+    if "tid" in message.numbers:
+        return message.tid
+    if "index" in message.numbers:
+        return _BY_OBJECT | message.index << 8 | message.sub
+    return 0

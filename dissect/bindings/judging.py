@@ -1,0 +1,168 @@
+"""What is worth saying about SCD in traffic (profile, reference 3.3-3.5); the rows stand in `dissect.findings.catalogue`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from dissect.bindings.devices import Device, Devices, is_rewritten
+from dissect.scd.errors import E_CRC, E_INDEX, E_PDO_NUMBER, E_SUB, Error
+from dissect.scd.packing import ACCESS, NONFINITE, PAD, TIME_NS_RANGE, TRAILING, VERSION
+from dissect.scd.wording import address_text, value_text
+
+if TYPE_CHECKING:
+    from dissect.findings.judge import Judge
+    from dissect.transactions.carried import ScdMessage
+    from dissect.transactions.table import Side
+    from dissect.transactions.transaction import Transaction
+
+#: Where a device shows which dictionary it has: ConfId of "verify configuration" (reference 3.4).
+CONF_ID: Final = (0x1020, 3)
+#: A counter of PDOs is an octet.
+_COUNTER: Final = 256
+#: PDO counters followed for one connection, and connections with counters.
+_MAX_COUNTERS: Final = 1024
+_MAX_CONNECTIONS: Final = 8192
+_UNKNOWN: Final = frozenset((E_INDEX, E_SUB, E_PDO_NUMBER))
+_ODD: Final = {
+    TRAILING: "octets are left over",
+    NONFINITE: "an infinity",
+    TIME_NS_RANGE: "nanoseconds of a second or more",
+    PAD: "undefined bits that are not zero",
+    VERSION: "another version of the mapping",
+}
+
+
+class ScdJudge:
+    """Judges messages as they come and exchanges when they are over."""
+
+    def __init__(self, judge: Judge, devices: Devices) -> None:
+        self._judge = judge
+        self._devices = devices
+        self._dictionary = devices.dictionary
+        self._conf_id = int.from_bytes(devices.dictionary.wire_id[:4], "little")
+        self._counters: dict[int, dict[tuple[int, str], int]] = {}
+
+    # ---- messages of their own --------------------------------------------------------------------------------------
+
+    def message(self, side: Side, found: ScdMessage) -> None:
+        """Judge a message as it comes."""
+        message = found.message
+        if message.error is not None or message.flags:
+            self._oddities(found)
+        if message.service == "pdo":
+            self._count(side, found)
+            if message.err:
+                text = f"{message.err} {self._dictionary.error_text(message.err)}"
+                self._note("scd.pdo_error" if message.err < 0 else "scd.status", found, text)
+
+    def _oddities(self, found: ScdMessage) -> None:
+        message = found.message
+        error = message.error
+        if error is not None:
+            slug = (
+                "scd.crc"
+                if error.code == E_CRC
+                else "scd.unknown_object"
+                if error.code in _UNKNOWN
+                else "scd.malformed"
+            )
+            self._note(slug, found, f"{error.code} {error.where}: {error.detail}")
+        if ACCESS in message.flags and message.phase not in {"response", "abort"}:  # told of the request
+            self._note("scd.access", found, "the access attribute or the index range forbids it")
+        odd = [text for flag, text in _ODD.items() if flag in message.flags]
+        if odd:
+            self._note("scd.odd_value", found, ", ".join(odd))
+
+    def _count(self, side: Side, found: ScdMessage) -> None:
+        """Follow the counter of a PDO; one that stands still is not in use."""
+        message = found.message
+        if "tid" not in message.numbers or not message.pdo:
+            return
+        counters = self._counters.setdefault(side.connection.number, {})
+        if len(self._counters) > _MAX_CONNECTIONS:
+            del self._counters[next(iter(self._counters))]
+        key = (side.index, message.pdo)
+        last = counters.get(key)
+        if last is None and len(counters) >= _MAX_COUNTERS:
+            return
+        counters[key] = message.tid
+        if last is not None:
+            lost = (message.tid - last) % _COUNTER - 1
+            if lost > 0:
+                detail = f"{lost} before this one: the counter went from {last} to {message.tid}"
+                self._note("scd.pdo_gap", found, detail)
+
+    def garbage(self, side: Side, skipped: int, frame: int, time_ns: int) -> None:
+        """Octets of a bound stream that are no message were stepped over."""
+        detail = f"{skipped} octets from {side.tcp.ends[side.index]}"
+        self._judge.note("scd.garbage", side.connection.number, [frame], time_ns, detail)
+
+    def forget(self, connection: int) -> None:
+        """The connection is over."""
+        self._counters.pop(connection, None)
+
+    # ---- what devices say of themselves -----------------------------------------------------------------------------
+
+    def exchange(self, transaction: Transaction) -> None:
+        """Judge an SDO exchange that is over, or a PDO: values of the device, what was written to it."""
+        for found in transaction.scd:
+            message = found.message
+            device = self._device(transaction)
+            if message.err > 0 and message.service != "pdo":
+                self._note("scd.status", found, f"{message.err} {self._dictionary.error_text(message.err)}")
+            if message.service == "write" and message.phase == "request":
+                if transaction.outcome_name == "answered" and not transaction.has_errors:
+                    self._written(device, found)
+            else:
+                self.content(device, found, accepted=True)
+
+    def _device(self, transaction: Transaction) -> Device:
+        """Return the device that was asked, or that sent what nobody asked for."""
+        connection = transaction.connection
+        ends = connection.tcp.ends
+        if transaction.outcome_name == "unsolicited":
+            return self._devices.at(connection.server)
+        return self._devices.at(ends[1 - transaction.asked_by])
+
+    def content(self, device: Device, found: ScdMessage, *, accepted: bool) -> None:
+        """Judge values that a device has, or took over if ``accepted``."""
+        message = found.message
+        if found.place and (message.error is not None or message.flags):
+            self._oddities(found)
+        if not accepted:
+            return
+        for key, value in message.values.items():
+            if not isinstance(key, tuple) or key[1] == 255:
+                continue
+            if key == CONF_ID and value not in {0, self._conf_id} and isinstance(value, int):
+                detail = f"{value:#010x}, that of {self._dictionary.name!r} is {self._conf_id:#010x}"
+                self._note("scd.other_dictionary", found, detail)
+            if self._dictionary.variable(key).access == "const":
+                old = device.constant(key, value)
+                if old is not None:
+                    detail = f"{address_text(key)} was {value_text(old)}, is {value_text(value)}"
+                    self._note("scd.constant_changed", found, detail)
+
+    def _written(self, device: Device, found: ScdMessage) -> None:
+        """A write was acknowledged: what was written to a mapping object holds from now on."""
+        for key, value in found.message.values.items():
+            if not is_rewritten(self._dictionary, key) or not isinstance(value, int) or not isinstance(key, tuple):
+                continue
+            try:
+                pdo = device.write_mapping(key[0], key[1], value)
+            except Error as error:
+                self._note("scd.bad_mapping", found, f"{error.where}: {error.detail}")
+                continue
+            if pdo is None and key[1]:
+                continue  # one entry of a PDO that is switched off while it is configured
+            now = "switched off"
+            if pdo is not None:
+                now = ", ".join([address_text(row.variable.address) for row in pdo.map]) or "empty"
+            self._note("scd.remapped", found, f"{address_text(key)} = {value_text(value)}; now {now}")
+
+    def _note(self, slug: str, found: ScdMessage, detail: str) -> None:
+        connection = found.connection
+        if self._judge.wants(slug, connection):
+            where = f"{found.place}, " if found.place else ""
+            text = f"{where}{found.subject}: {detail}"
+            self._judge.detail(slug, connection, [found.frame], found.time_ns, text)

@@ -1,0 +1,222 @@
+"""`s7dissect cut`: a part of a capture as a pcapng file, with what was found in it as comments of its packets."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from dissect.cli.carried import scd_options
+from dissect.cli.drive import complain, drive, files_argument
+from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.report.slugs import slugs_of
+from dissect.wire.text import printable
+
+if TYPE_CHECKING:
+    from dissect.findings.carrier import Carrier
+    from dissect.recording.cutter import Around, Cutter
+    from dissect.recording.selection import Choice
+    from dissect.recording.window import Window
+
+_EXIT_CODES = (
+    "Exit code: 0 written, 2 wrong use, a file that cannot be read or written, or nothing to write, 3 a file is damaged or cut "
+    "off (what could be read was written), 5 standard output failed, 130 interrupted (nothing written)."
+)
+
+#: Octets gathered before they are written: nobody reads the file before it is whole.
+_BATCH = 262_144
+
+_AROUND = re.compile(r"([0-9]{1,9})(ms|s)?")
+
+
+def _findings(
+    ctx: click.Context, param: click.Parameter, values: Iterable[str]
+) -> tuple[frozenset[int], frozenset[str]]:
+    """Return (numbers, slugs) that the values of ``--finding`` mean."""
+    numbers: set[int] = set()
+    slugs: set[str] = set()
+    for value in values:
+        if value.isascii() and value.isdigit() and 0 < len(value) < 10 and int(value):
+            numbers.add(int(value))
+            continue
+        try:
+            slugs |= slugs_of(value)
+        except ValueError as error:
+            raise click.BadParameter(str(error), ctx, param) from None
+    return frozenset(numbers), frozenset(slugs)
+
+
+def _window(ctx: click.Context, param: click.Parameter, value: str | None) -> Window | None:
+    from dissect.recording.window import parse_window
+
+    try:
+        return parse_window(value) if value is not None else None
+    except ValueError as error:
+        raise click.BadParameter(f"{error}.", ctx, param) from None
+
+
+def _around(ctx: click.Context, param: click.Parameter, value: str | None) -> Around:
+    from dissect.recording.cutter import Around
+
+    if value is None:
+        return Around()
+    found = _AROUND.fullmatch(value)
+    if not found:
+        raise click.BadParameter(
+            f"{value!r} is neither a number of packets nor a time such as 500ms or 2s.", ctx, param
+        )
+    number = int(found[1])
+    if found[2] is None:
+        return Around(packets=number)
+    return Around(ns=number * (1_000_000 if found[2] == "ms" else 1_000_000_000))
+
+
+def _numbers(name: str, what: str) -> Callable[[Any], Any]:
+    return click.option(name, multiple=True, type=click.IntRange(min=1), metavar="N", help=what)
+
+
+@click.command("cut", epilog=_EXIT_CODES)
+@files_argument
+@click.option(
+    "-o", "--output", "output", required=True, metavar="OUT", help="The pcapng file to write; - is standard output."
+)
+@_numbers("--connection", "Packets of the connection that analyze lists as N, its TCP handshake and end included.")
+@_numbers("--transaction", "Packets that carried the request or the answer of transaction N.")
+@click.option(
+    "--finding",
+    "findings",
+    multiple=True,
+    callback=_findings,
+    metavar="WHAT",
+    help="Packets that show a finding: its slug, all that begin alike ('security.*'), a severity (that or worse), or its "
+    "number in the finding_details of analyze -T json, from 1.",
+)
+@click.option(
+    "--time",
+    "window",
+    callback=_window,
+    metavar="BEGIN..END",
+    help="Only packets of this time: HH:MM:SS or YYYY-MM-DDTHH:MM:SS in UTC, with or without a fraction, or seconds from the "
+    "first packet; either end may be left out.",
+)
+@click.option(
+    "--around",
+    callback=_around,
+    metavar="N|MS",
+    help="With each packet N before it and after it, or those within a time such as 500ms or 2s, whatever they are.",
+)
+@click.option("--no-comments", "plain", is_flag=True, help="Leave our findings out; comments of the capture stay.")
+@click.option("--force", is_flag=True, help="Overwrite OUT where it exists (never a FILE).")
+@scd_options
+def command(
+    files: tuple[str, ...],
+    output: str,
+    connection: tuple[int, ...],
+    transaction: tuple[int, ...],
+    findings: tuple[frozenset[int], frozenset[str]],
+    window: Window | None,
+    around: Around,
+    plain: bool,
+    force: bool,
+    carrier: Carrier | None,
+) -> int:
+    """Write a part of a capture to a pcapng file, with our findings as comments of the packets that show them.
+
+    --connection, --transaction and --finding may be given several times and together: a packet that any of them means is
+    written. --time narrows that. With none of them every packet is written. Packets stay in order, with their times
+    (nanoseconds), link types, interface names and comments.
+
+    FILE is a pcap or pcapng file, also in gzip or zstd. It is read twice, so it cannot be standard input. Several files are
+    read as one run, and go to one OUT.
+    """
+    from dissect.findings.observer import Options
+    from dissect.recording.selection import Selection, Wanted
+    from dissect.session import Run
+
+    _check(files, output, force)
+    wanted = Wanted(connection, transaction, *findings)
+    selection = Selection(wanted, comments=not plain)
+    run = Run(files, selection, Options(carrier=carrier))
+    code = drive(run, files)
+    if code == EXIT_INTERRUPTED:
+        click.echo(f"s7dissect: interrupted, {_name(output)} was not written", err=True)
+        return code
+    complain(run, code)
+    if selection.missing:
+        raise click.ClickException(f"{selection.missing} in the capture; nothing was written.")
+    first_ns, last_ns = int(run.pipeline.first_ns), int(run.pipeline.now_ns)
+    times = window.resolve(first_ns, last_ns) if window is not None else (-(2**63), 2**63)
+    if selection.uncertain:
+        click.echo(
+            f"s7dissect: of {selection.uncertain} messages only the packet that completed them is known, not those before",
+            err=True,
+        )
+    return _write(files, output, selection.choice(*times), around) or code
+
+
+def _write(files: Sequence[str], output: str, choice: Choice, around: Around) -> int:
+    """Read the files again, write what is wanted, and tell how much that was."""
+    from dissect import __version__
+    from dissect.recording.cutter import Cutter
+    from dissect.recording.names import part_of
+    from dissect.source.files import open_capture
+    from dissect.source.pcapng_writer import PcapngWriter
+
+    whole = output != "-" and (not Path(output).exists() or Path(output).is_file())
+    path = str(part_of(Path(f"{output}.{os.getpid()}"))) if whole else output
+    writer = PcapngWriter(path, application=f"s7dissect {__version__}", batch=_BATCH, overwrite=not whole)
+    try:
+        cutter = Cutter(choice, writer, around)
+        for file in files:
+            reader = open_capture(file)
+            try:
+                cutter.read_all(reader)
+            finally:
+                reader.close()
+        if not cutter.chosen:
+            raise click.ClickException("no packet of the capture is wanted; nothing was written.")
+        writer.close()
+        if whole:
+            Path(path).replace(output)
+    except BaseException:
+        writer.abandon()
+        if whole:
+            Path(path).unlink(missing_ok=True)
+        raise
+    _tell(cutter, output)
+    return 0
+
+
+def _tell(cutter: Cutter, output: str) -> None:
+    """Say on stderr what was written."""
+    written = cutter.chosen + cutter.beside
+    beside = f", {cutter.beside} of them for being near" if cutter.beside else ""
+    commented = f", {cutter.commented} with findings as comments" if cutter.commented else ""
+    click.echo(
+        f"s7dissect: {written} of {cutter.frames} packets written to {_name(output)}{beside}{commented}", err=True
+    )
+    if cutter.shortened:
+        click.echo(
+            f"s7dissect: {cutter.shortened} packets left memory before it was known whether they are near a wanted one; "
+            "some may be missing",
+            err=True,
+        )
+
+
+def _check(files: Sequence[str], output: str, force: bool) -> None:
+    """Refuse what cannot be read twice, and an output that would destroy something."""
+    for file in files:
+        if file == "-" or (Path(file).exists() and not Path(file).is_file()):
+            raise click.UsageError(f"{printable(file)}: a capture is read twice here, so it has to be a file.")
+        if output != "-" and Path(output).exists() and Path(file).exists() and Path(file).samefile(output):
+            raise click.UsageError(f"{printable(output)} is to be read and written; choose another name for OUT.")
+    if output != "-" and Path(output).is_file() and not force:
+        raise click.UsageError(f"{printable(output)} exists; --force overwrites it.")
+
+
+def _name(output: str) -> str:
+    return "standard output" if output == "-" else printable(output)

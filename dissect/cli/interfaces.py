@@ -1,0 +1,93 @@
+"""`s7dissect interfaces`: what can be captured here, by whom, and what to do where nothing can."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from dissect.cli.drive import format_option, write
+from dissect.cli.main import EXIT_OK
+from dissect.wire.text import encodable, printable
+
+if TYPE_CHECKING:
+    from dissect.source.live.interfaces import NetworkInterface
+    from dissect.source.live.opening import EngineState
+
+INTERFACES_SCHEMA: Final = "s7dissect.interfaces/1"
+
+_HEADINGS: Final = ("INTERFACE", "STATE", "LINK", "CAPTURE BY", "ADDRESSES")
+
+
+@click.command(
+    "interfaces", epilog="Exit code: 0 told, also when nothing may be captured, 2 wrong use, 5 the output failed."
+)
+@format_option("text", "json")
+def command(format_: str) -> int:
+    """List the network interfaces: state, link type, addresses, and which engine may capture on each.
+
+    dumpcap (of Wireshark) captures with rights of its own and is preferred; the ring is the kernel's own way and needs
+    CAP_NET_RAW. Where one of them may not capture, what to do about it follows the list.
+    """
+    from dissect.source.live.opening import engine_states, listed
+
+    interfaces = listed()
+    states = engine_states()
+    write([_as_json(interfaces, states)] if format_ == "json" else _as_text(interfaces, states))
+    return EXIT_OK
+
+
+def _as_text(interfaces: list[NetworkInterface], states: list[EngineState]) -> Iterator[str]:
+    from dissect.source.live.opening import engines_for
+
+    rows: list[tuple[str, ...]] = [_HEADINGS]
+    for one in interfaces:
+        engines = ", ".join(engines_for(one, states)) or "nobody"
+        cells = (one.name, one.state or "?", one.link_name or "?", engines, " ".join(one.addresses) or "-")
+        rows.append(tuple([printable(cell) for cell in cells]))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        yield "  ".join([cell.ljust(width) for cell, width in zip(row, widths, strict=True)]).rstrip()
+    if not interfaces:
+        yield "there are none, or none that this user may see"
+    for state in states:
+        if state.reason:
+            yield ""
+            yield f"{state.name} cannot capture: {printable(state.reason)}"
+            for line in state.advice:
+                yield f"    {printable(line)}"
+
+
+def _as_json(interfaces: list[NetworkInterface], states: list[EngineState]) -> str:
+    from dissect.source.live.opening import engines_for
+
+    told = {
+        "schema": INTERFACES_SCHEMA,
+        "interfaces": [
+            {
+                "name": encodable(one.name),
+                "number": one.number,
+                "state": one.state or None,
+                "loopback": one.loopback,
+                "link_type": one.link_type if one.link_type >= 0 else None,
+                "link": one.link_name or None,
+                "mac": one.mac or None,
+                "mtu": one.mtu or None,
+                "addresses": list(one.addresses),
+                "engines": engines_for(one, states),
+            }
+            for one in interfaces
+        ],
+        "engines": [
+            {
+                "name": state.name,
+                "usable": not state.reason,
+                "reason": encodable(state.reason) or None,
+                "advice": [encodable(line) for line in state.advice],
+            }
+            for state in states
+        ],
+    }
+    return json.dumps(told, ensure_ascii=False)

@@ -1,0 +1,280 @@
+"""`s7dissect monitor`: what happens on a line, while it happens."""
+
+from __future__ import annotations
+
+import importlib
+import signal
+import sys
+from types import FrameType
+from typing import TYPE_CHECKING, Any, Final, Protocol, Self
+
+import click
+
+from dissect.cli.carried import scd_options
+from dissect.cli.drive import nanoseconds, write
+from dissect.cli.gate import fail_on_option, gate
+from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
+from dissect.wire.text import printable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from dissect.findings.carrier import Carrier
+    from dissect.live.session import Event, Session, Status
+    from dissect.source.packet import Reader
+
+#: How long a poll waits for something to happen, in seconds, and how much it takes.
+_WAIT_S: Final = 0.2
+_MOST: Final = 512
+_TOPICS: Final = ("connections", "transactions", "operations", "findings", "scd")
+
+_EXIT_CODES: Final = (
+    "Exit code: 0 the source or --duration ended, 1 a finding that --fail-on names, 2 wrong use or a source that cannot be "
+    "opened, 3 the source broke off, 5 the output failed, 130 interrupted by SIGINT or SIGTERM (the summary is given)."
+)
+
+
+class _Shower(Protocol):
+    """What makes lines of events."""
+
+    def lines(self, events: Iterable[Event]) -> list[str]: ...
+
+    def lost(self, now_ns: int, counts: dict[str, int]) -> str: ...
+
+
+def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> int:
+    """Return what an option says in seconds as nanoseconds, 0 when it was not given."""
+    if value is None:
+        return 0
+    try:
+        number = float(value)
+    except ValueError:
+        raise click.BadParameter(f"{value!r} is not a number.", ctx, param) from None
+    if not 0 < number <= 1e9:
+        raise click.BadParameter(f"{value} is not between 0 and 1000000000.", ctx, param)
+    return int(number * 1e9)
+
+
+def _topics(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[str, ...]:
+    topics = tuple([topic.strip() for topic in value.split(",")]) if value else ()
+    for topic in topics:
+        if topic not in _TOPICS:
+            raise click.BadParameter(f"{topic!r} is none of {', '.join(_TOPICS)}.", ctx, param)
+    return topics
+
+
+@click.command("monitor", epilog=_EXIT_CODES)
+@click.argument("file", required=False, type=click.Path(), metavar="[FILE]")
+@click.option(
+    "-i", "--interface", "interface", metavar="NAME", help="Watch this interface; `s7dissect interfaces` lists them."
+)
+@click.option(
+    "-f", "--filter", "expression", default="", metavar="FILTER", help="Capture only this, for example 'tcp port 102'."
+)
+@click.option(
+    "--engine",
+    type=click.Choice(("auto", "dumpcap", "ring")),
+    default="auto",
+    show_default=True,
+    help="What captures; auto is dumpcap, and the kernel's ring where it may not.",
+)
+@click.option("--plain", is_flag=True, help="A line an event, also on a terminal.")
+@click.option(
+    "-T",
+    "--format",
+    "format_",
+    type=click.Choice(("text", "jsonl")),
+    help="What to write, a line an event; without it and on a terminal the screens are shown.",
+)
+@click.option(
+    "--only",
+    "topics",
+    callback=_topics,
+    metavar="TOPICS",
+    help=f"Write only these, with commas between: {', '.join(_TOPICS)}.",
+)
+@click.option(
+    "--slow",
+    "slow_ns",
+    callback=nanoseconds,
+    default="1000",
+    show_default=True,
+    metavar="MS",
+    help="Answers later than this are a finding.",
+)
+@click.option(
+    "--overdue",
+    "overdue_ns",
+    callback=nanoseconds,
+    default="2000",
+    show_default=True,
+    metavar="MS",
+    help="Requests without answer for longer than this are a finding at once; 0 for never.",
+)
+@click.option("--duration", "duration_ns", callback=_seconds, metavar="S", help="End after so many seconds.")
+@click.option("-c", "--packets", type=click.IntRange(1), default=None, metavar="N", help="End after so many packets.")
+@fail_on_option
+@scd_options
+def command(
+    file: str | None,
+    interface: str | None,
+    expression: str,
+    engine: str,
+    plain: bool,
+    format_: str | None,
+    topics: tuple[str, ...],
+    slow_ns: int,
+    overdue_ns: int,
+    duration_ns: int,
+    packets: int | None,
+    fail_on: frozenset[str],
+    carrier: Carrier | None,
+) -> int:
+    """Watch a line: connections, transactions and findings as they come. Nothing is ever sent.
+
+    The line is an interface (-i), a capture that comes on standard input while it is made (-), as from
+    `ssh gateway tcpdump -U -w - tcp port 102`, or a FILE.
+    """
+    from dissect.findings.observer import Options
+    from dissect.live.run import Limits
+    from dissect.live.session import Session
+
+    session = Session(
+        _opener(file, interface, expression, engine),
+        Options(slow_ns, carrier=carrier, overdue_ns=overdue_ns),
+        limits=Limits(duration_ns, packets or 0),
+        name=interface or ("stdin" if file == "-" else file or ""),
+    )
+    if not plain and format_ is None and sys.stdout.isatty():
+        code = _on_screens(session)
+    else:
+        code = _in_lines(session, format_ == "jsonl", topics)
+    return gate(session.run, fail_on, code)
+
+
+def _opener(file: str | None, interface: str | None, expression: str, engine: str) -> Callable[[], Reader]:
+    """Return what opens the source that the arguments name."""
+    if (file is None) == (interface is None):
+        raise click.UsageError("Say what to watch: either -i INTERFACE, or a FILE, or - for standard input.")
+    if interface is None and (expression or engine != "auto"):
+        raise click.UsageError("-f and --engine belong to an interface (-i).")
+
+    def opened() -> Reader:
+        from dissect.source.files import open_capture
+        from dissect.source.live.opening import open_live
+
+        if interface is not None:
+            return open_live(interface, expression, engine)
+        return open_live("-") if file == "-" else open_capture(file or "")
+
+    return opened
+
+
+# ---- the plain form -------------------------------------------------------------------------------------------------
+
+
+def _in_lines(session: Session, as_json: bool, topics: tuple[str, ...]) -> int:
+    """Write a line an event until the end; return the exit code."""
+    from dissect.live.json_lines import JsonLines
+    from dissect.live.lines import PlainLines, kinds_of
+
+    kinds = kinds_of(topics)
+    shower: _Shower = JsonLines(kinds) if as_json else PlainLines(kinds)
+    with _Interruption(session) as interruption:
+        try:
+            session.start()
+            _show(session, shower)
+        finally:
+            session.close()
+        if session.error is not None:
+            raise session.error
+        status = session.status()
+        if isinstance(shower, JsonLines):
+            write([shower.summary(status)])
+        _summarise(session, status)
+    return _code(session, interruption.asked)
+
+
+def _show(session: Session, shower: _Shower) -> None:
+    told: dict[str, int] = {}
+    while True:
+        running = session.running  # asked before: what it does last is taken then
+        events = session.poll(_WAIT_S, _MOST)
+        lines = shower.lines(events)
+        if session.lost != told:
+            lost = dict(session.lost)
+            fresh = {kind: count - told.get(kind, 0) for kind, count in lost.items() if count > told.get(kind, 0)}
+            lines.append(shower.lost(session.run.now_ns, fresh))
+            told = lost
+        if lines:
+            write(lines)
+        if not events and not running:
+            return
+
+
+def _summarise(session: Session, status: Status) -> None:
+    from dissect.live.lines import summary_lines
+
+    for line in summary_lines(status, session.engine):
+        click.echo(f"s7dissect: {line}", err=True)
+    for failure in session.run.failures:
+        click.echo(f"s7dissect: {printable(failure)}", err=True)
+    file = session.run.file
+    if file.damage:
+        click.echo(f"s7dissect: {printable(file.name)}: {printable(file.damage)}", err=True)
+
+
+def _code(session: Session, interrupted: bool) -> int:
+    if interrupted:
+        return EXIT_INTERRUPTED
+    if session.run.file.damage:
+        return EXIT_DAMAGED
+    return EXIT_OK
+
+
+class _Interruption:
+    """SIGINT and SIGTERM end a session in order; a second one breaks off whatever goes on."""
+
+    def __init__(self, session: Session) -> None:
+        self.asked = False
+        self._session = session
+        self._previous: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> Self:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._previous[number] = signal.signal(number, self._note)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    def _note(self, _signal: int, _frame: FrameType | None) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
+        self._session.stop()
+
+
+# ---- the screens ----------------------------------------------------------------------------------------------------
+
+
+def _on_screens(session: Session) -> int:
+    """Show the screens until they are left; return the exit code."""
+    try:
+        run_app = importlib.import_module("dissect.monitor.app").run_app
+    except ImportError as error:
+        if (error.name or "").split(".")[0] not in {"textual", "dissect"}:
+            raise
+        raise click.ClickException(
+            "the screens need one more package: pip install 's7dissect[monitor]'; --plain shows a line an event without it"
+        ) from None
+    session.start()
+    try:
+        run_app(session)
+    finally:
+        session.close()
+    if session.error is not None:
+        raise session.error
+    _summarise(session, session.status())
+    return _code(session, False)

@@ -1,0 +1,257 @@
+"""`s7dissect scd decode`: octets into values, and what `encode` shares with it: selectors, octets as they are given."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from dissect.cli.drive import format_option, write
+from dissect.cli.main import EXIT_DAMAGED, EXIT_OK
+from dissect.cli.scd_files import as_json, columns, open_dictionary
+from dissect.wire.text import encodable, printable
+
+if TYPE_CHECKING:
+    from dissect.scd.codec import Codec, Decoded
+    from dissect.scd.dictionary import Dictionary
+    from dissect.scd.messages import Message
+    from dissect.scd.wording import Row
+
+_SCHEMA: Final = "s7dissect.scd-decode/1"
+#: Octets that are read of a file or pipe: several of the largest messages.
+_MOST: Final = 1 << 20
+_HEADINGS: Final = ("address", "name", "value", "unit", "raw", "flags")
+#: Fields of an envelope shown with a message, where it has them.
+_SHOWN_NUMBERS: Final = ("tid", "seq", "src", "dst", "port")
+
+dictionary_option = click.option(
+    "-d", "--dictionary", "path", required=True, metavar="X", type=click.Path(dir_okay=False), help="The dictionary."
+)
+
+
+def selectors(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options that say what octets are."""
+    for option in reversed(
+        (
+            click.option("--pdo", metavar="T1", help="A PDO, by direction and number or by name."),
+            click.option("--type", "struct", metavar="NAME", help="A bare struct, by the name of its type."),
+            click.option("--object", "whole", metavar="NAME", help="A whole ARRAY or RECORD, by name or index."),
+            click.option("--value", metavar="0x6001", help="One variable, as an SDO carries it, by address or name."),
+        )
+    ):
+        command = option(command)
+    return command
+
+
+def only_one(**given: object) -> None:
+    """Refuse anything but one selector."""
+    names = [f"--{name}" for name in given]
+    if sum(bool(value) for value in given.values()) != 1:
+        raise click.UsageError(f"Say what the octets are by one of {', '.join(names)}.")
+
+
+def object_key(text: str) -> int | str:
+    """Return an index written as a number, or the name."""
+    return int(text, 16) if text[:2] in {"0x", "0X"} and text[2:].isalnum() and _is_hex(text[2:]) else text
+
+
+@click.command("decode")
+@dictionary_option
+@selectors
+@click.option("--message", is_flag=True, help="Messages in their envelope, one after the other.")
+@click.option("--raw", is_flag=True, help="FILE or - holds the octets themselves, not hexadecimal text.")
+@click.option("--strict-pad", is_flag=True, help="Flag undefined bits that are not zero.")
+@format_option("text", "json")
+@click.argument("data", nargs=-1, required=True, metavar="HEX...|FILE|-")
+def decode_command(
+    path: str, pdo: str | None, struct: str | None, whole: str | None, value: str | None, message: bool, raw: bool,
+    strict_pad: bool, format_: str, data: tuple[str, ...],
+) -> int:  # fmt: skip
+    """Decode octets: a PDO, a bare struct, a whole object, one value, or messages.
+
+    The octets are hexadecimal text in the arguments, in FILE or on standard input (-). Octets that cannot be decoded are exit
+    code 2; of messages what can be read is shown, and one that is damaged is exit code 3.
+    """
+    only_one(pdo=pdo, type=struct, object=whole, value=value, message=message)
+    octets = _payload(data, raw)
+    from dissect.scd.codec import Codec
+
+    codec = Codec(open_dictionary(path)[0], strict_pad=strict_pad)
+    if message:
+        found = list(codec.parse_messages(octets))
+        _tell(codec.dictionary, found, format_, b"")
+        return EXIT_DAMAGED if any(one.error is not None for one in found) else EXIT_OK
+    one, surplus = _decoded(codec, octets, pdo, struct, whole, value)
+    _tell(codec.dictionary, [one], format_, surplus)
+    return EXIT_OK
+
+
+# ---- what is given --------------------------------------------------------------------------------------------------
+
+
+def _is_hex(text: str) -> bool:
+    return bool(text) and all(char in "0123456789abcdefABCDEF" for char in text)
+
+
+def _hex(text: str) -> bytes | None:
+    """Return the octets of hexadecimal text, in which spaces, commas, colons, hyphens and 0x may stand; None for other text."""
+    words = text.replace(",", " ").replace(":", " ").replace("-", " ").split()
+    digits = "".join([word.removeprefix("0x").removeprefix("0X") for word in words])
+    return bytes.fromhex(digits) if _is_hex(digits) and len(digits) % 2 == 0 else None
+
+
+def _payload(data: Sequence[str], raw: bool) -> bytes:
+    """Return the octets of the arguments, of the file they name or of standard input."""
+    if list(data) != ["-"] and not raw:
+        found = _hex(" ".join(data))
+        if found is not None:
+            return found
+        if len(data) != 1 or not Path(data[0]).exists():
+            shown = printable(" ".join(data))
+            raise click.UsageError(f"{shown}: neither hexadecimal octets (two digits each) nor a file.")
+    if len(data) != 1:
+        raise click.UsageError("--raw takes one FILE, or -.")
+    if data[0] == "-":
+        octets = sys.stdin.buffer.read(_MOST + 1)
+    else:
+        with Path(data[0]).open("rb") as stream:
+            octets = stream.read(_MOST + 1)
+    if len(octets) > _MOST:
+        raise click.UsageError(f"{printable(data[0])}: more than {_MOST} octets.")
+    if raw:
+        return octets
+    found = _hex(octets.decode("ascii", "replace")) if octets.strip() else b""
+    if found is None:
+        raise click.UsageError(f"{printable(data[0])}: no hexadecimal text; --raw takes the octets as they are.")
+    return found
+
+
+def _decoded(
+    codec: Codec, octets: bytes, pdo: str | None, struct: str | None, whole: str | None, value: str | None
+) -> tuple[Message, bytes]:
+    """Return what the octets say as a message without an envelope, and the octets after it; raises `Error`."""
+    from dissect.scd.messages import Message
+
+    found: Decoded
+    if pdo:
+        row = codec.pdo(pdo)
+        found = codec.decode(pdo, octets)
+        message = Message(service="pdo", phase="push", pdo=f"{row.direction}{row.number}")
+    elif struct:
+        found, message = codec.decode_type(struct, octets), Message(content=struct)
+    elif whole:
+        found, message = codec.decode_object(object_key(whole), octets), Message(content=whole)
+    else:
+        assert value is not None
+        found, message = codec.decode_value(value, octets), Message(content=value)
+    message.values, message.flags, message.data = found.values, found.flags, octets
+    message.size = len(octets)
+    return message, found.surplus
+
+
+# ---- what is told ---------------------------------------------------------------------------------------------------
+
+
+def _tell(od: Dictionary, messages: Sequence[Message], format_: str, surplus: bytes) -> None:
+    from dissect.scd.wording import rows
+
+    for message in messages:
+        found = rows(od, message)
+        if format_ == "json":
+            write([as_json(_as_dict(od, message, found, surplus))])
+        else:
+            write(
+                [*_heading(od, message, surplus), *columns(_table(found))] if found else _heading(od, message, surplus)
+            )
+
+
+def _heading(od: Dictionary, message: Message, surplus: bytes) -> Iterator[str]:
+    from dissect.scd.wording import subject
+
+    parts = [subject(od, message)]
+    if message.numbers:
+        parts = [message.phase or "?", *parts]
+        parts += [f"{role} {message.numbers[role]}" for role in _SHOWN_NUMBERS if role in message.numbers]
+        if "err" in message.numbers:
+            parts.append(f"err {message.err} {printable(_error_text(od, message.err))}".rstrip())
+    parts.append(f"{len(message.data)} octets")
+    yield "  ".join(parts)
+    for name, keys in message.flags.items():
+        if not keys:
+            rest = f": {surplus.hex(' ')}" if name == "trailing" and surplus else ""
+            yield f"  odd: {name}{rest}"
+    if message.error is not None:
+        yield f"  not decoded: {printable(str(message.error))}"
+        if message.data:
+            yield f"  data: {message.data.hex(' ')}"
+
+
+def _error_text(od: Dictionary, number: int) -> str:
+    return od.errors.get(number, "")
+
+
+def _table(found: Sequence[Row]) -> list[list[str]]:
+    from dissect.scd.wording import value_text
+
+    lines = [list(_HEADINGS)]
+    for row in found:
+        text = f" {printable(row.text)}" if row.text else ""
+        lines.append(
+            [
+                printable(row.address),
+                printable(row.name),
+                value_text(row.physical) + text,
+                printable(row.unit),
+                _raw(row),
+                ", ".join(row.flags),
+            ]
+        )
+    kept = [number for number in range(len(_HEADINGS)) if number < 3 or any(line[number] for line in lines[1:])]
+    return [["  " + line[kept[0]], *[line[number] for number in kept[1:]]] for line in lines]
+
+
+def _raw(row: Row) -> str:
+    """Return a whole number as it is on the wire, in hexadecimal; of other values the value itself is all."""
+    value = row.value
+    if isinstance(value, bool) or not isinstance(value, int):
+        return ""
+    decimal = str(value) if row.text or row.physical != value else ""
+    if value < 0:
+        return decimal
+    return f"{decimal} (0x{value:x})" if decimal else f"0x{value:x}"
+
+
+def _as_dict(od: Dictionary, message: Message, found: Sequence[Row], surplus: bytes) -> dict[str, object]:
+    from dissect.scd.wording import json_value
+
+    has, error = message.numbers, message.error
+    return {
+        "schema": _SCHEMA,
+        "service": message.service or None,
+        "phase": message.phase or None,
+        "pdo": message.pdo or None,
+        "content": encodable(message.content) or None,
+        "envelope": has or None,
+        "err_text": encodable(_error_text(od, message.err)) if "err" in has else None,
+        "values": [
+            {
+                "address": encodable(row.address),
+                "name": encodable(row.name),
+                "value": json_value(row.value),
+                "physical": json_value(row.physical),
+                "unit": encodable(row.unit) or None,
+                "text": encodable(row.text) or None,
+                "flags": list(row.flags),
+            }
+            for row in found
+        ],
+        "flags": list(message.flags),
+        "data": message.data.hex(),
+        "surplus": surplus.hex() or None,
+        "error": None if error is None else {
+            "code": error.code, "where": encodable(error.where), "detail": encodable(error.detail),
+        },
+    }  # fmt: skip

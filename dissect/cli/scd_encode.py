@@ -1,0 +1,192 @@
+"""`s7dissect scd encode`: values into octets."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from dissect.cli.drive import write
+from dissect.cli.main import EXIT_OK
+from dissect.cli.scd_decode import dictionary_option, object_key, only_one, selectors
+from dissect.cli.scd_files import open_dictionary
+
+if TYPE_CHECKING:
+    from dissect.scd.codec import Codec
+    from dissect.scd.dictionary import Dictionary
+    from dissect.scd.messages import Phase, Service
+    from dissect.scd.model import Variable
+    from dissect.scd.types import Value
+
+#: What `--message` takes → service and phase.
+_KINDS: Final[dict[str, tuple[Service, Phase]]] = {
+    "read": ("read", "request"),
+    "read-response": ("read", "response"),
+    "read-abort": ("read", "abort"),
+    "write": ("write", "request"),
+    "write-response": ("write", "response"),
+    "write-abort": ("write", "abort"),
+    "pdo": ("pdo", "push"),
+}
+_ADDRESS: Final = re.compile(r"(0[xX][0-9a-fA-F]{1,4})(?:[:.]([0-9]{1,3}))?")
+_NUMBERS: Final = ("tid", "err", "port", "src", "dst", "seq")
+
+
+def _numbers(command: Callable[..., Any]) -> Callable[..., Any]:
+    for name in reversed(_NUMBERS):
+        command = click.option(f"--{name}", type=int, default=0, metavar="N", help=f"Of a message: its {name}.")(
+            command
+        )
+    return command
+
+
+@click.command("encode")
+@dictionary_option
+@selectors
+@click.option("--message", type=click.Choice(list(_KINDS)), help="A message in its envelope; of a PDO with --pdo.")
+@_numbers
+@click.option("--partial", is_flag=True, help="What is not given is its default, or zero.")
+@click.option("--raw", is_flag=True, help="Write the octets themselves, not hexadecimal text.")
+@click.argument("values", nargs=-1, metavar="[VARIABLE=VALUE]...")
+def encode_command(
+    path: str, pdo: str | None, struct: str | None, whole: str | None, value: str | None, message: str | None,
+    partial: bool, raw: bool, values: tuple[str, ...], **numbers: int,
+) -> int:  # fmt: skip
+    """Encode values, and write the octets as hexadecimal text.
+
+    VARIABLE is an address (0x6000:1), a name ("Pump 1.run") or of a struct a field; VALUE is true or false, a number (also
+    0x…), what the dictionary calls it, a text, hexadecimal octets of a block, an address, a time in ISO 8601 or as
+    "seconds,nanoseconds". With --value, VALUE alone does. A message about one variable takes VARIABLE, or VARIABLE=VALUE.
+    """
+    from dissect.scd.codec import Codec
+
+    if message is None:
+        only_one(pdo=pdo, type=struct, object=whole, value=value, message=message)
+        if any(numbers.values()):
+            raise click.UsageError(f"--{next(name for name in _NUMBERS if numbers[name])} is of a message.")
+    elif struct or whole or value or (message == "pdo") != bool(pdo):
+        raise click.UsageError("--message goes with --pdo for `pdo` and with no other selector.")
+    codec = Codec(open_dictionary(path)[0])
+    if message is not None:
+        octets = _message(codec, message, pdo, values, numbers, partial)
+    elif pdo:
+        octets = codec.encode(pdo, _by_address(codec.dictionary, values), partial=partial)
+    elif struct:
+        octets = _struct(codec, struct, values, partial)
+    elif whole:
+        octets = _object(codec, whole, values, partial)
+    else:
+        assert value is not None
+        octets = _value(codec, value, values)
+    if raw:
+        sys.stdout.buffer.write(octets)
+        sys.stdout.buffer.flush()
+    else:
+        write([octets.hex(" ").upper()])
+    return EXIT_OK
+
+
+def _given(words: Sequence[str], find: Callable[[str], Variable]) -> list[tuple[Variable, Value]]:
+    """Return the variables and values of VARIABLE=VALUE, where a name may have an equals sign in it; raises `Error`."""
+    from dissect.scd.errors import Error
+    from dissect.scd.written import parse_written
+
+    found = []
+    for word in words:
+        places = [at for at, char in enumerate(word) if char == "="]
+        if not places:
+            raise click.UsageError(f"{word!r} is no VARIABLE=VALUE.")
+        refused: Error | None = None
+        for at in places:
+            try:
+                variable = find(word[:at])
+            except Error as error:
+                refused = refused or error
+            else:
+                found.append((variable, parse_written(word[at + 1 :], variable)))
+                break
+        else:
+            assert refused is not None
+            raise refused
+    return found
+
+
+def _once(pairs: Sequence[tuple[Any, Value]]) -> dict[Any, Value]:
+    values = dict(pairs)
+    if len(values) != len(pairs):
+        raise click.UsageError("a variable is given twice.")
+    return values
+
+
+def _by_address(od: Dictionary, words: Sequence[str]) -> dict[Any, Value]:
+    return _once([(variable.address, value) for variable, value in _given(words, od.variable)])
+
+
+def _struct(codec: Codec, name: str, words: Sequence[str], partial: bool) -> bytes:
+    from dissect.scd.errors import E_SUB, Error
+    from dissect.scd.model import StructType
+
+    found = codec.dictionary.type(name)
+    fields = found.fields if isinstance(found, StructType) else ()
+    known = {field.name: field for field in fields if not field.reserved}
+
+    def find(text: str) -> Variable:
+        field = known.get(text.removeprefix(f"{name}."))
+        if field is None:
+            raise Error(E_SUB, name, f"no field {text!r}")
+        return field
+
+    values = _once([(variable.name, value) for variable, value in _given(words, find)])
+    return codec.encode_type(name, values, partial=partial)
+
+
+def _object(codec: Codec, name: str, words: Sequence[str], partial: bool) -> bytes:
+    if partial:
+        raise click.UsageError("--partial goes with --pdo and --type.")
+    return codec.encode_object(object_key(name), _by_address(codec.dictionary, words))
+
+
+def _value(codec: Codec, name: str, words: Sequence[str]) -> bytes:
+    from dissect.scd.written import parse_written
+
+    variable = codec.dictionary.variable(name)
+    if len(words) != 1:
+        raise click.UsageError("--value takes one VALUE.")
+    return variable.encode(parse_written(words[0].removeprefix(f"{name}="), variable))
+
+
+def _message(
+    codec: Codec, kind: str, pdo: str | None, words: Sequence[str], numbers: dict[str, int], partial: bool
+) -> bytes:
+    from dissect.scd.messages import Message
+
+    service, phase = _KINDS[kind]
+    message = Message(service=service, phase=phase)
+    for name, number in numbers.items():
+        setattr(message, name, number)
+    if pdo:
+        row = codec.pdo(pdo)
+        message.pdo = f"{row.direction}{row.number}"
+        message.data = codec.encode(pdo, _by_address(codec.dictionary, words), partial=partial)
+        return codec.encode_message(message)
+    if partial or len(words) != 1:
+        raise click.UsageError(f"a {kind} is about one variable: VARIABLE, or VARIABLE=VALUE.")
+    carries = phase == ("response" if service == "read" else "request")
+    if carries and not message.err:
+        ((variable, value),) = _given(words, codec.dictionary.variable)
+        message.index, message.sub = variable.address
+        message.values = {variable.address: value}
+    else:
+        message.index, message.sub = _address(codec.dictionary, words[0])
+    return codec.encode_message(message)
+
+
+def _address(od: Dictionary, text: str) -> tuple[int, int]:
+    """Return an address, also one that the dictionary does not have: a device may be asked for it, and refuse."""
+    found = None if text in od.names else _ADDRESS.fullmatch(text)
+    if found is None:
+        return od.variable(text).address
+    return int(found[1], 16), int(found[2] or 0)

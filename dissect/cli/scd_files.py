@@ -1,0 +1,268 @@
+"""`s7dissect scd compile`, `dump`, `check` and `diff`: dictionaries as files."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from dissect.cli.drive import format_option, write
+from dissect.cli.main import EXIT_GATE, EXIT_OK
+from dissect.wire.text import encodable, printable
+
+if TYPE_CHECKING:
+    from dissect.scd.dictionary import Dictionary
+    from dissect.scd.difference import Change, Comparison
+    from dissect.scd.errors import DictionaryError
+    from dissect.scd.foreign import Note
+
+_CHECK_SCHEMA: Final = "s7dissect.scd-check/1"
+_DIFF_SCHEMA: Final = "s7dissect.scd-diff/1"
+_FILE: Final = click.Path(exists=False, dir_okay=False)
+#: Exit codes of `diff` by what differs.
+_DIFFERENT: Final = {"same": EXIT_OK, "names": EXIT_GATE, "wire": 2}
+_LEVELS: Final = {
+    "same": "the same octets",
+    "names": "only names, texts, units or limits differ: both decode alike",
+    "wire": "they decode differently",
+}
+encoding_option = click.option(
+    "--encoding", default="", metavar="NAME", help="Of an EDS or DCF that is neither UTF-8 nor Latin-1, such as cp1251."
+)
+
+
+def open_dictionary(path: str, encoding: str = "") -> tuple[Dictionary, tuple[Note, ...]]:
+    """Return the dictionary of a file of any kind, with the notes of an import; raises `DictionaryError`, OSError."""
+    from dissect.scd.loading import import_file, is_description, load
+
+    if is_description(path):
+        return import_file(path, encoding)
+    if encoding:
+        raise click.UsageError("--encoding is for EDS and DCF files; every other one says its own or is UTF-8.")
+    return load(path), ()
+
+
+def columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Yield rows of cells as aligned lines."""
+    widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)] if rows else []
+    for row in rows:
+        yield "  ".join([cell.ljust(width) for cell, width in zip(row, widths, strict=True)]).rstrip()
+
+
+def tell_notes(path: str, notes: Sequence[Note]) -> None:
+    """Say on stderr what an import does not keep."""
+    for note in notes:
+        click.echo(f"s7dissect: {printable(path)}: {printable(str(note))}", err=True)
+
+
+def as_json(values: object) -> str:
+    """Return one line of JSON in ASCII."""
+    return json.dumps(values, separators=(",", ":")).replace("\x7f", "\\u007f")
+
+
+# ---- compile --------------------------------------------------------------------------------------------------------
+
+
+@click.command("compile")
+@click.argument("source", type=_FILE, metavar="SRC")
+@click.option("-o", "--output", required=True, metavar="OUT", help="The compiled file; - is standard output.")
+@encoding_option
+def compile_command(source: str, output: str, encoding: str) -> int:
+    """Compile SRC: TOML or JSON, EDS or DCF (CANopen), XDD or XDC (POWERLINK, CANopen), by its suffix.
+
+    The same source always gives the same octets. What a device description says and SCD cannot keep is told on stderr.
+    """
+    from dissect.scd.errors import DictionaryError
+
+    if output != "-" and Path(output).exists() and Path(source).exists() and Path(source).samefile(output):
+        raise click.UsageError("SRC and OUT are the same file.")
+    if Path(source).suffix.lower() == ".scd":
+        raise DictionaryError("file", "is compiled already; `dump` makes a source of it", path=source)
+    dictionary, notes = _source(source, encoding)
+    tell_notes(source, notes)
+    if output == "-":
+        sys.stdout.buffer.write(dictionary.octets)
+        sys.stdout.buffer.flush()
+        return EXIT_OK
+    _save(output, dictionary.octets)
+    write([f"{printable(output)}: {len(dictionary.octets)} octets", *_summary(dictionary)])
+    return EXIT_OK
+
+
+def _source(path: str, encoding: str) -> tuple[Dictionary, tuple[Note, ...]]:
+    from dissect.scd.loading import compile_source, is_description
+
+    if is_description(path) or encoding:
+        return open_dictionary(path, encoding)
+    return compile_source(path), ()
+
+
+def _save(path: str, octets: bytes) -> None:
+    """Write a file whole or not at all."""
+    target = Path(path)
+    if target.exists() and not target.is_file():  # a device, a pipe
+        target.write_bytes(octets)
+        return
+    part = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        part.write_bytes(octets)
+        part.replace(target)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise OSError(error.errno, error.strerror, path) from None
+
+
+def _summary(od: Dictionary) -> Iterator[str]:
+    own = len(od.body.types) + len(od.body.structs)
+    envelope = "an envelope of its own" if od.envelope is not None else "the default envelope"
+    name = printable(f"{od.name} {od.version}".strip())
+    yield f"  {name}: {len(od)} objects, {own} types, {len(od.tpdo)} TPDOs, {len(od.rpdo)} RPDOs, {envelope}"
+    yield f"  file id  {od.file_id.hex()}"
+    yield f"  wire id  {od.wire_id.hex()}"
+
+
+# ---- dump -----------------------------------------------------------------------------------------------------------
+
+
+@click.command("dump")
+@click.argument("file", type=_FILE, metavar="FILE")
+@click.option("--toml", "form", flag_value="toml", default="toml", help="As TOML, which is usual.")
+@click.option("--json", "form", flag_value="json", help="As JSON of the same shape.")
+@encoding_option
+def dump_command(file: str, form: str, encoding: str) -> int:
+    """Write a dictionary as a source that compiles to the same octets."""
+    from dissect.scd.dump import dump_json, dump_toml
+
+    dictionary, notes = open_dictionary(file, encoding)
+    tell_notes(file, notes)
+    text = dump_json(dictionary) if form == "json" else dump_toml(dictionary)
+    write([text.removesuffix("\n")])
+    return EXIT_OK
+
+
+# ---- check ----------------------------------------------------------------------------------------------------------
+
+
+@click.command(
+    "check",
+    epilog="Exit code: 0 every dictionary keeps the rules, 1 one does not, 2 wrong use or a file that cannot be read.",
+)
+@click.argument("files", nargs=-1, required=True, type=_FILE, metavar="FILE...")
+@format_option("text", "json")
+@encoding_option
+def check_command(files: tuple[str, ...], format_: str, encoding: str) -> int:
+    """Check dictionaries of any kind, and show what is in them: PDOs with their sizes, identities.
+
+    For one that breaks a rule the place is told (line, index, octet), and the requirement of the text.
+    """
+    from dissect.scd.errors import DictionaryError
+
+    code = EXIT_OK
+    for file in files:
+        try:
+            dictionary, notes = open_dictionary(file, encoding)
+        except DictionaryError as error:
+            code = EXIT_GATE
+            write([as_json(_error_json(file, error))] if format_ == "json" else [printable(str(error))])
+            continue
+        if format_ == "json":
+            write([as_json(_check_json(file, dictionary, notes))])
+        else:
+            write([f"{printable(file)}: keeps the rules", *_summary(dictionary), *_pdos(dictionary)])
+            write([f"  not kept: {printable(str(note))}" for note in notes])
+    return code
+
+
+def _pdos(od: Dictionary) -> Iterator[str]:
+    rows = []
+    for pdo in (*od.tpdo.values(), *od.rpdo.values()):
+        size = f"{pdo.size} octets" if pdo.map else "off"
+        rows.append([f"  {pdo.direction}{pdo.number}", f"0x{pdo.mapping.index:04x}", size, printable(pdo.name)])
+    yield from columns(rows)
+
+
+def _check_json(file: str, od: Dictionary, notes: Sequence[Note]) -> dict[str, object]:
+    pdos = [
+        {
+            "pdo": f"{pdo.direction}{pdo.number}",
+            "name": encodable(pdo.name),
+            "mapping": pdo.mapping.index,
+            "bits": pdo.bits,
+            "variables": [list(row.variable.address) for row in pdo.map],
+        }
+        for pdo in (*od.tpdo.values(), *od.rpdo.values())
+    ]
+    return {
+        "schema": _CHECK_SCHEMA, "file": encodable(file), "error": None, "name": encodable(od.name),
+        "version": encodable(od.version), "objects": len(od), "types": len(od.body.types) + len(od.body.structs),
+        "pdos": pdos, "file_id": od.file_id.hex(), "wire_id": od.wire_id.hex(),
+        "notes": [{"text": encodable(note.text), "places": list(note.places)} for note in notes],
+    }  # fmt: skip
+
+
+def _error_json(file: str, error: DictionaryError) -> dict[str, object]:
+    told = {
+        "code": error.code, "where": encodable(error.where), "detail": encodable(error.detail), "rule": error.rule or None,
+        "line": error.line or None, "index": error.index if error.index >= 0 else None,
+    }  # fmt: skip
+    return {"schema": _CHECK_SCHEMA, "file": encodable(file), "error": told}
+
+
+# ---- diff -----------------------------------------------------------------------------------------------------------
+
+
+@click.command(
+    "diff",
+    epilog="Exit code: 0 the same octets, 1 only names, texts, units or limits differ, 2 they decode differently, and 2 "
+    "with a line on stderr for wrong use or a file that cannot be read.",
+)
+@click.argument("first", type=_FILE, metavar="A")
+@click.argument("second", type=_FILE, metavar="B")
+@format_option("text", "json")
+@encoding_option
+def diff_command(first: str, second: str, format_: str, encoding: str) -> int:
+    """Show what differs between two dictionaries, and whether it changes what octets mean ("wire")."""
+    from dissect.scd.difference import compare
+    from dissect.scd.loading import is_description
+
+    before, after = [open_dictionary(path, encoding if is_description(path) else "")[0] for path in (first, second)]
+    found = compare(before, after)
+    if format_ == "json":
+        write([as_json(_diff_json(found, before, after))])
+    else:
+        write(columns([_change(change) for change in found.changes]))
+        write([f"{printable(first)} and {printable(second)}: {_LEVELS[found.level]}"])
+    return _DIFFERENT[found.level]
+
+
+def _change(change: Change) -> list[str]:
+    what = f"{_shown(change.before)} → {_shown(change.after)}"
+    if not change.key:
+        what = f"only in {'B' if change.before is None else 'A'}: {_shown(change.after or change.before)}"
+    return ["wire" if change.wire else "names", change.place, change.key, what]
+
+
+def _shown(text: str | None) -> str:
+    return "nothing" if text is None else printable(text) or '""'
+
+
+def _diff_json(found: Comparison, before: Dictionary, after: Dictionary) -> dict[str, object]:
+    changes = [
+        {
+            "wire": change.wire,
+            "place": change.place,
+            "key": change.key or None,
+            "before": None if change.before is None else encodable(change.before),
+            "after": None if change.after is None else encodable(change.after),
+        }
+        for change in found.changes
+    ]
+    return {
+        "schema": _DIFF_SCHEMA, "level": found.level, "wire_ids": [before.wire_id.hex(), after.wire_id.hex()],
+        "file_ids": [before.file_id.hex(), after.file_id.hex()], "changes": changes,
+    }  # fmt: skip

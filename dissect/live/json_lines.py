@@ -1,0 +1,78 @@
+"""What happens on a line as lines of JSON (docs/json.md): what has a schema of its own keeps it, the rest gets a small one.
+
+Transactions, operations and SCD messages are the lines of `s7dissect transactions`, `operations` and `show`. Connections,
+findings and problems have no line of their own there and come as ``s7dissect.event/1``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterable
+from typing import Final
+
+from dissect.findings.finding import Finding
+from dissect.live.session import Event, Status
+from dissect.report.contract import connection_as_dict, finding_as_dict
+from dissect.report.jsonl import PduLines, TransactionLines
+from dissect.report.operations import operation_json
+from dissect.report.places import Places
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import Operation
+from dissect.transactions.transaction import Transaction
+from dissect.wire.clock import Clock
+from dissect.wire.text import encodable
+
+EVENT_SCHEMA: Final = "s7dissect.event/1"
+
+
+class JsonLines:
+    """Events as lines of JSON; of ``kinds`` only."""
+
+    def __init__(self, kinds: Collection[str]) -> None:
+        self._kinds = kinds
+        self._clock = Clock()
+        self._places = Places([], False)
+        self._transactions = TransactionLines()
+        self._pdus = PduLines()
+
+    def lines(self, events: Iterable[Event]) -> list[str]:
+        """Return the lines of events, in their order."""
+        return [self.line(event) for event in events if event.kind in self._kinds]
+
+    def line(self, event: Event) -> str:
+        """Return one event as a line, whatever is wanted."""
+        what = event.what
+        if isinstance(what, Transaction):
+            return self._transactions.line(what)
+        if isinstance(what, Operation):
+            return operation_json(what, self._clock, self._places)
+        if isinstance(what, tuple):
+            return self._pdus.scd_line(what[0], what[1])
+        if isinstance(what, Connection):
+            return self._event(event.kind, event.time_ns, "connection", connection_as_dict(what, self._places))
+        if isinstance(what, Finding):
+            return self._event(event.kind, event.time_ns, "finding", finding_as_dict(what, self._places))
+        return self._event(event.kind, event.time_ns, "text", encodable(what))
+
+    def lost(self, now_ns: int, counts: dict[str, int]) -> str:
+        """Return the line that says how many events, by kind, were left out because the output was not taken in time."""
+        return self._event("events_lost", now_ns, "counts", dict(sorted(counts.items())))
+
+    def summary(self, status: Status) -> str:
+        """Return the last line: the counts of the whole run."""
+        told = {
+            "packets": status.packets,
+            "octets": status.octets,
+            "dropped": {"kernel": status.drops.kernel, "interface": status.drops.interface},
+            "connections": status.connections,
+            "transactions": status.transactions,
+            "unanswered": status.unanswered,
+            "with_errors": status.with_errors,
+            "findings": status.findings,
+            "events_lost": status.lost_events,
+        }
+        return self._event("summary", status.now_ns, "summary", told)
+
+    def _event(self, kind: str, time_ns: int, key: str, value: object) -> str:
+        told = {"schema": EVENT_SCHEMA, "event": kind, "time": self._clock.iso(time_ns), key: value}
+        return json.dumps(told, separators=(",", ":")).replace("\x7f", "\\u007f")

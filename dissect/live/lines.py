@@ -1,0 +1,114 @@
+"""What happens on a line as lines of text, one an event: the plain form of `s7dissect monitor`."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from typing import Final
+
+from dissect.findings.finding import Finding
+from dissect.live.session import CLOSED, FINDING, OPENED, OPERATION, PROBLEM, SCD, TRANSACTION, Event, Status
+from dissect.report import endings, words
+from dissect.report.lines import named, scd_line, transaction_line
+from dissect.report.operations import operation_line
+from dissect.report.places import Places
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import Operation
+from dissect.transactions.transaction import Transaction
+from dissect.wire.clock import Clock
+from dissect.wire.text import printable, shortened
+
+#: What can be asked for alone, and the events it means.
+TOPICS: Final = {
+    "connections": (OPENED, CLOSED),
+    "transactions": (TRANSACTION,),
+    "operations": (OPERATION,),
+    "findings": (FINDING,),
+    "scd": (SCD,),
+}
+#: Characters of a finding's detail that are shown.
+_DETAIL: Final = 300
+
+
+def kinds_of(topics: Iterable[str]) -> frozenset[str]:
+    """Return the kinds of events that ``topics`` mean, all when there are none. Problems are always among them."""
+    wanted = list(topics) or list(TOPICS)
+    return frozenset([PROBLEM, *[kind for topic in wanted for kind in TOPICS[topic]]])
+
+
+class PlainLines:
+    """Events as lines; of ``kinds`` only."""
+
+    def __init__(self, kinds: Collection[str]) -> None:
+        self._kinds = kinds
+        self._clock = Clock()
+        self._places = Places([], False)
+
+    def lines(self, events: Iterable[Event]) -> list[str]:
+        """Return the lines of events, in their order."""
+        return [self.line(event) for event in events if event.kind in self._kinds]
+
+    def line(self, event: Event) -> str:
+        """Return one event as a line, whatever is wanted."""
+        what = event.what
+        if isinstance(what, Transaction):
+            return transaction_line(what, self._clock, self._places)
+        if isinstance(what, Operation):
+            return operation_line(what, self._clock, self._places)
+        if isinstance(what, tuple):
+            return scd_line(what[0], what[1], self._clock, self._places)
+        begun = words.moment(self._clock.iso(event.time_ns))
+        if isinstance(what, Connection):
+            return f"{begun}  {self._connection(event.kind, what)}"
+        if isinstance(what, Finding):
+            return f"{begun}  {self._finding(what)}"
+        return f"{begun}  PROBLEM {printable(what)}"
+
+    def lost(self, now_ns: int, counts: dict[str, int]) -> str:
+        """Return the line that says how many events, by kind, were left out because the output was not taken in time."""
+        said = ", ".join([words.count(number, kind.replace("_", " ")) for kind, number in sorted(counts.items())])
+        return f"{words.moment(self._clock.iso(now_ns))}  NOT SHOWN  {said}: this output is not taken fast enough"
+
+    def _connection(self, kind: str, connection: Connection) -> str:
+        arrow = "→" if connection.client_known else "↔"
+        over = " UDP" if connection.udp else ""
+        who = f"connection {connection.number}  {connection.client} {arrow} {connection.server}{over}"
+        if kind == OPENED:
+            return f"{who}  opened"
+        name = f"  {named(connection)}" if connection.protocol not in {"", "s7comm"} else ""
+        refused = f"  REFUSED: {connection.refused}" if connection.refused else ""
+        counts = [f"{connection.answered} answered"]
+        if connection.unanswered:
+            counts.append(f"{connection.unanswered} UNANSWERED")
+        if connection.errors:
+            counts.append(f"{connection.errors} with errors")
+        return f"{who}{name}  {endings.phrase(connection, self._places)}{refused}  ({', '.join(counts)})"
+
+    def _finding(self, finding: Finding) -> str:
+        where = [f"connection {finding.connection}"] if finding.connection else []
+        if finding.frames:
+            where.append(self._places.phrase(finding.frames))
+        place = f"  {', '.join(where)}" if where else ""
+        said = shortened(finding.detail, _DETAIL) if finding.detail else finding.rule.sentence
+        return f"{finding.severity.upper()}  {finding.slug}{place}: {said}"
+
+
+def summary_lines(status: Status, engine: str) -> list[str]:
+    """Return what a run came to, and what was lost: a few lines for the end."""
+    said = [words.count(status.packets, "packet"), words.count(status.connections, "connection")]
+    transactions = words.count(status.transactions, "transaction")
+    odd = [f"{status.unanswered} unanswered"] if status.unanswered else []
+    odd += [f"{status.with_errors} with errors"] if status.with_errors else []
+    said.append(f"{transactions} ({', '.join(odd)})" if odd else transactions)
+    said.append(words.count(status.findings, "finding"))
+    lines = [", ".join(said)]
+    if engine not in {"", "file", "pipe"}:
+        lost = [
+            f"{'an unknown number' if count is None else count} by the {who}"
+            for who, count in (("kernel", status.drops.kernel), ("interface", status.drops.interface))
+        ]
+        lines.append(f"packets lost while capturing: {', '.join(lost)}")
+    elif engine == "pipe":
+        lines.append("packets lost while capturing: what wrote the pipe may know, it does not say so here")
+    if status.lost_events:
+        lines.append(f"events not shown because the output was not taken fast enough: {status.lost_events}")
+    return lines

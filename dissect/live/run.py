@@ -1,0 +1,260 @@
+"""A source joined to the pipeline while packets come: time that passes, packets that were lost, and when to end.
+
+The clock of the capture is that of the latest packet. While none comes, it goes on from there as the monotonic clock of this
+machine does, so that a silent line is told as silent, whatever time the capturing machine believes it is.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Final, NamedTuple
+
+from mypy_extensions import i64
+
+from dissect.findings.observer import Observer, Options
+from dissect.live.fanout import Fanout
+from dissect.pipeline import Pipeline
+from dissect.source.live.reader import Drops, LiveReader
+from dissect.source.packet import PacketSink, Reader, SourceFile
+
+_SECOND: Final = 1_000_000_000
+#: How often lost packets are asked for, and companions are told the time, by the clock of this machine.
+_DROPS_EVERY_NS: Final = _SECOND
+_TICK_NS: Final = 50_000_000
+#: After this long the findings may be as many again as in the beginning.
+_RENEW_NS: Final = 60 * _SECOND
+#: How long what already arrived is still read after `LiveRun.stop`.
+_DRAIN_NS: Final = 2 * _SECOND
+#: Failures of companions that are kept in words.
+_MAX_FAILURES: Final = 100
+
+
+class Limits(NamedTuple):
+    """When a run ends by itself: after a time by the clock of this machine, after a number of packets. 0: never."""
+
+    duration_ns: int = 0
+    packets: int = 0
+
+
+class Companion(Observer):
+    """Goes along with a run: is told what happens, and what time it is.
+
+    With ``wants_packets`` it gets each packet before the pipeline does. One that raises is told nothing more, and closed; the
+    run goes on.
+    """
+
+    name = "companion"
+    wants_packets = False
+
+    def begin(self, pipeline: Pipeline) -> None:
+        """The run begins, with this pipeline."""
+
+    def packet(self, time_ns: int, octets: bytes, wire_length: int, link_type: int, interface: str) -> None:
+        """Take a packet that the pipeline gets next."""
+
+    def tick(self, now_ns: int, drops: Drops) -> None:
+        """It is ``now_ns`` by the clock of the capture, and ``drops`` packets were lost so far."""
+
+    def close(self) -> None:
+        """The run is over: write what is to be written."""
+
+
+class _Door(PacketSink):
+    """Where packets come in: those who want them get them before the pipeline, and after the last one it is shut."""
+
+    def __init__(self, run: LiveRun, most: int) -> None:
+        self._run = run
+        self._pipeline = run.pipeline
+        self._most = most
+
+    def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
+        if self._most and self._pipeline.frames >= self._most:
+            return
+        self._run.show_packet(int(time_ns), buf[start:end], int(wire_length), int(link_type))
+        self._pipeline.frame(time_ns, buf, start, end, wire_length, link_type)
+
+    def comment(self, text: str) -> None:
+        self._pipeline.comment(text)
+
+
+class LiveRun:
+    """Reads ``source`` into a pipeline that tells ``observer`` and the ``companions``.
+
+    Any `Reader` will do; only a `LiveReader` has a line that can be silent and packets that can be lost. ``drops`` is what was
+    lost so far, and is a finding whenever it grows. ``failures`` says in words which companions were dropped. Call `step`
+    until it returns False. ``clock`` is a monotonic clock in nanoseconds.
+    """
+
+    def __init__(
+        self,
+        source: Reader,
+        observer: Observer,
+        options: Options | None = None,
+        *,
+        companions: Sequence[Companion] = (),
+        limits: Limits | None = None,
+        name: str = "",
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._source = source
+        self._live = source if isinstance(source, LiveReader) else None
+        self._fanout = Fanout([observer, *companions], self._note_failure)
+        self._limits = limits if limits is not None else Limits()
+        self._clock = clock
+        self.pipeline = Pipeline(self._fanout if companions else observer, options)
+        self.file = SourceFile(name, 1)
+        self.drops: Drops = self._live.drops if self._live is not None else Drops(None, None)
+        self.failures: list[str] = []
+        self.ended = False
+        self.stop_asked = False
+        self._companions = list(companions)
+        self._wanting = [companion for companion in companions if companion.wants_packets]
+        self._sink: PacketSink = self.pipeline
+        if self._wanting or self._limits.packets:
+            self._sink = _Door(self, self._limits.packets)
+        for companion in companions:
+            companion.begin(self.pipeline)
+        now = clock()
+        self._begun = now
+        self._anchor = now  # when the latest packet came, by the clock of this machine
+        self._looked = now
+        self._ticked = now
+        self._renewed = now
+        self._stopped = 0
+
+    @property
+    def octets(self) -> int:
+        """Octets read so far."""
+        return int(self._source.octets)
+
+    @property
+    def now_ns(self) -> int:
+        """The time by the clock of the capture; that of this machine while nothing was captured yet."""
+        if not self.pipeline.frames:
+            return time.time_ns()
+        packet_ns = int(self.pipeline.now_ns)
+        return packet_ns + self._clock() - self._anchor if self._live is not None else packet_ns
+
+    # ---- reading ----------------------------------------------------------------------------------------------------
+
+    def step(self) -> bool:
+        """Read what is there, or let a moment pass; False when it is over and every connection is closed.
+
+        Raises `CaptureError` when what comes through a pipe is no capture.
+        """
+        if self.ended:
+            return False
+        if self.stop_asked and not self._begin_stop():
+            self.finish()
+            return False
+        frames = self.pipeline.frames
+        more = self._source.step(self._sink)
+        now = self._clock()
+        if self.pipeline.frames != frames:
+            self._anchor = now
+        elif self._live is not None and frames:
+            self.pipeline.tick(self.now_ns)
+        if now - self._ticked >= _TICK_NS:
+            self._tick(now)
+        if not more:
+            self.finish()
+            return False
+        if self._full(now):
+            self.stop()
+        return True
+
+    def stop(self) -> None:
+        """Take nothing more in; `step` gives what already arrived, then ends. May be called from a signal handler."""
+        self.stop_asked = True
+
+    def finish(self) -> None:
+        """Close the source, every connection, and the companions; may be called early, and twice."""
+        if self.ended:
+            return
+        self.ended = True
+        self._source.close()
+        self._look_at_drops()
+        file, source = self.file, self._source
+        file.packets = self.pipeline.frames
+        file.octets = source.octets
+        file.damage = source.damage
+        file.rejected = source.rejected
+        file.notes = list(source.notes)
+        if source.damage:
+            self.pipeline.note_damage(f"{file.name}: {source.damage}")
+        self.pipeline.finish()
+        for companion in self._companions:
+            self._close(companion)
+
+    def show_packet(self, time_ns: int, octets: bytes, wire_length: int, link_type: int) -> None:
+        """Give a packet to the companions that want it."""
+        for companion in self._wanting:
+            try:
+                companion.packet(time_ns, octets, wire_length, link_type, self._source.interface)
+            except Exception as error:  # noqa: BLE001 - what fails beside the analysis must not end it
+                self._fanout.drop(companion, error)
+
+    # ---- when time passes -------------------------------------------------------------------------------------------
+
+    def _tick(self, now: int) -> None:
+        self._ticked = now
+        if now - self._looked >= _DROPS_EVERY_NS:
+            self._looked = now
+            self._look_at_drops()
+        if now - self._renewed >= _RENEW_NS:
+            self._renewed = now
+            self.pipeline.conversation.judge.renew()
+        for companion in self._companions:
+            try:
+                companion.tick(self.now_ns, self.drops)
+            except Exception as error:  # noqa: BLE001 - as above
+                self._fanout.drop(companion, error)
+
+    def _look_at_drops(self) -> None:
+        if self._live is None:
+            return
+        before, self.drops = self.drops, self._live.drops
+        told = [
+            f"{lost - (known or 0)} by the {who} ({lost} in all)"
+            for who, lost, known in zip(("kernel", "interface"), self.drops, before, strict=True)
+            if lost is not None and lost > (known or 0)
+        ]
+        if told:
+            self.pipeline.note_dropped(", ".join(told))
+            self.pipeline.conversation.tell_findings()
+
+    # ---- the end ----------------------------------------------------------------------------------------------------
+
+    def _full(self, now: int) -> bool:
+        limits = self._limits
+        if limits.packets and self.pipeline.frames >= limits.packets:
+            return True
+        return bool(limits.duration_ns) and now - self._begun >= limits.duration_ns
+
+    def _begin_stop(self) -> bool:
+        """Stop the source; False when there is nothing left to wait for."""
+        if self._live is None:
+            return False
+        now = self._clock()
+        if not self._stopped:
+            self._stopped = now
+            self._live.stop()
+        return now - self._stopped < _DRAIN_NS
+
+    def _note_failure(self, observer: Observer, error: Exception) -> None:
+        """An observer failed: it is no companion any more."""
+        name = observer.name if isinstance(observer, Companion) else type(observer).__name__
+        if len(self.failures) < _MAX_FAILURES:
+            self.failures.append(f"{name} failed and is off: {str(error) or type(error).__name__}")
+        self._wanting = [one for one in self._wanting if one is not observer]
+        if isinstance(observer, Companion) and observer in self._companions:
+            self._companions = [one for one in self._companions if one is not observer]
+            self._close(observer)
+
+    def _close(self, companion: Companion) -> None:
+        try:
+            companion.close()
+        except Exception as error:  # noqa: BLE001 - as above
+            if not any([told.startswith(f"{companion.name} failed") for told in self.failures]):
+                self.failures.append(f"{companion.name} failed at the end: {str(error) or type(error).__name__}")

@@ -1,0 +1,259 @@
+"""A live run in a thread of its own, and what happened in it: kept for whoever shows it, never more than fits.
+
+The thread reads and analyses; who shows what happened is never waited for, or packets would be lost. So events are kept in a
+queue, and when that is full because they are not taken fast enough, they are counted instead: transactions first.
+
+    session = Session(lambda: open_live("eth0"), Options(overdue_ns=2_000_000_000))
+    session.start()
+    while session.running or session.waiting:
+        for event in session.poll(0.2):
+            ...
+    session.close()
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Final, NamedTuple
+
+from dissect.findings.finding import Finding
+from dissect.findings.observer import Observer, Options
+from dissect.live.run import Companion, Limits, LiveRun
+from dissect.source.live.reader import Drops
+from dissect.source.packet import Reader
+from dissect.transactions.carried import ScdMessage
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import Operation
+from dissect.transactions.table import Side
+from dissect.transactions.transaction import UNANSWERED, Transaction
+
+#: Kinds of events. A ``PROBLEM`` is a sentence about the monitor itself.
+OPENED: Final = "connection_opened"
+CLOSED: Final = "connection_closed"
+TRANSACTION: Final = "transaction"
+OPERATION: Final = "operation"
+FINDING: Final = "finding"
+SCD: Final = "scd"
+PROBLEM: Final = "problem"
+
+#: Events that wait to be taken; and how many more of those that are not transactions.
+MAX_EVENTS: Final = 20_000
+_RESERVE: Final = 5_000
+
+
+class Event(NamedTuple):
+    """Something happened: ``what`` it is about, by ``kind``, and when by the clock of the capture.
+
+    What it is about may go on changing where it is a connection that is open.
+    """
+
+    kind: str
+    time_ns: int
+    what: Connection | Transaction | Operation | Finding | tuple[ScdMessage, Connection] | str
+
+
+class Status(NamedTuple):
+    """How a session stands. ``lost_events`` were not taken in time; ``open_requests`` are without answer now."""
+
+    now_ns: int
+    packets: int
+    octets: int
+    drops: Drops
+    connections: int
+    connections_open: int
+    open_requests: int
+    transactions: int
+    unanswered: int
+    with_errors: int
+    findings: int
+    waiting_events: int
+    lost_events: int
+
+
+class _Collector(Observer):
+    """Counts what happens and keeps it until the step is over."""
+
+    def __init__(self, scd: bool) -> None:
+        super().__init__()
+        self.wants_pdus = scd
+        self.fresh: list[Event] = []
+        self.opened = 0
+        self.closed = 0
+        self.transactions = 0
+        self.unanswered = 0
+        self.with_errors = 0
+        self.now_ns: Callable[[], int] = lambda: 0
+
+    def connection_opened(self, connection: Connection) -> None:
+        self.opened += 1
+        self.fresh.append(Event(OPENED, int(connection.tcp.last_ns), connection))
+
+    def connection_closed(self, connection: Connection) -> None:
+        self.closed += 1
+        ending = connection.ending
+        self.fresh.append(Event(CLOSED, int(ending.time_ns if ending is not None else self.now_ns()), connection))
+
+    def transaction(self, transaction: Transaction) -> None:
+        self.transactions += 1
+        if transaction.outcome == UNANSWERED:
+            self.unanswered += 1
+        if transaction.has_errors:
+            self.with_errors += 1
+        self.fresh.append(Event(TRANSACTION, int(max(transaction.request_ns, transaction.response_ns)), transaction))
+
+    def operation(self, operation: Operation) -> None:
+        self.fresh.append(Event(OPERATION, int(operation.begin_ns + operation.duration_ns), operation))
+
+    def finding(self, finding: Finding) -> None:
+        self.fresh.append(Event(FINDING, int(finding.time_ns), finding))
+
+    def scd(self, frame: int, time_ns: int, side: Side, found: ScdMessage) -> None:
+        self.fresh.append(Event(SCD, int(time_ns), (found, side.connection)))
+
+
+class Session:
+    """Runs what ``open_source`` opens in a thread, from `start` to its own end or to `stop`.
+
+    ``error`` is what ended it against its will, None otherwise. ``lost`` counts events that were not taken in time, by kind.
+    """
+
+    def __init__(
+        self,
+        open_source: Callable[[], Reader],
+        options: Options | None = None,
+        *,
+        companions: Sequence[Companion] = (),
+        limits: Limits | None = None,
+        name: str = "",
+        max_events: int = MAX_EVENTS,
+    ) -> None:
+        self._open_source = open_source
+        self._options = options
+        self._companions = companions
+        self._limits = limits
+        self._name = name
+        self._max_events = max_events
+        self._events: deque[Event] = deque()
+        self._changed = threading.Condition()
+        self._collector = _Collector(options is not None and options.carrier is not None)
+        self._run: LiveRun | None = None
+        self._thread: threading.Thread | None = None
+        self._stop_asked = False
+        self._failures_told = 0
+        self.engine = ""
+        self.error: Exception | None = None
+        self.lost: dict[str, int] = {}
+
+    # ---- for whoever shows it ---------------------------------------------------------------------------------------
+
+    @property
+    def run(self) -> LiveRun:
+        """The run; there is one after `start`."""
+        if self._run is None:
+            raise RuntimeError("the session was not started")
+        return self._run
+
+    @property
+    def running(self) -> bool:
+        """True until everything was read and told."""
+        return self._thread is not None and self._thread.is_alive()
+
+    @property
+    def waiting(self) -> int:
+        """How many events wait to be taken."""
+        return len(self._events)
+
+    def start(self) -> None:
+        """Open the source and begin. Raises `CaptureError`, with advice where there is some, when it cannot be opened."""
+        source = self._open_source()
+        self.engine = getattr(source, "engine", "file")
+        run = LiveRun(
+            source,
+            self._collector,
+            self._options,
+            companions=self._companions,
+            limits=self._limits,
+            name=self._name,
+        )
+        self._collector.now_ns = lambda: int(run.pipeline.now_ns)
+        self._run = run
+        if self._stop_asked:
+            run.stop()
+        self._thread = threading.Thread(target=self._work, name="s7dissect-live", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ask it to end; what already arrived is still read. May be called from a signal handler, and twice."""
+        self._stop_asked = True
+        if self._run is not None:
+            self._run.stop()
+
+    def poll(self, wait_s: float = 0.0, most: int = 1000) -> list[Event]:
+        """Take up to ``most`` events, waiting up to ``wait_s`` for the first; none when there are none, or it is over."""
+        with self._changed:
+            if not self._events and wait_s > 0 and self.running:
+                self._changed.wait(wait_s)
+            count = min(most, len(self._events))
+            return [self._events.popleft() for _ in range(count)]
+
+    def close(self, wait_s: float = 10.0) -> None:
+        """Stop, and wait for the end."""
+        self.stop()
+        if self._thread is not None:
+            self._thread.join(wait_s)
+
+    def status(self) -> Status:
+        """Return how it stands now."""
+        run, counts = self.run, self._collector
+        talk = run.pipeline.conversation
+        return Status(
+            now_ns=run.now_ns,
+            packets=int(run.pipeline.frames),
+            octets=run.octets,
+            drops=run.drops,
+            connections=counts.opened,
+            connections_open=counts.opened - counts.closed,
+            open_requests=int(talk.dialogue.open),
+            transactions=counts.transactions,
+            unanswered=counts.unanswered,
+            with_errors=counts.with_errors,
+            findings=sum(talk.judge.counts.values()),
+            waiting_events=len(self._events),
+            lost_events=sum(self.lost.values()),
+        )
+
+    # ---- the thread -------------------------------------------------------------------------------------------------
+
+    def _work(self) -> None:
+        run = self.run
+        try:
+            while run.step():
+                self._hand_over(run)
+        except Exception as error:  # noqa: BLE001 - whoever shows it has to say so; here nobody would hear it
+            self.error = error
+        try:
+            run.finish()
+        except Exception as error:  # noqa: BLE001 - as above
+            self.error = self.error or error
+        self._hand_over(run)
+        with self._changed:
+            self._changed.notify_all()
+
+    def _hand_over(self, run: LiveRun) -> None:
+        fresh = self._collector.fresh
+        for told in run.failures[self._failures_told :]:
+            fresh.append(Event(PROBLEM, run.now_ns, told))
+            self._failures_told += 1
+        if not fresh:
+            return
+        self._collector.fresh = []
+        with self._changed:
+            for event in fresh:
+                bound = self._max_events + (0 if event.kind == TRANSACTION else _RESERVE)
+                if len(self._events) < bound:
+                    self._events.append(event)
+                else:
+                    self.lost[event.kind] = self.lost.get(event.kind, 0) + 1
+            self._changed.notify()

@@ -1,0 +1,74 @@
+"""Where metrics may be fetched: on this machine, unless more was asked for."""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+import socket
+from typing import Final, NamedTuple
+
+#: Where people expect it; the port is the one after that of Prometheus' own node exporter and its kin.
+DEFAULT: Final = "127.0.0.1:9102"
+
+_ADDRESS: Final = re.compile(r"(?:\[(?P<six>[0-9A-Fa-f:.%\w]+)\]|(?P<host>[^\[\]:\s]+)):(?P<port>[0-9]{1,5})", re.ASCII)
+
+
+class AddressError(ValueError):
+    """An address that cannot be used: one line that says why and what to do."""
+
+
+class Address(NamedTuple):
+    """A host, by name or number, and a port; 0 lets the system choose one."""
+
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+
+class Target(NamedTuple):
+    """An address as a socket takes it."""
+
+    family: int
+    address: tuple[str, int] | tuple[str, int, int, int]
+
+
+def parse_address(text: str) -> Address:
+    """Read ``HOST:PORT`` or ``[IPv6]:PORT``. Raises `AddressError`."""
+    found = _ADDRESS.fullmatch(text)
+    if found is None:
+        raise AddressError(f"{text!r} is no address: say HOST:PORT, for example {DEFAULT} or [::1]:9102")
+    port = int(found["port"])
+    if port > 65535:
+        raise AddressError(f"{text!r}: a port is at most 65535")
+    return Address(found["six"] or found["host"], port)
+
+
+def resolve(address: Address, allow_remote: bool) -> Target:
+    """Find what to listen on; what others can reach only with ``allow_remote``. Raises `AddressError`."""
+    try:
+        found = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    except (OSError, UnicodeError) as why:
+        reason = why.strerror if isinstance(why, OSError) else "not a host name"
+        raise AddressError(f"{address}: {reason}: say a name or an address of this machine") from None
+    family, _, _, _, where = found[0]
+    host = str(where[0])
+    if not allow_remote and not is_loopback(host):
+        raise AddressError(
+            f"{address} can be reached from other machines, and whoever reaches it may read the metrics: "
+            f"say {DEFAULT}, or add --allow-remote when that is meant"
+        )
+    port = int(where[1])
+    return Target(family, (host, port, int(where[2]), int(where[3])) if len(where) == 4 else (host, port))
+
+
+def is_loopback(host: str) -> bool:
+    """Tell whether a numeric address is of this machine only."""
+    try:
+        number = ipaddress.ip_address(host)
+    except ValueError:
+        return False
+    if isinstance(number, ipaddress.IPv6Address) and number.ipv4_mapped is not None:
+        return number.ipv4_mapped.is_loopback
+    return number.is_loopback

@@ -1,0 +1,219 @@
+"""Every metric there is, once: name, type, labels and sentence; and the numbers behind it at this moment.
+
+The table is what the exposition, the documentation and the dashboard are held to. Names follow Prometheus: seconds and octets
+in base units, counters end in ``_total``, no label ever holds an address or a text from the wire.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Final, NamedTuple
+
+from dissect.findings.catalogue import CATALOGUE
+from dissect.ibh.tables import KINDS
+from dissect.iso.tables import TPDU_TYPES
+from dissect.iso.upper import UPPER_NAMES
+from dissect.metrics.counters import SEPARATOR, Metrics
+from dissect.metrics.functions import OTHER
+from dissect.pipeline import Pipeline
+from dissect.s7.tables import ROSCTR
+from dissect.s7plus.tables import OPCODES
+from dissect.transactions.accounts import CATEGORIES, FRAGMENT_WAITING
+from dissect.transactions.ending import HOWS as ENDINGS
+from dissect.transactions.operation import KINDS as OPERATIONS
+from dissect.transactions.operation import RESULTS
+from dissect.transactions.transaction import OPEN, OUTCOMES, REASON_TEXTS
+
+COUNTER: Final = "counter"
+GAUGE: Final = "gauge"
+HISTOGRAM: Final = "histogram"
+
+#: Every name begins with it.
+PREFIX: Final = "s7dissect_"
+
+_OPERATIONS: Final = [f"{kind}{SEPARATOR}{result}" for kind in OPERATIONS for result in RESULTS]
+
+
+class Family(NamedTuple):
+    """A metric: its name (of a counter without ``_total``), type, labels, and one sentence."""
+
+    name: str
+    type: str
+    labels: tuple[str, ...]
+    sentence: str
+
+
+class Sample(NamedTuple):
+    """One series of a counter or gauge: the values of its labels, and the number."""
+
+    labels: tuple[str, ...]
+    value: float
+
+
+class Histogram(NamedTuple):
+    """One series of a histogram: the values of its labels, the counts of the buckets (each for itself), and the sum."""
+
+    labels: tuple[str, ...]
+    buckets: list[int]
+    total: float
+
+
+FAMILIES: Final[tuple[Family, ...]] = (
+    Family("packets", COUNTER, ("category",), "Packets taken, by what became of them."),
+    Family("fragments_waiting", GAUGE, (), "Packets with fragments of IP datagrams that are not whole yet."),
+    Family("packets_cut", COUNTER, (), "Packets of which the capture kept only the first part (snaplen)."),
+    Family("last_packet_timestamp_seconds", GAUGE, (), "Time of the latest packet, by the clock of the capture."),
+    Family("capture_lag_seconds", GAUGE, (), "How far the analysis was behind the wall clock at the latest packets."),
+    Family("drops", COUNTER, ("where",), "Packets that were on the wire and never came here; absent where not known."),
+    Family("stream_holes", COUNTER, (), "Holes in the octets of followed connections."),
+    Family("stream_missing_octets", COUNTER, (), "Octets in these holes."),
+    Family("evicted", COUNTER, ("what",), "What was given up because too much of it was open at once."),
+    Family("tpdus", COUNTER, ("type",), "COTP TPDUs by type."),
+    Family("tsdus", COUNTER, ("protocol",), "TSDUs by the protocol they speak."),
+    Family("s7_pdus", COUNTER, ("rosctr",), "S7 PDUs by ROSCTR."),
+    Family("s7plus_pdus", COUNTER, ("opcode",), "S7comm-plus PDUs by opcode."),
+    Family("ibh_packets", COUNTER, ("kind",), "IBH-NetLink packets by kind."),
+    Family("transactions", COUNTER, ("protocol", "function", "outcome"), "Transactions by function and outcome."),
+    Family("transactions_with_errors", COUNTER, ("protocol", "function"), "Transactions whose answer says no to anything."),
+    Family("unanswered", COUNTER, ("reason",), "Requests without answer, by why none came."),
+    Family("errors", COUNTER, ("where", "class"), "Every single no in an answer, by where it stands and its class of codes."),
+    Family("latency_seconds", HISTOGRAM, ("protocol", "function"), "Answer times, from request to answer."),
+    Family("open_requests", GAUGE, (), "Requests that wait for their answer now."),
+    Family("operations", COUNTER, ("kind", "result"), "Operations of several transactions that are over."),
+    Family("connections_opened", COUNTER, (), "Connections that were recognised."),
+    Family("connections_ended", COUNTER, ("how",), "Connections that are over, by how they ended."),
+    Family("connections_open", GAUGE, (), "Connections that are followed now."),
+    Family("findings", COUNTER, ("slug", "severity"), "Findings by their slug."),
+    Family("queue_events", GAUGE, (), "Events that wait to be shown or written."),
+    Family("events_lost", COUNTER, (), "Events not shown or written because too many waited."),
+    Family("build_info", GAUGE, ("version", "build"), "Always 1; which s7dissect this is, compiled or interpreted."),
+)  # fmt: skip
+
+
+class Reading(NamedTuple):
+    """A metric and its series at one moment; of the two lists the one that fits its type is filled."""
+
+    family: Family
+    samples: list[Sample]
+    histograms: list[Histogram]
+
+
+def readings(metrics: Metrics, version: str, build: str) -> Iterator[Reading]:
+    """Yield every metric of the table, in its order, with what it is now; a series that is not known is left out."""
+    now: dict[str, list[Sample]] = {
+        **_told(metrics),
+        **_transactions(metrics),
+        **_connections(metrics),
+        "build_info": [Sample((version, build), 1)],
+    }
+    if metrics.pipeline is not None:
+        now.update(_traffic(metrics.pipeline))
+        now.update(_loss(metrics.pipeline))
+    for family in FAMILIES:
+        histograms = _latencies(metrics) if family.type == HISTOGRAM else []
+        yield Reading(family, now.get(family.name, []), histograms)
+
+
+def _one(value: float | None, scale: float = 1) -> list[Sample]:
+    """Return the series of a metric without labels, none when the number is not known."""
+    return [] if value is None else [Sample((), value / scale if scale != 1 else value)]
+
+
+def _told(metrics: Metrics) -> dict[str, list[Sample]]:
+    """What the live source told."""
+    drops = {"kernel": metrics.kernel_drops, "interface": metrics.interface_drops}
+    return {
+        "drops": [Sample((where,), number) for where, number in drops.items() if number is not None],
+        "queue_events": _one(metrics.queue_depth),
+        "events_lost": _one(metrics.events_lost),
+        "capture_lag_seconds": _one(metrics.lag_ns, 1e9),
+    }
+
+
+def _transactions(metrics: Metrics) -> dict[str, list[Sample]]:
+    rows = list(metrics.functions.rows.copy().values())
+    return {
+        "transactions": [
+            Sample((row.protocol, row.name, OUTCOMES[outcome]), count)
+            for row in rows
+            for outcome, count in enumerate(row.outcomes.copy())
+            if outcome != OPEN
+        ],
+        "transactions_with_errors": [Sample((row.protocol, row.name), int(row.errors)) for row in rows],
+        "unanswered": _from_zero(REASON_TEXTS, metrics.unanswered),
+        "errors": _from_zero((), metrics.errors),
+        "operations": _from_zero(_OPERATIONS, metrics.operations),
+    }
+
+
+def _from_zero(expected: Iterable[str], counts: dict[str, int]) -> list[Sample]:
+    """Return a series for each key; those ``expected`` begin with 0, so that an alert sees the first one come."""
+    now = dict.fromkeys(expected, 0)
+    now.update(counts.copy())
+    return [Sample(tuple(key.split(SEPARATOR)), count) for key, count in now.items()]
+
+
+def _latencies(metrics: Metrics) -> list[Histogram]:
+    series = []
+    for row in metrics.functions.rows.copy().values():
+        buckets = row.buckets.copy()
+        if any(buckets):
+            series.append(Histogram((row.protocol, row.name), buckets, int(row.sum_ns) / 1e9))
+    return series
+
+
+def _connections(metrics: Metrics) -> dict[str, list[Sample]]:
+    ended = metrics.ended.copy()
+    opened: int = metrics.opened  # after the ends: one that opens in between makes one too many open, never one too few
+    return {
+        "connections_opened": [Sample((), opened)],
+        "connections_ended": _from_zero(ENDINGS, ended),
+        "connections_open": [Sample((), opened - sum(ended.values()))],
+    }
+
+
+def _traffic(pipeline: Pipeline) -> dict[str, list[Sample]]:
+    talk = pipeline.conversation
+    rosctrs = {row.number: row.name for row in ROSCTR}
+    opcodes = {row.number: row.name for row in OPCODES}
+    types = {row.number: row.name for row in TPDU_TYPES}
+    findings = talk.judge.counts.copy()
+    return {
+        "tpdus": _named(talk.tpdus, types),
+        "tsdus": [Sample((name,), count) for name, count in zip(UPPER_NAMES, talk.tsdus.copy(), strict=True)],
+        "s7_pdus": _named(talk.rosctrs, rosctrs),
+        "s7plus_pdus": _named(talk.plus_opcodes, opcodes),
+        "ibh_packets": [Sample((kind,), count) for kind, count in zip(KINDS, talk.ibh_packets.copy(), strict=True)],
+        "open_requests": [Sample((), int(talk.dialogue.open))],
+        "findings": [Sample((slug, rule.severity), findings.get(slug, 0)) for slug, rule in CATALOGUE.items()],
+    }
+
+
+def _named(counts: list[int], names: dict[int, str]) -> list[Sample]:
+    """Return a series for each name, and one for all that has none."""
+    now = counts.copy()
+    named = [Sample((name,), now[number]) for number, name in names.items()]
+    return [*named, Sample((OTHER,), sum(now) - sum([now[number] for number in names]))]
+
+
+def _loss(pipeline: Pipeline) -> dict[str, list[Sample]]:
+    counts = pipeline.packet_counts()
+    # What waits is counted a second time when its fate is known, so it is no counter.
+    waiting = counts.pop(CATEGORIES[FRAGMENT_WAITING])
+    talk = pipeline.conversation
+    evicted = {
+        "connections": pipeline.table.evicted,
+        "half_open_connections": pipeline.table.half_open_evicted,
+        "datagrams": pipeline.fragments.evicted + pipeline.fragments.expired,
+        "operations": talk.watch.operations.evicted,
+        "scan_pairs": talk.scans.forgotten,
+    }
+    return {
+        "packets": [Sample((category,), count) for category, count in counts.items()],
+        "fragments_waiting": [Sample((), waiting)],
+        "packets_cut": [Sample((), int(pipeline.cut_frames))],
+        "last_packet_timestamp_seconds": _one(int(pipeline.now_ns), 1e9) if pipeline.frames else [],
+        "stream_holes": [Sample((), int(pipeline.octets.holes))],
+        "stream_missing_octets": [Sample((), int(pipeline.octets.missing))],
+        "evicted": [Sample((what,), int(count)) for what, count in evicted.items()],
+    }

@@ -1,0 +1,201 @@
+"""Hands the metrics out over HTTP: ``GET /metrics``, nothing else, in a thread of its own.
+
+Whoever asks cannot hold up the analysis. Counting takes no lock; the text is made at most `PER_SECOND` times a second however
+often it is asked for; at most `MAX_CLIENTS` are served at once, and one more closes the one that has been there longest, so
+that slow clients cannot keep Prometheus out; a client that is silent for `PATIENCE_S` is dropped.
+"""
+
+from __future__ import annotations
+
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable
+from http.server import BaseHTTPRequestHandler
+from socketserver import TCPServer, ThreadingMixIn
+from typing import TYPE_CHECKING, Any, Final
+
+from dissect.metrics.address import Address, AddressError, Target, parse_address, resolve
+from dissect.metrics.counters import Metrics
+
+if TYPE_CHECKING:
+    from dissect.metrics.exposition import Exposition
+
+MAX_CLIENTS: Final = 8
+PATIENCE_S: Final = 5.0
+PER_SECOND: Final = 5
+#: How often the thread looks whether it shall end.
+_POLL_S: Final = 0.2
+
+_PATH: Final = "/metrics"
+_PLAIN: Final = "text/plain; charset=utf-8"
+_FAILED: Final = b"HTTP/1.0 500 Internal Server Error\r\nContent-Type: text/plain\r\n\r\nthe metrics cannot be told\n"
+
+
+class MissingLibraryError(RuntimeError):
+    """``prometheus_client`` is not installed."""
+
+    def __init__(self) -> None:
+        super().__init__("metrics take the library prometheus-client: pip install 's7dissect[metrics]'")
+
+
+class Text:
+    """The text of the metrics, made anew when the one at hand is older than a share of a second by ``clock``."""
+
+    def __init__(self, exposition: Exposition, clock: Callable[[], float] = time.monotonic) -> None:
+        self._exposition = exposition
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._made_at = float("-inf")
+        self._octets = b""
+
+    def octets(self) -> bytes:
+        """Return the text, at most ``1 / PER_SECOND`` seconds old."""
+        with self._lock:
+            now = self._clock()
+            if now - self._made_at >= 1 / PER_SECOND:
+                self._octets = self._exposition.text()
+                self._made_at = self._clock()
+            return self._octets
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """One request; the connection closes after it (HTTP/1.0)."""
+
+    timeout = PATIENCE_S
+    server: _Listener
+    error_content_type = _PLAIN
+    error_message_format = "%(code)d %(message)s\n"
+
+    def do_GET(self) -> None:
+        if self.path.partition("?")[0] != _PATH:
+            self.send_error(404, f"there is only {_PATH}")
+            return
+        self._answer(self.server.text.octets())
+
+    def _answer(self, octets: bytes) -> None:
+        from dissect.metrics.exposition import CONTENT_TYPE
+
+        self.send_response(200)
+        self.send_header("Content-Type", CONTENT_TYPE)
+        self.send_header("Content-Length", str(len(octets)))
+        self.end_headers()
+        self.wfile.write(octets)
+
+    def version_string(self) -> str:
+        return "s7dissect"
+
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - as the library has it
+        """Say nothing: a screen may be running."""
+
+
+class _Listener(ThreadingMixIn, TCPServer):
+    """The listening socket, and the clients being served, the one that came first before the others."""
+
+    allow_reuse_address = True
+    daemon_threads = True
+    block_on_close = False
+    request_queue_size = 16
+
+    def __init__(self, target: Target, text: Text) -> None:
+        self.address_family = target.family
+        self.text = text
+        self._clients: dict[socket.socket, None] = {}
+        self._lock = threading.Lock()
+        super().__init__(target.address[:2], _Handler, bind_and_activate=False)
+        try:
+            self.server_bind_to(target)
+            self.server_activate()
+        except BaseException:
+            self.server_close()
+            raise
+
+    def server_bind_to(self, target: Target) -> None:
+        """Bind to the whole address: that of IPv6 may have a scope."""
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if target.family == socket.AF_INET6:
+            self.socket.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        self.socket.bind(target.address)
+        self.server_address = self.socket.getsockname()
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        with self._lock:
+            crowded = next(iter(self._clients)) if len(self._clients) >= MAX_CLIENTS else None
+            if crowded is not None:
+                del self._clients[crowded]
+                _end(crowded)  # its thread wakes up, finds nobody there, and closes it
+            self._clients[request] = None
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:
+        with self._lock:
+            self._clients.pop(request, None)
+        super().shutdown_request(request)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A client that is gone is no fault; anything else is one of ours, and the client is told."""
+        if not isinstance(sys.exc_info()[1], OSError):
+            try:
+                request.sendall(_FAILED)
+            except OSError:
+                pass
+
+    def end_clients(self) -> None:
+        with self._lock:
+            for client in self._clients:
+                _end(client)
+
+
+def _end(client: socket.socket) -> None:
+    try:
+        client.shutdown(socket.SHUT_RDWR)
+    except OSError:
+        pass  # it went by itself
+
+
+class Server:
+    """Listens from the moment it is made until `close`. ``address`` is where; a port of 0 has become a real one."""
+
+    def __init__(self, listener: _Listener, host: str) -> None:
+        self._listener = listener
+        self.address = Address(host, int(listener.server_address[1]))
+        self._thread = threading.Thread(
+            target=listener.serve_forever, kwargs={"poll_interval": _POLL_S}, name="s7dissect-metrics", daemon=True
+        )
+        self._thread.start()
+
+    @property
+    def url(self) -> str:
+        """Where the metrics are."""
+        return f"http://{self.address}{_PATH}"
+
+    def close(self) -> None:
+        """Stop listening, and drop whoever is being served. May be called twice."""
+        if self._thread.is_alive():
+            self._listener.shutdown()
+            self._thread.join()
+        self._listener.end_clients()
+        self._listener.server_close()
+
+
+def serve(metrics: Metrics, address: Address | str = "127.0.0.1:9102", allow_remote: bool = False) -> Server:
+    """Listen on ``address`` (``HOST:PORT``, ``[IPv6]:PORT``) and hand ``metrics`` out there.
+
+    Call it before the capture begins, so that a wrong address is told at once. Raises `AddressError` for an address that
+    cannot be used, or that others can reach when ``allow_remote`` does not say so, and `MissingLibraryError`.
+    """
+    try:
+        from dissect.metrics.exposition import Exposition
+    except ModuleNotFoundError as missing:
+        if missing.name is None or missing.name.partition(".")[0] != "prometheus_client":
+            raise
+        raise MissingLibraryError from None
+    if isinstance(address, str):
+        address = parse_address(address)
+    target = resolve(address, allow_remote)
+    try:
+        listener = _Listener(target, Text(Exposition(metrics)))
+    except OSError as why:
+        raise AddressError(f"{address}: {why.strerror or why}: say another port or address with --metrics") from None
+    return Server(listener, str(target.address[0]))

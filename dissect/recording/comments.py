@@ -1,0 +1,32 @@
+"""A finding as the comment of a packet, the way Wireshark shows it."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.findings.finding import Finding
+from dissect.wire.text import printable
+
+#: How every comment of ours begins, so that a display filter finds them: ``frame.comment contains "s7dissect:"``.
+MARK: Final = "s7dissect:"
+
+#: Frames of a finding that a comment names.
+_NAMED: Final = 8
+
+
+def finding_comment(finding: Finding) -> str:
+    """Return one line: mark, severity, slug, what was seen, and the connection it was seen on."""
+    said = finding.rule.sentence
+    if finding.detail:
+        said = f"{said} {finding.detail}"
+    where = f" (connection {finding.connection})" if finding.connection else ""
+    return printable(f"{MARK} {finding.severity} {finding.slug}: {said}{where}")
+
+
+def frames_in_words(frames: list[int]) -> str:
+    """Return packet numbers in words, the first few of them: ``packet 8``, ``packets 8, 9 and 3 more``."""
+    if not frames:
+        return "the capture"
+    named = ", ".join([str(frame) for frame in frames[:_NAMED]])
+    more = f" and {len(frames) - _NAMED} more" if len(frames) > _NAMED else ""
+    return f"packet{'s' if len(frames) > 1 else ''} {named}{more}"

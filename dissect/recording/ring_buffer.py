@@ -1,0 +1,193 @@
+"""A ring of capture files: packets are written as they pass, a new file begins when one is full or old, the oldest goes.
+
+A file is called ``NAME_00001_20160208T145137Z.pcapng.part`` (its number, and the time of its first packet, UTC) while it is
+written, and loses ``.part`` when it is finished: so whoever copies ``*.pcapng`` copies whole files only. The ``.part`` that a
+kill leaves behind is readable up to the last packet written, and is not touched by the next run.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import deque
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.recording import names
+from dissect.source.packet import PacketSink
+from dissect.source.pcapng_writer import PcapngWriter
+from dissect.wire.clock import Clock
+
+#: Finished files that a ring without an end remembers.
+_REMEMBERED: Final = 1000
+
+#: Comments that wait for their packet.
+_MAX_COMMENTS: Final = 64
+
+_KILO: Final = 1000
+_MAX_KILO: Final = 10**9
+_MAX_SECONDS: Final = 10**8
+_MAX_FILES: Final = 100_000
+
+
+class RingLimits:
+    """When a file of a ring is full: ``octets`` of file, ``duration_ns`` of capture time; ``files`` are kept. 0: no limit."""
+
+    def __init__(self, octets: int = 0, duration_ns: int = 0, files: int = 0) -> None:
+        if files and not (octets or duration_ns):
+            raise ValueError(
+                "files:N says how many files are kept, so filesize:KB or duration:SECONDS must be given too"
+            )
+        self.octets = octets
+        self.duration_ns = duration_ns
+        self.files = files
+
+
+def parse_limits(words: Iterable[str]) -> RingLimits:
+    """Return the limits that words such as ``filesize:1000``, ``duration:3600``, ``files:24`` give, as dumpcap has them.
+
+    ``filesize`` is in units of 1000 octets, ``duration`` in seconds (also 0.5). ValueError, for a person, for anything else.
+    """
+    octets = duration_ns = files = 0
+    for word in words:
+        kind, _, text = word.partition(":")
+        if kind == "filesize":
+            octets = int(_number(word, text, 1, _MAX_KILO)) * _KILO
+        elif kind == "duration":
+            duration_ns = round(_number(word, text, 0.001, _MAX_SECONDS, whole=False) * 1_000_000_000)
+        elif kind == "files":
+            files = int(_number(word, text, 1, _MAX_FILES))
+        else:
+            raise ValueError(f"{word!r} is none of filesize:KB, duration:SECONDS, files:NUMBER")
+    return RingLimits(octets, duration_ns, files)
+
+
+def _number(word: str, text: str, least: float, most: float, whole: bool = True) -> float:
+    pattern = r"[0-9]{1,12}" if whole else r"[0-9]{1,12}(\.[0-9]{1,9})?"
+    number = float(text) if re.fullmatch(pattern, text) else -1.0
+    if not least <= number <= most:
+        raise ValueError(f"{word!r}: expected a {'whole ' if whole else ''}number from {least} to {most}")
+    return number
+
+
+class RingBuffer(PacketSink):
+    """Writes every packet to the files of a ring in ``directory``. An `OSError` names the file it is about.
+
+    A file begins with its first packet, so a silent line leaves no empty ones; call `tick` when time passes without packets.
+    Only files that this ring made count for ``files`` and are removed. ``packets`` counts what was written, ``finished`` names
+    the files that are whole and there, the oldest first; ``removed`` counts those that had to go. After an error the file at
+    hand stays as it is, and the next packet begins another.
+    """
+
+    def __init__(
+        self,
+        directory: str,
+        limits: RingLimits | None = None,
+        name: str = "s7dissect",
+        application: str = "",
+        hardware: str = "",
+        os_name: str = "",
+        batch: int = 0,
+    ) -> None:
+        self.packets = 0
+        self.removed = 0
+        self._directory = Path(directory)
+        self._limits = limits if limits is not None else RingLimits()
+        self.finished: deque[Path] = deque(maxlen=None if self._limits.files else _REMEMBERED)
+        self._name = names.file_word(name)
+        self._about = (hardware, os_name, application)
+        self._batch = batch
+        self._number = 0
+        self._path: Path | None = None
+        self._writer: PcapngWriter | None = None
+        self._since_ns = 0
+        self._clock = Clock()
+        self._comments: list[str] = []
+        self._directory.mkdir(parents=True, exist_ok=True)
+
+    def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
+        """Write a packet, to a new file when the one at hand is full or old."""
+        self.add(int(time_ns), buf[start:end], int(wire_length), int(link_type))
+
+    def comment(self, text: str) -> None:
+        """Take a comment about the packet that comes next."""
+        if len(self._comments) < _MAX_COMMENTS:
+            self._comments.append(text)
+
+    def add(self, time_ns: int, octets: bytes, wire_length: int, link_type: int, interface: str = "") -> None:
+        """Write a packet that ``interface`` captured."""
+        self.tick(time_ns)
+        writer = self._writer
+        if writer is None:
+            writer = self._begin(time_ns)
+        comments = self._comments
+        if comments:
+            self._comments = []
+        try:
+            writer.packet(time_ns, octets, wire_length, link_type, comments, interface)
+        except OSError:
+            self._give_up()
+            raise
+        self.packets += 1
+        if self._limits.octets and writer.octets >= self._limits.octets:
+            self._end()
+
+    def tick(self, now_ns: int) -> None:
+        """Time has passed (capture clock): end the file at hand when it is old enough."""
+        if self._writer is None or not self._limits.duration_ns:
+            return
+        if now_ns < self._since_ns:
+            self._since_ns = now_ns  # the clock was set back: the file must not wait until it has caught up
+        elif now_ns - self._since_ns >= self._limits.duration_ns:
+            self._end()
+
+    def flush(self) -> None:
+        """Write what is gathered (with ``batch``)."""
+        if self._writer is not None:
+            self._writer.flush()
+
+    def close(self) -> None:
+        """Finish the file at hand. May be called twice."""
+        if self._writer is not None:
+            self._end()
+
+    @property
+    def path(self) -> Path | None:
+        """The file being written, None when there is none at the moment."""
+        return names.part_of(self._path) if self._path is not None else None
+
+    def _begin(self, time_ns: int) -> PcapngWriter:
+        while self._limits.files and len(self.finished) >= self._limits.files:
+            self._remove(self.finished.popleft())
+        self._number += 1
+        stem = f"{self._name}_{self._number:05d}_{names.time_word(time_ns, self._clock)}"
+        path = names.unused(self._directory, stem)
+        writer = names.begin(path, self._about, batch=self._batch)
+        self._path = path
+        self._writer = writer
+        self._since_ns = time_ns
+        return writer
+
+    def _end(self) -> None:
+        """Finish the file at hand."""
+        writer, path = self._writer, self._path
+        self._writer = None
+        self._path = None
+        if writer is None or path is None:
+            return
+        writer.close()
+        names.finish(path)
+        self.finished.append(path)
+
+    def _give_up(self) -> None:
+        """Writing failed: leave the file at hand as it is, so that the next packet tries a new one."""
+        if self._writer is not None:
+            self._writer.abandon()
+        self._writer = None
+        self._path = None
+
+    def _remove(self, path: Path) -> None:
+        path.unlink(missing_ok=True)
+        self.removed += 1

@@ -1,0 +1,264 @@
+"""Which packets of a capture are wanted: the first reading tells, and remembers it in little memory.
+
+`Selection` watches an analysis. Afterwards `Selection.choice` gives what recognises the packets when they are read again:
+addresses and ports of connections, ranges of sequence numbers of transactions, numbers of the packets that show a finding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.conversation import Observer
+from dissect.findings.finding import Finding
+from dissect.recording.comments import finding_comment
+from dissect.recording.spans import Span, SpanBook
+from dissect.report.contract import by_weight
+from dissect.tcp import ip, link
+from dissect.tcp.connection import TcpConnection
+from dissect.transactions.connection import Connection
+from dissect.transactions.table import Side, reverse_key
+from dissect.transactions.transaction import Transaction
+from dissect.wire.octets import u16, u32
+
+#: Octets of a transaction that were sent again are found this long before its request and after its answer.
+AGAIN_NS: Final = 10_000_000_000
+
+
+class Wanted:
+    """What is wanted: numbers of connections, transactions and findings, slugs of findings. All empty: everything.
+
+    Findings are numbered as the analysis lists their details, the heaviest first, from 1.
+    """
+
+    def __init__(
+        self,
+        connections: Collection[int] = (),
+        transactions: Collection[int] = (),
+        findings: Collection[int] = (),
+        slugs: Collection[str] = (),
+    ) -> None:
+        self.connections = frozenset(connections)
+        self.transactions = frozenset(transactions)
+        self.findings = frozenset(findings)
+        self.slugs = frozenset(slugs)
+
+    @property
+    def everything(self) -> bool:
+        """True when nothing is asked for in particular."""
+        return not (self.connections or self.transactions or self.findings or self.slugs)
+
+
+class Stretch:
+    """A connection in the capture: ``key`` of one direction, TCP or UDP, from packet ``first`` to packet ``last``."""
+
+    __slots__ = ("first", "key", "last", "protocol")
+
+    def __init__(self, key: bytes, protocol: int, first: int, last: int) -> None:
+        self.key = key
+        self.protocol = protocol
+        self.first = first
+        self.last = last
+
+
+class TimedSpan:
+    """The range of a PDU, looked for from one time to another."""
+
+    __slots__ = ("from_ns", "span", "to_ns")
+
+    def __init__(self, span: Span, from_ns: int, to_ns: int) -> None:
+        self.span = span
+        self.from_ns = from_ns
+        self.to_ns = to_ns
+
+
+class Selection(Observer):
+    """Watches the first reading. ``missing`` is empty, or names afterwards in words what was wanted and is not there."""
+
+    def __init__(self, wanted: Wanted, comments: bool = True) -> None:
+        super().__init__()
+        self.wants_tpdus = self.wants_pdus = bool(wanted.transactions)
+        self.uncertain = 0  # PDUs of wanted transactions of which only the packet that completed them is known
+        self._wanted = wanted
+        self._comments = comments
+        self._book = SpanBook()
+        self._connections: dict[int, Connection] = {}
+        self._transactions: set[int] = set()
+        self._spans: list[TimedSpan] = []
+        self._frames: set[int] = set()
+        self._findings: list[Finding] = []
+
+    # ---- observer ---------------------------------------------------------------------------------------------------
+
+    def connection_opened(self, connection: Connection) -> None:
+        """Remember a connection that is wanted."""
+        if connection.number in self._wanted.connections:
+            self._connections[int(connection.number)] = connection
+
+    def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        """Take note where a TPKT stands in its stream."""
+        self._book.tpkt(side, octets)
+
+    def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        """Take note where an IBH-NetLink packet stands in its stream."""
+        self._book.ibh_packet(side, octets)
+
+    def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        """Take note where a PDU stands in its stream."""
+        self._book.pdu(side, int(frame), len(octets))
+
+    def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        """Take note where a PDU stands in its stream."""
+        self._book.pdu(side, int(frame), len(octets))
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Remember where the request and the answer of a wanted transaction stand."""
+        if not self.wants_pdus:
+            return
+        number = int(transaction.connection.number)
+        asked_by = int(transaction.asked_by)
+        spans = [
+            self._book.pop(number, asked_by, int(transaction.request_frame), int(transaction.request_size)),
+            self._book.pop(number, 1 - asked_by, int(transaction.response_frame), int(transaction.response_size)),
+        ]
+        if transaction.number not in self._wanted.transactions:
+            return
+        self._transactions.add(int(transaction.number))
+        frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
+        self._frames.update(frames)
+        times = [int(at) for at in (transaction.request_ns, transaction.response_ns) if at]
+        for span in spans:
+            if span is not None:
+                self._spans.append(TimedSpan(span, min(times) - AGAIN_NS, max(times) + AGAIN_NS))
+        if not transaction.connection.udp:  # a datagram is one packet
+            self.uncertain += len(frames) - (len(spans) - spans.count(None))
+
+    def finding(self, finding: Finding) -> None:
+        """Remember a finding."""
+        self._findings.append(finding)  # the judge bounds how many there are
+
+    # ---- what came of it --------------------------------------------------------------------------------------------
+
+    @property
+    def missing(self) -> str:
+        """What was wanted by number and is not in the capture, in words; empty when all is there."""
+        wanted = self._wanted
+        parts = []
+        for name, gone in (
+            ("connection", wanted.connections - self._connections.keys()),
+            ("transaction", wanted.transactions - self._transactions),
+            ("finding", frozenset(number for number in wanted.findings if number > len(self._findings))),
+        ):
+            if gone:
+                numbers = sorted(gone)
+                parts.append(f"no {name} {', '.join([str(number) for number in numbers[:10]])}")
+        return "; ".join(parts)
+
+    def choice(self, from_ns: int, to_ns: int) -> Choice:
+        """Return what recognises the wanted packets that passed within these times, both included."""
+        frames = set(self._frames)
+        ordered = by_weight(self._findings)
+        for number, finding in enumerate(ordered, 1):
+            if number in self._wanted.findings or finding.slug in self._wanted.slugs:
+                frames.update([int(frame) for frame in finding.frames])
+        comments: dict[int, list[str]] = {}
+        if self._comments:
+            for finding in ordered:
+                text = finding_comment(finding)
+                for frame in set(finding.frames):
+                    comments.setdefault(int(frame), []).append(text)
+        stretches = [_stretch(connection) for connection in self._connections.values()]
+        return Choice(self._wanted.everything, frozenset(frames), stretches, self._spans, (from_ns, to_ns), comments)
+
+
+def _stretch(connection: Connection) -> Stretch:
+    """Return where the packets of a connection are."""
+    tcp = connection.tcp
+    protocol = ip.UDP if connection.udp else ip.TCP
+    return Stretch(_key(tcp), protocol, int(tcp.first_frame), int(tcp.last_frame))
+
+
+def _key(tcp: TcpConnection) -> bytes:
+    """Return the key of the packets that side 0 of a connection sends."""
+    first, second = tcp.ends
+    tag = int(tcp.vlan).to_bytes(8, "big") if tcp.vlan else b""
+    ports = first.port.to_bytes(2, "big") + second.port.to_bytes(2, "big")
+    return first.address + second.address + ports + tag
+
+
+class Choice:
+    """Recognises wanted packets. ``comments`` are the findings by the number of the packet they are about."""
+
+    def __init__(
+        self,
+        everything: bool,
+        frames: frozenset[int],
+        stretches: Sequence[Stretch],
+        spans: Sequence[TimedSpan],
+        times: tuple[int, int],
+        comments: dict[int, list[str]],
+    ) -> None:
+        self.comments = comments
+        self._everything = everything
+        self._frames = frames
+        self._from_ns, self._to_ns = times
+        self._stretches: dict[bytes, list[Stretch]] = {}
+        self._spans: dict[bytes, list[TimedSpan]] = {}
+        self._hosts: dict[bytes, list[Stretch]] = {}  # addresses alone, for IP fragments, which have no ports
+        for stretch in stretches:
+            for key in (stretch.key, reverse_key(stretch.key)):
+                self._stretches.setdefault(key, []).append(stretch)
+                self._hosts.setdefault(_addresses(key), []).append(stretch)
+        self._span_hosts: dict[bytes, list[TimedSpan]] = {}
+        for timed in spans:
+            self._spans.setdefault(timed.span.key, []).append(timed)
+            self._span_hosts.setdefault(_addresses(timed.span.key), []).append(timed)
+
+    def takes(self, frame: int, time_ns: int, buf: bytes, start: int, end: int, link_type: int) -> bool:
+        """Tell whether packet ``frame`` is wanted. Never raises."""
+        if not self._from_ns <= time_ns <= self._to_ns:
+            return False
+        if self._everything or frame in self._frames:
+            return True
+        if not self._hosts and not self._span_hosts:
+            return False
+        at, vlan = link.find_ip(buf, start, end, link_type)
+        if at < 0:
+            return False
+        packet = ip.parse_ip(buf, at, end, True)
+        if packet.problem:
+            return False
+        if packet.fragment_key:
+            return self._takes_fragment(frame, time_ns, packet.addresses)
+        if packet.end - packet.start < 4:
+            return False
+        tag = int(vlan).to_bytes(8, "big") if vlan else b""
+        key = b"%b%b%b" % (packet.addresses, buf[packet.start : packet.start + 4], tag)
+        protocol = packet.protocol
+        if any(one.first <= frame <= one.last and one.protocol == protocol for one in self._stretches.get(key, ())):
+            return True
+        spans = self._spans.get(key) if protocol == ip.TCP else None
+        return spans is not None and _carries(spans, time_ns, buf, packet)
+
+    def _takes_fragment(self, frame: int, time_ns: int, addresses: bytes) -> bool:
+        """An IP fragment of TCP: wanted when it is between the hosts of something wanted, while that went on."""
+        if any(one.first <= frame <= one.last for one in self._hosts.get(addresses, ())):
+            return True
+        return any(one.from_ns <= time_ns <= one.to_ns for one in self._span_hosts.get(addresses, ()))
+
+
+def _addresses(key: bytes) -> bytes:
+    """Return the addresses of a key, without ports and VLAN."""
+    return key[:8] if len(key) in (12, 20) else key[:32]
+
+
+def _carries(spans: Sequence[TimedSpan], time_ns: int, buf: bytes, packet: ip.IpPacket) -> bool:
+    """Tell whether a TCP segment carries octets of one of ``spans``."""
+    at, end = int(packet.start), int(packet.end)
+    if end - at < 20:
+        return False
+    seq = u32(buf, at + 4)
+    size = end + int(packet.missing) - at - (u16(buf, at + 12) >> 12 << 2)
+    return any(one.from_ns <= time_ns <= one.to_ns and one.span.overlaps(seq, size) for one in spans)

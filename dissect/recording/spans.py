@@ -1,0 +1,128 @@
+"""Which octets of a stream a PDU travelled in: the pipeline tells only the packet that completed it.
+
+What is remembered is a range of TCP sequence numbers, so that packets that are out of order, sent again or in IP fragments are
+found all the same. Where octets that belong to no TPKT stand beside one, the range is too long rather than too short.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import Final
+
+from dissect.tcp.stream import MASK, HalfStream
+from dissect.transactions.table import Side
+
+#: PDUs whose range is remembered until their transaction is told, and directions that are followed.
+MAX_SPANS: Final = 65_536
+MAX_DIRECTIONS: Final = 16_384
+
+#: COTP: DT, and the octet and bit that say that it is the last one of its message.
+_DT: Final = 0xF0
+_EOT_AT: Final = 6
+_EOT: Final = 0x80
+
+
+class Span:
+    """Octets of one direction of a TCP connection: ``size`` of them from sequence number ``seq`` on.
+
+    ``key`` is that of the packets which carry them (`dissect.transactions.table`).
+    """
+
+    __slots__ = ("key", "seq", "size")
+
+    def __init__(self, key: bytes, seq: int, size: int) -> None:
+        self.key = key
+        self.seq = seq
+        self.size = size
+
+    def overlaps(self, seq: int, size: int) -> bool:
+        """Tell whether a segment with ``size`` octets from ``seq`` on carries any of them."""
+        return size > 0 and self.size > 0 and ((seq - self.seq) & MASK < self.size or (self.seq - seq) & MASK < size)
+
+
+class _Direction:
+    """How far one direction was told: positions count octets from the start of its stream."""
+
+    __slots__ = ("area", "complete", "cursor", "first", "loose", "skipped", "stream", "total")
+
+    def __init__(self, stream: HalfStream) -> None:
+        self.stream = stream  # to tell when another connection took the addresses
+        self.total = 0  # everything before this is accounted for
+        self.area = 0  # where the octets that were accounted for last begin
+        self.cursor = 0  # after the last TPKT told
+        self.skipped = 0
+        self.loose = False  # octets of no TPKT are among them
+        self.first = 0  # where the message at hand begins
+        self.complete = True
+
+    def take(self, total: int, skipped: int, size: int) -> tuple[int, int]:
+        """A TPKT of ``size`` octets is told after ``total`` octets were accounted for; return (begin, end) of where it is."""
+        if total > self.total:
+            self.area = self.cursor = self.total
+            self.total = total
+            self.loose = skipped != self.skipped
+            self.skipped = skipped
+        begin = self.cursor
+        self.cursor = min(begin + size, self.total)
+        return (self.area, self.total) if self.loose else (begin, self.cursor)
+
+
+class SpanBook:
+    """Ranges of PDUs, from when they are told until somebody asks for them. ``forgotten`` counts those that had to go."""
+
+    def __init__(self) -> None:
+        self.forgotten = 0
+        # Ordered, because finding the oldest entry of a plain dict is slow when many before it were deleted.
+        self._directions: OrderedDict[bytes, _Direction] = OrderedDict()
+        self._spans: OrderedDict[tuple[int, int, int, int], Span] = OrderedDict()
+
+    def tpkt(self, side: Side, octets: bytes) -> None:
+        """A whole TPKT is told."""
+        last = len(octets) <= _EOT_AT or octets[_EOT_AT] & _EOT != 0
+        self._take(side, len(octets), len(octets) > 5 and octets[5] & 0xF0 == _DT, last)
+
+    def ibh_packet(self, side: Side, octets: bytes) -> None:
+        """A whole IBH-NetLink packet is told. One message after another goes by: its parts are not told apart here."""
+        self._take(side, len(octets), True, False)
+
+    def _take(self, side: Side, size: int, carries: bool, last: bool) -> None:
+        direction = self._direction(side)
+        framer, ibh = side.framer, side.ibh
+        skipped = int(framer.skipped) + int(side.missing) + (int(ibh.skipped) if ibh is not None else 0)
+        framed = int(framer.framed) + (int(ibh.framed) if ibh is not None else 0)
+        begin, _ = direction.take(framed + skipped, skipped, size)
+        if carries:
+            if direction.complete:
+                direction.first = begin
+            direction.complete = last
+
+    def pdu(self, side: Side, frame: int, size: int) -> None:
+        """A PDU of ``size`` octets is told, with the packet that completed it."""
+        direction = self._directions.get(side.key)
+        start = int(side.stream.start_seq)
+        if direction is None or start < 0:
+            return
+        end = direction.total if direction.loose else direction.cursor
+        direction.complete = True
+        if end <= direction.first:
+            return
+        spans = self._spans
+        if len(spans) >= MAX_SPANS:
+            spans.popitem(last=False)
+            self.forgotten += 1
+        key = (int(side.connection.number), int(side.index), frame, size)
+        spans.pop(key, None)
+        spans[key] = Span(side.key, (start + direction.first) & MASK, end - direction.first)
+
+    def pop(self, connection: int, side: int, frame: int, size: int) -> Span | None:
+        """Return, and forget, the range of a PDU; None when it is not known."""
+        return self._spans.pop((connection, side, frame, size), None)
+
+    def _direction(self, side: Side) -> _Direction:
+        direction = self._directions.get(side.key)
+        if direction is None or direction.stream is not side.stream:
+            if len(self._directions) >= MAX_DIRECTIONS:
+                self._directions.popitem(last=False)
+            direction = _Direction(side.stream)
+            self._directions[side.key] = direction
+        return direction

@@ -1,0 +1,97 @@
+"""A stretch of time as a person gives it: ``12:00:01..12:00:05``, ``2016-02-08T14:51:37.5..``, ``..90`` (seconds)."""
+
+from __future__ import annotations
+
+import re
+from datetime import date
+from typing import Final
+
+_NS: Final = 1_000_000_000
+_DAY_NS: Final = 86_400 * _NS
+_EPOCH: Final = date(1970, 1, 1).toordinal()
+_LAST_NS: Final = 2**63 - 1
+
+_SECONDS: Final = re.compile(r"([0-9]{1,9})(?:\.([0-9]{1,9}))?s?")
+_TIME: Final = re.compile(
+    r"(?:([0-9]{4})-([0-9]{2})-([0-9]{2})[T ])?([0-9]{2}):([0-9]{2}):([0-9]{2})(?:\.([0-9]{1,9}))?Z?"
+)
+
+# What a moment is counted from.
+_START: Final = "start"
+_MIDNIGHT: Final = "midnight"
+_EPOCH_BASE: Final = "epoch"
+
+
+class Moment:
+    """One end of a window: ``ns`` after ``base``: the start of the capture, the midnight before it, or 1970."""
+
+    __slots__ = ("base", "ns")
+
+    def __init__(self, base: str, ns: int) -> None:
+        self.base = base
+        self.ns = ns
+
+    def resolve(self, first_ns: int, last_ns: int) -> int:
+        """Return nanoseconds since 1970, for a capture from ``first_ns`` to ``last_ns``.
+
+        A time of day is that of the first packet's day, or of the next one where only that is in the capture.
+        """
+        if self.base == _EPOCH_BASE:
+            return self.ns
+        if self.base == _START:
+            return first_ns + self.ns
+        at = first_ns - first_ns % _DAY_NS + self.ns
+        return at + _DAY_NS if at < first_ns and at + _DAY_NS <= last_ns else at
+
+
+class Window:
+    """From one moment to another, both included; None is the beginning, or the end, of the capture."""
+
+    __slots__ = ("begin", "end")
+
+    def __init__(self, begin: Moment | None, end: Moment | None) -> None:
+        self.begin = begin
+        self.end = end
+
+    def resolve(self, first_ns: int, last_ns: int) -> tuple[int, int]:
+        """Return (first, last) nanosecond since 1970 that are in it, for a capture from ``first_ns`` to ``last_ns``."""
+        begin = self.begin.resolve(first_ns, last_ns) if self.begin is not None else 0
+        end = self.end.resolve(first_ns, last_ns) if self.end is not None else _LAST_NS
+        if end < begin and self.end is not None and self.end.base == _MIDNIGHT:
+            end += _DAY_NS  # 23:59:50..00:00:10
+        return begin, end
+
+
+def parse_window(text: str) -> Window:
+    """Return the window that ``BEGIN..END`` means; either may be left out. ValueError, for a person, when it means none.
+
+    An end is a time of day, a date and a time of day (UTC, both), or seconds from the start of the capture.
+    """
+    begin, dots, end = text.partition("..")
+    if not dots or not (begin or end):
+        raise ValueError(f"{text!r} is not of the form BEGIN..END")
+    return Window(_moment(begin) if begin else None, _moment(end) if end else None)
+
+
+def _moment(text: str) -> Moment:
+    found = _SECONDS.fullmatch(text)
+    if found:
+        return Moment(_START, int(found[1]) * _NS + _fraction(found[2]))
+    found = _TIME.fullmatch(text)
+    if not found:
+        raise ValueError(f"{text!r} is no time: expected HH:MM:SS, YYYY-MM-DDTHH:MM:SS (both UTC), or seconds")
+    hour, minute, second = int(found[4]), int(found[5]), int(found[6])
+    if hour > 23 or minute > 59 or second > 60:
+        raise ValueError(f"{text!r}: there is no such time of day")
+    ns = ((hour * 60 + minute) * 60 + second) * _NS + _fraction(found[7])
+    if found[1] is None:
+        return Moment(_MIDNIGHT, ns)
+    try:
+        day = date(int(found[1]), int(found[2]), int(found[3])).toordinal() - _EPOCH
+    except ValueError:
+        raise ValueError(f"{text!r}: there is no such day") from None
+    return Moment(_EPOCH_BASE, day * _DAY_NS + ns)
+
+
+def _fraction(digits: str | None) -> int:
+    return int(digits.ljust(9, "0")) if digits else 0

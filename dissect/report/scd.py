@@ -1,0 +1,200 @@
+"""What reports say of SCD: in words, as a field tree, and as JSON-ready values (docs/json.md, docs/scd-traffic.md)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Final
+
+from dissect.iso.upper import SCD, UPPER_NAMES
+from dissect.transactions.carried import ScdMessage, ScdParameters
+from dissect.transactions.transaction import Transaction
+from dissect.wire.hexdump import hexdump
+from dissect.wire.text import encodable, printable
+
+if TYPE_CHECKING:
+    from dissect.transactions.connection import Connection
+
+#: Name of the protocol in JSON.
+PROTOCOL: Final = UPPER_NAMES[SCD]
+
+
+def scd_subject(transaction: Transaction) -> str:
+    """Return what the SCD of a transaction says: objects, values, what is wrong."""
+    found = transaction.scd
+    if not transaction.is_scd:
+        return "; ".join([f"SCD {printable(one.binding)}: {_content(one)}" for one in found])
+    said = [_said(one) for one in found]
+    if len(found) == 2 and found[0].subject == found[1].subject:
+        texts = list(dict.fromkeys([text for text in said if text]))  # object and oddities are named once
+        if len(texts) == 2 and texts[0].endswith(texts[1]):
+            texts.pop()
+        return " ".join([_object(found[0]), ", ".join(texts)]).strip()
+    return " → ".join([f"{_object(one)} {text}".strip() for one, text in zip(found, said, strict=True)])
+
+
+def _object(found: ScdMessage) -> str:
+    """Return the object without the service, which stands before it as the function."""
+    message = found.message
+    text = found.subject
+    if message.service == "pdo":
+        return text.removeprefix("PDO ").removeprefix(message.pdo).strip()
+    if message.content:
+        return ""
+    return text.removeprefix(message.service).strip()
+
+
+def _content(found: ScdMessage) -> str:
+    return f"{found.subject} {_said(found)}".strip()
+
+
+def _said(found: ScdMessage) -> str:
+    """Return values, status and oddities of a message."""
+    from dissect.scd.wording import row_text, values_text
+
+    message = found.message
+    rows = found.values
+    said = []
+    if len(rows) == 1 and message.service in {"read", "write"}:
+        said.append("=" + row_text(rows[0]).partition(" =")[2])
+    elif rows:
+        said.append(values_text(rows))
+    if message.err and message.phase not in {"response", "abort"}:
+        said.append(f"err {message.err} {printable(found.dictionary.error_text(message.err))}")
+    if message.error is not None:
+        said.append(f"NOT DECODED {message.error.code} {printable(message.error.detail)}")
+    flags = [flag for flag in message.flags if not any(flag in row.flags for row in rows)]
+    if flags:
+        said.append(f"[{', '.join(flags)}]")
+    return "  ".join(said)
+
+
+def scd_summary(found: ScdMessage) -> str:
+    """Return a message on one line, without packet, time and ends."""
+    message = found.message
+    parts = [f"SCD {message.phase or 'data':<8}"]
+    if "tid" in message.numbers:
+        parts.append(f"tid {message.tid:<3}")
+    parts.append(found.subject)
+    if message.err and message.phase in {"response", "abort"}:
+        parts.append(f"err {message.err} {printable(found.dictionary.error_text(message.err))}")
+    said = _said(found)
+    if said.startswith("="):
+        parts[-1] += f" {said}"
+    elif said:
+        parts.append(said)
+    if found.place:
+        parts.append(f"in {found.place}")
+    return "  ".join(parts)
+
+
+def scd_tree_lines(found: ScdMessage) -> Iterator[str]:
+    """Yield the tree of a message: the fields of its envelope, its values, and the hex view below them."""
+    from dissect.scd.wording import row_text, value_text
+
+    message = found.message
+    last = found.offset + len(found.octets) - 1
+    yield f"    SCD message, binding {printable(found.binding)}, octets {found.offset} to {last}"
+    for role, number in message.numbers.items():
+        text = f" {printable(found.dictionary.error_text(number))}" if role == "err" else ""
+        shown = f"0x{number:04x}" if role == "index" else str(number)
+        yield f"      {role:<10} {shown}{text}"
+    for row in found.values:
+        raw = f", raw {value_text(row.value)}" if row.physical != row.value else ""
+        yield f"      value      {row_text(row)}{raw}"
+    for flag in message.flags:
+        yield f"      odd        {flag}"
+    if message.error is not None:
+        yield f"      MALFORMED  {message.error.code} {printable(message.error.where)}: {printable(message.error.detail)}"
+    for line in hexdump(found.octets):
+        yield f"    {line}"
+
+
+def scd_as_dict(found: ScdMessage, asked_by: int, place: tuple[str, int] | None) -> dict[str, object]:
+    """Return a message as JSON-ready values.
+
+    ``asked_by`` is the side whose messages are requests (-1: not told), ``place`` file and packet where there are several
+    files.
+    """
+    from dissect.scd.wording import json_value
+
+    message = found.message
+    has = message.numbers
+    error = message.error
+    values: dict[str, object] = {}
+    if asked_by >= 0:
+        values["half"] = "request" if found.side == asked_by else "response"
+    values |= {
+        "binding": encodable(found.binding),
+        "place": found.place or None,
+        "offset": found.offset,
+        "frame": found.frame if place is None else place[1],
+        "service": message.service or None,
+        "phase": message.phase or None,
+        "tid": message.tid if "tid" in has else None,
+        "err": message.err if "err" in has else None,
+        "err_text": encodable(found.dictionary.error_text(message.err)) if message.err else None,
+        "index": message.index if "index" in has else None,
+        "sub": message.sub if "sub" in has else None,
+        "pdo": message.pdo or None,
+        "content": encodable(message.content) or None,
+    }
+    if place is not None:
+        values["file"] = encodable(place[0])
+    values["values"] = [
+        {
+            "address": encodable(row.address),
+            "name": encodable(row.name),
+            "value": json_value(row.value),
+            "physical": json_value(row.physical),
+            "unit": encodable(row.unit) or None,
+            "text": encodable(row.text) or None,
+            "flags": list(row.flags),
+        }
+        for row in found.values
+    ]
+    values["flags"] = list(message.flags)
+    values["error"] = None
+    if error is not None:
+        values["error"] = {"code": error.code, "where": encodable(error.where), "detail": encodable(error.detail)}
+    values["octets"] = found.octets.hex()
+    return values
+
+
+def scd_json(transaction: Transaction, locate: Callable[[int], tuple[str, int]] | None) -> str:
+    """Return the ``scd`` key of a transaction, behind a comma; empty when there is no SCD in it."""
+    found = transaction.scd
+    if not found:
+        return ""
+    asked_by = int(transaction.asked_by)
+    told = [scd_as_dict(one, asked_by, None if locate is None else locate(int(one.frame))) for one in found]
+    return f',"scd":{_json(told)}'
+
+
+def scd_function_json(parameters: ScdParameters) -> str:
+    """Return the ``function`` object of a transaction, and the protocol after it."""
+    return f'{_json({"code": None, "name": encodable(parameters.name)})},"protocol":"{PROTOCOL}"'
+
+
+def scd_line_json(found: ScdMessage, time: str, connection: Connection, place: tuple[str, int] | None) -> str:
+    """Return the line that `show -T jsonl` writes for a message; ``place`` is file and packet where there are several files."""
+    ends = connection.tcp.ends
+    values: dict[str, object] = {"schema": "s7dissect.pdu/1", "frame": found.frame}
+    if place is not None:
+        values |= {"frame": place[1], "file": encodable(place[0])}
+    values |= {"time": time, "connection": found.connection}
+    values |= {"src": str(ends[found.side]), "dst": str(ends[1 - found.side]), "protocol": PROTOCOL}
+    values |= {"rosctr": None, "rosctr_name": None, "redundancy_id": None}
+    values["pdu_ref"] = found.message.tid if "tid" in found.message.numbers else None
+    values |= {"param_length": None, "data_length": None, "error_class": None, "error_code": None}
+    values["function"] = {"code": None, "name": found.message.service or None}
+    values["scd"] = scd_as_dict(found, -1, place)
+    values["octets"] = found.octets.hex()
+    values["cut"] = False
+    values["malformed"] = []
+    return _json(values)
+
+
+def _json(values: object) -> str:
+    """Return JSON in ASCII; DEL, which JSON would leave as it is, is escaped like every other control."""
+    return json.dumps(values, separators=(",", ":")).replace("\x7f", "\\u007f")

@@ -1,0 +1,38 @@
+"""Findings by what a person calls them: a severity (that or worse), a slug, or all that begin alike."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.findings.catalogue import CATALOGUE
+from dissect.findings.finding import SEVERITIES
+
+#: Ends a prefix: ``session.*`` means every slug that begins with ``session.``.
+_ANY: Final = "*"
+
+
+def slugs_of(text: str) -> frozenset[str]:
+    """Return the slugs that a text means: a severity (that or worse), a slug, or a prefix with ``*``.
+
+    Raises ValueError, naming what is near, when it means nothing.
+    """
+    if text in SEVERITIES:
+        worse = SEVERITIES[: SEVERITIES.index(text) + 1]
+        return frozenset([slug for slug, rule in CATALOGUE.items() if rule.severity in worse])
+    if text.endswith(_ANY):
+        found = frozenset([slug for slug in CATALOGUE if slug.startswith(text[:-1])])
+    else:
+        found = frozenset([text]) & frozenset(CATALOGUE)
+    if not found:
+        raise ValueError(f"{text!r} is no severity and no finding{_near(text)}.")
+    return found
+
+
+def _near(text: str) -> str:
+    rooms = sorted({slug.partition(".")[0] + ".*" for slug in CATALOGUE})
+    import difflib  # late: a run without this mistake does not need it
+
+    near = difflib.get_close_matches(text, [*SEVERITIES, *rooms, *CATALOGUE], n=3)
+    begun = [slug for slug in CATALOGUE if text and (slug.startswith(text) or slug.endswith("." + text))]
+    named = list(dict.fromkeys([*begun[:3], *near]))
+    return f"; did you mean {', '.join(named)}?" if named else ": docs/findings.md lists them"

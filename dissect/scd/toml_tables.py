@@ -1,0 +1,67 @@
+"""TOML as both the dictionary's source and the bindings are written in: its tables, and the line where each begins."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
+
+from dissect.scd.bounds import MAX_DEPTH, long_key_line, long_number_line
+from dissect.scd.errors import DictionaryError
+
+#: Lines of tables: by name and position among the [[tables]] of that name, 0 for a [table].
+Lines = Mapping[tuple[str, int], int]
+
+_AT_LINE: Final = re.compile(r" \(at line (\d+), column \d+\)$")
+
+
+def source_text(octets: bytes, path: str) -> str:
+    """Return the text of a source; raises `DictionaryError` with the line where it is no UTF-8."""
+    try:
+        return octets.decode()
+    except UnicodeDecodeError as error:
+        line = octets.count(b"\n", 0, error.start) + 1
+        raise DictionaryError(f"octet {error.start}", f"no UTF-8: {error.reason}", path=path, line=line) from None
+
+
+def parse_tables(text: str, path: str = "") -> dict[str, Any]:
+    """Return the tables of a TOML text; raises `DictionaryError` with ``path`` and line."""
+    line = long_key_line(text)
+    if line:
+        raise DictionaryError("TOML", f"a key of more than {MAX_DEPTH} parts", path=path, line=line)
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        match = _AT_LINE.search(str(error))
+        line = int(match[1]) if match else text.count("\n") + 1
+        raise DictionaryError("TOML", _AT_LINE.sub("", str(error)), path=path, line=line) from None
+    except ValueError:
+        raise DictionaryError("TOML", "a number of too many digits", path=path, line=long_number_line(text)) from None
+    except RecursionError:
+        raise DictionaryError("TOML", "arrays in arrays without end", path=path) from None
+
+
+def header_lines(
+    text: str, content: Mapping[str, Any], lists: Iterable[str], tables: Iterable[str] = ()
+) -> dict[tuple[str, int], int]:
+    """Return the lines of the [[lists]] and [tables] of a text whose tables are ``content``.
+
+    None for a name whose headers cannot be counted surely.
+    """
+    lines: dict[tuple[str, int], int] = {}
+    for name in lists:
+        pattern = re.compile(rf"^[ \t]*\[\[[ \t]*{name}[ \t]*\]\]", re.MULTILINE)
+        found, line, at = [], 1, 0
+        for match in pattern.finditer(text):
+            line += text.count("\n", at, match.start())
+            at = match.start()
+            found.append(line)
+        rows = content.get(name)
+        if isinstance(rows, list) and len(rows) == len(found):
+            lines.update({(name, number): line for number, line in enumerate(found)})
+    for name in tables:
+        header = re.search(rf"^[ \t]*\[[ \t]*{name}[ \t]*\]", text, re.MULTILINE)
+        if header is not None:
+            lines[name, 0] = text.count("\n", 0, header.start()) + 1
+    return lines

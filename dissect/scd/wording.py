@@ -1,0 +1,156 @@
+"""A message in words, and its values as rows: what people and programs are shown (see `dissect.wire.text` for escaping)."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+from dissect.scd.dictionary import Dictionary
+from dissect.scd.errors import Error
+from dissect.scd.mapping import entries_of
+from dissect.scd.messages import Message
+from dissect.scd.model import StructType, Variable
+from dissect.scd.packing import Key
+from dissect.scd.ranges import is_mapping, pdo_of_index
+from dissect.scd.types import UINT64, Value
+from dissect.wire.text import printable, shortened
+
+#: Characters of a text and octets of a block that a line shows.
+_TEXT: Final = 60
+#: Values that one line names.
+_SHOWN: Final = 8
+
+
+class Row(NamedTuple):
+    """A value: where it belongs, what it is called, and what the dictionary makes of it.
+
+    ``address`` is "0x6041:0", of a bare struct's field "struct.field"; ``name`` the label of the variable. ``value`` is the raw
+    value, ``physical`` that with scale and shift (the same where there are none) in ``unit``; ``text`` is what the dictionary
+    calls the value. ``flags`` say what was odd.
+    """
+
+    address: str
+    name: str
+    value: Value
+    physical: Value
+    unit: str
+    text: str
+    flags: tuple[str, ...]
+
+
+def rows(dictionary: Dictionary, message: Message) -> list[Row]:
+    """Return the values of a message in its order."""
+    found = []
+    for key, value in message.values.items():
+        variable = _variable(dictionary, message, key)
+        flags = tuple(flag for flag, keys in message.flags.items() if key in keys)
+        address = address_text(key) if isinstance(key, tuple) else f"{message.content}.{key}"
+        if variable is None:
+            found.append(Row(address, "", value, value, "", "", flags))
+        else:
+            name = variable.label if isinstance(key, tuple) else variable.name
+            text = variable.desc(value) or _mapped(variable, value)
+            found.append(Row(address, name, value, variable.phys(value), variable.unit, text, flags))
+    return found
+
+
+def _mapped(variable: Variable, value: Value) -> str:
+    """Return what an entry of a mapping object points at, empty for all else."""
+    if not (is_mapping(variable.index) and variable.sub and isinstance(value, int) and value):
+        return ""
+    wide = variable.type is UINT64
+    try:
+        (entry,) = entries_of([value], wide, "")
+    except Error:
+        return "no entry of a mapping"
+    at = f" from bit {entry.offset}" if wide else ""
+    return f"{address_text((entry.target, entry.sub))}, {entry.bits} bits{at}"
+
+
+def _variable(dictionary: Dictionary, message: Message, key: Key) -> Variable | None:
+    """Return the variable of a value; None for sub-index 255, which is none."""
+    if isinstance(key, tuple):
+        try:
+            return dictionary.variable(key)
+        except Error:
+            return None
+    struct = dictionary.types.get(dictionary.type_names.get(message.content, -1))
+    if isinstance(struct, StructType):
+        for field in struct.fields:
+            if field.name == key:
+                return field
+    return None
+
+
+def address_text(key: tuple[int, int]) -> str:
+    """Return index and sub-index as people write them: "0x6041:0"."""
+    return f"0x{key[0]:04x}:{key[1]}"
+
+
+def subject(dictionary: Dictionary, message: Message) -> str:
+    """Return what a message is about in a few words, safe to show."""
+    if message.service == "pdo":
+        return _pdo(dictionary, message)
+    if message.content:
+        return printable(message.content)
+    if not message.service:
+        return "message"
+    if "index" not in message.numbers:
+        return message.service
+    key = (message.index, message.sub)
+    if is_mapping(message.index):
+        direction, _, number = pdo_of_index(message.index)
+        return f"{message.service} {address_text(key)} mapping of {direction}{number}"
+    variable = _variable(dictionary, message, key)
+    name = f" {printable(variable.label)}" if variable is not None and variable.label else ""
+    return f"{message.service} {address_text(key)}{name}"
+
+
+def _pdo(dictionary: Dictionary, message: Message) -> str:
+    if not message.pdo:
+        return "PDO"
+    pdo = (dictionary.tpdo if message.pdo[0] == "T" else dictionary.rpdo).get(int(message.pdo[1:]))
+    name = f" {printable(pdo.name)}" if pdo is not None and pdo.name else ""
+    return f"PDO {message.pdo}{name}"
+
+
+def value_text(value: Value) -> str:
+    """Return a value for a person, safe to show and of bounded length."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return f"{value:.7g}"
+    if isinstance(value, str):
+        return f'"{shortened(value, _TEXT)}"'
+    if type(value) is bytes:
+        shown = value[: _TEXT // 2].hex(" ")
+        return f"{len(value)} octets {shown}{' …' if len(value) > _TEXT // 2 else ''}".rstrip()
+    return printable(str(value))
+
+
+def json_value(value: Value) -> object:
+    """Return a value as JSON has it: blocks in hexadecimal, times, addresses and what is not finite as texts."""
+    if isinstance(value, (bool, int, str)):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else str(value)
+    if type(value) is bytes:
+        return value.hex()
+    return str(value)
+
+
+def row_text(row: Row) -> str:
+    """Return "0x6001:0 Давление 1 = 1374 кПа" for a row."""
+    unit = f" {printable(row.unit)}" if row.unit else ""
+    text = f" ({printable(row.text)})" if row.text else ""
+    name = f"{row.address} {printable(row.name)}" if row.name and row.name != row.address else row.address
+    odd = f" [{', '.join(row.flags)}]" if row.flags else ""
+    return f"{name} = {value_text(row.physical)}{unit}{text}{odd}"
+
+
+def values_text(found: list[Row]) -> str:
+    """Return the values of a message on one line: by name, and those after the eighth only counted."""
+    shown = ", ".join(
+        [f"{printable(row.name) or row.address} = {row_text(row).partition(' = ')[2]}" for row in found[:_SHOWN]]
+    )
+    return shown + (f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else "")

@@ -1,0 +1,228 @@
+"""``dumpcap`` as a child that writes pcapng into a pipe: it has the right to capture, this process needs none.
+
+What dumpcap 4.0 gives (tried): the section and the interface at once, packets as its own buffer from the kernel is handed over
+(every 250 ms at the latest), and one Interface Statistics Block with the packets lost, at its end only. While it runs nothing
+tells how many packets the kernel dropped; the interface's own count can be read at any time.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import signal
+import subprocess
+import time
+from contextlib import suppress
+from typing import Final
+
+from dissect.source.live import advice
+from dissect.source.live.advice import shown
+from dissect.source.live.interfaces import ask, find_interface
+from dissect.source.live.pipe import PipeReader, PipeSource
+from dissect.source.live.reader import Drops, LiveError, UnavailableError
+from dissect.source.packet import PacketSink
+from dissect.source.pcapng import PcapngReader
+from dissect.source.statistics import read_lost
+from dissect.wire.text import printable
+
+PROGRAM: Final = "dumpcap"
+
+#: How long dumpcap may take to open an interface, and to end when asked, in seconds.
+_START_S: Final = 10.0
+_END_S: Final = 2.0
+#: Octets of what it says on stderr that are kept: the last ones.
+_MAX_SAID: Final = 8192
+#: Octets the pipe holds (what an unprivileged process may ask for), so that dumpcap is not kept waiting.
+_PIPE_SIZE: Final = 1 << 20
+#: Lines of stderr that say nothing.
+_CHATTER: Final = ("Capturing on ", "File: ", "Packets captured: ", "Packets received/dropped ", "Packets: ")
+
+
+def find_program() -> str:
+    """Return the path of dumpcap; `LiveError` when there is none, or none that may be run."""
+    path = shutil.which(PROGRAM)
+    if path:
+        return path
+    unusable = advice.find_unusable(PROGRAM)
+    if unusable:
+        raise UnavailableError(f"{unusable}: no permission to run it", advice.dumpcap_permission(unusable))
+    raise UnavailableError("dumpcap (of Wireshark) is not installed", advice.dumpcap_missing())
+
+
+def trouble(interface: str) -> LiveError | None:
+    """Return why dumpcap cannot capture on ``interface``, None when it can: it is asked, and opens it."""
+    try:
+        program = find_program()
+    except LiveError as error:
+        return error
+    answer = ask(program, "-L", "-i", interface)
+    return _explain(program, interface, "", _said(answer.stderr)) if answer.returncode else None
+
+
+class DumpcapReader(PipeReader):
+    """Packets of ``interface`` by way of dumpcap. `open_dumpcap` makes one."""
+
+    def __init__(self, child: subprocess.Popen[bytes], interface: str, wait_ms: int) -> None:
+        pipe = child.stdout
+        errors = child.stderr
+        assert pipe is not None
+        assert errors is not None
+        os.set_blocking(errors.fileno(), False)
+        with suppress(OSError):  # a smaller pipe does as well
+            fcntl.fcntl(pipe.fileno(), fcntl.F_SETPIPE_SZ, _PIPE_SIZE)
+        super().__init__(PipeSource(pipe.fileno(), owned=False), interface, PROGRAM, wait_ms)
+        self._child = child
+        self._errors = errors.fileno()
+        self._said = b""
+        self._asked_at: float | None = None
+        described = find_interface(interface)
+        self._lost_before = described.lost if described is not None else None
+        self._lost_here = None if self._lost_before is None else 0
+        self._lost: Drops | None = None
+
+    @property
+    def pid(self) -> int:
+        """The process id of dumpcap."""
+        return self._child.pid
+
+    @property
+    def drops(self) -> Drops:
+        """What was lost so far: the kernel's part when dumpcap has ended, the interface's at any time."""
+        if self._lost is not None:
+            return self._lost
+        described = find_interface(self._name) if self._lost_before is not None else None
+        if described is not None and described.lost is not None and self._lost_before is not None:
+            self._lost_here = max(described.lost - self._lost_before, 0)
+        return Drops(None, self._lost_here)
+
+    def begun(self, program: str, expression: str) -> None:
+        """Wait until dumpcap has opened the interface; `LiveError` when it could not."""
+        source = self._source
+        source.deadline = time.monotonic() + _START_S
+        gathered = source.gather_head()
+        if gathered and source.starts_timed():
+            return
+        if gathered:
+            with suppress(subprocess.TimeoutExpired):
+                self._child.wait(_END_S)
+        self._listen()
+        raise _explain(program, self._name, expression, _said(self._said), timeout=not gathered)
+
+    def step(self, sink: PacketSink) -> bool:
+        """Deliver what arrives within ``wait_ms``, about 64 KiB at most; False when dumpcap has ended."""
+        more = super().step(sink)
+        self._listen()
+        if more and self._asked_at is not None and time.monotonic() > self._asked_at + _END_S:
+            self.close()  # it was asked to end, and does not
+            return False
+        return more
+
+    def stop(self) -> None:
+        """Ask dumpcap to end: what it has read follows, then its count of lost packets. May be called twice.
+
+        What the kernel still holds for it then (the last 250 ms) it leaves there, and does not count.
+        """
+        if self._asked_at is None:
+            self._asked_at = time.monotonic()
+        if self._child.poll() is None:
+            self._child.send_signal(signal.SIGTERM)
+
+    def close(self) -> None:
+        """End dumpcap, by force if it does not end when asked, and release the pipe. May be called twice."""
+        if self._child.stdout is None or self._child.stdout.closed:
+            return
+        drops = self.drops
+        if self._child.poll() is None and not self._ended:
+            self.stop()
+        # With nobody reading it, a dumpcap that still has packets to write ends by itself.
+        super().close()
+        self._child.stdout.close()
+        try:
+            self._child.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+            self._child.wait()
+        self._listen()
+        if self._child.stderr is not None:
+            self._child.stderr.close()
+        self._settle(drops)
+
+    def _settle(self, drops: Drops) -> None:
+        """Take what is known at the end: the counts of dumpcap, and why it ended if nobody asked it to."""
+        inner = self._inner
+        kernel = None
+        if isinstance(inner, PcapngReader) and inner.statistics:
+            lost = read_lost(next(iter(inner.statistics.values())))
+            # dumpcap 4.0 writes what the kernel dropped as drops of the interface.
+            kernel = lost.kernel if lost.kernel is not None else lost.interface
+        self._lost = Drops(kernel, drops.interface)
+        if self._asked_at is None and not self.damage:
+            why = "; ".join(_said(self._said)) or f"exit code {self._child.returncode}"
+            self.damage = f"dumpcap ended: {why}"
+        elif self._asked_at is not None:
+            self.damage = ""
+
+    def _listen(self) -> None:
+        """Take what dumpcap says on stderr, and keep the end of it."""
+        if self._child.stderr is None or self._child.stderr.closed:
+            return
+        with suppress(BlockingIOError):
+            while piece := os.read(self._errors, _MAX_SAID):
+                self._said = (self._said + piece)[-_MAX_SAID:]
+
+
+def open_dumpcap(
+    interface: str, expression: str, wait_ms: int, *, snaplen: int, buffer_mib: int, promiscuous: bool
+) -> DumpcapReader:
+    """Start dumpcap on ``interface``; `LiveError` with advice when there is none, or it may not or cannot capture."""
+    program = find_program()
+    arguments = [program, "-q", "-i", interface, "-s", str(snaplen), "-B", str(buffer_mib), "-w", "-"]
+    if expression:
+        arguments += ["-f", expression]
+    if not promiscuous:
+        arguments.append("-p")
+    try:
+        child = subprocess.Popen(
+            arguments,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env={**os.environ, "LC_ALL": "C"},
+            bufsize=0,
+            process_group=0,  # Ctrl-C ends us, and we end dumpcap
+        )
+    except OSError as error:
+        raise LiveError(f"{program}: cannot be started: {error.strerror}") from None
+    reader = DumpcapReader(child, interface, wait_ms)
+    try:
+        reader.begun(program, expression)
+    except BaseException:
+        reader.close()
+        raise
+    return reader
+
+
+def _said(octets: bytes) -> list[str]:
+    """Return the lines of stderr that say something."""
+    lines = octets.decode("utf-8", "backslashreplace").replace("\r", "\n").splitlines()
+    return [
+        printable(line.removeprefix("dumpcap: ")) for line in lines if line.strip() and not line.startswith(_CHATTER)
+    ]
+
+
+def _explain(program: str, interface: str, expression: str, said: list[str], *, timeout: bool = False) -> LiveError:
+    """Return what dumpcap said as an error with advice."""
+    text = " ".join(said)
+    lower = text.lower()
+    if "permission" in lower or "not permitted" in lower:
+        why = f"{interface}: dumpcap has no permission to capture on it"
+        return UnavailableError(why, advice.dumpcap_permission(program))
+    if expression and "capture filter" in lower:
+        why = text[text.find("(") + 1 : text.find(")")] if "(" in text and ")" in text else text
+        return LiveError(f"the capture filter {shown(expression)} is not valid: {why}")
+    if "not up" in lower or "network is down" in lower:
+        return LiveError(f"{interface}: it is down", advice.interface_down(interface))
+    if timeout:
+        return LiveError(f"{interface}: dumpcap did not begin within {_START_S:.0f} s{': ' if text else ''}{text}")
+    return LiveError(f"{interface}: dumpcap: {text or 'ended without a word'}")

@@ -1,0 +1,118 @@
+"""Opening a live source: which engine captures, and whether it may."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+from dissect.source.live import advice, dumpcap, ring
+from dissect.source.live.interfaces import NetworkInterface, ask, list_interfaces
+from dissect.source.live.pipe import open_stdin
+from dissect.source.live.reader import WAIT_MS, LiveError, LiveReader, UnavailableError
+
+#: Ways to capture, the preferred one first.
+ENGINES: Final = ("dumpcap", "ring")
+#: What may be given as a snap length and as the size of the kernel's buffer, in octets and MiB.
+MAX_SNAPLEN: Final = 262_144
+MAX_BUFFER_MIB: Final = 1024
+
+
+class EngineState(NamedTuple):
+    """Whether an engine can capture here: ``reason`` is empty when it can, ``advice`` says what would make it."""
+
+    name: str
+    reason: str
+    advice: tuple[str, ...]
+
+
+def open_live(
+    interface: str,
+    expression: str = "",
+    engine: str = "auto",
+    *,
+    wait_ms: int = WAIT_MS,
+    snaplen: int = 0,
+    buffer_mib: int = 32,
+    promiscuous: bool = True,
+) -> LiveReader:
+    """Return a reader of what passes on ``interface``, of which ``expression`` (a capture filter) may leave things out.
+
+    ``engine`` is ``dumpcap``, ``ring``, or ``auto``: dumpcap, and the ring where there is no dumpcap or it may not capture.
+    ``-`` as ``interface`` is a capture on standard input. ``snaplen`` cuts packets (0: not at all; dumpcap only),
+    ``buffer_mib`` is what the kernel holds when we are late. Raises `LiveError`, with advice, when it cannot be done.
+    """
+    if engine not in {"auto", *ENGINES}:
+        raise LiveError(f"{engine!r} is no engine: there are auto, {', '.join(ENGINES)}")
+    if not 0 <= snaplen <= MAX_SNAPLEN or not 1 <= buffer_mib <= MAX_BUFFER_MIB:
+        raise LiveError(f"a snap length is 0 to {MAX_SNAPLEN} octets, a buffer 1 to {MAX_BUFFER_MIB} MiB")
+    if "\0" in interface + expression:
+        raise LiveError("neither an interface nor a capture filter holds a NUL")
+    if interface == "-":
+        return open_stdin(wait_ms)
+    known = _find(interface)
+    if engine == "ring":
+        return _open_ring(interface, known, expression, wait_ms, buffer_mib, promiscuous)
+    try:
+        return dumpcap.open_dumpcap(
+            interface, expression, wait_ms, snaplen=snaplen, buffer_mib=buffer_mib, promiscuous=promiscuous
+        )
+    except UnavailableError:
+        if engine != "auto" or known is None or ring.trouble() is not None:
+            raise
+    return _open_ring(interface, known, expression, wait_ms, buffer_mib, promiscuous)
+
+
+def engine_states() -> list[EngineState]:
+    """Return which engines can capture here. dumpcap is tried on the loopback interface, or on the first there is."""
+    interfaces = list_interfaces(_program())
+    tried = next((one.name for one in interfaces if one.loopback), interfaces[0].name if interfaces else "")
+    states = []
+    for name, error in ((ENGINES[0], dumpcap.trouble(tried)), (ENGINES[1], ring.trouble())):
+        states.append(EngineState(name, str(error) if error else "", error.advice if error else ()))
+    return states
+
+
+def engines_for(interface: NetworkInterface, states: list[EngineState]) -> list[str]:
+    """Return the engines that can capture on ``interface``."""
+    usable = [state.name for state in states if not state.reason]
+    return [name for name in usable if name != "ring" or interface.link_type >= 0]
+
+
+def listed() -> list[NetworkInterface]:
+    """Return the interfaces, wherever the system keeps that list."""
+    return list_interfaces(_program())
+
+
+def _program() -> str:
+    try:
+        return dumpcap.find_program()
+    except LiveError:
+        return ""
+
+
+def _find(name: str) -> NetworkInterface | None:
+    """Return the interface, None for one that only dumpcap knows (such as ``any``); `LiveError` when there is none.
+
+    dumpcap would also take a number, a named pipe or a remote machine for an interface; these are refused.
+    """
+    program = _program()
+    interfaces = list_interfaces(program)
+    found = next((one for one in interfaces if one.name == name), None)
+    if found is None and name not in _special(program):
+        raise LiveError(f"there is no interface {name!r}", advice.unknown_interface([one.name for one in interfaces]))
+    return found
+
+
+def _special(program: str) -> list[str]:
+    """Return the names that dumpcap lists."""
+    if not program:
+        return []
+    lines = ask(program, "-D", "-M").stdout.decode("utf-8", "backslashreplace").splitlines()
+    return [line.split("\t")[0].partition(". ")[2] for line in lines]
+
+
+def _open_ring(
+    name: str, known: NetworkInterface | None, expression: str, wait_ms: int, buffer_mib: int, promiscuous: bool
+) -> LiveReader:
+    if known is None:
+        raise LiveError(f"{name}: only dumpcap can capture on it")
+    return ring.open_ring(known, expression, wait_ms, buffer_mib=buffer_mib, promiscuous=promiscuous)

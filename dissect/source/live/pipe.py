@@ -1,0 +1,164 @@
+"""A capture that comes through a pipe while it is made: the readers of files, fed with what is there and not kept waiting."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import time
+from typing import Final
+
+from dissect.source.files import find_reader
+from dissect.source.live.reader import LiveError, LiveReader
+from dissect.source.packet import PacketSink, Reader
+from dissect.source.pcap import CHUNK, PCAP_MAGICS
+from dissect.source.pcapng import PCAPNG_MAGIC
+
+#: How many octets tell what a capture is.
+_HEAD: Final = 12
+#: How long a stopped reader goes on taking what is already in the pipe, in seconds.
+_STOP_S: Final = 0.2
+
+
+class StillNothingError(Exception):
+    """The time is up and the pipe is still empty. The readers keep what they have, and go on from there."""
+
+
+class PipeSource:
+    """The octets of a pipe, waited for until ``deadline`` (of `time.monotonic`) and no longer.
+
+    An `OctetSource`, except that `read` raises `StillNothingError` when time is up; ``deadline`` None waits for as long as it
+    takes. An ``owned`` descriptor is closed with the source.
+    """
+
+    def __init__(self, descriptor: int, owned: bool) -> None:
+        self.damage = ""
+        self.deadline: float | None = 0.0
+        self._descriptor = descriptor
+        self._owned = owned
+        self._head = b""
+        self._taken = 0
+        self._poll = select.poll()
+        self._poll.register(descriptor, select.POLLIN)
+
+    def gather_head(self) -> bool:
+        """Have enough octets to tell what comes; False when time is up before. At the end of the pipe fewer have to do."""
+        try:
+            while len(self._head) < _HEAD:
+                piece = self._more(CHUNK)
+                if not piece:
+                    break
+                self._head += piece
+        except StillNothingError:
+            return False
+        return True
+
+    def starts_timed(self) -> bool:
+        """Return whether what comes is a capture as it is: decompressors cannot be interrupted where octets are missing."""
+        return self._head[:4] in PCAP_MAGICS or self._head[:4] == PCAPNG_MAGIC
+
+    def read(self, size: int) -> bytes:
+        """Return up to ``size`` octets, none at the end; `StillNothingError` when there are none in time."""
+        if self._head:
+            head = self._head
+            self._head = b""
+            return head
+        return self._more(size)
+
+    def close(self) -> None:
+        """Release the descriptor. May be called twice."""
+        if self._owned and self._descriptor >= 0:
+            os.close(self._descriptor)
+        self._descriptor = -1
+
+    def _more(self, size: int) -> bytes:
+        if self.damage or self._descriptor < 0:
+            return b""
+        try:
+            if self.deadline is not None:
+                left = max(self.deadline - time.monotonic(), 0.0)
+                if not self._poll.poll(left * 1000):
+                    raise StillNothingError
+            piece = os.read(self._descriptor, size)
+        except BlockingIOError:
+            raise StillNothingError from None
+        except OSError as error:
+            self.damage = f"reading failed after octet {self._taken}: {error.strerror or error}"
+            return b""
+        self._taken += len(piece)
+        return piece
+
+
+class PipeReader(LiveReader):
+    """A capture in a pipe, of any kind that files have. What it holds is found out when its first octets come."""
+
+    def __init__(self, source: PipeSource, name: str, engine: str, wait_ms: int) -> None:
+        super().__init__("" if engine == "pipe" else name, engine, wait_ms)
+        self._name = name
+        self._source = source
+        self._inner: Reader | None = None
+        self._stop_at: float | None = None
+        self._ended = False
+
+    def step(self, sink: PacketSink) -> bool:
+        """Deliver what arrives within ``wait_ms``, about 64 KiB at most; False at the end of the pipe, or once stopped.
+
+        Raises `CaptureError` when what comes is no capture. Compressed captures make it wait for as long as they do.
+        """
+        if self._ended:
+            return False
+        self._source.deadline = time.monotonic() + self.wait_ms / 1000
+        more = True
+        try:
+            if self._inner is None:
+                self._begin()
+            if self._inner is not None:
+                more = self._inner.step(sink)
+        except StillNothingError:
+            more = self._stop_at is None
+        if self._stop_at is not None and time.monotonic() >= self._stop_at:
+            more = False
+        self._take_over()
+        if not more:
+            self._ended = True
+            self.close()
+        return more
+
+    def stop(self) -> None:
+        """End with what the pipe holds now; who writes into it is told by the pipe being closed."""
+        if self._stop_at is None:
+            self._stop_at = time.monotonic() + _STOP_S
+
+    def close(self) -> None:
+        """Release the pipe. May be called twice."""
+        self._ended = True
+        if self._inner is not None:
+            self._inner.close()
+        self._source.close()
+
+    def _begin(self) -> None:
+        if not self._source.gather_head():
+            raise StillNothingError
+        if not self._source.starts_timed():
+            self._source.deadline = None
+        self._inner = find_reader(self._source, self._name)
+
+    def _take_over(self) -> None:
+        """Say of the whole what the reader inside says."""
+        inner = self._inner
+        if inner is not None:
+            self.packets = inner.packets
+            self.octets = inner.octets
+            self.damage = inner.damage
+            self.rejected = inner.rejected
+            self.notes = inner.notes
+            self.interface = inner.interface or self.interface
+
+
+def open_stdin(wait_ms: int) -> PipeReader:
+    """Return a reader of the capture on standard input, such as ``ssh gateway tcpdump -U -w -`` writes."""
+    if sys.stdin is None:
+        raise LiveError("standard input: closed")
+    if sys.stdin.isatty():
+        raise LiveError("standard input: a terminal; pipe a capture into it")
+    return PipeReader(PipeSource(sys.stdin.fileno(), owned=False), "standard input", "pipe", wait_ms)

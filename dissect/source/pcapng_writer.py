@@ -1,0 +1,332 @@
+"""Writing pcapng (draft-ietf-opsawg-pcapng): one section, little-endian, times in nanoseconds, any number of link types.
+
+A file only ever grows, by whole blocks, and what was written before is never touched again. So whatever ends the writing, a
+kill -9 included, what stands in the file is readable up to the last whole block. When the disk is full the beginning of a
+block that did not fit is taken away again before the error is raised.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from dissect.source.pcapng import (
+    ENHANCED_PACKET,
+    IF_NAME,
+    IF_TSRESOL,
+    INTERFACE,
+    MAX_BLOCK,
+    MAX_INTERFACES,
+    OPT_COMMENT,
+    OPT_END,
+    SECTION,
+)
+from dissect.wire.text import printable
+
+_STATISTICS: Final = 5
+
+# Options of a section and of the statistics of an interface.
+_SHB_HARDWARE: Final = 2
+_SHB_OS: Final = 3
+_SHB_USERAPPL: Final = 4
+_ISB_START: Final = 2
+_ISB_END: Final = 3
+_ISB_RECEIVED: Final = 4
+_ISB_DROPPED: Final = 5
+_ISB_DELIVERED: Final = 8
+
+_NANOSECONDS: Final = b"\x09"
+_MAX_OPTION: Final = 65_535
+#: Octets that all comments of one packet may take; those that come after are counted in a last one.
+MAX_COMMENTS: Final = 262_144
+
+_BYTE_ORDER: Final = 0x1A2B3C4D
+_OPTION: Final = struct.Struct("<HH")
+_SECTION_HEAD: Final = struct.Struct("<IHHq")
+_INTERFACE_HEAD: Final = struct.Struct("<HxxI")
+_PACKET_HEAD: Final = struct.Struct("<IIIIIII")
+_PAIR: Final = struct.Struct("<II")
+_TIME_HALVES: Final = struct.Struct("<III")
+_U32: Final = struct.Struct("<I")
+_MASK: Final = 0xFFFFFFFF
+_MAX_COUNT: Final = 2**64 - 1
+
+#: How a person's file is opened: nobody else's business on a shared machine, captures hold passwords.
+_MODE: Final = 0o640
+
+
+# ---- blocks ---------------------------------------------------------------------------------------------------------
+
+
+def section_block(hardware: str = "", os_name: str = "", application: str = "", comment: str = "") -> bytes:
+    """Return a Section Header Block of unknown length; empty texts are left out."""
+    options = [(OPT_COMMENT, comment_octets(comment))] if comment else []
+    for code, text in ((_SHB_HARDWARE, hardware), (_SHB_OS, os_name), (_SHB_USERAPPL, application)):
+        if text:
+            options.append((code, _cut(printable(text).encode())))
+    return _block(SECTION, _SECTION_HEAD.pack(_BYTE_ORDER, 1, 0, -1) + _options(options))
+
+
+def interface_block(link_type: int, name: str = "", snaplen: int = 0) -> bytes:
+    """Return an Interface Description Block with nanoseconds. ``snaplen`` 0: no limit. ValueError for no LINKTYPE number."""
+    if not 0 <= link_type <= 0xFFFF:
+        raise ValueError(f"{link_type} is no link type: it takes 16 bits")
+    options = [(IF_NAME, _cut(printable(name).encode()))] if name else []
+    options.append((IF_TSRESOL, _NANOSECONDS))
+    return _block(INTERFACE, _INTERFACE_HEAD.pack(link_type, snaplen) + _options(options))
+
+
+def packet_block(
+    interface: int,
+    time_ns: int,
+    octets: bytes,
+    wire_length: int,
+    comments: Sequence[str] = (),
+    room: int = MAX_COMMENTS,
+) -> bytes:
+    """Return an Enhanced Packet Block. ``time_ns``: nanoseconds since 1970, 0 to 2**64 - 1, put to the nearest of them.
+
+    ``wire_length`` is put up to the size of ``octets`` where it is less. ValueError when the packet is larger than a block
+    that readers believe (16 MiB).
+    """
+    size = len(octets)
+    pad = -size % 4
+    options = b""
+    if comments:
+        options = _options([(OPT_COMMENT, text) for text in _comments(comments, room)])
+    total = 32 + size + pad + len(options)
+    if total > MAX_BLOCK:
+        raise ValueError(f"a packet of {size} octets is larger than a pcapng block may be ({MAX_BLOCK} octets)")
+    time_ns = min(max(time_ns, 0), _MAX_COUNT)
+    head = _PACKET_HEAD.pack(
+        ENHANCED_PACKET, total, interface, time_ns >> 32, time_ns & _MASK, size, max(wire_length, size)
+    )
+    return b"".join((head, octets, bytes(pad), options, _U32.pack(total)))
+
+
+def _statistics_block(number: int, told: _Told) -> bytes:
+    """Return an Interface Statistics Block: from when to when, how many packets, and what was lost where that is known."""
+    first = told.first_ns
+    last = told.last_ns
+    options = [
+        (_ISB_START, _PAIR.pack(first >> 32, first & _MASK)),
+        (_ISB_END, _PAIR.pack(last >> 32, last & _MASK)),
+    ]
+    for code, count in ((_ISB_RECEIVED, told.received), (_ISB_DROPPED, told.dropped)):
+        if count >= 0:
+            options.append((code, struct.pack("<Q", min(count, _MAX_COUNT))))
+    options.append((_ISB_DELIVERED, struct.pack("<Q", told.packets)))
+    return _block(_STATISTICS, _TIME_HALVES.pack(number, last >> 32, last & _MASK) + _options(options))
+
+
+def comment_octets(text: str) -> bytes:
+    """Return a comment as an option holds it: UTF-8, controls and what steers an eye escaped, lines kept, cut to its room."""
+    lines = text.replace("\r\n", "\n").split("\n")
+    return _cut("\n".join([printable(line) for line in lines]).encode())
+
+
+def _cut(octets: bytes) -> bytes:
+    """Return ``octets`` as far as an option holds them, whole characters of UTF-8 only."""
+    if len(octets) <= _MAX_OPTION:
+        return octets
+    return octets[: _MAX_OPTION - 3].decode("utf-8", "ignore").encode() + "…".encode()
+
+
+def _comments(comments: Sequence[str], room: int) -> list[bytes]:
+    """Return comments as octets, as many as have ``room``; how many had none is said in a last one."""
+    told: list[bytes] = []
+    for index, comment in enumerate(comments):
+        octets = comment_octets(comment)
+        room -= len(octets) + 8
+        if room < 0:
+            told.append(f"{len(comments) - index} more comments were left out".encode())
+            break
+        if octets:
+            told.append(octets)
+    return told
+
+
+def _options(options: Iterable[tuple[int, bytes]]) -> bytes:
+    """Return options with what ends them; nothing when there are none."""
+    parts = [_OPTION.pack(code, len(value)) + value + bytes(-len(value) % 4) for code, value in options]
+    return b"".join([*parts, _OPTION.pack(OPT_END, 0)]) if parts else b""
+
+
+def _block(kind: int, body: bytes) -> bytes:
+    total = 12 + len(body)
+    return _PAIR.pack(kind, total) + body + _U32.pack(total)
+
+
+# ---- the file -------------------------------------------------------------------------------------------------------
+
+
+class _Told:
+    """What is known of one interface when the file ends."""
+
+    __slots__ = ("dropped", "first_ns", "last_ns", "packets", "received")
+
+    def __init__(self) -> None:
+        self.first_ns = 0
+        self.last_ns = 0
+        self.packets = 0
+        self.received = -1
+        self.dropped = -1
+
+    def count(self, time_ns: int) -> None:
+        """Take note of a packet."""
+        time_ns = min(max(time_ns, 0), _MAX_COUNT)
+        if self.packets == 0:
+            self.first_ns = self.last_ns = time_ns
+        self.first_ns = min(self.first_ns, time_ns)
+        self.last_ns = max(self.last_ns, time_ns)
+        self.packets += 1
+
+
+class PcapngWriter:
+    """A pcapng file being written, block by block.
+
+    Each block goes to the file in one write; with ``batch`` whole blocks are gathered until they are that many octets, and a
+    kill costs what is gathered. ``packets`` and ``octets`` count what was given so far. An `OSError` names ``path``.
+    """
+
+    def __init__(
+        self,
+        path: str,
+        hardware: str = "",
+        os_name: str = "",
+        application: str = "",
+        comment: str = "",
+        batch: int = 0,
+        overwrite: bool = False,
+    ) -> None:
+        """Create the file at ``path`` (FileExistsError when there is one, unless ``overwrite``); ``-`` is standard output."""
+        self.path = path
+        self.packets = 0
+        self.octets = 0
+        self._batch = batch
+        self._gathered: list[bytes] = []
+        self._held = 0
+        self._interfaces: dict[tuple[int, str], int] = {}
+        self._told: list[_Told] = []
+        self._owned = path != "-"
+        self._whole = 0  # octets of the file up to the last whole block
+        self._failed = False
+        if self._owned:
+            flags = os.O_WRONLY | os.O_CREAT | (os.O_TRUNC if overwrite else os.O_EXCL) | getattr(os, "O_BINARY", 0)
+            self._descriptor = os.open(path, flags | getattr(os, "O_CLOEXEC", 0), _MODE)
+        else:
+            self._descriptor = 1
+        try:
+            self._put(section_block(hardware, os_name, application, comment))
+            self.flush()
+        except BaseException:
+            self._release()
+            raise
+
+    @property
+    def closed(self) -> bool:
+        """True when nothing can be written any more."""
+        return self._descriptor < 0
+
+    def interface(self, link_type: int, name: str = "") -> int:
+        """Return the number of the interface with this link type and name, which is described where it is new."""
+        number = self._interfaces.get((link_type, name))
+        if number is None:
+            if name and len(self._told) >= MAX_INTERFACES:
+                return self.interface(link_type)  # more than readers keep: the names go, the packets stay
+            block = interface_block(link_type, name)
+            number = len(self._told)
+            self._interfaces[link_type, name] = number
+            self._told.append(_Told())
+            self._put(block)
+        return number
+
+    def packet(
+        self,
+        time_ns: int,
+        octets: bytes,
+        wire_length: int,
+        link_type: int,
+        comments: Sequence[str] = (),
+        name: str = "",
+    ) -> None:
+        """Add a packet that interface ``name`` (empty when nobody knows) captured. See `packet_block`."""
+        number = self.interface(link_type, name)
+        self._put(packet_block(number, time_ns, octets, wire_length, comments))
+        self._told[number].count(time_ns)
+        self.packets += 1
+
+    def statistics(self, link_type: int, name: str, received: int, dropped: int) -> None:
+        """Say what the interface received and dropped, as far as the capturing side told; it is written at the end."""
+        told = self._told[self.interface(link_type, name)]
+        told.received = received
+        told.dropped = dropped
+
+    def flush(self) -> None:
+        """Write what is gathered."""
+        if self._held:
+            octets = b"".join(self._gathered)
+            self._gathered.clear()
+            self._held = 0
+            self._write(octets)
+
+    def close(self) -> None:
+        """Write the statistics of each interface, and end the file. May be called twice."""
+        if self.closed:
+            return
+        try:
+            if not self._failed:
+                for number, told in enumerate(self._told):
+                    if told.packets or told.received >= 0:
+                        self._put(_statistics_block(number, told))
+                self.flush()
+        finally:
+            self._release()
+
+    def abandon(self) -> None:
+        """End the file as it is, without what is gathered and without statistics. May be called twice."""
+        self._gathered.clear()
+        self._held = 0
+        self._release()
+
+    def _release(self) -> None:
+        descriptor = self._descriptor
+        self._descriptor = -1
+        if self._owned and descriptor >= 0:
+            os.close(descriptor)
+
+    def _put(self, block: bytes) -> None:
+        self.octets += len(block)
+        if not self._batch and not self._held:
+            self._write(block)
+            return
+        self._gathered.append(block)
+        self._held += len(block)
+        if self._held >= self._batch:
+            self.flush()
+
+    def _write(self, octets: bytes) -> None:
+        """Write whole blocks; on failure take away what got there of them."""
+        if self.closed or self._failed:
+            raise ValueError(f"{self.path} was closed, or writing to it failed before")
+        rest = memoryview(octets)
+        try:
+            while rest:
+                rest = rest[os.write(self._descriptor, rest) :]
+        except OSError as error:
+            self._failed = True
+            self._take_back()
+            if not self._owned:
+                raise
+            raise OSError(error.errno, error.strerror, self.path) from None
+        self._whole += len(octets)
+
+    def _take_back(self) -> None:
+        """Cut the file after its last whole block."""
+        if self._owned:
+            try:
+                os.ftruncate(self._descriptor, self._whole)
+            except OSError:
+                return  # a pipe or a device: what got there stays there, and readers tell where it is cut

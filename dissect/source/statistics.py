@@ -1,0 +1,36 @@
+"""What a capture says about itself in Interface Statistics Blocks (draft-ietf-opsawg-pcapng 4.6): the packets it lost."""
+
+from __future__ import annotations
+
+from typing import Final, Literal, NamedTuple
+
+from dissect.source.pcapng import STATISTICS
+
+#: Where the options of the block begin, and those that tell of loss: in the interface, and between it and who captured.
+_OPTIONS_AT: Final = 20
+_IFDROP: Final = 5
+_OSDROP: Final = 7
+
+
+class Lost(NamedTuple):
+    """How many packets one interface lost; None where the block does not say."""
+
+    interface: int | None
+    kernel: int | None
+
+
+def read_lost(block: bytes) -> Lost:
+    """Return what a whole Interface Statistics Block says was lost. A block that is cut or contradicts itself says nothing."""
+    order: Literal["little", "big"] = "little" if block[:4] == STATISTICS.to_bytes(4, "little") else "big"
+    found: dict[int, int] = {}
+    at = _OPTIONS_AT
+    end = len(block) - 4
+    while at + 4 <= end:
+        code = int.from_bytes(block[at : at + 2], order)
+        size = int.from_bytes(block[at + 2 : at + 4], order)
+        if not code or at + 4 + size > end:
+            break
+        if code in {_IFDROP, _OSDROP} and size == 8:
+            found[code] = int.from_bytes(block[at + 4 : at + 12], order)
+        at += 4 + ((size + 3) & ~3)
+    return Lost(found.get(_IFDROP), found.get(_OSDROP))

@@ -1,0 +1,122 @@
+"""SCD on its way: a message that was decoded, and the function of one in the form that pairing works with.
+
+What decodes it stands in `dissect.bindings`; here is only what a transaction has to hold.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from mypy_extensions import i64
+
+from dissect.s7.parameters import Parameters
+
+if TYPE_CHECKING:
+    from dissect.scd.dictionary import Dictionary
+    from dissect.scd.messages import Message
+    from dissect.scd.wording import Row
+
+#: What stands in `Parameters.rosctr` and `Transaction.rosctr` for SCD, which has none; never shown.
+SCD: Final = 0xDC
+#: Added to the number of an SCD function, so that it never equals one of S7comm or S7comm-plus.
+_FUNCTION: Final = 0x40000
+
+#: What people call the protocol, in front of its functions.
+TITLE: Final = "SCD"
+
+
+def is_scd_key(key: int) -> bool:
+    """Tell whether a row of statistics is one of SCD."""
+    return key >= _FUNCTION
+
+
+class ScdMessage:
+    """A piece of SCD found in traffic: ``message`` is what was decoded, ``binding`` the name of the rule that found it.
+
+    ``frame`` and ``time_ns`` are those of the packet that completed it (nanoseconds since 1970), ``connection`` the number of
+    the connection and ``side`` the side that sent it. ``place`` names the S7 item or block it stood in, empty for a message of
+    its own; ``offset`` counts octets within item, block, datagram or TSDU. ``octets`` is the message as it was on the wire.
+    """
+
+    __slots__ = (
+        "binding",
+        "connection",
+        "dictionary",
+        "frame",
+        "message",
+        "octets",
+        "offset",
+        "place",
+        "side",
+        "time_ns",
+    )
+
+    def __init__(self, message: Message, dictionary: Dictionary, binding: str, octets: bytes) -> None:
+        self.message: Message = message
+        self.dictionary: Dictionary = dictionary
+        self.binding: str = binding
+        self.octets: bytes = octets
+        self.frame: i64 = 0
+        self.time_ns: i64 = 0
+        self.connection: i64 = 0
+        self.side: i64 = 0
+        self.offset: i64 = 0
+        self.place: str = ""
+
+    @property
+    def subject(self) -> str:
+        """What it is, in a few words: "read 0x6041:0 Слово состояния 1", "T1 Состояние 1"; safe to show."""
+        from dissect.scd.wording import subject
+
+        return subject(self.dictionary, self.message)
+
+    @property
+    def values(self) -> list[Row]:
+        """The decoded values for a person or a program, in the order of the message."""
+        from dissect.scd.wording import rows
+
+        return rows(self.dictionary, self.message)
+
+    def __repr__(self) -> str:
+        return f"ScdMessage({self.binding!r}, {self.subject!r})"
+
+
+class ScdParameters(Parameters):
+    """The function of an SCD message: ``key`` is its row of statistics, ``name`` its name without the protocol.
+
+    ``index`` and ``sub`` are the object it addresses (-1 for none), ``err`` its ``scd_err_t``; ``refused`` tells that it is an
+    abort or carries an error.
+    """
+
+    __slots__ = ("err", "index", "name", "refused", "scd", "sub")
+
+    def __init__(self, key: i64, name: str, scd: ScdMessage) -> None:
+        super().__init__(b"", SCD)
+        self.function = _FUNCTION | key
+        self.name: str = name
+        self.scd: ScdMessage = scd
+        self.index: i64 = -1
+        self.sub: i64 = -1
+        self.err: i64 = 0
+        self.refused: bool = False
+
+    @property
+    def function_name(self) -> str:
+        """Name of the function with the protocol before it."""
+        return f"{TITLE} {self.name}"
+
+    @property
+    def subject(self) -> str:
+        """What is asked or told, for a person."""
+        return f"{TITLE} {self.scd.subject}"
+
+
+class Backlog:
+    """The octets of one direction of a bound TCP connection that make no whole message yet, and what became of the others."""
+
+    __slots__ = ("framed", "octets", "skipped")
+
+    def __init__(self) -> None:
+        self.octets: bytes = b""
+        self.framed: i64 = 0
+        self.skipped: i64 = 0

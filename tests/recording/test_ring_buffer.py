@@ -1,0 +1,249 @@
+"""The ring of capture files: when it turns, what it is called, what it leaves when it is killed, and what it refuses."""
+
+from __future__ import annotations
+
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from dissect.recording.ring_buffer import RingBuffer, RingLimits, parse_limits
+from dissect.source.files import open_capture
+from tests.source.craft import EPOCH, ETHERNET, NS, Recorder, drain, step_to_the_end
+
+TIME = EPOCH * NS
+OCTETS = bytes(range(100))
+
+
+def numbers(path: Path) -> list[int]:
+    """Return the numbers of the packets in a file, which `put` gave them."""
+    got = drain(open_capture(str(path)))
+    return [int.from_bytes(frame.octets[:4], "big") for frame in got.frames]
+
+
+def put(ring: RingBuffer, number: int, time_ns: int | None = None, size: int = 100) -> None:
+    octets = b"before" + number.to_bytes(4, "big") + bytes(size - 4) + b"after"
+    ring.frame(TIME + number * NS if time_ns is None else time_ns, octets, 6, len(octets) - 5, size, ETHERNET)
+
+
+def names(directory: Path) -> list[str]:
+    return sorted(path.name for path in directory.iterdir())
+
+
+def test_all_packets_are_in_the_files_once_and_in_order(tmp_path: Path) -> None:
+    ring = RingBuffer(str(tmp_path), RingLimits(octets=1000))
+    for number in range(50):
+        put(ring, number)
+    ring.close()
+    ring.close()
+    files = sorted(tmp_path.iterdir())
+    assert len(files) == 7
+    assert [number for path in files for number in numbers(path)] == list(range(50))
+    assert list(ring.finished) == files
+    assert (ring.packets, ring.removed) == (50, 0)
+    assert all(1000 <= path.stat().st_size < 1300 for path in files[:-1])
+
+
+def test_a_file_is_called_after_its_number_and_the_time_of_its_first_packet(tmp_path: Path) -> None:
+    ring = RingBuffer(str(tmp_path), RingLimits(duration_ns=10 * NS), "line 3/../x")
+    put(ring, 0)
+    assert ring.path == tmp_path / "line_3_.._x_00001_20231114T221320Z.pcapng.part"
+    assert names(tmp_path) == ["line_3_.._x_00001_20231114T221320Z.pcapng.part"]
+    put(ring, 11)
+    assert names(tmp_path) == [
+        "line_3_.._x_00001_20231114T221320Z.pcapng",
+        "line_3_.._x_00002_20231114T221331Z.pcapng.part",
+    ]
+    ring.close()
+    assert ring.path is None
+    assert all(name.endswith(".pcapng") for name in names(tmp_path))
+
+
+def test_it_turns_by_the_clock_of_the_capture(tmp_path: Path) -> None:
+    ring = RingBuffer(str(tmp_path), RingLimits(duration_ns=10 * NS))
+    for number in (0, 9, 10, 19, 20, 21):
+        put(ring, number)
+    ring.close()
+    assert [numbers(path) for path in ring.finished] == [[0, 9], [10, 19], [20, 21]]
+
+
+def test_a_silent_line_ends_a_file_and_begins_none(tmp_path: Path) -> None:
+    ring = RingBuffer(str(tmp_path), RingLimits(duration_ns=10 * NS))
+    ring.tick(TIME)
+    assert names(tmp_path) == []
+    put(ring, 0)
+    ring.tick(TIME + 10 * NS - 1)
+    assert len(ring.finished) == 0
+    ring.tick(TIME + 10 * NS)
+    assert len(ring.finished) == 1
+    ring.tick(TIME + 90 * NS)
+    ring.close()
+    assert len(names(tmp_path)) == 1
+
+
+def test_a_clock_that_is_set_back_does_not_hold_a_file_open(tmp_path: Path) -> None:
+    ring = RingBuffer(str(tmp_path), RingLimits(duration_ns=10 * NS))
+    put(ring, 0)
+    put(ring, 1, TIME - 3600 * NS)
+    put(ring, 2, TIME - 3590 * NS)
+    ring.close()
+    assert [numbers(path) for path in ring.finished] == [[0, 1], [2]]
+
+
+@pytest.mark.parametrize("most", [1, 2, 5])
+def test_the_oldest_files_go(tmp_path: Path, most: int) -> None:
+    (tmp_path / "s7dissect_00001_20200101T000000Z.pcapng").write_bytes(b"of another run")
+    ring = RingBuffer(str(tmp_path), RingLimits(octets=300, files=most))
+    for number in range(40):
+        put(ring, number)
+        assert len(names(tmp_path)) <= most + 1
+    ring.close()
+    assert len(ring.finished) == most
+    kept = [number for path in ring.finished for number in numbers(path)]
+    assert kept == list(range(40 - len(kept), 40))
+    assert (tmp_path / "s7dissect_00001_20200101T000000Z.pcapng").exists()
+
+
+def test_a_file_of_an_earlier_run_is_never_overwritten(tmp_path: Path) -> None:
+    for _ in range(2):
+        ring = RingBuffer(str(tmp_path))
+        put(ring, 0)
+        ring.close()
+    left = RingBuffer(str(tmp_path))
+    put(left, 0)
+    other = RingBuffer(str(tmp_path))
+    put(other, 0)
+    assert names(tmp_path) == [
+        "s7dissect_00001_20231114T221320Z-2.pcapng",
+        "s7dissect_00001_20231114T221320Z-3.pcapng.part",
+        "s7dissect_00001_20231114T221320Z-4.pcapng.part",
+        "s7dissect_00001_20231114T221320Z.pcapng",
+    ]
+    left.close()
+    other.close()
+
+
+def test_comments_and_interfaces_go_along(tmp_path: Path) -> None:
+    ring = RingBuffer(str(tmp_path), application="s7dissect 1", hardware="box", os_name="Linux", batch=100_000)
+    ring.comment("seen before")
+    ring.add(TIME, OCTETS, 100, ETHERNET, "eth7")
+    ring.add(TIME, OCTETS, 100, ETHERNET, "eth7")
+    assert ring.path is not None
+    assert len(drain(open_capture(str(ring.path))).frames) == 0
+    ring.flush()
+    assert len(drain(open_capture(str(ring.path))).frames) == 2
+    ring.close()
+    assert drain(open_capture(str(ring.finished[0]))).comments == [(1, "seen before")]
+    assert b"eth7" in ring.finished[0].read_bytes()
+
+
+def test_comments_without_packets_are_bounded(tmp_path: Path) -> None:
+    ring = RingBuffer(str(tmp_path))
+    for number in range(1000):
+        ring.comment(str(number))
+    put(ring, 0)
+    ring.close()
+    assert len(drain(open_capture(str(ring.finished[0]))).comments) == 64
+
+
+@pytest.fixture
+def small_disk() -> Iterator[None]:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_after_an_error_it_goes_on_in_another_file(tmp_path: Path, small_disk: None) -> None:
+    ring = RingBuffer(str(tmp_path))
+    failed = []
+    for number in range(20):
+        try:
+            put(ring, number)
+        except OSError as error:
+            failed.append(str(error.filename))
+    ring.close()
+    parts = sorted(tmp_path.iterdir())
+    assert failed == [str(path) for path in parts[:2]]
+    assert [numbers(path) for path in parts] == [list(range(7)), list(range(8, 15)), list(range(16, 20))]
+    assert len(list(tmp_path.glob("*.part"))) == 2
+
+
+CHILD = """
+import sys
+from dissect.recording.ring_buffer import RingBuffer, RingLimits
+ring = RingBuffer(sys.argv[1], RingLimits(octets=200_000, files=int(sys.argv[2])))
+number = 0
+while True:
+    octets = number.to_bytes(4, "big") + bytes(number % 3000)
+    ring.frame(1_700_000_000_000_000_000 + number, octets, 0, len(octets), len(octets), 1)
+    number += 1
+"""
+
+
+@pytest.mark.parametrize(("seed", "files"), [(1, 0), (2, 0), (3, 4), (4, 1)])
+def test_a_kill_at_any_moment_leaves_readable_files(tmp_path: Path, seed: int, files: int) -> None:
+    enough = random.Random(seed).randrange(2, 40)
+    with subprocess.Popen([sys.executable, "-c", CHILD, str(tmp_path), str(files)]) as child:
+        try:
+            end = time.monotonic() + 60
+            while time.monotonic() < end:
+                if any(int(path.name.split("_")[1]) >= enough for path in tmp_path.glob("s7dissect_*")):
+                    break
+                time.sleep(0.0005)
+        finally:
+            os.kill(child.pid, signal.SIGKILL)
+    kept: list[int] = []
+    paths = sorted(tmp_path.glob("s7dissect_*"))
+    for path in paths:
+        reader = open_capture(str(path))
+        got = Recorder()
+        step_to_the_end(reader, got)
+        reader.close()
+        assert reader.rejected == 0
+        assert reader.damage == "" or (path.suffix == ".part" and "cut off" in reader.damage)
+        kept += [int.from_bytes(frame.octets[:4], "big") for frame in got.frames]
+    assert len(list(tmp_path.glob("*.part"))) <= 1
+    assert kept
+    assert kept == list(range(kept[0], kept[0] + len(kept)))
+    assert len(paths) <= files + 1 if files else kept[0] == 0
+
+
+def test_limits_are_those_of_dumpcap() -> None:
+    limits = parse_limits(["filesize:1000", "duration:1.5", "files:24"])
+    assert (limits.octets, limits.duration_ns, limits.files) == (1_000_000, 1_500_000_000, 24)
+    none = parse_limits([])
+    assert (none.octets, none.duration_ns, none.files) == (0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("filesize", "number from 1 to"),
+        ("filesize:0", "number from 1 to"),
+        ("filesize:1.5", "a whole number"),
+        ("filesize:-3", "number"),
+        ("filesize:\u0661", "number"),
+        ("duration:0", "a number from 0.001"),
+        ("duration:nan", "a number"),
+        ("duration:1e3", "a number"),
+        ("files:1000000", "to 100000"),
+        ("packets:7", "none of filesize:KB, duration:SECONDS, files:NUMBER"),
+        ("", "none of"),
+    ],
+)
+def test_wrong_limits_are_told(word: str, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        parse_limits([word])
+
+
+def test_a_number_of_files_alone_says_nothing() -> None:
+    with pytest.raises(ValueError, match="filesize:KB or duration:SECONDS"):
+        parse_limits(["files:3"])

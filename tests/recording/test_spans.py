@@ -1,0 +1,126 @@
+"""Where the octets of a PDU are: over several segments, fragments and packets, against what was put into the stream."""
+
+from __future__ import annotations
+
+from random import Random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mypy_extensions import i64
+
+from dissect.conversation import Observer
+from dissect.recording import spans
+from dissect.recording.spans import Span, SpanBook
+from dissect.transactions.table import Side
+from tests.properties import messages
+from tests.properties.messages import dt
+from tests.properties.packets import Talk
+from tests.report.support import WORD, begun, observed
+
+MASK = 0xFFFFFFFF
+
+
+class Watching(Observer):
+    """Asks for the range of each PDU as soon as it is told."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.wants_tpdus = self.wants_pdus = True
+        self.book = SpanBook()
+        self.found: list[tuple[int, bytes, Span | None]] = []
+
+    def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        self.book.tpkt(side, octets)
+
+    def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        self.book.pdu(side, int(frame), len(octets))
+        span = self.book.pop(int(side.connection.number), int(side.index), int(frame), len(octets))
+        self.found.append((int(side.index), octets, span))
+
+
+def put_and_found(talk: Talk, cuts: list[int], stream: bytes) -> list[tuple[int, bytes, Span | None]]:
+    """Send ``stream`` from side 0 in segments that end at ``cuts``; return the PDUs of it that were found."""
+    watching = Watching()
+    at = 0
+    for cut in [*sorted(cuts), len(stream)]:
+        if cut > at:
+            talk.send(0, stream[at:cut])
+            at = cut
+    observed(watching, talk.packets())
+    return [one for one in watching.found[2:] if one[0] == 0]
+
+
+@given(st.integers(0, 2**32), st.lists(st.integers(1, 900), max_size=8), st.sampled_from([1000, MASK - 500]))
+def test_the_range_is_where_the_pdu_was_put(seed: int, cuts: list[int], isn: int) -> None:
+    rng = Random(seed)
+    talk = Talk(isns=(isn, 7)).handshake()
+    talk.send(0, messages.connect(0xE0)).send(1, messages.connect(0xD0))
+    talk.send(0, dt(messages.setup(messages.JOB, 0))).send(1, dt(messages.setup(messages.ACK_DATA, 0)))
+    start = talk.next[0]
+    stream = b""
+    expected = []
+    for ref in range(1, 8):
+        pdu = messages.read_job(ref, [WORD] * rng.randrange(1, 4))
+        framed = dt(pdu) if rng.random() < 0.6 else messages.fragments(pdu, sorted(rng.sample(range(1, len(pdu)), 2)))
+        expected.append((pdu, (start + len(stream)) & MASK, len(framed)))
+        stream += framed
+    found = put_and_found(talk, cuts, stream)
+    assert [octets for _, octets, _ in found] == [pdu for pdu, _, _ in expected]
+    for (_, _, span), (_, seq, size) in zip(found, expected, strict=True):
+        assert span is not None
+        assert (span.seq, span.size) == (seq, size)
+
+
+def test_beside_octets_of_no_tpkt_the_range_is_too_long_rather_than_too_short() -> None:
+    talk = begun()
+    start = talk.next[0]
+    first, second = dt(messages.read_job(1, [WORD])), dt(messages.read_job(2, [WORD]))
+    stream = first + b"garbage!" + second
+    (_, _, one), (_, _, other) = put_and_found(talk, [10, len(first) + 12], stream)
+    assert one is not None
+    assert other is not None
+    assert one.seq == start
+    assert len(first) <= one.size <= len(first) + len("garbage!")
+    end = start + len(stream)
+    assert other.seq <= end - len(second)
+    assert other.seq + other.size >= end
+
+
+def test_a_range_overlaps_what_shares_an_octet_with_it() -> None:
+    span = Span(b"", MASK - 1, 5)  # ..., MASK-1, MASK, 0, 1, 2
+    carried = [
+        (seq, size)
+        for seq in (MASK - 4, MASK - 2, MASK, 1, 2, 3, 9)
+        for size in (0, 1, 2, 20)
+        if span.overlaps(seq, size)
+    ]
+    assert carried == [
+        (MASK - 4, 20),
+        (MASK - 2, 2),
+        (MASK - 2, 20),
+        *((seq, size) for seq in (MASK, 1, 2) for size in (1, 2, 20)),
+    ]
+    assert not Span(b"", 5, 0).overlaps(0, 100)
+
+
+def test_what_is_remembered_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(spans, "MAX_SPANS", 5)
+    monkeypatch.setattr(spans, "MAX_DIRECTIONS", 1)
+
+    class Hoarding(Watching):
+        def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+            self.book.pdu(side, int(frame), len(octets))
+
+    hoarding = Hoarding()
+    talk = begun()
+    for ref in range(1, 21):
+        talk.send(0, dt(messages.read_job(ref, [WORD])))
+        talk.send(1, dt(messages.read_answer(ref, [WORD], [b"ab"])))
+    observed(hoarding, talk.packets())
+    assert hoarding.book.forgotten == 42 - 5
+
+
+def test_nothing_is_known_of_a_pdu_without_tpkt() -> None:
+    book = SpanBook()
+    assert book.pop(1, 0, 5, 20) is None

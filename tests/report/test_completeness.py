@@ -1,0 +1,37 @@
+"""What had to be given up is told (what is used and missing: tests/report/test_text.py, on whole reports)."""
+
+from __future__ import annotations
+
+from dissect.findings.scan_rules import MAX_PAIRS
+from dissect.report.analysis import Analysis
+from dissect.transactions.operation import MAX_OPEN
+from tests.findings import events
+from tests.properties import messages
+from tests.properties.messages import dt
+from tests.properties.packets import Flow, Talk
+from tests.report.support import analysed, begun, report, section
+
+
+def loss(analysis: Analysis, key: str) -> object:
+    told = analysis.as_dict()["loss"]
+    assert isinstance(told, dict)
+    return told[key]
+
+
+def test_what_is_followed_no_further_is_told() -> None:
+    talk = begun()
+    for number in range(MAX_OPEN + 2):
+        asked, told = events.asks(number, 2, 1, events.CYCLIC), events.tells(number, 2, 1, b"\0\0\0\0", number)
+        talk.send(0, dt(asked)).send(1, dt(told))
+    analysis = analysed(talk.packets())
+    assert section(report(analysis), "Completeness")[-1] == "2 operations followed no further: too many at once"
+    assert (loss(analysis, "operations_evicted"), loss(analysis, "scan_pairs_forgotten")) == (2, 0)
+
+
+def test_pairs_that_are_no_longer_watched_are_told() -> None:
+    talks = [Talk(Flow(f"10.0.{number >> 8}.{number & 255}", "10.9.9.9")) for number in range(MAX_PAIRS + 1)]
+    packets = [packet for talk in talks for packet in talk.handshake().send(0, messages.connect(0xE0)).packets()]
+    analysis = analysed(packets)
+    told = "1 pair of client and server no longer watched for TSAP scans: too many"
+    assert told in section(report(analysis), "Completeness")
+    assert (loss(analysis, "operations_evicted"), loss(analysis, "scan_pairs_forgotten")) == (0, 1)

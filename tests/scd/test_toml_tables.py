@@ -1,0 +1,48 @@
+"""Tables of a TOML text and the lines they begin in."""
+
+from __future__ import annotations
+
+import pytest
+
+from dissect.scd.errors import DictionaryError
+from dissect.scd.toml_tables import header_lines, parse_tables, source_text
+
+TEXT = "# [[row]]\n[head]\n\n  [[ row ]]\na = 1\n[[row]]\na = 2\n[[rows]]\n"
+
+
+def test_lines_of_headers() -> None:
+    content = parse_tables(TEXT)
+    assert header_lines(TEXT, content, ("row", "rows", "none"), ("head", "tail")) == {
+        ("row", 0): 4, ("row", 1): 6, ("rows", 0): 8, ("head", 0): 2,
+    }  # fmt: skip
+
+
+def test_no_line_is_better_than_a_wrong_one() -> None:
+    """A header within a text of several lines looks like one."""
+    text = 'x = """\n[[row]]\n"""\n[[row]]\n'
+    assert header_lines(text, parse_tables(text), ("row",)) == {}
+    text = "row = [{a = 1}]\n"
+    assert header_lines(text, parse_tables(text), ("row",)) == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "detail"),
+    [
+        ("a = 1\na = 2\n", 2, "Cannot overwrite a value"),
+        ("\na = ", 2, "Invalid value"),
+        ("\n" + ".".join("a" * 18) + " = 1", 2, "a key of more than 16 parts"),
+        ("\n\na = " + "1" * 5000, 3, "a number of too many digits"),
+        ("a = " + "[" * 5000, 0, "arrays in arrays without end"),
+    ],
+)
+def test_what_is_no_toml(text: str, line: int, detail: str) -> None:
+    with pytest.raises(DictionaryError) as caught:
+        parse_tables(text, "x.toml")
+    assert (caught.value.path, caught.value.line) == ("x.toml", line)
+    assert caught.value.detail.startswith(detail)
+
+
+def test_what_is_no_text() -> None:
+    assert source_text("Насос".encode(), "") == "Насос"
+    with pytest.raises(DictionaryError, match=r"x\.toml:3: octet 3: no UTF-8"):
+        source_text(b"a\n\n\xff", "x.toml")

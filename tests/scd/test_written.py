@@ -1,0 +1,100 @@
+"""Values written as texts."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from dissect import scd
+from dissect.scd.errors import Error
+from dissect.scd.loading import compile_text
+from dissect.scd.values import MAC, Interval, NetTime
+from dissect.scd.written import parse_written, whole
+from tests.scd.test_dump import PLANT
+
+ALL = """
+[dictionary]
+name = "all"
+[[type]]
+index = 0x60
+name = "int12"
+base = "int"
+bits = 12
+""" + "".join(
+    f"[[object]]\nindex = {0x2000 + number}\nname = '{name}'\ntype = '{name}'\n"
+    for number, name in enumerate(
+        ("bool", "int8", "int12", "uint64", "float32", "float64", "string", "block", "nettime", "interval", "mac", "ip")
+    )
+)
+OD = compile_text(ALL)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "value"),
+    [
+        ("bool", "true", True), ("bool", "FALSE", False), ("bool", "1", True), ("bool", "0x0", False),
+        ("int8", "-128", -128), ("int8", "0x80", -128), ("int8", " 0x7f ", 127), ("int8", "+5", 5), ("int8", "005", 5),
+        ("int12", "0x800", -2048), ("int12", "-0x1", -1),
+        ("uint64", "0xFFFFFFFFFFFFFFFF", 2**64 - 1), ("uint64", "1 000", 1000),
+        ("float32", "0x3F800000", 1.0), ("float32", "-2.5", -2.5), ("float64", "0x3FF0000000000000", 1.0),
+        ("string", " Насос ", " Насос "), ("string", "", ""),
+        ("block", "0x01FF", b"\x01\xff"), ("block", "01 ff", b"\x01\xff"), ("block", "", b""),
+        ("nettime", "2015-10-18T00:00:00.5Z", NetTime(1445126400, 500000000)), ("nettime", "-1, 5", NetTime(-1, 5)),
+        ("nettime", "0x0000000500000001", NetTime(1, 5)),
+        ("interval", "[-1, -500]", Interval(-1, -500)), ("interval", "1;2", Interval(1, 2)),
+        ("mac", "00:1b:44:11:3a:b7", MAC("00:1B:44:11:3A:B7")), ("mac", "0x001B44113AB7", MAC("00:1B:44:11:3A:B7")),
+        ("ip", "192.168.100.1", "192.168.100.1"), ("ip", "0xC0A86401", "192.168.100.1"),
+    ],
+)  # fmt: skip
+def test_value(name: str, text: str, value: object) -> None:
+    found = parse_written(text, OD.variable(name))
+    assert (str(found) if name == "ip" else found) == value
+
+
+def test_nan() -> None:
+    found = parse_written("nan", OD.variable("float32"))
+    assert isinstance(found, float)
+    assert math.isnan(found)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "code", "told"),
+    [
+        ("bool", "yes", "E_VALUE", "'yes' is no whole number"),
+        ("bool", "2", "E_VALUE", "neither true nor false"),
+        ("int8", "128", "E_RANGE", "outside"),
+        ("int8", "0x100", "E_RANGE", "outside"),
+        ("int8", "1e3", "E_VALUE", "no whole number"),
+        ("int8", "9" * 5000, "E_VALUE", "no whole number"),
+        ("uint64", "-1", "E_RANGE", "outside"),
+        ("float32", "one", "E_VALUE", "is no number"),
+        ("float32", "inf", "E_RANGE", "infinity"),
+        ("float32", "0x7F800000", "E_RANGE", "infinity"),
+        ("float32", "0x100000000", "E_VALUE", "does not fit 32 bits"),
+        ("block", "0x123", "E_VALUE", "no hexadecimal"),
+        ("nettime", "yesterday", "E_VALUE", "yesterday"),
+        ("nettime", "1,1000000000", "E_RANGE", "outside"),
+        ("interval", "soon", "E_VALUE", "no interval"),
+        ("mac", "00:1B", "E_VALUE", "no MAC"),
+        ("mac", "0x1000000000000", "E_VALUE", "does not fit 48 bits"),
+        ("ip", "1.2.3", "E_VALUE", "no IP address"),
+    ],
+)
+def test_what_is_no_value_is_told(name: str, text: str, code: str, told: str) -> None:
+    with pytest.raises(Error) as error:
+        parse_written(text, OD.variable(name))
+    assert error.value.code == code
+    assert told in str(error.value)
+    assert len(str(error.value)) < 300
+
+
+def test_what_the_dictionary_calls_a_value() -> None:
+    mode = scd.compile(PLANT).variable("0x6061")
+    assert (parse_written("автомат", mode), parse_written("8", mode), parse_written("0xFF", mode)) == (8, 8, -1)
+
+
+@pytest.mark.parametrize("text", ["", "x", "0x", "--1", "1.0", "0b1", "١"])
+def test_no_whole_number(text: str) -> None:
+    with pytest.raises(ValueError, match="is no whole number"):
+        whole(text)
