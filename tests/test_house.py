@@ -37,10 +37,10 @@ ORDER: Final = (
     "report",
     "recording",
     "session",  # analyze() folds what it reads with report.analysis
-    "metrics",
     "baseline",
     "alerts",
     "live",
+    "metrics",
     "layers",
     "oracle",
     "testing",

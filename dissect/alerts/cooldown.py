@@ -18,7 +18,7 @@ Make = Callable[[int], Alert]
 class _Told:
     """What is remembered of one thing that a rule may tell."""
 
-    __slots__ = ("counted", "make", "repeated", "since_ns", "spoken", "told_ns")
+    __slots__ = ("counted", "looked_ns", "make", "repeated", "since_ns", "spoken", "told_ns")
 
     def __init__(self, make: Make) -> None:
         self.make = make
@@ -26,6 +26,7 @@ class _Told:
         self.spoken = False  # told at least once
         self.repeated = 0
         self.since_ns = -1  # of a state: when it began, -1 while it does not hold
+        self.looked_ns = 0  # when it was last found to hold
         self.counted = False  # this time it holds was told, or counted
 
 
@@ -58,6 +59,7 @@ class Cooldown:
         if told.since_ns < 0:
             told.since_ns = now_ns
             told.counted = False
+        told.looked_ns = now_ns
         if now_ns - told.since_ns < rule.for_ns:
             return
         if not told.counted:
@@ -67,9 +69,14 @@ class Cooldown:
             self._say(told, now_ns)  # it goes on
 
     def flush(self, now_ns: int, over: bool = False) -> None:
-        """Tell what was held back and whose time has come; all of it when everything is ``over``."""
+        """Tell what was held back and whose time has come; all of it when everything is ``over``.
+
+        A state that was not found to hold now holds no more: its connection is gone.
+        """
         for key, told in list(self._told.items()):
             rule = key[0]
+            if told.looked_ns < now_ns:
+                told.since_ns = -1
             waited = now_ns - told.told_ns >= rule.cooldown_ns
             if told.repeated and (waited or over) and not rule.once:
                 self._say(told, now_ns)

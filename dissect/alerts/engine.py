@@ -33,7 +33,7 @@ _SET_BACK_NS: Final = 1_000_000_000
 
 
 class AlertEngine(Observer):
-    """Asks ``rules`` about everything it is told, and gives alerts to ``tell`` (a `Dispatcher`'s ``submit``, a list's ``append``).
+    """Asks ``rules`` about everything it is told, and gives alerts to ``tell``: `Dispatcher.submit`, a list's ``append``.
 
     `tick` must be called while the line is silent, and may be called as often as one likes. ``count`` are alerts that were
     told. Raises `RuleError` when a rule needs a baseline and there is none.

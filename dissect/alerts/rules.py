@@ -36,7 +36,7 @@ STDERR: Final = "stderr"
 _S: Final = 1_000_000_000
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Rule:
     """One [[rule]]. Times are nanoseconds; which fields mean something depends on ``when``.
 

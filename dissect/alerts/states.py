@@ -15,6 +15,7 @@ from dissect.baseline.norms import Baseline, PairNorm
 from dissect.baseline.subjects import Pair, moment
 from dissect.findings.finding import WARNING
 from dissect.report import words
+from dissect.tcp.ip import address_text
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import (
     ANSWERED,
@@ -122,14 +123,13 @@ class StateWatch:
             number = about
             known = self.connections.get(number)
             pair = known[1] if known is not None else None
-        who = f"{pair[0]} → {pair[1]}" if pair is not None else "all together"
-        where = f", connection {number}" if number else ""
-        return partial(_alert, self.rule, pair, number, f"{who}{where}: {text}", measured)
+        who = [f"{pair[0]} → {pair[1]}"] if pair is not None else []
+        if number:
+            who.append(f"connection {number}")
+        return partial(_alert, self.rule, pair, number, f"{', '.join(who) or 'all together'}: {text}", measured)
 
 
-def _alert(
-    rule: Rule, pair: Pair | None, number: int, text: str, measured: dict[str, object], now_ns: int
-) -> Alert:
+def _alert(rule: Rule, pair: Pair | None, number: int, text: str, measured: dict[str, object], now_ns: int) -> Alert:
     return Alert(rule, now_ns, rule.severity or WARNING, pair, text, {"measured": measured}, number)
 
 
@@ -164,9 +164,11 @@ class _Counting(StateWatch):
 
     @property
     def forgotten(self) -> int:
+        """Pairs and connections that gave way."""
         return self._counters.forgotten
 
     def restart(self, now_ns: int) -> None:
+        """Begin anew: the clock went back."""
         self._counters.kept.clear()
 
 
@@ -191,7 +193,7 @@ class RateWatch(_Counting):
         most = counter.look(now_ns)
         highest = self._highest(about)
         if highest is not None and most > highest:
-            said = f"{most} {rule.of} in {seconds:g} s; learned × {rule.learned:g} is {highest:g}"
+            said = f"{most} {rule.of} in {seconds:g} s; {rule.learned:g} times the learned are {highest:g}"
             return self.told(about, said, self._values(most / seconds, highest / seconds))
         if rule.above is not None and most / seconds > rule.above:
             said = f"{most} {rule.of} in {seconds:g} s, {most / seconds:.4g} a second; more than {rule.above:g}"
@@ -251,9 +253,11 @@ class LatencyWatch(StateWatch):
 
     @property
     def forgotten(self) -> int:
+        """Pairs and connections that gave way."""
         return self._answers.forgotten
 
     def restart(self, now_ns: int) -> None:
+        """Begin anew: the clock went back."""
         self._answers.kept.clear()
 
     def take(self, pair: Pair, transaction: Transaction, now_ns: int) -> None:
@@ -295,9 +299,11 @@ class SilenceWatch(StateWatch):
 
     @property
     def forgotten(self) -> int:
+        """Pairs and connections that gave way."""
         return self._gone
 
     def restart(self, now_ns: int) -> None:
+        """Begin anew: the clock went back."""
         for about in self._last:
             self._last[about] = now_ns
 
@@ -347,7 +353,9 @@ class SilenceWatch(StateWatch):
                 self._heard(pair, now_ns)
         client, server = rule.client, rule.server
         if client is not None and server is not None and client.num_addresses == server.num_addresses == 1:
-            self._heard((str(client.network_address), str(server.network_address)), now_ns)
+            self._heard(
+                (address_text(client.network_address.packed), address_text(server.network_address.packed)), now_ns
+            )
 
     def _heard(self, about: _About, time_ns: int) -> None:
         known = self._last.get(about)

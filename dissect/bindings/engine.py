@@ -16,6 +16,7 @@ from dissect.bindings.binding import Binding, Bindings
 from dissect.bindings.contents import decode
 from dissect.bindings.devices import Device, Devices
 from dissect.bindings.judging import ScdJudge
+from dissect.bindings.place import in_blocks
 from dissect.bindings.streams import cut_stream
 from dissect.findings.carrier import Carrier
 from dissect.iso.upper import SCD as UPPER_SCD
@@ -42,6 +43,8 @@ _NOT_BOUND: Final = -2
 _MAX_JOINERS: Final = 1024
 #: Put into the reference of a request that is known by its index and sub-index, so that it is no transaction number.
 _BY_OBJECT: Final = 0x1000000
+#: A transaction number of an envelope may have 64 bits; pairing counts with what fits below its own marks.
+_REFERENCE: Final = (1 << 30) - 1
 
 
 class BindingCount:
@@ -124,11 +127,14 @@ class ScdCarrier(Carrier):
 
     def tsdu(self, side: Side, octets: bytes, frame: int, time_ns: int) -> bool:
         """Take a TSDU of a connection whose TSAPs are bound."""
-        connection = side.connection
-        if connection.bound < 0 and (connection.bound == _NOT_BOUND or not self._bind_tsap(connection)):
+        if not self.claims_tsdus(side.connection):
             return False
-        self._unit(side, self.bindings.all[connection.bound], octets, frame, time_ns)
+        self._unit(side, self.bindings.all[side.connection.bound], octets, frame, time_ns)
         return True
+
+    def claims_tsdus(self, connection: Connection) -> bool:
+        """Tell whether the TSAPs of a connection are bound."""
+        return connection.bound >= 0 or (connection.bound != _NOT_BOUND and self._bind_tsap(connection))
 
     def _bind_tsap(self, connection: Connection) -> bool:
         known = False
@@ -141,6 +147,7 @@ class ScdCarrier(Carrier):
                 if binding.matches(ends[0].address, ends[1].address):
                     connection.bound = self._numbers[id(binding)]
                     connection.protocol = UPPER_NAMES[UPPER_SCD]
+                    connection.identified_by = printable(binding.name)
                     return True
         if known:
             connection.bound = _NOT_BOUND
@@ -230,7 +237,8 @@ class ScdCarrier(Carrier):
             item = result.item
             if item is None or result.data is None or item.start_bit < 0 or item.start_bit & 7:
                 continue
-            for binding in self.bindings.s7.get((item.area, item.db), ()):
+            block = item.db if in_blocks(item.area) else 0  # elsewhere the field is not used, whatever stands in it
+            for binding in self.bindings.s7.get((item.area, block), ()):
                 begin = binding.offset - (item.start_bit >> 3)
                 if begin >= 0 and begin + binding.size <= len(result.data):
                     if binding.matches(ends[0].address, ends[1].address):
@@ -326,7 +334,7 @@ class ScdCarrier(Carrier):
 def _reference(message: Message) -> int:
     """Return what request and answer have in common (profile, reference 3.3): tid, else the object, else nothing."""
     if "tid" in message.numbers:
-        return message.tid
+        return message.tid & _REFERENCE
     if "index" in message.numbers:
-        return _BY_OBJECT | message.index << 8 | message.sub
+        return (_BY_OBJECT | message.index << 8 | message.sub) & _REFERENCE
     return 0

@@ -34,6 +34,7 @@ COMMANDS: Final = {
     "operations": "One line per download, upload, subscription, password.",
     "show": "One line per S7 PDU, or the fields and octets of one.",
     "cut": "A part of a capture as pcapng, findings as comments.",
+    "baseline": "Learn what is normal, or tell what is not.",
     "verify": "Our dissection beside Wireshark's, field by field.",
     "monitor": "What happens on a line, while it happens.",
     "interfaces": "What can be captured live here, and by whom.",

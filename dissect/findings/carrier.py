@@ -40,6 +40,10 @@ class Carrier:
     def hole(self, side: Side, size: i64, frame: i64, time_ns: i64) -> None:
         """``size`` octets are missing here from a TCP connection that was claimed."""
 
+    def claims_tsdus(self, connection: Connection) -> bool:
+        """Tell whether the TSDUs of a connection are its own, once its TSAPs are known."""
+        return False
+
     def tsdu(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> bool:
         """Take a TSDU that is neither S7comm nor S7comm-plus; False when it is none of its own."""
         return False

@@ -1,4 +1,4 @@
-"""Counting while the traffic passes: an `Observer` that only adds one here and there.
+"""Counting while the traffic passes: a companion of a live run that only adds one here and there.
 
 `Metrics` counts what an observer is told. What the pipeline counts anyhow (packets, TPDUs, PDUs, findings, holes) is not
 counted again: `families` reads it there when somebody asks. That somebody is another thread. Everything he reads is a number,
@@ -7,16 +7,19 @@ or a list or dict copied in one step, so a single family is always consistent in
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.conversation import Observer
+from dissect.live.run import Companion
 from dissect.metrics.functions import OTHER, Functions
 from dissect.pipeline import Pipeline
 from dissect.s7.errors import ERROR_CLASSES, ERROR_CODES
 from dissect.s7.tables import RETURN_CODES
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
+from dissect.source.live.reader import Drops
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import ANSWERED, UNANSWERED, Transaction, TransactionError
@@ -25,48 +28,49 @@ from dissect.transactions.transaction import ANSWERED, UNANSWERED, Transaction, 
 SEPARATOR: Final = "\0"
 
 
-class Metrics(Observer):
+class Metrics(Companion):
     """Counts transactions, errors, operations and connections; knows what a live source tells about itself.
 
-    `attach` gives it the pipeline whose counters belong to the same run. What the ``set_`` methods were never told is not
-    exported: an unknown number of drops is not the same as none.
+    Without a live run `begin` gives it the pipeline whose counters belong to what it is told. What nobody told it is not
+    exported: an unknown number of drops is not the same as none. ``clock`` is the time of this machine, nanoseconds since 1970.
     """
 
-    def __init__(self) -> None:
+    name = "metrics"
+
+    def __init__(self, clock: Callable[[], int] = time.time_ns) -> None:
         super().__init__()
         self.functions: Functions = Functions()
         self.unanswered: dict[str, int] = {}  # by reason
         self.errors: dict[str, int] = {}  # by where and class, with SEPARATOR between them
         self.operations: dict[str, int] = {}  # by kind and result, the same
-        self.opened: i64 = 0
+        self.opened: int = 0
         self.ended: dict[str, int] = {}  # by how
         self.pipeline: Pipeline | None = None
-        self.kernel_drops: int | None = None
-        self.interface_drops: int | None = None
-        self.queue_depth: int | None = None
-        self.events_lost: int | None = None
+        self.drops: Drops = Drops(None, None)
         self.lag_ns: int | None = None
+        self._clock = clock
+        self._queue: Callable[[], tuple[int, int]] | None = None
         self._classes: frozenset[int] = frozenset([code.number >> 8 for code in ERROR_CODES])
 
-    # ---- what the capture says of itself ------------------------------------------------------------------------------
+    # ---- the run ------------------------------------------------------------------------------------------------------
 
-    def attach(self, pipeline: Pipeline) -> None:
+    def begin(self, pipeline: Pipeline) -> None:
         """Take the pipeline that tells this observer; its counters are read when they are asked for."""
         self.pipeline = pipeline
 
-    def set_drops(self, kernel: int | None, interface: int | None) -> None:
-        """Packets lost so far, as `LiveReader.drops` has them; None: not known."""
-        self.kernel_drops = kernel
-        self.interface_drops = interface
+    def tick(self, now_ns: int, drops: Drops) -> None:
+        """Take what was lost so far, and how far the clock of the capture is behind that of this machine."""
+        self.drops = drops
+        self.lag_ns = self._clock() - now_ns
 
-    def set_queue(self, depth: int, lost: int) -> None:
-        """Events that wait to be shown or written now, and those given up so far because too many waited."""
-        self.queue_depth = depth
-        self.events_lost = lost
+    def watch_queue(self, queue: Callable[[], tuple[int, int]]) -> None:
+        """Ask ``queue``, from another thread, for the events that wait now and those given up so far."""
+        self._queue = queue
 
-    def set_lag(self, lag_ns: int) -> None:
-        """How far the analysis was behind the wall clock when it took the latest packets."""
-        self.lag_ns = lag_ns
+    @property
+    def queue(self) -> tuple[int, int] | None:
+        """Events that wait, and events given up; None when there is no queue."""
+        return self._queue() if self._queue is not None else None
 
     # ---- observer -----------------------------------------------------------------------------------------------------
 

@@ -18,8 +18,8 @@ from dissect.metrics.functions import OTHER
 from dissect.pipeline import Pipeline
 from dissect.s7.tables import ROSCTR
 from dissect.s7plus.tables import OPCODES
+from dissect.transactions import ending
 from dissect.transactions.accounts import CATEGORIES, FRAGMENT_WAITING
-from dissect.transactions.ending import HOWS as ENDINGS
 from dissect.transactions.operation import KINDS as OPERATIONS
 from dissect.transactions.operation import RESULTS
 from dissect.transactions.transaction import OPEN, OUTCOMES, REASON_TEXTS
@@ -31,6 +31,16 @@ HISTOGRAM: Final = "histogram"
 #: Every name begins with it.
 PREFIX: Final = "s7dissect_"
 
+_ENDINGS: Final = (
+    ending.FIN,
+    ending.RESET,
+    ending.DISCONNECT,
+    ending.ERROR_TPDU,
+    ending.REUSED,
+    ending.REPLACED,
+    ending.EVICTED,
+    ending.OPEN,
+)
 _OPERATIONS: Final = [f"{kind}{SEPARATOR}{result}" for kind in OPERATIONS for result in RESULTS]
 
 
@@ -63,7 +73,7 @@ FAMILIES: Final[tuple[Family, ...]] = (
     Family("fragments_waiting", GAUGE, (), "Packets with fragments of IP datagrams that are not whole yet."),
     Family("packets_cut", COUNTER, (), "Packets of which the capture kept only the first part (snaplen)."),
     Family("last_packet_timestamp_seconds", GAUGE, (), "Time of the latest packet, by the clock of the capture."),
-    Family("capture_lag_seconds", GAUGE, (), "How far the analysis was behind the wall clock at the latest packets."),
+    Family("capture_lag_seconds", GAUGE, (), "How far the clock of the capture is behind that of this machine."),
     Family("drops", COUNTER, ("where",), "Packets that were on the wire and never came here; absent where not known."),
     Family("stream_holes", COUNTER, (), "Holes in the octets of followed connections."),
     Family("stream_missing_octets", COUNTER, (), "Octets in these holes."),
@@ -121,11 +131,12 @@ def _one(value: float | None, scale: float = 1) -> list[Sample]:
 
 def _told(metrics: Metrics) -> dict[str, list[Sample]]:
     """What the live source told."""
-    drops = {"kernel": metrics.kernel_drops, "interface": metrics.interface_drops}
+    drops = metrics.drops._asdict()
+    waiting, lost = metrics.queue or (None, None)
     return {
         "drops": [Sample((where,), number) for where, number in drops.items() if number is not None],
-        "queue_events": _one(metrics.queue_depth),
-        "events_lost": _one(metrics.events_lost),
+        "queue_events": _one(waiting),
+        "events_lost": _one(lost),
         "capture_lag_seconds": _one(metrics.lag_ns, 1e9),
     }
 
@@ -164,10 +175,10 @@ def _latencies(metrics: Metrics) -> list[Histogram]:
 
 def _connections(metrics: Metrics) -> dict[str, list[Sample]]:
     ended = metrics.ended.copy()
-    opened: int = metrics.opened  # after the ends: one that opens in between makes one too many open, never one too few
+    opened = metrics.opened  # after the ends: one that opens in between makes one too many open, never one too few
     return {
         "connections_opened": [Sample((), opened)],
-        "connections_ended": _from_zero(ENDINGS, ended),
+        "connections_ended": _from_zero(_ENDINGS, ended),
         "connections_open": [Sample((), opened - sum(ended.values()))],
     }
 

@@ -25,7 +25,8 @@ class Message(msgspec.Struct):
 
     ``service`` and ``phase`` are empty where the kind is not known. ``pdo`` is "T1" or "R65". ``data`` are the octets between
     header and tail, ``numbers`` every field of the envelope by its role, ``size`` the octets of the whole message (0: it
-    could not be cut out). ``content`` names the struct, object or variable where the octets are a bare one. ``error`` says what is wrong with a received message; then ``values`` is empty.
+    could not be cut out). ``content`` names the struct, object or variable where the octets are a bare one. ``error`` says
+    what is wrong with a received message; then ``values`` is empty.
     """
 
     service: Service = ""

@@ -1,8 +1,8 @@
 """pcapng files (draft-ietf-opsawg-pcapng): sections, interfaces and packets in any number and either byte order.
 
 Read are the Section Header, Interface Description, Enhanced Packet and Simple Packet Blocks and the obsolete Packet
-Block, with the comments of packets; Interface Statistics Blocks are kept. Every other block is skipped by its length. A Simple Packet Block has no time;
-its packet gets the time of the packet before it (0 when there is none).
+Block, with the comments of packets; Interface Statistics Blocks are kept. Every other block is skipped by its length. A
+Simple Packet Block has no time; its packet gets the time of the packet before it (0 when there is none).
 
 A block that contradicts itself is given up, counted in ``rejected`` and explained in ``notes``. Reading stops only
 where the way to the next block is lost: an impossible block length, or two blocks one after the other whose lengths

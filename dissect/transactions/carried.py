@@ -95,9 +95,9 @@ class ScdParameters(Parameters):
         self.function = _FUNCTION | key
         self.name: str = name
         self.scd: ScdMessage = scd
-        self.index: i64 = -1
-        self.sub: i64 = -1
-        self.err: i64 = 0
+        self.index: int = -1  # these are as wide as the dictionary's envelope makes them
+        self.sub: int = -1
+        self.err: int = 0
         self.refused: bool = False
 
     @property

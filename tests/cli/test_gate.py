@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from dissect.cli.gate import slugs_of
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.finding import ERROR, SEVERITIES
+from dissect.report.slugs import slugs_of
 from tests.cli.support import run, simple
 from tests.properties.packets import MS
 from tests.report.support import begun, read, saved

@@ -1,0 +1,290 @@
+"""Reads rules and actions from TOML (docs/alerts.md). What is wrong is told with file, line, table and key."""
+
+from __future__ import annotations
+
+import re
+from ipaddress import ip_network
+from pathlib import Path
+from typing import Any, Final
+
+from dissect.alerts import states
+from dissect.alerts.actions import Action, action_of
+from dissect.alerts.rules import (
+    EVENTS,
+    FINDING,
+    LATENCY,
+    NEW,
+    OUTCOME,
+    PER_ALL,
+    PER_CONNECTION,
+    PER_PAIR,
+    RATE,
+    SILENCE,
+    STDERR,
+    WHENS,
+    AlertRules,
+    Network,
+    Rule,
+)
+from dissect.baseline.plant_file import MAX_NAME, PlantFile, PlantFileError, names_of, read_text
+from dissect.baseline.watch import KINDS
+from dissect.findings.finding import SEVERITIES
+from dissect.report.slugs import slugs_of
+from dissect.scd.errors import DictionaryError, shown
+from dissect.scd.reading import Table
+
+MAX_RULES: Final = 256
+MAX_ACTIONS: Final = 32
+
+_S: Final = 1_000_000_000
+_UNITS: Final = {"ms": 1_000_000, "s": _S, "min": 60 * _S, "h": 3600 * _S, "d": 86400 * _S}
+_DURATION: Final = re.compile(r"([0-9]{1,9}(?:\.[0-9]{1,9})?) *(ms|s|min|h|d)")
+#: No duration is longer than a year.
+_LONGEST: Final = 366 * _UNITS["d"]
+#: A window moves in tenths of itself, which are milliseconds at least.
+_SHORTEST_WINDOW: Final = 10_000_000
+_LEARNED_WINDOWS: Final = (_S, 10 * _S)
+
+
+class RuleError(PlantFileError):
+    """A file of rules that cannot be used."""
+
+
+def load_rules(path: str | Path) -> AlertRules:
+    """Return the rules of a file. Raises `RuleError`, OSError where there is no reading the file."""
+    try:
+        return parse_rules(read_text(path), str(path))
+    except DictionaryError as error:  # what reads tables knows one error
+        raise RuleError(str(path), error.line, error.where, error.detail) from None
+
+
+def parse_rules(text: str, path: str = "") -> AlertRules:
+    """Return the rules of a text. Raises `DictionaryError` with table, key and line."""
+    file = PlantFile(text, ("rule", "action"), ("defaults",))
+    hosts = names_of(file.top, "allow_hosts") or frozenset()
+    file.top.done()
+    actions: dict[str, Action] = {}
+    for table in file.tables("action", MAX_ACTIONS):
+        name = _name(table)
+        if name == STDERR or name in actions:
+            raise table.fail("name", f"{shown(name)} is there already: give it another")
+        actions[name] = action_of(table, name, hosts, seconds(table, "timeout", 10.0))
+        table.done()
+    defaults = file.single("defaults") or Table({}, "[defaults]")
+    usual = _usual(defaults, actions)
+    defaults.done()
+    rules: list[Rule] = []
+    for table in file.tables("rule", MAX_RULES):
+        rule = _rule(table, usual, actions)
+        if rule.name in [known.name for known in rules]:
+            raise table.fail("name", f"{shown(rule.name)} is the name of another rule: give it another")
+        table.done()
+        rules.append(rule)
+    if not rules:
+        raise DictionaryError("[[rule]]", "there is none")
+    return AlertRules(tuple(rules), actions, path)
+
+
+# ---- values ---------------------------------------------------------------------------------------------------------
+
+
+def _name(table: Table) -> str:
+    name = table.text("name")
+    if not name.strip() or len(name) > MAX_NAME or not name.isprintable():
+        raise table.fail("name", f"{shown(name)} is no name of 1 to {MAX_NAME} printable characters")
+    return name
+
+
+def _duration(table: Table, key: str, default: int | None = None) -> int:
+    """Return a duration in nanoseconds: ``"500ms"``, ``"30s"``, ``"5min"``, ``"2h"``, or a number of seconds."""
+    if not table.has(key) and default is not None:
+        table.mark(key)
+        return default
+    found: Any = table.content.get(key)
+    table.mark(key)
+    match = _DURATION.fullmatch(found) if isinstance(found, str) else None
+    if match is not None:
+        found = round(float(match[1]) * _UNITS[match[2]])
+    elif isinstance(found, (int, float)) and not isinstance(found, bool) and 0 <= found <= _LONGEST // _S:
+        found = round(found * _S)
+    elif found is None:
+        raise table.fail(key, "is missing")
+    else:
+        raise table.fail(key, f'{shown(found)} is no duration such as "500ms", "30s", "5min", "2h" or 30')
+    if found > _LONGEST:
+        raise table.fail(key, "is more than a year")
+    duration: int = found
+    return duration
+
+
+def seconds(table: Table, key: str, default: float) -> float:
+    """Return a duration in seconds, more than 0 and at most an hour."""
+    duration = _duration(table, key, round(default * _S))
+    if not 0 < duration <= _UNITS["h"]:
+        raise table.fail(key, "is not between 0 and an hour")
+    return duration / _S
+
+
+def _positive(table: Table, key: str) -> float | None:
+    number = table.real(key)
+    if number is not None and number < 0:
+        raise table.fail(key, f"{number} is below 0")
+    return None if number is None else float(number)
+
+
+def _network(table: Table, key: str) -> Network | None:
+    if not table.has(key):
+        table.mark(key)
+        return None
+    written = table.text(key)
+    try:
+        return ip_network(written)
+    except ValueError:
+        detail = f'{shown(written)} is neither an address such as "10.0.0.5" nor a network such as "10.0.0.0/24"'
+        raise table.fail(key, detail) from None
+
+
+def _usual(table: Table, actions: dict[str, Action]) -> Rule:
+    """Return what rules do that do not say otherwise."""
+    usual = Rule("", FINDING)
+    return Rule("", FINDING, cooldown_ns=_duration(table, "cooldown", usual.cooldown_ns),
+                actions=_actions(table, actions, usual.actions))  # fmt: skip
+
+
+def _actions(table: Table, actions: dict[str, Action], usual: tuple[str, ...]) -> tuple[str, ...]:
+    if not table.has("actions"):
+        table.mark("actions")
+        return usual
+    names = table.items("actions")
+    for name in names:
+        if name != STDERR and (not isinstance(name, str) or name not in actions):
+            known = ", ".join([STDERR, *actions])
+            raise table.fail("actions", f"{shown(name)} is the name of no [[action]]; there are: {known}")
+    return tuple(dict.fromkeys(names))
+
+
+# ---- rules ----------------------------------------------------------------------------------------------------------
+
+
+def _rule(table: Table, usual: Rule, actions: dict[str, Action]) -> Rule:
+    name = _name(table)
+    when = table.choice("when", WHENS)
+    values: dict[str, Any] = _READERS[when](table)
+    if when in EVENTS:
+        if table.has("for"):
+            raise table.fail("for", f'what {shown(when)} looks for happens and does not last: use "cooldown"')
+    elif when == SILENCE:
+        if table.has("for"):
+            raise table.fail("for", 'a silence has "longer"')
+    else:
+        values["for_ns"] = _duration(table, "for", 0)
+    if "severity" not in values:
+        values["severity"] = table.choice("severity", SEVERITIES) if table.has("severity") else ""
+        table.mark("severity")
+    return Rule(
+        name, when, client=_network(table, "client"), server=_network(table, "server"),
+        cooldown_ns=_duration(table, "cooldown", usual.cooldown_ns), once=table.flag("once", False),
+        actions=_actions(table, actions, usual.actions), **values,
+    )  # fmt: skip
+
+
+def _finding(table: Table) -> dict[str, Any]:
+    written = table.content.get("finding")
+    table.mark("finding")
+    wanted = [written] if isinstance(written, str) else written
+    if not isinstance(wanted, list) or not wanted:
+        raise table.fail(
+            "finding", 'is missing: a slug, "session.*", or "warning" for that severity or worse; or several'
+        )
+    slugs: set[str] = set()
+    for one in wanted:
+        if not isinstance(one, str):
+            raise table.fail("finding", f"{shown(one)} is no text")
+        try:
+            slugs |= slugs_of(one)
+        except ValueError as error:
+            raise table.fail("finding", str(error)) from None
+    return {"slugs": frozenset(slugs)}
+
+
+def _new(table: Table) -> dict[str, Any]:
+    kinds = names_of(table, "of")
+    if kinds is not None and (not kinds or not kinds <= frozenset(KINDS)):
+        raise table.fail("of", f"is a list of these: {', '.join(KINDS)}")
+    return {"kinds": kinds if kinds is not None else frozenset(KINDS)}
+
+
+def _per(table: Table, *choices: str) -> str:
+    per: str = table.choice("per", choices, PER_PAIR)
+    return per
+
+
+def _window(table: Table, default: int) -> int:
+    window = _duration(table, "window", default)
+    if window < _SHORTEST_WINDOW:
+        raise table.fail("window", "is less than 10ms")
+    return window
+
+
+def _learned(table: Table, key: str, per: str) -> float:
+    """Return the factor over what the baseline holds, 0 for none."""
+    factor = _positive(table, key) or 0.0
+    if factor and per != PER_PAIR:
+        raise table.fail(key, 'a baseline knows pairs: per = "pair"')
+    return factor
+
+
+def _one_of(table: Table, *keys: str) -> None:
+    if not any(table.has(key) for key in keys):
+        raise table.fail(keys[0], f"is missing, or {' or '.join(keys[1:])}")
+
+
+def _rate(table: Table) -> dict[str, Any]:
+    _one_of(table, "above", "below", "above_learned")
+    per = _per(table, PER_PAIR, PER_ALL)
+    of = table.choice("of", (states.TRANSACTIONS, states.MESSAGES), states.TRANSACTIONS)
+    window = _window(table, 10 * _S)
+    learned = _learned(table, "above_learned", per)
+    if learned and (window not in _LEARNED_WINDOWS or of != states.TRANSACTIONS):
+        raise table.fail("above_learned", 'a baseline holds transactions in windows of "1s" and "10s"')
+    return {
+        "per": per, "of": of, "window_ns": window, "learned": learned,
+        "above": _positive(table, "above"), "below": _positive(table, "below"),
+    }  # fmt: skip
+
+
+def _latency(table: Table) -> dict[str, Any]:
+    _one_of(table, "above", "above_learned")
+    per = _per(table, PER_PAIR, PER_CONNECTION, PER_ALL)
+    learned = _learned(table, "above_learned", per)
+    if learned and table.has("above"):
+        raise table.fail("above_learned", "and above exclude each other")
+    of = table.choice("of", (states.MEDIAN, states.MAX), states.MEDIAN)
+    above = float(_duration(table, "above")) if table.has("above") else None
+    table.mark("above")
+    return {"per": per, "of": of, "window_ns": _window(table, 10 * _S), "learned": learned, "above": above}
+
+
+def _silence(table: Table) -> dict[str, Any]:
+    _one_of(table, "longer", "longer_than_learned")
+    per = _per(table, PER_PAIR, PER_CONNECTION, PER_ALL)
+    learned = _learned(table, "longer_than_learned", per)
+    if learned and table.has("longer"):
+        raise table.fail("longer_than_learned", "and longer exclude each other")
+    usual = states.TRANSACTIONS if learned else states.PACKETS
+    of = table.choice("of", (states.TRANSACTIONS,) if learned else (states.PACKETS, states.TRANSACTIONS), usual)
+    return {"per": per, "of": of, "learned": learned, "longer_ns": _duration(table, "longer", 0)}
+
+
+def _outcome(table: Table) -> dict[str, Any]:
+    above = _positive(table, "above")
+    if above is None:
+        raise table.fail("above", "is missing: so many a minute")
+    of = table.choice("of", (states.ERRORS, states.NO_ANSWER, states.FAILED), states.FAILED)
+    per = _per(table, PER_PAIR, PER_CONNECTION, PER_ALL)
+    return {"per": per, "of": of, "window_ns": _window(table, 60 * _S), "above": above}
+
+
+_READERS: Final = {
+    FINDING: _finding, NEW: _new, RATE: _rate, LATENCY: _latency, SILENCE: _silence, OUTCOME: _outcome,
+}  # fmt: skip

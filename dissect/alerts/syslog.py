@@ -1,0 +1,86 @@
+"""The action that writes to syslog, RFC 5424: to the socket of this machine, or by UDP to this machine or an allowed host."""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+from logging.handlers import SysLogHandler
+from typing import Final
+
+from dissect.alerts.actions import Action, DeliveryError, is_there
+from dissect.alerts.alert import Alert
+from dissect.alerts.hosts import allowed, split_host
+from dissect.findings.finding import ERROR, NOTE
+from dissect.scd.errors import shown
+from dissect.scd.reading import Table
+from dissect.wire.clock import Clock
+
+#: The socket that Linux systems have.
+DEV_LOG: Final = "/dev/log"
+_APP: Final = "s7dissect"
+_FACILITIES: Final = ("user", "daemon", *[f"local{number}" for number in range(8)])
+#: Severities of RFC 5424 as the handler derives them from levels.
+_LEVELS: Final = {ERROR: logging.ERROR, NOTE: logging.INFO}
+
+
+class _Sender(SysLogHandler):
+    """A handler that tells the caller what went wrong instead of stderr."""
+
+    append_nul = False
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - the name of the library
+        """Pass the error on: it is being handled where this is called."""
+        raise  # noqa: PLE0704
+
+
+class Syslog(Action):
+    """Sends alerts to a syslog, by the path of its socket or (host, port) for UDP."""
+
+    def __init__(self, name: str, address: str | tuple[str, int], facility: str = "daemon") -> None:
+        super().__init__(name)
+        self._address = address
+        self._facility = facility
+        self._sender: _Sender | None = None
+        self._host = socket.gethostname() or "-"
+
+    def deliver(self, alert: Alert) -> None:
+        """Send the alert. Raises `DeliveryError`; the next one tries to connect anew."""
+        try:
+            if self._sender is None:
+                self._sender = _Sender(self._address, self._facility)
+            level = _LEVELS.get(alert.severity, logging.WARNING)
+            self._sender.emit(logging.LogRecord(_APP, level, "", 0, self._message(alert), None, None))
+        except (OSError, ValueError) as error:
+            self.close()
+            where = self._address if isinstance(self._address, str) else f"{self._address[0]}:{self._address[1]}"
+            raise DeliveryError(f"syslog {where}: {error}") from None
+
+    def close(self) -> None:
+        """Close the socket."""
+        if self._sender is not None:
+            self._sender.close()
+            self._sender = None
+
+    def _message(self, alert: Alert) -> str:
+        """Return what follows the priority: version, time, host, application, process, kind, no structured data, text."""
+        time = Clock().iso(alert.time_ns)[:26] + "Z"  # six digits at most
+        client, server = alert.pair if alert.pair is not None else ("-", "-")
+        text = f"{alert.severity} {client} > {server} {alert.message()}"
+        return f"1 {time} {self._host} {_APP} {os.getpid()} {alert.rule.when} - {text}"
+
+
+def syslog_of(table: Table, name: str, hosts: frozenset[str]) -> Syslog:
+    """Return the action of a table; raises `DictionaryError`."""
+    written = table.text("syslog")
+    facility = table.choice("facility", _FACILITIES, "daemon")
+    if written.startswith("/"):
+        if not is_there(written):
+            raise table.fail("syslog", f"there is no {shown(written)}")
+        return Syslog(name, written, facility)
+    place = split_host(written, 514)
+    if place is None:
+        raise table.fail("syslog", f'{shown(written)} is neither the path of a socket nor "HOST:PORT" for UDP')
+    if not allowed(place[0], hosts):
+        raise table.fail("syslog", f"{place[0]} is not this machine: name it in allow_hosts at the top of the file")
+    return Syslog(name, place, facility)

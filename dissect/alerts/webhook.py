@@ -1,0 +1,82 @@
+"""The action that posts JSON by HTTP: to this machine or an allowed host, through no proxy, following no redirection."""
+
+from __future__ import annotations
+
+import urllib.error
+import urllib.request
+from email.message import Message
+from http.client import HTTPException
+from typing import IO, Final
+from urllib.parse import urlsplit
+
+from dissect.alerts.actions import Action, DeliveryError
+from dissect.alerts.alert import Alert
+from dissect.alerts.hosts import allowed
+from dissect.scd.errors import shown
+from dissect.scd.reading import Table
+from dissect.wire.text import printable
+
+_SCHEMES: Final = ("http", "https")
+
+
+class _NoRedirect(urllib.request.HTTPRedirectHandler):
+    """Takes a redirection for the failure it is: the other place was not allowed by anybody."""
+
+    def redirect_request(
+        self, req: urllib.request.Request, fp: IO[bytes], code: int, msg: str, headers: Message, newurl: str
+    ) -> urllib.request.Request | None:
+        """Follow nowhere."""
+        return None
+
+
+class Webhook(Action):
+    """Posts each alert to ``url``, and takes any 2xx for delivered."""
+
+    def __init__(self, name: str, url: str, timeout: float = 10.0, parallel: int = 1) -> None:
+        super().__init__(name, parallel)
+        self._url = url
+        self._timeout = timeout
+        self._opener = urllib.request.build_opener(urllib.request.ProxyHandler({}), _NoRedirect())
+
+    def deliver(self, alert: Alert) -> None:
+        """Post the alert. Raises `DeliveryError`."""
+        request = urllib.request.Request(  # noqa: S310 - the scheme was looked at
+            self._url,
+            alert.as_json().encode("ascii"),
+            {"Content-Type": "application/json", "User-Agent": "s7dissect"},
+            method="POST",
+        )
+        try:
+            with self._opener.open(request, timeout=self._timeout):
+                pass
+        except urllib.error.HTTPError as error:
+            code = error.code
+            error.close()
+            raise DeliveryError(f"{self._url}: HTTP {code}") from None
+        except (OSError, HTTPException, ValueError) as error:
+            reason = getattr(error, "reason", error)
+            raise DeliveryError(printable(f"{self._url}: {reason}")) from None
+
+
+def webhook_of(table: Table, name: str, hosts: frozenset[str], timeout: float, parallel: int) -> Webhook:
+    """Return the action of a table; raises `DictionaryError`."""
+    url = table.text("webhook")
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host, port, parts = None, None, urlsplit("")
+    if (
+        parts.scheme not in _SCHEMES
+        or not host
+        or port == 0
+        or not url.isascii()
+        or not url.isprintable()
+        or " " in url
+    ):
+        raise table.fail("webhook", f'{shown(url)} is no address such as "http://127.0.0.1:8080/alerts"')
+    if parts.username is not None or parts.password is not None:
+        raise table.fail("webhook", "holds a name or a password, which does not belong in an address")
+    if not allowed(host, hosts):
+        raise table.fail("webhook", f"{host} is not this machine: name it in allow_hosts at the top of the file")
+    return Webhook(name, url, timeout, parallel)

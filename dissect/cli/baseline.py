@@ -1,0 +1,213 @@
+"""`s7dissect baseline`: learn what is normal from captures, or tell what in a capture is not."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from dissect.cli.drive import complain, drive, files_argument, format_option, write
+from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK, EXIT_USAGE
+from dissect.session import CONTINUES_NS, Run
+from dissect.wire.text import printable
+
+if TYPE_CHECKING:
+    from dissect.alerts import Alert, AlertRules
+    from dissect.baseline import Baseline
+    from dissect.conversation import Observer
+
+_EXIT_CODES = (
+    "Exit code: 0 learned, or nothing new; 1 something is told by --against or --rules; 2 wrong use or a file that cannot be "
+    "read or written; 3 a capture is damaged or cut off (results given); 5 the output failed; 130 interrupted (results given)."
+)
+
+
+@click.command("baseline", epilog=_EXIT_CODES)
+@files_argument
+@click.option(
+    "-o", "--output", metavar="PLANT.toml", type=click.Path(), help="Where to write it; standard output if left out."
+)
+@click.option(
+    "--update", metavar="OLD.toml", type=click.Path(), help="Add to this baseline; it may be the output as well."
+)
+@click.option(
+    "--against", metavar="PLANT.toml", type=click.Path(), help="Learn nothing: tell what this baseline does not hold."
+)
+@click.option(
+    "--rules", metavar="ALERTS.toml", type=click.Path(), help="Tell what these alert rules say; no action is taken."
+)
+@click.option(
+    "--rate-factor", type=click.FloatRange(0, 1e6), default=2.0, show_default=True,
+    help="--against: tell rates above so many times the learned; 0 for none.",
+)  # fmt: skip
+@click.option(
+    "--silence-factor", type=click.FloatRange(0, 1e6), default=0.0, show_default=True,
+    help="--against: tell silences longer than so many times the learned; 0 for none.",
+)  # fmt: skip
+@format_option("text", "jsonl")
+def command(
+    files: tuple[str, ...],
+    output: str | None,
+    update: str | None,
+    against: str | None,
+    rules: str | None,
+    rate_factor: float,
+    silence_factor: float,
+    format_: str,
+) -> int:
+    """Learn from captures who asks whom, for what and how often, as a TOML file that you can read and edit.
+
+    With --against PLANT.toml nothing is learned: what the captures hold and the file does not is told, one line each, and the
+    exit code is 1 if there is anything. With --rules ALERTS.toml the rules of alerts are tried on captures.
+
+    FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input.
+    """
+    if against is not None or rules is not None:
+        if output is not None or update is not None:
+            raise click.UsageError("--output and --update learn, --against and --rules compare: not together")
+        return _compare(files, against, rules, (rate_factor, silence_factor), format_ == "jsonl")
+    return _learn(files, output, update)
+
+
+class _Run(Run):
+    """A run that says when a file is another capture, at another time."""
+
+    def __init__(self, files: Sequence[str], observer: Observer, restart: Callable[[int], None]) -> None:
+        super().__init__(files, observer)
+        self._restart = restart
+        self._looked = 1
+
+    def join(self, time_ns: int) -> None:
+        """Take the time of a packet of a file's beginning."""
+        gap = time_ns - self.pipeline.now_ns
+        super().join(time_ns)
+        if self._looked < len(self.files):
+            self._looked = len(self.files)
+            if not 0 <= gap <= CONTINUES_NS:
+                self._restart(int(time_ns))
+
+
+# ---- learn ----------------------------------------------------------------------------------------------------------
+
+
+def _learn(files: Sequence[str], output: str | None, update: str | None) -> int:
+    from dissect.baseline import Learner, baseline_toml, merged
+
+    old = _baseline(update) if update is not None else None
+    if output is not None and os.path.lexists(output) and not (update is not None and _same(output, update)):
+        raise click.UsageError(f"{printable(output)} is there already: --update it, or name another file")
+    learner = Learner()
+    run = _Run(files, learner, lambda _: learner.restart())
+    code = drive(run, files)
+    names = tuple(dict.fromkeys(["stdin" if file == "-" else Path(file).name for file in files]))
+    learned = learner.baseline(names)
+    if not learned.pairs:
+        complain(run, code)
+        click.echo("s7dissect: nothing to learn: no S7 conversation in what was read", err=True)
+        return EXIT_USAGE if code == EXIT_OK else code
+    text = baseline_toml(learned if old is None else merged(old, learned))
+    if output is None:
+        write(text.splitlines())
+    else:
+        _replace(Path(output), text)
+    complain(run, code)
+    if learner.left_out:
+        click.echo(f"s7dissect: not complete: {learner.left_out} times something did not fit and is left out", err=True)
+    return code
+
+
+def _same(one: str, other: str) -> bool:
+    return Path(one).exists() and Path(one).samefile(other)
+
+
+def _replace(path: Path, text: str) -> None:
+    """Write a file whole or not at all: what was there before stays until the new one is complete."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with beside.open("x", encoding="utf-8", newline="\n") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        beside.replace(path)
+    except OSError as error:
+        beside.unlink(missing_ok=True)
+        raise click.FileError(printable(str(path)), error.strerror or str(error)) from None
+
+
+# ---- compare --------------------------------------------------------------------------------------------------------
+
+
+def _compare(
+    files: Sequence[str], against: str | None, rules: str | None, factors: tuple[float, float], as_jsonl: bool
+) -> int:
+    from dissect.alerts import AlertEngine, RuleError
+
+    baseline = _baseline(against) if against is not None else None
+    asked = _rules(rules) if rules is not None else _usual_rules(*factors)
+    told: list[Alert] = []
+    try:
+        engine = AlertEngine(asked, baseline, told.append)
+    except RuleError as error:
+        raise click.UsageError(f"{error} with --against") from None
+
+    def show() -> None:
+        write([alert.as_json() if as_jsonl else alert.line() for alert in told])
+        told.clear()
+
+    run = _Run(files, engine, engine.restart)
+    code = drive(run, files, show)
+    engine.finish()
+    show()
+    complain(run, code)
+    if engine.crowded or engine.forgotten:
+        lost = f"{engine.crowded} alerts lost, {engine.forgotten} pairs or connections measured no more"
+        click.echo(f"s7dissect: too many different ones: {lost}", err=True)
+    return EXIT_GATE if engine.count and code in {EXIT_OK, EXIT_DAMAGED} else code
+
+
+def _usual_rules(rate_factor: float, silence_factor: float) -> AlertRules:
+    """Return the rules of a comparison without a file of rules: each thing is told once."""
+    from dissect.alerts import AlertRules, Rule
+    from dissect.alerts.rules import NEW, RATE, SILENCE
+    from dissect.alerts.states import TRANSACTIONS
+    from dissect.baseline.watch import KINDS
+
+    rules = [Rule("new", NEW, kinds=frozenset(KINDS), once=True)]
+    if rate_factor:
+        for seconds in (1, 10):
+            window = seconds * 1_000_000_000
+            name = f"rate {seconds} s"
+            rules.append(Rule(name, RATE, of=TRANSACTIONS, window_ns=window, learned=rate_factor, once=True))
+    if silence_factor:
+        rules.append(Rule("silence", SILENCE, of=TRANSACTIONS, learned=silence_factor, once=True))
+    return AlertRules(tuple(rules))
+
+
+def _baseline(path: str) -> Baseline:
+    from dissect.baseline import BaselineError, load_baseline
+
+    try:
+        return load_baseline(path)
+    except BaselineError as error:
+        raise click.UsageError(str(error)) from None
+
+
+def _rules(path: str) -> AlertRules:
+    """Return the rules of a file as they can be tried on a capture.
+
+    Between transactions nobody tells the time there, so silence is measured on transactions.
+    """
+    from dissect.alerts import RuleError, load_rules
+    from dissect.alerts.rules import SILENCE
+    from dissect.alerts.states import TRANSACTIONS
+
+    try:
+        loaded = load_rules(path)
+    except RuleError as error:
+        raise click.UsageError(str(error)) from None
+    tried = [dataclasses.replace(rule, of=TRANSACTIONS) if rule.when == SILENCE else rule for rule in loaded.rules]
+    return dataclasses.replace(loaded, rules=tuple(tried))

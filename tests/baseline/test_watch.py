@@ -1,0 +1,98 @@
+"""What is not in a baseline is told; what is, is not."""
+
+from __future__ import annotations
+
+import pytest
+
+from dissect.baseline import Baseline, BaselineWatch, PairNorm
+from dissect.baseline.subjects import Pairs, area_names
+from dissect.conversation import Observer
+from dissect.s7.items import parse_item
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import Transaction
+from tests.baseline.wire import Client, Wire
+from tests.properties.messages import Item
+
+NORMAL = {
+    "server_ports": frozenset((102,)),
+    "tsaps": frozenset(("01.00 > 01.02",)),
+    "functions": frozenset(("Setup communication", "Read Var", "Write Var")),
+    "reads": frozenset(("DB10",)),
+    "writes": frozenset(("DB10",)),
+}
+BLOCK = Item(0x04, 1, 12, 0x84, 0)
+
+
+class Seen(Observer):
+    def __init__(self, baseline: Baseline) -> None:
+        super().__init__()
+        self.watch = BaselineWatch(baseline)
+        self.pairs = Pairs()
+        self.told: list[tuple[str, str]] = []
+
+    def transaction(self, transaction: Transaction) -> None:
+        pair = self.pairs.of(transaction.connection)
+        self.told += [(one.kind, one.what) for one in self.watch.transaction(pair, transaction)]
+
+    def connection_closed(self, connection: Connection) -> None:
+        self.told += [(one.kind, one.what) for one in self.watch.connection(self.pairs.of(connection), connection)]
+
+
+def seen(changed: dict[str, frozenset[str] | frozenset[int] | None], client: str = "10.0.0.1") -> list[tuple[str, str]]:
+    norm = PairNorm("10.0.0.1", "10.0.0.2")
+    for key, value in {**NORMAL, **changed}.items():
+        setattr(norm, key, value)
+    observer = Seen(
+        Baseline({("10.0.0.1", "10.0.0.2"): norm, ("10.0.0.9", "10.0.0.8"): PairNorm("10.0.0.9", "10.0.0.8")})
+    )
+    wire = Wire(observer)
+    one = Client(wire, 0.0, client)
+    one.read(1.0)
+    one.write(2.0)
+    wire.finish()
+    return observer.told
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({}, []),
+        ({key: None for key in NORMAL}, []),
+        ({"functions": frozenset(("Setup communication", "Read Var"))}, [("function", "Write Var")]),
+        ({"reads": frozenset()}, [("read", "DB10")]),
+        ({"writes": frozenset(("DB11",))}, [("write", "DB10")]),
+        ({"tsaps": frozenset(("01.00 > 01.01",))}, [("tsap", "01.00 > 01.02")]),
+        ({"server_ports": frozenset((1102,))}, [("port", "102")]),
+    ],
+)
+def test_what_a_known_pair_does(
+    changed: dict[str, frozenset[str] | frozenset[int] | None], told: list[tuple[str, str]]
+) -> None:
+    assert seen(changed) == told
+
+
+@pytest.mark.parametrize(
+    ("client", "told"),
+    [("10.0.0.7", ("client", "10.0.0.7")), ("10.0.0.9", ("pair", "10.0.0.9 > 10.0.0.2"))],
+)
+def test_who_is_not_known(client: str, told: tuple[str, str]) -> None:
+    found = seen({}, client)
+    assert found[-1] == told
+    assert {kind for kind, _ in found[:-1]} == {"function", "read", "write"}
+
+
+@pytest.mark.parametrize(
+    ("octets", "names"),
+    [
+        ("120a10020001000c84000000", ["DB12"]),
+        ("120a10020001000085000000", ["DI0"]),
+        ("120a10020001000083000000", ["M"]),
+        ("120a1c02000100001c000005", ["C"]),
+        ("120a10020001000077000000", ["area0x77"]),
+        ("120cb0020400010000080002000a", ["DB1", "DB2"]),
+        ("1208824100010002", ["NCK"]),
+        ("1203ee0001", ["0xee"]),
+    ],
+)
+def test_areas(octets: str, names: list[str]) -> None:
+    assert area_names(parse_item(bytes.fromhex(octets), 0)) == names
