@@ -1,0 +1,128 @@
+"""What rolls by: transactions, operations and SCD messages, kept with the octets it takes to look into them later.
+
+A transaction from the pipeline refers to the buffer its packets were read in, which may be a large piece of a capture. What is
+kept here holds its own octets and no more of them, and all together are bounded.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Final
+
+from dissect.ibh.packet import HEADER, LONG_HEAD, SHORT_HEAD, parse_packet
+from dissect.iso.cotp import parse_tpdu
+from dissect.transactions.carried import ScdMessage
+from dissect.transactions.connection import IBH, Connection
+from dissect.transactions.operation import Operation
+from dissect.transactions.transaction import Transaction
+
+#: What an entry takes besides the octets of its PDUs.
+_COST: Final = 1000
+#: TPKT and the header of a DT.
+_TPKT_HEAD: Final = 7
+#: Headers that may stand before the user data of an IBH-NetLink packet: its own, and MPI with function and number.
+_IBH_HEADS: Final = (HEADER + SHORT_HEAD + 2, HEADER + LONG_HEAD + 2)
+
+What = Transaction | Operation | tuple[ScdMessage, Connection]
+
+
+class Entry:
+    """Something that happened. ``order`` counts what came; ``slow``: the answer came later than it should."""
+
+    __slots__ = ("order", "slow", "time_ns", "what")
+
+    def __init__(self, order: int, time_ns: int, what: What, slow: bool) -> None:
+        self.order = order
+        self.time_ns = time_ns
+        self.what = what
+        self.slow = slow
+
+    @property
+    def connection(self) -> Connection:
+        """The connection it happened on."""
+        what = self.what
+        return what[1] if isinstance(what, tuple) else what.connection
+
+    @property
+    def failed(self) -> bool:
+        """True for a transaction that was refused, in part or as a whole, or never answered."""
+        return isinstance(self.what, Transaction) and bool(self.what.failed)
+
+    @property
+    def octets(self) -> int:
+        """What it takes of the memory set aside."""
+        what = self.what
+        if isinstance(what, Transaction):
+            return _COST + len(what.request_buf) + len(what.response_buf)
+        if isinstance(what, Operation):
+            return _COST + int(what.octets)
+        return _COST + len(what[0].octets)
+
+
+class Ring:
+    """The last entries: at most ``most`` of them, with at most ``most_octets``."""
+
+    def __init__(self, most: int, most_octets: int) -> None:
+        self.entries: deque[Entry] = deque()
+        self.octets = 0
+        self._most = most
+        self._most_octets = most_octets
+
+    def add(self, entry: Entry) -> None:
+        """Take one more; the oldest make room."""
+        self.entries.append(entry)
+        self.octets += entry.octets
+        while len(self.entries) > self._most or (self.octets > self._most_octets and len(self.entries) > 1):
+            self.octets -= self.entries.popleft().octets
+
+
+def detached(transaction: Transaction) -> Transaction:
+    """Return the transaction with octets of its own: the packet of each PDU where that holds it whole, else the PDU."""
+    copy = Transaction(
+        transaction.number,
+        transaction.connection,
+        transaction.asked_by,
+        transaction.rosctr,
+        transaction.pdu_ref,
+        transaction.parameters,
+    )
+    copy.request_frame = transaction.request_frame
+    copy.request_ns = transaction.request_ns
+    copy.response_frame = transaction.response_frame
+    copy.response_ns = transaction.response_ns
+    copy.response_rosctr = transaction.response_rosctr
+    copy.response_parameters = transaction.response_parameters
+    copy.outcome = transaction.outcome
+    copy.reason = transaction.reason
+    copy.error_code = transaction.error_code
+    copy.has_errors = transaction.has_errors
+    copy.flags = transaction.flags
+    copy.carried = transaction.carried
+    ibh = transaction.connection.state == IBH
+    head = _head(transaction.request_buf, int(transaction.request_offset), int(transaction.request_size), ibh)
+    start = int(transaction.request_offset)
+    copy.request_buf = bytes(transaction.request_buf[start - head : start + int(transaction.request_size)])
+    copy.request_offset = head
+    copy.request_size = transaction.request_size
+    head = _head(transaction.response_buf, int(transaction.response_offset), int(transaction.response_size), ibh)
+    start = int(transaction.response_offset)
+    copy.response_buf = bytes(transaction.response_buf[start - head : start + int(transaction.response_size)])
+    copy.response_offset = head
+    copy.response_size = transaction.response_size
+    return copy
+
+
+def _head(buf: bytes, offset: int, size: int, ibh: bool) -> int:
+    """Return how many octets before a PDU are the headers of the one packet that carries it whole; 0 when it has none."""
+    if not size:
+        return 0
+    if ibh:
+        for head in _IBH_HEADS:
+            if offset >= head and parse_packet(bytes(buf[offset - head : offset + size])).data == buf[offset : offset + size]:
+                return head
+        return 0
+    at = offset - _TPKT_HEAD
+    if at < 0 or buf[at] != 3 or int.from_bytes(buf[at + 2 : at + 4], "big") != size + _TPKT_HEAD:
+        return 0
+    tpdu = parse_tpdu(bytes(buf[at + 4 : offset + size]))
+    return _TPKT_HEAD if len(tpdu.data) == size and not tpdu.malformed else 0
