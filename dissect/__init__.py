@@ -28,6 +28,7 @@ _PUBLIC: Final = {
     "Pipeline": "dissect.pipeline",
     "PlusPdu": "dissect.s7plus.message",
     "Run": "dissect.session",
+    "ScdMessage": "dissect.transactions.carried",
     "Transaction": "dissect.transactions.transaction",
     "TransactionError": "dissect.transactions.transaction",
     "analyze": "dissect.session",
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from dissect.session import analyze as analyze
     from dissect.session import open as open
     from dissect.source.packet import CaptureError as CaptureError
+    from dissect.transactions.carried import ScdMessage as ScdMessage
     from dissect.transactions.connection import Connection as Connection
     from dissect.transactions.operation import Operation as Operation
     from dissect.transactions.transaction import Transaction as Transaction

@@ -70,8 +70,8 @@ class Conversation(PlusExchange):
         if side.tcp.known_start or side.connection.probed >= PROBES:
             self._give_to_others(side, side.connection.protocol, frame, time_ns)
 
-    def follow(self, side: Side, transport: str) -> bool:
-        """Open a conversation over ``tcp`` or ``udp`` for the carrier if it claims it."""
+    def follow(self, side: Side, transport: str, at_start: bool) -> bool:
+        """Open a conversation over ``tcp`` or ``udp`` for the carrier if it claims it; ``at_start``: its first octets."""
         connection = side.connection
         carrier = self.carrier
         if carrier is None or not carrier.claims_port(transport, connection):
@@ -83,6 +83,8 @@ class Conversation(PlusExchange):
         peer = side.peer
         assert peer is not None
         peer.backlog = Backlog()
+        side.framer.synced = at_start
+        peer.framer.synced = side.tcp.known_start and peer.stream.octets == 0
         self.observer.connection_opened(connection)
         return True
 
@@ -167,6 +169,7 @@ class Conversation(PlusExchange):
                     if self._strict:
                         raise
                     self.note_bug(bug, frame, time_ns)
+                del framer.ends[0]
 
     def _faults(self, side: Side, skipped: i64, frame: i64, time_ns: i64) -> None:
         number = side.connection.number

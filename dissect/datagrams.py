@@ -56,10 +56,16 @@ class Datagrams(Books):
             self._finish_flow(idle, CONNECTION_EVICTED)
         side = self.flows.open(key, vlan, self.frames, self.now_ns)
         side.connection.udp = True
-        if not self.conversation.follow(side, "udp"):
+        if not self.conversation.follow(side, "udp", True):
             self.flows.remove(side)
             return None
         return side
+
+    def restart_clock(self, time_ns: i64) -> None:
+        """Another capture begins; the carrier forgets what it knows of devices, too."""
+        super().restart_clock(time_ns)
+        if self.conversation.carrier is not None:
+            self.conversation.carrier.restart()
 
     def finish_flows(self) -> None:
         """The capture ends: so do all conversations."""

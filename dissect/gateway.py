@@ -37,13 +37,13 @@ class Gateway(Conversation):
 
     def probe(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
         """Look at octets of a connection not known yet: does it speak IBH-NetLink, or ISO-on-TCP."""
-        if self.follow(side, "tcp"):
+        first: i64 = side.end_seq - len(octets)
+        at_start: bool = side.tcp.known_start and first & MASK == side.stream.start_seq
+        if self.follow(side, "tcp", at_start):
             self.carried_octets(side, octets, frame, time_ns)
             return
         ends = side.tcp.ends
         on_port: bool = ends[0].port == NETLINK_PORT or ends[1].port == NETLINK_PORT
-        first: i64 = side.end_seq - len(octets)
-        at_start: bool = side.tcp.known_start and first & MASK == side.stream.start_seq
         if opens(octets, on_port, at_start):
             self._open_gateway(side)
             self.ibh_octets(side, octets, frame, time_ns)
@@ -85,6 +85,7 @@ class Gateway(Conversation):
                 if self._strict:
                     raise
                 self.note_bug(bug, frame, time_ns)
+            del framer.ends[0]
 
     def _packet(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
         """A whole packet: count it, and take out of it what belongs to a message."""

@@ -9,7 +9,10 @@ from pathlib import Path
 import dissect
 
 USER = """
+from pathlib import Path
+
 import dissect
+from dissect import scd
 from dissect.conversation import Observer
 
 analysis = dissect.analyze("a.pcap", "b.pcap", slow_ns=5)
@@ -22,6 +25,15 @@ for event in dissect.open("a.pcap", pdus=False):
         reveal_type(event.errors)
         for result in event.results():
             reveal_type(result.value)
+for event in dissect.open("a.pcap", scd=scd.load("plant.toml"), bind=Path("plant.bind.toml")):
+    if isinstance(event, dissect.ScdMessage):
+        reveal_type(event.message.values)
+        for row in event.values:
+            reveal_type(row.name)
+            reveal_type(row.physical)
+    if isinstance(event, dissect.Transaction):
+        reveal_type(event.scd)
+dissect.analyze("a.pcap", scd="plant.scd", bind="plant.bind.toml")
 
 
 class Mine(Observer):
@@ -38,12 +50,16 @@ REVEALED = [
     "int | None",
     "dict[str, object]",
     (
-        "Connection | dissect.s7.message.Pdu | dissect.s7plus.message.PlusPdu | dissect.transactions.transaction.Transaction"
-        " | dissect.transactions.operation.Operation | dissect.findings.finding.Finding"
+        "Connection | dissect.s7.message.Pdu | dissect.s7plus.message.PlusPdu | dissect.transactions.carried.ScdMessage"
+        " | dissect.transactions.transaction.Transaction | dissect.transactions.operation.Operation | dissect.findings.finding.Finding"
     ),
     "int | None",
     "list[dissect.transactions.transaction.TransactionError]",
     "int | float | str | list[bool | int | float | str | None] | None",
+    "dict[tuple[int, int] | str, ",
+    '"str"',
+    "NetTime",
+    "list[dissect.transactions.carried.ScdMessage]",
     "dissect.tcp.connection.Endpoint",
 ]
 

@@ -36,11 +36,15 @@ ORDER: Final = (
     "bindings",
     "report",
     "recording",
+    "anonymize",
     "session",  # analyze() folds what it reads with report.analysis
+    "golden",
     "baseline",
     "alerts",
     "live",
+    "monitor",
     "metrics",
+    "proxy",
     "layers",
     "oracle",
     "testing",
@@ -76,7 +80,7 @@ IMPURE_CALLS: Final = frozenset(("breakpoint", "input", "open", "print"))
 CLOCK_CALLS: Final = frozenset(("now", "today", "utcnow"))
 
 #: Third-party packages that stay in one room.
-LOCKED: Final = {"scapy": "layers", "pyshark": "oracle"}
+LOCKED: Final = {"scapy": "layers", "pyshark": "oracle", "textual": "monitor"}
 
 #: They run what they read.
 DANGEROUS_IMPORTS: Final = frozenset(("cPickle", "dill", "jsonpickle", "marshal", "pickle", "shelve", "yaml"))

@@ -7,16 +7,19 @@ import struct
 from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import pytest
 
 import dissect
+from dissect import scd
+from dissect.bindings import BindingError
 from dissect.conversation import Options
 from dissect.findings.finding import Finding
 from dissect.s7.message import Pdu
 from dissect.session import CONTINUES_NS, Run
 from dissect.source.packet import CaptureError
+from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from tests.properties.books import Record, check_books, facts, told, true
@@ -332,3 +335,57 @@ def test_a_conversation_survives_the_way_through_a_file(write: Files) -> None:
     transactions = [event for event in dissect.open(write(captured(talk.segments))) if isinstance(event, Transaction)]
     assert told(transactions) == true([made])
     assert transactions[0].request_ns == EPOCH_NS + 5 * MS
+
+
+# ---- SCD ------------------------------------------------------------------------------------------------------------
+
+PLANT: Final = Path(__file__).resolve().parents[1] / "captures" / "scd"
+DICT, BIND, CAPTURE = (str(PLANT / name) for name in ("plant.toml", "plant.bind.toml", "plant.pcapng"))
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_scd_as_somebody_uses_it(compiled: bool) -> None:
+    """A dictionary is a file or one that is loaded already; every value comes with its name, unit and text."""
+    dictionary: str | scd.Dictionary = scd.load(DICT) if compiled else DICT
+    modes: dict[str, object] = {}
+    messages = 0
+    for event in dissect.open(CAPTURE, scd=dictionary, bind=BIND):
+        if isinstance(event, ScdMessage):
+            messages += 1
+            modes.update({row.name: row.text for row in event.values if row.name == "Режим 1"})
+        elif isinstance(event, Transaction):
+            for found in event.scd:
+                assert found.message.error is None or found.subject == "read 0x6fff:0"
+    assert messages == 48 + 2 + 4 + 2  # those of their own; what stands in S7 is in its transactions
+    assert modes == {"Режим 1": "автомат"}
+    folded: dict[str, Any] = dict(dissect.analyze(CAPTURE, scd=dictionary, bind=BIND).as_dict())
+    assert folded["scd"]["dictionary"] == "Насосная"
+
+
+def test_scd_messages_come_before_their_transaction() -> None:
+    told = list(dissect.open(CAPTURE, scd=DICT, bind=BIND))
+    for event in told:
+        if isinstance(event, Transaction) and event.is_scd:
+            before = told[: told.index(event)]
+            assert all(any(found is one for one in before) for found in event.scd)
+
+
+def test_without_pdus_there_are_no_scd_messages_of_their_own() -> None:
+    told = list(dissect.open(CAPTURE, scd=DICT, bind=BIND, pdus=False))
+    assert not [event for event in told if isinstance(event, ScdMessage)]
+    assert sum(len(event.scd) for event in told if isinstance(event, Transaction)) == 62
+
+
+@pytest.mark.parametrize("options", [{"scd": DICT}, {"bind": BIND}])
+def test_one_half_of_the_options_is_an_error(options: dict[str, str]) -> None:
+    with pytest.raises(ValueError, match="takes both a dictionary"):
+        list(dissect.open(CAPTURE, **options))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="takes both a dictionary"):
+        dissect.analyze(CAPTURE, **options)  # type: ignore[arg-type]
+
+
+def test_a_wrong_dictionary_or_bindings_file_is_told_before_anything_is_read() -> None:
+    with pytest.raises(BindingError):
+        list(dissect.open("nowhere.pcapng", scd=DICT, bind=DICT))
+    with pytest.raises(scd.DictionaryError):
+        list(dissect.open("nowhere.pcapng", scd=BIND, bind=BIND))

@@ -10,6 +10,9 @@ from dissect.alerts.rules import Rule
 
 #: Different things that are remembered; what comes beyond is counted and not told.
 MAX_REMEMBERED: Final = 16384
+#: How often (capture time) what is remembered is gone through, and by how many entries that becomes rarer.
+_FLUSH_NS: Final = 1_000_000_000
+_MANY: Final = 1024
 
 #: Makes the alert once it is known that it will be told; gets the time.
 Make = Callable[[int], Alert]
@@ -36,6 +39,7 @@ class Cooldown:
     def __init__(self, tell: Callable[[Alert], None]) -> None:
         self.crowded = 0
         self._tell = tell
+        self._flush_ns = 0
         self._told: dict[tuple[Rule, Hashable], _Told] = {}
 
     def event(self, rule: Rule, about: Hashable, now_ns: int, make: Make) -> None:
@@ -73,6 +77,9 @@ class Cooldown:
 
         A state that was not found to hold now holds no more: its connection is gone.
         """
+        if now_ns < self._flush_ns and not over:
+            return
+        self._flush_ns = now_ns + _FLUSH_NS * (1 + len(self._told) // _MANY)
         for key, told in list(self._told.items()):
             rule = key[0]
             if told.looked_ns < now_ns:
@@ -85,7 +92,9 @@ class Cooldown:
 
     def rewind(self, now_ns: int) -> None:
         """The clock went back: nothing was told later than now, and no state has held since then."""
+        self._flush_ns = now_ns
         for told in self._told.values():
+            told.looked_ns = 0
             told.told_ns = min(told.told_ns, now_ns)
             told.since_ns = -1
 

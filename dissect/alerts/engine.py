@@ -23,7 +23,7 @@ from dissect.report.places import Places
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 
-#: How often (capture time) states are looked at, and by how many open connections that becomes rarer.
+#: How often (capture time) states are looked at, and by how many connections and measures that becomes rarer.
 LOOK_NS: Final = 200_000_000
 _MANY: Final = 512
 #: A connection that carried no transaction so long is judged by what is known of it.
@@ -156,7 +156,7 @@ class AlertEngine(Observer):
 
     def _look(self) -> None:
         now_ns = self.now_ns
-        self._look_ns = now_ns + LOOK_NS * (1 + len(self._open) // _MANY)
+        measured = len(self._open)
         for number, connection in list(self._unjudged.items()):
             if now_ns - connection.tcp.first_ns >= _JUDGE_NS:
                 del self._unjudged[number]
@@ -164,7 +164,9 @@ class AlertEngine(Observer):
         for watch in self._states:
             self._adopt(watch)
             for about, make in watch.look(now_ns):
+                measured += 1
                 self._cooldown.state(watch.rule, about, now_ns, make)
+        self._look_ns = now_ns + LOOK_NS * (1 + measured // _MANY)
         self._cooldown.flush(now_ns)
 
     def _adopt(self, watch: StateWatch) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import socket
 from logging.handlers import SysLogHandler
 from typing import Final
@@ -19,6 +20,8 @@ from dissect.wire.clock import Clock
 #: The socket that Linux systems have.
 DEV_LOG: Final = "/dev/log"
 _APP: Final = "s7dissect"
+#: What a host name may not hold there.
+_UNPRINTED: Final = re.compile(r"[^!-~]")
 _FACILITIES: Final = ("user", "daemon", *[f"local{number}" for number in range(8)])
 #: Severities of RFC 5424 as the handler derives them from levels.
 _LEVELS: Final = {ERROR: logging.ERROR, NOTE: logging.INFO}
@@ -42,7 +45,7 @@ class Syslog(Action):
         self._address = address
         self._facility = facility
         self._sender: _Sender | None = None
-        self._host = socket.gethostname() or "-"
+        self._host = _UNPRINTED.sub("-", socket.gethostname())[:255] or "-"
 
     def deliver(self, alert: Alert) -> None:
         """Send the alert. Raises `DeliveryError`; the next one tries to connect anew."""

@@ -165,5 +165,6 @@ def _norm(pair: Pair, learned: _Learned) -> PairNorm:
         norm.median_ms = (answers.quantile(0.5) or 0) / _MS
         norm.p99_ms = (answers.quantile(0.99) or 0) / _MS
         norm.longest_ms = answers.longest / _MS
-    norm.longest_silence = learned.silence_ns / _S if learned.silence_ns >= 0 else None
+    # Rounded up to what the file holds: the same silence again is not a longer one.
+    norm.longest_silence = -(-learned.silence_ns // 1000) / 1e6 if learned.silence_ns >= 0 else None
     return norm

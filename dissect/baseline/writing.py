@@ -65,7 +65,7 @@ def _pair(norm: PairNorm) -> Iterator[str]:
     yield from _table("rate", [("mean", norm.mean), ("highest_1s", norm.highest_1s), ("highest_10s", norm.highest_10s)])
     yield from _table("answer_ms", [("median", norm.median_ms), ("p99", norm.p99_ms), ("longest", norm.longest_ms)])
     if norm.longest_silence is not None:
-        yield f"longest_silence = {_number(norm.longest_silence)}"
+        yield f"longest_silence = {_seconds(norm.longest_silence)}"
 
 
 def _table(key: str, values: Iterable[tuple[str, float | None]]) -> Iterator[str]:
@@ -100,6 +100,12 @@ def _number(value: float) -> str:
     keep = max(6 - len(whole.lstrip("-0")), 0)
     zeros = len(part) - len(part.lstrip("0")) if whole in {"0", "-0"} else 0
     return f"{whole}.{part[: keep + zeros].rstrip('0') or '0'}"
+
+
+def _seconds(value: float) -> str:
+    """Return seconds to the microsecond: what is compared with them must not be longer by a rounding alone."""
+    whole, _, part = f"{value:.6f}".partition(".")
+    return f"{whole}.{part.rstrip('0') or '0'}"
 
 
 def toml_text(text: str) -> str:

@@ -19,14 +19,20 @@ if TYPE_CHECKING:
 
 #: Devices remembered; when there are more, the one heard of longest ago is forgotten.
 MAX_DEVICES: Final = 4096
+#: Constants remembered of one device.
+MAX_CONSTANTS: Final = 1024
 _ABSENT: Final = object()
 
 
 class Device:
-    """One device: the codec with its mappings, and the values of its constants as they were last seen."""
+    """One device: the codec with its mappings, and the values of its constants as they were last seen.
+
+    ``overlooked`` counts values of constants that were too many to be remembered.
+    """
 
     def __init__(self, dictionary: Dictionary, codec: Codec, *, strict_pad: bool) -> None:
         self.codec = codec
+        self.overlooked = 0
         self.constants: dict[Key, Value] = {}
         self._dictionary = dictionary
         self._strict_pad = strict_pad
@@ -36,6 +42,9 @@ class Device:
     def constant(self, key: Key, value: Value) -> Value | None:
         """Note the value of a constant; return the one it had before if that was another, else None."""
         old = self.constants.get(key, _ABSENT)
+        if old is _ABSENT and len(self.constants) >= MAX_CONSTANTS:
+            self.overlooked += 1
+            return None
         self.constants[key] = value
         if old is _ABSENT or old == value or (old != old and value != value):  # noqa: PLR0124 - NaN
             return None
@@ -61,15 +70,26 @@ class Device:
 
 
 class Devices:
-    """Devices by address and port. ``forgotten`` counts those that had to leave."""
+    """Devices by address and port: ``forgotten`` counts those that had to leave, `overlooked` values of constants."""
 
     def __init__(self, dictionary: Dictionary, *, strict_pad: bool) -> None:
         self.dictionary = dictionary
         self.codec = Codec(dictionary, strict_pad=strict_pad)
         self.forgotten = 0
+        self._overlooked = 0
         self._strict_pad = strict_pad
         self._known: OrderedDict[tuple[bytes, int], Device] = OrderedDict()
         _ = self.codec.envelope  # an envelope that cannot work is told before the first packet
+
+    @property
+    def overlooked(self) -> int:
+        """Values of constants that were not compared, because a device has too many of them."""
+        return self._overlooked + sum([device.overlooked for device in self._known.values()])
+
+    def restart(self) -> None:
+        """Another capture begins: forget every device. `forgotten` counts only those there was no room for."""
+        self._overlooked = self.overlooked
+        self._known.clear()
 
     def of(self, side: Side, binding: Binding) -> Device:
         """Return the device of a conversation: the end that owns the dictionary."""
@@ -84,8 +104,9 @@ class Devices:
             found = Device(self.dictionary, self.codec, strict_pad=self._strict_pad)
             self._known[key] = found
             if len(self._known) > MAX_DEVICES:
-                self._known.popitem(last=False)
+                _, gone = self._known.popitem(last=False)
                 self.forgotten += 1
+                self._overlooked += gone.overlooked
         else:
             self._known.move_to_end(key)
         return found

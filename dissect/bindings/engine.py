@@ -17,7 +17,7 @@ from dissect.bindings.contents import decode
 from dissect.bindings.devices import Device, Devices
 from dissect.bindings.judging import ScdJudge
 from dissect.bindings.place import in_blocks
-from dissect.bindings.streams import cut_stream
+from dissect.bindings.streams import cut_stream, skip_hole
 from dissect.findings.carrier import Carrier
 from dissect.iso.upper import SCD as UPPER_SCD
 from dissect.iso.upper import UPPER_NAMES
@@ -40,11 +40,13 @@ if TYPE_CHECKING:
 #: `Connection.bound` once it is known that no binding is for its TSAPs.
 _NOT_BOUND: Final = -2
 #: Connections whose BSENDs are put together from their pieces.
-_MAX_JOINERS: Final = 1024
+MAX_JOINERS: Final = 1024
 #: Put into the reference of a request that is known by its index and sub-index, so that it is no transaction number.
 _BY_OBJECT: Final = 0x1000000
 #: A transaction number of an envelope may have 64 bits; pairing counts with what fits below its own marks.
 _REFERENCE: Final = (1 << 30) - 1
+#: An error of an envelope may have 64 bits without a sign; that of a transaction has one.
+_MAX_ERR: Final = (1 << 63) - 1
 
 
 class BindingCount:
@@ -60,7 +62,8 @@ class BindingCount:
 class ScdCarrier(Carrier):
     """Decodes SCD where the bindings say it travels.
 
-    ``counts`` by name of the binding; ``unpaired`` are messages of no kind; ``skipped`` octets of streams that begin none.
+    ``counts`` by name of the binding; ``unpaired`` are messages of no kind; ``skipped`` octets of streams that are in no
+    message; ``blocks_forgotten`` connections whose BSENDs were too many to be put together.
     """
 
     def __init__(self, dictionary: Dictionary, bindings: Bindings, *, strict_pad: bool = False) -> None:
@@ -70,6 +73,7 @@ class ScdCarrier(Carrier):
         self.counts: dict[str, BindingCount] = {binding.name: BindingCount() for binding in bindings.all}
         self.unpaired = 0
         self.skipped = 0
+        self.blocks_forgotten = 0
         self.udp_ports = set(bindings.udp)
         self.devices = Devices(dictionary, strict_pad=strict_pad)
         self._numbers = {id(binding): number for number, binding in enumerate(bindings.all)}
@@ -81,7 +85,8 @@ class ScdCarrier(Carrier):
     def attach(self, exchange: Exchange) -> None:
         """Remember where findings, observer and dialogue are."""
         self._exchange = exchange
-        self._judge = ScdJudge(exchange.judge, self.devices)
+        peers = frozenset(binding.name for binding in self.bindings.all if binding.device == "peer")
+        self._judge = ScdJudge(exchange.judge, self.devices, peers)
 
     # ---- where SCD travels ------------------------------------------------------------------------------------------
 
@@ -119,11 +124,7 @@ class ScdCarrier(Carrier):
 
     def hole(self, side: Side, size: int, frame: int, time_ns: int) -> None:
         """Octets are missing: what was begun stays incomplete, and the next message has to be found."""
-        backlog = side.backlog
-        if backlog is not None:
-            backlog.skipped += len(backlog.octets)
-            backlog.octets = b""
-        side.framer.synced = False
+        self.skipped += skip_hole(side, self.bindings.all[side.connection.bound], size)
 
     def tsdu(self, side: Side, octets: bytes, frame: int, time_ns: int) -> bool:
         """Take a TSDU of a connection whose TSAPs are bound."""
@@ -182,6 +183,8 @@ class ScdCarrier(Carrier):
             count.values += len(message.values)
             if message.error is not None:
                 count.errors += 1
+            elif message.pdo:
+                found.mapping = device.codec.pdo(message.pdo)
             yield found
 
     def _pair(self, side: Side, found: ScdMessage, frame: int, time_ns: int) -> None:
@@ -212,7 +215,7 @@ class ScdCarrier(Carrier):
         if "index" in message.numbers and message.service != "pdo":
             parameters.index = message.index
             parameters.sub = message.sub
-        parameters.err = message.err
+        parameters.err = min(message.err, _MAX_ERR)
         parameters.refused = message.phase == "abort" or message.err < 0
         return parameters
 
@@ -289,8 +292,9 @@ class ScdCarrier(Carrier):
             if head is None or head.group != GROUP_PBC:
                 return
             joiner = self._joiners[number] = Joiner()
-            if len(self._joiners) > _MAX_JOINERS:
+            if len(self._joiners) > MAX_JOINERS:
                 del self._joiners[next(iter(self._joiners))]
+                self.blocks_forgotten += 1
         chain = joiner.feed(transaction)
         if chain is None or chain.r_id < 0:
             return
@@ -323,7 +327,14 @@ class ScdCarrier(Carrier):
             "unpaired": self.unpaired,
             "octets_skipped": self.skipped,
             "devices_forgotten": self.devices.forgotten,
+            "constants_overlooked": self.devices.overlooked,
+            "counters_forgotten": self._judge.forgotten,
+            "blocks_forgotten": self.blocks_forgotten,
         }
+
+    def restart(self) -> None:
+        """Another capture begins: forget mappings and constants."""
+        self.devices.restart()
 
     def end(self, side: Side, frame: int, time_ns: int) -> None:
         """The connection is over: its counters count for nothing any more."""

@@ -8,9 +8,11 @@ from dissect.bindings.devices import Device, Devices, is_rewritten
 from dissect.scd.errors import E_CRC, E_INDEX, E_PDO_NUMBER, E_SUB, Error
 from dissect.scd.packing import ACCESS, NONFINITE, PAD, TIME_NS_RANGE, TRAILING, VERSION
 from dissect.scd.wording import address_text, value_text
+from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.findings.judge import Judge
+    from dissect.scd.model import Pdo
     from dissect.transactions.carried import ScdMessage
     from dissect.transactions.table import Side
     from dissect.transactions.transaction import Transaction
@@ -19,9 +21,11 @@ if TYPE_CHECKING:
 CONF_ID: Final = (0x1020, 3)
 #: A counter of PDOs is an octet.
 _COUNTER: Final = 256
-#: PDO counters followed for one connection, and connections with counters.
-_MAX_COUNTERS: Final = 1024
-_MAX_CONNECTIONS: Final = 8192
+#: PDO counters followed at once for one connection, and for all of them.
+MAX_COUNTERS: Final = 1024
+MAX_COUNTERS_ALL: Final = 65536
+#: Variables of a new mapping that are named.
+_NAMED: Final = 8
 _UNKNOWN: Final = frozenset((E_INDEX, E_SUB, E_PDO_NUMBER))
 _ODD: Final = {
     TRAILING: "octets are left over",
@@ -33,9 +37,16 @@ _ODD: Final = {
 
 
 class ScdJudge:
-    """Judges messages as they come and exchanges when they are over."""
+    """Judges messages as they come and exchanges when they are over.
 
-    def __init__(self, judge: Judge, devices: Devices) -> None:
+    ``peers`` are the names of bindings whose dictionary belongs to the end that asks; ``forgotten`` counts PDO counters that
+    were too many.
+    """
+
+    def __init__(self, judge: Judge, devices: Devices, peers: frozenset[str]) -> None:
+        self.forgotten = 0
+        self._peers = peers
+        self._kept = 0
         self._judge = judge
         self._devices = devices
         self._dictionary = devices.dictionary
@@ -78,19 +89,31 @@ class ScdJudge:
         message = found.message
         if "tid" not in message.numbers or not message.pdo:
             return
-        counters = self._counters.setdefault(side.connection.number, {})
-        if len(self._counters) > _MAX_CONNECTIONS:
-            del self._counters[next(iter(self._counters))]
+        number = side.connection.number
+        counters = self._counters.setdefault(number, {})
         key = (side.index, message.pdo)
         last = counters.get(key)
-        if last is None and len(counters) >= _MAX_COUNTERS:
+        if last is None:
+            self._follow(number, key, message.tid)
             return
         counters[key] = message.tid
-        if last is not None:
-            lost = (message.tid - last) % _COUNTER - 1
-            if lost > 0:
-                detail = f"{lost} before this one: the counter went from {last} to {message.tid}"
-                self._note("scd.pdo_gap", found, detail)
+        lost = (message.tid - last) % _COUNTER - 1
+        if lost > 0:
+            detail = f"{lost} before this one: the counter went from {last} to {message.tid}"
+            self._note("scd.pdo_gap", found, detail)
+
+    def _follow(self, number: int, key: tuple[int, str], counter: int) -> None:
+        """Follow another counter of a connection; when there are too many, those of the oldest connection are forgotten."""
+        counters = self._counters[number]
+        if len(counters) >= MAX_COUNTERS:
+            self.forgotten += 1
+            return
+        counters[key] = counter
+        self._kept += 1
+        while self._kept > MAX_COUNTERS_ALL:
+            oldest = next(iter(self._counters))
+            self.forgotten += len(self._counters[oldest])
+            self.forget(oldest)
 
     def garbage(self, side: Side, skipped: int, frame: int, time_ns: int) -> None:
         """Octets of a bound stream that are no message were stepped over."""
@@ -99,7 +122,7 @@ class ScdJudge:
 
     def forget(self, connection: int) -> None:
         """The connection is over."""
-        self._counters.pop(connection, None)
+        self._kept -= len(self._counters.pop(connection, ()))
 
     # ---- what devices say of themselves -----------------------------------------------------------------------------
 
@@ -107,7 +130,7 @@ class ScdJudge:
         """Judge an SDO exchange that is over, or a PDO: values of the device, what was written to it."""
         for found in transaction.scd:
             message = found.message
-            device = self._device(transaction)
+            device = self._device(transaction, found)
             if message.err > 0 and message.service != "pdo":
                 self._note("scd.status", found, f"{message.err} {self._dictionary.error_text(message.err)}")
             if message.service == "write" and message.phase == "request":
@@ -116,13 +139,12 @@ class ScdJudge:
             else:
                 self.content(device, found, accepted=True)
 
-    def _device(self, transaction: Transaction) -> Device:
-        """Return the device that was asked, or that sent what nobody asked for."""
+    def _device(self, transaction: Transaction, found: ScdMessage) -> Device:
+        """Return the device that was asked, or whose PDO this is."""
         connection = transaction.connection
-        ends = connection.tcp.ends
         if transaction.outcome_name == "unsolicited":
-            return self._devices.at(connection.server)
-        return self._devices.at(ends[1 - transaction.asked_by])
+            return self._devices.at(connection.client if found.binding in self._peers else connection.server)
+        return self._devices.at(connection.tcp.ends[1 - transaction.asked_by])
 
     def content(self, device: Device, found: ScdMessage, *, accepted: bool) -> None:
         """Judge values that a device has, or took over if ``accepted``."""
@@ -155,10 +177,7 @@ class ScdJudge:
                 continue
             if pdo is None and key[1]:
                 continue  # one entry of a PDO that is switched off while it is configured
-            now = "switched off"
-            if pdo is not None:
-                now = ", ".join([address_text(row.variable.address) for row in pdo.map]) or "empty"
-            self._note("scd.remapped", found, f"{address_text(key)} = {value_text(value)}; now {now}")
+            self._note("scd.remapped", found, f"{value_text(value)} written, now {_mapped(pdo)}")
 
     def _note(self, slug: str, found: ScdMessage, detail: str) -> None:
         connection = found.connection
@@ -166,3 +185,12 @@ class ScdJudge:
             where = f"{found.place}, " if found.place else ""
             text = f"{where}{found.subject}: {detail}"
             self._judge.detail(slug, connection, [found.frame], found.time_ns, text)
+
+
+def _mapped(pdo: Pdo | None) -> str:
+    """Return what a PDO carries, None for one that is switched off."""
+    if pdo is None:
+        return "switched off"
+    named = [f"{address_text(row.variable.address)} {printable(row.variable.label)}" for row in pdo.map[:_NAMED]]
+    more = f" and {len(pdo.map) - _NAMED} more" if len(pdo.map) > _NAMED else ""
+    return f"{', '.join(named)}{more}" if named else "empty"

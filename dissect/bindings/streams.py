@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from dissect.scd.errors import E_CRC
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from dissect.bindings.binding import Binding
     from dissect.scd.envelope import Envelope
+    from dissect.transactions.carried import Backlog
     from dissect.transactions.table import Side
+
+#: Places of a stream that may be the begin of a message whose end is not there yet, while its begin is searched for.
+MAX_PENDING: Final = 64
 
 
 def cut_stream(side: Side, envelope: Envelope, binding: Binding, octets: bytes) -> tuple[list[bytes], int]:
@@ -22,45 +24,115 @@ def cut_stream(side: Side, envelope: Envelope, binding: Binding, octets: bytes) 
     backlog = side.backlog
     assert backlog is not None
     buffer = backlog.octets + octets
-    units: list[bytes] = []
-    at = skipped = 0
-    while at < len(buffer):
-        size = binding.size
-        if not size:
-            size, error = envelope.frame(buffer, at)
-            if error is not None:
-                step = _next(envelope, buffer, at + 1) - at
-                side.framer.synced = False
-                skipped += step
-                at += step
-                continue
-            if not size:
-                break  # not even its head is there
-        if at + size > len(buffer):
-            break
-        unit = buffer[at : at + size]
-        if not binding.size and not side.framer.synced and not _is_message(envelope, unit):
-            step = _next(envelope, buffer, at + 1) - at
-            skipped += step
-            at += step
-            continue
-        side.framer.synced = True
-        units.append(unit)
-        backlog.framed += size
-        at += size
+    if binding.size:
+        units, at, skipped = _cut_equal(backlog, binding.size, buffer)
+    else:
+        units, at, skipped = _cut_messages(side, backlog, envelope, buffer)
+        backlog.scan = max(backlog.scan - at, 0)
+        backlog.pending = [(begin - at, size) for begin, size in backlog.pending]
     backlog.octets = buffer[at:]
+    backlog.framed += sum([len(unit) for unit in units])
     backlog.skipped += skipped
     return units, skipped
 
 
+def skip_hole(side: Side, binding: Binding, size: int) -> int:
+    """Octets are missing: give up what was begun, and return how many octets that is.
+
+    Contents of one size go on where the next one begins; messages have to be found anew.
+    """
+    backlog = side.backlog
+    assert backlog is not None
+    lost = len(backlog.octets)
+    if binding.size:
+        rest = backlog.owed or -lost % binding.size
+        backlog.owed = (rest - size) % binding.size
+    side.framer.synced = False
+    backlog.skipped += lost
+    backlog.octets = b""
+    backlog.scan = 0
+    backlog.pending = []
+    return lost
+
+
+def _cut_equal(backlog: Backlog, size: int, buffer: bytes) -> tuple[list[bytes], int, int]:
+    """Return contents of one size, where the rest of ``buffer`` begins, and the octets before the first one."""
+    owed = min(int(backlog.owed), len(buffer))
+    backlog.owed -= owed
+    end = len(buffer) - (len(buffer) - owed) % size
+    return [buffer[at : at + size] for at in range(owed, end, size)], end, owed
+
+
+def _cut_messages(side: Side, backlog: Backlog, envelope: Envelope, buffer: bytes) -> tuple[list[bytes], int, int]:
+    """Return messages, where the rest of ``buffer`` begins, and the octets that were stepped over."""
+    units: list[bytes] = []
+    at = skipped = 0
+    while at < len(buffer):
+        if not side.framer.synced:
+            found = _search(backlog, envelope, buffer)
+            begin = found
+            if found < 0:
+                begin = backlog.pending[0][0] if backlog.pending else int(backlog.scan)
+            skipped += begin - at
+            at = begin
+            if found < 0:
+                break
+            side.framer.synced = True
+            backlog.pending = []
+        size, error = envelope.frame(buffer, at)
+        if error is not None:
+            side.framer.synced = False
+            backlog.scan = at + 1
+            continue
+        if not size or at + size > len(buffer):
+            break
+        units.append(buffer[at : at + size])
+        at += size
+    return units, at, skipped
+
+
+def _search(backlog: Backlog, envelope: Envelope, buffer: bytes) -> int:
+    """Return where the first message begins that is all there, -1 for none; then ``scan`` and ``pending`` say what to look at.
+
+    What may be one but is not all there does not hide those behind it, for its size may be anything. Without a checksum
+    nothing tells them apart, so there the first one is waited for.
+    """
+    pending = []
+    for begin, size in backlog.pending:
+        if begin + size > len(buffer):
+            pending.append((begin, size))
+        elif _is_message(envelope, buffer[begin : begin + size]):
+            return begin
+    most = MAX_PENDING if envelope.has_crc else 1
+    begin = _next(envelope, buffer, int(backlog.scan))
+    while begin < len(buffer) and len(pending) < most:
+        size, error = envelope.frame(buffer, begin)
+        if error is None:
+            if not size:
+                break  # not even its head is there
+            if begin + size > len(buffer):
+                pending.append((begin, size))
+            elif _is_message(envelope, buffer[begin : begin + size]):
+                return begin
+        begin = _next(envelope, buffer, begin + 1)
+    backlog.scan = begin
+    backlog.pending = pending
+    return -1
+
+
 def _is_message(envelope: Envelope, unit: bytes) -> bool:
-    error = envelope.parse(unit).error
-    return error is None or error.code != E_CRC
+    return envelope.parse(unit).error is None
 
 
 def _next(envelope: Envelope, buffer: bytes, at: int) -> int:
     """Return where a message may begin, at ``at`` or later: the end of the buffer when nowhere."""
-    if not envelope.opening:
+    opening = envelope.opening
+    if not opening:
         return at
-    found = buffer.find(envelope.opening, at)
-    return found if found >= 0 else len(buffer)
+    found = buffer.find(opening, at)
+    if found >= 0:
+        return found
+    for size in range(min(len(opening) - 1, len(buffer) - at), 0, -1):
+        if buffer.endswith(opening[:size]):
+            return len(buffer) - size
+    return max(at, len(buffer))

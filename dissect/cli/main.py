@@ -34,10 +34,14 @@ COMMANDS: Final = {
     "operations": "One line per download, upload, subscription, password.",
     "show": "One line per S7 PDU, or the fields and octets of one.",
     "cut": "A part of a capture as pcapng, findings as comments.",
+    "anonymize": "A capture to be shown: addresses, names, values replaced.",
     "baseline": "Learn what is normal, or tell what is not.",
+    "golden": "A capture as stable text, to be kept and compared.",
+    "diff": "What changed from one session to another, in words.",
     "verify": "Our dissection beside Wireshark's, field by field.",
     "monitor": "What happens on a line, while it happens.",
     "interfaces": "What can be captured live here, and by whom.",
+    "proxy": "A TCP relay before a PLC that tells what passes.",
     "scd": "Dictionaries of SCD, and values by them.",
 }
 

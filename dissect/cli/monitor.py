@@ -3,43 +3,37 @@
 from __future__ import annotations
 
 import importlib
-import signal
 import sys
-from types import FrameType
-from typing import TYPE_CHECKING, Any, Final, Protocol, Self
+from typing import TYPE_CHECKING, Final
 
 import click
 
+from dissect.cli.beside import beside_options
 from dissect.cli.carried import scd_options
 from dissect.cli.drive import nanoseconds, write
 from dissect.cli.gate import fail_on_option, gate
-from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
+from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT
+from dissect.cli.scrape import Scrape, allow_remote_option, metrics_option
+from dissect.cli.watching import Interruption, LostEvents, Shower, only_option
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
 
+    from dissect.cli.beside import Beside
     from dissect.findings.carrier import Carrier
-    from dissect.live.session import Event, Session, Status
+    from dissect.live.session import Session, Status
+    from dissect.metrics.address import Address
     from dissect.source.packet import Reader
 
 #: How long a poll waits for something to happen, in seconds, and how much it takes.
 _WAIT_S: Final = 0.2
 _MOST: Final = 512
-_TOPICS: Final = ("connections", "transactions", "operations", "findings", "scd")
 
 _EXIT_CODES: Final = (
     "Exit code: 0 the source or --duration ended, 1 a finding that --fail-on names, 2 wrong use or a source that cannot be "
     "opened, 3 the source broke off, 5 the output failed, 130 interrupted by SIGINT or SIGTERM (the summary is given)."
 )
-
-
-class _Shower(Protocol):
-    """What makes lines of events."""
-
-    def lines(self, events: Iterable[Event]) -> list[str]: ...
-
-    def lost(self, now_ns: int, counts: dict[str, int]) -> str: ...
 
 
 def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> int:
@@ -53,14 +47,6 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
     if not 0 < number <= 1e9:
         raise click.BadParameter(f"{value} is not between 0 and 1000000000.", ctx, param)
     return int(number * 1e9)
-
-
-def _topics(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[str, ...]:
-    topics = tuple([topic.strip() for topic in value.split(",")]) if value else ()
-    for topic in topics:
-        if topic not in _TOPICS:
-            raise click.BadParameter(f"{topic!r} is none of {', '.join(_TOPICS)}.", ctx, param)
-    return topics
 
 
 @click.command("monitor", epilog=_EXIT_CODES)
@@ -86,13 +72,7 @@ def _topics(ctx: click.Context, param: click.Parameter, value: str | None) -> tu
     type=click.Choice(("text", "jsonl")),
     help="What to write, a line an event; without it and on a terminal the screens are shown.",
 )
-@click.option(
-    "--only",
-    "topics",
-    callback=_topics,
-    metavar="TOPICS",
-    help=f"Write only these, with commas between: {', '.join(_TOPICS)}.",
-)
+@only_option
 @click.option(
     "--slow",
     "slow_ns",
@@ -113,8 +93,11 @@ def _topics(ctx: click.Context, param: click.Parameter, value: str | None) -> tu
 )
 @click.option("--duration", "duration_ns", callback=_seconds, metavar="S", help="End after so many seconds.")
 @click.option("-c", "--packets", type=click.IntRange(1), default=None, metavar="N", help="End after so many packets.")
+@metrics_option
+@allow_remote_option
 @fail_on_option
 @scd_options
+@beside_options
 def command(
     file: str | None,
     interface: str | None,
@@ -127,8 +110,11 @@ def command(
     overdue_ns: int,
     duration_ns: int,
     packets: int | None,
+    metrics: Address | None,
+    allow_remote: bool,
     fail_on: frozenset[str],
     carrier: Carrier | None,
+    beside: Beside,
 ) -> int:
     """Watch a line: connections, transactions and findings as they come. Nothing is ever sent.
 
@@ -139,16 +125,22 @@ def command(
     from dissect.live.run import Limits
     from dissect.live.session import Session
 
-    session = Session(
-        _opener(file, interface, expression, engine),
-        Options(slow_ns, carrier=carrier, overdue_ns=overdue_ns),
-        limits=Limits(duration_ns, packets or 0),
-        name=interface or ("stdin" if file == "-" else file or ""),
-    )
-    if not plain and format_ is None and sys.stdout.isatty():
-        code = _on_screens(session)
-    else:
-        code = _in_lines(session, format_ == "jsonl", topics)
+    opener = _opener(file, interface, expression, engine)
+    on_screens = not plain and format_ is None and sys.stdout.isatty() and _screens_will_do()
+    with Scrape(metrics, allow_remote) as scrape:
+        session = Session(
+            opener,
+            Options(slow_ns, carrier=carrier, overdue_ns=overdue_ns),
+            companions=[*beside.companions(), *scrape.companions],
+            limits=Limits(duration_ns, packets or 0),
+            name=interface or ("stdin" if file == "-" else file or ""),
+        )
+        scrape.watch(session)
+        beside.watch(session, on_screens)
+        if on_screens:
+            code = _on_screens(session, slow_ns)
+        else:
+            code = _in_lines(session, format_ == "jsonl", topics)
     return gate(session.run, fail_on, code)
 
 
@@ -179,8 +171,8 @@ def _in_lines(session: Session, as_json: bool, topics: tuple[str, ...]) -> int:
     from dissect.live.lines import PlainLines, kinds_of
 
     kinds = kinds_of(topics)
-    shower: _Shower = JsonLines(kinds) if as_json else PlainLines(kinds)
-    with _Interruption(session) as interruption:
+    shower: Shower = JsonLines(kinds) if as_json else PlainLines(kinds)
+    with Interruption(session.stop) as interruption:
         try:
             session.start()
             _show(session, shower)
@@ -195,17 +187,12 @@ def _in_lines(session: Session, as_json: bool, topics: tuple[str, ...]) -> int:
     return _code(session, interruption.asked)
 
 
-def _show(session: Session, shower: _Shower) -> None:
-    told: dict[str, int] = {}
+def _show(session: Session, shower: Shower) -> None:
+    lost = LostEvents(session, shower)
     while True:
         running = session.running  # asked before: what it does last is taken then
         events = session.poll(_WAIT_S, _MOST)
-        lines = shower.lines(events)
-        if session.lost != told:
-            lost = dict(session.lost)
-            fresh = {kind: count - told.get(kind, 0) for kind, count in lost.items() if count > told.get(kind, 0)}
-            lines.append(shower.lost(session.run.now_ns, fresh))
-            told = lost
+        lines = shower.lines(events) + lost.lines()
         if lines:
             write(lines)
         if not events and not running:
@@ -229,38 +216,23 @@ def _code(session: Session, interrupted: bool) -> int:
         return EXIT_INTERRUPTED
     if session.run.file.damage:
         return EXIT_DAMAGED
-    return EXIT_OK
-
-
-class _Interruption:
-    """SIGINT and SIGTERM end a session in order; a second one breaks off whatever goes on."""
-
-    def __init__(self, session: Session) -> None:
-        self.asked = False
-        self._session = session
-        self._previous: dict[signal.Signals, Any] = {}
-
-    def __enter__(self) -> Self:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._previous[number] = signal.signal(number, self._note)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._previous.items():
-            signal.signal(number, handler)
-
-    def _note(self, _signal: int, _frame: FrameType | None) -> None:
-        if self.asked:
-            raise KeyboardInterrupt
-        self.asked = True
-        self._session.stop()
+    return EXIT_OUTPUT if session.run.failures else EXIT_OK
 
 
 # ---- the screens ----------------------------------------------------------------------------------------------------
 
 
-def _on_screens(session: Session) -> int:
+def _screens_will_do() -> bool:
+    """Tell whether the terminal can show screens; one that cannot gets lines."""
+    from dissect.monitor.terminal import will_do
+
+    return will_do()
+
+
+def _on_screens(session: Session, slow_ns: int) -> int:
     """Show the screens until they are left; return the exit code."""
+    from dissect.monitor.terminal import NoKeyboardError, keyboard
+
     try:
         run_app = importlib.import_module("dissect.monitor.app").run_app
     except ImportError as error:
@@ -269,12 +241,16 @@ def _on_screens(session: Session) -> int:
         raise click.ClickException(
             "the screens need one more package: pip install 's7dissect[monitor]'; --plain shows a line an event without it"
         ) from None
-    session.start()
     try:
-        run_app(session)
-    finally:
-        session.close()
+        with keyboard():
+            session.start()
+            try:
+                interrupted = run_app(session, slow_ns)
+            finally:
+                session.close()
+    except NoKeyboardError as error:
+        raise click.ClickException(f"the screens need a terminal for the keys ({error}); --plain needs none") from None
     if session.error is not None:
         raise session.error
     _summarise(session, session.status())
-    return _code(session, False)
+    return _code(session, interrupted)

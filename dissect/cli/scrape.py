@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import click
 
 if TYPE_CHECKING:
+    from dissect.live.run import Companion
+    from dissect.live.session import Session
     from dissect.metrics.address import Address
     from dissect.metrics.counters import Metrics
     from dissect.metrics.server import Server
@@ -25,11 +28,15 @@ def metrics_address(ctx: click.Context, param: click.Parameter, text: str | None
 
 
 #: ``--metrics HOST:PORT``; the command's argument is called ``metrics``.
-metrics_option = click.option(
+metrics_option: Final[Callable[[Any], Any]] = click.option(
     "--metrics",
     metavar="HOST:PORT",
     callback=metrics_address,
     help="Let Prometheus fetch counters from http://HOST:PORT/metrics, for example 127.0.0.1:9102.",
+)
+#: ``--allow-remote``; the command's argument is called ``allow_remote``.
+allow_remote_option: Final[Callable[[Any], Any]] = click.option(
+    "--allow-remote", is_flag=True, help="Let --metrics be an address that other machines can reach."
 )
 
 
@@ -42,3 +49,37 @@ def start_metrics(metrics: Metrics, address: Address, allow_remote: bool) -> Ser
         return serve(metrics, address, allow_remote)
     except (AddressError, MissingLibraryError) as why:
         raise click.ClickException(str(why)) from None
+
+
+class Scrape:
+    """Metrics for as long as a ``with`` lasts: counted by a companion of the session, handed out where ``address`` says.
+
+    Without an address there is nothing, and it costs nothing.
+    """
+
+    def __init__(self, address: Address | None, allow_remote: bool) -> None:
+        self._metrics: Metrics | None = None
+        self._server: Server | None = None
+        if address is not None:
+            from dissect.metrics.counters import Metrics
+
+            self._metrics = Metrics()
+            self._server = start_metrics(self._metrics, address, allow_remote)
+            click.echo(f"s7dissect: metrics are at {self._server.url}", err=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._server is not None:
+            self._server.close()
+
+    @property
+    def companions(self) -> list[Companion]:
+        """What goes along with the session."""
+        return [self._metrics] if self._metrics is not None else []
+
+    def watch(self, session: Session) -> None:
+        """Take the events that wait in ``session``, too."""
+        if self._metrics is not None:
+            self._metrics.watch_queue(lambda: (session.waiting, sum(session.lost.copy().values())))

@@ -27,7 +27,7 @@ from dissect.report.lines import (
     tpdu_line,
 )
 from dissect.report.places import Places
-from dissect.report.scd import scd_tree_lines
+from dissect.report.scd_tree import scd_tree_lines
 from dissect.report.tree import netlink_tree_lines, plus_tree_lines, tpdu_tree_lines, tree_lines
 from dissect.s7.message import parse_pdu
 from dissect.s7plus.message import parse_plus
@@ -65,7 +65,7 @@ def command(
     """
     if verbose and format_ != "text":
         raise click.UsageError("-V is for text: -T jsonl has the fields of every PDU anyway.")
-    shown = _Pdus(format_ == "jsonl", frame, verbose)
+    shown = _Pdus(format_ == "jsonl", frame, verbose, carrier)
     run = Run(files, shown, Options(carrier=carrier))
     shown.begin(places_of(run, files))
     code = drive(run, files, lambda: write(shown.take()))
@@ -82,8 +82,9 @@ def command(
 class _Pdus(Observer):
     """Collects PDUs as lines."""
 
-    def __init__(self, as_jsonl: bool, frame: int | None, verbose: bool) -> None:
+    def __init__(self, as_jsonl: bool, frame: int | None, verbose: bool, carrier: Carrier | None) -> None:
         super().__init__()
+        self._carrier = carrier
         self.wants_pdus = True
         self.wants_tpdus = not as_jsonl
         self.found = False
@@ -122,7 +123,7 @@ class _Pdus(Observer):
         tpdu = parse_tpdu(octets[4:])
         if tpdu.type in {DT, ED}:
             begins = side.assembler.parts is None and side.assembler.clear
-            if not (begins and carried(tpdu)):
+            if not (begins and carried(tpdu)) or (self._carrier and self._carrier.claims_tsdus(side.connection)):
                 return
         self._lines.append(tpdu_line(tpdu, frame, time_ns, side.connection, side.index, self._clock, self._places))
         if self._verbose:

@@ -51,6 +51,9 @@ class Carrier:
     def transaction(self, transaction: Transaction) -> None:
         """Look at an S7 transaction before it is told, and at one of its own when it is over."""
 
+    def restart(self) -> None:
+        """Another capture begins, in which nothing is known of what was seen before."""
+
     def as_dict(self) -> dict[str, Any]:
         """Return what was found, as JSON-ready values for the analysis."""
         return {}

@@ -99,7 +99,8 @@ def _judge_flags(judge: Judge, transaction: Transaction) -> None:
     _judge_request(judge, transaction)
     answer = transaction.response_parameters
     if flags & FUNCTION_MISMATCH and answer is not None:
-        _note(judge, "transaction.function_mismatch", transaction, f"answered as {answer.function_name}")
+        said = answer.subject if transaction.is_scd else answer.function_name
+        _note(judge, "transaction.function_mismatch", transaction, f"answered as {said}")
     if flags & COUNT_MISMATCH and answer is not None:
         asked = transaction.parameters.item_count
         _note(

@@ -103,16 +103,18 @@ class PacketFramer:
     """Finds packets in the octets of one direction. ``packets`` collects whole ones (header included), in order.
 
     Every octet given is accounted for: ``framed`` (in whole packets and in those told as cut) + ``skipped`` + ``buffered``.
-    ``faults`` are first octets of what stood where a packet had to begin.
+    ``faults`` are first octets of what stood where a packet had to begin. ``ends`` says of each packet how many octets were
+    given up to its end; who takes the packets deletes one with each.
     """
 
-    __slots__ = ("_held", "cut_packet", "faults", "framed", "packets", "skip", "skipped", "synced")
+    __slots__ = ("_held", "cut_packet", "ends", "faults", "framed", "packets", "skip", "skipped", "synced")
 
     def __init__(self) -> None:
         self._held: bytes = b""  # of a packet whose rest is to come; out of step, of what may become one
         self.skip: i64 = 0  # octets still to come of a packet that a hole damaged
         self.synced: bool = False
         self.packets: list[bytes] = []
+        self.ends: list[int] = []
         self.faults: list[int] = []
         self.framed: i64 = 0
         self.skipped: i64 = 0
@@ -123,8 +125,15 @@ class PacketFramer:
         """Octets held back: of an unfinished packet, or of what may become one."""
         return len(self._held)
 
+    @property
+    def passed(self) -> int:
+        """Octets given up to the end of the packet being told, those in holes left out."""
+        return self.ends[0] if self.ends else self.framed + self.skipped
+
     def push(self, octets: bytes) -> None:
         """Take the octets of a segment; whole packets are appended to ``packets``."""
+        if self.ends and not self.packets:
+            self.ends = []
         at: i64 = min(self.skip, len(octets))
         if at:
             self.skip -= at
@@ -154,6 +163,7 @@ class PacketFramer:
                 break
             self.packets.append(octets[at : at + size])
             self.framed += size
+            self.ends.append(self.framed + self.skipped)
             at += size
         self._held = octets[at:end]
 

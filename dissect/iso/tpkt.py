@@ -103,6 +103,7 @@ class Framer:
     """Finds TPKTs in the octets of one direction. ``packets`` collects whole ones (header included), in order.
 
     Every octet given is accounted for: ``framed`` (in whole TPKTs and in TPKTs told as cut) + ``skipped`` + ``buffered``.
+    ``ends`` says of each packet how many octets were given up to its end; who takes the packets deletes one with each.
     """
 
     __slots__ = (
@@ -110,6 +111,7 @@ class Framer:
         "_need",
         "_sought",
         "cut_packet",
+        "ends",
         "faults",
         "framed",
         "packets",
@@ -120,6 +122,7 @@ class Framer:
     )
 
     def __init__(self) -> None:
+        self.ends: list[int] = []
         self.pending: bytearray | None = None
         self._need: i64 = 0  # size of the pending TPKT, 0 while its header is not complete
         self._sought: bytes = b""  # while searching: octets from the first on with which a TPKT may begin
@@ -137,8 +140,15 @@ class Framer:
         """Octets held back: of an unfinished TPKT, or of what may become one."""
         return len(self.pending) if self.pending is not None else len(self._sought)
 
+    @property
+    def passed(self) -> int:
+        """Octets given up to the end of the TPKT being told, those in holes left out."""
+        return self.ends[0] if self.ends else self.framed + self.skipped
+
     def push(self, octets: bytes, start: i64, at_segment_start: bool) -> None:
         """Take ``octets[start:]``; whole TPKTs are appended to ``packets``."""
+        if self.ends and not self.packets:
+            self.ends = []
         at: i64 = start
         fresh: i64 = start
         if self._sought:
@@ -214,6 +224,7 @@ class Framer:
         if at + length <= end:
             self.packets.append(octets[at : at + length])
             self.framed += length
+            self.ends.append(self.framed + self.skipped)
             return at + length
         self._keep(octets, at, length)
         return end
@@ -260,6 +271,7 @@ class Framer:
         if have + take == self._need:
             self.packets.append(bytes(pending))
             self.framed += self._need
+            self.ends.append(self.framed + self.skipped)
             self.pending = None
         return at + take
 

@@ -1,7 +1,8 @@
 """A live run in a thread of its own, and what happened in it: kept for whoever shows it, never more than fits.
 
 The thread reads and analyses; who shows what happened is never waited for, or packets would be lost. So events are kept in a
-queue, and when that is full because they are not taken fast enough, they are counted instead: transactions first.
+queue, and when that is full because they are not taken fast enough, they are counted instead: transactions first. Only a file,
+which loses nothing by it, waits.
 
     session = Session(lambda: open_live("eth0"), Options(overdue_ns=2_000_000_000))
     session.start()
@@ -21,7 +22,7 @@ from typing import Final, NamedTuple
 from dissect.findings.finding import Finding
 from dissect.findings.observer import Observer, Options
 from dissect.live.run import Companion, Limits, LiveRun
-from dissect.source.live.reader import Drops
+from dissect.source.live.reader import Drops, LiveReader
 from dissect.source.packet import Reader
 from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import Connection
@@ -41,6 +42,8 @@ PROBLEM: Final = "problem"
 #: Events that wait to be taken; and how many more of those that are not transactions.
 MAX_EVENTS: Final = 20_000
 _RESERVE: Final = 5_000
+#: How often a file looks whether it is to be stopped while events wait to be taken, in seconds.
+_PATIENCE_S: Final = 0.1
 
 
 class Event(NamedTuple):
@@ -142,6 +145,7 @@ class Session:
         self._thread: threading.Thread | None = None
         self._stop_asked = False
         self._failures_told = 0
+        self._patient = False
         self.engine = ""
         self.error: Exception | None = None
         self.lost: dict[str, int] = {}
@@ -168,7 +172,8 @@ class Session:
     def start(self) -> None:
         """Open the source and begin. Raises `CaptureError`, with advice where there is some, when it cannot be opened."""
         source = self._open_source()
-        self.engine = getattr(source, "engine", "file")
+        self._patient = not isinstance(source, LiveReader)
+        self.engine = source.engine if isinstance(source, LiveReader) else "file"
         run = LiveRun(
             source,
             self._collector,
@@ -196,7 +201,19 @@ class Session:
             if not self._events and wait_s > 0 and self.running:
                 self._changed.wait(wait_s)
             count = min(most, len(self._events))
-            return [self._events.popleft() for _ in range(count)]
+            taken = [self._events.popleft() for _ in range(count)]
+            self._changed.notify_all()
+            return taken
+
+    def say(self, text: str) -> None:
+        """Add a sentence about the monitor itself as a ``PROBLEM``. May be called from any thread."""
+        event = Event(PROBLEM, self.run.now_ns, text)
+        with self._changed:
+            if len(self._events) < self._max_events + _RESERVE:
+                self._events.append(event)
+            else:
+                self.lost[PROBLEM] = self.lost.get(PROBLEM, 0) + 1
+            self._changed.notify()
 
     def close(self, wait_s: float = 10.0) -> None:
         """Stop, and wait for the end."""
@@ -251,6 +268,8 @@ class Session:
         self._collector.fresh = []
         with self._changed:
             for event in fresh:
+                while self._patient and len(self._events) >= self._max_events and not self._stop_asked:
+                    self._changed.wait(_PATIENCE_S)
                 bound = self._max_events + (0 if event.kind == TRANSACTION else _RESERVE)
                 if len(self._events) < bound:
                     self._events.append(event)

@@ -96,7 +96,7 @@ class _Listener(ThreadingMixIn, TCPServer):
     allow_reuse_address = True
     daemon_threads = True
     block_on_close = False
-    request_queue_size = 16
+    request_queue_size = 64
 
     def __init__(self, target: Target, text: Text) -> None:
         self.address_family = target.family

@@ -118,7 +118,10 @@ def _head(buf: bytes, offset: int, size: int, ibh: bool) -> int:
         return 0
     if ibh:
         for head in _IBH_HEADS:
-            if offset >= head and parse_packet(bytes(buf[offset - head : offset + size])).data == buf[offset : offset + size]:
+            if (
+                offset >= head
+                and parse_packet(bytes(buf[offset - head : offset + size])).data == buf[offset : offset + size]
+            ):
                 return head
         return 0
     at = offset - _TPKT_HEAD

@@ -21,7 +21,7 @@ from dissect.s7.tables import JOB, RETURN_CODES, SUCCESS, USERDATA
 from dissect.s7plus.message import PlusPdu
 from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import ItemResult, Transaction
+from dissect.transactions.transaction import PUSH, ItemResult, Transaction
 from dissect.wire.clock import Clock
 from dissect.wire.text import cell, printable, shortened
 
@@ -70,6 +70,8 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> 
     ends = transaction.connection.tcp.ends
     begun = transaction.request_ns if transaction.request_frame else transaction.response_ns
     asked, answered = ends[transaction.asked_by], ends[1 - transaction.asked_by]
+    if transaction.is_scd and transaction.outcome == PUSH:
+        asked, answered = answered, asked  # a PDO goes either way: it is shown as it went
     frames = places.pair(int(transaction.request_frame), int(transaction.response_frame))
     parts = [part for part in (words.outcome(transaction), words.subject(transaction)) if part]
     said = f"  {'  '.join(parts)}" if parts else ""
@@ -94,7 +96,7 @@ def transaction_cells(transaction: Transaction, clock: Clock, places: Places) ->
         str(transaction.connection.number),
         str(ends[transaction.asked_by]),
         str(ends[1 - transaction.asked_by]),
-        str(transaction.pdu_ref) if not transaction.is_plus or transaction.function >= 0 else "",
+        _reference(transaction),
         str(transaction.rosctr) if transaction.rosctr <= USERDATA else "",
         str(transaction.function) if transaction.function >= 0 and not transaction.is_scd else "",
         transaction.function_name,
@@ -112,6 +114,14 @@ def transaction_cells(transaction: Transaction, clock: Clock, places: Places) ->
         names = [places.locate(frame)[0] if frame else "" for frame in (asked, told)]
         values = _with_files(values, names)
     return [cell(text) for text in values]
+
+
+def _reference(transaction: Transaction) -> str:
+    """Return the number by which request and answer belong together, empty where there is none."""
+    if transaction.is_scd:
+        message = transaction.scd[0].message
+        return str(message.tid) if "tid" in message.numbers else ""
+    return str(transaction.pdu_ref) if not transaction.is_plus or transaction.function >= 0 else ""
 
 
 def _with_files(values: list[str], names: list[str]) -> list[str]:

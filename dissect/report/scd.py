@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from dissect.iso.upper import SCD, UPPER_NAMES
 from dissect.transactions.carried import ScdMessage, ScdParameters
 from dissect.transactions.transaction import Transaction
-from dissect.wire.hexdump import hexdump
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
@@ -29,8 +28,14 @@ def scd_subject(transaction: Transaction) -> str:
         texts = list(dict.fromkeys([text for text in said if text]))  # object and oddities are named once
         if len(texts) == 2 and texts[0].endswith(texts[1]):
             texts.pop()
-        return " ".join([_object(found[0]), ", ".join(texts)]).strip()
-    return " → ".join([f"{_object(one)} {text}".strip() for one, text in zip(found, said, strict=True)])
+        return _joined(_object(found[0]), ", ".join(texts))
+    return " → ".join([_joined(_object(one), text) for one, text in zip(found, said, strict=True)])
+
+
+def _joined(what: str, said: str) -> str:
+    """Return what is meant and what is said of it: "0x1000:0 Тип = 7", else with a gap between them."""
+    gap = " " if said.startswith("=") else "  "
+    return f"{what}{gap}{said}".strip()
 
 
 def _object(found: ScdMessage) -> str:
@@ -45,18 +50,18 @@ def _object(found: ScdMessage) -> str:
 
 
 def _content(found: ScdMessage) -> str:
-    return f"{found.subject} {_said(found)}".strip()
+    return _joined(found.subject, _said(found))
 
 
 def _said(found: ScdMessage) -> str:
     """Return values, status and oddities of a message."""
-    from dissect.scd.wording import row_text, values_text
+    from dissect.scd.wording import physical_text, values_text
 
     message = found.message
     rows = found.values
     said = []
     if len(rows) == 1 and message.service in {"read", "write"}:
-        said.append("=" + row_text(rows[0]).partition(" =")[2])
+        said.append(f"= {physical_text(rows[0])}")
     elif rows:
         said.append(values_text(rows))
     if message.err and message.phase not in {"response", "abort"}:
@@ -86,28 +91,6 @@ def scd_summary(found: ScdMessage) -> str:
     if found.place:
         parts.append(f"in {found.place}")
     return "  ".join(parts)
-
-
-def scd_tree_lines(found: ScdMessage) -> Iterator[str]:
-    """Yield the tree of a message: the fields of its envelope, its values, and the hex view below them."""
-    from dissect.scd.wording import row_text, value_text
-
-    message = found.message
-    last = found.offset + len(found.octets) - 1
-    yield f"    SCD message, binding {printable(found.binding)}, octets {found.offset} to {last}"
-    for role, number in message.numbers.items():
-        text = f" {printable(found.dictionary.error_text(number))}" if role == "err" else ""
-        shown = f"0x{number:04x}" if role == "index" else str(number)
-        yield f"      {role:<10} {shown}{text}"
-    for row in found.values:
-        raw = f", raw {value_text(row.value)}" if row.physical != row.value else ""
-        yield f"      value      {row_text(row)}{raw}"
-    for flag in message.flags:
-        yield f"      odd        {flag}"
-    if message.error is not None:
-        yield f"      MALFORMED  {message.error.code} {printable(message.error.where)}: {printable(message.error.detail)}"
-    for line in hexdump(found.octets):
-        yield f"    {line}"
 
 
 def scd_as_dict(found: ScdMessage, asked_by: int, place: tuple[str, int] | None) -> dict[str, object]:

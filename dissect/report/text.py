@@ -106,11 +106,14 @@ def _files(analysis: Analysis, places: Places) -> Iterator[Line]:
     others = [
         f"{count} {PROTOCOLS[name]}"
         for name, count in zip(UPPER_NAMES, talk.tsdus, strict=True)
-        if count and name not in {"s7comm", "s7comm_plus", "empty"}
+        if count and name not in {"s7comm", "s7comm_plus", "scd", "empty"}
     ]
     said = f"  {words.count(talk.pdus, 'S7 PDU')}"
     if talk.plus_pdus:
         said += f", {words.count(talk.plus_pdus, 'S7comm-plus PDU')}"
+    if talk.carrier is not None:
+        messages = sum([row["messages"] for row in talk.carrier.as_dict()["bindings"]])
+        said += f", {words.count(messages, 'SCD message')}"
     yield Line(f"{said}; other messages: {', '.join(others)}" if others else said)
     packets = [
         f"{count} {kind.replace('_', ' ')}" for kind, count in zip(KINDS, talk.ibh_packets, strict=True) if count
@@ -145,7 +148,7 @@ def _connections(analysis: Analysis, places: Places) -> Iterator[Line]:
         yield Line(f"Connections ({_CONNECTIONS} of {total}: those with trouble first, then the busiest)", HEADING)
         connections = sorted(sorted(connections, key=_trouble)[:_CONNECTIONS], key=_number)
     for connection in connections:
-        yield from _connection(connection, places)
+        yield from connection_lines(connection, places)
     if total > _CONNECTIONS:
         yield Line(f"  and {total - _CONNECTIONS} more; -T json lists up to {MAX_CONNECTIONS}", DIM)
 
@@ -159,7 +162,8 @@ def _trouble(connection: Connection) -> tuple[int, int, int]:
     return -int(trouble), -int(connection.pdus), int(connection.number)
 
 
-def _connection(connection: Connection, places: Places) -> Iterator[Line]:
+def connection_lines(connection: Connection, places: Places) -> Iterator[Line]:
+    """Yield what is known of a connection, which may still be open."""
     arrow = "→" if connection.client_known else "↔"
     vids = ".".join([str(vid) for vid in words.vlans(int(connection.tcp.vlan))])
     vlan = f", VLAN {vids}" if vids else ""
@@ -184,7 +188,8 @@ def _connection(connection: Connection, places: Places) -> Iterator[Line]:
             PLAIN,
             5,
         )
-    yield Line(f"     {_counts(connection)}; {endings.phrase(connection, places)}", PLAIN, 5)
+    ended = endings.phrase(connection, places) if connection.ending is not None else "open"
+    yield Line(f"     {_counts(connection)}; {ended}", PLAIN, 5)
 
 
 def _counts(connection: Connection) -> str:
@@ -254,12 +259,15 @@ def _scd(analysis: Analysis) -> Iterator[Line]:
     losses = {
         "datagrams cut by the capture": cut,
         "messages of no kind that can be paired": found["unpaired"],
-        "octets skipped that begin no message": found["octets_skipped"],
+        "octets of streams skipped that are in no whole message": found["octets_skipped"],
         "devices forgotten, too many are heard of": found["devices_forgotten"],
+        "values of constants not compared, a device has too many": found["constants_overlooked"],
+        "PDO counters forgotten, there are too many": found["counters_forgotten"],
+        "connections whose BSENDs were not put together, there are too many": found["blocks_forgotten"],
     }
     for what, count in losses.items():
         if count:
-            yield Line(f"  {count} {what}", "warning")
+            yield Line(f"  {what}: {count}", "warning")
 
 
 def _operations(analysis: Analysis) -> Iterator[Line]:
@@ -330,21 +338,24 @@ def _findings(analysis: Analysis, places: Places) -> Iterator[Line]:
         details.setdefault(finding.slug, []).append(finding)
     rules = [CATALOGUE[slug] for slug in counts]
     for rule in sorted(rules, key=lambda rule: (SEVERITIES.index(rule.severity), -counts[rule.slug], rule.slug)):
-        yield from _finding(rule, counts[rule.slug], details.get(rule.slug, []), places)
+        yield from finding_lines(rule, counts[rule.slug], details.get(rule.slug, []), places)
 
 
-def _finding(rule: Rule, count: int, details: Sequence[Finding], places: Places) -> Iterator[Line]:
+def finding_lines(
+    rule: Rule, count: int, details: Sequence[Finding], places: Places, most: int = _DETAILS
+) -> Iterator[Line]:
+    """Yield what is known of a rule that applied ``count`` times: up to ``most`` times in detail."""
     times = f" ({count} times)" if count > 1 else ""
     yield Line(f"  {rule.severity}  {rule.slug}{times}: {rule.sentence}", rule.severity, 6)
-    for finding in details[:_DETAILS]:
+    for finding in details[:most]:
         where = f"connection {finding.connection}, " if finding.connection else ""
         said = f": {shortened(finding.detail, _DETAIL_SIZE)}" if finding.detail else ""
         yield Line(f"      {where}{places.phrase(finding.frames)}{said}", PLAIN, 8)
-    if count > _DETAILS and details:
-        rest = list(dict.fromkeys([finding.frames[-1] for finding in details[_DETAILS:] if finding.frames]))
+    if count > most and details:
+        rest = list(dict.fromkeys([finding.frames[-1] for finding in details[most:] if finding.frames]))
         more = ", …" if len(rest) > _MORE_FRAMES or count > len(details) else ""
         at = f": {places.phrase(rest[:_MORE_FRAMES])}{more}" if rest else ""
-        yield Line(f"      and {count - _DETAILS} more{at}", PLAIN, 8)
+        yield Line(f"      and {count - most} more{at}", PLAIN, 8)
     yield Line(f"      → {rule.advice}", DIM, 8)
     if rule.techniques:
         yield Line(f"      MITRE ATT&CK: {', '.join([str(technique) for technique in rule.techniques])}", DIM, 8)

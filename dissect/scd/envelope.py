@@ -7,7 +7,7 @@ in the dictionary: fields of bits before and after the data, in the order they a
 from __future__ import annotations
 
 from binascii import crc_hqx
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property, partial
 from typing import Final, NamedTuple
 
@@ -125,6 +125,11 @@ class Envelope:
         """Whether messages tell their size, so that a stream can be cut into them."""
         return self._size is not None
 
+    @property
+    def has_crc(self) -> bool:
+        """Whether messages have a checksum."""
+        return self._crc is not None
+
     def frame_size(self, octets: Octets, at: int = 0) -> int:
         """Return the size of the message that begins at ``at``, 0 while its header is not all there.
 
@@ -176,6 +181,19 @@ class Envelope:
             self._signature(head, self._head) or self._signature(tail, self._tail) or self._checked(message, tail_at)
         )
         return Wrapped(numbers, message[self.head_size : tail_at], total, error)
+
+    def fields(self, message: bytes) -> Iterator[tuple[EnvelopeField, int, int]]:
+        """Give every field of a whole message that is there: its description, its first bit, its number (0 of the data)."""
+        for place in self._head:
+            if place.offset + place.field.bits > 8 * len(message):
+                return
+            yield place.field, place.offset, place.read(message[: self.head_size])
+        tail_at = len(message) - self.tail_size
+        if tail_at < self.head_size:
+            return
+        yield next(field for field in self.record.fields if field.role == "data"), 8 * self.head_size, 0
+        for place in self._tail:
+            yield place.field, 8 * tail_at + place.offset, place.read(message[tail_at:])
 
     def build(self, numbers: Mapping[str, int], data: bytes) -> bytes:
         """Return the message of these numbers (by role, 0 where none is given) around ``data``.

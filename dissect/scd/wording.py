@@ -141,16 +141,20 @@ def json_value(value: Value) -> object:
 
 def row_text(row: Row) -> str:
     """Return "0x6001:0 Давление 1 = 1374 кПа" for a row."""
+    address = printable(row.address)
+    name = f"{address} {printable(row.name)}" if row.name and row.name != row.address else address
+    return f"{name} = {physical_text(row)}"
+
+
+def physical_text(row: Row) -> str:
+    """Return "1374 кПа" for a row, with the text of the value and what is odd about it."""
     unit = f" {printable(row.unit)}" if row.unit else ""
     text = f" ({printable(row.text)})" if row.text else ""
-    name = f"{row.address} {printable(row.name)}" if row.name and row.name != row.address else row.address
     odd = f" [{', '.join(row.flags)}]" if row.flags else ""
-    return f"{name} = {value_text(row.physical)}{unit}{text}{odd}"
+    return f"{value_text(row.physical)}{unit}{text}{odd}"
 
 
 def values_text(found: list[Row]) -> str:
     """Return the values of a message on one line: by name, and those after the eighth only counted."""
-    shown = ", ".join(
-        [f"{printable(row.name) or row.address} = {row_text(row).partition(' = ')[2]}" for row in found[:_SHOWN]]
-    )
+    shown = ", ".join([f"{printable(row.name or row.address)} = {physical_text(row)}" for row in found[:_SHOWN]])
     return shown + (f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else "")

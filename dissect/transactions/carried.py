@@ -14,6 +14,7 @@ from dissect.s7.parameters import Parameters
 if TYPE_CHECKING:
     from dissect.scd.dictionary import Dictionary
     from dissect.scd.messages import Message
+    from dissect.scd.model import Pdo
     from dissect.scd.wording import Row
 
 #: What stands in `Parameters.rosctr` and `Transaction.rosctr` for SCD, which has none; never shown.
@@ -36,6 +37,7 @@ class ScdMessage:
     ``frame`` and ``time_ns`` are those of the packet that completed it (nanoseconds since 1970), ``connection`` the number of
     the connection and ``side`` the side that sent it. ``place`` names the S7 item or block it stood in, empty for a message of
     its own; ``offset`` counts octets within item, block, datagram or TSDU. ``octets`` is the message as it was on the wire.
+    ``mapping`` is the PDO with the mapping it had when this one was sent, None for all else.
     """
 
     __slots__ = (
@@ -43,6 +45,7 @@ class ScdMessage:
         "connection",
         "dictionary",
         "frame",
+        "mapping",
         "message",
         "octets",
         "offset",
@@ -56,6 +59,7 @@ class ScdMessage:
         self.dictionary: Dictionary = dictionary
         self.binding: str = binding
         self.octets: bytes = octets
+        self.mapping: Pdo | None = None
         self.frame: i64 = 0
         self.time_ns: i64 = 0
         self.connection: i64 = 0
@@ -112,11 +116,18 @@ class ScdParameters(Parameters):
 
 
 class Backlog:
-    """The octets of one direction of a bound TCP connection that make no whole message yet, and what became of the others."""
+    """The octets of one direction of a bound TCP connection that make no whole message yet, and what became of the others.
 
-    __slots__ = ("framed", "octets", "skipped")
+    While the begin of a message is searched for, ``pending`` are places in ``octets`` where one may begin, with its size, and
+    ``scan`` is where the search goes on; ``owed`` octets are the rest of a content whose begin is missing.
+    """
+
+    __slots__ = ("framed", "octets", "owed", "pending", "scan", "skipped")
 
     def __init__(self) -> None:
         self.octets: bytes = b""
+        self.pending: list[tuple[int, int]] = []
+        self.scan: i64 = 0
+        self.owed: i64 = 0
         self.framed: i64 = 0
         self.skipped: i64 = 0

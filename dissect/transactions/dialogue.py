@@ -155,7 +155,7 @@ class Dialogue:
             waiting = None
         misfit: bool = False
         if waiting is not None and (
-            parameters.function != waiting.parameters.function or parameters.userdata is not None
+            parameters.function != waiting.parameters.function or parameters.userdata is not None or rosctr > USERDATA
         ):
             misfit = mismatch(waiting.parameters, parameters)
         if waiting is None or (_holes(side) and contradicts(waiting, rosctr, parameters, buf, at, size, data_at)):

@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 
 from dissect.baseline import Baseline, BaselineWatch, PairNorm
-from dissect.baseline.subjects import Pairs, area_names
+from dissect.baseline.subjects import Pairs
 from dissect.conversation import Observer
-from dissect.s7.items import parse_item
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from tests.baseline.wire import Client, Wire
@@ -57,7 +56,7 @@ def seen(changed: dict[str, frozenset[str] | frozenset[int] | None], client: str
     ("changed", "told"),
     [
         ({}, []),
-        ({key: None for key in NORMAL}, []),
+        (dict.fromkeys(NORMAL), []),
         ({"functions": frozenset(("Setup communication", "Read Var"))}, [("function", "Write Var")]),
         ({"reads": frozenset()}, [("read", "DB10")]),
         ({"writes": frozenset(("DB11",))}, [("write", "DB10")]),
@@ -79,20 +78,3 @@ def test_who_is_not_known(client: str, told: tuple[str, str]) -> None:
     found = seen({}, client)
     assert found[-1] == told
     assert {kind for kind, _ in found[:-1]} == {"function", "read", "write"}
-
-
-@pytest.mark.parametrize(
-    ("octets", "names"),
-    [
-        ("120a10020001000c84000000", ["DB12"]),
-        ("120a10020001000085000000", ["DI0"]),
-        ("120a10020001000083000000", ["M"]),
-        ("120a1c02000100001c000005", ["C"]),
-        ("120a10020001000077000000", ["area0x77"]),
-        ("120cb0020400010000080002000a", ["DB1", "DB2"]),
-        ("1208824100010002", ["NCK"]),
-        ("1203ee0001", ["0xee"]),
-    ],
-)
-def test_areas(octets: str, names: list[str]) -> None:
-    assert area_names(parse_item(bytes.fromhex(octets), 0)) == names

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dissect.baseline import Learner
 from dissect.conversation import Observer, Options
 from dissect.pipeline import Pipeline
 from tests.properties import messages
@@ -81,3 +82,20 @@ class Client:
     def close(self, at: float) -> None:
         self.talk.close()
         self.pass_on(at)
+
+
+MARKER = Item(0x02, 1, 0, 0x83, 0)
+BLOCK = Item(0x04, 1, 12, 0x84, 0)
+
+
+def learned(*clients: str) -> Learner:
+    learner = Learner()
+    wire = Wire(learner)
+    for number, address in enumerate(clients):
+        client = Client(wire, 0.0, address, ports=(5000 + number, 102))
+        for second in range(5):
+            client.read(second + 0.5, answer=0.002)
+        client.read(9.0, MARKER, b"\x01", answer=0.2)
+        client.write(9.5, BLOCK)
+    wire.finish()
+    return learner

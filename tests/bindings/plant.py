@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from dissect import scd
 from dissect.bindings import load_bindings
+from dissect.bindings.binding import Bindings
 from dissect.bindings.engine import ScdCarrier
 
 FOLDER: Final = Path(__file__).resolve().parents[2] / "captures" / "scd"
@@ -25,9 +26,14 @@ def codec() -> scd.Codec:
     return scd.Codec(dictionary())
 
 
+@cache
+def bindings() -> Bindings:
+    return load_bindings(FOLDER / "plant.bind.toml", dictionary())
+
+
 def carrier() -> ScdCarrier:
     """What listens where plant.bind.toml says."""
-    return ScdCarrier(dictionary(), load_bindings(FOLDER / "plant.bind.toml", dictionary()))
+    return ScdCarrier(dictionary(), bindings())
 
 
 def message(service: Any, phase: Any, where: str = "", value: object = None, tid: int = 1, err: int = 0) -> bytes:

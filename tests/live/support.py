@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
@@ -80,6 +82,11 @@ def taken(session: Session, until: Callable[[list[Event]], bool], seconds: float
     return events
 
 
+def never(events: list[Event]) -> bool:
+    """For `taken`: take everything, to the end."""
+    return False
+
+
 # ---- a PLC on loopback ----------------------------------------------------------------------------------------------
 
 
@@ -90,7 +97,9 @@ class Plc:
         self.server = Server(log=False)
         self.server.register_area(SrvArea.DB, 1, bytearray(range(64)))
         self.server.start(0)
-        self.port = int(self.server.server_socket.getsockname()[1])
+        listening = self.server.server_socket
+        assert listening is not None
+        self.port = int(listening.getsockname()[1])
 
     def stop(self) -> None:
         self.server.stop()
@@ -104,6 +113,30 @@ def plc() -> Iterator[Plc]:
     finally:
         made.stop()
         made.server.destroy()
+
+
+_PROGRAM: Final = """
+import time
+from snap7.server import Server
+from snap7.type import SrvArea
+server = Server(log=False)
+server.register_area(SrvArea.DB, 1, bytearray(64))
+server.start(0)
+print(server.server_socket.getsockname()[1], flush=True)
+time.sleep(60)
+"""
+
+
+@contextlib.contextmanager
+def program() -> Iterator[tuple[int, subprocess.Popen[str]]]:
+    """A PLC in a process of its own, that a test may kill: (its port, the process)."""
+    arguments = [sys.executable, "-c", _PROGRAM]
+    with subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield int(process.stdout.readline()), process
+        finally:
+            process.kill()
 
 
 @contextlib.contextmanager

@@ -21,8 +21,6 @@ class Counting(Observer):
         self.wants_pdus = pdus
         self.wants_tpdus = tpdus
         self.told: dict[str, int] = {}
-        for name in METHODS:
-            setattr(self, f"_{name}", 0)
         self.fails_at = fails_at
 
     def _count(self, name: str) -> None:
@@ -81,14 +79,12 @@ def test_nobody_wants_pdus() -> None:
 def test_every_method_is_handed_on(method: str) -> None:
     one = Counting(pdus=True, tpdus=True)
     fanout = Fanout([one], failures_are_bugs)
-    arguments = getattr(Observer, method).__code__.co_argcount - 1 if hasattr(getattr(Observer, method), "__code__") else None
-    sizes = [arguments] if arguments is not None else range(1, 6)
-    for size in sizes:
+    for size in range(1, 6):
         try:
             getattr(fanout, method)(*[None] * size)
-            break
-        except TypeError:
+        except TypeError:  # it takes more
             continue
+        break
     assert one.told == {method: 1}
 
 

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import pytest
 
 from dissect.findings.finding import Finding
 from dissect.findings.observer import Observer, Options
 from dissect.live.run import Companion, Limits, LiveRun
+from dissect.source.files import open_capture
 from dissect.source.live.reader import Drops
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from tests.live.support import SECOND, Clock, Line
 from tests.properties import messages
 from tests.properties.messages import dt
-from tests.properties.packets import Packet
-from tests.report.support import WORD, begun, read
-from tests.source.craft import MemorySource
+from tests.properties.packets import Flow, Packet
+from tests.report.support import WORD, begun, read, saved
 
 
 class Told(Observer):
@@ -113,7 +114,7 @@ def test_before_the_first_packet_no_time_passes_for_the_pipeline() -> None:
 
 def test_findings_are_detailed_again_after_a_minute() -> None:
     def refused(minute: int) -> list[Packet]:
-        talk = begun()
+        talk = begun(Flow(ports=(50000 + minute, 102)))
         for ref in range(1, 121):
             read(talk, ref, content=0x0A)
         return [packet._replace(time_ns=packet.time_ns + minute * 60 * SECOND) for packet in talk.packets()]
@@ -234,18 +235,17 @@ def test_it_ends_after_a_time() -> None:
     assert 3 * SECOND <= line.clock.now - begun_at < 4 * SECOND
 
 
-def test_a_file_has_no_silence_and_is_stopped_at_once() -> None:
-    class File(MemorySource):
-        pass
-
-    from tests.live.test_session import file_of
-
+def test_a_file_has_no_silence_and_is_stopped_at_once(tmp_path: Path) -> None:
+    packets = asked()
+    reader = open_capture(str(saved(tmp_path / "a.pcapng", packets)))
     told = Told()
-    run = LiveRun(file_of(asked()), told, Options(overdue_ns=SECOND))
+    run = LiveRun(reader, told, Options(strict=True, overdue_ns=SECOND))
+    assert run.step()
+    assert run.now_ns == packets[-1].time_ns
     run.stop()
     assert not run.step()
     assert run.drops == Drops(None, None)
-    assert run.now_ns == run.now_ns or File
+    assert "transaction.overdue" not in told.slugs()
 
 
 # ---- companions -----------------------------------------------------------------------------------------------------

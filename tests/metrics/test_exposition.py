@@ -16,6 +16,7 @@ from dissect.metrics.counters import Metrics
 from dissect.metrics.exposition import Exposition
 from dissect.metrics.families import COUNTER, FAMILIES, HISTOGRAM, PREFIX
 from dissect.metrics.functions import BOUNDS_NS
+from dissect.pipeline import Pipeline
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict
 from dissect.source.live.reader import Drops
@@ -171,3 +172,25 @@ def test_counters_never_go_back_while_a_capture_is_read() -> None:
             }
             assert all(now[key] >= value for key, value in before.items())
             before = now
+
+
+def test_the_page_lists_every_metric() -> None:
+    rows = [
+        f"| `{PREFIX}{family.name}{'_total' if family.type == COUNTER else ''}` | {family.type} "
+        f"| {', '.join(f'`{label}`' for label in family.labels)} | {family.sentence} |".replace("|  |", "| |")
+        for family in FAMILIES
+    ]
+    page = (ROOT / "docs" / "metrics.md").read_text(encoding="utf-8").splitlines()
+    assert [line for line in page if line.startswith(f"| `{PREFIX}")] == rows
+
+
+def test_there_are_as_many_series_as_the_page_tells() -> None:
+    def count(metrics: Metrics, name: str = "") -> int:
+        return sum(len(family.samples) for family in parsed(metrics).values() if name in family.name)
+
+    fresh = Metrics()
+    fresh.begin(Pipeline(fresh))
+    assert 200 < count(fresh) < 300
+    metrics, _ = counted(ROOT / "captures" / "item-errors.pcapng")
+    each = count(metrics, "transactions") + count(metrics, "latency")
+    assert each == 21 * len(metrics.functions.rows)

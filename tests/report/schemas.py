@@ -14,7 +14,7 @@ from referencing import Registry, Resource
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 SCHEMAS: Final = ROOT / "docs" / "schema"
-NAMES: Final = ("analysis", "transaction", "operation", "pdu")
+NAMES: Final = ("analysis", "transaction", "operation", "pdu", "event")
 
 Schema = dict[str, Any]
 

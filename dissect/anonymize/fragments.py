@@ -1,0 +1,78 @@
+"""IP fragments of TCP segments: held until their datagram is whole, then cut anew from what becomes of it."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import Final
+
+from dissect.tcp.ip import FRAGMENT_TIMEOUT_NS, FragmentStore
+
+#: Datagrams waited for at once.
+MAX_DATAGRAMS: Final = 256
+
+
+class Fragment:
+    """A fragment whose headers are made anew; its payload, from ``start`` to ``end``, is still to come.
+
+    ``octets`` is the payload as it was captured, ``addresses`` are those in the captured packet. When ``settled``, ``result``
+    is the whole packet, None when its datagram never became whole.
+    """
+
+    __slots__ = ("addresses", "end", "key", "more", "new", "octets", "offset", "result", "settled", "start", "vlan")
+
+    def __init__(self, new: bytearray, start: int, end: int, octets: bytes) -> None:
+        self.new = new
+        self.start = start
+        self.end = end
+        self.octets = octets
+        self.key = b""
+        self.offset = 0
+        self.more = False
+        self.addresses = b""
+        self.vlan = 0
+        self.settled = False
+        self.result: bytes | None = None
+
+    def settle(self, datagram: bytes | None) -> None:
+        """Take what becomes of the datagram, None when that is not known."""
+        if datagram is not None:
+            self.new[self.start : self.end] = datagram[self.offset : self.offset + self.end - self.start]
+            self.result = bytes(self.new)
+        self.settled = True
+
+
+class Fragments:
+    """Fragments by datagram. ``add`` gives those of a datagram that became whole, with its octets."""
+
+    def __init__(self) -> None:
+        self._store = FragmentStore()
+        self._groups: OrderedDict[bytes, tuple[int, list[Fragment]]] = OrderedDict()
+
+    def add(self, fragment: Fragment, time_ns: int) -> tuple[list[Fragment], bytes] | None:
+        """Take a fragment; return all of its datagram, and the datagram, when it is the last one missing."""
+        self._expire(time_ns)
+        _, group = self._groups.setdefault(fragment.key, (time_ns, []))
+        group.append(fragment)
+        whole = self._store.add(fragment.key, fragment.offset, fragment.more, fragment.octets, time_ns)
+        if whole is None:
+            if len(self._groups) > MAX_DATAGRAMS:
+                self.give_up()
+            return None
+        del self._groups[fragment.key]
+        return group, whole
+
+    def _expire(self, time_ns: int) -> None:
+        while self._groups:
+            since_ns, _ = next(iter(self._groups.values()))
+            if time_ns - since_ns <= FRAGMENT_TIMEOUT_NS:
+                return
+            self.give_up()
+
+    def give_up(self) -> bool:
+        """Give up the datagram that waited longest; False when none waits."""
+        if not self._groups:
+            return False
+        _, (_, group) = self._groups.popitem(last=False)
+        for fragment in group:
+            fragment.settle(None)
+        return True

@@ -1,0 +1,55 @@
+"""The key that everything replaced depends on: the same key replaces the same by the same, in every file."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import secrets
+from pathlib import Path
+from typing import Final
+
+#: Octets a key file must hold at least, and of which no more than these are read.
+MIN_KEY: Final = 16
+MAX_KEY: Final = 65_536
+_SIZE: Final = 32
+
+_DAY_NS: Final = 86_400_000_000_000
+#: Days that `Key.shift_ns` chooses from.
+_SHIFT_DAYS: Final = 3650
+
+
+class Key:
+    """Gives octets that nobody without the key can tell from chance, for a purpose and some octets."""
+
+    def __init__(self, secret: bytes) -> None:
+        self._key = hashlib.sha256(secret).digest()
+
+    def stream(self, purpose: str, octets: bytes, size: int) -> bytes:
+        """Return ``size`` octets (HMAC-SHA-256 in counter mode) for ``octets``; each ``purpose`` has others."""
+        head = purpose.encode() + b"\0" + len(octets).to_bytes(4, "big") + octets
+        blocks = range((size + _SIZE - 1) // _SIZE)
+        whole = b"".join([hmac.digest(self._key, number.to_bytes(4, "big") + head, "sha256") for number in blocks])
+        return whole[:size]
+
+    @property
+    def shift_ns(self) -> int:
+        """Nanoseconds by which this key moves times: into the future, by days, hours and fractions; at least one day."""
+        drawn = int.from_bytes(self.stream("time", b"", 16), "big")
+        return _DAY_NS + drawn % (_SHIFT_DAYS * _DAY_NS)
+
+
+def random_key() -> Key:
+    """Return a key that nobody has, nor will have again."""
+    return Key(secrets.token_bytes(_SIZE))
+
+
+def read_key(path: str) -> Key:
+    """Return the key in a file: all of its octets count. ValueError, for a person, when there are too few or too many."""
+    octets = Path(path).read_bytes() if Path(path).stat().st_size <= MAX_KEY else b""
+    if not octets and Path(path).stat().st_size:
+        raise ValueError(f"{path} holds more than {MAX_KEY} octets; a key is a small file")
+    if len(octets) < MIN_KEY:
+        raise ValueError(
+            f"{path} holds {len(octets)} octets, a key needs {MIN_KEY} or more: head -c 32 /dev/urandom > {path}"
+        )
+    return Key(octets)

@@ -1,0 +1,135 @@
+"""Drafts of whole messages: S7 PDUs, S7comm-plus, TPDUs other than data, IBH-NetLink packets."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.anonymize import account
+from dissect.anonymize.account import Account
+from dissect.anonymize.draft import Draft
+from dissect.anonymize.key import Key
+from dissect.anonymize.rules import Rules
+from dissect.anonymize.texts import replace_octets, replace_text
+from dissect.ibh.packet import HEADER as IBH_HEADER
+from dissect.ibh.packet import IbhPacket
+from dissect.ibh.tables import KIND_OTHER, KIND_SERVICE
+from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, Tpdu
+from dissect.iso.tables import CC, CR
+from dissect.iso.tsap import Tsap
+from dissect.iso.upper import S7COMM, S7COMM_PLUS, classify
+from dissect.s7.message import HEADER_SIZE, parse_pdu
+from dissect.s7plus.message import parse_plus
+from dissect.s7plus.tables import KEEP_ALIVE, V3
+
+#: Parameters of TPDUs that hold numbers of the protocol.
+_NUMBERS: Final = frozenset((0x85, 0x86, 0x87, 0x88, 0x89, 0x8A, 0x8B, 0x8C, 0xC0, 0xC4, 0xC6, 0xC7, 0xF0, 0xF2))
+_PLUS_HEADER: Final = 4
+#: IBH-NetLink packets without data that stay: a claim of a connection number; connections, acknowledgements and receipts.
+_MAX_SERVICE: Final = 14
+_MAX_NETLINK: Final = 32
+#: TSAPs that all devices of a kind have.
+_WELL_KNOWN_TSAPS: Final = (b"SIMATIC-ROOT-",)
+
+
+def draft_tsdu(octets: bytes, rules: Rules, told: Account, begins: bool = True) -> Draft:
+    """Return what becomes of a whole TSDU, or of what was captured of one. ``begins``: no S7comm-plus PDU is under way."""
+    draft = Draft(octets, told)
+    upper = classify(octets, 0, len(octets)) if octets else -1
+    if upper == S7COMM:
+        _pdu(draft, rules)
+    elif upper == S7COMM_PLUS:
+        _plus(draft, begins)
+    else:
+        draft.zero(0, len(octets), account.FOREIGN)
+    return draft
+
+
+def _pdu(draft: Draft, rules: Rules) -> None:
+    octets = draft.octets
+    pdu = parse_pdu(octets)
+    if len(octets) < HEADER_SIZE:
+        draft.keep(0, min(2, len(octets)))
+        draft.zero(2, len(octets), account.UNKNOWN)
+        return
+    body = pdu.body
+    head = min(pdu.header_size, len(octets))
+    draft.keep(0, head)
+    rules.parts(draft, body.parts)
+    end = max([part.end for part in body.parts], default=head)
+    draft.zero(end, len(octets), account.UNKNOWN)
+
+
+def _plus(draft: Draft, begins: bool) -> None:
+    """Keep of an S7comm-plus frame what pairs it: header, fixed part and return value; everything behind is a content."""
+    octets = draft.octets
+    pdu = parse_plus(octets, cut=True)
+    end = min(_PLUS_HEADER, len(octets))
+    draft.keep(0, end)
+    if begins and pdu.version != KEEP_ALIVE:
+        fixed = len(pdu.data) - len(pdu.body) if pdu.body else 0
+        if pdu.version == V3 and end < len(octets):
+            draft.keep(end, end + 1)  # the size of the digest, which is a content
+            end += 1
+        start = pdu.data_offset
+        if start >= end and fixed:
+            draft.zero(end, start, account.PLUS)
+            end = start + fixed
+            if pdu.return_value >= 0:
+                while end < len(octets) and octets[end] & 0x80:
+                    end += 1
+                end = min(end + 1, len(octets), start + fixed + 9)
+            draft.keep(start, end)
+    trailer = len(octets)
+    if pdu.whole and octets[-_PLUS_HEADER:] == octets[:2] + b"\0\0" and trailer - _PLUS_HEADER >= end:
+        trailer -= _PLUS_HEADER
+    draft.zero(end, trailer, account.PLUS)
+    draft.keep(trailer, len(octets))
+
+
+def draft_tpdu(octets: bytes, tpdu: Tpdu, key: Key, told: Account) -> Draft:
+    """Return what becomes of a TPKT whose TPDU is not data: its numbers stay, its TSAPs are replaced where they are texts."""
+    draft = Draft(octets, told)
+    draft.keep(0, 4)
+    end = 4
+    for value in tpdu.fields:
+        if not value.field.shares and value.octets is None:
+            draft.keep(4 + value.offset, 4 + value.end)
+            end = 4 + value.end
+    for parameter in tpdu.parameters:
+        start = 4 + parameter.offset + 2
+        draft.keep(start - 2, start)
+        end = start + len(parameter.value)
+        if parameter.code in {CALLING_TSAP, CALLED_TSAP} and tpdu.type in {CR, CC}:
+            draft.put(start, replace_tsap(key, parameter.value), account.TSAPS)
+        elif parameter.code in _NUMBERS:
+            draft.keep(start, end)
+        else:
+            draft.zero(start, end, account.UNKNOWN)
+    draft.zero(end, len(octets), account.UNKNOWN)
+    return draft
+
+
+def replace_tsap(key: Key, octets: bytes) -> bytes:
+    """Return a TSAP in the place of another one; one that is connection type, rack and slot stays."""
+    tsap = Tsap(octets)
+    if tsap.connection_type >= 0 or not octets or octets.startswith(_WELL_KNOWN_TSAPS):
+        return octets
+    if all(octet >= 0x20 or octet == 0 for octet in octets):
+        return replace_text(key, octets)
+    return replace_octets(key, octets)
+
+
+def draft_netlink(packet: IbhPacket, told: Account) -> Draft:
+    """Return what becomes of an IBH-NetLink packet around the data of a message that it may carry."""
+    octets = packet.octets
+    draft = Draft(octets, told)
+    end = min(IBH_HEADER, len(octets))
+    draft.keep(0, end)
+    if packet.data_at:
+        draft.keep(end, packet.data_at)
+        draft.zero(packet.data_at + len(packet.data), len(octets), account.UNKNOWN)
+    elif packet.kind != KIND_OTHER and len(octets) <= (_MAX_SERVICE if packet.kind == KIND_SERVICE else _MAX_NETLINK):
+        draft.keep(end, len(octets))
+    else:
+        draft.zero(end, len(octets), account.UNKNOWN)
+    return draft

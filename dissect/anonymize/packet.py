@@ -1,0 +1,257 @@
+"""One packet made anew: link, IP and TCP headers with other addresses, the payload as the first reading says."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.anonymize import account
+from dissect.anonymize.account import Account, Choices
+from dissect.anonymize.addresses import AddressMap
+from dissect.anonymize.checksum import renewed
+from dissect.anonymize.fragments import Fragment
+from dissect.anonymize.survey import Survey
+from dissect.ibh.tables import NETLINK_PORT
+from dissect.tcp import ip, link
+from dissect.tcp.connection import SYN
+from dissect.transactions.connection import ISO_TSAP_PORT
+from dissect.wire.octets import u16, u32
+
+_PORTS: Final = frozenset((ISO_TSAP_PORT, NETLINK_PORT))
+_ARP: Final = 0x0806
+_ICMP: Final = frozenset((1, 58))
+#: TCP options that tell nothing: end, none, segment size, window scale, SACK allowed, SACK, timestamps.
+_TCP_OPTIONS: Final = frozenset((0, 1, 2, 3, 4, 5, 8))
+_NOP: Final = 1
+
+# Why a packet is not written.
+OTHER: Final = "other protocols (--keep-others writes them with other addresses and zeros for contents)"
+DAMAGED: Final = "IP or TCP headers that are damaged or cut"
+FRAGMENT: Final = "IP fragments of which not all were captured, or of other protocols"
+LINK: Final = "links that are not known"
+
+
+class Packets:
+    """Makes packets anew. ``told`` counts what happens."""
+
+    def __init__(self, survey: Survey, addresses: AddressMap, choices: Choices, told: Account) -> None:
+        self._survey = survey
+        self._addresses = addresses
+        self._others = choices.keep_others
+        self._account = told
+
+    def renew(self, frame: int, octets: bytes, link_type: int) -> bytes | Fragment | None:
+        """Return what is written in the place of packet ``frame``; None when nothing is. Never raises.
+
+        A `Fragment` is what is written once its datagram is whole (`whole`).
+        """
+        end = len(octets)
+        at, vlan = link.find_ip(octets, 0, end, link_type)
+        if at == link.UNSUPPORTED:
+            return self._drop(LINK)
+        if at < 0:
+            return self._no_ip(octets, link_type) if self._others else self._drop(OTHER)
+        packet = ip.parse_ip(octets, at, end, True)
+        if packet.problem:
+            return self._drop(DAMAGED)
+        fragment = bool(packet.fragment_key or packet.fragment_offset or packet.more)
+        if fragment and (packet.protocol != ip.TCP or packet.missing or not packet.fragment_key):
+            return self._drop(FRAGMENT)
+        new = bytearray(end)
+        new[:at] = self._link(octets[:at], link_type)
+        self._ip(octets, new, int(at), int(packet.start))
+        if fragment:
+            return _fragment(octets, new, packet, int(vlan))
+        done = self._tcp(frame, octets, new, packet, int(vlan)) if packet.protocol == ip.TCP else False
+        if not done:
+            if packet.protocol == ip.TCP and packet.end - packet.start < 20:
+                return self._drop(DAMAGED)
+            if not self._others:
+                return self._drop(OTHER)
+            self._other(octets, new, packet)
+        self._account.mask(account.PADDING, octets[packet.end :])
+        return bytes(new)
+
+    def whole(self, frame: int, fragments: list[Fragment], datagram: bytes) -> None:
+        """Say what becomes of the fragments of a TCP segment that is whole with packet ``frame``."""
+        packet = ip.IpPacket()
+        packet.addresses = fragments[0].addresses
+        packet.protocol = ip.TCP
+        packet.end = len(datagram)
+        new = bytearray(len(datagram))
+        written = self._tcp(frame, datagram, new, packet, fragments[0].vlan)
+        if not written and self._others and len(datagram) >= 20:
+            self._other(datagram, new, packet)
+            written = True
+        for fragment in fragments:
+            fragment.settle(bytes(new) if written else None)
+
+    def unsettled(self) -> None:
+        """A fragment is not written, because its datagram never became whole or is of another protocol."""
+        self._drop(FRAGMENT)
+
+    def _drop(self, reason: str) -> bytes | None:
+        self._account.drop(reason)
+        return None
+
+    # ---- link -------------------------------------------------------------------------------------------------------
+
+    def _link(self, head: bytes, link_type: int) -> bytes:
+        """Return a link header with other addresses."""
+        if link_type == link.ETHERNET:
+            return self._addresses.mac(head[:6]) + self._addresses.mac(head[6:12]) + head[12:]
+        if link_type == link.LINUX_SLL:
+            return head[:6] + self._station(head[6:14], u16(head, 4)) + head[14:]
+        if link_type == link.LINUX_SLL2:
+            return head[:12] + self._station(head[12:20], head[11]) + head[20:]
+        return head
+
+    def _station(self, field: bytes, size: int) -> bytes:
+        """Return the address field of a Linux cooked header: what is not an Ethernet address becomes zeros."""
+        if size != 6 or len(field) < 6:
+            return bytes(len(field))
+        return self._addresses.mac(field[:6]) + bytes(len(field) - 6)
+
+    def _no_ip(self, octets: bytes, link_type: int) -> bytes | None:
+        """Return another packet than IP: of ARP its addresses, of others nothing but the link header."""
+        size = {link.ETHERNET: 14, link.LINUX_SLL: 16, link.LINUX_SLL2: 20}.get(link_type, 0)
+        if not size or len(octets) < size:
+            return self._drop(OTHER if not size else DAMAGED)
+        new = bytearray(len(octets))
+        new[:size] = self._link(octets[:size], link_type)
+        type_at = 0 if link_type == link.LINUX_SLL2 else size - 2
+        body = octets[size : size + 28]
+        if u16(octets, type_at) == _ARP and len(body) == 28 and body[4:6] == b"\x06\x04":
+            new[size : size + 28] = b"".join((
+                body[:8],
+                self._addresses.mac(body[8:14]),
+                self._addresses.ip(body[14:18]),
+                self._addresses.mac(body[18:24]),
+                self._addresses.ip(body[24:28]),
+            ))  # fmt: skip
+        return bytes(new)
+
+    # ---- IP ---------------------------------------------------------------------------------------------------------
+
+    def _ip(self, octets: bytes, new: bytearray, at: int, end: int) -> None:
+        """Write the IP header with other addresses; options and extension headers, which may hold some, become nothing."""
+        addresses = self._addresses
+        if octets[at] >> 4 == 6:
+            new[at : at + 8] = octets[at : at + 8]
+            new[at + 8 : at + 24] = addresses.ip(octets[at + 8 : at + 24])
+            new[at + 24 : at + 40] = addresses.ip(octets[at + 24 : at + 40])
+            self._extensions(octets, new, at + 40, end, octets[at + 6])
+            return
+        new[at : at + 12] = octets[at : at + 12]
+        new[at + 12 : at + 16] = addresses.ip(octets[at + 12 : at + 16])
+        new[at + 16 : at + 20] = addresses.ip(octets[at + 16 : at + 20])
+        if end > at + 20:
+            new[at + 20 : end] = bytes((_NOP,)) * (end - at - 20)
+            self._account.mask(account.OPTIONS, octets[at + 20 : end])
+        new[at + 10 : at + 12] = b"\0\0"
+        old = octets[at : at + 10] + b"\0\0" + octets[at + 12 : end]
+        stored = renewed(u16(octets, at + 10), old, bytes(new[at:end]), b"", b"")
+        new[at + 10 : at + 12] = stored.to_bytes(2, "big")
+
+    def _extensions(self, octets: bytes, new: bytearray, at: int, end: int, kind: int) -> None:
+        """Write the IPv6 extension headers between ``at`` and ``end``: of their contents only padding is left."""
+        while at + 8 <= end:
+            size = 8 if kind == 44 else (octets[at + 1] + 2) * 4 if kind == 51 else (octets[at + 1] + 1) * 8
+            stop = min(at + size, end)
+            new[at : at + 2] = octets[at : at + 2]
+            if kind in {0, 60}:
+                left = stop - at - 4
+                new[at + 2 : at + 4] = bytes((_NOP, min(left, 255)))  # PadN
+            elif kind == 44:
+                new[at:stop] = octets[at:stop]
+            if kind != 44:
+                self._account.mask(account.OPTIONS, octets[at + 2 : stop])
+            kind = octets[at]
+            at = stop
+
+    # ---- TCP and others ---------------------------------------------------------------------------------------------
+
+    def _tcp(self, frame: int, octets: bytes, new: bytearray, packet: ip.IpPacket, vlan: int) -> bool:
+        """Write a TCP segment; False when it cannot be read or is of a connection that was not followed."""
+        at, end = int(packet.start), int(packet.end)
+        if end - at < 20:
+            return False
+        word = u16(octets, at + 12)
+        data = at + (word >> 12 << 2)
+        if data < at + 20 or data > end:
+            return False
+        tag = vlan.to_bytes(8, "big") if vlan else b""
+        track = self._survey.find(packet.addresses + octets[at : at + 4] + tag, frame)
+        if track is None:
+            empty = data == end and not packet.missing
+            if not empty or _PORTS.isdisjoint((u16(octets, at), u16(octets, at + 2))):
+                return False
+        new[at : at + 20] = octets[at : at + 20]
+        new[at + 20 : data] = self._tcp_options(octets[at + 20 : data])
+        if track is not None and data < end:
+            seq = (u32(octets, at + 4) + (1 if word & SYN else 0)) & 0xFFFFFFFF
+            new[data:end], zeroed = track.render(seq, octets[data:end])
+            self._account.zeroed += zeroed
+        self._checksum(octets, new, packet, at + 16)
+        return True
+
+    def _tcp_options(self, options: bytes) -> bytes:
+        """Return TCP options of which those that may tell something became none."""
+        new = bytearray(options)
+        at = 0
+        while at < len(options) and options[at] != 0:
+            size = 1 if options[at] == _NOP else options[at + 1] if at + 1 < len(options) else 0
+            if size < 1 or (size < 2 and options[at] != _NOP) or at + size > len(options):
+                break
+            if options[at] not in _TCP_OPTIONS:
+                new[at : at + size] = bytes((_NOP,)) * size
+                self._account.mask(account.OPTIONS, options[at : at + size])
+            at += size
+        self._account.mask(account.OPTIONS, options[at:])
+        new[at:] = bytes(len(options) - at)
+        return bytes(new)
+
+    def _other(self, octets: bytes, new: bytearray, packet: ip.IpPacket) -> None:
+        """Write what is known not to tell anything of another protocol: ports, lengths, kinds."""
+        at, end = int(packet.start), int(packet.end)
+        size, sum_at = 0, 0
+        if packet.protocol == ip.TCP:
+            size, sum_at = 20, at + 16
+        elif packet.protocol == ip.UDP:
+            size, sum_at = 8, at + 6
+        elif packet.protocol in _ICMP:
+            size, sum_at = 4, at + 2
+        if not size or end - at < size:
+            return
+        new[at : at + size] = octets[at : at + size]
+        if packet.protocol == ip.TCP and at + (u16(octets, at + 12) >> 12 << 2) <= end:
+            data = at + (u16(octets, at + 12) >> 12 << 2)
+            new[at + 20 : data] = self._tcp_options(octets[at + 20 : data])
+        self._checksum(octets, new, packet, sum_at)
+
+    def _checksum(self, octets: bytes, new: bytearray, packet: ip.IpPacket, at: int) -> None:
+        """Write the checksum of what the IP packet carries, which stands at ``at``."""
+        start, end = int(packet.start), int(packet.end)
+        size = end - start + int(packet.missing)
+        behind = size.to_bytes(4, "big") + int(packet.protocol).to_bytes(4, "big")
+        old_pseudo = packet.addresses + behind
+        addresses = packet.addresses
+        half = len(addresses) // 2
+        new_pseudo = self._addresses.ip(addresses[:half]) + self._addresses.ip(addresses[half:]) + behind
+        if packet.protocol == 1:
+            old_pseudo = new_pseudo = b""
+        old = octets[start:at] + b"\0\0" + octets[at + 2 : end]
+        new[at : at + 2] = b"\0\0"
+        value = renewed(u16(octets, at), old, bytes(new[start:end]), old_pseudo, new_pseudo)
+        new[at : at + 2] = value.to_bytes(2, "big")
+
+
+def _fragment(octets: bytes, new: bytearray, packet: ip.IpPacket, vlan: int) -> Fragment:
+    """Return a fragment with the headers ``new`` that waits for its datagram."""
+    start, end = int(packet.start), int(packet.end)
+    fragment = Fragment(new, start, end, octets[start:end])
+    fragment.key = packet.fragment_key + vlan.to_bytes(8, "big")
+    fragment.offset = int(packet.fragment_offset)
+    fragment.more = bool(packet.more)
+    fragment.addresses = packet.addresses
+    fragment.vlan = vlan
+    return fragment

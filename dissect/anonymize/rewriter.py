@@ -1,0 +1,90 @@
+"""The second reading: every packet that can be shown is written, made anew, in its order."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.anonymize.account import Account
+from dissect.anonymize.fragments import Fragment, Fragments
+from dissect.anonymize.packet import Packets
+from dissect.source.packet import PacketSink
+from dissect.source.pcapng_writer import PcapngWriter
+
+#: Octets of packets that wait behind a fragment whose datagram is not whole yet.
+MAX_WAITING: Final = 32 * 1024 * 1024
+_COST: Final = 256
+
+
+class _Waiting:
+    """A packet that may be written when those before it are."""
+
+    __slots__ = ("link_type", "packet", "size", "time_ns", "wire_length")
+
+    def __init__(self, packet: bytes | Fragment, time_ns: int, wire_length: int, link_type: int, size: int) -> None:
+        self.packet = packet
+        self.time_ns = time_ns
+        self.wire_length = wire_length
+        self.link_type = link_type
+        self.size = size
+
+
+class Rewriter(PacketSink):
+    """Takes the packets of a capture that is read again and writes them to ``writer``, ``shift_ns`` later."""
+
+    def __init__(self, packets: Packets, writer: PcapngWriter, told: Account, shift_ns: int = 0) -> None:
+        self._packets = packets
+        self._writer = writer
+        self._account = told
+        self._shift_ns = shift_ns
+        self._fragments = Fragments()
+        self._waiting: deque[_Waiting] = deque()
+        self._size = 0
+
+    def comment(self, text: str) -> None:
+        """A comment is let go: nobody knows what it says."""
+        self._account.comments += 1
+
+    def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
+        """Take a packet."""
+        self._account.packets += 1
+        new = self._packets.renew(self._account.packets, buf[start:end], int(link_type))
+        if new is None:
+            return
+        size = int(end - start) + _COST
+        self._waiting.append(_Waiting(new, int(time_ns), int(wire_length), int(link_type), size))
+        self._size += size
+        if isinstance(new, Fragment):
+            whole = self._fragments.add(new, int(time_ns))
+            if whole is not None:
+                self._packets.whole(self._account.packets, *whole)
+        while self._size > MAX_WAITING and self._fragments.give_up():
+            self._drain()
+        self._drain()
+
+    def finish(self) -> None:
+        """The capture is read: what still waits for other fragments is given up."""
+        while self._fragments.give_up():
+            pass
+        self._drain()
+
+    def _drain(self) -> None:
+        """Write what waits for nothing."""
+        while self._waiting:
+            first = self._waiting[0]
+            new: bytes | None
+            if isinstance(first.packet, Fragment):
+                if not first.packet.settled:
+                    return
+                new = first.packet.result
+            else:
+                new = first.packet
+            self._waiting.popleft()
+            self._size -= first.size
+            if new is None:
+                self._packets.unsettled()
+                continue
+            self._account.written += 1
+            self._writer.packet(first.time_ns + self._shift_ns, new, first.wire_length, first.link_type)

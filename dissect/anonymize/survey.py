@@ -1,0 +1,267 @@
+"""The first reading: where in each stream everything stands that becomes something else."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.anonymize.account import Account
+from dissect.anonymize.draft import Draft
+from dissect.anonymize.key import Key
+from dissect.anonymize.messages import draft_netlink, draft_tpdu, draft_tsdu
+from dissect.anonymize.rules import Rules
+from dissect.anonymize.track import Room, Track
+from dissect.findings.observer import Observer
+from dissect.ibh.packet import HEADER as IBH_HEADER
+from dissect.ibh.packet import parse_packet
+from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
+from dissect.iso.cotp import MAX_TSDU, parse_tpdu
+from dissect.iso.tables import DT
+from dissect.s7plus.tables import KEEP_ALIVE, PROTOCOL_ID
+from dissect.transactions.connection import Connection
+from dissect.transactions.table import Side, reverse_key
+from dissect.wire.octets import u16
+
+#: Directions remembered; the packets of those after them are written with zeros for contents.
+MAX_TRACKS: Final = 65_536
+#: Parts of one message that are waited for.
+MAX_PARTS: Final = 8192
+
+_FULL: Final = "messages of a direction set to zero from some place on: there was no memory to remember more"
+_MANY: Final = "connections beyond the first 32,768: their contents are set to zero"
+_UNCERTAIN: Final = "messages set to zero because octets beside them were lost and their place is not certain"
+_DT_HEAD: Final = 7
+
+
+class _Part:
+    """A part of a message: its header, where its data stand in the stream, the data."""
+
+    __slots__ = ("data", "data_at", "head", "head_at")
+
+    def __init__(self, head: Draft, head_at: int, data_at: int, data: bytes) -> None:
+        self.head = head
+        self.head_at = head_at
+        self.data_at = data_at
+        self.data = data
+
+
+class _Message:
+    """The parts of a message whose end is still to come in one direction."""
+
+    __slots__ = ("dropping", "holes", "missing", "parts", "plus", "size")
+
+    def __init__(self) -> None:
+        self.parts: list[_Part] = []
+        self.size = 0
+        self.holes = 0
+        self.missing = 0  # octets in them
+        self.dropping = False  # up to its end
+        self.plus = False  # an S7comm-plus PDU goes on in the next message
+
+
+class Survey(Observer):
+    """Watches the first reading. Afterwards `find` gives what becomes of the octets of a packet."""
+
+    def __init__(self, key: Key, rules: Rules, told: Account) -> None:
+        super().__init__()
+        self.wants_tpdus = True
+        self.wants_pdus = True
+        self._key = key
+        self._rules = rules
+        self._account = told
+        self._room = Room()
+        self._tracks: dict[bytes, list[Track]] = {}
+        self._count = 0
+        # By direction; those of connections that are over leave, the oldest when there are too many.
+        self._messages: OrderedDict[bytes, tuple[Track, _Message]] = OrderedDict()
+
+    # ---- observer ---------------------------------------------------------------------------------------------------
+
+    def connection_opened(self, connection: Connection) -> None:
+        """Make room for both directions of a connection, so that its packets are known."""
+        tcp = connection.tcp
+        first, second = tcp.ends
+        tag = int(tcp.vlan).to_bytes(8, "big") if tcp.vlan else b""
+        ports = first.port.to_bytes(2, "big") + second.port.to_bytes(2, "big")
+        key = first.address + second.address + ports + tag
+        for index, direction in enumerate((key, reverse_key(key))):
+            tracks = self._tracks.setdefault(direction, [])
+            if tracks and tracks[-1].stream is tcp.streams[index]:
+                continue  # another transport connection on the same TCP connection
+            if self._count >= MAX_TRACKS:
+                self._account.warn(_MANY)
+                return
+            self._count += 1
+            tracks.append(Track(tcp, tcp.streams[index], self._room))
+
+    def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        """A whole TPKT: work out what becomes of it."""
+        track, message = self._direction(side)
+        if track is None:
+            return
+        start = int(side.framer.passed) + int(side.missing) - len(octets)
+        self._judge_hole(track, message, side)
+        if octets[4] == 2 and octets[5] == 0xF0:
+            head = Draft(octets, self._account)
+            head.keep(0, _DT_HEAD)
+            self._part(track, message, _Part(head, start, start + _DT_HEAD, octets[_DT_HEAD:]), octets[6] >= 0x80)
+            return
+        tpdu = parse_tpdu(octets[4:])
+        if tpdu.type != DT or tpdu.malformed:
+            self._flush(track, message)
+            _lay(track, draft_tpdu(octets, tpdu, self._key, self._account), start)
+            return
+        size = len(octets) - len(tpdu.data)
+        head = draft_tpdu(octets[:size], tpdu, self._key, self._account)
+        self._part(track, message, _Part(head, start, start + size, tpdu.data), tpdu.field("eot") == 1)
+
+    def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        """An S7 PDU that the capture cut: its TPKT was not told."""
+        if cut:
+            self._cut(side, octets)
+
+    def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        """An S7comm-plus PDU that the capture cut."""
+        if cut:
+            self._cut(side, octets)
+
+    def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        """A whole IBH-NetLink packet, in which a part of a message may be."""
+        track, message = self._direction(side)
+        framer = side.ibh
+        if track is None or framer is None:
+            return
+        passed = int(framer.passed) + int(side.framer.framed) + int(side.framer.skipped)
+        start = passed + int(side.missing) - len(octets)
+        self._judge_hole(track, message, side)
+        packet = parse_packet(octets)
+        head = draft_netlink(packet, self._account)
+        if packet.kind in (KIND_DATA, KIND_FRAGMENT):
+            part = _Part(head, start, start + int(packet.data_at), packet.data)
+            self._part(track, message, part, packet.kind == KIND_DATA)
+        else:
+            _lay(track, head, start)
+
+    # ---- messages ---------------------------------------------------------------------------------------------------
+
+    def _direction(self, side: Side) -> tuple[Track | None, _Message]:
+        known = self._messages.get(side.key)
+        if known is not None and known[0].stream is side.stream:
+            return known
+        for track in reversed(self._tracks.get(side.key, [])):
+            if track.stream is side.stream:
+                if len(self._messages) >= MAX_TRACKS:
+                    self._flush(*self._messages.popitem(last=False)[1])
+                fresh = (track, _Message())
+                self._messages[side.key] = fresh
+                return fresh
+        return None, _Message()
+
+    def _judge_hole(self, track: Track, message: _Message, side: Side) -> None:
+        """A hole ends the message it falls into."""
+        if message.holes != int(side.holes):
+            message.holes = int(side.holes)
+            message.missing = int(side.missing)
+            message.plus = False
+            self._flush(track, message)
+
+    def _part(self, track: Track, message: _Message, part: _Part, last: bool) -> None:
+        """A part of a message; the data of one that is too long stay zeros."""
+        if message.dropping or (not last and not part.data and not message.parts):
+            _lay(track, part.head, part.head_at)
+            message.dropping = message.dropping and not last
+            return
+        message.parts.append(part)
+        message.size += len(part.data)
+        if message.size > MAX_TSDU or len(message.parts) > MAX_PARTS:
+            self._flush(track, message)
+            message.dropping = not last
+        elif last:
+            self._whole(track, message)
+
+    def _whole(self, track: Track, message: _Message) -> None:
+        """A message is whole: what becomes of it is cut as its parts were."""
+        parts = message.parts
+        octets = parts[0].data if len(parts) == 1 else b"".join([part.data for part in parts])
+        draft = draft_tsdu(octets, self._rules, self._account, not message.plus)
+        if len(octets) >= 4 and octets[0] == PROTOCOL_ID and octets[1] != KEEP_ALIVE:
+            message.plus = octets[-4:] != octets[:2] + b"\0\0"
+        message.parts = []
+        message.size = 0
+        at = 0
+        for part in parts:
+            _lay(track, part.head, part.head_at)
+            _lay(track, draft, part.data_at - at, at, at + len(part.data))
+            at += len(part.data)
+
+    def _flush(self, track: Track, message: _Message) -> None:
+        """A message will not become whole: its headers stay, its data become zeros."""
+        for part in message.parts:
+            _lay(track, part.head, part.head_at)
+        message.parts = []
+        message.size = 0
+
+    def _cut(self, side: Side, octets: bytes) -> None:
+        """A message the capture cut, alone in its TPKT: it ends where the hole begins that was just told."""
+        track, message = self._direction(side)
+        iso, gateway = side.framer, side.ibh
+        packet = iso.cut_packet if gateway is None else gateway.cut_packet
+        if track is None or not octets or not packet.endswith(octets):
+            return
+        whole = u16(packet, 2) if gateway is None else IBH_HEADER + packet[2]
+        missing = int(side.missing) - message.missing if int(side.holes) == message.holes + 1 else -1
+        if iso.synced if gateway is None else gateway.synced:
+            missing = whole - len(packet) - int(iso.skip if gateway is None else gateway.skip)
+        lost = int(side.missing) - missing
+        self._judge_hole(track, message, side)
+        if missing < 0:
+            self._account.warn(_UNCERTAIN)
+            return
+        passed = int(iso.framed) + int(iso.skipped)
+        if gateway is not None:
+            passed += int(gateway.framed) + int(gateway.skipped)
+        start = passed + lost - len(packet)
+        data = len(packet) - len(octets)
+        head = Draft(packet, self._account)
+        head.keep(0, data)
+        self._part(track, message, _Part(head, start, start + data, octets), True)
+
+    # ---- afterwards -------------------------------------------------------------------------------------------------
+
+    def settle(self) -> None:
+        """The first reading is over: nothing more becomes whole."""
+        for track, message in self._messages.values():
+            self._flush(track, message)
+        self._messages.clear()
+        for tracks in self._tracks.values():
+            for track in tracks:
+                track.settle()
+                if track.full:
+                    self._account.warn(_FULL)
+
+    def find(self, key: bytes, frame: int) -> Track | None:
+        """Return what becomes of the octets in packet ``frame`` with this key; None for no connection that was followed."""
+        tracks = self._tracks.get(key)
+        if not tracks:
+            return None
+        found = tracks[0]
+        for track in tracks:
+            if track.first_frame > frame:
+                break
+            found = track
+        return found
+
+
+def _lay(track: Track, draft: Draft, offset: int, begin: int = 0, end: int = -1) -> None:
+    """Write what becomes of ``draft`` from ``begin`` to ``end`` into a track; position is ``offset`` more than the place."""
+    if end < 0:
+        end = len(draft.octets)
+    for first, last, new in draft.pieces:
+        start, stop = max(first, begin), min(last, end)
+        if start < stop:
+            if new is None:
+                track.keep(offset + start, offset + stop)
+            else:
+                track.put(offset + start, new[start - first : stop - first])

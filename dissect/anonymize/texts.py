@@ -1,0 +1,60 @@
+"""Replacements for texts and values: as long as before, the same for the same, and of the same kind of characters."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.anonymize.key import Key
+
+_PADDING: Final = b" \0"
+_UPPER: Final = b"ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+_LOWER: Final = _UPPER.lower()
+_DIGITS: Final = b"0123456789"
+
+
+def replace_text(key: Key, octets: bytes) -> bytes:
+    """Return a text in the place of another one: letters for letters, digits for digits, blanks and zeros around it kept.
+
+    What is no letter, digit or control character stays where it stands between some, for a path is to remain one; a text
+    without letters and digits gets letters.
+    """
+    start = len(octets) - len(octets.lstrip(_PADDING))
+    core = octets.strip(_PADDING)
+    if not core:
+        return octets
+    plain = any(_alphabet(octet) for octet in core)
+    new = core
+    for attempt in range(256):
+        drawn = key.stream(f"text{attempt}", core, len(core))
+        new = bytes([_drawn(octet, drawn[at], _alphabet(octet) if plain else _UPPER) for at, octet in enumerate(core)])
+        if new != core:  # a text of one or two characters may be drawn itself
+            break
+    return octets[:start] + new + octets[start + len(core) :]
+
+
+def replace_path(key: Key, octets: bytes) -> bytes:
+    """Return a path in the place of another one: each name between strokes is replaced by itself."""
+    return b"/".join([replace_text(key, name) for name in octets.split(b"/")])
+
+
+def replace_octets(key: Key, octets: bytes) -> bytes:
+    """Return octets in the place of others: as chance would have them, the same for the same."""
+    return key.stream("octets", octets, len(octets))
+
+
+def replace_bit(key: Key, octets: bytes) -> bytes:
+    """Return a bit in the place of another one, in the lowest place of the octets."""
+    return octets[:-1] + bytes((octets[-1] ^ (key.stream("bit", b"", 1)[0] & 1),)) if octets else octets
+
+
+def _alphabet(octet: int) -> bytes:
+    """Return the characters that one may be replaced by, empty when it stays."""
+    if octet in _DIGITS:
+        return _DIGITS
+    if octet in _LOWER:
+        return _LOWER
+    return _UPPER if octet in _UPPER or octet >= 0x80 else b""
+
+
+def _drawn(octet: int, number: int, alphabet: bytes) -> int:
+    return alphabet[number % len(alphabet)] if alphabet else octet

@@ -1,0 +1,175 @@
+"""One direction of a TCP connection: what becomes of each octet of its stream.
+
+Positions count octets from the first one of the stream. An octet that nothing is known of becomes zero: what is not understood
+is not given away.
+"""
+
+from __future__ import annotations
+
+from array import array
+from bisect import bisect_right
+from collections import deque
+from typing import Final
+
+from dissect.tcp.connection import TcpConnection
+from dissect.tcp.stream import HALF_SPACE, MASK, HalfStream
+
+#: Ranges, and octets that replace others, remembered over all connections; of what comes after nothing is kept.
+MAX_RANGES: Final = 4_000_000
+MAX_REPLACED: Final = 64 * 1024 * 1024
+#: What a replacement takes in memory besides its octets.
+_COST: Final = 64
+#: Segments of a direction that those sent again are compared with.
+MAX_RECENT: Final = 64
+#: A segment further ahead than this does not move where the next one is expected.
+_JUMP: Final = 1 << 24
+
+
+class Room:
+    """How much may still be remembered."""
+
+    def __init__(self) -> None:
+        self.ranges = MAX_RANGES
+        self.octets = MAX_REPLACED
+
+    def take(self, octets: int) -> bool:
+        """Take the room of a range and what replaces it; False when there is none."""
+        if self.ranges <= 0 or self.octets < octets:
+            return False
+        self.ranges -= 1
+        self.octets -= octets
+        return True
+
+
+class Track:
+    """What becomes of a stream's octets: ranges that stay, replacements, zero for all else. `keep` and `put` go forward."""
+
+    __slots__ = (
+        "_begins",
+        "_ends",
+        "_latest",
+        "_new",
+        "_new_at",
+        "_recent",
+        "_room",
+        "first_frame",
+        "full",
+        "start_seq",
+        "stream",
+        "tcp",
+    )
+
+    def __init__(self, tcp: TcpConnection, stream: HalfStream, room: Room) -> None:
+        self.tcp: TcpConnection | None = tcp
+        self.stream: HalfStream | None = stream
+        self.first_frame = int(tcp.first_frame)
+        self.start_seq = -1
+        self.full = False  # there was no room for all of it
+        self._room = room
+        self._begins = array("Q")
+        self._ends = array("Q")
+        self._new_at = array("Q")
+        self._new: list[bytes] = []
+        self._latest = 0
+        self._recent: deque[tuple[int, bytes]] = deque(maxlen=MAX_RECENT)
+
+    # ---- first reading ----------------------------------------------------------------------------------------------
+
+    def keep(self, begin: int, end: int) -> None:
+        """The octets from ``begin`` to ``end`` stay."""
+        if self._ends and self._ends[-1] == begin:
+            self._ends[-1] = end
+        elif begin < 0 or (self._ends and begin < self._ends[-1]):
+            return  # contradicts what was said before, so that nothing is believed
+        elif self._room.take(0):
+            self._begins.append(begin)
+            self._ends.append(end)
+        else:
+            self.full = True
+
+    def put(self, begin: int, new: bytes) -> None:
+        """The octets from ``begin`` on become others."""
+        if begin < 0 or (self._new and begin < self._new_at[-1] + len(self._new[-1])):
+            return
+        if self._room.take(len(new) + _COST):
+            self._new_at.append(begin)
+            self._new.append(new)
+        else:
+            self.full = True
+
+    def settle(self) -> None:
+        """The first reading is over."""
+        if self.stream is not None:
+            self.start_seq = int(self.stream.start_seq)
+        self.tcp = None
+        self.stream = None
+
+    # ---- second reading ---------------------------------------------------------------------------------------------
+
+    def render(self, seq: int, octets: bytes) -> tuple[bytes, int]:
+        """Return what becomes of the payload of a segment, and how many of its octets were set to zero."""
+        new = bytearray(len(octets))
+        if self.start_seq < 0 or not octets:
+            return bytes(new), len(octets)
+        at = self._position(seq)
+        rest = len(octets)
+        for begin, end in self._ranges(at, at + len(octets)):
+            new[begin - at : end - at] = octets[begin - at : end - at]
+            rest -= end - begin
+        self._compare(at, octets, new)
+        for begin, piece in self._replacements(at, at + len(octets)):
+            new[begin - at : begin - at + len(piece)] = piece
+            rest -= len(piece)
+        return bytes(new), rest
+
+    def _position(self, seq: int) -> int:
+        """Return the position of a sequence number: the one nearest to what was seen last."""
+        ahead = (seq - self.start_seq - self._latest) & MASK
+        if ahead >= HALF_SPACE:
+            ahead -= MASK + 1
+        at = self._latest + ahead
+        if 0 < ahead < _JUMP:
+            self._latest = at
+        return at
+
+    def _ranges(self, at: int, end: int) -> list[tuple[int, int]]:
+        """Return the parts of ``at`` to ``end`` that stay."""
+        found = []
+        index = max(bisect_right(self._begins, at) - 1, 0) if at >= 0 else 0
+        while index < len(self._begins) and self._begins[index] < end:
+            begin, stop = max(self._begins[index], at), min(self._ends[index], end)
+            if begin < stop:
+                found.append((begin, stop))
+            index += 1
+        return found
+
+    def _replacements(self, at: int, end: int) -> list[tuple[int, bytes]]:
+        """Return (position, octets) of what is replaced between ``at`` and ``end``."""
+        found = []
+        index = max(bisect_right(self._new_at, at) - 1, 0) if at >= 0 else 0
+        while index < len(self._new_at) and self._new_at[index] < end:
+            here, new = self._new_at[index], self._new[index]
+            begin, stop = max(here, at), min(here + len(new), end)
+            if begin < stop:
+                found.append((begin, new[begin - here : stop - here]))
+            index += 1
+        return found
+
+    def _compare(self, at: int, octets: bytes, new: bytearray) -> None:
+        """Take away from ``new`` what differs from the octets that were there first: nobody has looked at it.
+
+        So is what was sent again so late that the first copy is forgotten.
+        """
+        end = at + len(octets)
+        recent = self._recent
+        if recent and at < recent[0][0]:
+            forgotten = min(recent[0][0], end) - at
+            if len(recent) == MAX_RECENT:
+                new[:forgotten] = bytes(forgotten)
+        for there, before in recent:
+            begin, stop = max(there, at), min(there + len(before), end)
+            if begin < stop and before[begin - there : stop - there] != octets[begin - at : stop - at]:
+                for place in range(begin, stop):
+                    if before[place - there] != octets[place - at]:
+                        new[place - at] = 0
+        recent.append((at, octets))

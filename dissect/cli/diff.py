@@ -1,0 +1,146 @@
+"""`s7dissect diff`: what changed from one session to another, in words, JSON or JUnit XML."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree
+
+import click
+
+from dissect.cli.carried import scd_options
+from dissect.cli.drive import format_option, write
+from dissect.cli.golden import read_capture
+from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
+from dissect.golden.comparison import differences
+from dissect.golden.difference import KINDS, DiffOptions, Difference
+from dissect.golden.model import GoldenError, Session
+from dissect.golden.reading import is_golden, load_golden
+from dissect.report import words
+from dissect.wire.text import encodable, printable
+
+if TYPE_CHECKING:
+    from dissect.findings.carrier import Carrier
+
+DIFF_SCHEMA = "s7dissect.diff/1"
+
+_EXIT_CODES = (
+    "Exit code: 0 the same, 1 different, 2 wrong use, a file that cannot be read, or one that is damaged so that the comparison "
+    "is not to be relied on (it is given), 5 the output failed, 130 interrupted."
+)
+_IGNORABLE = "; ".join([f"{name}: {text}" for name, text in KINDS.items()])
+
+
+@click.command("diff", epilog=f"{_EXIT_CODES}\n\nWhat can be ignored. {_IGNORABLE}.")
+@click.argument("first", metavar="A", type=click.Path())
+@click.argument("second", metavar="B", type=click.Path())
+@format_option("text", "json", "junit")
+@click.option(
+    "--ignore",
+    multiple=True,
+    metavar="WHAT",
+    help="Leave this unsaid: a name from the list below, or NAME:PATTERN with * and ?, such as 'values:DB10.*'; several with "
+    "commas between, or the option again.",
+)
+@click.option("--latency", metavar="TOLERANCE", help="Compare answer times as well; shifts up to 20%, 5ms or 20%,5ms are the same.")
+@click.option("--max", "most", type=click.IntRange(min=0), default=100, show_default=True, help="Differences to write.")
+@scd_options
+def command(
+    first: str,
+    second: str,
+    format_: str,
+    ignore: tuple[str, ...],
+    latency: str | None,
+    most: int,
+    carrier: Carrier | None,
+) -> int:
+    """Say what changed from A to B, each a capture or a golden (see `s7dissect golden`).
+
+    Transactions are matched by what is asked, not by where they stand, so that one request more or less is one difference.
+    Times, addresses and reference numbers are not compared, answer times only with --latency.
+    """
+    try:
+        options = DiffOptions([part for text in ignore for part in text.split(",") if part], latency)
+    except ValueError as error:
+        raise click.UsageError(str(error)) from None
+    if first == "-" and second == "-":
+        raise click.UsageError("standard input can be one of the two, not both.")
+    try:
+        a, code_a = _load(first, carrier)
+        b, code_b = _load(second, carrier)
+    except GoldenError as error:
+        raise click.ClickException(printable(str(error))) from None
+    if EXIT_INTERRUPTED in {code_a, code_b}:
+        return EXIT_INTERRUPTED
+    found = differences(a, b, options)
+    shown = list(islice(found, most))
+    rest = sum([1 for _ in found])
+    writer = {"text": _text, "json": _json, "junit": _junit}[format_]
+    write(writer(a, b, shown, rest))
+    if code_a or code_b:
+        return EXIT_USAGE
+    return EXIT_GATE if shown or rest else EXIT_OK
+
+
+def _load(path: str, carrier: Carrier | None) -> tuple[Session, int]:
+    if path != "-" and Path(path).is_file() and is_golden(path):
+        return load_golden(path), EXIT_OK
+    return read_capture((path,), carrier)
+
+
+def _text(a: Session, b: Session, shown: list[Difference], rest: int) -> Iterator[str]:
+    for difference in shown:
+        yield difference.text
+    if rest:
+        yield f"and {words.count(rest, 'further difference')}"
+
+
+def _json(a: Session, b: Session, shown: list[Difference], rest: int) -> Iterator[str]:
+    values = {
+        "schema": DIFF_SCHEMA,
+        "a": encodable(a.name),
+        "b": encodable(b.name),
+        "same": not shown and not rest,
+        "count": len(shown) + rest,
+        "not_shown": rest,
+        "differences": [difference.as_dict() for difference in shown],
+    }
+    yield json.dumps(values, indent=2).replace("\x7f", "\\u007f")
+
+
+def _junit(a: Session, b: Session, shown: list[Difference], rest: int) -> Iterator[str]:
+    """One test case for each connection of A, and one for what only B has."""
+    cases: dict[int, list[Difference]] = {link.number: [] for link in a.links}
+    for difference in shown:
+        cases.setdefault(difference.connection, []).append(difference)
+    failed = len([1 for told in cases.values() if told])
+    suite = ElementTree.Element(
+        "testsuite",
+        name=printable(f"s7dissect diff {a.name} {b.name}"),
+        tests=str(len(cases) + bool(rest)),
+        failures=str(failed + bool(rest)),
+        errors="0",
+        skipped="0",
+    )
+    for number, told in sorted(cases.items()):
+        name = f"connection {number}" if number else "added connections"
+        _case(suite, name, printable(a.name), told)
+    if rest:
+        case = ElementTree.SubElement(suite, "testcase", classname=printable(a.name), name="further differences")
+        ElementTree.SubElement(case, "failure", type="more", message=f"{words.count(rest, 'further difference')} not shown")
+    ElementTree.indent(suite)
+    yield '<?xml version="1.0" encoding="utf-8"?>'
+    yield ElementTree.tostring(suite, encoding="unicode")
+
+
+def _case(suite: ElementTree.Element, name: str, classname: str, told: Iterable[Difference]) -> None:
+    case = ElementTree.SubElement(suite, "testcase", classname=classname, name=name)
+    found = list(told)
+    if found:
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        kinds = ",".join(sorted({difference.kind for difference in found}))
+        failure = ElementTree.SubElement(case, "failure", type=kinds, message=printable(found[0].text) + more)
+        failure.text = "\n".join([printable(difference.text) for difference in found])

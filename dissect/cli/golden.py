@@ -1,0 +1,108 @@
+"""`s7dissect golden`: a capture as stable text to be reviewed, kept and compared."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from dissect.cli.carried import scd_options
+from dissect.cli.drive import complain, drive, files_argument, write
+from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
+from dissect.golden.model import GoldenError, Session
+from dissect.golden.reading import SessionReader, is_golden, load_golden
+from dissect.golden.writing import EXTRAS, golden_lines
+from dissect.wire.text import printable
+
+if TYPE_CHECKING:
+    from dissect.findings.carrier import Carrier
+
+_EXIT_CODES = (
+    "Exit code: 0 written, 2 wrong use or a file that cannot be read or written, 3 a file is damaged or cut off (what could be "
+    "read was written), 5 standard output failed, 130 interrupted (nothing written)."
+)
+
+
+def choices(known: Iterable[str]) -> Callable[[click.Context, click.Parameter, str], frozenset[str]]:
+    """Return the callback of an option that takes some of the names ``known``, with commas between them."""
+    names = tuple(known)
+
+    def chosen(ctx: click.Context, param: click.Parameter, value: str) -> frozenset[str]:
+        wanted = [name.strip() for name in value.split(",") if name.strip()]
+        for name in wanted:
+            if name not in names:
+                raise click.BadParameter(f"{name!r} is none of {', '.join(names)}.", ctx, param)
+        return frozenset(wanted)
+
+    return chosen
+
+
+@click.command("golden", epilog=_EXIT_CODES)
+@files_argument
+@click.option("-o", "--output", "output", default="-", metavar="OUT", help="File to write; - is standard output (default).")
+@click.option(
+    "--with",
+    "extras",
+    default="",
+    metavar="WHAT",
+    callback=choices(EXTRAS),
+    help=f"Keep what belongs to one recording as well: {', '.join(EXTRAS)}, with commas between.",
+)
+@scd_options
+def command(files: tuple[str, ...], output: str, extras: frozenset[str], carrier: Carrier | None) -> int:
+    """Write the session in a capture as text: one transaction after another, values by name, errors in words.
+
+    The same session gives the same text whenever and wherever it was recorded: times, addresses, ports and reference numbers
+    are left out, and connections stand in an order that only what is said on them decides. FILE may be such a text too, which
+    is written anew.
+    """
+    try:
+        session, code = _session(files, carrier)
+    except GoldenError as error:
+        raise click.ClickException(printable(str(error))) from None
+    if code == EXIT_INTERRUPTED:
+        return code
+    if output == "-":
+        write(golden_lines(session, extras))
+    else:
+        _save(Path(output), "".join([f"{line}\n" for line in golden_lines(session, extras)]).encode())
+    return code
+
+
+def _session(files: tuple[str, ...], carrier: Carrier | None) -> tuple[Session, int]:
+    if len(files) == 1 and Path(files[0]).is_file() and is_golden(files[0]):
+        return load_golden(files[0]), EXIT_OK
+    return read_capture(files, carrier)
+
+
+def read_capture(files: tuple[str, ...], carrier: Carrier | None) -> tuple[Session, int]:
+    """Read captures and return their session and the exit code so far; what was odd is told on stderr."""
+    from dissect.conversation import Options
+    from dissect.session import Run
+
+    reader = SessionReader(files[0])
+    run = Run(files, reader, Options(carrier=carrier))
+    code = drive(run, files)
+    complain(run, EXIT_DAMAGED if code == EXIT_INTERRUPTED else code)
+    if code == EXIT_INTERRUPTED:
+        click.echo("s7dissect: interrupted, nothing was written", err=True)
+    return reader.finish([f"{file.name}: {file.damage}" for file in run.files if file.damage]), code
+
+
+def _save(path: Path, octets: bytes) -> None:
+    """Write a file whole or not at all."""
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(octets)
+        mask = os.umask(0)
+        os.umask(mask)
+        Path(name).chmod(0o666 & ~mask)
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise

@@ -1,0 +1,87 @@
+"""What the commands share that show what happens while it happens: what to show, as lines, and until when."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from types import FrameType
+from typing import TYPE_CHECKING, Any, Final, Protocol, Self
+
+import click
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from dissect.live.session import Event, Session
+
+_TOPICS: Final = ("connections", "transactions", "operations", "findings", "scd")
+
+
+def _topics(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[str, ...]:
+    topics = tuple([topic.strip() for topic in value.split(",")]) if value else ()
+    for topic in topics:
+        if topic not in _TOPICS:
+            raise click.BadParameter(f"{topic!r} is none of {', '.join(_TOPICS)}.", ctx, param)
+    return topics
+
+
+#: ``--only TOPICS``; the command's argument is called ``topics``.
+only_option: Final[Callable[[Any], Any]] = click.option(
+    "--only",
+    "topics",
+    callback=_topics,
+    metavar="TOPICS",
+    help=f"Write only these, with commas between: {', '.join(_TOPICS)}.",
+)
+
+
+class Shower(Protocol):
+    """What makes lines of events."""
+
+    def lines(self, events: Iterable[Event]) -> list[str]:
+        """Return the lines of events, in their order."""
+
+    def lost(self, now_ns: int, counts: dict[str, int]) -> str:
+        """Return the line that says how many events, by kind, were left out."""
+
+
+class LostEvents:
+    """Tells of events that a session had to leave out, each once."""
+
+    def __init__(self, session: Session, shower: Shower) -> None:
+        self._session = session
+        self._shower = shower
+        self._told: dict[str, int] = {}
+
+    def lines(self) -> list[str]:
+        """Return the line about those since the last call, none where there are none."""
+        if self._session.lost == self._told:
+            return []
+        lost, told = dict(self._session.lost), self._told
+        self._told = lost
+        fresh = {kind: count - told.get(kind, 0) for kind, count in lost.items() if count > told.get(kind, 0)}
+        return [self._shower.lost(self._session.run.now_ns, fresh)]
+
+
+class Interruption:
+    """SIGINT and SIGTERM end a run in order, by calling ``stop``; a second one breaks off whatever goes on."""
+
+    def __init__(self, stop: Callable[[], None]) -> None:
+        self.asked = False
+        self._stop = stop
+        self._previous: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> Self:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._previous[number] = signal.signal(number, self._note)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    def _note(self, _signal: int, _frame: FrameType | None) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
+        self._stop()

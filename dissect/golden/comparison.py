@@ -1,0 +1,146 @@
+"""What changed from one session to another, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from dissect.golden.content import answer_changes, request_changes
+from dissect.golden.difference import Difference, DiffOptions
+from dissect.golden.keys import Keys, subject
+from dissect.golden.model import Link, Session, Transaction
+from dissect.golden.pairing import Match, pair_links, pair_transactions
+from dissect.golden.phrases import Change, outcome
+from dissect.iso.tsap import Tsap
+from dissect.report import words
+from dissect.wire.text import printable
+
+
+def diff_sessions(a: Session, b: Session, options: DiffOptions | None = None) -> list[Difference]:
+    """Return everything that changed from ``a`` to ``b``, in the order of ``a``; empty when nothing did."""
+    return list(differences(a, b, options))
+
+
+def differences(a: Session, b: Session, options: DiffOptions | None = None) -> Iterator[Difference]:
+    """Yield what `diff_sessions` gives, one after another, so that a caller can count without keeping all."""
+    chosen = options if options is not None else DiffOptions()
+    keys = Keys(chosen)
+    for one, other in pair_links(a, b, keys):
+        if one is not None and other is not None:
+            yield from _link(one, other, chosen)
+            for match in pair_transactions(one.transactions, other.transactions, keys):
+                yield from _match(match, one, other, chosen)
+        else:
+            yield from _alone(one, other, chosen)
+
+
+# ---- connections ----------------------------------------------------------------------------------------------------
+
+
+def _alone(one: Link | None, other: Link | None, options: DiffOptions) -> Iterator[Difference]:
+    link = one or other
+    if link is None or options.ignores("connections", ""):
+        return
+    what = f"{_who(link)}, {words.count(len(link.transactions), 'transaction')}"
+    if one is not None:
+        yield Difference(
+            "connections", f"connection {one.number} is missing: {what}", (one.number, 0), values=(what, "")
+        )
+    else:
+        text = f"connection {link.number} of the second is added: {what}"
+        yield Difference("connections", text, (0, link.number), values=("", what))
+
+
+def _who(link: Link) -> str:
+    calling = Tsap(link.calling) if link.calling is not None else None
+    called = Tsap(link.called) if link.called is not None else None
+    return words.tsaps(calling, called, True) if calling or called else printable(link.protocol or "no TSAPs")
+
+
+def _link(one: Link, other: Link, options: DiffOptions) -> Iterator[Difference]:
+    facts = (
+        ("tsaps", "protocol", one.protocol, other.protocol),
+        ("tsaps", "carrier", one.carrier, other.carrier),
+        ("tsaps", "TSAPs", _who(one), _who(other)),
+        ("negotiation", "TPDU size", _size(one), _size(other)),
+        ("endings", "beginning", _begun(one), _begun(other)),
+        ("endings", "refusal", one.refused, other.refused),
+        ("endings", "end", _ended(one), _ended(other)),
+    )
+    for kind, name, was, is_ in facts:
+        if was != is_ and not options.ignores(kind, name):
+            text = f"connection {one.number}, {name}: was {printable(was) or 'none'}, is {printable(is_) or 'none'}"
+            yield Difference(kind, text, (one.number, other.number), (0, 0), "connection", name, (was, is_))
+
+
+def _size(link: Link) -> str:
+    if not link.tpdu_size and not link.tpdu_size_asked:
+        return "not captured"
+    return f"{link.tpdu_size or 'not granted'} ({link.tpdu_size_asked or 'nothing'} asked)"
+
+
+def _begun(link: Link) -> str:
+    return "in the capture" if link.begun else "before the capture"
+
+
+def _ended(link: Link) -> str:
+    if not link.ended:
+        return "open"
+    said = f" ({link.farewell})" if link.farewell else ""
+    return f"{link.ended}{f' by the {link.ended_by}' if link.ended_by else ''}{said}"
+
+
+# ---- transactions ---------------------------------------------------------------------------------------------------
+
+
+def _match(match: Match, one: Link, other: Link, options: DiffOptions) -> Iterator[Difference]:
+    a, b = match.a, match.b
+    connections = (one.number, other.number)
+    if a is None or b is None:
+        yield from _single(a, b, connections, options)
+        return
+    if match.moved and not options.ignores("order", subject(a.exchange)):
+        where = (f"transaction {a.number}", f"transaction {b.number} of the second")
+        text = f"{where[0]}, {subject(a.exchange)}: reordered, is {where[1]}"
+        yield Difference("order", text, connections, (a.number, b.number), subject(a.exchange), "", where)
+    for change in _changes(a, b, options):
+        about = change.subject or subject(a.exchange, change.item)
+        if options.ignores(change.kind, *change.targets, about):
+            continue
+        text = f"transaction {a.number}, {about}: {change.text}"
+        values = (change.was, change.is_)
+        yield Difference(change.kind, text, connections, (a.number, b.number), about, change.address, values)
+
+
+def _single(
+    a: Transaction | None, b: Transaction | None, connections: tuple[int, int], options: DiffOptions
+) -> Iterator[Difference]:
+    transaction = a or b
+    if transaction is None:
+        return
+    kind = "missing" if a is not None else "added"
+    about = subject(transaction.exchange)
+    if options.ignores(kind, about):
+        return
+    said = outcome(transaction)
+    if a is not None:
+        text = f"transaction {a.number}, {about}: missing (was {said})"
+        yield Difference(kind, text, connections, (a.number, 0), about, "", (said, ""))
+    else:
+        text = f"transaction {transaction.number} of the second, {about}: added ({said})"
+        yield Difference(kind, text, connections, (0, transaction.number), about, "", ("", said))
+
+
+def _changes(a: Transaction, b: Transaction, options: DiffOptions) -> Iterator[Change]:
+    same = a.exchange is b.exchange or (
+        a.exchange.request == b.exchange.request
+        and a.exchange.response == b.exchange.response
+        and a.exchange.scd == b.exchange.scd
+    )
+    if not same or a.outcome != b.outcome or a.reason != b.reason:
+        asked, stop = request_changes(a, b)
+        yield from asked
+        if not stop:
+            yield from answer_changes(a, b)
+    if options.shifted(a.latency_ns, b.latency_ns):
+        was, is_ = words.duration(a.latency_ns), words.duration(b.latency_ns)
+        yield Change("latency", f"answered in {was}, is in {is_}", was, is_)

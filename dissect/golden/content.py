@@ -1,0 +1,218 @@
+"""What differs between two transactions that belong together: requests, codes, values, sizes, contents to the field."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from dissect.golden.exchange import S7, SCD, Exchange, ItemRecord
+from dissect.golden.forms import setup_text
+from dissect.golden.keys import subject
+from dissect.golden.model import Transaction
+from dissect.golden.phrases import Change, code_text, item_state, octets_change, outcome, short, value_change
+from dissect.report import words
+from dissect.s7.message import Pdu
+from dissect.s7.parameters import Setup
+from dissect.s7.tables import DATA_TRANSPORT_SIZES, READ_VAR, SETUP_COMMUNICATION, WRITE_VAR
+from dissect.wire.layout import FieldValue
+from dissect.wire.part import Part
+
+#: Types of items whose values tell a time.
+_TIMES: Final = frozenset((0x09, 0x0A, 0x0F))
+#: Fields of one PDU that are told apart; beyond, they are counted.
+_FIELDS: Final = 16
+
+
+def request_changes(a: Transaction, b: Transaction) -> tuple[list[Change], bool]:
+    """Return what differs in the requests, and whether the answers need no look because something else was asked."""
+    one, other = a.exchange, b.exchange
+    if one.request == other.request and one.kind != SCD:
+        return [], False
+    if one.kind == SCD:
+        return [], False
+    asked, asks = one.asked, other.asked
+    if one.kind != S7 or asked is None or asks is None or not _same_form(one, other):
+        what = _request_words(one), _request_words(other)
+        kind = "requests" if asked is None or asked.function in {READ_VAR, WRITE_VAR} else "contents"
+        return [
+            Change(kind, f"asks something else: was {what[0]}, is {what[1]}", *what, targets=(one.function_name,))
+        ], True
+    if one.function == SETUP_COMMUNICATION:
+        return list(_setup("asks", one.setup[0], other.setup[0])), False
+    if one.function == WRITE_VAR:
+        written = list(_written(one, other))
+        return written or _octets("requests", "request", asked, asks), False
+    changes = list(_fields("request", asked, asks, one))
+    return changes or _octets("contents", "request", asked, asks), False
+
+
+def _same_form(one: Exchange, other: Exchange) -> bool:
+    """Tell whether two requests differ in no more than what goes with them."""
+    asked, asks = one.asked, other.asked
+    if asked is None or asks is None or one.function != other.function:
+        return False
+    if one.function in {READ_VAR, WRITE_VAR}:
+        return asked.parameters.octets == asks.parameters.octets
+    return True
+
+
+def _request_words(exchange: Exchange) -> str:
+    notes = [short(note) for note in exchange.asks[:3]] if exchange.asked is not None and not exchange.items else []
+    return ", ".join(notes) or subject(exchange)
+
+
+def answer_changes(a: Transaction, b: Transaction) -> Iterator[Change]:
+    """Yield what differs in the answers. Where something else was asked, only whether it was granted is compared."""
+    one, other = a.exchange, b.exchange
+    if a.outcome != b.outcome or a.reason != b.reason:
+        was, is_ = outcome(a), outcome(b)
+        yield Change("answers", f"was {was}, is {is_}", was, is_)
+        return
+    if one.scd != other.scd:
+        yield from _scd(one, other)
+    if one.response == other.response:
+        return
+    if one.error_code != other.error_code:
+        was, is_ = outcome(a), outcome(b)
+        code = Change("codes", f"was {was}, is {is_}", was, is_, targets=(one.function_name,))
+        yield code
+        return
+    told, tells = one.told, other.told
+    if one.request != other.request and one.function not in {READ_VAR, WRITE_VAR, SETUP_COMMUNICATION}:
+        return
+    if told is None or tells is None:
+        was, is_ = octets_change(one.response, other.response)
+        yield Change("contents", f"was {was}, is {is_}", was, is_, targets=(one.function_name,))
+    elif one.function == SETUP_COMMUNICATION and one.setup[1] is not None and other.setup[1] is not None:
+        changes = list(_setup("granted", one.setup[1], other.setup[1]))
+        yield from changes or _octets("negotiation", "answer", told, tells)
+    elif one.items and one.function in {READ_VAR, WRITE_VAR}:
+        changes = list(_items(one, other))
+        yield from changes or _octets("transport", "answer", told, tells)
+    else:
+        changes = list(_fields("answer", told, tells, one))
+        yield from changes or _octets("contents", "answer", told, tells)
+
+
+# ---- reads, writes, setups ------------------------------------------------------------------------------------------
+
+
+def _setup(verb: str, was: Setup | None, is_: Setup | None) -> Iterator[Change]:
+    if was is not None and is_ is not None and was.as_dict() != is_.as_dict():
+        old, new = setup_text(was), setup_text(is_)
+        yield Change("negotiation", f"{verb}: was {old}, is {new}", old, new, address=verb)
+
+
+def _written(one: Exchange, other: Exchange) -> Iterator[Change]:
+    for was, is_ in zip(one.items, other.items, strict=True):
+        if was.data != is_.data:
+            yield _value(was, is_)
+
+
+def _items(one: Exchange, other: Exchange) -> Iterator[Change]:
+    if len(one.items) != len(other.items):
+        before, after = (words.count(len(each.items), "item") for each in (one, other))
+        yield Change("contents", f"was {before}, is {after}", before, after, targets=(one.function_name,))
+        return
+    for was, is_ in zip(one.items, other.items, strict=True):
+        label = short(was.label)
+        if was.return_code != is_.return_code:
+            old, new = item_state(was), item_state(is_)
+            targets = (was.address, was.label)
+            yield Change("codes", f"was {old}, is {new}", old, new, label, was.address, targets)
+        elif one.function == READ_VAR and was.data != is_.data:
+            yield _value(was, is_)
+        elif one.function == READ_VAR and _head(was) != _head(is_):
+            old, new = _head(was), _head(is_)
+            yield Change(
+                "transport", f"came as {old}, comes as {new}", old, new, label, was.address, (was.address, was.label)
+            )
+
+
+def _value(was: ItemRecord, is_: ItemRecord) -> Change:
+    text, old, new = value_change(was, is_)
+    kind = "time" if was.transport_size in _TIMES else "values"
+    return Change(kind, text, old, new, short(was.label), was.address, (was.address, was.label))
+
+
+def _head(item: ItemRecord) -> str:
+    answer = item.answer
+    if answer is None:
+        return "nothing"
+    return f"{DATA_TRANSPORT_SIZES.name(int(answer.transport_size))}, length {answer.length}"
+
+
+# ---- other functions ------------------------------------------------------------------------------------------------
+
+
+def _fields(half: str, was: Pdu, is_: Pdu, exchange: Exchange) -> Iterator[Change]:
+    """Yield the fields that differ, where both PDUs have the same structure."""
+    old, new = was.body.parts, is_.body.parts
+    if [(part.layout.name, part.offset, part.end) for part in old] != [
+        (part.layout.name, part.offset, part.end) for part in new
+    ]:
+        return
+    changes = [
+        _field(half, part, first, second, exchange)
+        for part, other in zip(old, new, strict=True)
+        for first, second in zip(part.values, other.values, strict=False)
+        if (first.value, first.octets) != (second.value, second.octets)
+    ]
+    yield from changes[:_FIELDS]
+    if len(changes) > _FIELDS:
+        rest = len(changes) - _FIELDS
+        yield Change("contents", f"{half}: {rest} further fields differ", targets=(exchange.function_name,))
+
+
+def _field(half: str, part: Part, was: FieldValue, is_: FieldValue, exchange: Exchange) -> Change:
+    name = f"{part.layout.name}.{was.field.name.rstrip('_')}"
+    old, new = _meaning(was), _meaning(is_)
+    if old == new or (was.octets is not None and is_.octets is not None and not was.meaning):
+        old, new = octets_change(was.octets or b"", is_.octets or b"")
+    timely = "clock" in name or "time" in was.field.name or "date" in was.field.name
+    kind = "time" if timely else "contents"
+    targets = (name, exchange.function_name)
+    return Change(
+        kind,
+        f"{half}, {part.layout.name}, {was.field.name.rstrip('_')}: was {old}, is {new}",
+        old,
+        new,
+        "",
+        name,
+        targets,
+    )
+
+
+def _meaning(value: FieldValue) -> str:
+    if value.octets is not None:
+        return short(value.meaning) if value.meaning else words.octets(value.octets)
+    if value.field.codes is not None:
+        digits = 2 * value.field.size
+        return code_text(value.value, value.meaning or f"0x{value.value:0{digits}x}", digits)
+    return str(value.value) if value.field.decimal else f"0x{value.value:x}"
+
+
+def _octets(kind: str, half: str, was: Pdu, is_: Pdu) -> list[Change]:
+    """Return one change for PDUs that differ in something no structure tells."""
+    name = was.function_name
+    notes = [", ".join([short(note) for note in pdu.body.notes[:3]]) for pdu in (was, is_)]
+    if notes[0] != notes[1] and all(notes):
+        return [Change(kind, f"{half}: was {notes[0]}, is {notes[1]}", notes[0], notes[1], targets=(name,))]
+    old, new = octets_change(was.octets, is_.octets)
+    return [Change(kind, f"{half}: was {old}, is {new}", old, new, targets=(name,))]
+
+
+# ---- SCD ------------------------------------------------------------------------------------------------------------
+
+
+def _scd(one: Exchange, other: Exchange) -> Iterator[Change]:
+    if len(one.scd) != len(other.scd):
+        was, is_ = (short("; ".join(each.scd)) or "nothing" for each in (one, other))
+        yield Change("scd", f"SCD was {was}, is {is_}", was, is_)
+        return
+    for was, is_ in zip(one.scd, other.scd, strict=True):
+        if was != is_:
+            half, _, old = was.partition(" ")
+            new = is_.partition(" ")[2].strip()
+            address = old.strip().split(" ", 1)[0].rstrip(":")
+            yield Change("scd", f"{half}: was {short(old.strip())}, is {short(new)}", old, new, "", address, (address,))

@@ -1,0 +1,143 @@
+"""What `diff` says, and what it is told to leave unsaid."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from fnmatch import fnmatchcase
+from typing import Final
+
+#: Everything a difference can be about, with what stands behind the colon of ``--ignore WHAT:PATTERN``.
+KINDS: Final = {
+    "connections": "a connection is missing or added",
+    "tsaps": "protocol, carrier or TSAPs of a connection",
+    "negotiation": "TPDU size, PDU length, jobs at a time, asked or granted",
+    "endings": "how a connection began, was refused or ended, and by whom",
+    "missing": "a request of the first that the second does not have; PATTERN: what is asked",
+    "added": "a request of the second that the first does not have; PATTERN: what is asked",
+    "order": "a request that stands elsewhere; PATTERN: what is asked",
+    "requests": "something else is asked in the same place; PATTERN: what was asked",
+    "answers": "whether there is an answer; PATTERN: what is asked",
+    "codes": "error codes and return codes; PATTERN: address of the item, else the function",
+    "values": "values read or written; PATTERN: address of the item",
+    "time": "values that tell a time: DATE, TOD, DATE_AND_TIME, the clock; PATTERN: as for values and contents",
+    "transport": "data transport sizes and lengths around equal values; PATTERN: address of the item",
+    "contents": "anything in other functions; PATTERN: function, or 'structure.field'",
+    "scd": "SCD that was decoded; PATTERN: address such as 0x6041:0",
+    "latency": "answer times beyond the tolerance",
+}
+
+_TOLERANCE: Final = re.compile(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)(%|ns|us|µs|ms|s)")
+_NS: Final = {"ns": 1, "us": 1_000, "µs": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
+
+
+class DiffOptions:
+    """What to leave unsaid, and how far answer times may shift.
+
+    ``ignore`` are names of `KINDS`, each alone or as ``NAME:PATTERN`` with ``*`` and ``?``. ``latency`` is a share (``20%``), a
+    time (``5ms``) or both with a comma between, which then must both be exceeded; None compares no times. ValueError for what
+    is neither.
+    """
+
+    __slots__ = ("_patterns", "latency_ns", "latency_share")
+
+    def __init__(self, ignore: Iterable[str] = (), latency: str | None = None) -> None:
+        self._patterns: dict[str, list[str]] = {}
+        for text in ignore:
+            kind, colon, pattern = text.partition(":")
+            if kind not in KINDS or (colon and not pattern):
+                raise ValueError(
+                    f"{text!r} cannot be ignored; there are {', '.join(KINDS)}, each alone or as NAME:PATTERN"
+                )
+            self._patterns.setdefault(kind, []).append(pattern if colon else "*")
+        self.latency_ns: float | None = None
+        self.latency_share: float | None = None
+        for part in latency.split(",") if latency is not None else ():
+            found = _TOLERANCE.fullmatch(part.strip())
+            if found is None:
+                raise ValueError(f"{part!r} is no tolerance such as 20% or 5ms")
+            if found[2] == "%":
+                self.latency_share = float(found[1]) / 100
+            else:
+                self.latency_ns = float(found[1]) * _NS[found[2]]
+
+    def ignores(self, kind: str, *targets: str) -> bool:
+        """Tell whether a difference of this kind about any of these is to be left unsaid."""
+        patterns = self._patterns.get(kind)
+        if patterns is None:
+            return False
+        return any(
+            [pattern == "*" or fnmatchcase(target, pattern) for pattern in patterns for target in targets or ("",)]
+        )
+
+    def mentions(self, *kinds: str) -> bool:
+        """Tell whether anything of these kinds is ignored."""
+        return not self._patterns.keys().isdisjoint(kinds)
+
+    def shifted(self, was_ns: int | None, is_ns: int | None) -> bool:
+        """Tell whether an answer time moved beyond the tolerance; never where one is not known."""
+        if was_ns is None or is_ns is None or (self.latency_ns is None and self.latency_share is None):
+            return False
+        shift = abs(is_ns - was_ns)
+        if self.latency_ns is not None and shift <= self.latency_ns:
+            return False
+        return self.latency_share is None or shift > self.latency_share * abs(was_ns)
+
+
+class Difference:
+    """One thing that changed.
+
+    ``kind`` is a name of `KINDS`; ``connection`` and ``transaction`` are numbers in the first session, ``connection_b`` and
+    ``transaction_b`` in the second, 0 for none. ``subject`` says what it is about (``READ DB10.DBW4``), ``address`` the item or
+    field; ``was`` and ``is_`` are what stood and stands there, in words, empty where there is nothing. ``text`` says it all in
+    one line, safe to show.
+    """
+
+    __slots__ = (
+        "address",
+        "connection",
+        "connection_b",
+        "is_",
+        "kind",
+        "subject",
+        "text",
+        "transaction",
+        "transaction_b",
+        "was",
+    )
+
+    def __init__(
+        self,
+        kind: str,
+        text: str,
+        connections: tuple[int, int],
+        transactions: tuple[int, int] = (0, 0),
+        subject: str = "",
+        address: str = "",
+        values: tuple[str, str] = ("", ""),
+    ) -> None:
+        self.kind = kind
+        self.text = text
+        self.connection, self.connection_b = connections
+        self.transaction, self.transaction_b = transactions
+        self.subject = subject
+        self.address = address
+        self.was, self.is_ = values
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the difference as JSON-ready values."""
+        return {
+            "kind": self.kind,
+            "connection": self.connection or None,
+            "connection_b": self.connection_b or None,
+            "transaction": self.transaction or None,
+            "transaction_b": self.transaction_b or None,
+            "subject": self.subject,
+            "address": self.address or None,
+            "was": self.was,
+            "is": self.is_,
+            "text": self.text,
+        }
+
+    def __repr__(self) -> str:
+        return f"Difference({self.text!r})"

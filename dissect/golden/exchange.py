@@ -1,0 +1,210 @@
+"""What is asked and what is told in one transaction, read from the octets of both PDUs when somebody looks."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.golden.masking import mask_plus, mask_s7
+from dissect.s7.errors import ERROR_CODES
+from dissect.s7.items import DataItem
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.parameters import Setup
+from dissect.s7.tables import JOB, READ_VAR, RETURN_CODES, SUCCESS, WRITE_VAR
+from dissect.s7.values import Value
+from dissect.s7plus.message import PlusPdu, parse_plus
+from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
+from dissect.transactions.transaction import ItemResult
+
+# What speaks in an exchange.
+S7: Final = "s7"
+PLUS: Final = "plus"
+SCD: Final = "scd"
+
+
+class ItemRecord:
+    """An item of a read or write with what became of it.
+
+    ``address`` has no count, ``label`` has it where it is not one (text from the wire, not escaped). ``return_code`` is -1
+    without an answer. ``data`` are the octets read or written, None where there are none; ``value`` is decoded from them by the
+    type that was asked for: bool, int, float, str or a list of these, None where it cannot be told.
+    """
+
+    __slots__ = ("_result", "address", "count", "data", "label", "return_code", "transport_size", "value_known")
+
+    def __init__(self, result: ItemResult, number: int) -> None:
+        item = result.item
+        self._result = result
+        self.address = item.address if item is not None else f"item {number}"
+        self.label = item.label if item is not None else self.address
+        self.transport_size = int(item.transport_size) if item is not None else -1
+        self.count = int(item.count) if item is not None else -1
+        self.return_code = int(result.return_code)
+        self.data = result.data
+        self.value_known = result.decodable
+
+    @property
+    def value(self) -> Value:
+        """The decoded value (see `dissect.s7.values`)."""
+        return self._result.value
+
+    @property
+    def answer(self) -> DataItem | None:
+        """The data item as it stood in the answer, in a write in the request."""
+        return self._result.answer
+
+    @property
+    def refused(self) -> bool:
+        """True when there is an answer and it is not success."""
+        return self.return_code not in {-1, SUCCESS}
+
+    @property
+    def error(self) -> str:
+        """Name of the return code where the item was refused, else empty."""
+        return RETURN_CODES.name(self.return_code) if self.refused else ""
+
+
+class Exchange:
+    """What is asked and what is told, without anything that belongs to one recording. Never changed once it is made.
+
+    ``request`` and ``response`` are masked PDUs, empty where there is none; of SCD, whose meaning stands in a dictionary, they
+    are empty too, and ``scd`` has what was decoded, a line each, beginning with "request" or "answer".
+    """
+
+    __slots__ = (
+        "_items",
+        "_request",
+        "_response",
+        "fragment",
+        "kind",
+        "request",
+        "request_seen",
+        "response",
+        "response_seen",
+        "scd",
+    )
+
+    def __init__(
+        self,
+        kind: str,
+        request: bytes,
+        response: bytes,
+        scd: tuple[str, ...] = (),
+        seen: tuple[bool, bool] = (False, False),
+    ) -> None:
+        mask = mask_s7 if kind == S7 else mask_plus if kind == PLUS else bytes
+        self.kind = kind
+        self.request = mask(request)
+        self.response = mask(response)
+        self.request_seen = bool(request) or seen[0]
+        self.response_seen = bool(response) or seen[1]
+        self.scd = scd
+        self.fragment: tuple[str, ...] = ()  # the writer's cached lines
+        self._request: Pdu | None = None
+        self._response: Pdu | None = None
+        self._items: list[ItemRecord] | None = None
+
+    @property
+    def asked(self) -> Pdu | None:
+        """The S7comm request, None when there is none."""
+        if self._request is None and self.kind == S7 and self.request:
+            self._request = parse_pdu(self.request)
+        return self._request
+
+    @property
+    def told(self) -> Pdu | None:
+        """The S7comm answer, None when there is none."""
+        if self._response is None and self.kind == S7 and self.response:
+            self._response = parse_pdu(self.response)
+        return self._response
+
+    @property
+    def plus(self) -> tuple[PlusPdu | None, PlusPdu | None]:
+        """Request and answer of S7comm-plus."""
+        if self.kind != PLUS:
+            return None, None
+        return (
+            parse_plus(self.request) if self.request else None,
+            parse_plus(self.response) if self.response else None,
+        )
+
+    @property
+    def function(self) -> int:
+        """The function octet of request or answer, -1 where there is none."""
+        first = self.asked or self.told
+        return first.function if first is not None else -1
+
+    @property
+    def function_name(self) -> str:
+        """Name of the function, for userdata of group and subfunction."""
+        if self.kind == PLUS:
+            first = next((pdu for pdu in self.plus if pdu is not None), None)
+            return f"S7comm-plus {(first.function_name or first.kind) if first is not None else ''}".rstrip()
+        if self.kind == SCD:
+            return "SCD"
+        pdu = self.asked or self.told
+        return (pdu.function_name or "no function") if pdu is not None else ""
+
+    @property
+    def items(self) -> list[ItemRecord]:
+        """Every item of a read or write, request and answer joined, in wire order; empty for other functions."""
+        if self._items is None:
+            self._items = [ItemRecord(result, number) for number, result in enumerate(self._results(), 1)]
+        return self._items
+
+    def _results(self) -> list[ItemResult]:
+        asked, told = self.asked, self.told
+        first = asked or told
+        if first is None or first.function not in {READ_VAR, WRITE_VAR} or (asked is not None and asked.rosctr != JOB):
+            return []
+        items = asked.parameters.items if asked is not None else []
+        codes = told.return_codes() if told is not None and told.function == first.function else []
+        writes = first.function == WRITE_VAR
+        contents = (asked.data_items() if asked is not None else []) if writes else []
+        if not writes and told is not None:
+            contents = told.data_items()
+        results = []
+        for index in range(max(len(items), len(codes))):
+            code = codes[index] if index < len(codes) else -1
+            content = contents[index] if index < len(contents) else None
+            data = content.data if content is not None and (writes or code == SUCCESS) else None
+            results.append(ItemResult(items[index] if index < len(items) else None, code, data, content))
+        return results
+
+    @property
+    def setup(self) -> tuple[Setup | None, Setup | None]:
+        """What a Setup communication asked for, and what was granted."""
+        asked, told = self.asked, self.told
+        return (
+            asked.parameters.setup if asked is not None else None,
+            told.parameters.setup if told is not None else None,
+        )
+
+    @property
+    def error_code(self) -> int:
+        """Error class and code of the answer's header, or the error code of userdata; 0 when all is well."""
+        if self.kind == PLUS:
+            told = self.plus[1]
+            return told.return_code if told is not None and told.return_code > 0 else 0
+        pdu = self.told
+        if pdu is None:
+            return 0
+        head = pdu.parameters.userdata
+        if head is not None:
+            return head.error_code
+        return pdu.error_class << 8 | pdu.error_code if pdu.error_class > 0 or pdu.error_code > 0 else 0
+
+    @property
+    def error(self) -> str:
+        """Name of the error code, empty when all is well."""
+        code = self.error_code
+        return (PLUS_CODES if self.kind == PLUS else ERROR_CODES).name(code) if code else ""
+
+    @property
+    def asks(self) -> list[str]:
+        """What the parts of the request are about; text from the wire, not escaped."""
+        return self.asked.body.notes if self.asked is not None else []
+
+    @property
+    def tells(self) -> list[str]:
+        """What the parts of the answer are about; text from the wire, not escaped."""
+        return self.told.body.notes if self.told is not None else []

@@ -1,0 +1,167 @@
+"""Reads, writes and setups as a golden writes them, and the PDUs that these words stand for.
+
+Builders here make what devices send as a rule (reference 3.4, 3.5). The writer uses a form only where the PDU it stands for is
+the PDU that was captured, to the octet; anything else is written as blocks of octets (`dissect.golden.blocks`).
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+from dissect.golden.addresses import item_octets, named_item
+from dissect.golden.values import hex_octets, hex_text, shown_value, value_octets
+from dissect.s7.items import Item, item_fill, parse_item
+from dissect.s7.message import PROTOCOL_ID
+from dissect.s7.parameters import Setup
+from dissect.s7.tables import (
+    ACK,
+    ACK_DATA,
+    ANSWER_TRANSPORT_SIZE,
+    DATA_TRANSPORT_SIZES,
+    JOB,
+    LENGTH_IN_BITS,
+    READ_VAR,
+    RETURN_CODES,
+    SETUP_COMMUNICATION,
+    SUCCESS,
+    WRITE_VAR,
+)
+
+_BYTES: Final = 0x04
+_BIT: Final = 0x03
+#: Head of a refused item: transport size and length.
+_REFUSED: Final = bytes(3)
+
+_SIZES: Final = {code.number: code.name.replace(" ", "_") for code in DATA_TRANSPORT_SIZES}
+_BY_SIZE: Final = {name: number for number, name in _SIZES.items()}
+
+_ITEM: Final = re.compile(
+    r"(?:item (?P<spec><[^>]*>)|(?P<address>\S+) (?P<type>\S+)(?: x(?P<count>[0-9]{1,5}))?(?: db (?P<db>[0-9]{1,5}))?)"
+    r"(?: = (?P<value><[^>]*>|\[[^\]]*\]|\"[^\"]*\"|[^\s<\[\"]\S*))?"
+    r"(?: as (?P<size>\S+))?"
+    r"(?: refused 0x(?P<code>[0-9a-f]{2})(?: head (?P<head><[^>]*>))?)?"
+)
+_SETUP: Final = re.compile(r"PDU ([0-9]{1,5}), AmQ ([0-9]{1,5})/([0-9]{1,5})")
+
+
+def build_pdu(rosctr: int, parameters: bytes, data: bytes = b"", error: int = 0) -> bytes:
+    """Return a PDU with reference 0."""
+    head = struct.pack(">BBHHHH", PROTOCOL_ID, rosctr, 0, 0, len(parameters), len(data))
+    if rosctr in {ACK, ACK_DATA}:
+        head += error.to_bytes(2, "big")
+    return head + parameters + data
+
+
+def build_setup(rosctr: int, setup: Setup) -> bytes:
+    """Return a Setup communication or its answer."""
+    sizes = struct.pack(">HHH", setup.max_amq_calling, setup.max_amq_called, setup.pdu_length)
+    return build_pdu(rosctr, bytes((SETUP_COMMUNICATION, 0)) + sizes)
+
+
+def setup_text(setup: Setup) -> str:
+    """Return what is negotiated: ``PDU 480, AmQ 1/1``."""
+    return f"PDU {setup.pdu_length}, AmQ {setup.max_amq_calling}/{setup.max_amq_called}"
+
+
+def parse_setup(text: str) -> Setup:
+    """Read what `setup_text` wrote. Raises ValueError."""
+    found = _SETUP.fullmatch(text)
+    numbers = [int(number) for number in found.groups()] if found else [0x10000]
+    if found is None or max(numbers) > 0xFFFF:
+        raise ValueError(f"{text} is not of the form PDU 480, AmQ 1/1")
+    return Setup(numbers[1], numbers[2], numbers[0])
+
+
+class ItemLine(NamedTuple):
+    """An item of a read or write and what became of it.
+
+    ``data`` is None where there is none, ``code`` -1 where there is no answer; ``size`` is the data transport size; ``head``
+    stands behind the code of a refused item of a read.
+    """
+
+    octets: bytes
+    data: bytes | None
+    code: int
+    size: int
+    head: bytes = _REFUSED
+
+
+def usual_size(item: Item) -> int:
+    """Return the data transport size that goes with an item as a rule."""
+    return ANSWER_TRANSPORT_SIZE.get(int(item.transport_size), _BYTES)
+
+
+def item_text(line: ItemLine) -> str:
+    """Return an item as a line; a comment says what a code or octets mean."""
+    item = parse_item(line.octets, 0)
+    text = named_item(item)
+    remark = item.address if text.startswith("item ") else ""
+    if line.data is not None:
+        value, said = shown_value(int(item.transport_size), line.data, item.fits(len(line.data)))
+        text += f" = {value}"
+        remark = remark or said
+        if line.size != usual_size(item):
+            text += f" as {_SIZES.get(line.size, f'0x{line.size:02x}')}"
+    if line.code not in {-1, SUCCESS}:
+        text += f" refused 0x{line.code:02x}"
+        remark = RETURN_CODES.name(line.code)
+        if line.head != _REFUSED:
+            text += f" head {hex_text(line.head)}"
+    return f"{text}  # {remark}" if remark else text
+
+
+def parse_item_text(text: str) -> ItemLine:
+    """Read what `item_text` wrote, without its comment; ``code`` is -1 unless the item was refused. Raises ValueError."""
+    found = _ITEM.fullmatch(text)
+    if found is None:
+        raise ValueError(f"{text} is no item such as DB10.DBW4 INT = 1234")
+    if found["spec"] is not None:
+        octets = hex_octets(found["spec"])
+        if len(octets) < 3 or len(octets) != octets[1] + 2:
+            raise ValueError(f"{found['spec']} is no item: its second octet counts those behind it")
+    else:
+        octets = item_octets(found["address"], found["type"], int(found["count"] or 1), int(found["db"] or 0))
+    item = parse_item(octets, 0)
+    data = value_octets(found["value"], int(item.transport_size)) if found["value"] is not None else None
+    size = usual_size(item)
+    if found["size"] is not None:
+        size = _BY_SIZE[found["size"]] if found["size"] in _BY_SIZE else int(found["size"], 16)
+    code = int(found["code"], 16) if found["code"] is not None else -1
+    head = hex_octets(found["head"]) if found["head"] is not None else _REFUSED
+    if len(head) != len(_REFUSED) or not 0 <= size <= 0xFF:
+        raise ValueError(f"{text}: a head is three octets, a transport size one")
+    return ItemLine(octets, data, code, size, head)
+
+
+def build_request(function: int, lines: Sequence[ItemLine]) -> bytes:
+    """Return the read or write that asks for the items."""
+    parameters = bytes((function, len(lines) & 0xFF)) + _padded([line.octets for line in lines])
+    if function == READ_VAR:
+        return build_pdu(JOB, parameters)
+    return build_pdu(JOB, parameters, _padded([_data_item(0, line.size, line.data or b"") for line in lines]))
+
+
+def build_answer(function: int, lines: Sequence[ItemLine]) -> bytes:
+    """Return the answer with what became of the items; an item without a code was successful."""
+    codes = [SUCCESS if line.code < 0 else line.code for line in lines]
+    parameters = bytes((function, len(lines) & 0xFF))
+    if function == WRITE_VAR:
+        return build_pdu(ACK_DATA, parameters, bytes(codes))
+    items = [
+        _data_item(code, line.size, line.data or b"") if code == SUCCESS else bytes((code,)) + line.head
+        for code, line in zip(codes, lines, strict=True)
+    ]
+    return build_pdu(ACK_DATA, parameters, _padded(items))
+
+
+def _data_item(code: int, size: int, data: bytes) -> bytes:
+    length = len(data) * 8 if size in LENGTH_IN_BITS and size != _BIT else len(data)
+    return struct.pack(">BBH", code, size, length & 0xFFFF) + data
+
+
+def _padded(pieces: Sequence[bytes]) -> bytes:
+    last = len(pieces) - 1
+    return b"".join([piece + bytes(int(item_fill(len(piece), at == last))) for at, piece in enumerate(pieces)])

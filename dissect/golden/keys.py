@@ -1,0 +1,103 @@
+"""What a transaction is known by: who asks what, exactly, and with less and less of it."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.golden.difference import DiffOptions
+from dissect.golden.exchange import SCD, Exchange
+from dissect.golden.model import Transaction
+from dissect.golden.writing import FORMS
+from dissect.report import words
+from dissect.s7.tables import READ_VAR, WRITE_VAR
+from dissect.wire.text import printable, shortened
+
+#: Items that a subject names, and characters of it.
+_NAMED: Final = 3
+_LONG: Final = 100
+
+Key = tuple[object, ...]
+
+
+class Keys:
+    """Finds the keys of transactions; those that say the same are looked at once."""
+
+    def __init__(self, options: DiffOptions) -> None:
+        self._options = options
+        self._exact: dict[Exchange, Key] = {}
+        self._loose: dict[Exchange, Key] = {}
+
+    def exact(self, transaction: Transaction) -> Key:
+        """Return what is asked, to the octet, but without what is ignored; of what nobody asked for, what is told."""
+        exchange = transaction.exchange
+        key = self._exact.get(exchange)
+        if key is None:
+            key = self._loose_key(exchange) if self._blurred(exchange) else _exact(exchange)
+            self._exact[exchange] = key
+        return transaction.asked_by, *key
+
+    def loose(self, transaction: Transaction) -> Key:
+        """Return what is asked without the values that go with it."""
+        return transaction.asked_by, *self._loose_key(transaction.exchange)
+
+    def _loose_key(self, exchange: Exchange) -> Key:
+        key = self._loose.get(exchange)
+        if key is None:
+            key = _loose(exchange)
+            self._loose[exchange] = key
+        return key
+
+    def _blurred(self, exchange: Exchange) -> bool:
+        """Tell whether something in the request is ignored, so that it must not decide what belongs together."""
+        options = self._options
+        if exchange.function == WRITE_VAR and options.mentions("values", "time"):
+            return any(
+                [
+                    options.ignores(kind, item.address, item.label)
+                    for item in exchange.items
+                    for kind in ("values", "time")
+                ]
+            )
+        if exchange.function not in FORMS and options.mentions("contents", "time"):
+            return options.ignores("contents", exchange.function_name) or (
+                options.mentions("time") and "clock" in exchange.function_name
+            )
+        return False
+
+
+def _exact(exchange: Exchange) -> Key:
+    if exchange.kind == SCD:
+        return SCD, tuple([line for line in exchange.scd if line.startswith("request")]) or exchange.scd
+    if exchange.request:
+        return exchange.kind, exchange.request
+    return "told", exchange.kind, exchange.response
+
+
+def _loose(exchange: Exchange) -> Key:
+    if exchange.kind == SCD:
+        return SCD, exchange.scd[0].partition(" = ")[0] if exchange.scd else ""
+    asked = exchange.asked
+    if asked is not None:
+        return exchange.kind, asked.rosctr, asked.parameters.octets
+    return "told" if not exchange.request else "asked", exchange.kind, exchange.function_name
+
+
+def action(transaction: Transaction) -> Key:
+    """Return who does what kind of thing, and nothing of what it is done to."""
+    exchange = transaction.exchange
+    return transaction.asked_by, bool(exchange.request), exchange.kind, exchange.function_name
+
+
+def subject(exchange: Exchange, address: str = "") -> str:
+    """Return what a transaction is about: ``READ DB10.DBW4``; of several items only ``address`` where it is given."""
+    name = FORMS.get(exchange.function, "") if exchange.asked is not None else ""
+    if exchange.function in {READ_VAR, WRITE_VAR} and name:
+        labels = [shortened(item.label, _LONG) for item in exchange.items]
+        if address:
+            return f"{name} {address}"
+        more = f" and {len(labels) - _NAMED} more" if len(labels) > _NAMED else ""
+        return f"{name} {', '.join(labels[:_NAMED])}{more}".rstrip()
+    if exchange.kind == SCD:
+        return shortened(exchange.scd[0].partition(" ")[2], _LONG) if exchange.scd else "SCD"
+    said = words.some_notes(exchange.asks[:1]) if exchange.asked is not None and not name else ""
+    return " ".join([part for part in (name or printable(exchange.function_name), said) if part])

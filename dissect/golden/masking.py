@@ -1,0 +1,95 @@
+"""PDUs without what differs from one recording of the same session to the next: reference and sequence numbers.
+
+What is masked is 0 afterwards; nothing changes its size or place. Of S7comm (reference 3.1, 4.1, 4.3): the PDU reference, the
+sequence number of userdata, the data unit reference (1 where there is one, so that "more follows" stays), the id of an upload.
+Of S7comm-plus: sequence numbers, session id, credit tick, digests (docs/s7plus.md).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID
+from dissect.s7.tables import ACK_DATA, CPU_SERVICES, END_UPLOAD, JOB, START_UPLOAD, UPLOAD, USERDATA
+from dissect.s7plus.message import DIGEST_SIZE, parse_plus
+from dissect.s7plus.tables import NOTIFICATION, REQUEST, V1, V3
+
+_REFERENCE: Final = slice(4, 6)
+_NONE: Final = bytes(2)
+_PARAM_LENGTH: Final = slice(6, 8)
+# Of a userdata PDU, header included: function, syntax, sequence, data unit reference.
+_FUNCTION: Final = 10
+_SYNTAX: Final = 14
+_SEQUENCE: Final = 17
+_DATA_UNIT: Final = 18
+_SHORT: Final = 0x11
+_EXTENDED: Final = 0x12
+_ACK_FUNCTION: Final = 12
+#: Octets from the function to the id of an upload, and its size.
+_UPLOAD_ID_AT: Final = 4
+_UPLOAD_ID: Final = 4
+_PLUS_HEADER: Final = 4
+
+
+def mask_s7(octets: bytes) -> bytes:
+    """Return an S7 PDU without its references; what is too short for a header stays as it is. Never raises."""
+    if len(octets) < HEADER_SIZE or octets[0] != PROTOCOL_ID:
+        return octets
+    rosctr = octets[1]
+    if rosctr == USERDATA:
+        return _mask_userdata(octets)
+    at = -1
+    if rosctr == JOB and len(octets) > _FUNCTION and octets[_FUNCTION] in {UPLOAD, END_UPLOAD}:
+        at = _FUNCTION + _UPLOAD_ID_AT
+    elif rosctr == ACK_DATA and len(octets) > _ACK_FUNCTION and octets[_ACK_FUNCTION] == START_UPLOAD:
+        at = _ACK_FUNCTION + _UPLOAD_ID_AT
+    if at >= 0 and len(octets) >= at + _UPLOAD_ID:
+        return b"".join((octets[:4], _NONE, octets[6:at], bytes(_UPLOAD_ID), octets[at + _UPLOAD_ID :]))
+    return b"".join((octets[:4], _NONE, octets[6:]))
+
+
+def _mask_userdata(octets: bytes) -> bytes:
+    masked = bytearray(octets)
+    masked[_REFERENCE] = _NONE
+    size = int.from_bytes(octets[_PARAM_LENGTH], "big")
+    if size >= 8 and len(octets) > _SEQUENCE and octets[_FUNCTION] == CPU_SERVICES:
+        syntax = octets[_SYNTAX]
+        if syntax in {_SHORT, _EXTENDED}:
+            masked[_SEQUENCE] = 0
+        if syntax == _EXTENDED and size >= 12 and len(octets) > _DATA_UNIT and octets[_DATA_UNIT]:
+            masked[_DATA_UNIT] = 1
+    return bytes(masked)
+
+
+def mask_plus(octets: bytes) -> bytes:
+    """Return an S7comm-plus PDU (its frames one behind the other) without numbers that count and digests. Never raises."""
+    pdu = parse_plus(octets)
+    masked = bytearray(octets)
+    at = pdu.data_offset
+    if pdu.version == V3:
+        _mask_digests(masked)
+    if pdu.opcode == NOTIFICATION and pdu.version != V1:
+        if pdu.credit_tick >= 0:
+            masked[at + 11] = 0
+            end = at + 12
+            while end < len(masked) and end < at + 17:
+                more = masked[end] & 0x80
+                masked[end] = more
+                end += 1
+                if not more:
+                    break
+    elif pdu.sequence >= 0:
+        masked[at + 7 : at + 9] = _NONE
+        if pdu.opcode == REQUEST and pdu.session_id >= 0:
+            masked[at + 9 : at + 13] = bytes(4)
+    return bytes(masked)
+
+
+def _mask_digests(octets: bytearray) -> None:
+    at = 0
+    while at + _PLUS_HEADER < len(octets):
+        length = int.from_bytes(octets[at + 2 : at + 4], "big")
+        start = at + _PLUS_HEADER
+        if length > DIGEST_SIZE and octets[start] == DIGEST_SIZE and start + DIGEST_SIZE < len(octets):
+            octets[start + 1 : start + 1 + DIGEST_SIZE] = bytes(DIGEST_SIZE)
+        at = start + length

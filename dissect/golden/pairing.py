@@ -1,0 +1,169 @@
+"""Which connections, and on them which transactions, of two sessions belong together."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Collection, Hashable, Sequence
+from typing import Final, NamedTuple
+
+from dissect.golden.alignment import align
+from dissect.golden.keys import Key, Keys, action
+from dissect.golden.model import Link, Session, Transaction
+
+#: Pairs of connections that are weighed against each other; beyond, they are taken in their order.
+_WEIGHED: Final = 10_000
+
+
+class Match(NamedTuple):
+    """Two transactions that belong together, or one that stands alone (None on the other side)."""
+
+    a: Transaction | None
+    b: Transaction | None
+    moved: bool = False
+
+
+# ---- connections ----------------------------------------------------------------------------------------------------
+
+
+def pair_links(a: Session, b: Session, keys: Keys) -> list[tuple[Link | None, Link | None]]:
+    """Return the connections that belong together, in the order of the first session, added ones at the end.
+
+    First those between the same TSAPs, the most alike first; then, whoever is left over, those that ask for more in common than
+    not, or the only ones there are.
+    """
+    counts = {id(link): Counter([keys.exact(each) for each in link.transactions]) for link in (*a.links, *b.links)}
+    found: dict[int, Link] = {}
+    left, right = list(a.links), list(b.links)
+    groups: dict[Hashable, list[Link]] = defaultdict(list)
+    for link in right:
+        groups[link.who].append(link)
+    for who in dict.fromkeys([link.who for link in left]):
+        ours = [link for link in left if link.who == who]
+        for one, other in _most_alike(ours, groups[who], counts, 0.0):
+            found[id(one)] = other
+    taken = {id(link) for link in found.values()}
+    lonely = [link for link in left if id(link) not in found]
+    others = [link for link in right if id(link) not in taken]
+    least = 0.5 if len(left) > 1 or len(right) > 1 else 0.0
+    for one, other in _most_alike(lonely, others, counts, least):
+        found[id(one)] = other
+    taken = {id(link) for link in found.values()}
+    pairs: list[tuple[Link | None, Link | None]] = [(link, found.get(id(link))) for link in left]
+    return pairs + [(None, link) for link in right if id(link) not in taken]
+
+
+def _most_alike(
+    ours: Sequence[Link], theirs: Sequence[Link], counts: dict[int, Counter[Key]], least: float
+) -> list[tuple[Link, Link]]:
+    """Pair connections, those with the largest share of common requests first; ``least`` is the share it takes."""
+    if len(ours) * len(theirs) > _WEIGHED:
+        return list(zip(ours, theirs, strict=False)) if least == 0 else []
+    weighed = []
+    for i, one in enumerate(ours):
+        for j, other in enumerate(theirs):
+            first, second = counts[id(one)], counts[id(other)]
+            total = max(first.total(), second.total())
+            share = (first & second).total() / total if total else 1.0
+            if share > least or least == 0:
+                weighed.append((-share, i, j))
+    weighed.sort()
+    gone_a: set[int] = set()
+    gone_b: set[int] = set()
+    pairs = []
+    for _, i, j in weighed:
+        if i not in gone_a and j not in gone_b:
+            gone_a.add(i)
+            gone_b.add(j)
+            pairs.append((ours[i], theirs[j]))
+    return pairs
+
+
+# ---- transactions ---------------------------------------------------------------------------------------------------
+
+
+def pair_transactions(a: Sequence[Transaction], b: Sequence[Transaction], keys: Keys) -> list[Match]:
+    """Return every transaction of both, paired where they belong together, in their order.
+
+    The same request in the same order; the same request elsewhere (moved); then, between two of the first kind, the same
+    request with other values, and the same kind of request, each in its order.
+    """
+    numbers: dict[Key, int] = {}
+    first = [numbers.setdefault(keys.exact(each), len(numbers)) for each in a]
+    second = [numbers.setdefault(keys.exact(each), len(numbers)) for each in b]
+    partner = dict(align(first, second))
+    regions_a, regions_b = _regions(len(a), len(b), partner)
+    moved = _moved(first, second, partner)
+    partner |= moved
+    for key in (keys.loose, action):
+        partner |= _close(a, b, partner, (regions_a, regions_b), key)
+    return _in_order(a, b, partner, moved.keys())
+
+
+def _regions(size_a: int, size_b: int, partner: dict[int, int]) -> tuple[list[int], list[int]]:
+    """Number, for each position of both sides, the gap between two aligned transactions that it stands in."""
+    aligned = set(partner.values())
+    regions: list[list[int]] = []
+    for size, inside in ((size_a, partner.keys()), (size_b, aligned)):
+        gap = 0
+        numbered = []
+        for at in range(size):
+            if at in inside:
+                gap += 1
+            numbered.append(gap)
+        regions.append(numbered)
+    return regions[0], regions[1]
+
+
+def _moved(first: Sequence[int], second: Sequence[int], partner: dict[int, int]) -> dict[int, int]:
+    taken = set(partner.values())
+    waiting: dict[int, deque[int]] = defaultdict(deque)
+    for at, key in enumerate(second):
+        if at not in taken:
+            waiting[key].append(at)
+    found = {}
+    for at, key in enumerate(first):
+        if at not in partner and waiting.get(key):
+            found[at] = waiting[key].popleft()
+    return found
+
+
+def _close(
+    a: Sequence[Transaction],
+    b: Sequence[Transaction],
+    partner: dict[int, int],
+    regions: tuple[list[int], list[int]],
+    key: Callable[[Transaction], Key],
+) -> dict[int, int]:
+    """Pair, within each gap, what is left over and has the same ``key``, in order."""
+    taken = set(partner.values())
+    waiting: dict[tuple[int, Key], deque[int]] = defaultdict(deque)
+    for at, transaction in enumerate(b):
+        if at not in taken:
+            waiting[regions[1][at], key(transaction)].append(at)
+    found = {}
+    for at, transaction in enumerate(a):
+        if at not in partner:
+            queue = waiting.get((regions[0][at], key(transaction)))
+            if queue:
+                found[at] = queue.popleft()
+    return found
+
+
+def _in_order(
+    a: Sequence[Transaction], b: Sequence[Transaction], partner: dict[int, int], moved: Collection[int]
+) -> list[Match]:
+    """Return all matches in the order of ``a``; what only ``b`` has stands behind what is before it there."""
+    away = set(moved)
+    taken = set(partner.values())
+    matches: list[Match] = []
+    done = 0
+    for at, transaction in enumerate(a):
+        other = partner.get(at)
+        if other is not None and at not in away:
+            while done < other:
+                if done not in taken:
+                    matches.append(Match(None, b[done]))
+                done += 1
+        matches.append(Match(transaction, b[other] if other is not None else None, at in away))
+    matches += [Match(None, b[at]) for at in range(done, len(b)) if at not in taken]
+    return matches

@@ -1,0 +1,327 @@
+"""From the text of a golden back to a session: line by line, saying which line is wrong and why."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from functools import partial
+from typing import Final, NamedTuple
+
+from dissect.golden.blocks import Blocks, join_blocks
+from dissect.golden.exchange import PLUS, S7, SCD, Exchange
+from dissect.golden.forms import (
+    ItemLine,
+    build_answer,
+    build_request,
+    build_setup,
+    parse_item_text,
+    parse_setup,
+)
+from dissect.golden.model import GoldenError, Link, Session, Transaction
+from dissect.golden.values import hex_octets, unquoted
+from dissect.golden.writing import FORMAT, FORMS
+from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION
+from dissect.transactions.transaction import REASON_TEXTS
+
+#: What every golden of any version begins with.
+MAGIC: Final = "s7dissect golden "
+
+_FACT: Final = 2
+_BLOCK: Final = 4
+_CONTINUED: Final = 8
+_FUNCTIONS: Final = {name: function for function, name in FORMS.items()}
+_HEAD: Final = re.compile(r"([0-9]{1,9}) (client|server) (.+)")
+_CONNECTION: Final = re.compile(r"connection ([0-9]{1,9})")
+_SIZES: Final = re.compile(r"TPDU size ([0-9]{1,5}), asked ([0-9]{1,5})")
+_TSAP: Final = re.compile(r"(client|server) TSAP (<[^>]*>)")
+_ADDRESS: Final = re.compile(r"(client|server) address (\S+)")
+_ENDS: Final = re.compile(r"ends ([a-z_]+)(?: by (client|server))?(?: (\".*\"))?")
+_TIME: Final = re.compile(r"at ([0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2})\.([0-9]{9})Z")
+_LATENCY: Final = re.compile(r"latency (-?[0-9]{1,18}) ns")
+_REFERENCE: Final = re.compile(r"reference 0x([0-9a-f]{4})")
+_HALF: Final = re.compile(r"(request|answer) (\S+)(?: (<[^>]*>))?")
+_ERROR: Final = re.compile(r"refused 0x([0-9a-f]{4})")
+
+
+class Line(NamedTuple):
+    """A line of a golden: its number, how deep it stands, and what it says without remarks and with its continuations."""
+
+    number: int
+    depth: int
+    text: str
+
+
+def parse_golden(text: str, name: str = "golden") -> Session:
+    """Return the session that a golden describes. Raises GoldenError, which says the line."""
+    lines = list(_lines(text))
+    if not lines or lines[0].text != FORMAT:
+        first = lines[0].text if lines else ""
+        if first.startswith(MAGIC):
+            message = f"{name}: format {first.removeprefix(MAGIC)!r} is not known here; this version reads {FORMAT!r}"
+        else:
+            message = f"{name}: no golden: the first line is not {FORMAT!r}"
+        raise GoldenError(message)
+    reader = _Reader(Session(name))
+    at = 1
+    while at < len(lines):
+        begin = at
+        at += 1
+        while at < len(lines) and lines[at].depth > 0:
+            at += 1
+        try:
+            reader.block(lines[begin], lines[begin + 1 : at])
+        except _LineError as wrong:
+            raise GoldenError(f"{name}: line {wrong.line.number}: {wrong}") from None
+        except ValueError as error:
+            raise GoldenError(f"{name}: line {lines[begin].number}: {error}") from None
+    return reader.finish()
+
+
+def _lines(text: str) -> Iterator[Line]:
+    """Yield the lines that say something, each joined with its continuations."""
+    held: Line | None = None
+    for number, raw in enumerate(text.split("\n"), 1):
+        said = raw.partition("#")[0].rstrip()
+        if not said:
+            continue
+        bare = said.lstrip(" ")
+        depth = len(said) - len(bare)
+        if depth >= _CONTINUED and held is not None:
+            held = Line(held.number, held.depth, f"{held.text} {bare}")
+            continue
+        if held is not None:
+            yield held
+        held = Line(number, depth, bare)
+    if held is not None:
+        yield held
+
+
+class _LineError(Exception):
+    """A line that is wrong, and what is wrong with it."""
+
+    def __init__(self, line: Line, message: str) -> None:
+        super().__init__(message)
+        self.line = line
+
+
+class _Reader:
+    """Takes block after block."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._links: list[Link] = []
+        self._known: dict[tuple[str, ...], _Draft] = {}  # blocks that were read, by their text: polling repeats them
+
+    def block(self, head: Line, below: list[Line]) -> None:
+        """Take a block: its first line, and those that are indented below it."""
+        if head.depth:
+            raise _LineError(head, "indented, but nothing stands above it that it belongs to")
+        if _CONNECTION.fullmatch(head.text):
+            link = Link()
+            link.begun = True
+            for line in below:
+                _read(line, partial(_link_fact, link))
+            link.begun = link.begun and link.carrier != "udp"
+            self._links.append(link)
+            return
+        found = _HEAD.fullmatch(head.text)
+        if found is None:
+            raise _LineError(
+                head, f"{head.text!r} begins neither a connection nor a transaction such as '1 client READ'"
+            )
+        if not self._links:
+            raise _LineError(head, "a transaction before the first connection")
+        link = self._links[-1]
+        said = (found[3], *[line.text for line in below])
+        draft = self._known.get(said)
+        if draft is None:
+            draft = _Draft(found[3])
+            for line in below:
+                _read(line, draft.take)
+            draft.made = draft.exchange()
+            self._known[said] = draft
+        assert draft.made is not None
+        exchange = self._session.share(draft.made)
+        outcome = draft.outcome or ("answered" if exchange.request_seen and exchange.response_seen else "")
+        if not outcome:
+            raise _LineError(
+                head, "request or answer is missing, and no line says why, such as 'no answer: connection_closed'"
+            )
+        transaction = Transaction(link, found[2], exchange, outcome, draft.reason)
+        transaction.time_ns, transaction.latency_ns, transaction.pdu_ref = (
+            draft.time_ns,
+            draft.latency_ns,
+            draft.pdu_ref,
+        )
+        link.transactions.append(transaction)
+
+    def finish(self) -> Session:
+        """Return the session, in the order of the text."""
+        self._session.arrange(self._links)
+        return self._session
+
+
+def _read(line: Line, take: Callable[[Line], None]) -> None:
+    """Let ``take`` read a line; what it raises names the line."""
+    try:
+        take(line)
+    except ValueError as error:
+        raise _LineError(line, str(error)) from None
+
+
+def _link_fact(link: Link, line: Line) -> None:
+    text = line.text
+    if found := _TSAP.fullmatch(text):
+        octets = hex_octets(found[2])
+        if found[1] == "client":
+            link.calling = octets
+        else:
+            link.called = octets
+    elif found := _ADDRESS.fullmatch(text):
+        client, server = link.addresses
+        link.addresses = (found[2], server) if found[1] == "client" else (client, found[2])
+    elif found := _SIZES.fullmatch(text):
+        link.tpdu_size, link.tpdu_size_asked = int(found[1]), int(found[2])
+    elif found := _ENDS.fullmatch(text):
+        link.ended, link.ended_by = found[1], found[2] or ""
+        link.farewell = unquoted(found[3]) if found[3] else ""
+    elif text == "begins before the capture":
+        link.begun = False
+    elif text.startswith("protocol "):
+        link.protocol = text.removeprefix("protocol ")
+    elif text.startswith("carrier "):
+        link.carrier = text.removeprefix("carrier ")
+    elif text.startswith("refused "):
+        link.refused = unquoted(text.removeprefix("refused "))
+    else:
+        raise ValueError(f"{text!r} is nothing that can be said of a connection")
+
+
+class _Half:
+    """A request or an answer in blocks, while its lines come."""
+
+    def __init__(self, kind: str, octets: bytes | None) -> None:
+        self.kind = kind
+        self.octets = octets
+        self.error = 0
+        self.parameters = b""
+        self.data = b""
+
+    def take(self, text: str) -> None:
+        """Take a line below it."""
+        if found := _ERROR.fullmatch(text):
+            self.error = int(found[1], 16)
+        elif text.startswith("parameters "):
+            self.parameters = hex_octets(text.removeprefix("parameters "))
+        elif text.startswith("data "):
+            self.data = hex_octets(text.removeprefix("data "))
+        else:
+            raise ValueError(f"{text!r} is neither refused, parameters nor data")
+
+    def pdu(self) -> bytes:
+        """Return the PDU."""
+        if self.octets is not None:
+            return self.octets
+        return join_blocks(Blocks(self.kind, self.error, self.parameters, self.data))
+
+
+class _Draft:
+    """A transaction while its lines are read."""
+
+    def __init__(self, head: str) -> None:
+        self._function = _FUNCTIONS.get(head, -1)
+        self._items: list[ItemLine] = []
+        self._request: bytes = b""
+        self._response: bytes = b""
+        self._halves: dict[str, _Half] = {}
+        self._last: _Half | None = None
+        self._scd: list[str] = []
+        self.outcome = ""
+        self.reason = ""
+        self.time_ns: int | None = None
+        self.latency_ns: int | None = None
+        self.pdu_ref: int | None = None
+        self.made: Exchange | None = None  # once all lines are read
+
+    def take(self, line: Line) -> None:
+        """Take a line. Raises ValueError."""
+        if line.depth == _BLOCK and self._last is not None:
+            self._last.take(line.text)
+        elif line.depth != _FACT:
+            raise ValueError(f"indented by {line.depth}; facts stand at {_FACT}, blocks at {_BLOCK}")
+        else:
+            self._last = None
+            if not self._outcome(line.text) and not self._recorded(line.text):
+                self._fact(line.text)
+
+    def _outcome(self, text: str) -> bool:
+        said, _, reason = text.partition(": ")
+        outcomes = {
+            "no answer": "unanswered",
+            "answer without request": "orphan_answer",
+            "wants no answer": "unsolicited",
+        }
+        if said not in outcomes:
+            return False
+        if reason and reason not in REASON_TEXTS:
+            raise ValueError(f"{reason} is no reason; there are {', '.join(REASON_TEXTS)}")
+        self.outcome, self.reason = outcomes[said], reason
+        return True
+
+    def _recorded(self, text: str) -> bool:
+        """Read what belongs to one recording; False when the line is none of it."""
+        if found := _LATENCY.fullmatch(text):
+            self.latency_ns = int(found[1])
+        elif found := _REFERENCE.fullmatch(text):
+            self.pdu_ref = int(found[1], 16)
+        elif found := _TIME.fullmatch(text):
+            second = datetime.fromisoformat(found[1]).replace(tzinfo=UTC)
+            self.time_ns = int((second - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()) * 1_000_000_000 + int(
+                found[2]
+            )
+        else:
+            return False
+        return True
+
+    def _fact(self, text: str) -> None:
+        if text.startswith("scd "):
+            self._scd.append(unquoted(text.removeprefix("scd ")))
+        elif found := _HALF.fullmatch(text):
+            raw = found[2] in {PLUS, SCD, "octets"}
+            if raw == (found[3] is None) and found[2] != SCD:
+                raise ValueError(
+                    f"{found[2]} octets of a PDU stand in angle brackets" if raw else f"octets behind {found[2]}"
+                )
+            half = _Half(found[2], hex_octets(found[3] or "<>") if raw else None)
+            self._halves[found[1]] = half
+            self._last = half
+        elif self._function == SETUP_COMMUNICATION and text.startswith("asks "):
+            self._request = build_setup(JOB, parse_setup(text.removeprefix("asks ")))
+        elif self._function == SETUP_COMMUNICATION and text.startswith("gets "):
+            self._response = build_setup(ACK_DATA, parse_setup(text.removeprefix("gets ")))
+        elif self._function in _FUNCTIONS.values() and self._function != SETUP_COMMUNICATION:
+            self._items.append(parse_item_text(text))
+        else:
+            raise ValueError(f"{text!r} is nothing that can be said of a transaction such as this")
+
+    def exchange(self) -> Exchange:
+        """Return what was said. Raises ValueError when the lines do not go together."""
+        kinds = {half.kind for half in self._halves.values()} & {PLUS, SCD}
+        kind = kinds.pop() if kinds else S7
+        asked, told = self._halves.get("request"), self._halves.get("answer")
+        if kind == SCD:
+            return Exchange(SCD, b"", b"", tuple(self._scd), (asked is not None, told is not None))
+        request = asked.pdu() if asked is not None else self._request
+        response = told.pdu() if told is not None else self._response
+        if self._function in _FUNCTIONS.values() and self._function != SETUP_COMMUNICATION:
+            request = build_request(self._function, self._items)
+            if told is None and self.outcome != "unanswered":
+                self._hold_to_answer()
+                response = build_answer(self._function, self._items)
+        return Exchange(kind, request, response, tuple(self._scd))
+
+    def _hold_to_answer(self) -> None:
+        for line in self._items:
+            if self._function == READ_VAR and line.data is None and line.code < 0:
+                raise ValueError("an item of an answered READ has neither a value nor 'refused'")

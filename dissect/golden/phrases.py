@@ -1,0 +1,109 @@
+"""Small phrases of a comparison: what an item held, how a transaction went, which element changed."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+from dissect.golden.exchange import ItemRecord
+from dissect.golden.model import Transaction
+from dissect.report import words
+from dissect.transactions.transaction import REASON_TEXTS
+from dissect.wire.text import printable, shortened
+
+#: Elements of an array that are named, octets shown around a change.
+_ELEMENTS: Final = 3
+_AROUND: Final = 8
+
+
+#: Values of an array.
+Elements = list[bool | int | float | str | None]
+
+
+class Change(NamedTuple):
+    """A change within a pair of transactions, before it has numbers: kind, what to say, and what patterns may name."""
+
+    kind: str
+    text: str
+    was: str = ""
+    is_: str = ""
+    item: str = ""
+    address: str = ""
+    targets: tuple[str, ...] = ()
+    subject: str = ""
+
+
+def code_text(code: int, name: str, digits: int = 2) -> str:
+    """Return an error for a person: ``Object does not exist (0x0a)``."""
+    number = f"0x{code:0{digits}x}"
+    return number if name == number else f"{name} ({number})"
+
+
+def item_state(item: ItemRecord) -> str:
+    """Return what became of an item: its value, why it was refused, or that nothing was told."""
+    if item.refused:
+        return f"refused: {code_text(item.return_code, item.error)}"
+    return content(item) if item.data is not None else "without answer" if item.return_code < 0 else "good"
+
+
+def content(item: ItemRecord) -> str:
+    """Return the value of an item, or its octets."""
+    value = item.value
+    if value is not None:
+        return words.value(value)
+    return words.octets(item.data or b"")
+
+
+def outcome(transaction: Transaction) -> str:
+    """Return how a transaction went, in short."""
+    exchange = transaction.exchange
+    if transaction.outcome == "unanswered":
+        return f"unanswered: {REASON_TEXTS.get(transaction.reason, transaction.reason)}"
+    if exchange.error_code:
+        return f"refused: {code_text(exchange.error_code, exchange.error, 4)}"
+    if transaction.outcome == "orphan_answer":
+        return "an answer without request"
+    if transaction.outcome == "unsolicited":
+        return "a message that wants no answer"
+    items = exchange.items
+    if len(items) == 1:
+        return item_state(items[0])
+    refused = len([item for item in items if item.refused])
+    return f"answered, {refused} of {len(items)} items refused" if refused else "answered"
+
+
+def value_change(was: ItemRecord, is_: ItemRecord) -> tuple[str, str, str]:
+    """Return what to say of an item with another value, and both values; of arrays the elements that differ."""
+    old, new = was.value, is_.value
+    if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        return _elements(old, new)
+    if old is None or new is None or words.value(old) == words.value(new):
+        first, second = octets_change(was.data or b"", is_.data or b"")
+    else:
+        first, second = words.value(old), words.value(new)
+    return f"was {first}, is {second}", first, second
+
+
+def _elements(old: Elements, new: Elements) -> tuple[str, str, str]:
+    changed = [at for at in range(len(new)) if repr(old[at]) != repr(new[at])]
+    said = [f"element {at} was {words.value(old[at])}, is {words.value(new[at])}" for at in changed[:_ELEMENTS]]
+    more = f" and {len(changed) - _ELEMENTS} more of {len(new)}" if len(changed) > _ELEMENTS else ""
+    return "; ".join(said) + more, words.value(old), words.value(new)
+
+
+def octets_change(was: bytes, is_: bytes) -> tuple[str, str]:
+    """Return both octets in hexadecimal; of long ones where they begin to differ."""
+    if max(len(was), len(is_)) <= 2 * _AROUND:
+        return words.octets(was), words.octets(is_)
+    shorter = min(len(was), len(is_))
+    at = next((index for index in range(shorter) if was[index] != is_[index]), shorter)
+    start = max(0, at - _AROUND // 2)
+    said = [
+        f"{octets[start : start + _AROUND].hex(' ') or 'nothing'} at octet {start} of {len(octets)}"
+        for octets in (was, is_)
+    ]
+    return said[0], said[1]
+
+
+def short(text: str) -> str:
+    """Return a text from the wire, safe and not long."""
+    return shortened(printable(text), 120)

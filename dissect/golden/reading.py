@@ -1,0 +1,162 @@
+"""From a capture, or a golden, to a session."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from dissect.conversation import Observer, Options
+from dissect.findings.carrier import Carrier
+from dissect.golden.exchange import PLUS, S7, SCD, Exchange
+from dissect.golden.model import GoldenError, Link, Session, Transaction
+from dissect.golden.parsing import MAGIC, parse_golden
+from dissect.golden.scd_lines import scd_lines
+from dissect.golden.writing import link_text
+from dissect.session import Run
+from dissect.source.packet import CaptureError
+from dissect.transactions.connection import IBH, Connection
+from dissect.transactions.ending import OPEN
+from dissect.transactions.transaction import Transaction as Seen
+
+if TYPE_CHECKING:
+    from dissect.iso.tsap import Tsap
+
+#: A golden is read whole; one larger than this is none.
+MAX_SIZE: Final = 1 << 30
+
+
+class _Entry:
+    """A transaction and where it stood: the packet it began with and its number, which put it in order."""
+
+    __slots__ = ("asked_by", "place", "transaction")
+
+    def __init__(self, seen: Seen, transaction: Transaction) -> None:
+        self.asked_by = int(seen.asked_by)
+        self.place = (int(seen.request_frame or seen.response_frame), int(seen.number))
+        self.transaction = transaction
+
+
+class SessionReader(Observer):
+    """Gathers what a pipeline tells; `finish` gives the session."""
+
+    def __init__(self, name: str = "") -> None:
+        super().__init__()
+        self._session = Session(name)
+        self._links: dict[int, Link] = {}
+        self._entries: dict[int, list[_Entry]] = {}
+
+    def _link(self, connection: Connection) -> Link:
+        number = int(connection.number)
+        link = self._links.get(number)
+        if link is None:
+            link = Link()
+            self._links[number] = link
+            self._entries[number] = []
+        return link
+
+    def connection_opened(self, connection: Connection) -> None:
+        """Keep a place for it: it may end without a transaction."""
+        self._link(connection)
+
+    def transaction(self, transaction: Seen) -> None:
+        """Keep a transaction, without the octets around its PDUs."""
+        connection = transaction.connection
+        link = self._link(connection)
+        exchange = self._session.share(_exchange(transaction))
+        kept = Transaction(link, "", exchange, transaction.outcome_name, transaction.reason)
+        kept.time_ns = int(transaction.request_ns if transaction.request_frame else transaction.response_ns)
+        kept.latency_ns = transaction.latency_ns
+        if exchange.kind != SCD:
+            kept.pdu_ref = int(transaction.pdu_ref)
+        self._entries[int(connection.number)].append(_Entry(transaction, kept))
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Put the transactions in order and keep what is known of the connection, now that all is."""
+        link = self._link(connection)
+        link.protocol = connection.protocol
+        link.carrier = "udp" if connection.udp else "ibh" if connection.state == IBH else "tcp"
+        link.begun = not connection.udp and (connection.cr_seen or connection.tcp.known_start)
+        link.calling = _octets(connection.tsap_calling)
+        link.called = _octets(connection.tsap_called)
+        link.addresses = (str(connection.client), str(connection.server))
+        link.tpdu_size = int(connection.tpdu_size)
+        link.tpdu_size_asked = int(connection.tpdu_size_asked)
+        link.refused = _by_role(connection.refused, connection)
+        ending = connection.ending
+        if ending is not None and ending.how != OPEN:
+            link.ended = ending.how
+            link.ended_by = connection.role(ending.side) if ending.side >= 0 else ""
+            link.farewell = _by_role(connection.iso_ended, connection)
+        entries = self._entries.pop(int(connection.number), [])
+        entries.sort(key=lambda entry: entry.place)
+        for entry in entries:  # only now: who the client is may have become known later than the first request
+            entry.transaction.asked_by = connection.role(entry.asked_by)
+        link.transactions = [entry.transaction for entry in entries]
+
+    def finish(self, damage: Sequence[str] = ()) -> Session:
+        """Return the session, its connections in an order that only what was said on them decides."""
+        session = self._session
+        session.damage = list(damage)
+        links = [link for link in self._links.values() if link.protocol or link.begun or link.transactions]
+        session.arrange(sorted(links, key=lambda link: (link_text(link), link.addresses)))
+        return session
+
+
+def _by_role(said: str, connection: Connection) -> str:
+    """Return what is said of a connection with roles in the place of addresses and ports."""
+    for end, role in ((connection.client, "client"), (connection.server, "server")):
+        said = said.replace(str(end), f"the {role}")
+    return said
+
+
+def _octets(tsap: Tsap | None) -> bytes | None:
+    return tsap.octets if tsap is not None else None
+
+
+def _exchange(seen: Seen) -> Exchange:
+    told = scd_lines(seen)
+    if seen.is_scd:
+        return Exchange(SCD, b"", b"", told, (bool(seen.request_frame), bool(seen.response_frame)))
+    return Exchange(PLUS if seen.is_plus else S7, seen.request_octets, seen.response_octets, told)
+
+
+def is_golden(path: str | Path) -> bool:
+    """Tell whether a file begins as a golden does; False for what cannot be read."""
+    try:
+        with Path(path).open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC.encode()
+    except OSError:
+        return False
+
+
+def load_golden(path: str | Path) -> Session:
+    """Read a golden. Raises GoldenError, which names file and line."""
+    file = Path(path)
+    try:
+        if file.stat().st_size > MAX_SIZE:
+            raise GoldenError(f"{path}: larger than {MAX_SIZE >> 20} MiB, so no golden")
+        text = file.read_bytes().decode("utf-8")
+    except OSError as error:
+        raise GoldenError(f"{path}: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise GoldenError(f"{path}: octet {error.start} is no UTF-8") from None
+    return parse_golden(text, str(path))
+
+
+def read_session(path: str | Path, *more: str | Path, carrier: Carrier | None = None) -> Session:
+    """Return the session of a capture (or of several, as `dissect.open` reads them) or of a golden; the content decides.
+
+    ``carrier`` decodes SCD (`dissect.bindings.load_carrier`). Raises `CaptureError` for what is no capture and GoldenError for
+    a golden that is wrong. Damage inside a capture is told in ``damage``.
+    """
+    if not more and str(path) != "-" and Path(path).is_file() and is_golden(path):
+        return load_golden(path)
+    reader = SessionReader(str(path))
+    run = Run([str(path), *[str(other) for other in more]], reader, Options(carrier=carrier))
+    while run.step():
+        pass
+    return reader.finish([f"{file.name}: {file.damage}" for file in run.files if file.damage])
+
+
+__all__ = ["CaptureError", "SessionReader", "is_golden", "load_golden", "read_session"]

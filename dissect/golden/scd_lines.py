@@ -1,0 +1,34 @@
+"""SCD in a transaction as lines: what is asked and told, and every value by name (docs/scd-traffic.md)."""
+
+from __future__ import annotations
+
+from dissect.transactions.carried import ScdMessage
+from dissect.transactions.transaction import Transaction
+from dissect.wire.text import printable
+
+
+def scd_lines(transaction: Transaction) -> tuple[str, ...]:
+    """Return the SCD of a transaction, a line for each message and each value in it; empty when there is none."""
+    lines: list[str] = []
+    for found in transaction.scd:
+        half = "request" if found.side == transaction.asked_by else "answer"
+        lines += [f"{half} {line}" for line in _lines(found)]
+    return tuple(lines)
+
+
+def _lines(found: ScdMessage) -> list[str]:
+    from dissect.scd.wording import row_text
+
+    message = found.message
+    head = f"{printable(found.binding)}: {found.subject}"
+    if found.place:
+        head += f" in {printable(found.place)}"
+    if message.err:
+        head += f", err {message.err} {printable(found.dictionary.error_text(message.err))}"
+    if message.error is not None:
+        head += f", not decoded: {message.error.code} {printable(message.error.detail)}"
+    known = {flag for row in found.values for flag in row.flags}
+    odd = [flag for flag in message.flags if flag not in known]
+    if odd:
+        head += f" [{', '.join(odd)}]"
+    return [head, *[f"  {row_text(row)}" for row in found.values]]

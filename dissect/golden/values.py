@@ -1,0 +1,106 @@
+"""Values of items as text that reads back to the same octets.
+
+Numbers, bits, texts and lists of numbers stand as themselves where that is exact; everything else, and several octets, stand as
+hexadecimal in angle brackets. Whether a text is exact is not guessed: it is read back and compared.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import Final
+
+from dissect.s7.values import BIT, BYTE, CHAR, Value, decode_value
+
+#: How scalars of a transport size are packed, where text and octets correspond one to one.
+_PACKED: Final = {0x02: ">B", 0x04: ">H", 0x05: ">h", 0x06: ">I", 0x07: ">i", 0x08: ">f", 0x30: ">d"}
+_FLOATS: Final = frozenset((0x08, 0x30))
+
+
+def quoted(text: str) -> str:
+    """Return a text in double quotes on one line, without a number sign, which would begin a comment."""
+    inner = (
+        json.dumps(text, ensure_ascii=True)[1:-1]
+        .replace('\\"', "\\u0022")
+        .replace("#", "\\u0023")
+        .replace("\x7f", "\\u007f")
+    )
+    return f'"{inner}"'
+
+
+def unquoted(text: str) -> str:
+    """Return what `quoted` made a text of. Raises ValueError."""
+    if not text.startswith('"'):
+        raise ValueError(f"{text} is no text in double quotes")
+    return str(json.loads(text))
+
+
+def hex_text(octets: bytes) -> str:
+    """Return octets in angle brackets."""
+    return f"<{octets.hex(' ')}>"
+
+
+def hex_octets(text: str) -> bytes:
+    """Return the octets of `hex_text`. Raises ValueError."""
+    if not (text.startswith("<") and text.endswith(">")):
+        raise ValueError(f"{text} are no octets in angle brackets")
+    try:
+        return bytes.fromhex(text[1:-1])
+    except ValueError:
+        raise ValueError(f"{text} is not hexadecimal") from None
+
+
+def shown_value(transport_size: int, data: bytes, fits: bool) -> tuple[str, str]:
+    """Return the text of ``data``, and a remark that says its value where the text does not.
+
+    ``fits`` tells whether the octets are as many as were asked for, so that they have a value at all.
+    """
+    value = decode_value(transport_size, data) if fits else None
+    if value is not None and not (transport_size == BYTE and len(data) > 1):
+        text = _exact(value)
+        try:
+            if text and value_octets(text, transport_size) == data:
+                return text, ""
+        except ValueError:
+            pass
+    remark = value if isinstance(value, (str, float)) and transport_size != CHAR else ""
+    return hex_text(data), str(remark)
+
+
+def _exact(value: Value) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return quoted(value)
+    if isinstance(value, list):
+        return f"[{', '.join([_exact(element) or '?' for element in value])}]"
+    return "" if value is None else str(value)
+
+
+def value_octets(text: str, transport_size: int) -> bytes:
+    """Return the octets that a value's text stands for. Raises ValueError when the type has no such value."""
+    if text.startswith("<"):
+        return hex_octets(text)
+    if text.startswith('"'):
+        if transport_size != CHAR:
+            raise ValueError(f"{text} is a text, which only CHAR has")
+        try:
+            return unquoted(text).encode("latin-1")
+        except UnicodeEncodeError:
+            raise ValueError(f"{text} has characters that no CHAR can hold") from None
+    elements = text[1:-1].split(", ") if text.startswith("[") else [text]
+    return b"".join([_element(element, transport_size) for element in elements])
+
+
+def _element(text: str, transport_size: int) -> bytes:
+    if transport_size == BIT:
+        if text not in {"true", "false"}:
+            raise ValueError(f"{text} is neither true nor false")
+        return b"\x01" if text == "true" else b"\x00"
+    form = _PACKED.get(transport_size)
+    if form is None:
+        raise ValueError(f"{text}: values of this type are written as octets, such as <00 01>")
+    try:
+        return struct.pack(form, float(text) if transport_size in _FLOATS else int(text))
+    except (struct.error, OverflowError):
+        raise ValueError(f"{text} is beyond the type") from None

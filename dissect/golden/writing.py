@@ -1,0 +1,261 @@
+"""A session as text: the format ``s7dissect golden 1`` (docs/golden.md).
+
+One block of lines for a connection, one for each transaction; indentation shows what belongs to what. A number sign begins a
+remark, which explains and is never read back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Final
+
+from dissect.golden.blocks import cut_blocks
+from dissect.golden.exchange import PLUS, S7, SCD, Exchange
+from dissect.golden.forms import (
+    ItemLine,
+    build_answer,
+    build_request,
+    build_setup,
+    item_text,
+    setup_text,
+    usual_size,
+)
+from dissect.golden.model import Link, Session, Transaction
+from dissect.golden.values import hex_text, quoted
+from dissect.iso.tsap import Tsap
+from dissect.report import words
+from dissect.s7.errors import ERROR_CODES
+from dissect.s7.items import DataItem
+from dissect.s7.message import Pdu
+from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION, SUCCESS, WRITE_VAR
+from dissect.wire.clock import Clock
+from dissect.wire.text import printable
+
+FORMAT: Final = "s7dissect golden 1"
+#: What belongs to one recording and stands in a golden only when asked for.
+EXTRAS: Final = ("time", "addresses", "refs", "latency")
+#: Heads of transactions whose lines are items or sizes.
+FORMS: Final = {READ_VAR: "READ", WRITE_VAR: "WRITE", SETUP_COMMUNICATION: "SETUP"}
+
+_WIDTH: Final = 116
+_CONTINUED: Final = " " * 8
+#: Notes that a remark repeats.
+_NOTES: Final = 12
+
+
+def golden_text(session: Session, extras: Iterable[str] = ()) -> str:
+    """Return a session as text; ``extras`` are names of `EXTRAS`."""
+    return "".join([f"{line}\n" for line in golden_lines(session, extras)])
+
+
+def golden_lines(session: Session, extras: Iterable[str] = ()) -> Iterator[str]:
+    """Yield the lines of `golden_text`."""
+    wanted = frozenset(extras)
+    clock = Clock()
+    yield FORMAT
+    for link in session.links:
+        yield ""
+        yield f"connection {link.number}"
+        yield from _link_lines(link, "addresses" in wanted)
+        for transaction in link.transactions:
+            yield ""
+            yield f"{transaction.number} {transaction.asked_by} {_head(transaction.exchange)}"
+            yield from _outcome(transaction)
+            yield from _extra_lines(transaction, wanted, clock)
+            yield from transaction.exchange.fragment
+
+
+def link_text(link: Link) -> str:
+    """Return everything of a connection but its number, as text: what connections are put in order by."""
+    lines = list(_link_lines(link, False))
+    for transaction in link.transactions:
+        lines += [f"{transaction.asked_by} {_head(transaction.exchange)}", *_outcome(transaction)]
+        lines += transaction.exchange.fragment
+    return "\n".join(lines)
+
+
+def _head(exchange: Exchange) -> str:
+    """Return how the block of a transaction begins; the lines below are made with it, once for all that say the same."""
+    if not exchange.fragment:
+        exchange.fragment = tuple([wrapped for line in _exchange_lines(exchange) for wrapped in _wrapped(line)])
+    form = _form(exchange)
+    return form or printable(exchange.function_name)
+
+
+# ---- connections ----------------------------------------------------------------------------------------------------
+
+
+def _link_lines(link: Link, addresses: bool) -> Iterator[str]:
+    if link.protocol:
+        yield f"  protocol {printable(link.protocol)}"
+    if link.carrier != "tcp":
+        yield f"  carrier {link.carrier}"
+    for role, octets, address in zip(("client", "server"), (link.calling, link.called), link.addresses, strict=True):
+        if octets is not None:
+            said = printable(Tsap(octets).describe(role == "server"))
+            yield f"  {role} TSAP {hex_text(octets)}  # {said}"
+        if addresses and address:
+            yield f"  {role} address {address}"
+    if link.tpdu_size or link.tpdu_size_asked:
+        yield f"  TPDU size {link.tpdu_size}, asked {link.tpdu_size_asked}"
+    if not link.begun and link.carrier != "udp":
+        yield "  begins before the capture"
+    if link.refused:
+        yield f"  refused {quoted(printable(link.refused))}"
+    if link.ended:
+        by = f" by {link.ended_by}" if link.ended_by else ""
+        yield f"  ends {link.ended}{by}{f' {quoted(printable(link.farewell))}' if link.farewell else ''}"
+
+
+# ---- transactions ---------------------------------------------------------------------------------------------------
+
+
+def _outcome(transaction: Transaction) -> Iterator[str]:
+    if transaction.outcome == "unanswered":
+        yield f"  no answer: {transaction.reason}"
+    elif transaction.outcome == "orphan_answer":
+        yield f"  answer without request{f': {transaction.reason}' if transaction.reason else ''}"
+    elif transaction.outcome == "unsolicited":
+        yield "  wants no answer"
+
+
+def _extra_lines(transaction: Transaction, wanted: frozenset[str], clock: Clock) -> Iterator[str]:
+    if "time" in wanted and transaction.time_ns is not None:
+        yield f"  at {clock.iso(transaction.time_ns)}"
+    if "latency" in wanted and transaction.latency_ns is not None:
+        yield f"  latency {transaction.latency_ns} ns  # {words.duration(transaction.latency_ns)}"
+    if "refs" in wanted and transaction.pdu_ref is not None:
+        yield f"  reference 0x{transaction.pdu_ref & 0xFFFF:04x}"
+
+
+def _exchange_lines(exchange: Exchange) -> Iterator[str]:
+    form = _form(exchange)
+    if form == "SETUP":
+        asked, told = exchange.setup
+        if asked is not None:
+            yield f"  asks {setup_text(asked)}"
+        if told is not None and _plain_setup(exchange):
+            yield f"  gets {setup_text(told)}"
+        elif exchange.response:
+            yield from _half("answer", exchange)
+    elif form:
+        plain = _plain_answer(exchange)
+        for line in item_lines(exchange, plain):
+            yield f"  {item_text(line)}"
+        if exchange.response and not plain:
+            yield from _half("answer", exchange)
+    else:
+        if exchange.request_seen:
+            yield from _half("request", exchange)
+        if exchange.response_seen:
+            yield from _half("answer", exchange)
+    for text in exchange.scd:
+        yield f"  scd {_readable(text)}"
+
+
+def _readable(text: str) -> str:
+    """Return a line of SCD in quotes, letters of every alphabet left as they are."""
+    return f'"{text.replace(chr(92), chr(92) * 2).replace(chr(34), f"{chr(92)}u0022").replace("#", f"{chr(92)}u0023")}"'
+
+
+def _half(name: str, exchange: Exchange) -> Iterator[str]:
+    octets = exchange.request if name == "request" else exchange.response
+    if exchange.kind != S7:
+        yield f"  {name} {exchange.kind}" + (f" {hex_text(octets)}" if exchange.kind == PLUS else "")
+        return
+    blocks = cut_blocks(octets)
+    if blocks is None:
+        yield f"  {name} octets {hex_text(octets)}"
+    else:
+        yield f"  {name} {blocks.kind}"
+        if blocks.error:
+            yield f"    refused 0x{blocks.error:04x}  # {ERROR_CODES.name(blocks.error)}"
+        if blocks.parameters:
+            yield f"    parameters {hex_text(blocks.parameters)}"
+        if blocks.data:
+            yield f"    data {hex_text(blocks.data)}"
+    for note in _notes(exchange.asked if name == "request" else exchange.told):
+        yield f"    # {note}"
+
+
+def _notes(pdu: Pdu | None) -> list[str]:
+    if pdu is None or (pdu.function in FORMS and pdu.rosctr in {JOB, ACK_DATA}):
+        return []
+    notes = pdu.body.notes
+    shown = [printable(note) for note in notes[:_NOTES]]
+    return [*shown, f"and {len(notes) - _NOTES} more"] if len(notes) > _NOTES else shown
+
+
+# ---- forms ----------------------------------------------------------------------------------------------------------
+
+
+def _form(exchange: Exchange) -> str:
+    """Return the head of a transaction whose request a form says to the octet, empty for any other."""
+    asked = exchange.asked
+    if exchange.kind != S7 or asked is None or asked.rosctr != JOB or asked.function not in FORMS:
+        return ""
+    if asked.function == SETUP_COMMUNICATION:
+        setup = asked.parameters.setup
+        good = setup is not None and build_setup(JOB, setup) == exchange.request
+    else:
+        good = build_request(asked.function, item_lines(exchange, False)) == exchange.request
+    return FORMS[asked.function] if good else ""
+
+
+def _plain_setup(exchange: Exchange) -> bool:
+    told = exchange.setup[1]
+    return told is not None and build_setup(ACK_DATA, told) == exchange.response
+
+
+def _plain_answer(exchange: Exchange) -> bool:
+    """Tell whether the lines of the items say all of the answer."""
+    lines = item_lines(exchange, True)
+    return bool(exchange.response) and build_answer(exchange.function, lines) == exchange.response
+
+
+def item_lines(exchange: Exchange, answered: bool) -> list[ItemLine]:
+    """Return the items of a read or write, with what became of them when they are ``answered``."""
+    asked, told = exchange.asked, exchange.told
+    if asked is None:
+        return []
+    writes = asked.function == WRITE_VAR
+    written = asked.data_items() if writes else []
+    codes = told.return_codes() if answered and told is not None else []
+    contents: Sequence[DataItem] = written if writes else told.data_items() if answered and told is not None else []
+    lines = []
+    for index, item in enumerate(asked.parameters.items):
+        code = codes[index] if index < len(codes) else -1
+        content = contents[index] if index < len(contents) else None
+        head = bytes(3)
+        if content is not None and not writes and code != SUCCESS:
+            head = bytes((content.transport_size,)) + (int(content.length) & 0xFFFF).to_bytes(2, "big")
+            content = None
+        data = content.data if content is not None else None
+        size = int(content.transport_size) if content is not None else usual_size(item)
+        lines.append(ItemLine(item.octets, data, int(code), size, head))
+    return lines
+
+
+# ---- width ----------------------------------------------------------------------------------------------------------
+
+
+def _wrapped(line: str) -> Iterator[str]:
+    """Yield a line in pieces of bounded width; those after the first are indented deeper than anything else."""
+    text, mark, remark = line.partition("  # ")
+    if len(text) <= _WIDTH or not (text.endswith((">", "]")) or "> " in text or "] " in text):
+        yield line
+        return
+    pieces: list[str] = []
+    room = _WIDTH
+    while len(text) > room:
+        at = text.rfind(" ", 4, room)
+        if at <= 4 or not text[:at].strip():
+            break
+        pieces.append(text[:at])
+        text = _CONTINUED + text[at + 1 :]
+    pieces.append(text)
+    pieces[-1] += mark + remark
+    yield from pieces
+
+
+__all__ = ["EXTRAS", "FORMAT", "FORMS", "SCD", "golden_lines", "golden_text", "item_lines", "link_text"]

@@ -1,0 +1,61 @@
+"""Packets kept on disk while a line is watched: all of them in a ring of files, or those around a finding."""
+
+from __future__ import annotations
+
+from dissect.findings.finding import Finding
+from dissect.live.run import Companion
+from dissect.recording.keeper import Keeper
+from dissect.recording.ring_buffer import RingBuffer
+from dissect.source.live.reader import Drops
+
+
+class RingCompanion(Companion):
+    """Writes every packet to ``ring``; what it gathers is on disk at the next tick."""
+
+    name = "the ring of files"
+    wants_packets = True
+
+    def __init__(self, ring: RingBuffer) -> None:
+        super().__init__()
+        self.ring = ring
+
+    def packet(self, time_ns: int, octets: bytes, wire_length: int, link_type: int, interface: str) -> None:
+        """Write a packet."""
+        self.ring.add(time_ns, octets, wire_length, link_type, interface)
+
+    def tick(self, now_ns: int, drops: Drops) -> None:
+        """End the file at hand where it is old enough; write what is gathered."""
+        self.ring.tick(now_ns)
+        self.ring.flush()
+
+    def close(self) -> None:
+        """Finish the file at hand."""
+        self.ring.close()
+
+
+class KeeperCompanion(Companion):
+    """Keeps the packets around the findings that trigger ``keeper``."""
+
+    name = "keeping packets around findings"
+    wants_packets = True
+
+    def __init__(self, keeper: Keeper) -> None:
+        super().__init__()
+        self.keeper = keeper
+
+    def packet(self, time_ns: int, octets: bytes, wire_length: int, link_type: int, interface: str) -> None:
+        """Remember a packet, or write it where a file is open."""
+        self.keeper.add(time_ns, octets, wire_length, link_type, interface)
+
+    def finding(self, finding: Finding) -> None:
+        """Begin a file, or add a comment to a packet."""
+        self.keeper.finding(finding)
+
+    def tick(self, now_ns: int, drops: Drops) -> None:
+        """End the file whose time is over; write the latest packet, of which everything was found by now."""
+        self.keeper.settle()
+        self.keeper.tick(now_ns)
+
+    def close(self) -> None:
+        """Finish the file at hand."""
+        self.keeper.close()

@@ -1,0 +1,331 @@
+"""The screens of `s7dissect monitor`: connections, what rolls by, findings, and what is behind each of them.
+
+The screen asks the session for events: five times a second while there are some, twice a second while there are none, each
+time a bounded number of them, and draws only what changed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import ClassVar, Final
+
+from textual.app import App, ComposeResult
+from textual.binding import Binding, BindingType
+from textual.events import Resize
+from textual.widgets import Input
+
+from dissect.live.session import Session, Status
+from dissect.monitor import details
+from dissect.monitor.model import Model
+from dissect.monitor.panes import ConnectionsPane, EntriesPane, FindingsPane, Pane
+from dissect.monitor.rows import PLACES, entry_line
+from dissect.monitor.saving import save
+from dissect.monitor.screens import HELP, Bar, PageScreen
+from dissect.monitor.wanted import FAILED, SLOW
+from dissect.report import words
+from dissect.report.text import HEADING, Line, connection_lines, finding_lines
+from dissect.wire.clock import Clock
+from dissect.wire.text import printable, shortened
+
+#: How long to wait for the next look at the events, in seconds: after some came, and after none did.
+_BUSY_S: Final = 0.2
+_QUIET_S: Final = 0.5
+#: How long it is said that something was saved, in seconds.
+_SAID_S: Final = 6
+#: Events that are taken at one look.
+_MOST: Final = 5000
+_SIGNALS: Final = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+_END_KEYS: Final = "q quit  / filter  Enter details  s save  ? help"
+_KEYS: Final = "q quit  p pause  f freeze  / filter  Enter details  s save  z zoom  ? help"
+
+
+def run_app(session: Session, slow_ns: int = 1_000_000_000) -> bool:
+    """Show ``session``, which was started, until somebody leaves; return whether that was by a signal or Ctrl+C."""
+    return bool(MonitorApp(session, slow_ns).run(mouse=False))
+
+
+class MonitorApp(App[bool]):
+    """The main screen. An answer later than ``slow_ns`` is shown as slow; files go to ``directory``."""
+
+    ENABLE_COMMAND_PALETTE = False
+    CSS = """
+    Screen { background: ansi_default; color: ansi_default; layout: vertical; }
+    Bar { height: 1; }
+    Pane { height: 1fr; }
+    Page { height: 1fr; }
+    Input, Input:focus { height: 1; border: none; padding: 0; background: ansi_default; color: ansi_default; display: none; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("q", "quit", show=False),
+        Binding("ctrl+c", "interrupt", show=False, priority=True),
+        Binding("p", "pause", show=False),
+        Binding("f", "freeze", show=False),
+        Binding("slash", "ask_filter", show=False),
+        Binding("e", "show_only('failed')", show=False),
+        Binding("l", "show_only('slow')", show=False),
+        Binding("s", "save", show=False),
+        Binding("z", "zoom", show=False),
+        Binding("question_mark,f1,h", "help", show=False),
+        Binding("escape", "leave_filter", show=False),
+    ]
+
+    def __init__(self, session: Session, slow_ns: int = 1_000_000_000, directory: Path | None = None) -> None:
+        super().__init__(ansi_color=True)  # the terminal's own colours, and none with NO_COLOR
+        self.model = Model(slow_ns)
+        self.paused = False
+        self.zoomed = False
+        self.head = Bar("head", reverse=True)
+        self.foot = Bar("foot")
+        self.connections = ConnectionsPane()
+        self.entries = EntriesPane()
+        self.findings = FindingsPane()
+        self._panes: tuple[ConnectionsPane, EntriesPane, FindingsPane] = (self.connections, self.entries, self.findings)
+        self._input = Input(placeholder="words, failed, slow, c12; Enter shows, Esc shows all")
+        self._session = session
+        self._directory = directory if directory is not None else Path()
+        self._clock = Clock()
+        self._came_at_pause = 0
+        self._second = 0.0
+        self._height = 24
+        self._told_end = False
+        self._problems_told = 0
+
+    # ---- coming and going -------------------------------------------------------------------------------------------
+
+    def compose(self) -> ComposeResult:
+        """Put the panes between the state of the line and the keys."""
+        yield self.head
+        yield from self._panes
+        yield self.foot
+        yield self._input
+
+    def on_mount(self) -> None:
+        """Begin to look at the events."""
+        loop = asyncio.get_running_loop()
+        for number in _SIGNALS:
+            loop.add_signal_handler(number, self.action_interrupt)
+        self.entries.focus()
+        self.foot.say(_KEYS)
+        self.look()
+
+    def on_unmount(self) -> None:
+        """Leave the signals to others again."""
+        loop = asyncio.get_running_loop()
+        for number in _SIGNALS:
+            loop.remove_signal_handler(number)
+
+    def action_interrupt(self) -> None:
+        """End because somebody outside wants it."""
+        self.exit(True)
+
+    # ---- looking ----------------------------------------------------------------------------------------------------
+
+    def look(self) -> None:
+        """Take what happened, show it, and look again in a moment."""
+        running = self._session.running  # asked before: what it did last is taken then
+        events = self._session.poll(0.0, _MOST)
+        self.model.take(events)
+        now = time.monotonic()
+        if events or now - self._second >= 1:
+            self._second = now
+            self.show()
+        if not running and not self._session.waiting:
+            self._tell_end()
+            return
+        self.set_timer(_BUSY_S if events else _QUIET_S, self.look)
+
+    def show(self) -> None:
+        """Bring the main screen up to date, unless it is paused."""
+        status = self._session.status()
+        if not self.paused and len(self.screen_stack) == 1:
+            self._show_panes(status)
+        self._show_head(status)
+        if len(self.model.problems) > self._problems_told:
+            self.foot.say(f"PROBLEM {printable(self.model.problems[-1])}")
+        self._problems_told = len(self.model.problems)
+
+    def _show_panes(self, status: Status) -> None:
+        facts = self.model.connections(status.now_ns)
+        left_out = f", {self.model.connections_left_out} not listed" if self.model.connections_left_out else ""
+        title = f"CONNECTIONS {status.connections_open} open of {status.connections}{left_out}"
+        self.connections.update_rows(facts, title)
+        found = self.model.findings(dict(self._session.run.pipeline.conversation.judge.counts))
+        self.findings.update_rows(found, f"FINDINGS {status.findings}" if status.findings else "FINDINGS none")
+        self.entries.update_rows(self.model.entries, self._entries_title(status))
+        self._arrange()
+
+    def _entries_title(self, status: Status) -> str:
+        odd = [f"{status.unanswered} unanswered"] if status.unanswered else []
+        odd += [f"{status.with_errors} with errors"] if status.with_errors else []
+        parts = [f"TRANSACTIONS {status.transactions}" + (f" ({', '.join(odd)})" if odd else "")]
+        if status.open_requests:
+            parts.append(f"{status.open_requests} open")
+        if self.entries.frozen:
+            parts.append(f"FROZEN, {self.entries.held_back} newer")
+        wanted = self.model.wanted
+        if not wanted.everything:
+            missed = f" ({wanted.unsearched} not searched)" if wanted.unsearched else ""
+            parts.append(f"filter: {shortened(wanted.typed, 60)}{missed}")
+        return "  ".join(parts)
+
+    def _show_head(self, status: Status) -> None:
+        session = self._session
+        engine = f" ({session.engine})" if session.engine not in {"", "file"} else ""
+        time_of_day = self._clock.iso(status.now_ns)[11:19]
+        parts = [f"s7dissect {printable(session.run.file.name)}{engine}", f"{time_of_day} UTC"]
+        parts.append(words.count(status.packets, "packet"))
+        if session.engine not in {"", "file"}:
+            counted = [count for count in status.drops if count is not None]
+            parts.append(f"{sum(counted)} LOST" if sum(counted) else ("0 lost" if counted else "loss unknown"))
+        if status.lost_events:
+            parts.append(f"{status.lost_events} NOT SHOWN")
+        self.head.say("  ".join(parts), self._state())
+
+    def _state(self) -> str:
+        if self.paused:
+            return f"PAUSED, {self.model.came - self._came_at_pause} new"
+        if self._session.running:
+            return "LIVE"
+        return "BROKEN OFF" if self._session.error is not None or self._session.run.file.damage else "ENDED"
+
+    def _tell_end(self) -> None:
+        """Say once that nothing more will come; the screen stays."""
+        if self._told_end:
+            return
+        self._told_end = True
+        self.show()
+        error = self._session.error
+        why = str(error) or type(error).__name__ if error is not None else self._session.run.file.damage
+        if why:
+            self.foot.say(f"BROKEN OFF: {printable(why)}")
+        elif not self.model.problems:
+            self.foot.say(f"the source has ended  {_END_KEYS}")
+
+    # ---- room -------------------------------------------------------------------------------------------------------
+
+    def on_resize(self, event: Resize) -> None:
+        """Share the room anew."""
+        self._height = event.size.height
+        self._arrange()
+
+    def _arrange(self) -> None:
+        """Give each pane its share of the height: the lists what they need, up to a quarter; what rolls by the rest."""
+        room = max(self._height - 2, 3)
+        quarter = max(room // 4, 3)
+        for pane in self._panes:
+            alone = self.zoomed and pane.has_focus
+            pane.display = alone or not self.zoomed
+            pane.styles.height = "1fr" if pane is self.entries or alone else min(max(len(pane.rows) + 1, 2), quarter)
+
+    def action_zoom(self) -> None:
+        """Show the pane alone, or all of them."""
+        self.zoomed = not self.zoomed and any([pane.has_focus for pane in self._panes])
+        self._arrange()
+
+    # ---- time -------------------------------------------------------------------------------------------------------
+
+    def action_pause(self) -> None:
+        """Let the screen stand still, or go on."""
+        self.paused = not self.paused
+        self._came_at_pause = self.model.came
+        self.show()
+
+    def action_freeze(self) -> None:
+        """Let the transactions stand still, or go on."""
+        self.entries.freeze(not self.entries.frozen)
+        self.show()
+
+    # ---- the filter -------------------------------------------------------------------------------------------------
+
+    def action_ask_filter(self) -> None:
+        """Ask what to show."""
+        if len(self.screen_stack) > 1:
+            return
+        self.foot.display = False
+        self._input.display = True
+        self._input.value = self.model.wanted.typed
+        self._input.focus()
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """Show what was asked for."""
+        self._filter(event.value)
+
+    def action_leave_filter(self) -> None:
+        """Show everything again."""
+        self._filter("")
+
+    def action_show_only(self, word: str) -> None:
+        """Show failed or slow ones only, or no longer."""
+        self._filter(self.model.wanted.toggled({"failed": FAILED, "slow": SLOW}[word]))
+
+    def _filter(self, typed: str) -> None:
+        self._input.display = False
+        self.foot.display = True
+        self.foot.say(_KEYS)
+        self.model.filter(typed)
+        self.entries.replace(self.model.entries)
+        self.entries.focus()
+        status = self._session.status()
+        self.entries.update_rows(self.model.entries, self._entries_title(status))
+
+    # ---- what is behind ---------------------------------------------------------------------------------------------
+
+    def on_pane_opened(self, event: Pane.Opened) -> None:
+        """Show what is behind a row."""
+        if event.pane is self.connections and (one := self.connections.selected) is not None:
+            self._open(f"Connection {one.key}", details.connection_details(one, self.model.entries))
+        elif event.pane is self.findings and (found := self.findings.selected) is not None:
+            self._open(f"Finding {found.key}", details.finding_details(found))
+        elif event.pane is self.entries and (entry := self.entries.selected) is not None:
+            what = entry.what
+            title = "SCD message" if isinstance(what, tuple) else f"{type(what).__name__} {what.number}"
+            self._open(title, details.entry_lines(entry))
+
+    def action_help(self) -> None:
+        """Show the keys."""
+        if len(self.screen_stack) == 1:
+            self._open("Keys and signs", HELP)
+
+    def _open(self, title: str, lines: Sequence[Line]) -> None:
+        _ = self.push_screen(PageScreen(title, lines), self._back)  # shown in its turn; nobody has to wait for it
+
+    def _back(self, _: None) -> None:
+        self.show()
+
+    # ---- keeping ----------------------------------------------------------------------------------------------------
+
+    def action_save(self) -> None:
+        """Save what is shown as text."""
+        top = self.screen
+        page = top if isinstance(top, PageScreen) else None
+        lines = page.page.lines if page is not None else list(self._shown())
+        bar = page.foot if page is not None else self.foot
+        try:
+            path = save(self._directory, self._session.status().now_ns, [line.text for line in lines])
+        except OSError as error:
+            bar.say(f"NOT SAVED: {printable(str(error))}")
+            return
+        keys = bar.left
+        bar.say(f"saved {words.count(len(lines), 'line')} to {printable(path.name)}")
+        if not keys.startswith("saved"):
+            self.set_timer(_SAID_S, lambda: bar.say(keys))
+
+    def _shown(self) -> Iterator[Line]:
+        """Yield what the panes hold, in full."""
+        yield Line(f"{self.head.left}  {self.head.right}", HEADING)
+        yield Line("")
+        yield Line(self.connections.title, HEADING)
+        for one in self.connections.rows:
+            yield from connection_lines(one.connection, PLACES)
+        yield Line("")
+        yield Line(self.entries.title, HEADING)
+        for entry in self.entries.rows:
+            yield Line(f"  {entry_line(entry, self._clock)}")
+        yield Line("")
+        yield Line(self.findings.title, HEADING)
+        for found in self.findings.rows:
+            yield from finding_lines(found.rule, found.times, found.details, PLACES, len(found.details))

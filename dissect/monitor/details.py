@@ -1,0 +1,127 @@
+"""What is behind a row: a transaction with the field tree and the octets of its PDUs, a connection, the findings of a rule."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from typing import Final
+
+from dissect.monitor.entries import Entry
+from dissect.monitor.lists import ConnectionFacts, FindingFacts
+from dissect.monitor.rows import PLACES, entry_line
+from dissect.report import words
+from dissect.report.lines import pdu_line, plus_line
+from dissect.report.scd_tree import scd_tree_lines
+from dissect.report.text import DIM, HEADING, PLAIN, Line, connection_lines, finding_lines
+from dissect.report.tree import plus_tree_lines, tree_lines
+from dissect.transactions.connection import IBH, Connection
+from dissect.transactions.operation import Operation
+from dissect.transactions.transaction import Transaction
+from dissect.wire.clock import Clock
+from dissect.wire.text import printable, shortened
+
+#: Lines that are shown of one thing.
+MAX_LINES: Final = 20_000
+#: Transactions of a connection that are listed with it, and characters of each.
+_LAST: Final = 20
+_LONG: Final = 1000
+_NOTES: Final = 200
+
+
+def entry_lines(entry: Entry) -> list[Line]:
+    """Return everything about an entry."""
+    return list(islice(_entry(entry), MAX_LINES))
+
+
+def _entry(entry: Entry) -> Iterator[Line]:
+    clock = Clock()
+    yield Line(shortened(entry_line(entry, clock), _LONG), HEADING, 4)
+    what = entry.what
+    if isinstance(what, tuple):
+        yield Line("")
+        yield from _plain(scd_tree_lines(what[0]))
+    elif isinstance(what, Operation):
+        yield Line(f"  {words.count(what.parts, 'transaction')}: {_numbers(what)}", PLAIN, 4)
+        for part in what.content_parts()[:_NOTES]:
+            if part.note:
+                yield Line(f"  {shortened(part.note, _LONG)}", PLAIN, 4)
+    else:
+        yield from _transaction(what, clock)
+
+
+def _numbers(operation: Operation) -> str:
+    shown = [f"#{number}" for number in operation.transactions[:_NOTES]]
+    return ", ".join(shown) + (", …" if operation.parts > len(shown) else "")
+
+
+def _transaction(transaction: Transaction, clock: Clock) -> Iterator[Line]:
+    for number, text in enumerate(words.items(transaction), 1):
+        yield Line(f"  item {number}  {text}", PLAIN, 4)
+    for error in transaction.errors:
+        said = f"  {error.where}: {words.error_text(error)}. {error.text}" if error.text else ""
+        yield Line(printable(said or f"  {error.where}: {words.error_text(error)}"), "error", 4)
+    if transaction.scd:
+        for found in transaction.scd:
+            yield Line("")
+            yield from _plain(scd_tree_lines(found))
+    yield from _halves(transaction, clock)
+
+
+def _halves(transaction: Transaction, clock: Clock) -> Iterator[Line]:
+    connection = transaction.connection
+    # `entries.detached` keeps the packet in front of a PDU that it carries whole.
+    asked = transaction.request_buf if transaction.request_offset else b""
+    told = transaction.response_buf if transaction.response_offset else b""
+    for title, pdu, packet in (("Request", transaction.request, asked), ("Answer", transaction.response, told)):
+        if pdu is not None:
+            yield from _heading(title, pdu_line(pdu, connection, clock, PLACES))
+            yield from _plain(tree_lines(pdu, packet, connection.state == IBH))
+    for title, plus, packet in (
+        ("Request", transaction.plus_request, asked),
+        ("Answer", transaction.plus_response, told),
+    ):
+        if plus is not None:
+            yield from _heading(title, plus_line(plus, connection, clock, PLACES))
+            yield from _plain(plus_tree_lines(plus, packet))
+
+
+def _heading(title: str, text: str) -> Iterator[Line]:
+    yield Line("")
+    yield Line(f"{title}: packet {shortened(text.strip(), _LONG)}", HEADING, 4)
+
+
+def _plain(lines: Iterable[str]) -> Iterator[Line]:
+    """Yield lines of a tree, two columns further left than in a report, where they hang below a line."""
+    for text in lines:
+        yield Line(text.removeprefix("  "), PLAIN, 27)
+
+
+def connection_details(facts: ConnectionFacts, entries: Iterable[Entry]) -> list[Line]:
+    """Return everything about a connection, and the last of ``entries`` that are on it."""
+    clock = Clock()
+    lines = list(connection_lines(facts.connection, PLACES))
+    if facts.waiting:
+        lines.append(Line(f"     {words.count(facts.waiting, 'request')} open now", PLAIN, 5))
+    if facts.failed and facts.connection.last_error is not None:
+        when = words.moment(clock.iso(facts.connection.last_error_ns))
+        lines.append(
+            Line(f"     last refusal {when}: {shortened(facts.connection.last_error.subject, _LONG)}", "error", 5)
+        )
+    mine = [entry for entry in entries if _same(entry.connection, facts.connection)][-_LAST:]
+    if mine:
+        lines += [Line(""), Line(f"The last of what it did (the filter c{facts.key} shows no other)", HEADING)]
+        lines += [Line(f"  {shortened(entry_line(entry, clock), _LONG)}", PLAIN, 4) for entry in mine]
+    return lines
+
+
+def _same(one: Connection, other: Connection) -> bool:
+    return one.number == other.number
+
+
+def finding_details(facts: FindingFacts) -> list[Line]:
+    """Return everything about the findings of a rule, the newest first."""
+    details = list(reversed(facts.details))
+    lines = list(finding_lines(facts.rule, facts.times, details, PLACES, len(details)))
+    if details and len(details) < facts.times:
+        lines.append(Line("      the newest stand first; those that are not told were counted only", DIM, 8))
+    return lines

@@ -1,0 +1,177 @@
+"""The connections and findings of a line, as they are listed: bounded, each list in an order that holds still."""
+
+from __future__ import annotations
+
+from collections import OrderedDict, deque
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+from dissect.findings.catalogue import CATALOGUE
+from dissect.findings.finding import SEVERITIES, Finding, Rule
+from dissect.monitor.pulse import SECONDS, Pulse
+from dissect.transactions.connection import Connection
+from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, RESET, REUSED
+
+#: Connections that are listed.
+MAX_CONNECTIONS: Final = 500
+#: Findings of each rule that are kept in detail.
+MAX_DETAILS: Final = 50
+
+#: How a connection ended, in a word.
+_ENDED: Final = {
+    FIN: "closed",
+    RESET: "reset",
+    DISCONNECT: "ended",
+    ERROR_TPDU: "error",
+    REUSED: "reused",
+    REPLACED: "replaced",
+    EVICTED: "dropped",
+    OPEN: "left",
+}
+
+
+class ConnectionFacts(NamedTuple):
+    """A connection as it stands at one moment.
+
+    ``waiting`` requests are open now; ``worst`` is the worst answer time of each of the last seconds, -1 for none.
+    """
+
+    connection: Connection
+    state: str
+    over: bool
+    rate: float
+    rate_10: float
+    latency_ns: int | None
+    worst: list[int]
+    answered: int
+    unanswered: int
+    errors: int
+    waiting: int
+
+    @property
+    def key(self) -> int:
+        """What tells it from others of the list."""
+        return int(self.connection.number)
+
+    @property
+    def failed(self) -> int:
+        """Transactions that were refused or not answered."""
+        return self.unanswered + self.errors
+
+
+class _Listed:
+    __slots__ = ("connection", "latency_ns", "pulse")
+
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
+        self.pulse = Pulse()
+        self.latency_ns: int | None = None
+
+
+class ConnectionList:
+    """The connections. When there are too many, closed ones leave first, then those that were silent for longest."""
+
+    def __init__(self, most: int = MAX_CONNECTIONS) -> None:
+        self.left_out = 0
+        self._most = most
+        self._listed: OrderedDict[int, _Listed] = OrderedDict()  # in the order of their last transactions
+        self._closed: OrderedDict[int, None] = OrderedDict()
+
+    def note(self, connection: Connection) -> None:
+        """A connection opened, or closed."""
+        self._find(connection)
+        if connection.ending is not None:
+            self._closed[int(connection.number)] = None
+            self._bound()
+
+    def transaction(self, connection: Connection, time_ns: int, latency_ns: int | None) -> None:
+        """A transaction on a connection."""
+        listed = self._find(connection)
+        self._listed.move_to_end(int(connection.number))
+        listed.pulse.add(time_ns, latency_ns)
+        if latency_ns is not None:
+            listed.latency_ns = latency_ns
+
+    def facts(self, now_ns: int) -> list[ConnectionFacts]:
+        """Return them as they stand: those that are open by number, then those that are over, the newest first."""
+        every = [_facts(listed, now_ns) for listed in list(self._listed.values())]
+        return sorted(every, key=lambda one: (one.over, -one.key if one.over else one.key))
+
+    def _find(self, connection: Connection) -> _Listed:
+        number = int(connection.number)
+        listed = self._listed.get(number)
+        if listed is None:
+            listed = _Listed(connection)
+            self._listed[number] = listed
+            self._bound()
+        return listed
+
+    def _bound(self) -> None:
+        while len(self._listed) > self._most:
+            number, _ = self._closed.popitem(last=False) if self._closed else (next(iter(self._listed)), None)
+            del self._listed[number]
+            self.left_out += 1
+
+
+def _facts(listed: _Listed, now_ns: int) -> ConnectionFacts:
+    connection = listed.connection
+    pulse = listed.pulse
+    return ConnectionFacts(
+        connection,
+        _state(connection),
+        connection.ending is not None,
+        pulse.rate(now_ns, 1),
+        pulse.rate(now_ns, 10),
+        listed.latency_ns,
+        pulse.worst(now_ns, SECONDS),
+        int(connection.answered),
+        int(connection.unanswered),
+        int(connection.errors),
+        sum([int(side.count) for side in connection.open_requests]),
+    )
+
+
+def _state(connection: Connection) -> str:
+    """Return in a word how a connection stands; a refusal weighs more than how it ended."""
+    if connection.refused:
+        return "refused"
+    ending = connection.ending
+    return "open" if ending is None else _ENDED[ending.how]
+
+
+class FindingFacts(NamedTuple):
+    """The findings of one rule: how many, and the last of them in detail."""
+
+    rule: Rule
+    times: int
+    details: tuple[Finding, ...]
+
+    @property
+    def key(self) -> str:
+        """What tells it from others of the list."""
+        return self.rule.slug
+
+
+class FindingList:
+    """The findings, by their rules: the catalogue bounds them."""
+
+    def __init__(self) -> None:
+        self._details: dict[str, deque[Finding]] = {}
+
+    def note(self, finding: Finding) -> None:
+        """Something deserves attention."""
+        kept = self._details.get(finding.slug)
+        if kept is None:
+            kept = self._details[finding.slug] = deque(maxlen=MAX_DETAILS)
+        kept.append(finding)
+
+    def facts(self, counts: Mapping[str, int]) -> list[FindingFacts]:
+        """Return the rules that applied, by severity, and the newest first; ``counts`` are exact, and there before a detail."""
+        found = [
+            FindingFacts(CATALOGUE[slug], count, tuple(self._details.get(slug, ()))) for slug, count in counts.items()
+        ]
+        return sorted(found, key=lambda one: (SEVERITIES.index(one.rule.severity), -_last(one), one.key))
+
+
+def _last(facts: FindingFacts) -> int:
+    return int(facts.details[-1].time_ns) if facts.details else 0

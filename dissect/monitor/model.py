@@ -1,0 +1,117 @@
+"""What the screens show, as data: events folded into bounded state. Knows nothing of a terminal."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+from dissect.findings.finding import Finding
+from dissect.live.session import Event
+from dissect.monitor.entries import Entry, Ring, What, detached
+from dissect.monitor.lists import ConnectionFacts, ConnectionList, FindingFacts, FindingList
+from dissect.monitor.wanted import Wanted, is_slow
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import Transaction
+
+#: Entries that are kept of each sort, and the octets they may take.
+MAX_ENTRIES: Final = 1000
+MAX_OCTETS: Final = 8_000_000
+#: Sentences about the monitor itself.
+_MAX_PROBLEMS: Final = 20
+
+
+class Model:
+    """Folds events.
+
+    What failed or was slow is kept beside the rest, so that it does not roll by with it; so is what a filter
+    wants, from the moment it is set. An answer later than ``slow_ns`` is slow.
+    """
+
+    def __init__(self, slow_ns: int = 1_000_000_000, most: int = MAX_ENTRIES, most_octets: int = MAX_OCTETS) -> None:
+        self.slow_ns = slow_ns
+        self.wanted = Wanted("", slow_ns)
+        self.problems: deque[str] = deque(maxlen=_MAX_PROBLEMS)
+        self.came = 0
+        self._most = most
+        self._most_octets = most_octets
+        self._connections = ConnectionList()
+        self._findings = FindingList()
+        self._recent = Ring(most, most_octets)
+        self._odd = Ring(most, most_octets)
+        self._matching = Ring(most, most_octets)
+
+    def take(self, events: Iterable[Event]) -> None:
+        """Fold events, in their order."""
+        fresh: list[tuple[int, What]] = []
+        for event in events:
+            what = event.what
+            if isinstance(what, Transaction):
+                self._connections.transaction(what.connection, event.time_ns, what.latency_ns)
+                fresh.append((event.time_ns, what))
+            elif isinstance(what, Connection):
+                self._connections.note(what)
+            elif isinstance(what, Finding):
+                self._findings.note(what)
+            elif isinstance(what, str):
+                self.problems.append(what)
+            elif not isinstance(what, tuple) or not what[0].message.phase:  # SCD with a phase is in a transaction
+                fresh.append((event.time_ns, what))
+        self._keep(fresh)
+
+    def filter(self, typed: str) -> None:
+        """Show only what is wanted by what was typed; of what came before, what is still there."""
+        self.wanted = Wanted(typed, self.slow_ns)
+        self._matching = Ring(self._most, self._most_octets)
+        if self.wanted.everything:
+            return
+        there = {entry.order: entry for ring in (self._odd, self._recent) for entry in ring.entries}
+        for _, entry in sorted(there.items()):
+            if self.wanted.takes(entry.what):
+                self._matching.add(entry)
+
+    @property
+    def entries(self) -> list[Entry]:
+        """What is shown of what rolls by, the newest last."""
+        return list((self._recent if self.wanted.everything else self._matching).entries)
+
+    def connections(self, now_ns: int) -> list[ConnectionFacts]:
+        """Return the connections as they stand at a time of the capture's clock."""
+        return self._connections.facts(now_ns)
+
+    @property
+    def connections_left_out(self) -> int:
+        """Connections that had to leave the list."""
+        return self._connections.left_out
+
+    def findings(self, counts: Mapping[str, int]) -> list[FindingFacts]:
+        """Return the findings by rule; ``counts`` says how many there are of each."""
+        return self._findings.facts(counts)
+
+    def _keep(self, fresh: list[tuple[int, What]]) -> None:
+        """Keep of what came what will still be there afterwards: the rest would only be copied in vain."""
+        first_recent = len(fresh) - self._most
+        odd = self._last([at for at, (_, what) in enumerate(fresh) if self._is_odd(what)])
+        self.wanted.begin()
+        matching: set[int] = set()
+        if not self.wanted.everything:
+            matching = self._last([at for at, (_, what) in enumerate(fresh) if self.wanted.takes(what)])
+        for at, (time_ns, what) in enumerate(fresh):
+            self.came += 1
+            if at < first_recent and at not in odd and at not in matching:
+                continue
+            kept = detached(what) if isinstance(what, Transaction) else what
+            slow = isinstance(what, Transaction) and is_slow(what, self.slow_ns)
+            entry = Entry(self.came, time_ns, kept, slow)
+            if at >= first_recent:
+                self._recent.add(entry)
+            if at in odd:
+                self._odd.add(entry)
+            if at in matching:
+                self._matching.add(entry)
+
+    def _last(self, places: list[int]) -> set[int]:
+        return set(places[-self._most :])
+
+    def _is_odd(self, what: What) -> bool:
+        return isinstance(what, Transaction) and bool(what.failed or is_slow(what, self.slow_ns))

@@ -1,0 +1,303 @@
+"""The lists of the main screen and the page of details, as widgets: they draw the rows there are room for, and no other.
+
+Text is drawn as `rich.text.Text` and never as markup, so that nothing a device says can look like an order to the terminal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar, Final, Generic, TypeVar
+
+from rich.text import Text
+from textual.binding import Binding, BindingType
+from textual.message import Message
+from textual.widget import Widget
+
+from dissect.monitor import rows
+from dissect.monitor.entries import Entry
+from dissect.monitor.lists import ConnectionFacts, FindingFacts
+from dissect.monitor.rows import Piece
+from dissect.report.text import Line
+from dissect.wire.clock import Clock
+
+Row = TypeVar("Row")
+
+#: How the lines of a report look.
+_LINE_STYLES: Final = {"heading": "bold", "error": rows.BAD, "warning": rows.ODD, "note": "", "dim": rows.DIM, "": ""}
+
+_MOVES: Final[list[BindingType]] = [
+    Binding("up,k", "move(-1)", show=False),
+    Binding("down,j", "move(1)", show=False),
+    Binding("pageup,b", "page(-1)", show=False),
+    Binding("pagedown,space", "page(1)", show=False),
+    Binding("home,g", "home", show=False),
+    Binding("end,G", "end", show=False),
+]
+
+
+def drawn(lines: Sequence[Sequence[Piece]], styles: Sequence[str], width: int) -> Text:
+    """Return lines of pieces as text; each line gets a style of its own and is filled to ``width``."""
+    text = Text(no_wrap=True, overflow="crop", end="")
+    for number, (pieces, style) in enumerate(zip(lines, styles, strict=True)):
+        line = Text(no_wrap=True, overflow="crop", end="")
+        for piece, piece_style in pieces:
+            line.append(piece, piece_style or None)
+        line.truncate(width, overflow="crop", pad=True)
+        if style:
+            line.stylize(style)
+        if number:
+            text.append("\n")
+        text.append_text(line)
+    return text
+
+
+class Pane(Widget, Generic[Row], can_focus=True):
+    """A list with a heading and a cursor. The cursor stays on its row while others come and go."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [*_MOVES, Binding("enter", "open", show=False)]
+
+    class Opened(Message):
+        """Somebody wants to see what is behind the row under the cursor."""
+
+        def __init__(self, pane: Pane[Row]) -> None:
+            super().__init__()
+            self.pane = pane
+
+    def __init__(self, name: str) -> None:
+        super().__init__(id=name)
+        self.rows: list[Row] = []
+        self.title = ""
+        self.cursor = 0
+        self._top = 0
+
+    @property
+    def selected(self) -> Row | None:
+        """The row under the cursor."""
+        return self.rows[self.cursor] if self.cursor < len(self.rows) else None
+
+    def update_rows(self, fresh: list[Row], title: str) -> None:
+        """Show these rows."""
+        if fresh == self.rows and title == self.title:
+            return
+        before = self.selected
+        self.rows = fresh
+        self.title = title
+        self._keep_cursor(before)
+        self.refresh()
+
+    def render(self) -> Text:
+        """Draw the heading and as many rows as fit."""
+        width, height = self.size.width, self.size.height
+        room = max(height - 1, 0)
+        self._top = min(max(self._top, self.cursor - room + 1, 0), self.cursor, max(len(self.rows) - room, 0))
+        shown = self.rows[self._top : self._top + room]
+        mark = "▶ " if self.has_focus else "  "
+        lines: list[Sequence[Piece]] = [[(self.heading(f"{mark}{self.title}", width), "")]]
+        styles = ["bold reverse" if self.has_focus else "underline"]
+        for at, row in enumerate(shown, self._top):
+            lines.append(self.pieces(row, width))
+            styles.append("reverse" if at == self.cursor and self.has_focus else "")
+        return drawn(lines, styles, width)
+
+    def heading(self, title: str, width: int) -> str:
+        """Return the heading."""
+        return rows.fit(title, width)
+
+    def pieces(self, row: Row, width: int) -> list[Piece]:
+        """Return a row as it is drawn."""
+        raise NotImplementedError
+
+    def key(self, row: Row) -> object:
+        """Return what tells a row from others, and stays."""
+        raise NotImplementedError
+
+    def _keep_cursor(self, before: Row | None) -> None:
+        if before is not None:
+            key = self.key(before)
+            for at, row in enumerate(self.rows):
+                if self.key(row) == key:
+                    self.cursor = at
+                    return
+        self.cursor = min(self.cursor, max(len(self.rows) - 1, 0))
+
+    def move_to(self, at: int) -> None:
+        """Put the cursor on a row, the nearest there is."""
+        self.cursor = min(max(at, 0), max(len(self.rows) - 1, 0))
+        self.refresh()
+
+    def action_move(self, by: int) -> None:
+        """Move the cursor by rows."""
+        self.move_to(self.cursor + by)
+
+    def action_page(self, by: int) -> None:
+        """Move the cursor by what is seen at once."""
+        self.move_to(self.cursor + by * max(self.size.height - 2, 1))
+
+    def action_home(self) -> None:
+        """Go to the first row."""
+        self.move_to(0)
+
+    def action_end(self) -> None:
+        """Go to the last row."""
+        self.move_to(len(self.rows) - 1)
+
+    def action_open(self) -> None:
+        """Look behind the row."""
+        if self.selected is not None:
+            self.post_message(self.Opened(self))
+
+
+class ConnectionsPane(Pane[ConnectionFacts]):
+    """The connections."""
+
+    def __init__(self) -> None:
+        super().__init__("connections")
+        self._glyphs = rows.sparks()
+
+    def heading(self, title: str, width: int) -> str:
+        """Return the title, and the heads of the columns behind it."""
+        return rows.connection_heads(title, width)
+
+    def pieces(self, row: ConnectionFacts, width: int) -> list[Piece]:
+        """Return a connection."""
+        return rows.connection_row(row, width, self._glyphs)
+
+    def key(self, row: ConnectionFacts) -> object:
+        """Return its number."""
+        return row.key
+
+
+class FindingsPane(Pane[FindingFacts]):
+    """The findings by their rules."""
+
+    def __init__(self) -> None:
+        super().__init__("findings")
+        self._clock = Clock()
+
+    def pieces(self, row: FindingFacts, width: int) -> list[Piece]:
+        """Return the findings of a rule."""
+        return rows.finding_row(row, width, self._clock)
+
+    def key(self, row: FindingFacts) -> object:
+        """Return the slug."""
+        return row.key
+
+
+class EntriesPane(Pane[Entry]):
+    """What rolls by, the newest last.
+
+    While the cursor is on the last row it stays there; moved away from it, the list is frozen.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("transactions")
+        self.frozen = False
+        self._clock = Clock()
+        self._latest: list[Entry] = []
+
+    def update_rows(self, fresh: list[Entry], title: str) -> None:
+        """Show these rows, the last of them under the cursor; keep them for later while frozen."""
+        self._latest = fresh
+        if self.frozen:
+            fresh = self.rows
+        if title == self.title and fresh[-1:] == self.rows[-1:] and len(fresh) == len(self.rows):
+            return
+        self.rows, self.title = fresh, title
+        if not self.frozen:
+            self.cursor = max(len(fresh) - 1, 0)
+        self.refresh()
+
+    def freeze(self, frozen: bool) -> None:
+        """Let the list stand still, or go on with what came since."""
+        self.frozen = frozen
+        if not frozen:
+            self.rows = self._latest
+            self.cursor = max(len(self.rows) - 1, 0)
+        self.refresh()
+
+    def replace(self, fresh: list[Entry]) -> None:
+        """Show other rows, because others are wanted."""
+        self._latest = fresh
+        self.freeze(False)
+
+    @property
+    def held_back(self) -> int:
+        """How many newer entries there are than the last one shown."""
+        if not self._latest:
+            return 0
+        return self._latest[-1].order - (self.rows[-1].order if self.rows else 0)
+
+    def pieces(self, row: Entry, width: int) -> list[Piece]:
+        """Return an entry."""
+        return rows.entry_row(row, width, self._clock)
+
+    def key(self, row: Entry) -> object:
+        """Return its order."""
+        return row.order
+
+    def move_to(self, at: int) -> None:
+        """Put the cursor on a row; off the last one it freezes the list."""
+        if not self.frozen and at < len(self.rows) - 1:
+            self.frozen = True
+        super().move_to(at)
+
+    def action_end(self) -> None:
+        """Go to the newest, and on with those that come."""
+        self.freeze(False)
+
+
+class Page(Widget, can_focus=True):
+    """Lines that are read, wrapped to the width there is."""
+
+    BINDINGS: ClassVar[list[BindingType]] = _MOVES
+
+    def __init__(self, lines: Sequence[Line]) -> None:
+        super().__init__(id="page")
+        self.lines = list(lines)
+        self.top = 0
+        self._wrapped: list[tuple[str, str]] = []
+        self._width = -1
+
+    @property
+    def place(self) -> str:
+        """Which lines are seen, of how many."""
+        total = len(self._fitted())
+        last = min(self.top + self.size.height, total)
+        return "" if self.top == 0 and last == total else f"lines {self.top + 1}-{last} of {total}"
+
+    def render(self) -> Text:
+        """Draw the lines there is room for."""
+        fitted = self._fitted()
+        self.top = min(max(self.top, 0), max(len(fitted) - self.size.height, 0))
+        shown = fitted[self.top : self.top + self.size.height]
+        return drawn([[(text, "")] for text, _ in shown], [style for _, style in shown], self.size.width)
+
+    def _fitted(self) -> list[tuple[str, str]]:
+        width = max(self.size.width, 20)
+        if width != self._width:
+            self._width = width
+            self._wrapped = [
+                (text, _LINE_STYLES[line.style]) for line in self.lines for text in line.wrapped(width) or [""]
+            ]
+        return self._wrapped
+
+    def action_move(self, by: int) -> None:
+        """Scroll by lines."""
+        self.top = min(max(self.top + by, 0), max(len(self._fitted()) - self.size.height, 0))
+        self.refresh()
+        self.post_message(self.Moved())
+
+    class Moved(Message):
+        """Other lines are seen than before."""
+
+    def action_page(self, by: int) -> None:
+        """Scroll by what is seen at once."""
+        self.action_move(by * max(self.size.height - 1, 1))
+
+    def action_home(self) -> None:
+        """Go to the first line."""
+        self.action_move(-len(self._fitted()))
+
+    def action_end(self) -> None:
+        """Go to the last line."""
+        self.action_move(len(self._fitted()))

@@ -1,0 +1,280 @@
+"""One row of each list in a given width, as pieces of text with their styles; everything from the wire is escaped here."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from typing import Final, NamedTuple
+
+from rich.cells import cell_len, set_cell_size
+
+from dissect.findings.finding import ERROR, WARNING, Finding
+from dissect.monitor.entries import Entry
+from dissect.monitor.lists import ConnectionFacts, FindingFacts
+from dissect.monitor.pulse import SECONDS, level
+from dissect.report import words
+from dissect.report.lines import transaction_line
+from dissect.report.operations import NAMES, operation_line, result
+from dissect.report.places import Places
+from dissect.report.scd import scd_summary
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import DONE, RUNNING, Operation
+from dissect.transactions.transaction import Transaction
+from dissect.wire.clock import Clock
+from dissect.wire.text import printable, shortened
+
+#: From this many columns there is room for more of everything.
+WIDE: Final = 130
+_ROOM_FOR_A_MINUTE: Final = 170
+#: Characters of a row that are worth making.
+_LONG: Final = 400
+
+PLAIN: Final = ""
+DIM: Final = "dim"
+BAD: Final = "red"
+ODD: Final = "yellow"
+STRONG: Final = "bold"
+#: How findings look, by their severity; the word stands beside it.
+SEVERITY: Final = {ERROR: BAD, WARNING: ODD}
+
+PLACES: Final = Places([], False)
+
+#: Where all of Unicode cannot be shown, answer times are told by the digits 1 to 8.
+_BLOCKS: Final = "▁▂▃▄▅▆▇█"
+_DIGITS: Final = "12345678"
+_PLAIN_TERMINALS: Final = frozenset(("dumb", "linux", "vt100", "vt102", "vt220", "ansi"))
+
+Piece = tuple[str, str]
+
+
+def sparks() -> str:
+    """Return what answer times are drawn with: blocks, or digits where the terminal's font may lack them."""
+    return _DIGITS if os.environ.get("TERM", "") in _PLAIN_TERMINALS else _BLOCKS
+
+
+def fit(text: str, width: int, right: bool = False) -> str:
+    """Return ``text`` in exactly ``width`` columns; what does not fit is cut, and ends in ``…``."""
+    size = len(text) if text.isascii() else cell_len(text)
+    if size > width:
+        return set_cell_size(text, max(width - 1, 0)) + "…" * min(width, 1)
+    return " " * (width - size) + text if right else text + " " * (width - size)
+
+
+# ---- connections ----------------------------------------------------------------------------------------------------
+
+
+class _Column(NamedTuple):
+    head: str
+    width: int  # 0: what is left
+    right: bool
+    cell: Callable[[ConnectionFacts, str], Piece]
+
+
+def _who(facts: ConnectionFacts, _: str) -> Piece:
+    return ends(facts.connection), DIM if facts.over else PLAIN
+
+
+def _state(facts: ConnectionFacts, _: str) -> Piece:
+    return facts.state, BAD if facts.connection.refused else (DIM if facts.over else PLAIN)
+
+
+def _number(count: int, style: str) -> Piece:
+    text = str(count) if count < 100_000 else f"{count // 1000}k"
+    return (text, style) if count else (".", DIM)
+
+
+def _rate(rate: float) -> Piece:
+    if not rate:
+        return ".", DIM
+    return (f"{rate:.1f}" if rate < 1000 else f"{rate:.0f}"), PLAIN
+
+
+def _sparkline(count: int) -> Callable[[ConnectionFacts, str], Piece]:
+    def cell(facts: ConnectionFacts, glyphs: str) -> Piece:
+        levels = [level(latency) for latency in facts.worst[-count:]]
+        return "".join([glyphs[one] if one >= 0 else " " for one in levels]), PLAIN
+
+    return cell
+
+
+_NUMBER: Final = _Column("#", 4, True, lambda facts, _: (str(facts.key), PLAIN))
+_WHO: Final = _Column("", 0, False, _who)
+_STATE: Final = _Column("state", 8, False, _state)
+_RATE: Final = _Column("per s", 6, True, lambda facts, _: _rate(facts.rate))
+_LATEST: Final = _Column("answer", 8, True, lambda facts, _: (words.duration(facts.latency_ns), PLAIN))
+_FAILED: Final = _Column("fail", 4, True, lambda facts, _: _number(facts.failed, BAD))
+
+_NARROW_COLUMNS: Final = (_NUMBER, _WHO, _STATE, _RATE, _LATEST, _Column("8 s", 8, False, _sparkline(8)), _FAILED)
+_MINUTE: Final = _Column("worst of each second", SECONDS, False, _sparkline(SECONDS))
+_HALF: Final = _Column("worst of each second", SECONDS // 2, False, _sparkline(SECONDS // 2))
+_WIDE_COLUMNS: Final = (
+    _NUMBER,
+    _WHO,
+    _STATE,
+    _Column("open", 5, True, lambda facts, _: _number(facts.waiting, PLAIN)),
+    _RATE,
+    _Column("10 s", 6, True, lambda facts, _: _rate(facts.rate_10)),
+    _LATEST,
+    _HALF,
+    _Column("answered", 8, True, lambda facts, _: _number(facts.answered, PLAIN)),
+    _Column("errors", 6, True, lambda facts, _: _number(facts.errors, BAD)),
+    _Column("no answer", 9, True, lambda facts, _: _number(facts.unanswered, BAD)),
+)
+
+
+def connection_row(facts: ConnectionFacts, width: int, glyphs: str) -> list[Piece]:
+    """Return a connection in ``width`` columns."""
+    pieces: list[Piece] = []
+    for column, size in _columns(width):
+        text, style = column.cell(facts, glyphs)
+        pieces.append((f"{fit(text, size, column.right)} ", style))
+    return pieces
+
+
+def connection_heads(title: str, width: int) -> str:
+    """Return the heads of the columns, the title where the first of them stand."""
+    columns = _columns(width)
+    first = columns[0][1] + columns[1][1] + 1
+    return " ".join([fit(title, first), *[fit(column.head, size, column.right) for column, size in columns[2:]]])
+
+
+def _columns(width: int) -> list[tuple[_Column, int]]:
+    columns: tuple[_Column, ...] = _WIDE_COLUMNS if width >= WIDE else _NARROW_COLUMNS
+    if width >= _ROOM_FOR_A_MINUTE:
+        columns = tuple([_MINUTE if column is _HALF else column for column in columns])
+    left = width - sum([column.width + 1 for column in columns])
+    return [(column, column.width or max(left, 8)) for column in columns]
+
+
+def ends(connection: Connection) -> str:
+    """Return who talks to whom; the port everybody has is left out."""
+    arrow = "→" if connection.client_known else "↔"
+    over = " UDP" if connection.udp else ""
+    return f"{connection.client} {arrow} {str(connection.server).removesuffix(':102')}{over}"
+
+
+# ---- what rolls by --------------------------------------------------------------------------------------------------
+
+
+def entry_row(entry: Entry, width: int, clock: Clock) -> list[Piece]:
+    """Return a transaction, an operation or an SCD message in ``width`` columns.
+
+    It begins with ``E`` for an answer with errors, ``U`` for a request unanswered, ``S`` for a slow answer.
+    """
+    what = entry.what
+    mark, style = _mark(entry)
+    time = clock.iso(begun(entry)).partition("T")[2]
+    number = f"c{entry.connection.number}"
+    if width < WIDE:
+        head = f"{mark} {time[:12]} {fit(number, 4)} {fit(_took(entry), 8, True)}  "
+        return [(head, style), (fit(_said(entry), max(width - len(head), 0)), style)]
+    first = f"#{what.number}" if not isinstance(what, tuple) else ""
+    head = f"{mark} {time[:15]} {fit(first, 9)} {fit(_frames(entry), 13)} {fit(number, 5)} "
+    middle = f"{fit(_direction(entry), 41)} {fit(_took(entry), 8, True)}  "
+    return [(head + middle, style), (fit(_said(entry), max(width - cell_len(head + middle), 0)), style)]
+
+
+def entry_line(entry: Entry, clock: Clock) -> str:
+    """Return an entry on one line, however long, as the other commands write it."""
+    what = entry.what
+    if isinstance(what, Transaction):
+        return transaction_line(what, clock, PLACES)
+    if isinstance(what, Operation):
+        return operation_line(what, clock, PLACES)
+    found, connection = what
+    side = int(found.side)
+    who = f"{connection.tcp.ends[side]} → {connection.tcp.ends[1 - side]}"
+    return f"{words.moment(clock.iso(entry.time_ns))}  {found.frame}  {who}  {scd_summary(found)}"
+
+
+def begun(entry: Entry) -> int:
+    """Return the time an entry begins, in nanoseconds since 1970."""
+    what = entry.what
+    if isinstance(what, Transaction):
+        return int(what.request_ns if what.request_frame else what.response_ns)
+    return what.begin_ns if isinstance(what, Operation) else entry.time_ns
+
+
+def _mark(entry: Entry) -> Piece:
+    what = entry.what
+    if isinstance(what, Operation):
+        return ("=", DIM) if what.result in {DONE, RUNNING} else ("=", ODD)
+    if not isinstance(what, Transaction):
+        return ("E", BAD) if what[0].message.error is not None else (" ", PLAIN)
+    if what.has_errors:
+        return "E", BAD
+    if what.failed:
+        return "U", BAD
+    return ("S", ODD) if entry.slow else (" ", PLAIN)
+
+
+def _took(entry: Entry) -> str:
+    what = entry.what
+    if isinstance(what, tuple):
+        return "-"
+    return words.duration(what.latency_ns if isinstance(what, Transaction) else what.duration_ns)
+
+
+def _frames(entry: Entry) -> str:
+    what = entry.what
+    if isinstance(what, Transaction):
+        return PLACES.pair(int(what.request_frame), int(what.response_frame))
+    return PLACES.pair(what.first_frame, what.last_frame) if isinstance(what, Operation) else str(what[0].frame)
+
+
+def _direction(entry: Entry) -> str:
+    what = entry.what
+    side = int(what[0].side if isinstance(what, tuple) else what.asked_by)
+    both = entry.connection.tcp.ends
+    return f"{both[side]} → {both[1 - side]}"
+
+
+def _said(entry: Entry) -> str:
+    what = entry.what
+    if isinstance(what, Transaction):
+        about = words.gist(what) if what.has_errors else words.subject(what)  # what was refused must not be cut off
+        parts = [what.function_name, words.outcome(what), about]
+    elif isinstance(what, Operation):
+        parts = [NAMES[what.kind], what.subject[:_LONG], result(what)]
+    else:
+        parts = [scd_summary(what[0])]
+    return printable("  ".join([part for part in parts if part])[:_LONG])
+
+
+# ---- findings -------------------------------------------------------------------------------------------------------
+
+
+def finding_row(facts: FindingFacts, width: int, clock: Clock) -> list[Piece]:
+    """Return the findings of a rule in ``width`` columns: how many there are, and the last of them."""
+    rule = facts.rule
+    times = f"{facts.times}x" if facts.times > 1 else ""
+    wide = width >= WIDE
+    head = f"{fit(rule.severity, 7)} {fit(rule.slug, 34 if wide else 27)} {fit(times, 7 if wide else 5, True)} "
+    last = facts.details[-1] if facts.details else None
+    said = rule.sentence if last is None else f"{clock.iso(last.time_ns)[11:19]} {_detail(last)}"
+    return [(head, SEVERITY.get(rule.severity, PLAIN)), (fit(said, max(width - cell_len(head), 0)), PLAIN)]
+
+
+def _detail(finding: Finding) -> str:
+    where = f"c{finding.connection} " if finding.connection else ""
+    return f"{where}{shortened(finding.detail, _LONG) if finding.detail else finding.rule.sentence}"
+
+
+def joined(rows: Sequence[Piece]) -> str:
+    """Return the text of pieces."""
+    return "".join([text for text, _ in rows]).rstrip()
+
+
+#: What the signs on the screen mean.
+LEGEND: Final = (
+    ("E U S", "a transaction whose answer says no (in part or as a whole), that was not answered, or slowly"),
+    ("=", "several transactions together: a download, an upload, a long answer …"),
+    ("c12", "connection 12"),
+    ("per s, 10 s", "transactions in the last whole second, and a second's share of the last ten"),
+    ("answer", "how long the last answer took"),
+    (
+        f"{_BLOCKS[0]}{_BLOCKS[3]}{_BLOCKS[7]} or 148",
+        "the worst answer of each second: to 316 µs, 1 ms, 3.2 ms, 10 ms, 32 ms, 100 ms, 316 ms, longer; blank for none",
+    ),
+    ("fail", "transactions with errors or without answer"),
+)

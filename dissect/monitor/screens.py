@@ -1,0 +1,103 @@
+"""The screens over the main one: a page of details, and the help."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar, Final
+
+from rich.text import Text
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.events import Resize
+from textual.screen import Screen
+from textual.widget import Widget
+
+from dissect.monitor.panes import Page
+from dissect.monitor.rows import LEGEND, fit
+from dissect.report.text import HEADING, Line
+
+
+class Bar(Widget):
+    """One line: ``left`` and, as far as there is room, ``right``."""
+
+    def __init__(self, name: str, reverse: bool = False) -> None:
+        super().__init__(id=name)
+        self.left = ""
+        self.right = ""
+        self._reverse = reverse
+
+    def say(self, left: str, right: str = "") -> None:
+        """Show this."""
+        if (left, right) != (self.left, self.right):
+            self.left, self.right = left, right
+            self.refresh()
+
+    def render(self) -> Text:
+        """Draw it."""
+        width = self.size.width
+        room = max(width - len(self.right) - 1, 0) if self.right else width
+        said = f"{fit(self.left, room)} {self.right}" if self.right else fit(self.left, room)
+        return Text(fit(said, width), style="reverse" if self._reverse else "", no_wrap=True, end="")
+
+
+class PageScreen(Screen[None]):
+    """Lines to read, such as a transaction with its field tree."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,enter,backspace,left", "dismiss", show=False)]
+
+    def __init__(self, title: str, lines: Sequence[Line]) -> None:
+        super().__init__()
+        self.page = Page(lines)
+        self.foot = Bar("foot")
+        self._head = Bar("head", reverse=True)
+        self._title = title
+
+    def compose(self) -> ComposeResult:
+        """Put the page between a title and the keys."""
+        yield self._head
+        yield self.page
+        yield self.foot
+
+    def on_mount(self) -> None:
+        """Begin at the first line."""
+        self.page.focus()
+        self.foot.say("Esc back  ↑ ↓ PgUp PgDn Home End scroll  s save  q quit")
+
+    def on_resize(self, _event: Resize) -> None:
+        """Say anew which lines are seen."""
+        self.call_after_refresh(self._place)
+
+    def on_page_moved(self) -> None:
+        """Say anew which lines are seen."""
+        self._place()
+
+    def _place(self) -> None:
+        self._head.say(self._title, self.page.place)
+
+
+HELP: Final = (
+    Line("Panes", HEADING),
+    Line("  Tab, Shift+Tab   go to the next pane, or the one before", "", 19),
+    Line("  ↑ ↓ PgUp PgDn    move; also k j b Space", "", 19),
+    Line("  Home End         first and last; also g G. In the transactions, End goes on with those that come", "", 19),
+    Line("  Enter            what is behind the row: fields and octets, a connection, all findings of a rule", "", 19),
+    Line("  z                the pane alone, or all of them", "", 19),
+    Line(""),
+    Line("Time", HEADING),
+    Line("  p                pause: everything on the screen stands still, the capture goes on", "", 19),
+    Line("  f                freeze: the transactions stand still; moving up in them does the same", "", 19),
+    Line(""),
+    Line("Filter", HEADING),
+    Line("  /                what of the transactions to show: words that occur in the addresses of the ends, the function, "
+         "the addresses asked for, and the errors; failed, slow; c12 for connection 12. Nothing: all", "", 19),
+    Line("  e                failed only, or no longer", "", 19),
+    Line("  l                slow (late) only, or no longer", "", 19),
+    Line(""),
+    Line("Keeping", HEADING),
+    Line("  s                save what is shown as text, to a new file in the working directory", "", 19),
+    Line(""),
+    Line("Reading", HEADING),
+    *[Line(f"  {sign:<16} {meaning}", "", 19) for sign, meaning in LEGEND],
+    Line(""),
+    Line("  q, Ctrl+C        quit", "", 19),
+)  # fmt: skip

@@ -1,0 +1,122 @@
+"""What of the transactions is shown: words that must occur, `failed`, `slow`, and `c12` for connection 12.
+
+The words are looked for in the ends of the connection, the function, the addresses, and what went wrong. Polling asks the same
+few parameter blocks over and over, so what these say is remembered; a line on which everything is new could ask for more work
+than there is time for, so that is bounded, and what was not looked at is counted.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from dissect.monitor.entries import What
+from dissect.report import words
+from dissect.report.operations import NAMES, result
+from dissect.s7.parameters import Parameters
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import Operation
+from dissect.transactions.transaction import Transaction
+
+FAILED: Final = "failed"
+SLOW: Final = "slow"
+
+#: Parameter blocks whose words are remembered, and new ones that are looked at in one go.
+_REMEMBERED: Final = 4096
+_NEW_AT_ONCE: Final = 2000
+#: Items of a request that are searched, and characters of what is typed.
+_ITEMS: Final = 32
+_MOST_TYPED: Final = 200
+_CONNECTION: Final = re.compile(r"c([0-9]{1,9})")
+
+
+class Wanted:
+    """A filter as it was typed. With nothing typed everything is wanted.
+
+    ``unsearched`` counts what was passed by since the filter was set, because too much came at once.
+    """
+
+    def __init__(self, typed: str = "", slow_ns: int = 1_000_000_000) -> None:
+        self.typed = " ".join(typed[:_MOST_TYPED].split())
+        self.unsearched = 0
+        tokens = self.typed.casefold().split()
+        self.failed = FAILED in tokens
+        self.slow = SLOW in tokens
+        numbers = [match[1] for match in map(_CONNECTION.fullmatch, tokens) if match]
+        self._connection = int(numbers[-1]) if numbers else 0
+        self._words = [word for word in tokens if word not in {FAILED, SLOW} and not _CONNECTION.fullmatch(word)]
+        self._slow_ns = slow_ns
+        self._said: dict[Parameters, str] = {}
+        self._new = 0
+
+    @property
+    def everything(self) -> bool:
+        """True when nothing is left out."""
+        return not self.typed
+
+    def begin(self) -> None:
+        """Another go: as much may be looked at again."""
+        self._new = 0
+
+    def toggled(self, word: str) -> str:
+        """Return what is typed with a word more, or less where it is there."""
+        tokens = self.typed.split()
+        there = [token for token in tokens if token.casefold() != word]
+        return " ".join(there if len(there) < len(tokens) else [*tokens, word])
+
+    def takes(self, what: What) -> bool:
+        """Tell whether this is wanted."""
+        if not self.typed:
+            return True
+        connection = what[1] if isinstance(what, tuple) else what.connection
+        if self._connection and connection.number != self._connection:
+            return False
+        if self.failed or self.slow:
+            if not isinstance(what, Transaction):
+                return False
+            late = self.slow and is_slow(what, self._slow_ns)
+            if not (late or (self.failed and what.failed)):
+                return False
+        return not self._words or self._occur(what, connection)
+
+    def _occur(self, what: What, connection: Connection) -> bool:
+        left = [word for word in self._words if word not in ends_of(connection)]
+        if not left:
+            return True
+        if isinstance(what, Transaction):
+            said = self._asked(what.parameters)
+            if said is None:
+                self.unsearched += 1
+                return False
+            if what.failed:
+                said = f"{said} {words.outcome(what)} {words.gist(what)}".casefold()
+        elif isinstance(what, Operation):
+            said = f"{NAMES[what.kind]} {what.subject} {result(what)}".casefold()
+        else:
+            said = f"scd {what[0].binding} {what[0].subject}".casefold()
+        return all([word in said for word in left])
+
+    def _asked(self, parameters: Parameters) -> str | None:
+        """Return the words of a parameter block; None when too many new ones came at once."""
+        said = self._said.get(parameters)
+        if said is None:
+            self._new += 1
+            if self._new > _NEW_AT_ONCE:
+                return None
+            if len(self._said) >= _REMEMBERED:
+                self._said.clear()
+            addresses = " ".join([item.address for item in parameters.items[:_ITEMS]])
+            said = f"{parameters.function_name} {parameters.subject} {addresses}".casefold()
+            self._said[parameters] = said
+        return said
+
+
+def is_slow(transaction: Transaction, slow_ns: int) -> bool:
+    """Tell whether an answer came later than ``slow_ns`` after its request."""
+    latency = transaction.latency_ns
+    return latency is not None and latency > slow_ns
+
+
+def ends_of(connection: Connection) -> str:
+    """Return both ends as they are shown."""
+    return f"{connection.tcp.ends[0]} {connection.tcp.ends[1]}"

@@ -1,0 +1,7 @@
+"""A TCP relay between a client and a PLC, and what passes it as packets: for those who may not capture.
+
+relay.Relay          listens, connects, passes on: octets, half-closes, resets; a thread of its own
+tap.Tap              what passed, on its way to those who look at it; it never makes the relay wait
+packets.Conversation what passed as Ethernet frames, as if the connection had been captured
+source.RelayReader   the packets as a live source, for `dissect.live`
+"""

@@ -1,0 +1,28 @@
+"""What passed the proxy as a capture file, written while it passes."""
+
+from __future__ import annotations
+
+from dissect.live.run import Companion
+from dissect.source.pcapng_writer import PcapngWriter
+
+
+class CaptureFile(Companion):
+    """Writes each packet to ``writer`` before it is analysed, and ends the file with the run.
+
+    A file that cannot be written any more (the disk is full) costs the file, neither the run nor the relay.
+    """
+
+    name = "the capture file"
+    wants_packets = True
+
+    def __init__(self, writer: PcapngWriter) -> None:
+        super().__init__()
+        self._writer = writer
+
+    def packet(self, time_ns: int, octets: bytes, wire_length: int, link_type: int, interface: str) -> None:
+        """Write it."""
+        self._writer.packet(time_ns, octets, wire_length, link_type, name=interface)
+
+    def close(self) -> None:
+        """End the file."""
+        self._writer.close()

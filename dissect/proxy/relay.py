@@ -1,0 +1,357 @@
+"""The relay: accepts clients, connects each to the server, and passes on what they send. One thread, one selector.
+
+It knows nothing of S7. What passes is told to a `Tap` after it was passed on, and nothing that becomes of it there comes back.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import selectors
+import socket
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Final, NamedTuple
+
+from dissect.proxy.addresses import Place, ProxyError, expect_no_circle, listen_on
+from dissect.proxy.link import End, Link, ResetError, close_with_reset, prepare, trouble
+from dissect.proxy.packets import endpoint_of
+from dissect.proxy.tap import REFUSED, UNANSWERED, Tap
+
+#: Clients at once; more wait in the system's queue.
+MAX_LINKS: Final = 400
+#: How long a server may take to accept, in seconds, for each of its addresses.
+CONNECT_S: Final = 10.0
+#: How often those are looked at that the selector does not watch, in seconds; and how long no client is accepted after
+#: the system had no more sockets.
+_LOOK_S: Final = 0.1
+_PAUSE_S: Final = 1.0
+_MAX_PROBLEMS: Final = 1000
+_NO_MORE: Final = frozenset((errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM))
+_UNDER_WAY: Final = frozenset((errno.EINPROGRESS, errno.EWOULDBLOCK, errno.EAGAIN))
+
+_READ: Final = selectors.EVENT_READ
+_WRITE: Final = selectors.EVENT_WRITE
+
+
+class Problem(NamedTuple):
+    """Something went wrong at ``time_ns`` since 1970 that no packet shows."""
+
+    time_ns: int
+    text: str
+
+
+class _Attempt:
+    """A client that waits until its server has accepted."""
+
+    __slots__ = ("client", "client_name", "deadline", "number", "place", "refused", "rest", "server")
+
+    def __init__(
+        self, number: int, client: socket.socket, client_name: tuple[str, int], places: Sequence[Place]
+    ) -> None:
+        self.number = number
+        self.client = client
+        self.client_name = client_name
+        self.rest = list(places)
+        self.place = places[0]
+        self.server: socket.socket | None = None
+        self.deadline = 0.0
+        self.refused = False
+
+
+class Relay:
+    """Relays whoever connects to one of ``places`` to the first of ``targets`` that accepts.
+
+    Listening begins at once (`ProxyError` when it cannot); `run` works until `stop`. ``connections`` counts clients that
+    reached the server, ``failed`` those that did not, ``octets`` what clients and servers sent, ``active`` who is connected
+    now. ``problems`` are taken from its left by whoever tells them.
+    """
+
+    def __init__(self, places: Sequence[Place], targets: Sequence[Place], tap: Tap) -> None:
+        self.connections = 0
+        self.failed = 0
+        self.octets = [0, 0]
+        self.problems: deque[Problem] = deque(maxlen=_MAX_PROBLEMS)
+        self._targets = list(targets)
+        self._tap = tap
+        self._numbers = 0
+        self._links: set[Link] = set()
+        self._attempts: set[_Attempt] = set()
+        self._quiet: set[End] = set()  # ends that the selector does not watch now
+        self._paused_until = 0.0
+        self._listening = True
+        self._stopping = False
+        self._listeners: list[socket.socket] = []
+        self._selector = selectors.DefaultSelector()
+        self._wake, self._woken = socket.socketpair()
+        try:
+            for place in places:
+                self._listeners.append(listen_on(place))
+            expect_no_circle(self.listening, self._targets)
+        except ProxyError:
+            self.close()
+            raise
+        self._wake.setblocking(False)
+        self._woken.setblocking(False)
+        self._selector.register(self._woken, _READ, None)
+        for listener in self._listeners:
+            self._selector.register(listener, _READ, listener)
+
+    @property
+    def listening(self) -> list[Place]:
+        """Where it listens, with the port that the system chose where it was to."""
+        return [Place(listener.family, listener.getsockname()) for listener in self._listeners]
+
+    @property
+    def active(self) -> int:
+        """Clients that are connected now, those whose server has not accepted yet included."""
+        return len(self._links) + len(self._attempts)
+
+    def stop(self) -> None:
+        """Ask it to end: everybody is disconnected. May be called from any thread and from a signal handler, and twice."""
+        self._stopping = True
+        try:
+            self._wake.send(b"\0")
+        except OSError:
+            pass  # it is awake, or gone
+
+    def run(self) -> None:
+        """Relay until `stop` is called."""
+        try:
+            looked = 0.0
+            while not self._stopping:
+                for key, events in self._selector.select(self._patience()):
+                    self._happened(key.data, events)
+                now = time.monotonic()
+                if now - looked >= _LOOK_S:
+                    looked = now
+                    self._look(now)
+        finally:
+            self.close()
+
+    def _patience(self) -> float | None:
+        waiting = self._quiet or self._attempts or not self._listening
+        return _LOOK_S if waiting else None
+
+    def _happened(self, what: object, events: int) -> None:
+        if isinstance(what, End):
+            if what.link in self._links:  # an event before this one may have ended it
+                self._work(what, events)
+        elif isinstance(what, _Attempt):
+            if what in self._attempts:
+                self._connected(what)
+        elif isinstance(what, socket.socket):
+            self._accept(what)
+        else:
+            self._woken.recv(4096)
+
+    def _note(self, text: str) -> None:
+        self.problems.append(Problem(time.time_ns(), text))
+
+    # ---- beginnings -------------------------------------------------------------------------------------------------
+
+    def _accept(self, listener: socket.socket) -> None:
+        try:
+            client, name = listener.accept()
+        except OSError as why:
+            if why.errno in _NO_MORE:
+                self._note(f"no client is accepted for a moment: {why.strerror}")
+                self._listen(False, time.monotonic() + _PAUSE_S)
+            return
+        self._numbers += 1
+        attempt = _Attempt(self._numbers, client, name, self._targets)
+        self._attempts.add(attempt)
+        try:
+            prepare(client)
+        except OSError:  # gone again
+            self._give_up(attempt)
+            return
+        self._try_next(attempt, "")
+        if self.active >= MAX_LINKS:
+            self._note(f"{self.active} clients are connected; more have to wait until one of them is gone")
+            self._listen(False, 0.0)
+
+    def _listen(self, wanted: bool, until: float = 0.0) -> None:
+        """Accept clients, or let them wait, ``until`` a time where it is not for their number."""
+        self._paused_until = until
+        if wanted == self._listening:
+            return
+        self._listening = wanted
+        for listener in self._listeners:
+            if wanted:
+                self._selector.register(listener, _READ, listener)
+            else:
+                self._selector.unregister(listener)
+
+    def _try_next(self, attempt: _Attempt, why: str) -> None:
+        """Connect to the next address of the server; there is none: the client is told by a reset."""
+        while attempt.rest:
+            attempt.place = attempt.rest.pop(0)
+            try:
+                attempt.server = server = socket.socket(attempt.place.family, socket.SOCK_STREAM)
+                prepare(server)
+                code = server.connect_ex(attempt.place.address)
+            except OSError as error:
+                code = error.errno or errno.EIO
+            if code in _UNDER_WAY or code == 0:
+                assert attempt.server is not None
+                attempt.deadline = time.monotonic() + CONNECT_S
+                self._selector.register(attempt.server, _WRITE, attempt)
+                return
+            why = self._failed(attempt, code)
+        self._tell_unreached(attempt, why)
+        self._give_up(attempt)
+
+    def _failed(self, attempt: _Attempt, code: int) -> str:
+        """One address did not work; return why."""
+        attempt.refused = code in {errno.ECONNREFUSED, errno.ECONNRESET}
+        if attempt.server is not None:
+            attempt.server.close()
+            attempt.server = None
+        return os.strerror(code)
+
+    def _tell_unreached(self, attempt: _Attempt, why: str) -> None:
+        self.failed += 1
+        ends = (endpoint_of(attempt.client_name), endpoint_of(attempt.place.address))
+        self._tap.failed(REFUSED if attempt.refused else UNANSWERED, attempt.number, ends, time.time_ns())
+        self._note(f"{attempt.place} cannot be reached: {why}; client {ends[0]} is disconnected")
+
+    def _give_up(self, attempt: _Attempt) -> None:
+        if attempt.server is not None:
+            self._unwatch(attempt.server)
+            close_with_reset(attempt.server)
+        close_with_reset(attempt.client)
+        self._attempts.discard(attempt)
+
+    def _connected(self, attempt: _Attempt) -> None:
+        """The server has accepted, or refused."""
+        server = attempt.server
+        assert server is not None
+        self._unwatch(server)
+        code = trouble(server)
+        if code:
+            self._try_next(attempt, self._failed(attempt, code))
+            return
+        self._attempts.discard(attempt)
+        self.connections += 1
+        link = Link(attempt.number, attempt.client, server)
+        self._links.add(link)
+        ends = (endpoint_of(attempt.client_name), endpoint_of(attempt.place.address))
+        self._tap.opened(link.number, ends, time.time_ns())
+        for end in link.ends:
+            self._watch(end)
+
+    # ---- passing on -------------------------------------------------------------------------------------------------
+
+    def _work(self, end: End, events: int) -> None:
+        try:
+            if events & _WRITE:
+                end.flush()
+            if events & _READ and end.wants_read:
+                self._pass_on(end)
+        except ResetError as reset:
+            self._reset(end.link, reset.side)
+            return
+        except Exception as bug:  # noqa: BLE001 - whatever is wrong with one connection must not cost the others theirs
+            self._note(f"connection {end.link.number} is broken off: {type(bug).__name__}: {bug}")
+            self._reset(end.link, end.side)
+            return
+        if end.link.done:
+            self._close(end.link)
+            return
+        self._watch(end)
+        self._watch(end.peer)
+
+    def _pass_on(self, end: End) -> None:
+        """Read once, send at once, and only then tell the tap."""
+        octets = end.read()
+        if octets is None:
+            return
+        now = time.time_ns()
+        reset: ResetError | None = None
+        try:
+            if octets:
+                end.peer.send(octets)
+            else:
+                end.peer.flush()
+        except ResetError as error:
+            reset = error
+        if octets:
+            self.octets[end.side] += len(octets)
+            self._tap.sent(end.link.number, end.side, octets, now)
+        else:
+            self._tap.closed(end.link.number, end.side, now)
+        if reset is not None:
+            raise reset
+
+    def _watch(self, end: End) -> None:
+        """Let the selector watch an end for what can be done with it; for nothing: look at it from time to time."""
+        events = (_READ if end.wants_read else 0) | (_WRITE if end.waiting else 0)
+        if events == end.events:
+            if not events:
+                self._quiet.add(end)
+            return
+        if not end.events:
+            self._quiet.discard(end)
+            self._selector.register(end.socket, events, end)
+        elif events:
+            self._selector.modify(end.socket, events, end)
+        else:
+            self._selector.unregister(end.socket)
+            self._quiet.add(end)
+        end.events = events
+
+    # ---- ends -------------------------------------------------------------------------------------------------------
+
+    def _reset(self, link: Link, side: int) -> None:
+        """A side broke off: so does the other one."""
+        self._tap.reset(link.number, side, time.time_ns())
+        self._let_go(link, close_with_reset)
+
+    def _close(self, link: Link) -> None:
+        self._let_go(link, socket.socket.close)
+
+    def _let_go(self, link: Link, close: Callable[[socket.socket], None]) -> None:
+        self._tap.forget(link.number, time.time_ns())
+        for end in link.ends:
+            self._quiet.discard(end)
+            self._unwatch(end.socket)
+            close(end.socket)
+        self._links.discard(link)
+
+    def _unwatch(self, one: socket.socket) -> None:
+        try:
+            self._selector.unregister(one)
+        except (KeyError, ValueError):
+            pass  # it was not watched
+
+    def _look(self, now: float) -> None:
+        """Time has passed: see to those whom nothing may happen to that the selector tells."""
+        for end in list(self._quiet):
+            if end.link in self._links and end.broken():
+                self._reset(end.link, end.side)
+        for attempt in list(self._attempts):
+            if trouble(attempt.client):
+                self._give_up(attempt)
+            elif now > attempt.deadline and attempt.server is not None:
+                self._unwatch(attempt.server)
+                self._try_next(attempt, self._failed(attempt, errno.ETIMEDOUT))
+        if not self._listening and now >= self._paused_until and self.active < MAX_LINKS:
+            self._listen(True)
+
+    def close(self) -> None:
+        """Disconnect everybody; who still waits for octets that are here is told by a reset that they will not come.
+
+        `run` does so at its end: this is for a relay that never ran.
+        """
+        for attempt in list(self._attempts):
+            self._give_up(attempt)
+        for link in list(self._links):
+            waiting = link.ends[0].waiting or link.ends[1].waiting
+            self._let_go(link, close_with_reset if waiting else socket.socket.close)
+        for listener in self._listeners:
+            listener.close()
+        self._selector.close()
+        self._wake.close()
+        self._woken.close()

@@ -1,0 +1,82 @@
+"""What passes the relay as packets: a live source as any other, for the pipeline and for capture files."""
+
+from __future__ import annotations
+
+import threading
+from typing import Final
+
+from dissect.proxy.packets import ETHERNET, Conversation
+from dissect.proxy.tap import CLOSED, GONE, OPENED, REFUSED, RESET, SENT, Passed, Tap
+from dissect.source.live.reader import WAIT_MS, Drops, LiveReader
+from dissect.source.packet import PacketSink
+
+#: What one step takes at most.
+_STEP_OCTETS: Final = 262_144
+_STEP_EVENTS: Final = 512
+
+
+class RelayReader(LiveReader):
+    """Turns what passed into Ethernet frames. ``link`` names the interface in captures.
+
+    It ends when `stop` was called and what had passed until then is delivered. The relay is not ended by it, and what it still
+    tells the tap is dropped then.
+    """
+
+    def __init__(self, tap: Tap, link: str = "proxy", wait_ms: int = WAIT_MS) -> None:
+        super().__init__(link, "proxy", wait_ms)
+        self._tap = tap
+        self._stopping = threading.Event()
+        self._conversations: dict[int, Conversation] = {}
+
+    @property
+    def drops(self) -> Drops:
+        """What the dissection was too slow for counts as the kernel's; no card can have lost anything."""
+        return Drops(self._tap.lost, None)
+
+    def stop(self) -> None:
+        """Ask it to end. May be called from a signal handler, and twice."""
+        self._stopping.set()
+
+    def close(self) -> None:
+        """Take nothing more."""
+        self._stopping.set()
+        self._tap.shut()
+        self._conversations.clear()
+
+    def step(self, sink: PacketSink) -> bool:
+        """Deliver some of what passed, waiting for it a moment; False when it was stopped and nothing is left."""
+        stopping = self._stopping.is_set()
+        passed = self._tap.take(0 if stopping else self.wait_ms / 1000)
+        if passed is None:
+            return not stopping
+        size = count = 0
+        while passed is not None:
+            size += len(passed.octets)
+            count += 1
+            for frame in self._frames(passed):
+                self.packets += 1
+                self.octets += len(frame)
+                sink.frame(passed.time_ns, frame, 0, len(frame), len(frame), ETHERNET)
+            passed = self._tap.take(0) if size < _STEP_OCTETS and count < _STEP_EVENTS else None
+        return True
+
+    def _frames(self, passed: Passed) -> list[bytes]:
+        if passed.ends is not None:
+            talk = Conversation(*passed.ends, number=passed.link)
+            if passed.kind == OPENED:
+                self._conversations[passed.link] = talk
+                return talk.opened()
+            return talk.refused() if passed.kind == REFUSED else talk.unanswered()
+        talk = self._conversations[passed.link]
+        if passed.skipped:
+            talk.skipped(passed.side, passed.skipped)
+        if passed.kind == SENT:
+            return talk.sent(passed.side, passed.octets)
+        if passed.kind == CLOSED:
+            return talk.closed(passed.side)
+        if passed.kind == RESET:
+            return talk.reset(passed.side)
+        if passed.kind == GONE:
+            del self._conversations[passed.link]
+            return []
+        raise ValueError(f"{passed.kind}: nothing that happens to a connection")

@@ -1,0 +1,153 @@
+"""Queues are bounded, what is lost is counted and told, and a slow receiver holds up nothing but itself."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from dissect.alerts import Alert, AlertEngine, Dispatcher
+from dissect.alerts.actions import Action, DeliveryError
+from dissect.alerts.loading import parse_rules
+from tests.alerts.rules_of import alert
+from tests.baseline.wire import Client, Wire
+
+WAIT = 20.0
+
+
+class Held(Action):
+    """Delivers one at a time when it is let."""
+
+    def __init__(self, name: str = "held", parallel: int = 1) -> None:
+        super().__init__(name, parallel)
+        self.began = threading.Semaphore(0)
+        self.go = threading.Semaphore(0)
+        self.done: list[str] = []
+        self.closed = False
+
+    def deliver(self, one: Alert) -> None:
+        self.began.release()
+        if not self.go.acquire(timeout=WAIT) or self.closed:
+            raise DeliveryError("broken off")
+        self.done.append(one.text)
+
+    def close(self) -> None:
+        self.closed = True
+        self.go.release(100)
+
+
+class Failing(Action):
+    def deliver(self, one: Alert) -> None:
+        if one.text == "bug":
+            raise ZeroDivisionError("of ours")
+        raise DeliveryError("nobody \x1b there")
+
+
+def test_a_slow_action_holds_up_no_other() -> None:
+    held = Held()
+    lines: list[str] = []
+    dispatcher = Dispatcher({"held": held}, write=lines.append)
+    for number in range(3):
+        dispatcher.submit(alert(f"{number}", actions=("held", "stderr")))
+    assert held.began.acquire(timeout=WAIT)
+    held.go.release(3)
+    dispatcher.close(WAIT)
+    assert held.done == ["0", "1", "2"]
+    assert [line.rsplit(" ", 1)[1] for line in lines] == ["0", "1", "2"]
+    assert {name: counts.as_dict() for name, counts in dispatcher.counts.items()} == {
+        "held": {"delivered": 3, "failed": 0, "dropped": 0},
+        "stderr": {"delivered": 3, "failed": 0, "dropped": 0},
+    }
+
+
+def test_a_full_queue_drops_counts_and_tells() -> None:
+    held = Held()
+    told: list[str] = []
+    now = 0.0
+    dispatcher = Dispatcher({"held": held}, tell=told.append, most=2, clock=lambda: now)
+    dispatcher.submit(alert("first", actions=("held",)))
+    assert held.began.acquire(timeout=WAIT)
+    for number in range(7):
+        dispatcher.submit(alert(f"{number}", actions=("held",)))
+    assert told == ["alerts: action held: 2 alerts wait already, this one is dropped"]
+    now = 61.0
+    dispatcher.submit(alert("late", actions=("held",)))
+    assert told[1:] == [
+        "alerts: action held: 2 alerts wait already, this one is dropped (4 more lost since the last word of it)"
+    ]
+    held.go.release(3)
+    dispatcher.close(WAIT)
+    assert held.done == ["first", "0", "1"]
+    assert dispatcher.counts["held"].dropped == 6
+    assert told[2:] == ["alerts: action held: 0 failed, 6 dropped, 3 delivered"]
+    dispatcher.close()
+    assert len(told) == 3
+
+
+def test_so_many_at_a_time_and_no_more() -> None:
+    held = Held(parallel=2)
+    dispatcher = Dispatcher({"held": held})
+    for number in range(5):
+        dispatcher.submit(alert(f"{number}", actions=("held",)))
+    assert held.began.acquire(timeout=WAIT)
+    assert held.began.acquire(timeout=WAIT)
+    assert not held.began.acquire(timeout=0.05)
+    held.go.release(5)
+    dispatcher.close(WAIT)
+    assert sorted(held.done) == ["0", "1", "2", "3", "4"]
+
+
+def test_what_does_not_end_is_broken_off() -> None:
+    held = Held()
+    told: list[str] = []
+    dispatcher = Dispatcher({"held": held}, tell=told.append)
+    for number in range(3):
+        dispatcher.submit(alert(f"{number}", actions=("held",)))
+    assert held.began.acquire(timeout=WAIT)
+    dispatcher.close(0.05)
+    assert held.done == []
+    counts = dispatcher.counts["held"]
+    assert (counts.failed, counts.dropped) == (1, 2)
+    assert told[-1] == "alerts: action held: 1 failed, 2 dropped, 0 delivered"
+    dispatcher.submit(alert("too late", actions=("held",)))
+    assert counts.dropped == 3
+
+
+def test_failures_are_counted_and_told_now_and_then() -> None:
+    told: list[str] = []
+    with Dispatcher({"failing": Failing("failing")}, tell=told.append) as dispatcher:
+        for _ in range(5):
+            dispatcher.submit(alert(actions=("failing",)))
+    assert told == [
+        "alerts: action failing: nobody \\x1b there",
+        "alerts: action failing: 5 failed, 0 dropped, 0 delivered",
+    ]
+
+
+def test_a_bug_does_not_end_the_thread() -> None:
+    told: list[str] = []
+    with Dispatcher({"failing": Failing("failing")}, tell=told.append) as dispatcher:
+        dispatcher.submit(alert("bug", actions=("failing",)))
+        dispatcher.submit(alert("bug", actions=("failing",)))
+    assert told[0] == "alerts: action failing: ZeroDivisionError: of ours"
+    assert dispatcher.counts["failing"].failed == 2
+
+
+def test_who_hears_nothing_of_failures_does_not_stop_them() -> None:
+    def deaf(line: str) -> None:
+        raise OSError("closed")
+
+    with Dispatcher({"failing": Failing("failing")}, write=deaf, tell=deaf) as dispatcher:
+        dispatcher.submit(alert(actions=("failing", "stderr")))
+    assert (dispatcher.counts["failing"].failed, dispatcher.counts["stderr"].failed) == (1, 1)
+
+
+def test_from_the_wire_to_stderr(capsys: pytest.CaptureFixture[str]) -> None:
+    rules = parse_rules('[[rule]]\nname = "writes"\nwhen = "finding"\nfinding = "security.write"\n')
+    with Dispatcher(rules.actions) as dispatcher:
+        engine = AlertEngine(rules, tell=dispatcher.submit)
+        wire = Wire(engine)
+        Client(wire).write(1.0)
+        wire.finish()
+        engine.finish()
+    assert "ALERT warning  writes: " in capsys.readouterr().err

@@ -1,0 +1,62 @@
+"""What these tests share: a capture made anonymous in this process, and what it says of itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import dissect
+from dissect.anonymize.account import Account, Choices
+from dissect.anonymize.addresses import AddressMap
+from dissect.anonymize.key import Key
+from dissect.anonymize.packet import Packets
+from dissect.anonymize.rewriter import Rewriter
+from dissect.anonymize.rules import Rules
+from dissect.anonymize.survey import Survey
+from dissect.session import Run
+from dissect.source.files import open_capture
+from dissect.source.pcapng_writer import PcapngWriter
+from dissect.transactions.transaction import Transaction
+
+KEY: Final = Key(b"a key of these tests")
+
+
+def anonymized(source: Path, out: Path, choices: Choices | None = None, key: Key = KEY) -> Account:
+    """Write what becomes of ``source`` to ``out``, and give the account of it. A bug of ours raises."""
+    choices = choices if choices is not None else Choices()
+    account = Account()
+    addresses = AddressMap(key)
+    survey = Survey(key, Rules(key, addresses, choices), account)
+    run = Run([str(source)], survey, dissect.Options(strict=True))
+    while run.step():
+        pass
+    survey.settle()
+    writer = PcapngWriter(str(out), overwrite=True)
+    shift_ns = key.shift_ns if choices.shift_time else 0
+    rewriter = Rewriter(Packets(survey, addresses, choices, account), writer, account, shift_ns)
+    reader = open_capture(str(source))
+    while reader.step(rewriter):
+        pass
+    reader.close()
+    rewriter.finish()
+    writer.close()
+    return account
+
+
+def told(path: Path) -> list[tuple[object, ...]]:
+    """Return what each transaction of a capture is: all that has to be the same before and after."""
+    return [
+        (
+            int(event.connection.number),
+            int(event.function),
+            event.function_name,
+            int(event.pdu_ref),
+            event.outcome_name,
+            event.reason,
+            event.latency_ns,
+            [(result.item.label if result.item else "", int(result.return_code)) for result in event.results()],
+            [(error.where, error.code, error.address) for error in event.errors],
+        )
+        for event in dissect.open(str(path))
+        if isinstance(event, Transaction)
+    ]

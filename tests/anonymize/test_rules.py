@@ -1,0 +1,98 @@
+"""Fields: every one that holds octets is known to the table, or becomes zeros; numbers stay."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Iterator
+
+import dissect.s7
+from dissect.anonymize import rules
+from dissect.anonymize.account import KEEP, Account, Choices
+from dissect.anonymize.addresses import AddressMap
+from dissect.anonymize.draft import Draft
+from dissect.anonymize.key import Key
+from dissect.s7.data_parts import CONTENT
+from dissect.s7.security import ENCODED_PASSWORD
+from dissect.s7.szl_records import ETHERNET, IDENTIFICATION
+from dissect.wire.layout import Layout
+from dissect.wire.part import OCTETS, Part
+
+#: Fields that become zeros: reserved ones, and those whose meaning nobody knows.
+ZERO = frozenset(("aseg", "eseg", "octets", "password", "rest", "status"))
+
+
+def layouts() -> Iterator[Layout]:
+    seen: set[int] = set()
+    for module in pkgutil.iter_modules(dissect.s7.__path__):
+        for thing in vars(importlib.import_module(f"dissect.s7.{module.name}")).values():
+            for one in (
+                thing.values() if isinstance(thing, dict) else thing if isinstance(thing, (list, tuple)) else [thing]
+            ):
+                if isinstance(one, Layout) and id(one) not in seen:
+                    seen.add(id(one))
+                    yield one
+
+
+def test_every_field_of_octets_has_a_rule() -> None:
+    known = (
+        rules._TELLS_NOTHING | rules._VALUES | rules._BLOCK_TEXTS | rules._PATHS | rules._ADDRESSES | ZERO
+        | {"argument", "content", "file_data", "file_time", "mac_address", "service", "text"}
+    )  # fmt: skip
+    names = {field.name for layout in layouts() for field in layout.fields if field.means is not None}
+    assert len(names) > 50
+    assert {name for name in names - known if not name.startswith("reserved")} == set()
+
+
+def treated(part_layout: Layout, octets: bytes, choices: Choices | None = None) -> tuple[bytes, Account]:
+    key = Key(b"x")
+    account = Account()
+    draft = Draft(octets, account)
+    made = rules.Rules(key, AddressMap(key), choices or Choices())
+    made.parts(draft, [Part(part_layout, octets, 0, len(octets))])
+    new = bytearray(len(octets))
+    for begin, end, piece in draft.pieces:
+        new[begin:end] = octets[begin:end] if piece is None else piece
+    return bytes(new), account
+
+
+def test_octets_without_a_meaning_become_zeros() -> None:
+    new, account = treated(OCTETS, b"nobody knows")
+    assert new == bytes(12)
+    assert account.masked == {"octets without a known meaning": (1, 12)}
+
+
+def test_a_password_becomes_zeros() -> None:
+    new, account = treated(ENCODED_PASSWORD, b"\x26\x30\x12\x34\x56\x78\x9a\xbc")
+    assert new == bytes(8)
+    assert "passwords" in account.masked
+
+
+def test_a_part_that_was_cut_keeps_whole_fields_only() -> None:
+    octets = b"\x00\x01" + b"6ES7 315-2EH14-0AB0 " + b"\x00"
+    new, _ = treated(IDENTIFICATION, octets)
+    assert new == octets[:-1] + b"\0"
+    new, account = treated(IDENTIFICATION, octets[:10])
+    assert new == octets[:2] + bytes(8)
+    assert account.masked == {"octets without a known meaning": (1, 8)}
+
+
+def test_an_order_number_that_is_none_becomes_zeros() -> None:
+    octets = b"\x00\x01" + b"\xff\x01secret!" + bytes(11) + bytes(6)
+    assert treated(IDENTIFICATION, octets)[0] == b"\x00\x01" + bytes(26)
+
+
+def test_addresses_in_a_content_are_mapped_as_those_of_packets() -> None:
+    octets = bytes.fromhex("0800 c0a80007 ffffff00 c0a80001 001b1b123456 00 00".replace(" ", "")) + bytes(26)
+    new, account = treated(ETHERNET, octets)
+    addresses = AddressMap(Key(b"x"))
+    assert new[2:6] == addresses.ip(octets[2:6]) != octets[2:6]
+    assert new[6:10] == octets[6:10]
+    assert new[14:20] == addresses.mac(octets[14:20]) != octets[14:20]
+    assert account.replaced == {"addresses in contents": 3}
+
+
+def test_values_are_kept_when_asked_for_and_that_is_told() -> None:
+    new, account = treated(CONTENT, b"\x01\x02\x03\x04", Choices(KEEP))
+    assert new == b"\x01\x02\x03\x04"
+    assert account.kept == {"values": 1}

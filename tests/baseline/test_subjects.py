@@ -1,0 +1,73 @@
+"""What a transaction is about: functions, areas, who asks whom. Bounded, and the same for what is repeated."""
+
+from __future__ import annotations
+
+import pytest
+
+from dissect.baseline import subjects
+from dissect.baseline.subjects import Pair, Pairs, Subject, Subjects, area_names
+from dissect.conversation import Observer
+from dissect.s7.items import parse_item
+from dissect.session import Run
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import Transaction
+from tests.baseline.wire import Client, Wire
+from tests.report.support import ROOT
+
+
+class Seen(Observer):
+    def __init__(self) -> None:
+        super().__init__()
+        self.subjects = Subjects()
+        self.pairs = Pairs()
+        self.found: list[Subject] = []
+        self.who: list[Pair] = []
+
+    def connection_opened(self, connection: Connection) -> None:
+        self.who.append(self.pairs.of(connection))
+
+    def transaction(self, transaction: Transaction) -> None:
+        self.found.append(self.subjects.of(transaction))
+
+
+def test_polling_is_one_subject() -> None:
+    seen = Seen()
+    wire = Wire(seen)
+    client = Client(wire)
+    for second in range(5):
+        client.read(second)
+    assert [one.function for one in seen.found] == ["Setup communication", *["Read Var"] * 5]
+    assert len({id(one) for one in seen.found}) == 2
+    assert (seen.found[1].reads, seen.found[1].writes) == (("DB10",), ())
+
+
+def test_what_is_remembered_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(subjects, "_MAX_CACHED", 2)
+    monkeypatch.setattr(subjects, "_MAX_CONNECTIONS", 3)
+    seen = Seen()
+    for path in sorted((ROOT / "captures").glob("*.pcapng")):
+        run = Run([str(path)], seen)
+        while run.step():
+            assert len(seen.subjects._known) <= 2
+    wire = Wire(seen)
+    seen.pairs = Pairs()
+    for number in range(5):
+        Client(wire, number, f"10.0.1.{number}", ports=(5000 + number, 102))
+    assert [seen.pairs.numbered(number) for number in (1, 2, 5)] == [None, None, ("10.0.1.4", "10.0.0.2")]
+
+
+@pytest.mark.parametrize(
+    ("octets", "names"),
+    [
+        ("120a10020001000c84000000", ["DB12"]),
+        ("120a10020001000085000000", ["DI0"]),
+        ("120a10020001000083000000", ["M"]),
+        ("120a101c000100001c000005", ["C"]),
+        ("120a10020001000077000000", ["area0x77"]),
+        ("120cb0020400010000080002000a", ["DB1", "DB2"]),
+        ("1208824100010002", ["NCK"]),
+        ("1203ee0001", ["0xee"]),
+    ],
+)
+def test_areas(octets: str, names: list[str]) -> None:
+    assert area_names(parse_item(bytes.fromhex(octets), 0)) == names

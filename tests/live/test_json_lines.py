@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from dissect.findings.catalogue import CATALOGUE
+from dissect.live.json_lines import JsonLines
+from dissect.live.lines import kinds_of
+from dissect.live.session import PROBLEM, TRANSACTION, Event
+from dissect.source.live.reader import Drops
+from tests.live.test_lines import conversation, events_of, status
+from tests.properties.packets import EPOCH_NS
+from tests.report.schemas import complaints
+
+Told = dict[str, Any]
+
+
+def told_of(*topics: str) -> list[Told]:
+    lines = JsonLines(kinds_of(topics)).lines(events_of(conversation()))
+    assert all(line.isascii() and "\n" not in line for line in lines)
+    return [json.loads(line) for line in lines]
+
+
+def test_what_has_a_schema_keeps_it_and_the_rest_is_an_event() -> None:
+    told = told_of()
+    for line in told:
+        name = line["schema"].removeprefix("s7dissect.").removesuffix("/1")
+        assert complaints(name, line, exact=True) == []
+    kinds = [line.get("event", line["schema"]) for line in told]
+    assert kinds[:3] == ["connection_opened", "s7dissect.transaction/1", "s7dissect.operation/1"]
+    assert kinds[-2:] == ["connection_closed", "finding"]
+    assert {line["finding"]["slug"] for line in told if line.get("event") == "finding"} <= CATALOGUE.keys()
+
+
+def test_a_connection_says_how_it_ended() -> None:
+    opened, closed = told_of("connections")
+    assert opened["event"] == "connection_opened"
+    assert opened["connection"]["number"] == closed["connection"]["number"] == 1
+    ending = closed["connection"]["ending"]
+    assert (ending["how"], ending["role"], ending["open_requests"]) == ("reset", "server", 1)
+    assert closed["time"] == ending["time"]
+
+
+def test_lines_about_the_output_itself() -> None:
+    lines = JsonLines(kinds_of([]))
+    lost = json.loads(lines.lost(EPOCH_NS, {TRANSACTION: 3}))
+    problem = json.loads(lines.line(Event(PROBLEM, EPOCH_NS, "evidence failed \udcff\x7f")))
+    summary = json.loads(lines.summary(status(packets=5, drops=Drops(None, 2))))
+    for line in (lost, problem, summary):
+        assert complaints("event", line, exact=True) == []
+    assert (lost["event"], lost["counts"]) == ("events_lost", {"transaction": 3})
+    assert problem["event"] == "problem"
+    assert (summary["summary"]["packets"], summary["summary"]["dropped"]) == (5, {"kernel": None, "interface": 2})

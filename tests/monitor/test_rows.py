@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.cells import cell_len
+
+from dissect.monitor import details, rows
+from dissect.monitor.lists import ConnectionFacts
+from dissect.monitor.saving import save
+from dissect.wire.clock import Clock
+from tests.monitor.support import hostile, model_of, of_capture, of_packets
+from tests.report.support import UNSAFE
+
+NAMES = ("bsend", "client-killed", "nodes7-poll-missing", "password", "refused-full", "szl", "transfer", "two-clients")
+
+WIDTHS = (80, 129, 130, 169, 170, 200, 400)
+
+
+@given(st.text(), st.integers(0, 60), st.booleans())
+def test_what_is_fitted_fills_its_place(text: str, width: int, right: bool) -> None:
+    from dissect.wire.text import printable
+
+    assert cell_len(rows.fit(printable(text), width, right)) == width
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_rows_fill_their_width_and_nothing_in_them_is_unsafe(name: str) -> None:
+    session = of_capture(name)
+    model = model_of(session)
+    clock = Clock()
+    found = model.findings(session.run.pipeline.conversation.judge.counts)
+    connections = model.connections(session.status().now_ns)
+    for width in WIDTHS:
+        drawn = [rows.entry_row(entry, width, clock) for entry in model.entries[:50]]
+        drawn += [rows.finding_row(one, width, clock) for one in found]
+        for pieces in drawn:
+            assert sum([cell_len(text) for text, _ in pieces]) == width
+            assert UNSAFE.search(rows.joined(pieces)) is None
+        for one in connections:
+            text = "".join([text for text, _ in rows.connection_row(one, width, rows.sparks())])
+            assert cell_len(text) == width
+            assert cell_len(rows.connection_heads("x", width)) == cell_len(text) - 1
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_details_of_everything(name: str) -> None:
+    session = of_capture(name)
+    model = model_of(session)
+    found = model.findings(session.run.pipeline.conversation.judge.counts)
+    pages = [details.entry_lines(entry) for entry in model.entries[:30]]
+    pages += [details.connection_details(one, model.entries) for one in model.connections(session.status().now_ns)]
+    pages += [details.finding_details(one) for one in found]
+    for page in pages:
+        assert page
+        assert len(page) <= details.MAX_LINES
+        assert [line.text for line in page if UNSAFE.search(line.text)] == []
+
+
+def test_a_hostile_device_is_quoted() -> None:
+    model = model_of(of_packets(hostile()))
+    told = rows.joined(rows.entry_row(model.entries[-1], 200, Clock()))
+    assert "[red]X[/] \\x1b[2J" in told
+    assert "REFUSED 0x8104" in told
+
+
+def test_marks() -> None:
+    def marks(name: str) -> str:
+        model = model_of(of_capture(name), slow_ns=100_000_000)
+        return "".join([rows.joined(rows.entry_row(entry, 80, Clock()))[:1] for entry in model.entries])
+
+    assert marks("nodes7-poll-missing") == " =EE"
+    assert "U" in marks("client-killed")
+    assert "S" in marks("answer-slow")
+
+
+@pytest.mark.parametrize(
+    ("term", "glyphs"), [("linux", "12345678"), ("vt220", "12345678"), ("xterm-256color", "▁▂▃▄▅▆▇█")]
+)
+def test_a_plain_terminal_gets_digits(term: str, glyphs: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", term)
+    assert rows.sparks() == glyphs
+    session = of_capture("nodes7-poll-missing")
+    (one,) = model_of(session).connections(session.status().now_ns)
+    assert isinstance(one, ConnectionFacts)
+    assert f"{glyphs[0]} " in rows.joined(rows.connection_row(one, 80, glyphs))
+
+
+def test_saving_never_overwrites_and_follows_no_link(tmp_path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    first = save(tmp_path, 0, ["one"])
+    assert first.name == "s7dissect-19700101T000000Z.txt"
+    (tmp_path / "s7dissect-19700101T000000Z-2.txt").symlink_to(tmp_path / "elsewhere")
+    third = save(tmp_path, 0, ["three", "\udcff"])
+    assert third.name == "s7dissect-19700101T000000Z-3.txt"
+    assert not (tmp_path / "elsewhere").exists()
+    assert first.read_text() == "one\n"
+    assert third.read_text() == "three\n\\udcff\n"
+    monkeypatch.setattr("dissect.monitor.saving._TRIES", 3)
+    with pytest.raises(FileExistsError, match="too many"):
+        save(tmp_path, 0, [])
