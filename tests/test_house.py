@@ -45,6 +45,7 @@ ORDER: Final = (
     "monitor",
     "metrics",
     "proxy",
+    "server",
     "layers",
     "oracle",
     "testing",

@@ -20,6 +20,7 @@ from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
 from dissect.iso.cotp import MAX_TSDU, parse_tpdu
 from dissect.iso.tables import DT
 from dissect.s7plus.tables import KEEP_ALIVE, PROTOCOL_ID
+from dissect.tcp.connection import TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.table import Side, reverse_key
 from dissect.wire.octets import u16
@@ -74,7 +75,7 @@ class Survey(Observer):
         self._room = Room()
         self._tracks: dict[bytes, list[Track]] = {}
         self._count = 0
-        # By direction; those of connections that are over leave, the oldest when there are too many.
+        # By direction; the oldest leave when there are too many.
         self._messages: OrderedDict[bytes, tuple[Track, _Message]] = OrderedDict()
 
     # ---- observer ---------------------------------------------------------------------------------------------------
@@ -82,11 +83,7 @@ class Survey(Observer):
     def connection_opened(self, connection: Connection) -> None:
         """Make room for both directions of a connection, so that its packets are known."""
         tcp = connection.tcp
-        first, second = tcp.ends
-        tag = int(tcp.vlan).to_bytes(8, "big") if tcp.vlan else b""
-        ports = first.port.to_bytes(2, "big") + second.port.to_bytes(2, "big")
-        key = first.address + second.address + ports + tag
-        for index, direction in enumerate((key, reverse_key(key))):
+        for index, direction in enumerate(_keys(tcp)):
             tracks = self._tracks.setdefault(direction, [])
             if tracks and tracks[-1].stream is tcp.streams[index]:
                 continue  # another transport connection on the same TCP connection
@@ -95,6 +92,14 @@ class Survey(Observer):
                 return
             self._count += 1
             tracks.append(Track(tcp, tcp.streams[index], self._room))
+
+    def connection_closed(self, connection: Connection) -> None:
+        """What is not whole yet will not become so."""
+        for index, direction in enumerate(_keys(connection.tcp)):
+            known = self._messages.get(direction)
+            if known is not None and known[0].stream is connection.tcp.streams[index]:
+                self._flush(*known)
+                del self._messages[direction]
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """A whole TPKT: work out what becomes of it."""
@@ -252,6 +257,15 @@ class Survey(Observer):
                 break
             found = track
         return found
+
+
+def _keys(tcp: TcpConnection) -> tuple[bytes, bytes]:
+    """Return the keys of the packets of both directions."""
+    first, second = tcp.ends
+    tag = int(tcp.vlan).to_bytes(8, "big") if tcp.vlan else b""
+    ports = first.port.to_bytes(2, "big") + second.port.to_bytes(2, "big")
+    key = first.address + second.address + ports + tag
+    return key, reverse_key(key)
 
 
 def _lay(track: Track, draft: Draft, offset: int, begin: int = 0, end: int = -1) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_right
-from collections import deque
+from collections import OrderedDict, deque
 from typing import Final
 
 from dissect.tcp.connection import TcpConnection
@@ -19,18 +19,28 @@ MAX_RANGES: Final = 4_000_000
 MAX_REPLACED: Final = 64 * 1024 * 1024
 #: What a replacement takes in memory besides its octets.
 _COST: Final = 64
-#: Segments of a direction that those sent again are compared with.
+#: Segments of a direction that those sent again are compared with, and octets of all directions.
 MAX_RECENT: Final = 64
+MAX_RECENT_OCTETS: Final = 32 * 1024 * 1024
 #: A segment further ahead than this does not move where the next one is expected.
 _JUMP: Final = 1 << 24
 
 
 class Room:
-    """How much may still be remembered."""
+    """How much may still be remembered; in the second reading, whose segments are."""
 
     def __init__(self) -> None:
         self.ranges = MAX_RANGES
         self.octets = MAX_REPLACED
+        self.recent = 0  # octets of segments
+        self._tracks: OrderedDict[int, Track] = OrderedDict()
+
+    def touch(self, track: Track) -> None:
+        """A track remembered another segment: those that saw none for the longest time forget theirs."""
+        self._tracks[id(track)] = track
+        self._tracks.move_to_end(id(track))
+        while self.recent > MAX_RECENT_OCTETS:
+            self._tracks.popitem(last=False)[1].forget(0)
 
     def take(self, octets: int) -> bool:
         """Take the room of a range and what replaces it; False when there is none."""
@@ -47,6 +57,7 @@ class Track:
     __slots__ = (
         "_begins",
         "_ends",
+        "_forgotten",
         "_latest",
         "_new",
         "_new_at",
@@ -71,7 +82,8 @@ class Track:
         self._new_at = array("Q")
         self._new: list[bytes] = []
         self._latest = 0
-        self._recent: deque[tuple[int, bytes]] = deque(maxlen=MAX_RECENT)
+        self._recent: deque[tuple[int, bytes]] | None = None
+        self._forgotten = 0  # of segments before this position the first copy is not known any more
 
     # ---- first reading ----------------------------------------------------------------------------------------------
 
@@ -161,11 +173,11 @@ class Track:
         So is what was sent again so late that the first copy is forgotten.
         """
         end = at + len(octets)
+        if at < self._forgotten:
+            new[: self._forgotten - at] = bytes(min(self._forgotten, end) - at)
         recent = self._recent
-        if recent and at < recent[0][0]:
-            forgotten = min(recent[0][0], end) - at
-            if len(recent) == MAX_RECENT:
-                new[:forgotten] = bytes(forgotten)
+        if recent is None:
+            recent = self._recent = deque()
         for there, before in recent:
             begin, stop = max(there, at), min(there + len(before), end)
             if begin < stop and before[begin - there : stop - there] != octets[begin - at : stop - at]:
@@ -173,3 +185,13 @@ class Track:
                     if before[place - there] != octets[place - at]:
                         new[place - at] = 0
         recent.append((at, octets))
+        self._room.recent += len(octets)
+        self.forget(MAX_RECENT)
+        self._room.touch(self)
+
+    def forget(self, left: int) -> None:
+        """Forget segments until no more than ``left`` are remembered."""
+        while self._recent is not None and len(self._recent) > left:
+            at, octets = self._recent.popleft()
+            self._room.recent -= len(octets)
+            self._forgotten = max(self._forgotten, at + len(octets))

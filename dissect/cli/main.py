@@ -42,6 +42,7 @@ COMMANDS: Final = {
     "monitor": "What happens on a line, while it happens.",
     "interfaces": "What can be captured live here, and by whom.",
     "proxy": "A TCP relay before a PLC that tells what passes.",
+    "serve": "A fake PLC that answers as a recorded one did.",
     "scd": "Dictionaries of SCD, and values by them.",
 }
 

@@ -23,7 +23,7 @@ _CLOCK_GROUP: Final = 7
 
 
 class ItemAnswer:
-    """What became of an item: ``octets`` are its data item, of a write its return code. ``latency_ns`` is the whole answer's."""
+    """What became of an item: ``octets`` are its data item, of a write its return code; ``latency_ns`` is the answer's."""
 
     __slots__ = ("latency_ns", "octets")
 

@@ -55,7 +55,9 @@ def parse_fault(text: str) -> Fault:
     """
     kind, _, where = text.partition(":")
     if kind not in KINDS or not where:
-        raise ValueError(f"{text!r} is no fault: say KIND:WHERE, KIND one of {', '.join(KINDS)}, WHERE a number or a pattern")
+        raise ValueError(
+            f"{text!r} is no fault: say KIND:WHERE, KIND one of {', '.join(KINDS)}, WHERE a number or a pattern"
+        )
     value: float = NOT_AVAILABLE if kind == REFUSE else 0
     if kind == DELAY:
         where, _, ms = where.rpartition(":")

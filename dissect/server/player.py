@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from dissect.s7.message import Pdu
+from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import RESPONSE
 from dissect.s7.tables import JOB, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.server.answers import (
@@ -31,6 +31,7 @@ CYCLE: Final = "cycle"
 _REFERENCE: Final = slice(4, 6)
 _INCONSISTENT: Final = b"\x07"  # return code "data type inconsistent": not as many octets as the item has
 _MIN_SETUP: Final = 4
+_UNSET_LENGTH: Final = 960  # of answers put together for a client that has set up nothing
 
 
 class Reply(NamedTuple):
@@ -84,6 +85,7 @@ class Player:
     def __init__(self, stage: Stage, script: Script) -> None:
         self.script = script
         self.pdu_length = 0  # granted to this client, 0 before the setup
+        self.reference = b""  # of the recorded request that was played last, empty when none was
         self._stage = stage
         self._own = stage.book(script)
         self._books = (self._own,) if self._own is stage.all else (self._own, stage.all)
@@ -93,7 +95,8 @@ class Player:
     def reply(self, asked: Pdu) -> Reply:
         """Return what is said to a request. Never raises, whatever the request is."""
         keys = keys_of(asked.octets, asked)
-        found, level = self._find(keys)
+        found, level, own = self._find(keys)
+        self.reference = found.request[_REFERENCE] if found is not None else b""
         items = asked.rosctr == JOB and asked.function in {READ_VAR, WRITE_VAR} and bool(asked.parameters.items)
         whole = items and not asked.malformed
         remembers = self._stage.image is not None and whole and not (found is not None and _refused_whole(found))
@@ -101,7 +104,7 @@ class Player:
             reply = self._set_up(asked)
         elif found is not None and not remembers:
             answer = with_reference(found.answer, asked.octets[_REFERENCE]) if found.answer else b""
-            reply = Reply(answer, LEVELS[level], found.latency_ns, tuple(found.then), self._end_after(found))
+            reply = Reply(answer, LEVELS[level], found.latency_ns, tuple(found.then), self._end_after(found, own))
         elif whole:
             reply = self._items(asked)
         else:
@@ -112,13 +115,14 @@ class Player:
 
     # ---- recorded answers -------------------------------------------------------------------------------------------
 
-    def _find(self, keys: tuple[bytes, bytes, bytes]) -> tuple[Step | None, int]:
+    def _find(self, keys: tuple[bytes, bytes, bytes]) -> tuple[Step | None, int, bool]:
+        """Return the recorded request that is played, how like it is (`LEVELS`) and whether it is of this connection."""
         for level, key in enumerate(keys):
             for number, book in enumerate(self._books):
                 steps = book.steps(level, key) if key else []
                 if steps:
-                    return steps[self._turn((number, level, key), len(steps))], level
-        return None, -1
+                    return steps[self._turn((number, level, key), len(steps))], level, number == 0
+        return None, -1, False
 
     def _turn(self, key: tuple[int, int, bytes], count: int) -> int:
         """Return which of ``count`` recorded answers it is this time."""
@@ -126,20 +130,18 @@ class Player:
         self._turns[key] = turn + 1
         return turn % count if self._stage.repeat == CYCLE else min(turn, count - 1)
 
-    def _end_after(self, step: Step) -> str:
+    def _end_after(self, step: Step, own: bool) -> str:
         """Tell how the connection ends after a step: as the server ended the recorded one, once all of it was played."""
-        if not self.script.end:
+        if not self.script.end or not own:
             return ""
         self._heard.add(id(step))
-        return self.script.end if all([id(one) in self._heard for one in self.script.steps]) else ""
+        return self.script.end if len(self._heard) == len(self.script.steps) else ""
 
     def _set_up(self, asked: Pdu) -> Reply:
         setup = self._own.setup or self._stage.all.setup
         return Reply(grant(asked, setup.answer if setup is not None else b""), "setup")
 
     def _note_setup(self, answer: bytes) -> None:
-        from dissect.s7.message import parse_pdu
-
         granted = parse_pdu(answer).parameters.setup if answer else None
         if granted is not None:
             self.pdu_length = max(granted.pdu_length, _MIN_SETUP)
@@ -165,9 +167,11 @@ class Player:
         """Put the answer together item by item: from memory where there is one, else as it was recorded."""
         writes = asked.function == WRITE_VAR
         parameters = asked.parameters
-        if not writes and parameters.answer_size > (self.pdu_length or 0xFFFF):
+        if not writes and parameters.answer_size > (self.pdu_length or _UNSET_LENGTH):
             return Reply(
-                refuse(asked, WRONG_PDU_SIZE), "unmatched", lacking=f"the answer has {parameters.answer_size} octets or more"
+                refuse(asked, WRONG_PDU_SIZE),
+                "unmatched",
+                lacking=f"the answer has {parameters.answer_size} octets or more",
             )
         contents = [content.data for content in asked.data_items()] if writes else []
         answers: list[bytes] = []
@@ -185,7 +189,8 @@ class Player:
         how = "memory" if self._stage.image is not None else "items"
         if not missing:
             return Reply(answer_items(asked, answers), how, latency_ns)
-        lacking = f"nothing was recorded of {', '.join(missing[:5])}{f' and {len(missing) - 5} more' if len(missing) > 5 else ''}"
+        more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
+        lacking = f"nothing was recorded of {', '.join(missing[:5])}{more}"
         return Reply(answer_items(asked, answers), "unmatched", latency_ns, lacking=lacking)
 
     def _recorded(self, key: bytes) -> ItemAnswer | None:

@@ -120,7 +120,16 @@ class _Begun:
 class _Seen:
     """A transaction as octets, before it is put in its order."""
 
-    __slots__ = ("answer", "answer_frame", "asked_by", "latency_ns", "number", "request", "request_frame", "unsolicited")
+    __slots__ = (
+        "answer",
+        "answer_frame",
+        "asked_by",
+        "latency_ns",
+        "number",
+        "request",
+        "request_frame",
+        "unsolicited",
+    )
 
     def __init__(self, transaction: Transaction, request: bytes, answer: bytes) -> None:
         self.number = int(transaction.number)
@@ -185,7 +194,9 @@ class _Listener(Observer):
             self._octets += len(octets)
             if self._octets > MAX_OCTETS:
                 size = MAX_OCTETS >> 20
-                raise ServerError(f"{self._recording.name}: more than {size} MiB of messages; cut it first (s7dissect cut)")
+                raise ServerError(
+                    f"{self._recording.name}: more than {size} MiB of messages; cut it first (s7dissect cut)"
+                )
         return known
 
     def connection_closed(self, connection: Connection) -> None:
@@ -235,7 +246,9 @@ def _arrange(script: Script, seen: Iterable[_Seen], client: int, recording: Reco
             lost += 1
     script.steps = [step for _, step in steps]
     if lost:
-        recording.note(f"connection {script.number}: {lost} messages of the server come before any request and are left out")
+        recording.note(
+            f"connection {script.number}: {lost} messages of the server come before any request and are left out"
+        )
 
 
 def load_recording(path: str | Path, *more: str | Path) -> Recording:

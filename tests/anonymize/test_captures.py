@@ -1,4 +1,4 @@
-"""All our captures made anonymous: the same transactions as before, nothing of what was in them, checksums as right as before."""
+"""All our captures made anonymous: the same transactions, nothing of what was in them, checksums as right as before."""
 
 from __future__ import annotations
 

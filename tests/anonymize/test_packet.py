@@ -148,7 +148,7 @@ def test_options_that_may_tell_something_become_none(tmp_path: Path) -> None:
     (new,) = written(tmp_path / "out.pcapng")
     assert bytes((10, 9, 8, 7)) not in new
     assert b"AB" not in new
-    at = octets.index(b"\x08\x0a")
+    at = octets.index(b"\x08\x0a\x00\x01")
     assert new[at : at + 10] == octets[at : at + 10]
     assert new[at + 10 : at + 14] == b"\x01" * 4
     assert payload(new)[:4] == request[:4]

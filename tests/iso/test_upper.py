@@ -10,6 +10,7 @@ from dissect.iso.upper import (
     RDP,
     S7COMM,
     S7COMM_PLUS,
+    SCD,
     TLS,
     UNKNOWN,
     UPPER_NAMES,
@@ -86,8 +87,8 @@ def test_first_octets_name_the_protocol(octets: str, protocol: int) -> None:
 
 
 def test_names() -> None:
-    assert [UPPER_NAMES[number] for number in (S7COMM, S7COMM_PLUS, MMS, TLS, RDP, UNKNOWN, EMPTY)] == UPPER_NAMES
-    assert UPPER_NAMES == ["s7comm", "s7comm_plus", "mms", "tls", "rdp", "unknown", "empty"]
+    assert [UPPER_NAMES[number] for number in (S7COMM, S7COMM_PLUS, MMS, TLS, RDP, UNKNOWN, EMPTY, SCD)] == UPPER_NAMES
+    assert UPPER_NAMES == ["s7comm", "s7comm_plus", "mms", "tls", "rdp", "unknown", "empty", "scd"]
 
 
 @given(st.binary(max_size=12), st.integers(0, 12))

@@ -9,6 +9,7 @@ from typing import Final
 
 import pytest
 
+from dissect import scd
 from dissect.live.fanout import Fanout
 from dissect.live.run import LiveRun
 from dissect.metrics.counters import SEPARATOR, Metrics
@@ -26,6 +27,7 @@ from dissect.tcp.connection import Endpoint, TcpConnection
 from dissect.transactions.carried import ScdMessage, ScdParameters
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
+from tests.bindings import plant
 from tests.conftest import ROOT
 
 CAPTURES: Final = sorted((ROOT / "captures").glob("*.pcapng"))
@@ -174,7 +176,7 @@ def test_functions_of_a_dictionary_are_bounded(scd_message: ScdMessage) -> None:
 @pytest.fixture
 def scd_message() -> ScdMessage:
     """Something of SCD; only its place in a parameter block counts here."""
-    return ScdMessage.__new__(ScdMessage)
+    return ScdMessage(scd.Message(), plant.dictionary(), "binding", b"")
 
 
 # ---- errors -----------------------------------------------------------------------------------------------------------

@@ -211,7 +211,9 @@ def test_a_kill_at_any_moment_leaves_readable_files(tmp_path: Path, seed: int, f
         assert reader.damage == "" or (path.suffix == ".part" and "cut off" in reader.damage)
         kept += [int.from_bytes(frame.octets[:4], "big") for frame in got.frames]
     assert len(list(tmp_path.glob("*.part"))) <= 1
-    assert kept
+    assert kept or files == 1  # the only file may just have been begun
+    if not kept:
+        return
     assert kept == list(range(kept[0], kept[0] + len(kept)))
     assert len(paths) <= files + 1 if files else kept[0] == 0
 

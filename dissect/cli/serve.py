@@ -1,0 +1,170 @@
+"""`s7dissect serve`: a fake PLC made of a capture."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK
+from dissect.cli.watching import Interruption
+from dissect.wire.text import printable
+
+if TYPE_CHECKING:
+    from dissect.metrics.address import Address
+    from dissect.server.faults import Fault
+    from dissect.server.service import Server
+    from dissect.source.pcapng_writer import PcapngWriter
+
+#: How often problems are looked for, in seconds.
+_LOOK_S: Final = 0.1
+
+_EXIT_CODES: Final = (
+    "Exit code: 0 ended by SIGINT or SIGTERM, 1 a request came that nothing like was recorded of, 2 wrong use, a file that "
+    "cannot be served, or it cannot listen or write, 3 it broke off, 130 broken off by a second signal."
+)
+
+
+def _listen(ctx: click.Context, param: click.Parameter, value: str) -> Address:
+    from dissect.metrics.address import AddressError
+    from dissect.proxy.addresses import read_address
+
+    try:
+        return read_address(value)
+    except AddressError as why:
+        raise click.BadParameter(f"{why}.", ctx, param) from None
+
+
+def _latency(ctx: click.Context, param: click.Parameter, value: str) -> float | None:
+    if value in {"none", "recorded"}:
+        return 0 if value == "none" else None
+    try:
+        ms = float(value)
+    except ValueError:
+        ms = -1
+    if not 0 <= ms <= 3_600_000:
+        raise click.BadParameter(f"{value!r}: say recorded, none, or milliseconds up to 3600000.", ctx, param)
+    return ms
+
+
+def _faults(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) -> list[Fault]:
+    from dissect.server.faults import parse_fault
+
+    try:
+        return [parse_fault(value) for value in values]
+    except ValueError as why:
+        raise click.BadParameter(f"{why}.", ctx, param) from None
+
+
+@click.command("serve", epilog=_EXIT_CODES)
+@click.argument("files", nargs=-1, required=True, type=click.Path(), metavar="FILE...")
+@click.option(
+    "--listen",
+    callback=_listen,
+    default="127.0.0.1:10102",
+    show_default=True,
+    metavar="HOST:PORT",
+    help="Where clients connect to; port 0 lets the system choose one.",
+)
+@click.option("--allow-remote", is_flag=True, help="Let --listen be an address that other machines can reach.")
+@click.option(
+    "--repeat",
+    type=click.Choice(("last", "cycle")),
+    default="last",
+    show_default=True,
+    help="What follows when all recorded answers to a request were given: the last one, or the first again.",
+)
+@click.option("--memory", is_flag=True, help="Writes change what later reads return.")
+@click.option(
+    "--latency",
+    "latency_ms",
+    callback=_latency,
+    default="none",
+    show_default=True,
+    metavar="recorded|none|MS",
+    help="How long answers take.",
+)
+@click.option(
+    "--fault",
+    "faults",
+    callback=_faults,
+    multiple=True,
+    metavar="KIND:WHERE",
+    help="What goes wrong: drop:N, delay:N:MS, refuse:N[:0xCODE], cut:N, wrong-ref:N, split:N; N counts requests from 1, or "
+    "is a pattern for a function or an address, such as 'DB10.*'. May be given several times.",
+)
+@click.option("-w", "--write", "output", metavar="OUT", help="Write what passes to this pcapng file.")
+@click.option("--force", is_flag=True, help="Overwrite OUT where it exists.")
+def command(
+    files: tuple[str, ...],
+    listen: Address,
+    allow_remote: bool,
+    repeat: str,
+    memory: bool,
+    latency_ms: float | None,
+    faults: list[Fault],
+    output: str | None,
+    force: bool,
+) -> int:
+    """Be the PLC of a recording: answer clients as it did.
+
+    A request that is like a recorded one gets its answer, the first time the first, then the second. What nothing like was
+    recorded of is refused and told, and makes the exit code 1. It ends with Ctrl-C or SIGTERM.
+    """
+    from dissect.server import Server, load_recording
+    from dissect.server.service import places_to_serve
+
+    places_to_serve(listen, allow_remote)  # before the file is read, which may take a while
+    recording = load_recording(*files)
+    for note in recording.notes:
+        _say(note)
+    if output == "-":
+        raise click.UsageError("-w - would mix the capture with what is told: say a file.")
+    server = Server(
+        recording,
+        listen.port,
+        listen.host,
+        allow_remote=allow_remote,
+        repeat=repeat,
+        memory=memory,
+        latency_ms=latency_ms,
+        faults=faults,
+        writer=_writer(output, force) if output is not None else None,
+    )
+    return _serve(server)
+
+
+def _writer(output: str, force: bool) -> PcapngWriter:
+    from dissect import __version__
+    from dissect.source.pcapng_writer import PcapngWriter
+
+    return PcapngWriter(output, application=f"s7dissect {__version__} serve", overwrite=force)
+
+
+def _serve(server: Server) -> int:
+    """Serve until a signal; return the exit code."""
+    with Interruption(server.stop):
+        server.start()
+        connections = len(server.recording.scripts)
+        recorded = f"{server.recording.steps} requests on {connections} connection{'s' if connections != 1 else ''}"
+        click.echo(f"listening on {', '.join([str(place) for place in server.listening])}")
+        _say(f"{recorded} recorded")
+        while not server.wait(_LOOK_S):
+            _tell(server)
+    _tell(server)
+    desk = server.desk
+    _say(f"{server.connections} connections, {desk.total} requests, {desk.unmatched_total} unmatched")
+    if server.error is not None:
+        _say(f"it broke off: {server.error!r}")
+        return EXIT_DAMAGED
+    return EXIT_GATE if desk.unmatched_total else EXIT_OK
+
+
+def _tell(server: Server) -> None:
+    problems = server.problems
+    for _ in range(len(problems)):
+        _say(problems.popleft())
+
+
+def _say(text: str) -> None:
+    click.echo(f"s7dissect: {printable(text)}", err=True)

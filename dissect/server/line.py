@@ -1,0 +1,112 @@
+"""The socket of one client: what waits to be sent to it, piece by piece, and what it may still say."""
+
+from __future__ import annotations
+
+import socket
+from collections import deque
+from typing import Final
+
+from dissect.server.peer import ABORT, CLOSE, SEND, Deed, Peer
+from dissect.server.tape import CLIENT, SERVER, Tape
+
+#: Octets that are read at once.
+PIECE: Final = 16_384
+#: Octets that may wait for a client that does not read, or for their time: more is not read from it then.
+MAX_HELD: Final = 1 << 20
+#: Between pieces of an answer that comes in several segments, in seconds.
+PAUSE_S: Final = 0.001
+
+
+class BrokenError(Exception):
+    """The client has broken the connection off, or cannot be reached any more."""
+
+
+class Line:
+    """A connected client. ``held`` counts octets that wait; ``not_before`` is when the next piece may be sent, 0 for now."""
+
+    __slots__ = (
+        "deadline",
+        "events",
+        "held",
+        "moved",
+        "not_before",
+        "number",
+        "peer",
+        "planned",
+        "queue",
+        "socket",
+        "tape",
+    )
+
+    def __init__(self, number: int, one: socket.socket, peer: Peer, deadline: float, tape: Tape | None) -> None:
+        self.number = number
+        self.socket = one
+        self.peer = peer
+        self.deadline = deadline  # by when it must have asked for a connection
+        self.events = 0  # what the selector watches it for
+        self.held = 0
+        self.moved = 0.0  # when it last took something
+        self.planned = 0  # deeds whose time has not come
+        self.not_before = 0.0
+        self.queue: deque[Deed] = deque()
+        self.tape = tape
+
+    @property
+    def wants_read(self) -> bool:
+        """True when more may be read from it."""
+        return not self.peer.over and self.held < MAX_HELD
+
+    def read(self) -> bytes | None:
+        """Return what it sent, empty at its end; None when there is nothing now. Raises `BrokenError`."""
+        try:
+            octets = self.socket.recv(PIECE)
+        except (BlockingIOError, InterruptedError):
+            return None
+        except OSError:
+            raise BrokenError from None
+        if self.tape is not None:
+            if octets:
+                self.tape.sent(self.number, CLIENT, octets)
+            else:
+                self.tape.closed(self.number, CLIENT)
+        return octets
+
+    def put(self, deed: Deed, now: float) -> None:
+        """Take what is to be done now, behind all that waits."""
+        if not self.queue:
+            self.moved = now
+        size = deed.pieces
+        if deed.kind == SEND and size:
+            for at in range(0, len(deed.octets), size):
+                self.queue.append(deed._replace(octets=deed.octets[at : at + size]))
+        else:
+            self.queue.append(deed)
+
+    def flush(self, now: float) -> str:
+        """Do what waits as far as it can be done; return `CLOSE` or `ABORT` when that comes next. Raises `BrokenError`."""
+        if now >= self.not_before:
+            self.not_before = 0.0
+        while self.queue and not self.not_before:
+            deed = self.queue[0]
+            if deed.kind != SEND:
+                return deed.kind
+            try:
+                sent = self.socket.send(deed.octets)
+            except (BlockingIOError, InterruptedError):
+                return ""
+            except OSError:
+                raise BrokenError from None
+            if self.tape is not None:
+                self.tape.sent(self.number, SERVER, deed.octets[:sent])
+            self.held -= sent
+            self.moved = now
+            if sent < len(deed.octets):
+                self.queue[0] = deed._replace(octets=deed.octets[sent:])
+                return ""
+            self.queue.popleft()
+            if deed.pieces:
+                self.not_before = now + PAUSE_S
+        return ""
+
+
+__all__ = ["ABORT", "CLOSE", "MAX_HELD", "PAUSE_S", "PIECE", "BrokenError", "Line"]

@@ -1,0 +1,193 @@
+"""A client at the fake PLC, without its socket: octets in, what is to be sent out and when."""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from typing import Final, NamedTuple
+
+from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, Assembler, Tpdu, parse_tpdu
+from dissect.iso.tables import CC, CR, DC, DR, DT
+from dissect.iso.tpkt import HEADER, Framer
+from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, Pdu, parse_pdu
+from dissect.s7.parameters import RESPONSE
+from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA
+from dissect.server.answers import confirm, data_tpdus, refuse, tpkt, with_reference
+from dissect.server.desk import Desk
+from dissect.server.faults import CUT, DELAY, DROP, REFUSE, SPLIT, WRONG_REF, Fault
+from dissect.server.player import Player, Reply
+from dissect.server.recording import Said
+from dissect.transactions.ending import DISCONNECT, RESET
+
+#: What the server says by itself, waiting for its turn; references of the client that recorded ones stand for.
+_MAX_WAITING: Final = 1_000
+_MAX_REFERENCES: Final = 256
+_NORMAL: Final = 0x80  # reason of a DR: ended by the user
+#: Octets of a segment where the answer is to come in several.
+SPLIT_SIZE: Final = 7
+
+# What is to be done.
+SEND: Final = "send"
+CLOSE: Final = "close"
+ABORT: Final = "abort"
+
+
+class Deed(NamedTuple):
+    """What is to be done for a client, ``delay_s`` from now: send octets (in pieces of ``pieces``, 0 for whole), or end it."""
+
+    kind: str
+    octets: bytes = b""
+    delay_s: float = 0
+    pieces: int = 0
+
+
+class Peer:
+    """One client. ``connected`` tells whether it has asked for a connection, ``over`` that nothing more is taken of it."""
+
+    def __init__(self, number: int, desk: Desk) -> None:
+        self.number = number
+        self.connected = False
+        self.over = False
+        self._desk = desk
+        self._framer = Framer()
+        self._framer.synced = True
+        self._assembler = Assembler()
+        self._player: Player | None = None
+        self._reference = 0  # the client's of the transport connection
+        self._tpdu_size = 65_531
+        self._waiting: deque[Said] = deque()
+        self._asked = False  # the client has to answer before the server goes on
+        self._references: dict[bytes, bytes] = {}  # those of this client by recorded ones
+        self._deeds: list[Deed] = []
+
+    def feed(self, octets: bytes) -> list[Deed]:
+        """Take octets of the client; return what is to be done."""
+        self._deeds = []
+        framer = self._framer
+        framer.push(octets, 0, True)
+        packets, framer.packets = framer.packets, []
+        for packet in packets:
+            if self.over:
+                break
+            self._tpdu(packet[HEADER:])
+        if (framer.faults or not framer.synced) and not self.over:
+            self._desk.problems.append(f"connection {self.number} is ended: what the client sends is not TPKT")
+            self._end(ABORT)
+        return self._deeds
+
+    def _end(self, kind: str, delay_s: float = 0) -> None:
+        self.over = True
+        self._deeds.append(Deed(kind, b"", delay_s))
+
+    # ---- the connection ---------------------------------------------------------------------------------------------
+
+    def _tpdu(self, octets: bytes) -> None:
+        tpdu = parse_tpdu(octets)
+        if tpdu.type == CR and self._player is None:
+            self._connect(tpdu)
+        elif tpdu.type == DR:
+            self._deeds.append(Deed(SEND, tpkt(struct.pack(">BBHH", 5, DC << 4, max(tpdu.field("src_ref"), 0), 1))))
+            self._end(CLOSE)
+        elif tpdu.type == DT and self._player is not None and not tpdu.malformed:
+            tsdu = self._assembler.push(tpdu.data, tpdu.field("eot") == 1)
+            if self._assembler.overflows:
+                self._desk.problems.append(f"connection {self.number} is ended: a message without end")
+                self._end(ABORT)
+            elif tsdu:
+                self._tsdu(self._player, tsdu)
+        else:
+            self._desk.problems.append(f"connection {self.number} is ended: {tpdu.name} is not expected there")
+            self._end(ABORT)
+
+    def _connect(self, request: Tpdu) -> None:
+        self.connected = True
+        self._reference = max(request.field("src_ref"), 0)
+        calling, called = request.parameter(CALLING_TSAP), request.parameter(CALLED_TSAP)
+        script = self._desk.stage.script_for(calling, called)
+        if script.refused:
+            if script.confirm:
+                reference = self._reference.to_bytes(2, "big")
+                self._deeds.append(Deed(SEND, tpkt(script.confirm[:2] + reference + script.confirm[4:])))
+            self._end(ABORT if script.end == RESET else CLOSE)
+            return
+        self._player = Player(self._desk.stage, script)
+        confirmed = confirm(
+            request, script.confirm if script.confirm and parse_tpdu(script.confirm).type == CC else b""
+        )
+        self._tpdu_size = confirmed.tpdu_size
+        self._deeds.append(Deed(SEND, tpkt(confirmed.tpdu)))
+
+    # ---- messages ---------------------------------------------------------------------------------------------------
+
+    def _tsdu(self, player: Player, tsdu: bytes) -> None:
+        pdu = parse_pdu(tsdu)
+        if len(tsdu) < HEADER_SIZE or tsdu[0] != PROTOCOL_ID or pdu.rosctr not in {JOB, ACK, ACK_DATA, USERDATA}:
+            self._desk.stranger(self.number, tsdu, "no S7comm")
+        elif pdu.rosctr in {ACK, ACK_DATA}:
+            if self._asked:
+                self._asked = False
+                self._follow(0)
+            else:
+                self._desk.stranger(self.number, tsdu, f"{pdu.rosctr_name} that nobody asked for")
+        else:
+            self._request(player, pdu)
+
+    def _request(self, player: Player, asked: Pdu) -> None:
+        reply, faults, delay_s = self._desk.answer(self.number, player, asked)
+        by_kind = {fault.kind: fault for fault in faults}
+        if CUT in by_kind:
+            self._end(ABORT)
+            return
+        if DELAY in by_kind:
+            delay_s += by_kind[DELAY].value / 1000
+        answer = b"" if DROP in by_kind else _spoilt(asked, reply, by_kind)
+        if answer:
+            octets = data_tpdus(answer, self._tpdu_size)
+            self._deeds.append(Deed(SEND, octets, delay_s, SPLIT_SIZE if SPLIT in by_kind else 0))
+        if reply.then and len(self._waiting) < _MAX_WAITING:
+            self._waiting.extend(reply.then)
+        self._know(asked, player)
+        self._follow(delay_s)
+        if reply.end:
+            if reply.end == DISCONNECT:
+                farewell = struct.pack(">BBHHB", 6, DR << 4, self._reference, 1, _NORMAL)
+                self._deeds.append(Deed(SEND, tpkt(farewell), delay_s))
+            self._end(ABORT if reply.end == RESET else CLOSE, delay_s)
+
+    def _know(self, asked: Pdu, player: Player) -> None:
+        """Remember which reference of this client stands for the recorded one, for answers that come out of their turn."""
+        recorded = player.reference
+        if recorded:
+            self._references.pop(recorded, None)
+            self._references[recorded] = asked.octets[4:6]
+            if len(self._references) > _MAX_REFERENCES:
+                del self._references[next(iter(self._references))]
+
+    def _follow(self, delay_s: float) -> None:
+        """Send what the server says by itself, up to where it waits for the client."""
+        while self._waiting and not self._asked:
+            said = self._waiting.popleft()
+            self._asked = said.waits
+            octets = said.octets
+            reference = self._references.get(octets[4:6])
+            if reference is not None and not said.waits and _answers(octets):
+                octets = with_reference(octets, reference)
+            self._deeds.append(Deed(SEND, data_tpdus(octets, self._tpdu_size), delay_s))
+
+
+def _answers(octets: bytes) -> bool:
+    """Tell whether a message is an answer, whose reference is the client's."""
+    pdu = parse_pdu(octets)
+    head = pdu.parameters.userdata
+    return pdu.rosctr in {ACK, ACK_DATA} or (head is not None and head.type == RESPONSE)
+
+
+def _spoilt(asked: Pdu, reply: Reply, faults: dict[str, Fault]) -> bytes:
+    """Return the answer with what is to be wrong about it."""
+    answer = reply.octets
+    if REFUSE in faults:
+        answer = refuse(asked, int(faults[REFUSE].value))
+    if WRONG_REF in faults and answer:
+        wrong = (int.from_bytes(answer[4:6], "big") + 1) & 0xFFFF
+        answer = with_reference(answer, wrong.to_bytes(2, "big"))
+    return answer

@@ -1,0 +1,363 @@
+"""The fake PLC on its sockets: one thread, one selector, any client bounded in time, octets and number."""
+
+from __future__ import annotations
+
+import errno
+import heapq
+import selectors
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Final, Self
+
+from dissect.metrics.address import Address, is_loopback
+from dissect.proxy.addresses import Place, ProxyError, listen_on, places_to_listen
+from dissect.proxy.link import close_with_reset, prepare
+from dissect.server.desk import Desk, Request
+from dissect.server.faults import Fault, parse_fault
+from dissect.server.line import BrokenError, Line
+from dissect.server.peer import ABORT, CLOSE, Deed, Peer
+from dissect.server.player import CYCLE, LAST, Stage
+from dissect.server.recording import Recording, ServerError, load_recording
+from dissect.server.tape import CLIENT, SERVER, Tape
+
+if TYPE_CHECKING:
+    from dissect.source.pcapng_writer import PcapngWriter
+
+#: Clients at once; more wait in the system's queue.
+MAX_CLIENTS: Final = 100
+#: How long a client may take to ask for a connection, in seconds.
+CONNECT_S: Final = 10.0
+#: How long a client may leave what it is sent, in seconds.
+TAKE_S: Final = 30.0
+_LOOK_S: Final = 0.5
+_PAUSE_S: Final = 1.0
+_JOIN_S: Final = 10.0
+_NO_MORE: Final = frozenset((errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM))
+
+_READ: Final = selectors.EVENT_READ
+_WRITE: Final = selectors.EVENT_WRITE
+
+
+def places_to_serve(address: Address, allow_remote: bool) -> list[Place]:
+    """Return what to listen on; what other machines can reach only with ``allow_remote``. Raises `ServerError`."""
+    try:
+        places = places_to_listen(address, allow_remote=True)
+    except ProxyError as why:
+        raise ServerError(str(why)) from None
+    for place in places:
+        if not allow_remote and not is_loopback(str(place.address[0])):
+            raise ServerError(
+                f"{address} can be reached from other machines, which would take it for a PLC: "
+                f"listen on 127.0.0.1, or add --allow-remote (allow_remote=True) when that is meant"
+            )
+    return places
+
+
+class Server:
+    """A PLC that says what a recording says (docs/serve.md).
+
+        with Server("pump.pcapng") as server:
+            client.connect("127.0.0.1", 0, 1, server.port)
+        assert not server.unmatched
+
+    ``repeat``: what comes when all recorded answers to a request were given, ``last`` the last one again, ``cycle`` the first
+    one. ``memory``: reads give what was written. ``latency_ms``: how long an answer takes, None for as long as it was
+    recorded. ``faults``: what is to go wrong (`parse_fault`). ``writer`` records what passes. Listening begins at once;
+    raises `ServerError` when it cannot, `ValueError` for a fault that is none.
+    """
+
+    def __init__(
+        self,
+        recording: Recording | str | Path,
+        port: int = 0,
+        host: str = "127.0.0.1",
+        *,
+        allow_remote: bool = False,
+        repeat: str = LAST,
+        memory: bool = False,
+        latency_ms: float | None = 0,
+        faults: Sequence[Fault | str] = (),
+        writer: PcapngWriter | None = None,
+    ) -> None:
+        if repeat not in {LAST, CYCLE}:
+            raise ValueError(f"repeat is {LAST!r} or {CYCLE!r}, not {repeat!r}")
+        places = places_to_serve(Address(host, port), allow_remote)
+        self.recording = recording if isinstance(recording, Recording) else load_recording(recording)
+        told = [parse_fault(fault) if isinstance(fault, str) else fault for fault in faults]
+        self.desk = Desk(Stage(self.recording, repeat, memory), told, latency_ms)
+        self.connections = 0
+        self.error: Exception | None = None
+        self._tape = Tape(writer) if writer is not None else None
+        self._lines: set[Line] = set()
+        self._plans: list[tuple[float, int, Line, Deed]] = []
+        self._count = 0
+        self._accepting = True
+        self._paused_until = 0.0
+        self._stopping = False
+        self._thread: threading.Thread | None = None
+        self._listeners: list[socket.socket] = []
+        self._selector = selectors.DefaultSelector()
+        self._wake, self._woken = socket.socketpair()
+        try:
+            for place in places:
+                self._listeners.append(listen_on(place))
+        except ProxyError as why:
+            self._close()
+            raise ServerError(str(why)) from None
+        self.listening = [Place(listener.family, listener.getsockname()) for listener in self._listeners]
+        self._wake.setblocking(False)
+        self._woken.setblocking(False)
+        self._selector.register(self._woken, _READ, None)
+        for listener in self._listeners:
+            self._selector.register(listener, _READ, listener)
+
+    # ---- what a user asks -------------------------------------------------------------------------------------------
+
+    @property
+    def host(self) -> str:
+        """The address where it listens."""
+        return str(self.listening[0].address[0])
+
+    @property
+    def port(self) -> int:
+        """The port where it listens, the one that the system chose where it was to."""
+        return int(self.listening[0].address[1])
+
+    @property
+    def requests(self) -> list[Request]:
+        """What was asked, in the order in which it came (the last 10,000)."""
+        return self.desk.requests
+
+    @property
+    def unmatched(self) -> list[Request]:
+        """What nothing like was recorded of (the last 1,000)."""
+        return self.desk.unmatched
+
+    @property
+    def problems(self) -> deque[str]:
+        """What a user should hear of, a line each; taken from its left by whoever tells it."""
+        return self.desk.problems
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, _: BaseException | None, __: TracebackType | None) -> None:
+        self.close()
+        if self.error is not None and kind is None:
+            raise self.error
+
+    def start(self) -> None:
+        """Serve in a thread of its own."""
+        self._thread = threading.Thread(target=self._work, name="s7dissect-serve", daemon=True)
+        self._thread.start()
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for its end; True when it has come."""
+        if self._thread is not None:
+            self._thread.join(timeout_s)
+        return self._thread is None or not self._thread.is_alive()
+
+    def close(self) -> None:
+        """Disconnect everybody and end the thread. May be called twice."""
+        self.stop()
+        if self._thread is None:
+            self._close()
+        else:
+            self._thread.join(_JOIN_S)
+
+    def stop(self) -> None:
+        """Ask it to end. May be called from any thread and from a signal handler, and twice."""
+        self._stopping = True
+        try:
+            self._wake.send(b"\0")
+        except OSError:
+            pass  # it is awake, or gone
+
+    def _work(self) -> None:
+        try:
+            self.run()
+        except Exception as error:  # noqa: BLE001 - a thread has nobody else who would hear it
+            self.error = error
+
+    # ---- the loop ---------------------------------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Serve until `stop` is called."""
+        try:
+            while not self._stopping:
+                for key, events in self._selector.select(self._patience()):
+                    self._happened(key.data, events)
+                self._due(time.monotonic())
+        finally:
+            self._close()
+
+    def _patience(self) -> float | None:
+        if not self._lines and self._accepting:
+            return None
+        due = self._plans[0][0] if self._plans else float("inf")
+        due = min([due, *[line.not_before for line in self._lines if line.not_before]])
+        return min(max(due - time.monotonic(), 0), _LOOK_S)
+
+    def _happened(self, what: object, events: int) -> None:
+        if isinstance(what, Line):
+            if what in self._lines:
+                self._work_on(what, events)
+        elif isinstance(what, socket.socket):
+            self._accept(what)
+        else:
+            self._woken.recv(4096)
+
+    def _accept(self, listener: socket.socket) -> None:
+        try:
+            client, name = listener.accept()
+        except OSError as why:
+            if why.errno in _NO_MORE:
+                self.problems.append(f"no client is accepted for a moment: {why.strerror}")
+                self._listen(False, time.monotonic() + _PAUSE_S)
+            return
+        try:
+            prepare(client)
+        except OSError:  # gone again
+            client.close()
+            return
+        self.connections += 1
+        peer = Peer(self.connections, self.desk)
+        line = Line(self.connections, client, peer, time.monotonic() + CONNECT_S, self._tape)
+        self._lines.add(line)
+        if self._tape is not None:
+            self._tape.opened(line.number, name, client.getsockname())
+        self._watch(line)
+        if len(self._lines) >= MAX_CLIENTS:
+            self.problems.append(
+                f"{len(self._lines)} clients are connected; more have to wait until one of them is gone"
+            )
+            self._listen(False, 0.0)
+
+    def _listen(self, wanted: bool, until: float = 0.0) -> None:
+        self._paused_until = until
+        if wanted == self._accepting:
+            return
+        self._accepting = wanted
+        for listener in self._listeners:
+            if wanted:
+                self._selector.register(listener, _READ, listener)
+            else:
+                self._selector.unregister(listener)
+
+    def _work_on(self, line: Line, events: int) -> None:
+        try:
+            if events & _READ and line.wants_read:
+                octets = line.read()
+                if octets is not None:
+                    self._take(line, octets)
+            self._flush(line)
+        except BrokenError:
+            self._drop(line, CLIENT)
+        except Exception as bug:  # noqa: BLE001 - whatever is wrong with one client must not cost the others theirs
+            self.problems.append(f"connection {line.number} is broken off: {type(bug).__name__}: {bug}")
+            self._drop(line, SERVER)
+
+    def _take(self, line: Line, octets: bytes) -> None:
+        if octets:
+            deeds = line.peer.feed(octets)
+        else:  # who has no more to say may still listen
+            line.peer.over = True
+            last = max([due for due, _, whose, _ in self._plans if whose is line], default=0.0)
+            deeds = [Deed(CLOSE, b"", max(last - time.monotonic(), 0.0))]
+        now = time.monotonic()
+        for deed in deeds:
+            line.held += len(deed.octets)
+            if deed.delay_s > 0:
+                self._count += 1
+                line.planned += 1
+                heapq.heappush(self._plans, (now + deed.delay_s, self._count, line, deed))
+            else:
+                line.put(deed, now)
+
+    def _flush(self, line: Line) -> None:
+        end = line.flush(time.monotonic())
+        if end == ABORT:
+            self._drop(line, SERVER)
+        elif end == CLOSE:
+            if self._tape is not None:
+                self._tape.closed(line.number, SERVER)
+            self._forget(line)
+            line.socket.close()
+        else:
+            self._watch(line)
+
+    def _watch(self, line: Line) -> None:
+        events = (_READ if line.wants_read else 0) | (_WRITE if line.queue and not line.not_before else 0)
+        if events == line.events:
+            return
+        if not line.events:
+            self._selector.register(line.socket, events, line)
+        elif events:
+            self._selector.modify(line.socket, events, line)
+        else:
+            self._selector.unregister(line.socket)
+        line.events = events
+
+    def _due(self, now: float) -> None:
+        """Do what is planned for now, and see to those whom nothing happens to."""
+        while self._plans and self._plans[0][0] <= now:
+            _, _, line, deed = heapq.heappop(self._plans)
+            if line in self._lines:
+                line.planned -= 1
+                line.put(deed, now)
+                self._work_on(line, 0)
+        for line in list(self._lines):
+            if line.not_before:
+                if now >= line.not_before:
+                    self._work_on(line, 0)
+            elif line.queue and now - line.moved > TAKE_S:
+                self.problems.append(f"connection {line.number} is ended: it takes nothing for {TAKE_S:g} s")
+                self._drop(line, SERVER)
+            elif now > line.deadline and not line.peer.connected:
+                self.problems.append(f"connection {line.number} is ended: no connect request within {CONNECT_S:g} s")
+                self._drop(line, SERVER)
+        if not self._accepting and now >= self._paused_until and len(self._lines) < MAX_CLIENTS:
+            self._listen(True)
+
+    # ---- ends -------------------------------------------------------------------------------------------------------
+
+    def _drop(self, line: Line, side: int) -> None:
+        if self._tape is not None:
+            self._tape.reset(line.number, side)
+        self._forget(line)
+        close_with_reset(line.socket)
+
+    def _forget(self, line: Line) -> None:
+        self._lines.discard(line)
+        if line.planned:
+            self._plans = [plan for plan in self._plans if plan[2] is not line]
+            heapq.heapify(self._plans)
+        if self._tape is not None:
+            self._tape.forget(line.number)
+        try:
+            self._selector.unregister(line.socket)
+        except (KeyError, ValueError):
+            pass  # it was not watched
+
+    def _close(self) -> None:
+        for line in list(self._lines):
+            if self._tape is not None:
+                self._tape.closed(line.number, SERVER)
+            self._forget(line)
+            line.socket.close()
+        for listener in self._listeners:
+            listener.close()
+        self._selector.close()
+        self._wake.close()
+        self._woken.close()
+        if self._tape is not None:
+            self._tape.close()
+            if self._tape.trouble:
+                self.problems.append(f"the capture file is not whole: {self._tape.trouble}")
+                self._tape.trouble = ""

@@ -1,0 +1,128 @@
+"""`s7dissect anonymize`: what it writes, what it tells of it, what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from dissect.source.files import open_capture
+from tests.anonymize.support import told
+from tests.cli.support import run, simple
+from tests.properties.packets import Flow, Talk
+from tests.report.support import ROOT, begun, read, saved
+from tests.source.craft import drain
+
+Capfd = pytest.CaptureFixture[bytes]
+
+
+@pytest.fixture
+def key(tmp_path: Path) -> Path:
+    path = tmp_path / "key"
+    path.write_bytes(b"sixteen octets..")
+    return path
+
+
+def test_writes_a_capture_and_tells_of_it(tmp_path: Path, capfdbinary: Capfd) -> None:
+    source, out = simple(tmp_path / "in.pcapng"), tmp_path / "out.pcapng"
+    ran = run(capfdbinary, "anonymize", source, "-o", out)
+    assert (ran.code, ran.err) == (0, "")
+    lines = ran.out.splitlines()
+    assert lines[0] == "13 packets of 13 written" or lines[0].endswith("packets written")
+    assert "       2  IP addresses" in lines
+    assert any(line.endswith("values, 4 octets") for line in lines)
+    assert "Left as it was" in lines
+    assert told(out) == told(source)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["in.pcapng", "out.pcapng"]
+
+
+def test_json(tmp_path: Path, capfdbinary: Capfd, key: Path) -> None:
+    out = tmp_path / "out.pcapng"
+    ran = run(capfdbinary, "anonymize", ROOT / "captures/szl.pcapng", "-o", out, "--key", key, "-T", "json")
+    account = json.loads(ran.out)
+    assert account["packets"] == account["written"] == 42
+    assert account["replaced"] == {"names of stations, modules and plants": 4, "serial numbers": 2}
+    assert account["dropped"] == {}
+    assert account["left"]
+
+
+def test_the_key_decides(tmp_path: Path, capfdbinary: Capfd, key: Path) -> None:
+    source = simple(tmp_path / "in.pcapng")
+    outs = [tmp_path / f"{number}.pcapng" for number in range(4)]
+    for out, value in zip(outs, (key, key, "random", "random"), strict=True):
+        assert run(capfdbinary, "anonymize", source, "-o", out, "--key", value).code == 0
+    octets = [out.read_bytes() for out in outs]
+    assert octets[0] == octets[1]
+    assert len(set(octets)) == 3
+
+
+def test_two_captures_map_alike(tmp_path: Path, capfdbinary: Capfd, key: Path) -> None:
+    flow = Flow("192.168.1.10", "192.168.1.20")
+    addresses = []
+    for number in range(2):
+        source = saved(tmp_path / f"in{number}.pcapng", read(begun(flow), number + 1).packets())
+        out = tmp_path / f"out{number}.pcapng"
+        run(capfdbinary, "anonymize", source, "-o", out, "--key", key)
+        addresses.append(drain(open_capture(str(out))).frames[0].octets[:34])
+    assert addresses[0][26:34] == addresses[1][26:34]
+    assert addresses[0][26:28] == bytes((192, 168))
+
+
+def test_standard_output(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    import subprocess
+    import sys
+
+    source = simple(tmp_path / "in.pcapng")
+    ran = subprocess.run(
+        [sys.executable, "-m", "dissect", "anonymize", str(source), "-o", "-"], capture_output=True, check=True
+    )
+    assert ran.stdout.startswith(b"\x0a\x0d\x0d\x0a")
+    assert b"packets written" in ran.stderr
+
+
+def test_comments_and_names_of_interfaces_stay_behind(tmp_path: Path, capfdbinary: Capfd) -> None:
+    source = saved(tmp_path / "in.pcapng", begun().packets(), {2: "the pump of Mr Miller"})
+    out = tmp_path / "out.pcapng"
+    ran = run(capfdbinary, "anonymize", source, "-o", out)
+    assert "       1  comments" in ran.out
+    assert b"Miller" not in out.read_bytes()
+
+
+def test_a_damaged_file_gives_what_was_there(tmp_path: Path, capfdbinary: Capfd) -> None:
+    source = simple(tmp_path / "in.pcapng")
+    source.write_bytes(source.read_bytes()[:-30])
+    ran = run(capfdbinary, "anonymize", source, "-o", tmp_path / "out.pcapng")
+    assert ran.code == 3
+    assert len(ran.err.splitlines()) == 1
+    assert told(tmp_path / "out.pcapng")
+
+
+def test_refusals(tmp_path: Path, capfdbinary: Capfd, key: Path) -> None:
+    source, out = simple(tmp_path / "in.pcapng"), tmp_path / "out.pcapng"
+    short = tmp_path / "short"
+    short.write_bytes(b"short")
+    out.write_bytes(b"something")
+    for arguments, why in (
+        ((source, "-o", out), "--force overwrites it"),
+        ((source, "-o", source, "--force"), "to be read and written"),
+        (("-", "-o", tmp_path / "x"), "read twice"),
+        ((source, "-o", tmp_path / "x", "--key", short), "a key needs 16 or more"),
+        ((source, "-o", tmp_path / "x", "--key", tmp_path / "none"), "No such file"),
+        ((tmp_path / "none", "-o", tmp_path / "x"), "No such file"),
+    ):
+        ran = run(capfdbinary, "anonymize", *arguments)
+        assert (ran.code, ran.out) == (2, ""), why
+        assert why in " ".join(ran.err.split()), ran.err
+    assert out.read_bytes() == b"something"
+    assert run(capfdbinary, "anonymize", source, "-o", out, "--force", "--key", key).code == 0
+
+
+def test_nothing_to_write(tmp_path: Path, capfdbinary: Capfd) -> None:
+    packets = Talk(Flow(ports=(40000, 25))).handshake().send(0, b"HELO").packets()
+    out = tmp_path / "out.pcapng"
+    ran = run(capfdbinary, "anonymize", saved(tmp_path / "in.pcapng", packets), "-o", out)
+    assert ran.code == 2
+    assert "no packet of the capture is of S7 communication" in ran.err
+    assert not out.exists()
+    assert len(list(tmp_path.iterdir())) == 1
