@@ -128,7 +128,9 @@ class PacketFramer:
     @property
     def passed(self) -> int:
         """Octets given up to the end of the packet being told, those in holes left out."""
-        return self.ends[0] if self.ends else self.framed + self.skipped
+        if self.ends:
+            return self.ends[0]
+        return self.framed + self.skipped
 
     def push(self, octets: bytes) -> None:
         """Take the octets of a segment; whole packets are appended to ``packets``."""

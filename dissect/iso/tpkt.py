@@ -143,7 +143,9 @@ class Framer:
     @property
     def passed(self) -> int:
         """Octets given up to the end of the TPKT being told, those in holes left out."""
-        return self.ends[0] if self.ends else self.framed + self.skipped
+        if self.ends:
+            return self.ends[0]
+        return self.framed + self.skipped
 
     def push(self, octets: bytes, start: i64, at_segment_start: bool) -> None:
         """Take ``octets[start:]``; whole TPKTs are appended to ``packets``."""

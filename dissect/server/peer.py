@@ -123,12 +123,11 @@ class Peer:
         pdu = parse_pdu(tsdu)
         if len(tsdu) < HEADER_SIZE or tsdu[0] != PROTOCOL_ID or pdu.rosctr not in {JOB, ACK, ACK_DATA, USERDATA}:
             self._desk.stranger(self.number, tsdu, "no S7comm")
+        elif self._asked and _answers(pdu):
+            self._asked = False
+            self._follow(0)
         elif pdu.rosctr in {ACK, ACK_DATA}:
-            if self._asked:
-                self._asked = False
-                self._follow(0)
-            else:
-                self._desk.stranger(self.number, tsdu, f"{pdu.rosctr_name} that nobody asked for")
+            self._desk.stranger(self.number, tsdu, f"{pdu.rosctr_name} that nobody asked for")
         else:
             self._request(player, pdu)
 
@@ -170,14 +169,13 @@ class Peer:
             self._asked = said.waits
             octets = said.octets
             reference = self._references.get(octets[4:6])
-            if reference is not None and not said.waits and _answers(octets):
+            if reference is not None and not said.waits and _answers(parse_pdu(octets)):
                 octets = with_reference(octets, reference)
             self._deeds.append(Deed(SEND, data_tpdus(octets, self._tpdu_size), delay_s))
 
 
-def _answers(octets: bytes) -> bool:
-    """Tell whether a message is an answer, whose reference is the client's."""
-    pdu = parse_pdu(octets)
+def _answers(pdu: Pdu) -> bool:
+    """Tell whether a message is an answer, whose reference is that of who asked."""
     head = pdu.parameters.userdata
     return pdu.rosctr in {ACK, ACK_DATA} or (head is not None and head.type == RESPONSE)
 

@@ -14,7 +14,7 @@ START = 0xFFFFFFF0  # wraps within the first octets
 
 
 def made(room: Room | None = None, start: int = START) -> Track:
-    tcp = TcpConnection((Endpoint(bytes(4), 1), Endpoint(bytes(4), 2)), 0, 1, 0)
+    tcp = TcpConnection(Endpoint(bytes(4), 1), Endpoint(bytes(4), 2), 0, 1, 0)
     tcp.streams[0].start(start)
     return Track(tcp, tcp.streams[0], room or Room())
 
