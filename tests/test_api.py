@@ -51,7 +51,8 @@ REVEALED = [
     "dict[str, object]",
     (
         "Connection | dissect.s7.message.Pdu | dissect.s7plus.message.PlusPdu | dissect.transactions.carried.ScdMessage"
-        " | dissect.transactions.transaction.Transaction | dissect.transactions.operation.Operation | dissect.findings.finding.Finding"
+        " | dissect.transactions.transaction.Transaction | dissect.transactions.operation.Operation"
+        " | dissect.findings.finding.Finding"
     ),
     "int | None",
     "list[dissect.transactions.transaction.TransactionError]",

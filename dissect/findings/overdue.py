@@ -103,4 +103,3 @@ class OverdueWatch:
             waits: int = now_ns - transaction.request_ns
             detail = f"{transaction.parameters.subject}: asked {waits / 1e9:.1f} s ago in packet {frame}, still without answer"
             self._judge.detail("transaction.overdue", connection.number, [frame], now_ns, detail)
-
