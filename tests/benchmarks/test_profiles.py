@@ -31,13 +31,15 @@ ATTEMPTS = 5
 @pytest.mark.parametrize("name", NAMES)
 def test_memory_and_time_stay_flat(name: str, tmp_path: Path, record_property: Callable[[str, object], None]) -> None:
     packets = packets_of(name, GIB, SMALL)
-    for attempt in range(ATTEMPTS):
+    attempt = 0
+    while True:
+        attempt += 1
         folder = tmp_path / str(attempt)
         folder.mkdir()
         told = feed([sys.executable], dict(os.environ), name, packets, SMALL, folder)
         time = told["cpu_ns"]["all"] / told["cpu_ns"]["half"]
         worst_ms = told["worst_ns"] / 1e6
-        if time <= MOST_TIME and worst_ms <= MOST_PACKET_MS:
+        if attempt == ATTEMPTS or (time <= MOST_TIME and worst_ms <= MOST_PACKET_MS):
             break
     first, *_, last = told["resident_kb"]
     figures = (
