@@ -1,8 +1,8 @@
 """A day of a busy line in minutes, through the live path and without a network card; prints one JSON object.
 
-Run as a child by `benchmarks.soak` and by its test: whichever package ``dissect`` is found first is measured. The packets carry the
-times of a whole day and the run's clock goes along with them, so that everything that waits, is overdue, expires or is renewed
-by time does so as often as in a day. What happens is told as lines of JSON to nowhere; alerts and metrics go along.
+Run as a child by `benchmarks.soak` and by its test: whichever package ``dissect`` is found first is measured. The packets carry
+the times of a whole day and the run's clock goes along with them, so that everything that waits, is overdue, expires or is
+renewed by time does so as often as in a day. What happens is told as lines of JSON to nowhere; alerts and metrics go along.
 
 On the line: sixteen connections that poll once a second; eight whose requests are never answered; and connections that are
 opened, asked once and closed, 10,000 in a busy minute (of four ends one is a reset, one never comes).
@@ -46,9 +46,9 @@ _BEGIN_NS: Final = 1_709_510_400_000_000_000  # 2024-03-04 00:00 UTC
 _QUARTERS: Final = 4
 _POLLING: Final = 16
 _UNANSWERED: Final = 8
-#: Connections of a busy minute, and which minutes are busy by default: every tenth.
+#: Connections of a busy minute, and which minutes are busy by default: two an hour.
 CHURN: Final = 10_000
-BUSY_EVERY: Final = 10
+BUSY_EVERY: Final = 30
 #: Connections in any other minute.
 _CALM: Final = 100
 _PORTS: Final = 50_000
@@ -74,7 +74,6 @@ above = 10
 name = "silence"
 when = "silence"
 longer = "30s"
-per = "connection"
 [[rule]]
 name = "rate"
 when = "rate"
@@ -235,7 +234,7 @@ class _Told(Observer):
 def spend(hours: float, churn: int, busy_every: int) -> dict[str, object]:
     """Let the hours pass; return what was counted, and ``resident_kb`` after each quarter.
 
-    Memory is looked at at the end of a calm minute: what a busy one leaves behind shows, what it needs for itself is in ``peak_kb``.
+    Memory is looked at after a calm minute: what a busy one leaves behind shows, what it needs for itself is in ``peak_kb``.
     """
     quarter = max(int(hours * 3600) // _QUARTERS // (MINUTE_S * busy_every), 1) * MINUTE_S * busy_every
     day = Day(churn, busy_every)
@@ -255,7 +254,9 @@ def spend(hours: float, churn: int, busy_every: int) -> dict[str, object]:
     while run.step():
         if reader.second % quarter == 0 and len(resident) < reader.second // quarter:
             resident.append(resident_kb())
-            print(f"{reader.second // 3600} h: {resident[-1]} KiB, {reader.packets} packets", file=sys.stderr, flush=True)
+            print(
+                f"{reader.second // 3600} h: {resident[-1]} KiB, {reader.packets} packets", file=sys.stderr, flush=True
+            )
     return {
         "build": "compiled" if COMPILED else "interpreted",
         "hours": reader.second / 3600,

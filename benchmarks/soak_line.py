@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import shutil
+import socket
 import subprocess
 import time
 from pathlib import Path
@@ -57,7 +58,7 @@ def arrived() -> tuple[int, int]:
 
 def watched() -> frozenset[str]:
     """Return the sockets (by inode) that capture on the watched end now."""
-    index = str(_index(FAR))
+    index = str(socket.if_nametoindex(FAR))
     rows = [line.split() for line in _SOCKETS.read_text(encoding="ascii").splitlines()[1:]]
     return frozenset(row[8] for row in rows if row[4] == index)
 
@@ -75,9 +76,3 @@ def wait_for_watcher(settled_s: float, limit_s: float = 30.0) -> bool:
             return True
         time.sleep(0.05)
     return False
-
-
-def _index(name: str) -> int:
-    import socket
-
-    return socket.if_nametoindex(name)

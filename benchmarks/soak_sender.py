@@ -8,7 +8,7 @@ what is added to a client's address is taken from its PLC's, and every checksum 
 
 It reads orders from standard input, a line each, and answers each with a line of JSON:
 
-    RATE SECONDS [MARKS]     packets a second (0: as fast as it goes), and marked transactions a second beside them
+    RATE SECONDS [MARKS]     packets a second (-1: as many as there can be), and marked transactions a second beside them
 
 A marked transaction is a read by 10.77.0.1 whose reference counts up from the first one on; the answer names when, by the wall
 clock, each was sent (``marks``, in ns).
@@ -195,7 +195,7 @@ class Marks:
 class Replay:
     """Sends a load at a rate, pass after pass, and goes on in the next order where the one before ended."""
 
-    def __init__(self, line: Line, load: Load | None) -> None:
+    def __init__(self, line: Line, load: Load) -> None:
         self._line = line
         self._load = load
         self._at = 0
@@ -211,8 +211,8 @@ class Replay:
         next_mark = begun + between
         sent = behind = 0
         while (now := time.monotonic_ns()) < end:
-            due = _MOST_A_CALL if rate == 0 and self._load else rate * (now - begun + _TURN_NS) // 1_000_000_000 - sent
-            if rate:
+            due = _MOST_A_CALL if rate < 0 else rate * (now - begun + _TURN_NS) // 1_000_000_000 - sent
+            if rate > 0:
                 behind = max(behind, due * 1_000_000_000 // rate - _TURN_NS)
             while due > 0 and time.monotonic_ns() < end:
                 count = self._some(due)
@@ -223,7 +223,7 @@ class Replay:
             if marks is not None and now >= next_mark:
                 marks.send()
                 next_mark += between
-            if rate or self._load is None:
+            if rate >= 0:
                 time.sleep(max(0, now + _TURN_NS - time.monotonic_ns()) / 1e9)
         took = (time.monotonic_ns() - begun) / 1e9
         if marks is not None:
@@ -239,8 +239,6 @@ class Replay:
 
     def _some(self, due: int) -> int:
         load = self._load
-        if load is None:
-            return due
         count = self._line.many(load.address + self._at * _MESSAGE.size, min(due, load.count - self._at))
         self._at += count
         if self._at == load.count:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
 from typing import TYPE_CHECKING, Any, Final
 
 from benchmarks.compare import say
 from benchmarks.engines import ROOT
-from benchmarks.soak_line import FAR, NEAR, NoLineError, arrived, wait_for_watcher
+from benchmarks.soak_line import NEAR, NoLineError, arrived, wait_for_watcher
 from benchmarks.soak_sender import MARKED
 from benchmarks.soak_watchers import Watch
 
@@ -31,8 +32,10 @@ _MOST_BEHIND_S: Final = 0.25
 class Trial:
     """What became of one load. Counts of packets; None means that nobody tells. ``held``: every one was seen, in time."""
 
-    __slots__ = ("arrived", "behind_s", "cpu_s", "ended", "interface", "kernel", "lost_events", "marks", "rate", "seconds", "seen",
-                 "sent", "told")  # fmt: skip
+    __slots__ = (
+        "arrived", "behind_s", "cpu_s", "ended", "interface", "kernel", "lost_events", "marks", "rate", "seconds", "seen",
+        "sent", "told",
+    )  # fmt: skip
 
     def __init__(self, sent: dict[str, Any], came: int, told: dict[str, Any], cpu_s: float) -> None:
         self.sent = int(sent["sent"])
@@ -118,8 +121,6 @@ def attempt(
     watcher: Watcher, sender: SenderProcess, rate: int, seconds: float, work: Path, marks: float = 0.0
 ) -> Trial:
     """Start a watcher, send, wait a moment, end it; return what became of it. Raises NoLineError when it does not begin."""
-    import time
-
     watch = Watch(watcher, work, f'"{MARKED}:'.encode() if marks else b"")
     try:
         if not wait_for_watcher(watcher.settle_s):
@@ -171,8 +172,3 @@ def delays_ms(trial: Trial) -> list[float]:
         if told.get("function", {}).get("code") == 4 and number < len(trial.marks):
             found.append((at - trial.marks[number]) / 1e6)
     return found
-
-
-def interface() -> str:
-    """Return the interface that watchers watch."""
-    return FAR

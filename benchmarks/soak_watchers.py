@@ -82,7 +82,7 @@ class Watcher:
 
 
 def monitor_call(python: str, path: str, directory: Path) -> tuple[list[str], dict[str, str], str]:
-    """Return call and environment of the monitor of ``python``, with the package in ``path`` if that is given, and its build."""
+    """Return call and environment of the monitor of ``python``, with the package in ``path`` if given, and its build."""
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     script = Path(python).parent / "s7dissect"
     call = [str(script)] if script.exists() and not path else [python, "-P", "-m", "dissect"]
@@ -91,7 +91,9 @@ def monitor_call(python: str, path: str, directory: Path) -> tuple[list[str], di
     return call, environment, mode_of(call, environment, directory)
 
 
-def monitor(call: Sequence[str], environment: dict[str, str], build: str, engine: str, interface: str, only: str) -> Watcher:
+def monitor(
+    call: Sequence[str], environment: dict[str, str], build: str, engine: str, interface: str, only: str
+) -> Watcher:
     """Return our monitor by ``engine`` as a watcher that writes lines of ``only``."""
     if engine == "dumpcap" and shutil.which("dumpcap") is None:
         raise MissingError("no dumpcap (of Wireshark) here")
@@ -155,13 +157,14 @@ class Watch:
         """Interrupt it and return what it told last: none when it did not end in time or told nothing."""
         self._child.send_signal(signal.SIGINT)
         end = time.monotonic() + limit_s
-        done = 0
+        done = False
         while not done and time.monotonic() < end:
-            done, _, usage = os.wait4(self._child.pid, os.WNOHANG)
+            pid, status, usage = os.wait4(self._child.pid, os.WNOHANG)
+            done = pid != 0
+            if done:
+                self._child.returncode = os.waitstatus_to_exitcode(status)
+                self.cpu_s = usage.ru_utime + usage.ru_stime
             time.sleep(0.005)
-        if done:
-            self._child.returncode = 0
-            self.cpu_s = usage.ru_utime + usage.ru_stime
         self._kill()
         self._thread.join(10)
         try:

@@ -46,6 +46,7 @@ ORDER: Final = (
     "metrics",
     "proxy",
     "server",
+    "replay",
     "layers",
     "oracle",
     "testing",
@@ -81,7 +82,7 @@ IMPURE_CALLS: Final = frozenset(("breakpoint", "input", "open", "print"))
 CLOCK_CALLS: Final = frozenset(("now", "today", "utcnow"))
 
 #: Third-party packages that stay in one room.
-LOCKED: Final = {"scapy": "layers", "pyshark": "oracle", "textual": "monitor"}
+LOCKED: Final = {"scapy": "layers", "pyshark": "oracle", "textual": "monitor", "pytest": "testing"}
 
 #: They run what they read.
 DANGEROUS_IMPORTS: Final = frozenset(("cPickle", "dill", "jsonpickle", "marshal", "pickle", "shelve", "yaml"))

@@ -16,7 +16,7 @@ from dissect.cli.drive import format_option, write
 from dissect.cli.golden import read_capture
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 from dissect.golden.comparison import differences
-from dissect.golden.difference import KINDS, DiffOptions, Difference
+from dissect.golden.difference import KINDS, Difference, DiffOptions
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.reading import is_golden, load_golden
 from dissect.report import words
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 DIFF_SCHEMA = "s7dissect.diff/1"
 
 _EXIT_CODES = (
-    "Exit code: 0 the same, 1 different, 2 wrong use, a file that cannot be read, or one that is damaged so that the comparison "
-    "is not to be relied on (it is given), 5 the output failed, 130 interrupted."
+    "Exit code: 0 the same, 1 different, 2 wrong use, a file that cannot be read, or one that is damaged so that the "
+    "comparison is not to be relied on (it is given), 5 the output failed, 130 interrupted."
 )
 _IGNORABLE = "; ".join([f"{name}: {text}" for name, text in KINDS.items()])
 
@@ -45,7 +45,11 @@ _IGNORABLE = "; ".join([f"{name}: {text}" for name, text in KINDS.items()])
     help="Leave this unsaid: a name from the list below, or NAME:PATTERN with * and ?, such as 'values:DB10.*'; several with "
     "commas between, or the option again.",
 )
-@click.option("--latency", metavar="TOLERANCE", help="Compare answer times as well; shifts up to 20%, 5ms or 20%,5ms are the same.")
+@click.option(
+    "--latency",
+    metavar="TOLERANCE",
+    help="Compare answer times as well; shifts up to 20%, 5ms or 20%,5ms are the same.",
+)
 @click.option("--max", "most", type=click.IntRange(min=0), default=100, show_default=True, help="Differences to write.")
 @scd_options
 def command(
@@ -78,7 +82,7 @@ def command(
     found = differences(a, b, options)
     shown = list(islice(found, most))
     rest = sum([1 for _ in found])
-    writer = {"text": _text, "json": _json, "junit": _junit}[format_]
+    writer = {"text": text_lines, "json": _json, "junit": junit_lines}[format_]
     write(writer(a, b, shown, rest))
     if code_a or code_b:
         return EXIT_USAGE
@@ -91,7 +95,8 @@ def _load(path: str, carrier: Carrier | None) -> tuple[Session, int]:
     return read_capture((path,), carrier)
 
 
-def _text(a: Session, b: Session, shown: list[Difference], rest: int) -> Iterator[str]:
+def text_lines(_a: Session, _b: Session, shown: list[Difference], rest: int) -> Iterator[str]:
+    """Yield the differences as lines; ``rest`` more are not shown."""
     for difference in shown:
         yield difference.text
     if rest:
@@ -99,8 +104,12 @@ def _text(a: Session, b: Session, shown: list[Difference], rest: int) -> Iterato
 
 
 def _json(a: Session, b: Session, shown: list[Difference], rest: int) -> Iterator[str]:
-    values = {
-        "schema": DIFF_SCHEMA,
+    yield from json_lines({"schema": DIFF_SCHEMA, **json_values(a, b, shown, rest)})
+
+
+def json_values(a: Session, b: Session, shown: list[Difference], rest: int) -> dict[str, object]:
+    """Return the differences as JSON-ready values; ``rest`` more are not shown."""
+    return {
         "a": encodable(a.name),
         "b": encodable(b.name),
         "same": not shown and not rest,
@@ -108,11 +117,15 @@ def _json(a: Session, b: Session, shown: list[Difference], rest: int) -> Iterato
         "not_shown": rest,
         "differences": [difference.as_dict() for difference in shown],
     }
+
+
+def json_lines(values: dict[str, object]) -> Iterator[str]:
+    """Yield an object as JSON for people."""
     yield json.dumps(values, indent=2).replace("\x7f", "\\u007f")
 
 
-def _junit(a: Session, b: Session, shown: list[Difference], rest: int) -> Iterator[str]:
-    """One test case for each connection of A, and one for what only B has."""
+def junit_lines(a: Session, b: Session, shown: list[Difference], rest: int) -> Iterator[str]:
+    """Yield them as JUnit XML: one test case for each connection of A, and one for what only B has."""
     cases: dict[int, list[Difference]] = {link.number: [] for link in a.links}
     for difference in shown:
         cases.setdefault(difference.connection, []).append(difference)
@@ -130,7 +143,9 @@ def _junit(a: Session, b: Session, shown: list[Difference], rest: int) -> Iterat
         _case(suite, name, printable(a.name), told)
     if rest:
         case = ElementTree.SubElement(suite, "testcase", classname=printable(a.name), name="further differences")
-        ElementTree.SubElement(case, "failure", type="more", message=f"{words.count(rest, 'further difference')} not shown")
+        ElementTree.SubElement(
+            case, "failure", type="more", message=f"{words.count(rest, 'further difference')} not shown"
+        )
     ElementTree.indent(suite)
     yield '<?xml version="1.0" encoding="utf-8"?>'
     yield ElementTree.tostring(suite, encoding="unicode")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +13,7 @@ from dissect.cli.drive import complain, drive, files_argument, write
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.reading import SessionReader, is_golden, load_golden
+from dissect.golden.saving import save_whole
 from dissect.golden.writing import EXTRAS, golden_lines
 from dissect.wire.text import printable
 
@@ -43,7 +42,9 @@ def choices(known: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
 
 @click.command("golden", epilog=_EXIT_CODES)
 @files_argument
-@click.option("-o", "--output", "output", default="-", metavar="OUT", help="File to write; - is standard output (default).")
+@click.option(
+    "-o", "--output", "output", default="-", metavar="OUT", help="File to write; - is standard output (default)."
+)
 @click.option(
     "--with",
     "extras",
@@ -69,7 +70,7 @@ def command(files: tuple[str, ...], output: str, extras: frozenset[str], carrier
     if output == "-":
         write(golden_lines(session, extras))
     else:
-        _save(Path(output), "".join([f"{line}\n" for line in golden_lines(session, extras)]).encode())
+        save_whole(Path(output), "".join([f"{line}\n" for line in golden_lines(session, extras)]).encode())
     return code
 
 
@@ -91,18 +92,3 @@ def read_capture(files: tuple[str, ...], carrier: Carrier | None) -> tuple[Sessi
     if code == EXIT_INTERRUPTED:
         click.echo("s7dissect: interrupted, nothing was written", err=True)
     return reader.finish([f"{file.name}: {file.damage}" for file in run.files if file.damage]), code
-
-
-def _save(path: Path, octets: bytes) -> None:
-    """Write a file whole or not at all."""
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(octets)
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(name).chmod(0o666 & ~mask)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise

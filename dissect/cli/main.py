@@ -43,6 +43,7 @@ COMMANDS: Final = {
     "interfaces": "What can be captured live here, and by whom.",
     "proxy": "A TCP relay before a PLC that tells what passes.",
     "serve": "A fake PLC that answers as a recorded one did.",
+    "replay": "The client's side of a session, to a real server.",
     "scd": "Dictionaries of SCD, and values by them.",
 }
 

@@ -29,6 +29,7 @@ from dissect.s7.tables import (
     SUCCESS,
     WRITE_VAR,
 )
+from dissect.wire.text import printable
 
 _BYTES: Final = 0x04
 _BIT: Final = 0x03
@@ -110,7 +111,7 @@ def item_text(line: ItemLine) -> str:
         remark = RETURN_CODES.name(line.code)
         if line.head != _REFUSED:
             text += f" head {hex_text(line.head)}"
-    return f"{text}  # {remark}" if remark else text
+    return f"{text}  # {printable(remark)}" if remark else text
 
 
 def parse_item_text(text: str) -> ItemLine:

@@ -1,16 +1,28 @@
 """PDUs without what differs from one recording of the same session to the next: reference and sequence numbers.
 
 What is masked is 0 afterwards; nothing changes its size or place. Of S7comm (reference 3.1, 4.1, 4.3): the PDU reference, the
-sequence number of userdata, the data unit reference (1 where there is one, so that "more follows" stays), the id of an upload.
-Of S7comm-plus: sequence numbers, session id, credit tick, digests (docs/s7plus.md).
+sequence number of userdata, the data unit reference (1 where there is one, so that "more follows" stays), the id of an upload;
+and the fill octet behind an odd item (reference 3.5), where some devices leave what was in memory. Of S7comm-plus: sequence
+numbers, session id, credit tick, digests (docs/s7plus.md).
 """
 
 from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID
-from dissect.s7.tables import ACK_DATA, CPU_SERVICES, END_UPLOAD, JOB, START_UPLOAD, UPLOAD, USERDATA
+from dissect.s7.items import DATA_HEAD, parse_data_items
+from dissect.s7.message import ACK_HEADER_SIZE, HEADER_SIZE, PROTOCOL_ID
+from dissect.s7.tables import (
+    ACK_DATA,
+    CPU_SERVICES,
+    END_UPLOAD,
+    JOB,
+    READ_VAR,
+    START_UPLOAD,
+    UPLOAD,
+    USERDATA,
+    WRITE_VAR,
+)
 from dissect.s7plus.message import DIGEST_SIZE, parse_plus
 from dissect.s7plus.tables import NOTIFICATION, REQUEST, V1, V3
 
@@ -29,6 +41,8 @@ _ACK_FUNCTION: Final = 12
 _UPLOAD_ID_AT: Final = 4
 _UPLOAD_ID: Final = 4
 _PLUS_HEADER: Final = 4
+_READ: Final = bytes((READ_VAR,))
+_WRITE: Final = bytes((WRITE_VAR,))
 
 
 def mask_s7(octets: bytes) -> bytes:
@@ -39,6 +53,9 @@ def mask_s7(octets: bytes) -> bytes:
     if rosctr == USERDATA:
         return _mask_userdata(octets)
     at = -1
+    function = octets[_ACK_FUNCTION : _ACK_FUNCTION + 1] if rosctr == ACK_DATA else octets[_FUNCTION : _FUNCTION + 1]
+    if (function == _READ and rosctr == ACK_DATA) or (function == _WRITE and rosctr == JOB):
+        return _mask_fills(octets)
     if rosctr == JOB and len(octets) > _FUNCTION and octets[_FUNCTION] in {UPLOAD, END_UPLOAD}:
         at = _FUNCTION + _UPLOAD_ID_AT
     elif rosctr == ACK_DATA and len(octets) > _ACK_FUNCTION and octets[_ACK_FUNCTION] == START_UPLOAD:
@@ -46,6 +63,21 @@ def mask_s7(octets: bytes) -> bytes:
     if at >= 0 and len(octets) >= at + _UPLOAD_ID:
         return b"".join((octets[:4], _NONE, octets[6:at], bytes(_UPLOAD_ID), octets[at + _UPLOAD_ID :]))
     return b"".join((octets[:4], _NONE, octets[6:]))
+
+
+def _mask_fills(octets: bytes) -> bytes:
+    """Return a read answer or a write without reference and fill octets."""
+    masked = bytearray(octets)
+    masked[_REFERENCE] = _NONE
+    head = HEADER_SIZE if octets[1] == JOB else ACK_HEADER_SIZE
+    count = octets[head + 1] if len(octets) > head + 1 else 0
+    if count > 1:
+        at = head + int.from_bytes(octets[_PARAM_LENGTH], "big")
+        for item in parse_data_items(octets, at, len(octets), count, octets[1] == ACK_DATA, [])[:-1]:
+            end = int(item.offset) + DATA_HEAD + len(item.data)
+            if len(item.data) & 1 and end < len(masked):
+                masked[end] = 0
+    return bytes(masked)
 
 
 def _mask_userdata(octets: bytes) -> bytes:

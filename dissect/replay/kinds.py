@@ -46,6 +46,7 @@ READING_USERDATA: Final = frozenset((
 #: Why a request is not sent.
 NO_WRITE: Final = "writes are sent with --allow-write only"
 NO_CONTROL: Final = "control is sent with --allow-control only"
+_NC_DOWNLOAD: Final = (0x3F, 0x01)
 DOWNLOAD: Final = "the PLC would ask for the block, and what a PLC asks is never answered"
 
 
@@ -80,8 +81,15 @@ class Permissions(NamedTuple):
         kind = kind_of(octets)
         if kind == WRITE and not self.write:
             return NO_WRITE
-        if kind == CONTROL and not self.control:
-            return NO_CONTROL
-        if kind == CONTROL and len(octets) > HEADER_SIZE and octets[1] == JOB and octets[HEADER_SIZE] == REQUEST_DOWNLOAD:
+        if kind == CONTROL and _begins_download(octets):
             return DOWNLOAD
-        return ""
+        return NO_CONTROL if kind == CONTROL and not self.control else ""
+
+
+def _begins_download(octets: bytes) -> bool:
+    """Tell whether the PLC goes on with requests of its own."""
+    pdu = parse_pdu(octets)
+    if pdu.rosctr == JOB:
+        return pdu.function == REQUEST_DOWNLOAD
+    head = pdu.parameters.userdata
+    return head is not None and (head.group, head.subfunction) == _NC_DOWNLOAD

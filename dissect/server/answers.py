@@ -64,7 +64,7 @@ def confirm(request: Tpdu, recorded: bytes) -> Confirmation:
     else:
         parameters = [(parameter.code, parameter.value) for parameter in model.parameters]
         own = max(model.field("src_ref"), 0)
-        options = recorded[6]
+        options = recorded[6] if len(recorded) > 6 else 0
     granted = min([size for size in (request.tpdu_size, model.tpdu_size if model else 0) if size] or [0])
     variable = b""
     for code, value in parameters:

@@ -22,7 +22,7 @@ from dissect.transactions.ending import DISCONNECT, FIN, RESET
 from dissect.transactions.transaction import PUSH, Transaction
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from dissect.transactions.table import Side
 
@@ -147,13 +147,14 @@ class _Seen:
         return self.request_frame or self.answer_frame, self.number
 
 
-class _Listener(Observer):
-    """Gathers scripts from a pipeline."""
+class RecordingReader(Observer):
+    """Gathers scripts from a pipeline; `finish` gives the recording."""
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, name: str = "") -> None:
         super().__init__()
         self.wants_tpdus = True
-        self._recording = recording
+        self.excess = ""  # what there is too much of; an observer that raises would be taken for a bug of the engine
+        self._recording = Recording(name)
         self._begun: dict[int, _Begun] = {}
         self._known: dict[bytes, bytes] = {}
         self._octets = 0
@@ -181,9 +182,9 @@ class _Listener(Observer):
             return
         self._count += 1
         if self._count > MAX_STEPS:
-            raise ServerError(
-                f"{self._recording.name}: more than {MAX_STEPS} transactions; cut it first (s7dissect cut)"
-            )
+            self.excess = f"more than {MAX_STEPS} transactions"
+        if self.excess:
+            return
         request, answer = self._kept(transaction.request_octets), self._kept(transaction.response_octets)
         begun.seen.append(_Seen(transaction, request, answer))
 
@@ -193,10 +194,7 @@ class _Listener(Observer):
         if known is octets:
             self._octets += len(octets)
             if self._octets > MAX_OCTETS:
-                size = MAX_OCTETS >> 20
-                raise ServerError(
-                    f"{self._recording.name}: more than {size} MiB of messages; cut it first (s7dissect cut)"
-                )
+                self.excess = f"more than {MAX_OCTETS >> 20} MiB of messages"
         return known
 
     def connection_closed(self, connection: Connection) -> None:
@@ -221,6 +219,22 @@ class _Listener(Observer):
         _arrange(script, begun.seen, client, self._recording)
         if script.steps or connection.cr_seen:
             self._recording.scripts.append(script)
+
+    def finish(self, damage: Sequence[str] = ()) -> Recording:
+        """Return what can be served. Raises `ServerError` when nothing can."""
+        recording = self._recording
+        if self.excess:
+            raise ServerError(f"{recording.name}: {self.excess}; cut it first (s7dissect cut)")
+        for text in damage:
+            recording.note(text)
+        recording.scripts.sort(key=lambda script: script.number)
+        return _served(recording)
+
+
+def _served(recording: Recording) -> Recording:
+    if not recording.scripts:
+        raise ServerError(f"{recording.name}: no connection in it speaks S7comm over TCP, so there is nothing to serve")
+    return recording
 
 
 def _arrange(script: Script, seen: Iterable[_Seen], client: int, recording: Recording) -> None:
@@ -259,21 +273,15 @@ def load_recording(path: str | Path, *more: str | Path) -> Recording:
     name = str(path)
     if not more and name != "-" and is_golden(path):
         try:
-            recording = _of_golden(read_session(path))
+            return _served(_of_golden(read_session(path)))
         except GoldenError as error:
             raise ServerError(str(error)) from None
-    else:
-        recording = Recording(name)
-        run = Run([name, *[str(other) for other in more]], _Listener(recording), Options())
-        while run.step():
-            pass
-        recording.scripts.sort(key=lambda script: script.number)
-        for file in run.files:
-            if file.damage:
-                recording.note(f"{file.name}: {file.damage}")
-    if not recording.scripts:
-        raise ServerError(f"{name}: no connection in it speaks S7comm over TCP, so there is nothing to serve")
-    return recording
+    reader = RecordingReader(name)
+    run = Run([name, *[str(other) for other in more]], reader, Options())
+    while run.step() and not reader.excess:
+        pass
+    run.finish()
+    return reader.finish([f"{file.name}: {file.damage}" for file in run.files if file.damage])
 
 
 def _of_golden(session: Golden) -> Recording:
@@ -282,7 +290,7 @@ def _of_golden(session: Golden) -> Recording:
         script = Script(link.number)
         script.calling, script.called = link.calling, link.called
         script.end = link.ended if link.ended in ENDS and link.ended_by == "server" else ""
-        script.refused = bool(link.refused) and not link.transactions
+        script.refused = link.begun and not link.tpdu_size and not link.transactions
         for transaction in link.transactions:
             exchange = transaction.exchange
             if exchange.kind != S7 or link.carrier != "tcp":

@@ -1,0 +1,315 @@
+"""How much does the monitor hold, for how long, and how soon does it tell? ``python -m benchmarks.soak``.
+
+Five tables. Rates: the most packets a second of which not one is lost, through our monitor by either engine, Scapy's
+AsyncSniffer and pyshark's LiveCapture, on the same line with the same frames. Hold: our monitor for a minute at rates it has to
+hold. Delay: from a packet on the wire to its line on the monitor's output. Silence: what a silent line costs. Day: memory
+over the equivalent of 24 hours, without a network card.
+
+The line is a veth pair in a network namespace (Linux, root or CAP_SYS_ADMIN, CAP_NET_ADMIN and CAP_NET_RAW).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Any, Final
+
+from benchmarks.compare import DATA, capture, say
+from benchmarks.engines import ROOT, MissingError, absolute
+from benchmarks.generate import parse_count
+from benchmarks.measure import CommandFailedError, machine
+from benchmarks.soak_line import FAR, NoLineError, enter, wait_for_watcher
+from benchmarks.soak_trials import SenderProcess, attempt, delays_ms, search
+from benchmarks.soak_watchers import MONITORS, NAMES, Watch, Watcher, cpu_s, monitor, monitor_call, other
+from benchmarks.tables import columns, piped
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from benchmarks.soak_trials import Trial
+
+#: What is promised: packets a second by engine, times what Scapy and pyshark hold, median delay at a low rate, growth in a day.
+HOLD: Final = {"ring": 150_000, "dumpcap": 75_000}
+TIMES: Final = 10.0
+DELAY_MS: Final = 200.0
+SILENT_PERCENT: Final = 1.0
+MOST_GROWTH: Final = 1.05
+PARTS: Final = ("rates", "hold", "delay", "silence", "day")
+#: Rates beside the marked transactions whose delay is measured, and marks a second.
+LOADS: Final = (0, 20_000, 75_000)
+_MARKS: Final = 20.0
+#: Finds the package first and these benchmarks after it.
+_DAY: Final = (
+    "import sys, dissect.pipeline; sys.path.append({root!r}); from benchmarks.soak_day import main; sys.exit(main())"
+)
+
+Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
+
+
+class Bench:
+    """What the parts share: the line's sender, the monitor's call, where to work; and what came out, for ``--json``."""
+
+    def __init__(self, python: str, path: str, file: Path, work: Path) -> None:
+        self.call, self.environment, self.build = monitor_call(python, path, work)
+        self.python = python
+        self.sender = SenderProcess(file)
+        self.work = work
+        self.figures: dict[str, Any] = {"build": self.build}
+        self.kept = True
+
+    def own(self, engine: str, only: str = "findings") -> Watcher:
+        """Return our monitor as a watcher."""
+        return monitor(self.call, self.environment, self.build, engine, FAR, only)
+
+    def verdict(self, kept: bool) -> str:
+        """Return what the table says of a promise, and remember a broken one."""
+        self.kept = self.kept and kept
+        return "kept" if kept else "BROKEN"
+
+
+def rates(bench: Bench, names: Sequence[str], seconds: float, runs: int, most: int) -> Table:
+    """Search, in turn, the highest rate that each holds; the median of ``runs`` searches."""
+    heads = ("watcher", "held packets/s", "of runs", "µs CPU/packet", "ring / it", "dumpcap / it")
+    found: dict[str, list[Trial]] = {}
+    watchers: dict[str, Watcher] = {}
+    for name in names:
+        try:
+            watchers[name] = bench.own(name) if name in MONITORS else other(name, FAR)
+        except MissingError as error:
+            say(f"not measured: {error}")
+    for number in range(runs):
+        for name, watcher in watchers.items():
+            best = search(watcher, bench.sender, seconds, bench.work, most)
+            say(f"run {number + 1}: {watcher.label}: {f'{best.rate:,.0f}/s' if best else 'nothing'} held")
+            if best is not None:
+                found.setdefault(name, []).append(best)
+    held = {name: median([trial.rate for trial in trials]) for name, trials in found.items()}
+    bench.figures["rates"] = {name: [trial.as_dict() for trial in trials] for name, trials in found.items()}
+    lines: list[tuple[str, ...]] = []
+    for name, rate in held.items():
+        cost = median([trial.cpu_s / trial.seen * 1e6 for trial in found[name]])
+        ratios = [f"{held[own] / rate:.1f}" if own in held else "-" for own in MONITORS]
+        several = " ".join([f"{trial.rate:,.0f}" for trial in found[name]])
+        lines.append((watchers[name].label, f"{rate:,.0f}", several, f"{cost:.1f}", *ratios))
+        if name not in MONITORS:
+            bench.verdict(all([held[own] >= TIMES * rate for own in MONITORS if own in held]))
+    return f"Highest rate with nothing lost, {seconds:.0f} s each", heads, lines
+
+
+def hold(bench: Bench, names: Sequence[str], seconds: float) -> Table:
+    """Our monitor at the rates promised, for longer."""
+    heads = ("watcher", "packets/s", "seconds", "sent", "seen", "kernel drops", "CPU s", "verdict")
+    lines: list[tuple[str, ...]] = []
+    for name in names:
+        if name in MONITORS:
+            watcher = bench.own(name)
+            trial = attempt(watcher, bench.sender, HOLD[name], seconds, bench.work)
+            bench.figures.setdefault("hold", {})[name] = trial.as_dict()
+            dropped = "?" if trial.kernel is None else f"{trial.kernel:,}"
+            lines.append(
+                (
+                    watcher.label,
+                    f"{trial.rate:,.0f}",
+                    f"{trial.seconds:.0f}",
+                    f"{trial.sent:,}",
+                    f"{trial.seen:,}",
+                    dropped,
+                    f"{trial.cpu_s:.1f}",
+                    bench.verdict(trial.held),
+                )
+            )
+    return "The rates promised, held for longer", heads, lines
+
+
+def delays(bench: Bench, names: Sequence[str], seconds: float) -> Table:
+    """How long a marked transaction takes to its line, alone and under load; the monitor writes every transaction."""
+    heads = (
+        "watcher",
+        "packets/s beside",
+        "marked",
+        "told",
+        "median ms",
+        "95 % ms",
+        "most ms",
+        "events lost",
+        "verdict",
+    )
+    lines: list[tuple[str, ...]] = []
+    for name in names:
+        for load in LOADS if name in MONITORS else ():
+            watcher = bench.own(name, "transactions")
+            trial = attempt(watcher, bench.sender, load, seconds, bench.work, _MARKS)
+            found = sorted(delays_ms(trial)) or [float("inf")]
+            middle, late = median(found), found[int(0.95 * (len(found) - 1))]
+            bench.figures.setdefault("delay", []).append(
+                {"engine": name, "load": load, "median_ms": middle, "p95_ms": late, "max_ms": found[-1],
+                 "marked": len(trial.marks), "told": len(found), "trial": trial.as_dict()}
+            )  # fmt: skip
+            kept = bench.verdict(trial.held and middle < DELAY_MS) if load == 0 else "-"
+            figures = [f"{value:,.0f}" for value in (middle, late, found[-1])]
+            lines.append(
+                (
+                    watcher.label,
+                    f"{load:,}",
+                    f"{len(trial.marks)}",
+                    f"{len(found)}",
+                    *figures,
+                    f"{trial.lost_events:,}",
+                    kept,
+                )
+            )
+    return "From the wire to the line", heads, lines
+
+
+def silence(bench: Bench, names: Sequence[str], seconds: float) -> Table:
+    """What the monitor, and dumpcap with it, cost while nothing comes."""
+    heads = ("watcher", "seconds", "CPU s", "% of a core", "verdict")
+    lines: list[tuple[str, ...]] = []
+    for name in names:
+        if name in MONITORS:
+            watcher = bench.own(name)
+            watch = Watch(watcher, bench.work)
+            try:
+                if not wait_for_watcher(watcher.settle_s):
+                    raise NoLineError(f"{watcher.label} did not begin")
+                time.sleep(2)
+                before, begun = cpu_s(watch.pid), time.monotonic()
+                time.sleep(seconds)
+                spent, took = cpu_s(watch.pid) - before, time.monotonic() - begun
+            finally:
+                watch.close()
+            percent = 100 * spent / took
+            bench.figures.setdefault("silence", {})[name] = percent
+            verdict = bench.verdict(percent <= SILENT_PERCENT)
+            lines.append((watcher.label, f"{took:.0f}", f"{spent:.2f}", f"{percent:.2f}", verdict))
+    return "A silent line", heads, lines
+
+
+def day(bench: Bench, hours: float, churn: int, busy_every: int) -> Table:
+    """Memory over a day."""
+    heads = (
+        "build",
+        "hours",
+        "packets",
+        "connections",
+        "MB at 25 %",
+        "50 %",
+        "75 %",
+        "100 %",
+        "growth",
+        "peak MB",
+        "CPU s",
+        "verdict",
+    )
+    code = _DAY.format(root=str(ROOT))
+    words = ["--hours", str(hours), "--churn", str(churn), "--busy-every", str(busy_every)]
+    done = subprocess.run(
+        [bench.python, "-P", "-c", code, *words],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=bench.environment,
+        cwd=bench.work,
+        check=False,
+    )
+    if done.returncode:
+        raise CommandFailedError("the day did not end well; what it said stands above")
+    told = json.loads(done.stdout)
+    bench.figures["day"] = told
+    resident = told["resident_kb"]
+    growth = resident[-1] / resident[0]
+    figures = [f"{kib * 1024 / 1e6:.1f}" for kib in resident]
+    verdict = bench.verdict(growth <= MOST_GROWTH and not told["failures"])
+    line = (
+        told["build"],
+        f"{told['hours']:.0f}",
+        f"{told['packets']:,}",
+        f"{told['connections']:,}",
+        *figures,
+        f"{growth:.3f}",
+        f"{told['peak_kb'] * 1024 / 1e6:.1f}",
+        f"{told['cpu_s']:.0f}",
+        verdict,
+    )
+    return "A day", heads, [line]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command. Exit 0: every promise kept; 1: not; 2: cannot be measured."""
+    options = _options(arguments)
+    with suppress(OSError):
+        os.nice(options.nice)
+    options.data.mkdir(parents=True, exist_ok=True)
+    file, _ = capture(options.data, options.packets)
+    tables: list[Table] = []
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            enter()
+            bench = Bench(options.python, options.path, file, Path(folder))
+            try:
+                offered = bench.sender.send(-1, 2.0)["rate"]
+                say(f"the sender can offer {offered:,.0f} packets/s while nobody watches")
+                bench.figures["offered"] = offered
+                if "rates" in options.parts:
+                    tables.append(rates(bench, options.watchers, options.seconds, options.runs, options.most))
+                if "hold" in options.parts:
+                    tables.append(hold(bench, options.watchers, options.hold))
+                if "delay" in options.parts:
+                    tables.append(delays(bench, options.watchers, options.seconds))
+                if "silence" in options.parts:
+                    tables.append(silence(bench, options.watchers, 2 * options.seconds))
+            finally:
+                bench.sender.close()
+            if "day" in options.parts:
+                tables.append(day(bench, options.hours, options.churn, options.busy_every))
+        except (CommandFailedError, MissingError, NoLineError, OSError) as error:
+            say(f"soak: {error}")
+            return 2
+    for title, heads, lines in tables:
+        print(f"{title}\n{columns(heads, lines)}\n")
+    print(f"The sender can offer {bench.figures['offered']:,.0f} packets/s while nobody watches")
+    print(f"Machine: {machine()}")
+    if options.markdown:
+        told = "".join(f"### {title}\n\n{piped(heads, lines)}\n" for title, heads, lines in tables)
+        options.markdown.write_text(f"{told}Machine: {machine()}\n", encoding="utf-8")
+    if options.json:
+        options.json.write_text(json.dumps(bench.figures, indent=1) + "\n", encoding="utf-8")
+    return 0 if bench.kept else 1
+
+
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    from benchmarks.soak_day import BUSY_EVERY, CHURN
+
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.soak", description=__doc__)
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS), help="which tables (all)")
+    parser.add_argument(
+        "--watchers", nargs="+", choices=NAMES, default=list(NAMES), metavar="NAME", help=", ".join(NAMES)
+    )
+    parser.add_argument("--seconds", type=float, default=10.0, help="of each trial (default 10; silence: twice that)")
+    parser.add_argument("--hold", type=float, default=60.0, help="seconds at the promised rates (default 60)")
+    parser.add_argument("--runs", type=int, default=3, help="searches for each watcher (default 3)")
+    parser.add_argument("--most", type=parse_count, default=400_000, metavar="N", help="no rate above this (400k)")
+    parser.add_argument("--packets", type=parse_count, default=500_000, metavar="N", help="size of the made capture")
+    parser.add_argument(
+        "--python", type=absolute, default=sys.executable, help="python of the monitor (where s7dissect is installed)"
+    )
+    parser.add_argument("--path", default="", help="folder with the package, instead of the one installed for --python")
+    parser.add_argument("--nice", type=int, default=-10, help="priority of all that is measured (default -10)")
+    parser.add_argument("--hours", type=float, default=24.0)
+    parser.add_argument("--churn", type=int, default=CHURN, help="connections opened and closed in a busy minute")
+    parser.add_argument("--busy-every", type=int, default=BUSY_EVERY, help="every which minute is busy (1: all)")
+    parser.add_argument("--data", type=Path, default=DATA, help=f"folder for the capture (default {DATA})")
+    parser.add_argument("--markdown", type=Path, help="write the tables as Markdown to this file too")
+    parser.add_argument("--json", type=Path, help="write all figures to this file too")
+    return parser.parse_args(arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

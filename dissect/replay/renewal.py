@@ -1,0 +1,104 @@
+"""Requests as this connection has to send them: references, sequence numbers and upload ids are those of now."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.golden.model import Transaction
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.parameters import REQUEST
+from dissect.s7.tables import END_UPLOAD, JOB, START_UPLOAD, UPLOAD, USERDATA
+
+_REFERENCE: Final = slice(4, 6)
+#: Where references stand, header included (reference 3.1, 4.1, 4.3; `dissect.golden.masking`).
+_SEQUENCE: Final = 17
+_DATA_UNIT: Final = 18
+_ASKED_ID: Final = slice(14, 18)
+_TOLD_ID: Final = slice(16, 20)
+_EXTENDED_END: Final = 22
+
+NO_UPLOAD: Final = "there is no upload that it could go on with"
+NO_MORE: Final = "the answer before it was complete already"
+
+
+class Renewal:
+    """The state of one connection that requests are made of. ``pdu_length`` is negotiated, 0 before that."""
+
+    def __init__(self) -> None:
+        self.pdu_length = 0
+        self._reference = 0
+        self._upload_id = b""
+        self._live: dict[tuple[int, int], Pdu] = {}  # the latest answer of each userdata function
+        self._recorded_more: dict[tuple[int, int], bool] = {}  # of each: whether the recorded answer goes on …
+        self._sending: dict[tuple[int, int], bool] = {}  # … and whether the request does
+
+    def reference(self) -> int:
+        """Return a new one: each number once, and never 0, before they begin again."""
+        self._reference = self._reference % 0xFFFF + 1
+        return self._reference
+
+    def refusal(self, transaction: Transaction) -> str:
+        """Return why a request cannot be sent now, empty when it can."""
+        request = transaction.request
+        if self.pdu_length and len(request) > self.pdu_length:
+            return f"its {len(request)} octets do not fit the PDU length of {self.pdu_length} that was granted"
+        asked = parse_pdu(request)
+        if asked.rosctr == JOB and asked.function in {UPLOAD, END_UPLOAD} and not self._upload_id:
+            return NO_UPLOAD
+        key = _follows(asked)
+        if key is not None and self._recorded_more.get(key):
+            head = self._live[key].parameters.userdata if key in self._live else None
+            if head is None or not head.more:
+                return NO_MORE
+        return ""
+
+    def renewed(self, request: bytes) -> tuple[int, bytes]:
+        """Return the reference that a request has now, and the request."""
+        number = self.reference()
+        octets = bytearray(request)
+        octets[_REFERENCE] = number.to_bytes(2, "big")
+        asked = parse_pdu(request)
+        if asked.rosctr == JOB and asked.function in {UPLOAD, END_UPLOAD} and len(octets) >= _ASKED_ID.stop:
+            octets[_ASKED_ID] = self._upload_id
+        key = _follows(asked)
+        if key is not None and len(octets) >= _EXTENDED_END:
+            self._continue(octets, key, number)
+        return number, bytes(octets)
+
+    def _continue(self, octets: bytearray, key: tuple[int, int], number: int) -> None:
+        """Give a userdata request the sequence of what it goes on with, and the data unit reference of who counts the parts.
+
+        That is the server where its answer comes in parts; where the request does, it is the client (reference 4.3, 4.10).
+        """
+        head = self._live[key].parameters.userdata if key in self._live else None
+        fetches = self._recorded_more.get(key, False)
+        if head is not None and (fetches or self._sending.get(key, False)):
+            octets[_SEQUENCE] = head.sequence & 0xFF
+        if octets[_DATA_UNIT]:
+            counted = head.data_unit_ref if fetches and head is not None else number
+            octets[_DATA_UNIT] = counted & 0xFF or 1
+
+    def answered(self, transaction: Transaction, answer: bytes) -> None:
+        """Take the answer to what stands for a recorded transaction."""
+        asked, told = parse_pdu(transaction.request), parse_pdu(answer)
+        if told.parameters.setup is not None and asked.parameters.setup is not None:
+            self.pdu_length = told.parameters.setup.pdu_length
+        if asked.rosctr == JOB and asked.function == START_UPLOAD:
+            good = told.function == START_UPLOAD and not told.error_class and len(answer) >= _TOLD_ID.stop
+            self._upload_id = answer[_TOLD_ID] if good else b""
+        head = asked.parameters.userdata
+        if asked.rosctr == USERDATA and head is not None:
+            key = (head.group, head.subfunction)
+            self._live[key] = told
+            recorded = transaction.exchange.told
+            was = recorded.parameters.userdata if recorded is not None else None
+            self._recorded_more[key] = was is not None and was.more
+            self._sending[key] = head.more
+
+
+def _follows(asked: Pdu) -> tuple[int, int] | None:
+    """Return group and subfunction of a userdata request that goes on with an answer, None for any other request."""
+    head = asked.parameters.userdata
+    if asked.rosctr != USERDATA or head is None or head.type != REQUEST or not head.extended:
+        return None
+    return head.group, head.subfunction

@@ -1,0 +1,125 @@
+"""A whole replay: connection after connection, then what came beside what was recorded."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Final
+
+from dissect.golden.comparison import differences
+from dissect.golden.difference import Difference, DiffOptions
+from dissect.golden.model import Session
+from dissect.metrics.address import Address
+from dissect.proxy.addresses import Place
+from dissect.replay.expected import expected_session
+from dissect.replay.kinds import Permissions
+from dissect.replay.plan import Part, Withheld, playable, withheld
+from dissect.replay.player import Player, Settings
+from dissect.replay.record import Record
+from dissect.replay.recorded import Recorded
+from dissect.report import words
+
+if TYPE_CHECKING:
+    from dissect.findings.carrier import Carrier
+    from dissect.source.pcapng_writer import PcapngWriter
+
+#: Transaction numbers that a line of the summary names.
+_NAMED: Final = 10
+
+
+class Outcome:
+    """What a replay came to. ``expected`` is what was to come, ``came`` what did; `differences` compares them.
+
+    ``withheld`` was left out on purpose; ``not_sent`` could not be sent any more; ``problems`` say why. ``unreachable`` counts
+    connections that could not be made; ``file_trouble`` is why the capture file is not whole, else empty.
+    """
+
+    def __init__(self, name: str, came: Session, players: Sequence[Player]) -> None:
+        self.came = came
+        self.expected, self._pairs = expected_session(name, players, came)
+        self.withheld: list[Withheld] = []
+        self.not_sent: list[Withheld] = []
+        self.problems: list[str] = []
+        self.file_trouble = ""
+        self.connections = sum([not player.unreachable for player in players])
+        self.unreachable = len(players) - self.connections
+        self.requests = sum([player.requests for player in players])
+        self.answered = sum([player.answered for player in players])
+        self.server_jobs = sum([player.server_jobs for player in players])
+        for player in players:
+            number = player.part.link.number
+            self.withheld += player.withheld
+            self.not_sent += [withheld(transaction, player.problem) for transaction in player.not_sent]
+            if player.problem:
+                self.problems.append(f"connection {number}: {player.problem}")
+
+    def differences(self, options: DiffOptions | None = None) -> Iterator[Difference]:
+        """Yield what changed from the recording to what came. Which connection is which is known, so none is looked for."""
+        for one, other in self._pairs:
+            yield from differences(one, other, options)
+
+    def summary(self) -> list[str]:
+        """Say what was done and what was left out, in lines safe to show but for what the system said."""
+        answers = words.count(self.answered, "answer")
+        lines = [
+            f"{words.count(self.requests, 'request')} sent on {words.count(self.connections, 'connection')}, {answers}"
+        ]
+        lines += self.problems
+        lines += _grouped("withheld", self.withheld)
+        lines += _grouped("not sent any more", self.not_sent)
+        if self.server_jobs:
+            lines.append(f"the server asked {words.count(self.server_jobs, 'time')}; it was not answered")
+        return lines
+
+    def as_dict(self) -> dict[str, object]:
+        """Return it as JSON-ready values, without the sessions."""
+        return {
+            "connections": self.connections,
+            "unreachable": self.unreachable,
+            "requests": self.requests,
+            "answers": self.answered,
+            "server_jobs": self.server_jobs,
+            "withheld": [one.as_dict() for one in self.withheld],
+            "not_sent": [one.as_dict() for one in self.not_sent],
+            "problems": list(self.problems),
+        }
+
+
+def _grouped(what: str, left: Sequence[Withheld]) -> list[str]:
+    lines = []
+    for reason, count in Counter([one.reason for one in left]).items():
+        numbers = [str(one.transaction) for one in left if one.reason == reason][:_NAMED]
+        more = f" and {count - _NAMED} more" if count > _NAMED else ""
+        which = f"transaction{'s' if count > 1 else ''} {', '.join(numbers)}{more}"
+        lines.append(f"{what}: {words.count(count, 'transaction')}, {reason} ({which})")
+    return lines
+
+
+def replay(
+    recorded: Recorded,
+    plan: Sequence[Part],
+    places: Sequence[Place],
+    target: Address,
+    permissions: Permissions | None = None,
+    settings: Settings | None = None,
+    writer: PcapngWriter | None = None,
+    carrier: Carrier | None = None,
+) -> Outcome:
+    """Play the connections of ``plan`` (`make_plan`), one after another, to ``places`` (`places_of`).
+
+    Only reads are sent unless ``permissions`` say more. ``writer`` keeps what is exchanged, ``carrier`` decodes SCD in it.
+    """
+    record = Record(str(target), writer, carrier)
+    players = [Player(part, permissions or Permissions(), settings or Settings(), record) for part in playable(plan)]
+    try:
+        for player in players:
+            player.play(places)
+    finally:
+        came = record.finish()
+    outcome = Outcome(recorded.session.name, came, players)
+    played = {id(player.part) for player in players}
+    for part in plan:
+        if id(part) not in played:
+            outcome.withheld += part.withheld
+    outcome.file_trouble = record.trouble
+    return outcome

@@ -1,0 +1,96 @@
+"""`s7_capture`: captures of the folder that a project keeps them in, and what is in them."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import dissect
+
+if TYPE_CHECKING:
+    from dissect.golden.model import Session
+
+#: What a name may lack.
+SUFFIXES: Final = (".pcapng", ".pcap", ".pcapng.gz", ".pcap.gz", ".s7.txt")
+_LIKE: Final = 5
+
+
+class Capture:
+    """A capture: its path, and what is in it. What is asked for is read anew each time, so it may be changed."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def analysis(self, slow_ns: int = 1_000_000_000) -> dissect.Analysis:
+        """Return what `dissect.analyze` gives."""
+        return dissect.analyze(str(self.path), slow_ns=slow_ns)
+
+    def events(self) -> Iterator[object]:
+        """Yield what `dissect.open` yields without single PDUs: connections, transactions, operations, findings."""
+        return dissect.open(str(self.path), pdus=False)
+
+    def transactions(self) -> list[dissect.Transaction]:
+        """Return all transactions."""
+        return [event for event in self.events() if isinstance(event, dissect.Transaction)]
+
+    def findings(self) -> list[dissect.Finding]:
+        """Return all findings."""
+        return [event for event in self.events() if isinstance(event, dissect.Finding)]
+
+    def session(self) -> Session:
+        """Return what a golden would hold of it."""
+        from dissect.golden.reading import read_session
+
+        return read_session(self.path)
+
+    def __fspath__(self) -> str:
+        return str(self.path)
+
+    def __repr__(self) -> str:
+        return f"Capture({str(self.path)!r})"
+
+
+class CaptureFolder:
+    """Opens captures by their names: ``s7_capture("pump")``."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __call__(self, name: str | os.PathLike[str]) -> Capture:
+        """Return a capture: a file of the folder with or without its suffix, or any other by its path.
+
+        Raises FileNotFoundError, which says what there is instead.
+        """
+        path = self.folder / name
+        for one in (path, *[path.with_name(path.name + suffix) for suffix in SUFFIXES]):
+            if one.is_file():
+                return Capture(one)
+        raise FileNotFoundError(self._nothing(path))
+
+    def _nothing(self, path: Path) -> str:
+        if not self.folder.is_dir():
+            return f"no capture {near(path)}: there is no folder {near(self.folder)} (the ini setting s7_captures names it)"
+        there = sorted([one.relative_to(self.folder).as_posix() for one in self.folder.rglob("*") if one.is_file()])
+        like = difflib.get_close_matches(path.name, there, _LIKE, 0.4) or there[:_LIKE]
+        return f"no capture {near(path)}; in {near(self.folder)} there is {', '.join(like) or 'nothing'}"
+
+
+def path_of(what: object, captures: CaptureFolder) -> Path:
+    """Return the path of something that is a capture, a recorder, a name or a path itself."""
+    if isinstance(what, Capture):
+        return what.path
+    capture = getattr(what, "capture", None)
+    if callable(capture):
+        return Path(capture())
+    if isinstance(what, (str, Path)) or hasattr(what, "__fspath__"):
+        return captures(what).path
+    raise TypeError(f"{what!r} is no capture, no session and no path")
+
+
+def near(path: str | Path) -> str:
+    """Return a path as seen from the current folder, where it is below."""
+    relative = os.path.relpath(path)
+    return str(path) if relative.startswith(os.pardir) else relative

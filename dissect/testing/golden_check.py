@@ -1,0 +1,139 @@
+"""`s7_golden`: a session held against the golden of its test."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import islice
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from dissect.golden.comparison import differences
+from dissect.golden.difference import DiffOptions
+from dissect.golden.model import GoldenError, Session
+from dissect.golden.reading import load_golden, read_session
+from dissect.golden.saving import save_whole
+from dissect.golden.writing import golden_text
+from dissect.report import words
+from dissect.testing.captures import CaptureFolder, near, path_of
+from dissect.testing.ledger import Ledger, folder_of, golden_of, stem_of
+
+NONE: Final = "none"
+NEW: Final = "new"
+ALL: Final = "all"
+
+#: What a failure says at most.
+MAX_DIFFERENCES: Final = 20
+MAX_LINE: Final = 400
+
+
+class GoldenCheck:
+    """Holds what was recorded against the goldens of one test.
+
+    ``update`` says what may be written: nothing (``none``), goldens that are missing (``new``), or those that differ as well
+    (``all``).
+    """
+
+    def __init__(self, ledger: Ledger, captures: CaptureFolder, test: tuple[str, Path], update: str) -> None:
+        self._ledger = ledger
+        self._captures = captures
+        self._stem = stem_of(test[0])
+        self._folder = folder_of(ledger.goldens, test[1])
+        self._update = update
+        self._checked: set[str] = set()
+
+    def path(self, name: str | None = None) -> Path:
+        """Return where the golden is, or would be."""
+        return self._ledger.goldens / golden_of(self._folder, self._stem, name)
+
+    def check(
+        self, what: object, name: str | None = None, ignore: Iterable[str] = (), latency: str | None = None
+    ) -> None:
+        """Fail unless ``what`` says the same as its golden.
+
+        ``what`` is a capture (a path, or a name of the captures' folder), a recorder or a session. ``name`` tells a golden from
+        others of the same test. ``ignore`` and ``latency`` are those of `s7dissect diff` (`dissect.golden.DiffOptions`); with
+        ``latency`` answer times are kept in the golden. Raises ValueError for what is no such option.
+        """
+        __tracebackhide__ = True
+        options = DiffOptions([ignore] if isinstance(ignore, str) else ignore, latency)
+        place = golden_of(self._folder, self._stem, name)
+        if place in self._checked:
+            raise ValueError(f"{self._shown(place)} was checked in this test already: give this one a name (name=...)")
+        self._checked.add(place)
+        self._ledger.used.add(place)
+        session = what if isinstance(what, Session) else read_session(path_of(what, self._captures))
+        wrong = self._compare(place, session, options, latency is not None)
+        if wrong:
+            pytest.fail(wrong, pytrace=False)
+
+    def _compare(self, place: str, session: Session, options: DiffOptions, timed: bool) -> str:
+        """Compare, write where that is asked for, and return what is wrong, empty for nothing."""
+        if session.damage:
+            return f"{near(session.name)} is damaged, so it cannot be compared: {'; '.join(session.damage)}"
+        if not session.links:
+            return f"{near(session.name)} holds no connection, so there is nothing to compare"
+        path = self._ledger.goldens / place
+        if not path.is_file():
+            if self._update == NONE:
+                return _missing(self._shown(place), session)
+            self._write(place, session, timed)
+            self._ledger.written.add(place)
+            return ""
+        lines = _differing(path, session, options, timed)
+        if lines and self._update == ALL:
+            self._write(place, session, timed)
+            self._ledger.changed.add(place)
+            return ""
+        return _changed(self._shown(place), session, lines) if lines else ""
+
+    def _write(self, place: str, session: Session, timed: bool) -> None:
+        path = self._ledger.goldens / place
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save_whole(path, golden_text(session, ("latency",) if timed else ()).encode())
+
+    def _shown(self, place: str) -> str:
+        return near(self._ledger.goldens / place)
+
+
+def _differing(path: Path, session: Session, options: DiffOptions, timed: bool) -> list[str]:
+    """Return what changed, a line each, and how much more did."""
+    try:
+        golden = load_golden(path)
+    except GoldenError as error:
+        return [_cut(str(error))]
+    found = differences(golden, session, options)
+    lines = [_cut(difference.text) for difference in islice(found, MAX_DIFFERENCES)]
+    rest = sum([1 for _ in found])
+    if rest:
+        lines.append(f"and {words.count(rest, 'further difference')}")
+    if timed and not _timed(golden) and _timed(session):
+        lines.append("the golden has no answer times to compare")
+    return lines
+
+
+def _timed(session: Session) -> bool:
+    return any([transaction.latency_ns is not None for transaction in session.transactions])
+
+
+def _missing(golden: str, session: Session) -> str:
+    held = f"{words.count(len(session.transactions), 'transaction')} on {words.count(len(session.links), 'connection')}"
+    return (
+        f"there is no golden {golden} yet.\n"
+        f"  recorded: {held}, in {near(session.name)}\n"
+        "To keep what was recorded: pytest --s7-update new, then read what it wrote and commit it."
+    )
+
+
+def _changed(golden: str, session: Session, lines: list[str]) -> str:
+    told = "\n".join([f"  {line}" for line in lines])
+    return (
+        f"not the session of {golden} (was: the golden, is: this run):\n{told}\n"
+        f"  recorded: {near(session.name)}\n"
+        "Where the change is meant: pytest --s7-update all, then look at what it changed and commit it."
+    )
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= MAX_LINE else f"{text[:MAX_LINE]} … ({len(text)} characters)"

@@ -1,0 +1,301 @@
+"""Requests and answers of S7comm for a conversation written by hand (`dissect.testing.talk`).
+
+A request is an `Ask`, an answer a `Tell`, which may depend on what was asked. Both are without references: the conversation
+puts them in. What a user writes wrongly raises ValueError.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Sequence
+from typing import Final
+
+from dissect.golden.forms import (
+    ItemLine,
+    build_answer,
+    build_pdu,
+    build_request,
+    build_setup,
+    parse_item_text,
+    usual_size,
+)
+from dissect.golden.values import value_octets
+from dissect.s7.items import Item
+from dissect.s7.message import HEADER_SIZE, Pdu
+from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, Setup
+from dissect.s7.tables import ACK_DATA, JOB, OBJECT_DOES_NOT_EXIST, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
+from dissect.server.answers import NOT_AVAILABLE, refuse
+
+#: What an element of an item may be.
+Scalar = bool | int | float | str
+
+_NO_PAYLOAD: Final = bytes((OBJECT_DOES_NOT_EXIST, 0, 0, 0))
+_OCTET_STRING: Final = 0x09
+_CPU_FUNCTIONS: Final = 4
+_READ_SZL: Final = 1
+#: The type that goes with the width letter of an address, where none is said.
+_TYPES: Final = {"X": "BIT", "B": "BYTE", "W": "WORD", "D": "DWORD", "T": "TIMER", "C": "COUNTER"}
+_ADDRESS: Final = re.compile(
+    r"(?:DB|DI)[0-9]+\.D[BI](?P<db>[XBWD])[0-9]|(?P<other>[TC])[0-9]|[PIQMLV](?P<letter>[BWD]?)[0-9]"
+)
+
+
+class Ask:
+    """A request: its PDU, whatever the reference."""
+
+    def __init__(self, octets: bytes) -> None:
+        if len(octets) < HEADER_SIZE:
+            raise ValueError(f"{octets.hex(' ')}: a PDU has at least {HEADER_SIZE} octets")
+        self.octets = octets
+
+
+class Tell:
+    """An answer: `build` makes its PDU for a request."""
+
+    def build(self, asked: Pdu) -> bytes:
+        """Return the PDU."""
+        raise NotImplementedError
+
+
+class _Octets(Tell):
+    def __init__(self, octets: bytes) -> None:
+        self._octets = octets
+
+    def build(self, asked: Pdu) -> bytes:
+        return self._octets
+
+
+# ---- requests -------------------------------------------------------------------------------------------------------
+
+
+def _line(text: str) -> ItemLine:
+    """Read ``DB10.DBW4``, ``DB10.DBD4 REAL x3`` or ``DB10.DBW4 INT = 5``; the type may be left out where the letter says it."""
+    address, _, rest = text.strip().partition(" ")
+    found = _ADDRESS.match(address)
+    if found and (not rest or rest[0] in "=x"):
+        width = found["db"] or found["other"] or found["letter"] or "X"
+        rest = f"{_TYPES[width]} {rest}".rstrip()
+    return parse_item_text(f"{address} {rest}".rstrip())
+
+
+def read(*items: str) -> Ask:
+    """Read variables: ``read("DB10.DBW4", "DB10.DBD8 REAL", "MB20 x4")``."""
+    lines = [_line(item) for item in items]
+    if any([line.data is not None for line in lines]):
+        raise ValueError("a read has no values")
+    return Ask(build_request(READ_VAR, lines))
+
+
+def write(*items: str) -> Ask:
+    """Write variables: ``write("DB10.DBW4 INT = -5", "M0.0 = true", "DB10.DBB0 x2 = <01 02>")``."""
+    lines = [_line(item) for item in items]
+    if any([line.data is None for line in lines]):
+        raise ValueError("each item of a write takes a value: DB10.DBW4 INT = 5")
+    return Ask(build_request(WRITE_VAR, lines))
+
+
+def setup(pdu: int = 480, calling: int = 1, called: int = 1) -> Ask:
+    """Ask for a PDU length and for open jobs each way."""
+    return Ask(build_setup(JOB, Setup(calling, called, pdu)))
+
+
+def job(parameters: bytes, data: bytes = b"") -> Ask:
+    """Ask with these octets behind the header."""
+    return Ask(build_pdu(JOB, parameters, data))
+
+
+def userdata(group: int, subfunction: int, payload: bytes = b"", sequence: int = 0) -> Ask:
+    """Ask by userdata; without ``payload`` the data are the four octets that say there is none."""
+    head = bytes((0, 1, 0x12, 4, 0x11, REQUEST << 6 | group & 0x3F, subfunction, sequence))
+    return Ask(build_pdu(USERDATA, head, _payload(payload)))
+
+
+def szl(szl_id: int, index: int = 0) -> Ask:
+    """Read a system status list."""
+    return userdata(_CPU_FUNCTIONS, _READ_SZL, struct.pack(">HH", szl_id, index))
+
+
+def push(group: int, subfunction: int, payload: bytes) -> Ask:
+    """Say something that wants no answer: cyclic data, a message."""
+    head = bytes((0, 1, 0x12, 8, 0x12, PUSH << 6 | group & 0x3F, subfunction, 0, 0, 0, 0, 0))
+    return Ask(build_pdu(USERDATA, head, _payload(payload)))
+
+
+def pdu(octets: bytes) -> Ask:
+    """Send a PDU as it is, but for its reference."""
+    return Ask(octets)
+
+
+def _payload(payload: bytes) -> bytes:
+    return struct.pack(">BBH", SUCCESS, _OCTET_STRING, len(payload)) + payload if payload else _NO_PAYLOAD
+
+
+# ---- answers --------------------------------------------------------------------------------------------------------
+
+
+class Piece(Tell):
+    """What becomes of one item; alone it is the answer to a read of one item.
+
+    ``data`` are the octets that are read, None where the item is refused with ``code``; ``elements`` are packed by the type
+    that was asked for.
+    """
+
+    def __init__(self, data: bytes | None = None, elements: Sequence[Scalar] = (), code: int = SUCCESS) -> None:
+        self._data = data
+        self._elements = list(elements)
+        self.code = code
+
+    def line(self, item: Item) -> ItemLine:
+        """Return what becomes of ``item``."""
+        if self.code != SUCCESS:
+            return ItemLine(item.octets, None, self.code, 0)
+        data = self._data
+        if data is None:
+            texts = [_text(element) for element in self._elements]
+            data = b"".join([value_octets(text, int(item.transport_size)) for text in texts])
+        if item.size >= 0 and len(data) != item.size:
+            raise ValueError(f"{item.label} has {item.size} octets, the answer {len(data)}")
+        return ItemLine(item.octets, data, SUCCESS, usual_size(item))
+
+    def build(self, asked: Pdu) -> bytes:
+        """Return the answer to a request of one item."""
+        return items(self).build(asked)
+
+
+class _Items(Tell):
+    def __init__(self, pieces: Sequence[Piece]) -> None:
+        self._pieces = pieces
+
+    def build(self, asked: Pdu) -> bytes:
+        wanted = asked.parameters.items
+        if asked.function not in {READ_VAR, WRITE_VAR}:
+            raise ValueError(f"only a read or a write has items, not {asked.function_name}")
+        if len(wanted) != len(self._pieces):
+            raise ValueError(f"{len(wanted)} items were asked for, the answer has {len(self._pieces)}")
+        pairs = zip(self._pieces, wanted, strict=True)
+        if asked.function == WRITE_VAR:
+            return build_answer(WRITE_VAR, [ItemLine(item.octets, None, piece.code, 0) for piece, item in pairs])
+        return build_answer(READ_VAR, [piece.line(item) for piece, item in pairs])
+
+
+class _Done(Tell):
+    def build(self, asked: Pdu) -> bytes:
+        wanted = asked.parameters.items
+        if asked.function == WRITE_VAR:
+            return build_answer(WRITE_VAR, [ItemLine(item.octets, None, SUCCESS, 0) for item in wanted])
+        return build_pdu(ACK_DATA, bytes((asked.function & 0xFF,)))
+
+
+class _Refusal(Tell):
+    def __init__(self, code: int) -> None:
+        self._code = code
+
+    def build(self, asked: Pdu) -> bytes:
+        return refuse(asked, self._code)
+
+
+class _Userdata(Tell):
+    def __init__(self, payload: bytes, code: int) -> None:
+        self._payload = payload
+        self._code = code
+
+    def build(self, asked: Pdu) -> bytes:
+        head = asked.parameters.userdata
+        if head is None:
+            raise ValueError(f"{asked.function_name} is no userdata")
+        kind = RESPONSE << 6 | head.group
+        parameters = struct.pack(
+            ">BBBBBBBBBBH", 0, 1, 0x12, 8, 0x12, kind, head.subfunction, head.sequence, 0, 0, self._code
+        )
+        return build_pdu(USERDATA, parameters, _payload(self._payload))
+
+
+def _text(element: Scalar) -> str:
+    if isinstance(element, bool):
+        return "true" if element else "false"
+    return f'"{element}"' if isinstance(element, str) else str(element)
+
+
+def values(*elements: Scalar) -> Piece:
+    """The elements of an item, by the type that was asked for: ``values(1.5, 2.5)``, ``values(True)``, ``values("OK")``."""
+    return Piece(None, elements)
+
+
+def _packed(form: str, numbers: Sequence[float]) -> Piece:
+    try:
+        return Piece(b"".join([struct.pack(f">{form}", number) for number in numbers]))
+    except (struct.error, OverflowError):
+        raise ValueError(f"{numbers}: beyond what the type holds") from None
+
+
+def words(*numbers: int) -> Piece:
+    """Words, 16 bits without sign."""
+    return _packed("H", numbers)
+
+
+def ints(*numbers: int) -> Piece:
+    """Integers of 16 bits with sign."""
+    return _packed("h", numbers)
+
+
+def dwords(*numbers: int) -> Piece:
+    """Double words, 32 bits without sign."""
+    return _packed("I", numbers)
+
+
+def dints(*numbers: int) -> Piece:
+    """Integers of 32 bits with sign."""
+    return _packed("i", numbers)
+
+
+def reals(*numbers: float) -> Piece:
+    """Floating point numbers of 32 bits."""
+    return _packed("f", numbers)
+
+
+def octets(content: bytes) -> Piece:
+    """An item's octets as they are."""
+    return Piece(content)
+
+
+def refused(code: int = OBJECT_DOES_NOT_EXIST) -> Piece:
+    """An item that is refused with a return code."""
+    if not 0 <= code <= 0xFF or code == SUCCESS:
+        raise ValueError(f"0x{code:02x} is no return code that refuses")
+    return Piece(code=code)
+
+
+def items(*pieces: Piece) -> Tell:
+    """What becomes of several items, in the order in which they were asked for; of a write `refused` and `done_item`."""
+    return _Items(pieces)
+
+
+def done_item() -> Piece:
+    """An item that was written."""
+    return Piece()
+
+
+def done() -> Tell:
+    """All was well: each item is written; of other jobs the function without anything else."""
+    return _Done()
+
+
+def error(code: int = NOT_AVAILABLE) -> Tell:
+    """The request is refused as a whole, with a code of the header or of userdata."""
+    return _Refusal(code)
+
+
+def granted(pdu: int = 480, calling: int = 1, called: int = 1) -> Tell:
+    """The answer to `setup`."""
+    return _Octets(build_setup(ACK_DATA, Setup(calling, called, pdu)))
+
+
+def data(payload: bytes = b"", code: int = 0) -> Tell:
+    """The answer to `userdata` and `szl`: what stands behind the four octets of its data, and an error code."""
+    return _Userdata(payload, code)
+
+
+def answer(octets: bytes) -> Tell:
+    """Answer with a PDU as it is, but for its reference."""
+    return _Octets(octets)

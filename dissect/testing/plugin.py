@@ -1,0 +1,209 @@
+"""The pytest plugin: fixtures ``s7_capture``, ``s7_golden``, ``s7_server`` and ``s7_record`` (docs/pytest.md).
+
+Nothing of the engine is imported before a fixture is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import pytest
+
+from dissect.testing.ledger import Ledger
+
+if TYPE_CHECKING:
+    from dissect.testing.captures import CaptureFolder
+    from dissect.testing.golden_check import GoldenCheck
+    from dissect.testing.recorder import Recorders
+    from dissect.testing.servers import Servers
+
+#: What a worker's account is called on its way to the controller.
+_ACCOUNT: Final = "s7dissect"
+#: Goldens that the summary lists of each kind.
+_MOST: Final = 20
+#: Entries of the summary: how a path begins, and what is to be done.
+_WRITTEN: Final = "written"
+_CHANGED: Final = "changed"
+_UNUSED: Final = "unused"
+
+_LEDGER: Final = pytest.StashKey[Ledger]()
+_SERVERS: Final = pytest.StashKey["Servers"]()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option and the settings."""
+    group = parser.getgroup("s7dissect", "S7 sessions (s7dissect)")
+    group.addoption(
+        "--s7-update",
+        choices=("none", "new", "all"),
+        default="none",
+        help="Goldens to write: none (the default: a missing one fails), new (those that are missing), all (those that "
+        "differ as well). None is ever deleted.",
+    )
+    parser.addini("s7_captures", "Folder of captures, from the ini file.", default="tests/captures")
+    parser.addini("s7_goldens", "Folder of goldens, from the ini file.", default="tests/goldens")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Watch which tests run only where there are goldens that might be left unused."""
+    ledger = config.stash[_LEDGER] = Ledger(_folder(config, "s7_goldens"))
+    if ledger.goldens.is_dir():
+        config.pluginmanager.register(_Watch(ledger), "s7dissect-watch")
+
+
+def _folder(config: pytest.Config, setting: str) -> Path:
+    # Without an ini file pytest's root moves with what is asked for.
+    root = config.inipath.parent if config.inipath is not None else config.invocation_params.dir
+    return root / str(config.getini(setting))
+
+
+# ---- fixtures -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def s7_capture(pytestconfig: pytest.Config) -> CaptureFolder:
+    """Open a capture of the project: ``s7_capture("pump").transactions()``."""
+    from dissect.testing.captures import CaptureFolder
+
+    return CaptureFolder(_folder(pytestconfig, "s7_captures"))
+
+
+@pytest.fixture
+def s7_golden(request: pytest.FixtureRequest, s7_capture: CaptureFolder) -> GoldenCheck:
+    """Hold a session against the golden of this test: ``s7_golden.check(recorder)``."""
+    from dissect.testing.golden_check import GoldenCheck
+
+    config = request.config
+    test = (request.node.nodeid, request.node.path)
+    return GoldenCheck(config.stash[_LEDGER], s7_capture, test, str(config.getoption("--s7-update")))
+
+
+@pytest.fixture
+def s7_server(request: pytest.FixtureRequest, s7_capture: CaptureFolder) -> Iterator[Servers]:
+    """Start a fake PLC made of a capture: ``s7_server("pump").port``; what it has no answer to fails the test."""
+    from dissect.testing.servers import Servers
+
+    servers = Servers(s7_capture)
+    request.node.stash[_SERVERS] = servers
+    yield servers
+    servers.close()
+    complaint = servers.complaint()
+    if complaint:
+        pytest.fail(complaint, pytrace=False)
+
+
+@pytest.fixture
+def s7_record(tmp_path: Path) -> Iterator[Recorders]:
+    """Record what passes to a PLC: ``s7_record(to=("127.0.0.1", 102)).port``."""
+    from dissect.testing.recorder import Recorders
+
+    recorders = Recorders(tmp_path)
+    yield recorders
+    recorders.close()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
+    """Fail a test whose fake PLC was asked what was not recorded; where it fails anyway, say so beside."""
+    __tracebackhide__ = True
+    try:
+        result = yield
+    except BaseException:
+        complaint = _complaint(item)
+        if complaint:
+            item.add_report_section("call", "s7_server", complaint)
+        raise
+    complaint = _complaint(item)
+    if complaint:
+        pytest.fail(complaint, pytrace=False)
+    return result
+
+
+def _complaint(item: pytest.Item) -> str:
+    servers = item.stash.get(_SERVERS, None)
+    return servers.complaint() if servers is not None else ""
+
+
+# ---- which goldens are used -----------------------------------------------------------------------------------------
+
+
+class _Watch:
+    """Follows which tests were found and how they ended, to know which goldens nobody needs."""
+
+    def __init__(self, ledger: Ledger) -> None:
+        self._ledger = ledger
+
+    def pytest_itemcollected(self, item: pytest.Item) -> None:
+        """A test was found."""
+        self._ledger.collected(item.nodeid, item.path)
+
+    def pytest_deselected(self, items: Sequence[pytest.Item]) -> None:
+        """Tests are not to be run."""
+        for module in {item.path for item in items}:
+            self._ledger.left_out(module)
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """A phase of a test ended; a controller hears it of its workers' tests."""
+        self._ledger.ended(report.nodeid, report.passed, report.when == "teardown")
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Give the account of a worker to its controller."""
+    output = getattr(session.config, "workeroutput", None)
+    if output is not None:
+        output[_ACCOUNT] = session.config.stash[_LEDGER].told()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """Take the account of a worker, which there is none of when it crashed."""
+    ledger = node.config.stash[_LEDGER]
+    told = getattr(node, "workeroutput", {}).get(_ACCOUNT)
+    if told is None:
+        ledger.whole = False
+    else:
+        ledger.add(told)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """Say which goldens were written, and which nobody needs."""
+    ledger = config.stash[_LEDGER]
+    kinds = (
+        (_WRITTEN, sorted(ledger.written), "read them, and commit them"),
+        (_CHANGED, sorted(ledger.changed), "look at what changed, and commit it"),
+        (_UNUSED, _unused(ledger, config), "no test uses them: delete them where that is meant"),
+    )
+    if not any([paths for _, paths, _ in kinds]):
+        return
+    terminalreporter.write_sep("=", "s7dissect goldens")
+    for kind, paths, advice in kinds:
+        for path in paths[:_MOST]:
+            terminalreporter.write_line(f"{kind} {_shown(ledger.goldens / path, config)}")
+        if len(paths) > _MOST:
+            terminalreporter.write_line(f"{kind} {len(paths) - _MOST} more")
+        if paths:
+            terminalreporter.write_line(f"  {advice}")
+
+
+def _unused(ledger: Ledger, config: pytest.Config) -> list[str]:
+    if not ledger.goldens.is_dir() or config.getoption("lf", False):
+        return []
+    start = config.invocation_params.dir
+    searched = []
+    for argument in config.args:
+        path, single, _ = argument.partition("::")
+        place = start / path
+        if not single:
+            searched.append(place)
+        elif place.is_file():
+            ledger.left_out(place)
+        else:
+            return []
+    return ledger.unused(searched, config.getini("python_files"))
+
+
+def _shown(path: Path, config: pytest.Config) -> str:
+    start = config.invocation_params.dir
+    return str(path.relative_to(start) if path.is_relative_to(start) else path)

@@ -1,0 +1,169 @@
+"""`s7_record`: a relay on a port of this machine that keeps what passes as a capture."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from dissect import __version__
+from dissect.metrics.address import Address
+from dissect.proxy.addresses import PLC_PORT, places_to_connect, places_to_listen, read_address
+from dissect.proxy.relay import Relay
+from dissect.proxy.source import RelayReader
+from dissect.proxy.tap import Tap
+from dissect.source.packet import PacketSink
+from dissect.source.pcapng_writer import PcapngWriter
+
+if TYPE_CHECKING:
+    from dissect.golden.model import Session
+
+#: Where recorders listen and where a bare port is.
+LOOPBACK: Final = "127.0.0.1"
+#: How long `Recorder.capture` waits for clients to disconnect, in seconds.
+PATIENCE_S: Final = 5.0
+_STEP_S: Final = 0.005
+_WAIT_MS: Final = 50
+
+
+class RecordError(Exception):
+    """Something could not be recorded: says what and what to do."""
+
+
+def address_of(to: object) -> Address:
+    """Return an address given as (host, port), ``HOST:PORT``, a port of this machine, or something with a ``port``."""
+    if isinstance(to, str):
+        return read_address(to, PLC_PORT)
+    if isinstance(to, tuple) and len(to) == 2:
+        return Address(str(to[0]), int(to[1]))
+    if isinstance(to, int):
+        return Address(LOOPBACK, to)
+    port = getattr(to, "port", None)
+    if isinstance(port, int):
+        return Address(str(getattr(to, "host", LOOPBACK)), port)
+    raise TypeError(f"to={to!r}: say where the PLC is: (host, port), 'HOST:PORT', a port, or a server of s7_server")
+
+
+class _Keeper(PacketSink):
+    def __init__(self, writer: PcapngWriter) -> None:
+        super().__init__()
+        self._writer = writer
+
+    def frame(self, time_ns: int, buf: bytes, start: int, end: int, wire_length: int, link_type: int) -> None:
+        self._writer.packet(time_ns, buf[start:end], wire_length, link_type, name="s7_record")
+
+
+class Recorder:
+    """A relay to a PLC. Clients connect to ``host`` and ``port``; `capture` ends it and gives the file at ``path``."""
+
+    def __init__(self, to: object, path: Path) -> None:
+        """Listen at once. Raises `ProxyError` when that or the look-up of the PLC's name fails."""
+        self.path = path
+        tap = Tap()
+        targets = places_to_connect(address_of(to))
+        self._relay = Relay(places_to_listen(Address(LOOPBACK, 0), allow_remote=False), targets, tap)
+        self.host = LOOPBACK
+        self.port = int(self._relay.listening[0].address[1])
+        try:
+            self._writer = PcapngWriter(str(path), application=f"s7dissect {__version__} s7_record", overwrite=True)
+        except OSError:
+            self._relay.close()
+            raise
+        self._tap = tap
+        self._reader = RelayReader(tap, "s7_record", _WAIT_MS)
+        self._errors: list[Exception] = []
+        self._ended = False
+        self._threads = [
+            threading.Thread(target=self._work, name="s7_record-relay", daemon=True),
+            threading.Thread(target=self._keep, name="s7_record-file", daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def problems(self) -> list[str]:
+        """What went wrong that no packet shows, for example a PLC that cannot be reached."""
+        return [problem.text for problem in self._relay.problems]
+
+    def capture(self, wait_s: float = PATIENCE_S) -> Path:
+        """End the recording and return the capture; once ended, return it again.
+
+        Clients that are still connected have ``wait_s`` to disconnect, so that the capture shows how they do. Raises
+        RecordError when they do not, or when what passed could not be kept: who wants a capture without their end calls
+        `close` first.
+        """
+        if not self._ended:
+            end = time.monotonic() + wait_s
+            while self._relay.active and time.monotonic() < end:
+                time.sleep(_STEP_S)
+            active = self._relay.active
+            self.close()
+            if active:
+                raise RecordError(
+                    f"{active} clients were still connected after {wait_s:g} s, so the capture has no end of theirs: "
+                    "disconnect them before the capture is asked for, or call close() first"
+                )
+        for error in self._errors:
+            raise RecordError(f"the recording broke off: {error}") from error
+        if self._tap.lost:
+            raise RecordError(f"{self._tap.lost} pieces were relayed and not kept, that was not fast enough")
+        return self.path
+
+    def session(self, wait_s: float = PATIENCE_S) -> Session:
+        """End the recording and return what a golden would hold of it."""
+        from dissect.golden.reading import read_session
+
+        return read_session(self.capture(wait_s))
+
+    def close(self) -> None:
+        """End the recording at once: whoever is connected is disconnected. May be called twice."""
+        if self._ended:
+            return
+        self._ended = True
+        self._relay.stop()
+        self._threads[0].join()
+        self._reader.stop()
+        self._threads[1].join()
+
+    def _work(self) -> None:
+        try:
+            self._relay.run()
+        except Exception as error:  # noqa: BLE001 - a thread has nobody else who would hear it
+            self._errors.append(error)
+
+    def _keep(self) -> None:
+        keeper = _Keeper(self._writer)
+        try:
+            while self._reader.step(keeper):
+                pass
+        except Exception as error:  # noqa: BLE001 - as above
+            self._errors.append(error)
+        finally:
+            self._reader.close()
+            self._close_file()
+
+    def _close_file(self) -> None:
+        try:
+            self._writer.close()
+        except OSError as error:
+            self._errors.append(error)
+
+
+class Recorders:
+    """Makes recorders: ``s7_record(to=("127.0.0.1", 102))``. They end with the test."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._made: list[Recorder] = []
+
+    def __call__(self, to: object) -> Recorder:
+        """Begin to record what passes to the PLC at ``to`` (see `address_of`)."""
+        recorder = Recorder(to, self._folder / f"recorded-{len(self._made) + 1}.pcapng")
+        self._made.append(recorder)
+        return recorder
+
+    def close(self) -> None:
+        """End all of them."""
+        for recorder in self._made:
+            recorder.close()

@@ -1,0 +1,78 @@
+"""`s7_server`: fake PLCs for a test, and what they were asked that nothing like was recorded of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
+
+from dissect.server.service import Server
+from dissect.testing.captures import CaptureFolder, near, path_of
+from dissect.wire.text import printable
+
+if TYPE_CHECKING:
+    from dissect.server.faults import Fault
+
+FAIL: Final = "fail"
+ALLOW: Final = "allow"
+#: Requests that a failure lists.
+_MOST: Final = 10
+
+
+class Servers:
+    """Starts fake PLCs: ``s7_server("pump")``. They end with the test."""
+
+    def __init__(self, captures: CaptureFolder) -> None:
+        self._captures = captures
+        self._made: list[Server] = []
+        self._watched: dict[int, int] = {}  # how many unmatched requests of a server were told already
+
+    def __call__(
+        self,
+        what: object,
+        *,
+        unmatched: str = FAIL,
+        repeat: str = "last",
+        memory: bool = False,
+        latency_ms: float | None = 0,
+        faults: Sequence[Fault | str] = (),
+    ) -> Server:
+        """Serve a capture or a golden on a free port of this machine; the server has ``host`` and ``port``.
+
+        ``what`` is a name of the captures' folder, a path, a capture or a recorder. With ``unmatched="allow"`` requests that
+        nothing like was recorded of do not fail the test. The rest is described at `dissect.server.service.Server`.
+        """
+        if unmatched not in {FAIL, ALLOW}:
+            raise ValueError(f"unmatched is {FAIL!r} or {ALLOW!r}, not {unmatched!r}")
+        path = path_of(what, self._captures)
+        server = Server(path, repeat=repeat, memory=memory, latency_ms=latency_ms, faults=faults)
+        if unmatched == FAIL:
+            self._watched[len(self._made)] = 0
+        self._made.append(server)
+        server.start()
+        return server
+
+    def complaint(self) -> str:
+        """Return what came that was not recorded, empty for nothing; what was told is not told again."""
+        told = []
+        for number, before in self._watched.items():
+            server = self._made[number]
+            total = server.desk.unmatched_total
+            if total == before:
+                continue
+            self._watched[number] = total
+            told.append(f"the fake PLC of {near(server.recording.name)} was asked what its recording has no answer to:")
+            new = list(server.unmatched)[before - total :]
+            told += [f"  {printable(str(request))}" for request in new[:_MOST]]
+            if total - before > _MOST:
+                told.append(f"  and {total - before - _MOST} more")
+        if told:
+            told.append('Record it as well, or say s7_server(..., unmatched="allow") where that is meant.')
+        return "\n".join(told)
+
+    def close(self) -> None:
+        """End all of them; raises what broke one off."""
+        for server in self._made:
+            server.close()
+        for server in self._made:
+            if server.error is not None:
+                raise server.error

@@ -1,0 +1,281 @@
+"""Write a conversation, get octets, a capture, a golden session or a recording to serve.
+
+    from dissect.testing.talk import Talk, read, values, words, write, done
+
+    talk = Talk()
+    talk >> read("DB10.DBW4") << words(1234)
+    talk >> write("DB10.DBD8 REAL = 2.5") << done()
+    talk.capture("pump.pcapng")
+
+``>>`` is the client, ``<<`` the server. The connection and the setup are spoken first, references are put in. An answer is to
+the oldest request of the other side that is open; a request that is not answered stays open. Messages are made by
+`dissect.testing.messages`, all of which can be had from here.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Final, Self
+
+from dissect.conversation import Observer, Options
+from dissect.golden.model import Session
+from dissect.golden.reading import SessionReader
+from dissect.golden.writing import golden_text
+from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, TPDU_SIZE
+from dissect.iso.tables import CC, CR
+from dissect.pipeline import Pipeline
+from dissect.proxy.packets import ETHERNET, Conversation
+from dissect.s7.message import parse_pdu
+from dissect.s7.parameters import PUSH
+from dissect.server.answers import data_tpdus, tpkt, with_reference
+from dissect.server.recording import Recording, RecordingReader
+from dissect.source.pcapng_writer import interface_block, packet_block, section_block
+from dissect.tcp.connection import Endpoint
+from dissect.testing.messages import (
+    Ask,
+    Piece,
+    Tell,
+    answer,
+    data,
+    dints,
+    done,
+    done_item,
+    dwords,
+    error,
+    granted,
+    ints,
+    items,
+    job,
+    octets,
+    pdu,
+    push,
+    read,
+    reals,
+    refused,
+    setup,
+    szl,
+    userdata,
+    values,
+    words,
+    write,
+)
+
+CLIENT: Final = 0
+SERVER: Final = 1
+
+#: When a conversation begins unless told otherwise: 2026-01-01 00:00 UTC.
+START_NS: Final = 1_767_225_600_000_000_000
+_MS: Final = 1_000_000
+_TPDU_OCTETS: Final = 1024
+_TPDU_CODE: Final = 10
+
+_OPEN: Final = "open"
+_SENT: Final = "sent"
+_CLOSED: Final = "closed"
+_RESET: Final = "reset"
+
+
+class _Event:
+    """What happened on the connection, and when."""
+
+    __slots__ = ("kind", "octets", "side", "time_ns")
+
+    def __init__(self, kind: str, side: int, time_ns: int, octets: bytes = b"") -> None:
+        self.kind = kind
+        self.side = side
+        self.time_ns = time_ns
+        self.octets = octets
+
+
+class Talk:
+    """A connection between a client and a server.
+
+    ``calling`` and ``called`` are the TSAPs, ``pdu`` the PDU length and ``amq`` the open jobs each way that are asked for and
+    granted. With ``begin=False`` nothing is spoken first: neither connection nor setup. Each message takes 1 ms; `wait` makes
+    the next one later.
+    """
+
+    def __init__(
+        self,
+        calling: bytes = b"\x01\x00",
+        called: bytes = b"\x01\x02",
+        pdu: int = 480,
+        amq: tuple[int, int] = (1, 1),
+        client: tuple[str, int] = ("192.0.2.10", 49152),
+        server: tuple[str, int] = ("192.0.2.20", 102),
+        start_ns: int = START_NS,
+        begin: bool = True,
+    ) -> None:
+        self._ends = tuple([Endpoint(ip_address(host).packed, port) for host, port in (client, server)])
+        self._now_ns = start_ns
+        self._events: list[_Event] = []
+        self._references = [0, 0]
+        self._open: tuple[deque[bytes], deque[bytes]] = (deque(), deque())
+        self._over = False
+        self._event(_OPEN, CLIENT)
+        if begin:
+            for type_, side, references in ((CR, CLIENT, (0, 1)), (CC, SERVER, (1, 1))):
+                variable = bytes((TPDU_SIZE, 1, _TPDU_CODE))
+                for code, tsap in ((CALLING_TSAP, calling), (CALLED_TSAP, called)):
+                    variable += bytes((code, len(tsap))) + tsap
+                fixed = struct.pack(">BHHB", type_ << 4, *references, 0)
+                self._event(_SENT, side, tpkt(bytes((len(fixed) + len(variable),)) + fixed + variable))
+            self._say(CLIENT, setup(pdu, *amq))
+            self._say(SERVER, granted(pdu, *amq))
+
+    # ---- speaking ---------------------------------------------------------------------------------------------------
+
+    def __rshift__(self, message: Ask | Tell) -> Self:
+        """The client asks, or answers."""
+        self._say(CLIENT, message)
+        return self
+
+    def __lshift__(self, message: Ask | Tell) -> Self:
+        """The server answers, or asks."""
+        self._say(SERVER, message)
+        return self
+
+    def _say(self, side: int, message: Ask | Tell) -> None:
+        if isinstance(message, Ask):
+            head = parse_pdu(message.octets).parameters.userdata
+            reference = b"\0\0"
+            if head is None or head.type != PUSH:
+                self._references[side] = self._references[side] % 0xFFFF + 1
+                reference = self._references[side].to_bytes(2, "big")
+            said = with_reference(message.octets, reference)
+            if head is None or head.type != PUSH:
+                self._open[side].append(said)
+        else:
+            waiting = self._open[1 - side]
+            if not waiting:
+                who = "server" if side == SERVER else "client"
+                raise ValueError(f"the {who} answers, but nothing that was asked of it is open")
+            asked = waiting[0]
+            said = with_reference(message.build(parse_pdu(asked)), asked[4:6])
+            waiting.popleft()
+        self._event(_SENT, side, data_tpdus(said, _TPDU_OCTETS))
+
+    def raw(self, side: int, octets: bytes) -> Self:
+        """``side`` (`CLIENT` or `SERVER`) sends octets as they are, TPKT and all."""
+        self._event(_SENT, side, octets)
+        return self
+
+    def wait(self, ms: float) -> Self:
+        """Let time pass before the next message."""
+        self._now_ns += int(ms * _MS)
+        return self
+
+    def unanswered(self) -> Self:
+        """The oldest open request of the client is not answered any more."""
+        if not self._open[CLIENT]:
+            raise ValueError("the client has no request open")
+        self._open[CLIENT].popleft()
+        return self
+
+    def close(self, side: int = CLIENT) -> Self:
+        """Both sides close the connection, ``side`` first; nothing can be said afterwards."""
+        self._event(_CLOSED, side)
+        self._event(_CLOSED, 1 - side)
+        self._over = True
+        return self
+
+    def reset(self, side: int = SERVER) -> Self:
+        """``side`` breaks the connection off; nothing can be said afterwards."""
+        self._event(_RESET, side)
+        self._over = True
+        return self
+
+    def _event(self, kind: str, side: int, octets: bytes = b"") -> None:
+        if self._over:
+            raise ValueError("the connection is over")
+        self._events.append(_Event(kind, side, self._now_ns, octets))
+        self._now_ns += _MS
+
+    # ---- what comes of it -------------------------------------------------------------------------------------------
+
+    @property
+    def octets(self) -> list[tuple[int, bytes]]:
+        """What was sent, in order: the side and the octets of the stream (TPKTs)."""
+        return [(event.side, event.octets) for event in self._events if event.kind == _SENT]
+
+    def frames(self) -> list[tuple[int, bytes]]:
+        """Return the conversation as Ethernet frames, each with its time in nanoseconds since 1970."""
+        talk = Conversation(self._ends[CLIENT], self._ends[SERVER])
+        found: list[tuple[int, bytes]] = []
+        for event in self._events:
+            if event.kind == _OPEN:
+                frames = talk.opened()
+            elif event.kind == _SENT:
+                frames = talk.sent(event.side, event.octets)
+            else:
+                frames = talk.closed(event.side) if event.kind == _CLOSED else talk.reset(event.side)
+            found += [(event.time_ns, frame) for frame in frames]
+        return found
+
+    def capture(self, path: str | Path | None = None) -> bytes:
+        """Return the conversation as the octets of a pcapng file; written to ``path`` too, over what is there."""
+        blocks = [section_block(application="s7dissect talk"), interface_block(ETHERNET, "talk")]
+        blocks += [packet_block(0, time_ns, frame, len(frame)) for time_ns, frame in self.frames()]
+        told = b"".join(blocks)
+        if path is not None:
+            Path(path).write_bytes(told)
+        return told
+
+    def session(self) -> Session:
+        """Return the conversation as a session, which a capture or a golden can be compared with (`dissect.golden`)."""
+        reader = SessionReader("talk")
+        self._feed(reader)
+        return reader.finish()
+
+    def golden(self) -> str:
+        """Return the conversation as a golden."""
+        return golden_text(self.session())
+
+    def recording(self) -> Recording:
+        """Return the conversation as what `dissect.server.Server` serves."""
+        reader = RecordingReader("talk")
+        self._feed(reader)
+        return reader.finish()
+
+    def _feed(self, observer: Observer) -> None:
+        pipeline = Pipeline(observer, Options(strict=True))
+        for time_ns, frame in self.frames():
+            pipeline.frame(time_ns, frame, 0, len(frame), len(frame), ETHERNET)
+        pipeline.finish()
+
+
+__all__ = [
+    "CLIENT",
+    "SERVER",
+    "START_NS",
+    "Ask",
+    "Piece",
+    "Talk",
+    "Tell",
+    "answer",
+    "data",
+    "dints",
+    "done",
+    "done_item",
+    "dwords",
+    "error",
+    "granted",
+    "ints",
+    "items",
+    "job",
+    "octets",
+    "pdu",
+    "push",
+    "read",
+    "reals",
+    "refused",
+    "setup",
+    "szl",
+    "userdata",
+    "values",
+    "words",
+    "write",
+]

@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dissect.golden import GoldenError, Session, golden_text, parse_golden, read_session
+from dissect.golden.writing import EXTRAS
+from tests.golden.support import WRITTEN
+from tests.report.support import OWN, ROOT
+
+PLANT = ROOT / "captures" / "scd"
+
+
+def facts(session: Session) -> list[object]:
+    """Return everything that a golden keeps of a session."""
+    links = [
+        (
+            link.number,
+            link.who,
+            link.begun,
+            link.tpdu_size,
+            link.tpdu_size_asked,
+            link.ended,
+            link.ended_by,
+            link.refused,
+        )
+        for link in session.links
+    ]
+    transactions = [
+        (
+            each.number,
+            each.connection.number,
+            each.asked_by,
+            each.outcome,
+            each.reason,
+            each.request,
+            each.response,
+            each.scd,
+        )
+        for each in session.transactions
+    ]
+    return [*links, *transactions]
+
+
+@pytest.mark.parametrize("path", [path for path in OWN if path.suffix != ".zst"], ids=lambda path: path.name)
+def test_a_golden_reads_back_to_the_session_of_its_capture(path: Path) -> None:
+    session = read_session(path)
+    again = parse_golden(golden_text(session), path.name)
+    assert facts(again) == facts(session)
+    assert golden_text(again) == golden_text(session)
+    whole = golden_text(session, EXTRAS)
+    kept = parse_golden(whole)
+    assert golden_text(kept, EXTRAS) == whole
+    assert [(each.time_ns, each.latency_ns) for each in kept.transactions] == [
+        (each.time_ns, each.latency_ns) for each in session.transactions
+    ]
+
+
+def test_scd_reads_back_too() -> None:
+    from dissect.bindings import load_carrier
+
+    carrier = load_carrier(str(PLANT / "plant.toml"), str(PLANT / "plant.bind.toml"))
+    session = read_session(PLANT / "plant.pcapng", carrier=carrier)
+    said = [line for each in session.transactions for line in each.scd]
+    assert "answer   0x6061:0 Режим 1 = 8 (автомат)" in said
+    text = golden_text(session)
+    assert 'scd "answer   0x6061:0 Режим 1 = 8 (автомат)"' in text
+    assert facts(parse_golden(text)) == facts(session)
+
+
+def test_a_golden_written_by_hand_is_read() -> None:
+    session = parse_golden(WRITTEN)
+    assert [each.outcome for each in session.transactions] == ["answered"] * 4 + ["unanswered"]
+    assert [item.value for item in session.transactions[1].items] == [1234, 3.5, True]
+    assert session.transactions[3].error_code == 0xD401
+    assert "SETUP\n  asks PDU 480, AmQ 1/1\n  gets PDU 240" in golden_text(session)
+
+
+def test_remarks_blanks_and_wrapped_lines_say_nothing() -> None:
+    changed = WRITTEN.replace("\n\n", "\n\n# a remark\n\n\n").replace("INT = 5", "INT\n            = 5   # new")
+    assert facts(parse_golden(changed)) == facts(parse_golden(WRITTEN))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ("golden 1", "golden 2", "format '2' is not known here"),
+        ("s7dissect golden 1", "something", "no golden"),
+        ("connection 1", "connexion 1", "line 3: 'connexion 1' begins neither"),
+        ("  protocol s7comm", "  speaks s7comm", "line 4: 'speaks s7comm' is nothing that can be said of a connection"),
+        ("INT = 1234", "INT = 123456", "line 15: 123456 is beyond the type"),
+        ("INT = 1234", "INT", "line 14: an item of an answered READ has neither a value nor 'refused'"),
+        ("gets PDU 240, AmQ 1/1", "gets 240", "line 12: 240 is not of the form"),
+        ("request Userdata", "request Nothing", "Nothing is no kind of PDU"),
+        ("    refused 0xd401", "    refuses 0xd401", "line 27: 'refuses 0xd401' is neither"),
+        ("    refused 0xd401", "   refused 0xd401", "line 27: indented by 3"),
+        ("no answer: connection_closed", "no answer: tired", "tired is no reason"),
+        ("  gets PDU 240, AmQ 1/1\n", "", "line 10: request or answer is missing"),
+        ("data <0a 00 00 00>", "data <0a 00 00 0>", "not hexadecimal"),
+        ("data <0a 00 00 00>", "data 0a 00 00 00", "angle brackets"),
+        ("DB10.DBD8 REAL", "DB10.DBX8 REAL", "DB10.DBX8 is no address|does not suit"),
+        ("1 client SETUP", "  1 client SETUP", "line 10: '1 client SETUP' is nothing"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_line(old: str, new: str, why: str) -> None:
+    assert WRITTEN.count(old) == 1
+    with pytest.raises(GoldenError, match=why):
+        parse_golden(WRITTEN.replace(old, new))
+
+
+@given(st.data())
+def test_an_edited_golden_is_read_or_refused_and_nothing_else(data: st.DataObject) -> None:
+    lines = WRITTEN.split("\n")
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.integers(0, len(lines) - 1))
+        line = lines[at]
+        cut = data.draw(st.integers(0, len(line)))
+        lines[at] = line[:cut] + data.draw(st.text(max_size=4)) + line[cut + data.draw(st.integers(0, 3)) :]
+    text = "\n".join(lines)
+    try:
+        session = parse_golden(text)
+    except GoldenError:
+        return
+    written = golden_text(session)
+    assert facts(parse_golden(written)) == facts(session)
+
+
+@given(st.text())
+def test_any_text_is_read_or_refused(text: str) -> None:
+    for beginning in ("", "s7dissect golden 1\n", "s7dissect golden 1\nconnection 1\n1 client READ\n  "):
+        try:
+            parse_golden(beginning + text)
+        except GoldenError:
+            continue

@@ -1,0 +1,81 @@
+"""Where a replay may go: this machine, by whatever name, and nowhere else unless that is asked for."""
+
+from __future__ import annotations
+
+import socket
+from typing import Any
+
+import pytest
+
+from dissect.metrics.address import Address
+from dissect.replay import ReplayError, places_of, read_target
+from dissect.replay.target import expect_allowed
+
+
+def resolving(monkeypatch: pytest.MonkeyPatch, *hosts: str) -> None:
+    """Let every name stand for ``hosts``."""
+
+    def resolved(_host: str, port: int, **_: Any) -> list[tuple[Any, ...]]:
+        six = socket.AF_INET6
+        return [
+            (six, socket.SOCK_STREAM, 6, "", (host, port, 0, 0))
+            if ":" in host
+            else (socket.AF_INET, socket.SOCK_STREAM, 6, "", (host, port))
+            for host in hosts
+        ]
+
+    monkeypatch.setattr(socket, "getaddrinfo", resolved)
+
+
+def test_a_target_is_a_host_and_a_port_or_the_port_of_a_plc() -> None:
+    assert read_target("127.0.0.1:1102") == Address("127.0.0.1", 1102)
+    assert read_target("127.0.0.1") == Address("127.0.0.1", 102)
+    assert read_target("[::1]:7") == Address("::1", 7)
+    with pytest.raises(ReplayError, match="is no address"):
+        read_target("127.0.0.1:port")
+
+
+@pytest.mark.parametrize("text", ["127.0.0.1", "127.9.8.7:1", "[::1]:102", "[::ffff:127.0.0.1]:102"])
+def test_this_machine_is_allowed_by_its_numbers(text: str) -> None:
+    address = read_target(text)
+    expect_allowed(address, False)
+    assert [place.address[1] for place in places_of(address, False)] == [address.port]
+
+
+@pytest.mark.parametrize(
+    "text", ["192.0.2.1", "0.0.0.0:102", "[::]:102", "[2001:db8::1]:102", "[::ffff:192.0.2.1]:102", "128.0.0.1"]
+)
+def test_another_machine_is_refused_without_looking_anything_up(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(socket, "getaddrinfo")
+    monkeypatch.delattr(socket, "socket")
+    for refuse in (expect_allowed, places_of):
+        with pytest.raises(ReplayError, match="not on this machine: nothing was sent; add --allow-remote"):
+            refuse(read_target(text), False)
+
+
+def test_another_machine_may_be_asked_for() -> None:
+    address = read_target("192.0.2.1")
+    expect_allowed(address, True)
+    assert [str(place) for place in places_of(address, True)] == ["192.0.2.1:102"]
+
+
+def test_a_name_of_this_machine_is_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
+    resolving(monkeypatch, "127.0.0.1", "::1")
+    assert [str(place) for place in places_of(read_target("localhost"), False)] == ["127.0.0.1:102", "[::1]:102"]
+
+
+@pytest.mark.parametrize("hosts", [("192.0.2.1",), ("127.0.0.1", "192.0.2.1"), ("::1", "2001:db8::1")])
+def test_a_name_is_refused_when_any_address_of_it_is_of_another_machine(
+    hosts: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    resolving(monkeypatch, *hosts)
+    with pytest.raises(ReplayError, match=f"plc:102 is {hosts[-1]}, not on this machine"):
+        places_of(read_target("plc"), False)
+    assert len(places_of(read_target("plc"), True)) == len(hosts)
+
+
+def test_a_port_of_zero_and_an_unknown_name_are_told() -> None:
+    with pytest.raises(ReplayError, match="port 0 cannot be connected to"):
+        places_of(Address("127.0.0.1", 0), False)
+    with pytest.raises(ReplayError, match="not a host name"):
+        places_of(Address("x" * 70, 102), False)
