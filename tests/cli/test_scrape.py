@@ -7,6 +7,7 @@ import re
 import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -101,12 +102,13 @@ def test_a_scrape_knows_the_queue_of_its_session() -> None:
     with Scrape(Address("127.0.0.1", 0), False) as scrape:
         (metrics,) = scrape.companions
         assert isinstance(metrics, Metrics)
-        session = Session(lambda: open_capture(str(CAPTURE)), companions=scrape.companions, max_events=0)
+        session = Session(lambda: open_capture(str(CAPTURE)), companions=scrape.companions, max_events=1)
         scrape.watch(session)
         session.start()
-        while session.running:
-            session.poll(0.1, 0)
-        session.close()
+        end = time.monotonic() + 30
+        while not session.waiting and time.monotonic() < end:
+            session.poll(0.05, 0)
+        session.close()  # a file waits for its reader until it is told to stop; then the rest has no place
         assert metrics.queue == (session.waiting, sum(session.lost.values()))
         assert metrics.queue[1] > 0
 
