@@ -57,7 +57,19 @@ FACES: Final = frozenset(("report", "metrics", "layers", "oracle", "testing", "c
 
 #: Rooms between a packet and a finding: no file, socket, clock, thread or log.
 PURE: Final = frozenset(
-    ("tcp", "iso", "ibh", "s7", "transactions", "findings", "conversation", "gateway", "datagrams", "waiting", "pipeline")
+    (
+        "tcp",
+        "iso",
+        "ibh",
+        "s7",
+        "transactions",
+        "findings",
+        "conversation",
+        "gateway",
+        "datagrams",
+        "waiting",
+        "pipeline",
+    )
 )
 PURE_IMPORTS: Final = frozenset(
     (
