@@ -43,8 +43,8 @@ DELAY_MS: Final = 200.0
 SILENT_PERCENT: Final = 1.0
 MOST_GROWTH: Final = 1.05
 PARTS: Final = ("rates", "hold", "delay", "silence", "day")
-#: Rates beside the marked transactions whose delay is measured, and marks a second.
-LOADS: Final = (0, 20_000, 75_000)
+#: Rates beside the marked transactions whose delay is measured (-1: as many as there can be), and marks a second.
+LOADS: Final = (0, 20_000, 75_000, -1)
 _MARKS: Final = 20.0
 #: Finds the package first and these benchmarks after it.
 _DAY: Final = (
@@ -158,7 +158,7 @@ def delays(bench: Bench, names: Sequence[str], seconds: float) -> Table:
             lines.append(
                 (
                     watcher.label,
-                    f"{load:,}",
+                    f"{trial.rate if load < 0 else load:,.0f}",
                     f"{len(trial.marks)}",
                     f"{len(found)}",
                     *figures,

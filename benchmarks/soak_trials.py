@@ -118,9 +118,18 @@ class SenderProcess:
 
 
 def attempt(
-    watcher: Watcher, sender: SenderProcess, rate: int, seconds: float, work: Path, marks: float = 0.0
+    watcher: Watcher,
+    sender: SenderProcess,
+    rate: int,
+    seconds: float,
+    work: Path,
+    marks: float = 0.0,
+    patience: float = 1.0,
 ) -> Trial:
-    """Start a watcher, send, wait a moment, end it; return what became of it. Raises NoLineError when it does not begin."""
+    """Start a watcher, send, wait a moment, end it; return what became of it. Raises NoLineError when it does not begin.
+
+    ``patience`` is how many times longer it may take to end than when its rate is measured.
+    """
     watch = Watch(watcher, work, f'"{MARKED}:'.encode() if marks else b"")
     try:
         if not wait_for_watcher(watcher.settle_s):
@@ -129,7 +138,7 @@ def attempt(
         sent = sender.send(rate, seconds, marks)
         after, gone = arrived()
         time.sleep(GRACE_S)
-        told = watch.end(END_S)
+        told = watch.end(END_S * patience)
         trial = Trial(sent, after - before - (gone - stopped), told, watch.cpu_s)
         trial.told = watch.seen
     finally:

@@ -38,10 +38,15 @@ class _Entry:
 
 
 class SessionReader(Observer):
-    """Gathers what a pipeline tells; `finish` gives the session."""
+    """Gathers what a pipeline tells; `finish` gives the session.
+
+    ``too_long`` is why nothing more is gathered, None while all is well: raised in the midst of a pipeline it would only be
+    told as a fault of an observer.
+    """
 
     def __init__(self, name: str = "") -> None:
         super().__init__()
+        self.too_long: GoldenError | None = None
         self._session = Session(name)
         self._links: dict[int, Link] = {}
         self._entries: dict[int, list[_Entry]] = {}
@@ -61,9 +66,15 @@ class SessionReader(Observer):
 
     def transaction(self, transaction: Seen) -> None:
         """Keep a transaction, without the octets around its PDUs."""
+        if self.too_long is not None:
+            return
         connection = transaction.connection
         link = self._link(connection)
-        exchange = self._session.share(_exchange(transaction))
+        try:
+            exchange = self._session.share(_exchange(transaction))
+        except GoldenError as error:
+            self.too_long = error
+            return
         kept = Transaction(link, "", exchange, transaction.outcome_name, transaction.reason)
         kept.time_ns = int(transaction.request_ns if transaction.request_frame else transaction.response_ns)
         kept.latency_ns = transaction.latency_ns
@@ -95,7 +106,12 @@ class SessionReader(Observer):
         link.transactions = [entry.transaction for entry in entries]
 
     def finish(self, damage: Sequence[str] = ()) -> Session:
-        """Return the session, its connections in an order that only what was said on them decides."""
+        """Return the session, its connections in an order that only what was said on them decides.
+
+        Raises GoldenError when the session is too long to be kept.
+        """
+        if self.too_long is not None:
+            raise self.too_long
         session = self._session
         session.damage = list(damage)
         links = [link for link in self._links.values() if link.protocol or link.begun or link.transactions]
@@ -148,14 +164,15 @@ def read_session(path: str | Path, *more: str | Path, carrier: Carrier | None = 
     """Return the session of a capture (or of several, as `dissect.open` reads them) or of a golden; the content decides.
 
     ``carrier`` decodes SCD (`dissect.bindings.load_carrier`). Raises `CaptureError` for what is no capture and GoldenError for
-    a golden that is wrong. Damage inside a capture is told in ``damage``.
+    a golden that is wrong or a session that is too long. Damage inside a capture is told in ``damage``.
     """
     if not more and str(path) != "-" and Path(path).is_file() and is_golden(path):
         return load_golden(path)
     reader = SessionReader(str(path))
     run = Run([str(path), *[str(other) for other in more]], reader, Options(carrier=carrier))
-    while run.step():
+    while run.step() and reader.too_long is None:
         pass
+    run.finish()
     return reader.finish([f"{file.name}: {file.damage}" for file in run.files if file.damage])
 
 

@@ -24,6 +24,7 @@ _END_S: Final = 1.0
 #: Answers in a row that do not come until a server is given up.
 MAX_TIMEOUTS: Final = 3
 _FIRST_REFERENCE: Final = 1
+NOT_GRANTED: Final = "the Setup communication was not granted"
 
 
 class Settings:
@@ -140,6 +141,10 @@ class Player:
             elif not self._ask(channel, steps, at):
                 self._leave(steps[at:])
                 break
+            elif self._setup_failed(step.transaction):
+                self.problem = NOT_GRANTED
+                self._leave(steps[at + 1 :])
+                break
             if self._timeouts >= MAX_TIMEOUTS:
                 self.problem = f"{MAX_TIMEOUTS} requests in a row were not answered in time"
                 self._leave(steps[at + 1 :])
@@ -155,7 +160,7 @@ class Player:
         self._send(channel, number, octets, None)
         self._settle(channel, 0)
         if not self._renewal.pdu_length:
-            self.problem = "the Setup communication was not granted"
+            self.problem = NOT_GRANTED
         return bool(self._renewal.pdu_length)
 
     def _ask(self, channel: Channel, steps: Sequence[Step], at: int) -> bool:
@@ -178,14 +183,13 @@ class Player:
             self._settle(channel, 0, counted=False)
         else:
             self._settle(channel, self._in_flight(steps, at))
-        return not self._setup_failed(transaction)
+        return True
 
     def _setup_failed(self, transaction: Transaction) -> bool:
-        granted = transaction.exchange.setup[1]
-        if transaction.function != SETUP_COMMUNICATION or granted is None or self._renewal.pdu_length:
+        """Tell whether this is a Setup communication that was granted when it was recorded, and now is not."""
+        if transaction.function != SETUP_COMMUNICATION or self._renewal.pdu_length:
             return False
-        self.problem = "the Setup communication was not granted"
-        return True
+        return transaction.exchange.setup[1] is not None
 
     def _send(self, channel: Channel, number: int, octets: bytes, transaction: Transaction | None) -> None:
         self._open[number] = (transaction, self._until())

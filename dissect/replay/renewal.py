@@ -59,7 +59,7 @@ class Renewal:
         octets[_REFERENCE] = number.to_bytes(2, "big")
         asked = parse_pdu(request)
         if asked.rosctr == JOB and asked.function in {UPLOAD, END_UPLOAD} and len(octets) >= _ASKED_ID.stop:
-            octets[_ASKED_ID] = self._upload_id
+            octets[_ASKED_ID] = self._upload_id or octets[_ASKED_ID]
         key = _follows(asked)
         if key is not None and len(octets) >= _EXTENDED_END:
             self._continue(octets, key, number)

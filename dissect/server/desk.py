@@ -17,17 +17,18 @@ MAX_REQUESTS: Final = 10_000
 MAX_UNMATCHED: Final = 1_000
 MAX_PROBLEMS: Final = 1_000
 
-#: Answer as fast as it was recorded.
-RECORDED: Final = "recorded"
+#: Octets and addresses of a request that are remembered; more than a PDU of 960 octets has.
+MAX_KEPT: Final = 1_024
+MAX_ADDRESSES: Final = 100
 
 
 class Request(NamedTuple):
     """A request that came.
 
     ``number`` counts from 1 over all connections, setups included; ``connection`` counts those. ``function`` is the name,
-    ``addresses`` are those of a read or write (text from the wire, not escaped). ``octets`` is the PDU. ``how`` says where the
-    answer is from (`dissect.server.player.Reply`), ``lacking`` what the recording has nothing for, ``faults`` what was made
-    wrong.
+    ``addresses`` are those of a read or write (text from the wire, not escaped), ``octets`` the PDU; of long ones the beginning
+    (`MAX_ADDRESSES`, `MAX_KEPT`). ``how`` says where the answer is from (`dissect.server.player.Reply`), ``lacking`` what the
+    recording has nothing for, ``faults`` what was made wrong.
     """
 
     number: int
@@ -66,6 +67,7 @@ class Desk:
         self._lock = threading.Lock()
         self._faults = list(faults)
         self._latency_ms = latency_ms
+        self._told: set[str] = set()
 
     @property
     def requests(self) -> list[Request]:
@@ -84,7 +86,7 @@ class Desk:
         self.total += 1
         reply = player.reply(asked)
         hits = [fault for fault in self._faults if fault.hits(self.total, asked)]
-        addresses = tuple([item.label for item in asked.parameters.items])
+        addresses = tuple([item.label for item in asked.parameters.items[:MAX_ADDRESSES]])
         name = asked.function_name or "no function"
         self._keep(
             Request(
@@ -93,19 +95,24 @@ class Desk:
                 time.time_ns(),
                 name,
                 addresses,
-                asked.octets,
+                asked.octets[:MAX_KEPT],
                 reply.how,
                 reply.lacking,
                 tuple([fault.kind for fault in hits]),
             )
         )
+        for trouble in self.stage.troubles:
+            if trouble not in self._told:
+                self._told.add(trouble)
+                self.problems.append(trouble)
         latency_ms = reply.latency_ns / 1e6 if self._latency_ms is None else self._latency_ms
         return reply, hits, latency_ms / 1000
 
     def stranger(self, connection: int, octets: bytes, what: str) -> None:
         """Take note of what a client sent that is no request of S7comm, and that nothing is said to."""
         self.total += 1
-        self._keep(Request(self.total, connection, time.time_ns(), what, (), octets, "unmatched", "it is not answered"))
+        kept = octets[:MAX_KEPT]
+        self._keep(Request(self.total, connection, time.time_ns(), what, (), kept, "unmatched", "it is not answered"))
 
     def _keep(self, request: Request) -> None:
         with self._lock:

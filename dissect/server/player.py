@@ -62,6 +62,16 @@ class Stage:
         self._books = {id(script): self.all if single else Book([script]) for script in recording.scripts}
         self._given = {id(script): 0 for script in recording.scripts}
 
+    @property
+    def troubles(self) -> list[str]:
+        """What of the recording had no room, a line each."""
+        found = []
+        if self.image is not None and self.image.full:
+            found.append("the recording shows more memory than is kept: what came late in it does not exist")
+        if self.all.full:
+            found.append("the recording has more items than are kept: answers are put together of its beginning")
+        return found
+
     def book(self, script: Script) -> Book:
         """Return what is said on one recorded connection."""
         return self._books[id(script)]

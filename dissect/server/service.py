@@ -86,6 +86,8 @@ class Server:
     ) -> None:
         if repeat not in {LAST, CYCLE}:
             raise ValueError(f"repeat is {LAST!r} or {CYCLE!r}, not {repeat!r}")
+        if not 0 <= port <= 0xFFFF:
+            raise ValueError(f"{port} is no port")
         places = places_to_serve(Address(host, port), allow_remote)
         self.recording = recording if isinstance(recording, Recording) else load_recording(recording)
         told = [parse_fault(fault) if isinstance(fault, str) else fault for fault in faults]

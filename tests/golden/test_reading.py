@@ -100,6 +100,12 @@ def test_a_session_has_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
         session(reads(0, 2, 4).packets())
 
 
+def test_a_capture_that_is_too_long_is_told_not_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dissect.golden.model.MAX_TRANSACTIONS", 3)
+    with pytest.raises(GoldenError, match="more than 3 transactions; cut it first"):
+        read_session(ROOT / "captures" / "item-errors.pcapng")
+
+
 def test_what_repeats_is_kept_once() -> None:
     polled = session(reads(*[0, 2] * 20).packets())
     assert len(polled.transactions) == 41

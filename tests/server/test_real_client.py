@@ -10,6 +10,7 @@ from snap7.client import Client
 from snap7.type import Area, WordLen
 
 from captures.record import talk_python
+from dissect.golden import golden_text, read_session
 from dissect.server import Server
 from dissect.source.pcapng_writer import PcapngWriter
 
@@ -37,6 +38,17 @@ def test_the_client_goes_through_its_session(name: str, conversation: str) -> No
         talk_python.CONVERSATIONS[conversation](server.port)
         assert [str(request) for request in server.unmatched] == []
         assert {request.how for request in server.requests} <= {"same", "counted", "valued"}
+
+
+@pytest.mark.parametrize(
+    ("name", "conversation"), [("transfer", "transfer"), ("szl-python", "szl"), ("clock-python", "clock")]
+)
+def test_a_golden_of_the_session_serves_as_well(name: str, conversation: str, tmp_path: Path) -> None:
+    path = tmp_path / "x.s7.txt"
+    path.write_text(golden_text(read_session(FOLDER / f"{name}.pcapng")), encoding="utf-8")
+    with Server(path) as server:
+        talk_python.CONVERSATIONS[conversation](server.port)
+        assert [str(request) for request in server.unmatched] == []
 
 
 def test_two_clients_hear_the_same_at_once() -> None:

@@ -122,14 +122,14 @@ def test_a_bug_met_by_one_client_costs_the_others_nothing(monkeypatch: pytest.Mo
 def test_answers_take_as_long_as_was_recorded() -> None:
     talk = Talk()
     talk >> read("MW0")
-    talk.wait(120)
+    talk.wait(300)
     talk << words(1)
     talk >> read("MW2") << words(2)
     with Server(talk.recording(), latency_ms=None) as server, Plain(server) as client:
         began = time.monotonic()
         slow, fast = client.send(read("MW0")), client.send(read("MW2"))
         assert [client.pdu().pdu_ref, client.pdu().pdu_ref] == [fast, slow]
-        assert time.monotonic() - began >= 0.12
+        assert time.monotonic() - began >= 0.3
 
 
 def test_answers_take_as_long_as_is_said() -> None:
