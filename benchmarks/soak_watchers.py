@@ -146,11 +146,12 @@ class Watch:
     def _listen(self, out: IO[bytes]) -> None:
         while piece := os.read(out.fileno(), 1 << 18):
             now = time.time_ns()
-            lines = (self._rest + piece).split(b"\n")
+            gathered = self._rest + piece
+            lines = gathered.split(b"\n")
             self._rest = lines.pop()
             if lines:
                 self.last = lines[-1]
-            if self._mark and self._mark in piece:
+            if self._mark and self._mark in gathered:
                 self.seen += [(now, line) for line in lines if self._mark in line]
 
     def end(self, limit_s: float) -> dict[str, Any]:
