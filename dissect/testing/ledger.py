@@ -23,7 +23,8 @@ _DIGEST: Final = 12
 def folder_of(goldens: Path, module: Path) -> str:
     """Return the folder in ``goldens`` of a module of tests, with slashes: ``io/test_pump`` for io/test_pump.py."""
     where = module.with_suffix("") if module.suffix == ".py" else module
-    steps = Path(os.path.relpath(where, goldens.parent)).parts
+    # Up to the folder of the module and not to the module itself: a folder that holds the goldens may have its name.
+    steps = (*Path(os.path.relpath(where.parent, goldens.parent)).parts, where.name)
     return "/".join([UP if step == os.pardir else step for step in steps])
 
 

@@ -42,7 +42,9 @@ class Project:
         path.write_text(body)
 
     def run(self, *arguments: str) -> pytest.RunResult:
-        return self.pytester.runpytest_inprocess("-p", "no:cacheprovider", *PLUGIN, *arguments)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.delenv("CI", raising=False)  # there pytest says everything twice
+            return self.pytester.runpytest_inprocess("-p", "no:cacheprovider", *PLUGIN, *arguments)
 
     def golden(self, name: str = "test_pump/test_pump") -> Path:
         return self.goldens / f"{name}.s7.txt"
