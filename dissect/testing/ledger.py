@@ -17,6 +17,8 @@ UP: Final = "__"
 _PLAIN: Final = " +,-.=@[]_~"
 #: Letters of a name of a test; what is longer is cut, and told apart by a digest.
 _MAX_STEM: Final = 150
+#: Characters of the name a test gives to one of its goldens; a file name has 255 at most.
+_MAX_NAME: Final = 60
 _DIGEST: Final = 12
 
 
@@ -37,15 +39,17 @@ def module_of(goldens: Path, folder: str) -> Path:
 def stem_of(node_id: str) -> str:
     """Return how the goldens of a test begin: its name behind its classes, with what no file is called by as ``%..``."""
     names = node_id.partition("[")[0].split("::")[1:]
-    stem = quote(".".join(names) + node_id[len(node_id.partition("[")[0]) :], safe=_PLAIN)
-    if len(stem) > _MAX_STEM:
-        stem = f"{stem[:_MAX_STEM]}~{hashlib.sha256(stem.encode()).hexdigest()[:_DIGEST]}"
-    return stem
+    return _short(quote(".".join(names) + node_id[len(node_id.partition("[")[0]) :], safe=_PLAIN), _MAX_STEM)
+
+
+def _short(text: str, most: int) -> str:
+    """Return a part of a file name; of a longer one the beginning, and what tells it from others that begin alike."""
+    return text if len(text) <= most else f"{text[:most]}~{hashlib.sha256(text.encode()).hexdigest()[:_DIGEST]}"
 
 
 def golden_of(folder: str, stem: str, name: str | None) -> str:
     """Return the path of a golden in the folder of goldens."""
-    more = f"-{quote(name, safe=_PLAIN)}" if name else ""
+    more = f"-{_short(quote(name, safe=_PLAIN), _MAX_NAME)}" if name else ""
     return f"{folder}/{stem}{more}{SUFFIX}"
 
 
