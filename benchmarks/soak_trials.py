@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -89,7 +90,8 @@ class SenderProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
-            cwd=ROOT,
+            # The sender is of this tree, whatever build is measured and wherever it is installed.
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
         )
         self._answer()
 
