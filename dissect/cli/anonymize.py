@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from dissect.cli.drive import complain, drive, write
 from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.second_pass import check_files, name_of, written_whole
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -23,9 +22,6 @@ _EXIT_CODES = (
     "Exit code: 0 written, 2 wrong use, a file that cannot be read or written, or nothing to write, 3 a file is damaged or cut "
     "off (what could be read was written), 5 standard output failed, 130 interrupted (nothing written)."
 )
-
-#: Octets gathered before they are written.
-_BATCH = 262_144
 
 
 def _key(ctx: click.Context, param: click.Parameter, value: str) -> Key:
@@ -96,7 +92,7 @@ def command(
     from dissect.anonymize.survey import Survey
     from dissect.session import Run
 
-    _check(file, output, force)
+    check_files((file,), output, force)
     choices = Choices(values, keep_code, keep_others, shift_time)
     account = Account()
     addresses = AddressMap(key)
@@ -104,7 +100,7 @@ def command(
     run = Run((file,), survey)
     code = drive(run, (file,))
     if code == EXIT_INTERRUPTED:
-        click.echo(f"s7dissect: interrupted, {_name(output)} was not written", err=True)
+        click.echo(f"s7dissect: interrupted, {name_of(output)} was not written", err=True)
         return code
     complain(run, code)
     survey.settle()
@@ -124,17 +120,11 @@ def _write(
     file: str, output: str, survey: Survey, addresses: AddressMap, choices: Choices, account: Account, shift_ns: int
 ) -> None:
     """Read the file again and write what becomes of it."""
-    from dissect import __version__
     from dissect.anonymize.packet import Packets
     from dissect.anonymize.rewriter import Rewriter
-    from dissect.recording.names import part_of
     from dissect.source.files import open_capture
-    from dissect.source.pcapng_writer import PcapngWriter
 
-    whole = output != "-" and (not Path(output).exists() or Path(output).is_file())
-    path = str(part_of(Path(f"{output}.{os.getpid()}"))) if whole else output
-    writer = PcapngWriter(path, application=f"s7dissect {__version__} anonymize", batch=_BATCH, overwrite=not whole)
-    try:
+    with written_whole(output, "anonymize") as writer:
         rewriter = Rewriter(Packets(survey, addresses, choices, account), writer, account, shift_ns)
         reader = open_capture(file)
         try:
@@ -145,25 +135,3 @@ def _write(
         rewriter.finish()
         if not account.written:
             raise click.ClickException("no packet of the capture is of S7 communication; nothing was written.")
-        writer.close()
-        if whole:
-            Path(path).replace(output)
-    except BaseException:
-        writer.abandon()
-        if whole:
-            Path(path).unlink(missing_ok=True)
-        raise
-
-
-def _check(file: str, output: str, force: bool) -> None:
-    """Refuse what cannot be read twice, and an output that would destroy something."""
-    if file == "-" or (Path(file).exists() and not Path(file).is_file()):
-        raise click.UsageError(f"{printable(file)}: a capture is read twice here, so it has to be a file.")
-    if output != "-" and Path(output).exists() and Path(file).exists() and Path(file).samefile(output):
-        raise click.UsageError(f"{printable(output)} is to be read and written; choose another name for OUT.")
-    if output != "-" and Path(output).is_file() and not force:
-        raise click.UsageError(f"{printable(output)} exists; --force overwrites it.")
-
-
-def _name(output: str) -> str:
-    return "standard output" if output == "-" else printable(output)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -13,8 +11,8 @@ import click
 from dissect.cli.carried import scd_options
 from dissect.cli.drive import complain, drive, files_argument
 from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.second_pass import check_files, name_of, written_whole
 from dissect.report.slugs import slugs_of
-from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.findings.carrier import Carrier
@@ -27,8 +25,6 @@ _EXIT_CODES = (
     "off (what could be read was written), 5 standard output failed, 130 interrupted (nothing written)."
 )
 
-#: Octets gathered before they are written: nobody reads the file before it is whole.
-_BATCH = 262_144
 
 _AROUND = re.compile(r"([0-9]{1,9})(ms|s)?")
 
@@ -137,13 +133,13 @@ def command(
     from dissect.recording.selection import Selection, Wanted
     from dissect.session import Run
 
-    _check(files, output, force)
+    check_files(files, output, force)
     wanted = Wanted(connection, transaction, *findings)
     selection = Selection(wanted, comments=not plain)
     run = Run(files, selection, Options(carrier=carrier))
     code = drive(run, files)
     if code == EXIT_INTERRUPTED:
-        click.echo(f"s7dissect: interrupted, {_name(output)} was not written", err=True)
+        click.echo(f"s7dissect: interrupted, {name_of(output)} was not written", err=True)
         return code
     complain(run, code)
     if selection.missing:
@@ -160,16 +156,10 @@ def command(
 
 def _write(files: Sequence[str], output: str, choice: Choice, around: Around) -> int:
     """Read the files again, write what is wanted, and tell how much that was."""
-    from dissect import __version__
     from dissect.recording.cutter import Cutter
-    from dissect.recording.names import part_of
     from dissect.source.files import open_capture
-    from dissect.source.pcapng_writer import PcapngWriter
 
-    whole = output != "-" and (not Path(output).exists() or Path(output).is_file())
-    path = str(part_of(Path(f"{output}.{os.getpid()}"))) if whole else output
-    writer = PcapngWriter(path, application=f"s7dissect {__version__}", batch=_BATCH, overwrite=not whole)
-    try:
+    with written_whole(output) as writer:
         cutter = Cutter(choice, writer, around)
         for file in files:
             reader = open_capture(file)
@@ -179,14 +169,6 @@ def _write(files: Sequence[str], output: str, choice: Choice, around: Around) ->
                 reader.close()
         if not cutter.chosen:
             raise click.ClickException("no packet of the capture is wanted; nothing was written.")
-        writer.close()
-        if whole:
-            Path(path).replace(output)
-    except BaseException:
-        writer.abandon()
-        if whole:
-            Path(path).unlink(missing_ok=True)
-        raise
     _tell(cutter, output)
     return 0
 
@@ -197,7 +179,7 @@ def _tell(cutter: Cutter, output: str) -> None:
     beside = f", {cutter.beside} of them for being near" if cutter.beside else ""
     commented = f", {cutter.commented} with findings as comments" if cutter.commented else ""
     click.echo(
-        f"s7dissect: {written} of {cutter.frames} packets written to {_name(output)}{beside}{commented}", err=True
+        f"s7dissect: {written} of {cutter.frames} packets written to {name_of(output)}{beside}{commented}", err=True
     )
     if cutter.shortened:
         click.echo(
@@ -205,18 +187,3 @@ def _tell(cutter: Cutter, output: str) -> None:
             "some may be missing",
             err=True,
         )
-
-
-def _check(files: Sequence[str], output: str, force: bool) -> None:
-    """Refuse what cannot be read twice, and an output that would destroy something."""
-    for file in files:
-        if file == "-" or (Path(file).exists() and not Path(file).is_file()):
-            raise click.UsageError(f"{printable(file)}: a capture is read twice here, so it has to be a file.")
-        if output != "-" and Path(output).exists() and Path(file).exists() and Path(file).samefile(output):
-            raise click.UsageError(f"{printable(output)} is to be read and written; choose another name for OUT.")
-    if output != "-" and Path(output).is_file() and not force:
-        raise click.UsageError(f"{printable(output)} exists; --force overwrites it.")
-
-
-def _name(output: str) -> str:
-    return "standard output" if output == "-" else printable(output)

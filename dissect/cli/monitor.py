@@ -10,11 +10,11 @@ import click
 
 from dissect.cli.beside import beside_options
 from dissect.cli.carried import scd_options
-from dissect.cli.drive import nanoseconds, write
+from dissect.cli.drive import write
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT
 from dissect.cli.scrape import Scrape, allow_remote_option, metrics_option
-from dissect.cli.watching import Interruption, LostEvents, Shower, only_option
+from dissect.cli.watching import Interruption, LostEvents, Shower, only_option, overdue_option, slow_option
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -73,24 +73,8 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
     help="What to write, a line an event; without it and on a terminal the screens are shown.",
 )
 @only_option
-@click.option(
-    "--slow",
-    "slow_ns",
-    callback=nanoseconds,
-    default="1000",
-    show_default=True,
-    metavar="MS",
-    help="Answers later than this are a finding.",
-)
-@click.option(
-    "--overdue",
-    "overdue_ns",
-    callback=nanoseconds,
-    default="2000",
-    show_default=True,
-    metavar="MS",
-    help="Requests without answer for longer than this are a finding at once; 0 for never.",
-)
+@slow_option
+@overdue_option
 @click.option("--duration", "duration_ns", callback=_seconds, metavar="S", help="End after so many seconds.")
 @click.option("-c", "--packets", type=click.IntRange(1), default=None, metavar="N", help="End after so many packets.")
 @metrics_option

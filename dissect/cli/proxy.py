@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from dissect.cli.carried import scd_options
-from dissect.cli.drive import format_option, nanoseconds, write
+from dissect.cli.drive import format_option, write
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_DAMAGED, EXIT_OK, EXIT_OUTPUT
-from dissect.cli.watching import Interruption, LostEvents, Shower, only_option
+from dissect.cli.watching import Interruption, LostEvents, Shower, only_option, overdue_option, slow_option
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -78,24 +78,8 @@ def _address(ctx: click.Context, param: click.Parameter, value: str, port: int |
 @click.option("--force", is_flag=True, help="Overwrite OUT where it exists.")
 @format_option("text", "jsonl")
 @only_option
-@click.option(
-    "--slow",
-    "slow_ns",
-    callback=nanoseconds,
-    default="1000",
-    show_default=True,
-    metavar="MS",
-    help="Answers later than this are a finding.",
-)
-@click.option(
-    "--overdue",
-    "overdue_ns",
-    callback=nanoseconds,
-    default="2000",
-    show_default=True,
-    metavar="MS",
-    help="Requests without answer for longer than this are a finding at once; 0 for never.",
-)
+@slow_option
+@overdue_option
 @fail_on_option
 @scd_options
 def command(

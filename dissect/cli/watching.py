@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, Self
 
 import click
 
+from dissect.cli.drive import nanoseconds
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -32,6 +34,28 @@ only_option: Final[Callable[[Any], Any]] = click.option(
     callback=_topics,
     metavar="TOPICS",
     help=f"Write only these, with commas between: {', '.join(_TOPICS)}.",
+)
+
+
+#: ``--slow MS``; the command's argument is ``slow_ns``.
+slow_option: Final[Callable[[Any], Any]] = click.option(
+    "--slow",
+    "slow_ns",
+    callback=nanoseconds,
+    default="1000",
+    show_default=True,
+    metavar="MS",
+    help="Answers later than this are a finding.",
+)
+#: ``--overdue MS``; the command's argument is ``overdue_ns``.
+overdue_option: Final[Callable[[Any], Any]] = click.option(
+    "--overdue",
+    "overdue_ns",
+    callback=nanoseconds,
+    default="2000",
+    show_default=True,
+    metavar="MS",
+    help="Requests without answer for longer than this are a finding at once; 0 for never.",
 )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dissect.golden.model import Link, Session, Transaction
-from dissect.replay.plan import ASK, HEAR, SERVER_ASKED
+from dissect.replay.plan import ASK, SERVER_ASKED
 from dissect.replay.player import Player
 from dissect.transactions.ending import FIN
 from dissect.transactions.transaction import CONNECTION_CLOSED
@@ -65,21 +65,26 @@ def _expected_link(player: Player, came: Link | None) -> Link:
 def _leave_out(came: Link, player: Player) -> None:
     """Take from a connection what nothing recorded can stand beside: a Setup of our own, what the server asks here as there."""
     if player.setup_reference:
-        came.transactions = [each for each in came.transactions if each.pdu_ref != player.setup_reference]
+        ours = [each for each in came.transactions if each.asked_by == "client"]
+        setup = [each for each in ours if each.pdu_ref == player.setup_reference]
+        came.transactions = [each for each in came.transactions if each not in setup]
     if any([one.reason == SERVER_ASKED for one in player.part.withheld]):
-        asked = [each for each in came.transactions if each.asked_by == "server" and each.outcome != "unsolicited"]
-        came.transactions = [each for each in came.transactions if each not in asked]
+        answered = {"unsolicited", "answered"}  # what was answered belongs to a download
+        came.transactions = [
+            each for each in came.transactions if each.asked_by != "server" or each.outcome in answered
+        ]
 
 
 def _take(link: Link, player: Player, came: Link | None) -> None:
-    told = {each.pdu_ref: each for each in came.transactions if each.request} if came is not None else {}
+    ours = [each for each in came.transactions if each.asked_by == "client"] if came is not None else []
+    told = {each.pdu_ref: each for each in ours if each.request}
     references = {id(transaction): number for number, transaction in player.sent.items()}
     left = {id(transaction) for transaction in player.not_sent}
     asked = False
     for step in player.part.steps:
         transaction = step.transaction
         reference = references.get(id(transaction))
-        if step.kind == HEAR and asked and id(transaction) not in player.unheard:
+        if step.kind != ASK and asked and id(transaction) not in player.unheard:
             link.transactions.append(_copy(transaction, link, transaction))
         elif step.kind == ASK and (reference is not None or id(transaction) in left):
             asked = True

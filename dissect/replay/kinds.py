@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
+from dissect.replay.download import DOWNLOADING_JOBS
 from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, parse_pdu
 from dissect.s7.parameters import REQUEST
 from dissect.s7.tables import (
     END_UPLOAD,
     JOB,
     READ_VAR,
-    REQUEST_DOWNLOAD,
     SETUP_COMMUNICATION,
     START_UPLOAD,
     UPLOAD,
@@ -47,7 +47,7 @@ READING_USERDATA: Final = frozenset((
 NO_WRITE: Final = "writes are sent with --allow-write only"
 NO_CONTROL: Final = "control is sent with --allow-control only"
 _NC_DOWNLOAD: Final = (0x3F, 0x01)
-DOWNLOAD: Final = "the PLC would ask for the block, and what a PLC asks is never answered"
+DOWNLOAD: Final = "the NC would ask for the file, and what an NC asks is never answered"
 
 
 def kind_of(octets: bytes) -> str:
@@ -81,15 +81,20 @@ class Permissions(NamedTuple):
         kind = kind_of(octets)
         if kind == WRITE and not self.write:
             return NO_WRITE
-        if kind == CONTROL and _begins_download(octets):
+        if kind == CONTROL and _begins_nc_download(octets):
             return DOWNLOAD
         return NO_CONTROL if kind == CONTROL and not self.control else ""
 
+    def answers(self, octets: bytes) -> bool:
+        """Tell whether what a server asks may be answered: the jobs of a download, where control is allowed."""
+        if not self.control or len(octets) < HEADER_SIZE or octets[0] != PROTOCOL_ID:
+            return False
+        pdu = parse_pdu(octets)
+        whole = not pdu.malformed and pdu.data_offset + pdu.data_length == len(octets)
+        return whole and pdu.rosctr == JOB and pdu.function in DOWNLOADING_JOBS
 
-def _begins_download(octets: bytes) -> bool:
-    """Tell whether the PLC goes on with requests of its own."""
-    pdu = parse_pdu(octets)
-    if pdu.rosctr == JOB:
-        return pdu.function == REQUEST_DOWNLOAD
-    head = pdu.parameters.userdata
+
+def _begins_nc_download(octets: bytes) -> bool:
+    """Tell whether an NC goes on with requests of its own."""
+    head = parse_pdu(octets).parameters.userdata
     return head is not None and (head.group, head.subfunction) == _NC_DOWNLOAD

@@ -12,6 +12,7 @@ from dissect.golden.keys import subject
 from dissect.golden.model import Link, Transaction
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZE
 from dissect.iso.tables import CR, DR, DR_REASONS
+from dissect.replay.download import Download, find_downloads
 from dissect.replay.kinds import Permissions
 from dissect.replay.recorded import Recorded, ReplayError
 from dissect.s7.parameters import Setup
@@ -22,6 +23,7 @@ from dissect.transactions.transaction import CONNECTION_CLOSED, HOLE, REFERENCE_
 # What is done with a transaction.
 ASK: Final = "ask"
 HEAR: Final = "hear"
+SERVE: Final = "serve"
 
 #: What is asked for where the recording does not have the beginning of a connection.
 USUAL_CALLING: Final = b"\x01\x00"
@@ -31,7 +33,8 @@ USUAL_SETUP: Final = Setup(1, 1, 960)
 
 #: Why something of a recording is not played.
 NOT_S7: Final = "only S7comm over TCP is replayed"
-SERVER_ASKED: Final = "what a PLC asks is never answered"
+SERVER_ASKED: Final = "what a PLC asks is answered in a download only"
+NOT_WHOLE: Final = "the recording does not have all that the PLC would ask for"
 NO_REQUEST: Final = "its request is not in the recording"
 FOLLOWS_WITHHELD: Final = "it belongs to a request that is withheld"
 CLIENT_PUSH: Final = "a message of the client that is no request"
@@ -63,10 +66,15 @@ def withheld(transaction: Transaction, reason: str) -> Withheld:
 
 
 class Step(NamedTuple):
-    """A request to be sent (`ASK`), or a message of the server to be waited for that is no answer to any (`HEAR`)."""
+    """What comes next.
+
+    A request to be sent (`ASK`), a message of the server to be waited for that is no answer to any (`HEAR`), or a job of the
+    server to be waited for and answered (`SERVE`). ``download`` is the one that a Request download or such a job belongs to.
+    """
 
     kind: str
     transaction: Transaction
+    download: Download | None = None
 
     @property
     def silent(self) -> bool:
@@ -111,14 +119,23 @@ class Part:
         self.own_setup = build_setup(JOB, USUAL_SETUP) if asks and not setups else b""
 
     def _take(self) -> None:
+        self.downloads = find_downloads(self.link.transactions)
+        begins = {id(download.request): download for download in self.downloads}
+        serves = {id(job): download for download in self.downloads for job in download.jobs}
         for transaction in self.link.transactions:
             pushed = transaction.outcome == "unsolicited"
+            download = begins.get(id(transaction)) or serves.get(id(transaction))
             if transaction.exchange.kind != S7:
                 self.withheld.append(withheld(transaction, NOT_S7))
+            elif download is not None and not download.whole:
+                begins_it = transaction is download.request
+                self.withheld.append(withheld(transaction, NOT_WHOLE if begins_it else FOLLOWS_WITHHELD))
+            elif download is not None and transaction.asked_by == "server":
+                self.steps.append(Step(SERVE, transaction, download))
             elif transaction.asked_by != "client":
                 self.withheld.append(withheld(transaction, CLIENT_PUSH if pushed else SERVER_ASKED))
             elif transaction.request and not pushed:
-                self.steps.append(Step(ASK, transaction))
+                self.steps.append(Step(ASK, transaction, download))
             elif self.steps and transaction.reason != HOLE:
                 self.steps.append(Step(HEAR, transaction))
             else:
@@ -203,6 +220,12 @@ def plan_lines(plan: Sequence[Part], permissions: Permissions) -> list[str]:
                 lines.append(f"  withhold {about}: {told[transaction.number]}")
             elif step.kind == HEAR:
                 lines.append(f"  wait for {about}, which nobody asks for")
+            elif step.kind == SERVE:
+                request = step.download.request.request if step.download is not None else b""
+                kept = bool(permissions.refusal(request))
+                lines.append(
+                    f"  withhold {about}: {FOLLOWS_WITHHELD}" if kept else f"  answer {about}, which the PLC asks"
+                )
             else:
                 reason = permissions.refusal(transaction.request)
                 lines.append(f"  withhold {about}: {reason}" if reason else f"  send {about}")

@@ -9,13 +9,15 @@ from typing import Final
 from dissect.golden.model import Transaction
 from dissect.proxy.addresses import Place
 from dissect.replay.channel import Channel, UnreachableError, connect
+from dissect.replay.download import Downloads
 from dissect.replay.kinds import Permissions
-from dissect.replay.plan import ASK, FOLLOWS_WITHHELD, HEAR, Part, Step, Withheld, withheld
+from dissect.replay.plan import ASK, FOLLOWS_WITHHELD, HEAR, SERVE, Part, Step, Withheld, withheld
 from dissect.replay.record import Record
 from dissect.replay.renewal import Renewal
 from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, parse_pdu
 from dissect.s7.parameters import REQUEST, RESPONSE
 from dissect.s7.tables import ACK, ACK_DATA, JOB, SETUP_COMMUNICATION, USERDATA
+from dissect.server.answers import with_reference
 from dissect.transactions.ending import DISCONNECT, FIN, RESET
 
 #: How long to wait for an answer that the recording says does not come, and for the other side's end after ours, in seconds.
@@ -24,7 +26,9 @@ _END_S: Final = 1.0
 #: Answers in a row that do not come until a server is given up.
 MAX_TIMEOUTS: Final = 3
 _FIRST_REFERENCE: Final = 1
+_REFERENCE: Final = slice(4, 6)
 NOT_GRANTED: Final = "the Setup communication was not granted"
+NOT_LOADED: Final = "the download did not go on as it was recorded"
 
 
 class Settings:
@@ -49,8 +53,9 @@ class Player:
 
     Afterwards: ``sent`` maps our references to what was asked with them, in that order; ``withheld`` is what was left out,
     ``not_sent`` what could not be sent any more; ``unheard`` are (by ``id``) messages of the server that were not waited for,
-    as they belong to something withheld. ``requests`` and ``answered`` are counted, ``server_jobs`` what the server asked,
-    which nobody answered. ``problem`` says why it ended early; ``unreachable`` that it did not begin.
+    as they belong to something withheld. ``requests`` and ``answered`` are counted, ``served`` the jobs of the server that
+    were answered, ``server_jobs`` those that nobody answered. ``problem`` says why it ended early; ``unreachable`` that it did
+    not begin.
     """
 
     def __init__(self, part: Part, permissions: Permissions, settings: Settings, record: Record) -> None:
@@ -63,6 +68,7 @@ class Player:
         self.setup_reference = 0
         self.requests = 0
         self.answered = 0
+        self.served = 0
         self.server_jobs = 0
         self.problem = ""
         self.unreachable = False
@@ -70,6 +76,8 @@ class Player:
         self._settings = settings
         self._record = record
         self._renewal = Renewal()
+        self._downloads = Downloads(part.downloads)
+        self._kept: set[int] = set()  # ids of what was withheld here
         self._open: dict[
             int, tuple[Transaction | None, float]
         ] = {}  # reference: what was asked, and by when it is late
@@ -122,9 +130,21 @@ class Player:
             if step.kind == ASK:
                 reason = self._permissions.refusal(step.transaction.request)
                 if reason:
-                    self.withheld.append(withheld(step.transaction, reason))
+                    self._keep(step.transaction, reason)
                 else:
                     self.not_sent.append(step.transaction)
+            elif self._follows_kept(step):
+                self._keep(step.transaction, FOLLOWS_WITHHELD)
+
+    def _keep(self, transaction: Transaction, reason: str) -> None:
+        self._kept.add(id(transaction))
+        self.withheld.append(withheld(transaction, reason))
+        if reason == FOLLOWS_WITHHELD:
+            self.unheard.add(id(transaction))
+
+    def _follows_kept(self, step: Step) -> bool:
+        """Tell whether this is a job of the server in a download that is withheld."""
+        return step.kind == SERVE and step.download is not None and id(step.download.request) in self._kept
 
     # ---- the conversation -------------------------------------------------------------------------------------------
 
@@ -138,6 +158,11 @@ class Player:
             self._pause(channel, step)
             if step.kind == HEAR:
                 self._hear(channel, step.transaction)
+            elif step.kind == SERVE:
+                if not self._serve(channel, step):
+                    self.problem = "" if channel.ended else NOT_LOADED
+                    self._leave(steps[at + 1 :])
+                    break
             elif not self._ask(channel, steps, at):
                 self._leave(steps[at:])
                 break
@@ -168,9 +193,11 @@ class Player:
         step = steps[at]
         transaction = step.transaction
         reason = self._permissions.refusal(transaction.request) or self._renewal.refusal(transaction)
+        if not reason and step.download is not None:
+            reason = step.download.refusal(self._renewal.pdu_length)
         self._silenced = transaction if reason else None
         if reason:
-            self.withheld.append(withheld(transaction, reason))
+            self._keep(transaction, reason)
             return True
         number, octets = self._renewal.renewed(transaction.request)
         if channel.ended or self._permissions.refusal(octets):  # what is sent is what was allowed
@@ -178,7 +205,7 @@ class Player:
         self._send(channel, number, octets, transaction)
         self.sent[number] = transaction
         if step.silent:
-            follows = at + 1 < len(steps) and steps[at + 1].kind == HEAR
+            follows = at + 1 < len(steps) and steps[at + 1].kind != ASK
             self._open[number] = (transaction, time.monotonic() + (0 if follows else _SILENCE_S))
             self._settle(channel, 0, counted=False)
         else:
@@ -198,7 +225,7 @@ class Player:
 
     def _in_flight(self, steps: Sequence[Step], at: int) -> int:
         """Return how many requests may stay open while the next one is sent."""
-        if not self._settings.pipelined or at + 1 >= len(steps) or steps[at + 1].kind == HEAR:
+        if not self._settings.pipelined or at + 1 >= len(steps) or steps[at + 1].kind != ASK:
             return 0
         begins = steps[at + 1].transaction.time_ns
         count = 0
@@ -211,13 +238,13 @@ class Player:
     def _pause(self, channel: Channel, step: Step) -> None:
         """Wait until a request has its turn; what comes meanwhile is taken."""
         pace, first = self._settings.pace, self.part.steps[0].transaction.time_ns
-        if pace is None or first is None or step.transaction.time_ns is None or step.kind == HEAR:
+        if pace is None or first is None or step.transaction.time_ns is None or step.kind != ASK:
             return
         turn = self._began + (step.transaction.time_ns - first) / 1e9 * pace
         while not channel.ended and time.monotonic() < turn:
             tsdu = channel.receive(turn)
             if tsdu is not None:
-                self._take(tsdu)
+                self._take(channel, tsdu)
         left = turn - time.monotonic()
         if left > 0 and not channel.ended:
             time.sleep(left)
@@ -228,7 +255,7 @@ class Player:
             oldest = next(iter(self._open))
             tsdu = channel.receive(self._open[oldest][1])
             if tsdu is not None:
-                self._take(tsdu)
+                self._take(channel, tsdu)
             elif channel.ended:
                 self._open.clear()
             elif time.monotonic() >= self._open[oldest][1]:
@@ -238,8 +265,7 @@ class Player:
     def _hear(self, channel: Channel, transaction: Transaction) -> None:
         """Wait for a message that is no answer; once one did not come, no further ones are waited for."""
         if self._silenced is not None and _belongs(transaction, self._silenced):
-            self.unheard.add(id(transaction))
-            self.withheld.append(withheld(transaction, FOLLOWS_WITHHELD))
+            self._keep(transaction, FOLLOWS_WITHHELD)
             return
         self._awaited += 1
         until = time.monotonic() if self._deaf else self._until()
@@ -248,10 +274,36 @@ class Player:
             if tsdu is None:
                 self._deaf = True
                 return
-            self._take(tsdu)
+            self._take(channel, tsdu)
 
-    def _take(self, tsdu: bytes) -> None:
-        """Look at a message of the server. What it asks is never answered."""
+    def _serve(self, channel: Channel, step: Step) -> bool:
+        """Wait until the server has asked what it asked in a recorded download; False when it does not go on like that.
+
+        What follows is not to be sent then: it may put into force what is only half there.
+        """
+        download = step.download
+        if download is None or self._follows_kept(step):
+            self._keep(step.transaction, FOLLOWS_WITHHELD)
+            return True
+        until = self._until()
+        while not self._downloads.was_asked(step.transaction):
+            tsdu = channel.receive(until) if self._downloads.goes_on(download) else None
+            if tsdu is None:
+                return False
+            self._take(channel, tsdu)
+        return True
+
+    def _answered_job(self, channel: Channel, job: bytes) -> bool:
+        """Answer what the server asks as it was recorded, if it may be and was."""
+        recorded = self._downloads.next(job) if self._permissions.answers(job) else None
+        if recorded is None:
+            return False
+        channel.send(with_reference(recorded.response, job[_REFERENCE]))
+        self.served += 1
+        return True
+
+    def _take(self, channel: Channel, tsdu: bytes) -> None:
+        """Look at a message of the server. What it asks is answered in a download only."""
         pdu = parse_pdu(tsdu)
         head = pdu.parameters.userdata
         answers = pdu.rosctr in {ACK, ACK_DATA} or (
@@ -268,6 +320,9 @@ class Player:
                 self._at_once = max(setup.max_amq_called, 1)
             if transaction is not None:
                 self._renewal.answered(transaction, tsdu)
+                self._downloads.answered(transaction, tsdu)
+            return
+        if whole and pdu.rosctr == JOB and self._answered_job(channel, tsdu):
             return
         self.server_jobs += whole and (pdu.rosctr == JOB or (head is not None and head.type == REQUEST))
         self._heard += 1

@@ -45,6 +45,7 @@ class Outcome:
         self.unreachable = len(players) - self.connections
         self.requests = sum([player.requests for player in players])
         self.answered = sum([player.answered for player in players])
+        self.served = sum([player.served for player in players])
         self.server_jobs = sum([player.server_jobs for player in players])
         for player in players:
             number = player.part.link.number
@@ -64,11 +65,14 @@ class Outcome:
         lines = [
             f"{words.count(self.requests, 'request')} sent on {words.count(self.connections, 'connection')}, {answers}"
         ]
+        if self.served:
+            lines[0] += f", {words.count(self.served, 'job')} of the server answered"
         lines += self.problems
         lines += _grouped("withheld", self.withheld)
         lines += _grouped("not sent any more", self.not_sent)
         if self.server_jobs:
-            lines.append(f"the server asked {words.count(self.server_jobs, 'time')}; it was not answered")
+            more = "more " if self.served else ""
+            lines.append(f"the server asked {words.count(self.server_jobs, more + 'time')}; it was not answered")
         return lines
 
     def as_dict(self) -> dict[str, object]:
@@ -78,6 +82,7 @@ class Outcome:
             "unreachable": self.unreachable,
             "requests": self.requests,
             "answers": self.answered,
+            "jobs_answered": self.served,
             "server_jobs": self.server_jobs,
             "withheld": [one.as_dict() for one in self.withheld],
             "not_sent": [one.as_dict() for one in self.not_sent],
