@@ -64,8 +64,8 @@ def _pace(ctx: click.Context, param: click.Parameter, value: str) -> float | Non
 @click.option(
     "--allow-control",
     is_flag=True,
-    help="Send what controls the device as well: stop, start, PI services, clock, password, and all that does not surely "
-    "only read.",
+    help="Send what controls the device as well: stop, start, PI services, downloads, clock, password, and all that does "
+    "not surely only read.",
 )
 @click.option(
     "--dry-run", is_flag=True, help="Say what would be sent and what would not; nothing is opened or looked up."

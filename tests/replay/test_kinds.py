@@ -129,6 +129,15 @@ def test_writes_and_control_are_allowed_each_for_itself(
 
 
 @pytest.mark.parametrize("permissions", [_NONE, _WRITES, _CONTROLS, _ALL])
-def test_no_permission_lets_a_download_begin(permissions: Permissions) -> None:
-    assert permissions.refusal(job(0x1A)) == DOWNLOAD
+def test_a_download_is_control_and_no_permission_lets_that_of_an_nc_begin(permissions: Permissions) -> None:
+    assert permissions.refusal(job(0x1A)) == ("" if permissions.control else NO_CONTROL)
     assert permissions.refusal(messages.userdata(1, 1, 0x3F, 1, bytes(8))) == DOWNLOAD
+
+
+@pytest.mark.parametrize("permissions", [_NONE, _WRITES, _CONTROLS, _ALL])
+def test_only_jobs_of_a_download_may_be_answered_and_with_control_only(permissions: Permissions) -> None:
+    answered = {function for function in range(256) if permissions.answers(job(function))}
+    assert answered == ({0x1B, 0x1C} if permissions.control else set())
+    assert not permissions.answers(job(0x1B) + b"\0")
+    assert not permissions.answers(messages.userdata(1, 1, 4, 1, b"\x00\x11\x00\x00"))
+    assert not permissions.answers(b"")
