@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import struct
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Final
 
@@ -50,12 +51,12 @@ class Ask:
         self.octets = octets
 
 
-class Tell:
+class Tell(ABC):
     """An answer: `build` makes its PDU for a request."""
 
+    @abstractmethod
     def build(self, asked: Pdu) -> bytes:
         """Return the PDU."""
-        raise NotImplementedError
 
 
 class _Octets(Tell):
