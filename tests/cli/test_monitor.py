@@ -221,7 +221,7 @@ def wait_for_capture(port: int, process: subprocess.Popen[bytes]) -> None:
     """Connect until the monitor sees it: the interface is open then."""
     assert process.stdout is not None
     os.set_blocking(process.stdout.fileno(), False)
-    end = time.monotonic() + 20
+    end = time.monotonic() + 60
     try:
         while time.monotonic() < end:
             with client(port):

@@ -28,7 +28,7 @@ from tests.conftest import Command
 from tests.live.support import client, plc
 from tests.proxy.support import WRONG, eventually, port_of_nobody, tshark
 
-PATIENCE_S = 30
+PATIENCE_S = 60
 
 
 class Proxy:

@@ -19,7 +19,7 @@ from dissect.server import Server
 from tests.cli.support import run
 from tests.conftest import ROOT, Command
 
-PATIENCE_S = 30
+PATIENCE_S = 60
 CAPTURES = ROOT / "captures"
 
 

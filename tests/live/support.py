@@ -68,7 +68,7 @@ class Line(LiveReader):
         self.closed += 1
 
 
-def taken(session: Session, until: Callable[[list[Event]], bool], seconds: float = 20) -> list[Event]:
+def taken(session: Session, until: Callable[[list[Event]], bool], seconds: float = 60) -> list[Event]:
     """Poll until what was taken suits, or the session is over; fails when neither comes in time."""
     events: list[Event] = []
     end = time.monotonic() + seconds

@@ -29,7 +29,7 @@ HOSTILE: Final = "[red]X[/] \x1b[2J\x07\u202e"
 def ended(session: Session) -> Session:
     """Return a session that was started, and has read everything; nothing of what happened was taken."""
     session.start()
-    end = time.monotonic() + 20
+    end = time.monotonic() + 60
     while session.running:
         assert time.monotonic() < end, "the session does not end"
         time.sleep(0.005)

@@ -40,7 +40,7 @@ class Terminal:
         )
         os.close(slave)
 
-    def until(self, what: Callable[[str], bool], seconds: float = 30) -> str:
+    def until(self, what: Callable[[str], bool], seconds: float = 60) -> str:
         """Read what is written until it suits."""
         end = time.monotonic() + seconds
         while not what(self.text):

@@ -20,7 +20,7 @@ from dissect.proxy.tap import Tap
 from dissect.source.packet import PacketSink
 
 LOOPBACK: Final = "127.0.0.1"
-PATIENCE_S: Final = 20.0
+PATIENCE_S: Final = 60.0
 
 
 def eventually(true: Callable[[], bool]) -> None:

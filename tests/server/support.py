@@ -15,7 +15,7 @@ from dissect.testing.talk import Ask, Talk, done, items, read, refused, setup, s
 from dissect.testing.talk import data as answered
 from dissect.transactions.table import Side
 
-PATIENCE_S: Final = 20.0
+PATIENCE_S: Final = 60.0
 CONNECT: Final = bytes.fromhex("0300001611e00000000100c0010ac1020100c2020102")
 
 

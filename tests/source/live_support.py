@@ -50,7 +50,7 @@ class Sink(PacketSink):
         self.got.append(Got(time_ns, buf[start:end], wire_length, link_type))
 
 
-def until(reader: LiveReader, sink: Sink, count: int, seconds: float = 20) -> list[bytes]:
+def until(reader: LiveReader, sink: Sink, count: int, seconds: float = 60) -> list[bytes]:
     """Read until there are so many packets, or so long; return their octets."""
     end = time.monotonic() + seconds
     while len(sink.got) < count and time.monotonic() < end and reader.step(sink):
@@ -58,7 +58,7 @@ def until(reader: LiveReader, sink: Sink, count: int, seconds: float = 20) -> li
     return [packet.octets for packet in sink.got]
 
 
-def drained(reader: LiveReader, sink: Sink, seconds: float = 20) -> bool:
+def drained(reader: LiveReader, sink: Sink, seconds: float = 60) -> bool:
     """Read to the end; False when none comes in time."""
     end = time.monotonic() + seconds
     while reader.step(sink):

@@ -57,7 +57,7 @@ def test_states_and_addresses_of_this_network_namespace() -> None:
         assert "2001:db8::1/64" in va.addresses
         assert (va.mac, va.mtu, va.loopback) == ("02:00:00:00:00:07", 1400, False)
         subprocess.run(["ip", "link", "set", "vb", "up"], check=True)
-        end = time.monotonic() + 20  # the kernel tells of a carrier a little later
+        end = time.monotonic() + 60  # the kernel tells of a carrier a little later
         while "up" not in {one.state for one in list_interfaces() if one.name == "va"}:
             assert time.monotonic() < end
 

@@ -20,7 +20,7 @@ from tests.testing.projects import PLUGIN, ROOT
 
 pytest_plugins = ["pytester"]
 
-PATIENCE_S: Final = 20.0
+PATIENCE_S: Final = 60.0
 TEXT: Final = (ROOT / "docs" / "pytest.md").read_text(encoding="utf-8").partition("\n## Fixtures")[0]
 
 
