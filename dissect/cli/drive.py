@@ -182,12 +182,8 @@ def _safe(error: CaptureError) -> CaptureError:
     return CaptureError(printable(str(error)))
 
 
-class _Interruption:
-    """SIGINT and SIGTERM while files are read.
-
-    The first signal is only remembered, so that no packet is left half analysed, unless input is being awaited: that is
-    broken off by KeyboardInterrupt. So does a second signal, wherever it comes.
-    """
+class Signals:
+    """SIGINT and SIGTERM while something goes on: the first one is remembered as ``asked``; `react` says what else they do."""
 
     def __init__(self) -> None:
         self.asked = False
@@ -205,6 +201,20 @@ class _Interruption:
     def _note(self, _signal: int, frame: FrameType | None) -> None:
         again = self.asked
         self.asked = True
+        self.react(again, frame)
+
+    def react(self, again: bool, frame: FrameType | None) -> None:
+        """Take a signal that struck in ``frame``; ``again`` tells that it is not the first."""
+
+
+class _Interruption(Signals):
+    """Signals while files are read.
+
+    The first one is only remembered, so that no packet is left half analysed, unless input is being awaited: that is broken
+    off by KeyboardInterrupt. So does a second signal, wherever it comes.
+    """
+
+    def react(self, again: bool, frame: FrameType | None) -> None:
         if again or _in_source(frame):
             raise KeyboardInterrupt
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable
 from types import FrameType
-from typing import TYPE_CHECKING, Any, Final, Protocol, Self
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import click
 
-from dissect.cli.drive import nanoseconds
+from dissect.cli.drive import Signals, nanoseconds
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -87,25 +86,15 @@ class LostEvents:
         return [self._shower.lost(self._session.run.now_ns, fresh)]
 
 
-class Interruption:
-    """SIGINT and SIGTERM end a run in order, by calling ``stop``; a second one breaks off whatever goes on."""
+class Interruption(Signals):
+    """Signals end a run in order, by calling ``stop``; a second one breaks off whatever goes on."""
 
     def __init__(self, stop: Callable[[], None]) -> None:
-        self.asked = False
+        super().__init__()
         self._stop = stop
-        self._previous: dict[signal.Signals, Any] = {}
 
-    def __enter__(self) -> Self:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._previous[number] = signal.signal(number, self._note)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._previous.items():
-            signal.signal(number, handler)
-
-    def _note(self, _signal: int, _frame: FrameType | None) -> None:
-        if self.asked:
+    def react(self, again: bool, frame: FrameType | None) -> None:
+        """End the run, or break it off."""
+        if again:
             raise KeyboardInterrupt
-        self.asked = True
         self._stop()
