@@ -20,12 +20,14 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.conversation import Observer, Options
+from dissect.findings.observer import LOOK_OCTETS
 from dissect.iso.recognition import is_connect_request
 from dissect.tcp import stream
 from dissect.tcp.connection import ACK, FIN, RST, SYN
 from dissect.tcp.ip import UDP
 from dissect.transactions import accounts
 from dissect.transactions.connection import FOREIGN, ISO, PROBING
+from dissect.transactions.holding import too_much
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import CONNECTION_CLOSED, CONNECTION_EVICTED
 from dissect.waiting import FAR_FUTURE, TICK_NS, Waiting
@@ -48,13 +50,19 @@ class Pipeline(Waiting):
     """Packets in, transactions and findings out. See the module for the way through."""
 
     def __init__(self, observer: Observer, options: Options | None = None) -> None:
-        super().__init__(observer, options if options is not None else Options())
+        chosen = options if options is not None else Options()
+        super().__init__(observer, chosen)
+        self._memory: i64 = chosen.memory
+        self._taken: i64 = 0  # octets captured since it was last looked what is kept of them
 
     # ---- packet → segment -------------------------------------------------------------------------------------------
 
     def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
         """Take one packet (see `PacketSink.frame`)."""
         self.frames += 1
+        self._taken += end - start
+        if self._taken >= LOOK_OCTETS:
+            self._make_room()
         if time_ns < self.now_ns:
             self._step_back(time_ns)
         elif self.frames == 1:
@@ -80,6 +88,19 @@ class Pipeline(Waiting):
             self._dialogue.holding = []
         if self._judge.fresh:
             self.conversation.tell_findings()
+
+    def _make_room(self) -> None:
+        """Connections that keep too much in sum have to leave, those that hold most first."""
+        self._taken = 0
+        for held, side in too_much(self.table.all_open(), self._memory):
+            self.table.evicted += 1
+            self._evict(side, f"it held {held} octets")
+
+    def _evict(self, side: Side, detail: str) -> None:
+        side.tcp.ended = side.tcp.ended or "evicted"
+        if side.connection.followed:
+            self._note("stream.evicted", detail, side.connection.number)
+        self._finish(side, CONNECTION_EVICTED)
 
     def _step_back(self, time_ns: i64) -> None:
         """The clock of the capture runs backwards: what waits must not wait until it has caught up."""
@@ -195,10 +216,7 @@ class Pipeline(Waiting):
 
     def _open(self, key: bytes, vlan: i64) -> Side:
         for idle in self.table.overflow():
-            idle.tcp.ended = idle.tcp.ended or "evicted"
-            if idle.connection.followed:
-                self._note("stream.evicted", "", idle.connection.number)
-            self._finish(idle, CONNECTION_EVICTED)
+            self._evict(idle, "")
         return self.table.open(key, vlan, self.frames, self.now_ns)
 
     # ---- segment → octets in order ----------------------------------------------------------------------------------

@@ -51,7 +51,7 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
     ("stream.refused", WARNING, PROTOCOL, "A TCP connection to port 102 was refused.",
      "Nothing listens there: wrong address, the device has no S7 server, it is starting, or a firewall answers for it.",
      ""),
-    ("stream.evicted", WARNING, CAPTURE, "Too many connections were open at once; the longest idle ones were dropped.",
+    ("stream.evicted", WARNING, CAPTURE, "Too much was open at once; the longest idle or the fullest connections were dropped.",
      "Requests open on them count as unanswered. Analyse the capture in parts if they matter.", ""),
     ("stream.half_open_evicted", NOTE, SECURITY, "More connection attempts than can be remembered had no answer.",
      "This is what a SYN flood or a port scan looks like.", "system_discovery denial_of_service"),

@@ -129,6 +129,11 @@ class Joiner:
         """Chains that more parts are expected of."""
         return len(self._chains)
 
+    @property
+    def octets(self) -> int:
+        """Octets of all open chains."""
+        return self._octets
+
     def feed(self, transaction: Transaction) -> Chain | None:
         """Take a transaction that ended; return the answer or BSEND that is whole now, also when it came in one part."""
         begun = transaction.parameters.userdata if transaction.rosctr == USERDATA else None
