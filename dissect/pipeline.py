@@ -110,7 +110,7 @@ class Pipeline(Waiting):
             self._deadline_ns = min(self._deadline_ns, time_ns + TICK_NS)
 
     def _packet(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
-        if link_type != 1 or end - start < _FUSED_SIZE:
+        if link_type != 1 or end - start < _FUSED_SIZE or self._checksums:
             return self._slow_frame(buf, start, end, link_type)
         key: bytes
         seq: i64
@@ -147,6 +147,8 @@ class Pipeline(Waiting):
         """Any link, any IP: find the TCP segment, or say why there is none."""
         found = self._find_segment(buf, start, end, link_type)
         if found.problem:
+            if found.key:
+                self._note_damaged(found)
             return accounts.CATEGORIES.index(found.problem)
         if found.protocol == UDP:
             return self.datagram(found)

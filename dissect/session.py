@@ -165,16 +165,18 @@ def open(
     slow_ns: int = 1_000_000_000,
     scd: str | Path | Dictionary | None = None,
     bind: str | Path | None = None,
+    checksums: bool = False,
 ) -> Iterator[Event]:
     """Iterate the events of one capture or several: PDUs, transactions, operations and findings, connections at their end.
 
     Events come in the order in which they become certain; a transaction follows its PDUs. ``pdus=False`` leaves the single
     PDUs out, which is faster. With the dictionary ``scd`` and the bindings file ``bind`` SCD is decoded (docs/scd-traffic.md).
+    ``checksums`` leaves packets out whose TCP or UDP checksum is wrong.
     Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding. Raises `scd.DictionaryError` or
     `dissect.bindings.BindingError` for a dictionary or a bindings file that is wrong.
     """
     queue = _Queue(pdus)
-    run = Run([path, *more], queue, Options(slow_ns, carrier=_carrier(scd, bind)))
+    run = Run([path, *more], queue, Options(slow_ns, carrier=_carrier(scd, bind), checksums=checksums))
     while run.step():
         yield from queue.events
         queue.events = []
@@ -187,14 +189,15 @@ def analyze(
     slow_ns: int = 1_000_000_000,
     scd: str | Path | Dictionary | None = None,
     bind: str | Path | None = None,
+    checksums: bool = False,
 ) -> Analysis:
     """Fold one capture or several into an `Analysis`: connections, transactions by function, answer times, findings, loss.
 
-    ``slow_ns``: an answer later than this many nanoseconds is a finding. ``scd`` and ``bind`` as for `open`. Raises
-    `CaptureError` when a file cannot be read at all; damage inside one is a finding.
+    ``slow_ns``: an answer later than this many nanoseconds is a finding. ``scd``, ``bind`` and ``checksums`` as for `open`.
+    Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding.
     """
     analysis = Analysis()
-    run = Run([path, *more], analysis, Options(slow_ns, carrier=_carrier(scd, bind)))
+    run = Run([path, *more], analysis, Options(slow_ns, carrier=_carrier(scd, bind), checksums=checksums))
     while run.step():
         pass
     analysis.take(run.pipeline, run.files)

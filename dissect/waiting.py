@@ -35,6 +35,7 @@ class Waiting(Datagrams):
         super().__init__(observer, Gateway(observer, options))
         self._dialogue: Dialogue = self.conversation.dialogue
         self._strict: bool = options.strict
+        self._checksums = options.checksums
         self._waiting: list[Side] = []  # sides with held segments or held answers
         self._overdue: OverdueWatch | None = None
         self._rest_ns: i64 = FAR_FUTURE  # the deadline while nothing waits

@@ -50,6 +50,7 @@ from tests.properties.packets import (
     cut_to,
 )
 from tests.properties.traffic import Conversation, conversation, merged, segments
+from tests.transactions import talk as lines
 
 SECOND: Final = 1_000_000_000
 WORD: Final = Item(0x04, 1, 10, 0x84, 4 * 8)
@@ -323,6 +324,33 @@ def test_the_latest_attempt_counts() -> None:
     result = run(attempt, talk)
     assert result.outcomes == ["answered"] * 2
     assert result.counts == {}
+
+
+def test_what_its_receiver_dropped_is_left_out_where_that_is_asked_for() -> None:
+    """Somebody puts in an answer that the client never takes, because its checksum is wrong."""
+    outcomes = []
+    for verify in (False, True):
+        talk = lines.Talk()
+        if verify:
+            talk.verify()
+        talk.sums = True
+        talk.open()
+        talk.ask(lines.read(1, lines.dbw(1, 0)))
+        talk.sums = False
+        at = talk.seq[1]
+        forged = talk.tell(lines.words(1, 7))
+        talk.sums = True
+        talk.seq[1] = at
+        talk.tell(lines.words(1, 8))
+        talk.close()
+        (transaction,) = talk.transactions
+        outcomes.append(([result.value for result in transaction.results()], talk.slugs()))
+        counts = talk.pipeline.packet_counts()
+        assert counts["bad_checksum"] == verify
+        assert sum(counts.values()) == talk.pipeline.frames
+    assert outcomes == [([7], ["stream.conflict"]), ([8], ["stream.bad_checksum"])]
+    (finding,) = talk.findings
+    assert (finding.frames, finding.detail, finding.connection) == ([forged], f"27 octets at {at}", 1)
 
 
 def test_too_many_connections_push_out_the_idle_ones() -> None:

@@ -9,6 +9,7 @@ import click
 from dissect.cli.carried import scd_options
 from dissect.cli.drive import (
     EXIT_CODES,
+    checksums_option,
     complain,
     drive,
     files_argument,
@@ -36,10 +37,16 @@ if TYPE_CHECKING:
     metavar="MS",
     help="Answers that take longer than this many milliseconds are a finding.",
 )
+@checksums_option
 @fail_on_option
 @scd_options
 def command(
-    files: tuple[str, ...], format_: str, slow_ns: int, fail_on: frozenset[str], carrier: Carrier | None
+    files: tuple[str, ...],
+    format_: str,
+    slow_ns: int,
+    checksums: bool,
+    fail_on: frozenset[str],
+    carrier: Carrier | None,
 ) -> int:
     """Tell what captures hold, how fast it went, what failed and why.
 
@@ -54,7 +61,7 @@ def command(
     from dissect.session import Run
 
     analysis = Analysis()
-    run = Run(files, analysis, Options(slow_ns, carrier=carrier))
+    run = Run(files, analysis, Options(slow_ns, carrier=carrier, checksums=checksums))
     code = drive(run, files)
     analysis.take(run.pipeline, run.files)
     if format_ == "json":

@@ -41,6 +41,12 @@ _COLOURS: Final = {"heading": "cyan", "error": "red", "warning": "yellow", "note
 files_argument = click.argument("files", nargs=-1, required=True, type=click.Path(), metavar="FILE...")
 
 
+#: Packets that their receiver dropped are no part of what was said; the command gets ``checksums``.
+checksums_option: Final[Callable[[Any], Any]] = click.option(
+    "--checksums", is_flag=True, help="Leave out packets with a wrong TCP or UDP checksum, as their receiver does."
+)
+
+
 def nanoseconds(ctx: click.Context, param: click.Parameter, ms: str | None) -> int | None:
     """Return what an option says in milliseconds as nanoseconds, None when it was not given."""
     if ms is None:

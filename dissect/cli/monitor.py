@@ -10,7 +10,7 @@ import click
 
 from dissect.cli.beside import beside_options
 from dissect.cli.carried import scd_options
-from dissect.cli.drive import write
+from dissect.cli.drive import checksums_option, write
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT
 from dissect.cli.scrape import Scrape, allow_remote_option, metrics_option
@@ -79,6 +79,7 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
 @click.option("-c", "--packets", type=click.IntRange(1), default=None, metavar="N", help="End after so many packets.")
 @metrics_option
 @allow_remote_option
+@checksums_option
 @fail_on_option
 @scd_options
 @beside_options
@@ -96,6 +97,7 @@ def command(
     packets: int | None,
     metrics: Address | None,
     allow_remote: bool,
+    checksums: bool,
     fail_on: frozenset[str],
     carrier: Carrier | None,
     beside: Beside,
@@ -114,7 +116,7 @@ def command(
     with Scrape(metrics, allow_remote) as scrape:
         session = Session(
             opener,
-            Options(slow_ns, carrier=carrier, overdue_ns=overdue_ns),
+            Options(slow_ns, carrier=carrier, overdue_ns=overdue_ns, checksums=checksums),
             companions=[*beside.companions(), *scrape.companions],
             limits=Limits(duration_ns, packets or 0),
             name=interface or ("stdin" if file == "-" else file or ""),

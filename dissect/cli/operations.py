@@ -4,9 +4,18 @@ from __future__ import annotations
 
 import click
 
-from dissect.cli.drive import EXIT_CODES, complain, drive, files_argument, format_option, places_of, write
+from dissect.cli.drive import (
+    EXIT_CODES,
+    checksums_option,
+    complain,
+    drive,
+    files_argument,
+    format_option,
+    places_of,
+    write,
+)
 from dissect.cli.gate import fail_on_option, gate
-from dissect.conversation import Observer
+from dissect.conversation import Observer, Options
 from dissect.report.operations import operation_json, operation_line
 from dissect.report.places import Places
 from dissect.session import Run
@@ -18,8 +27,11 @@ from dissect.wire.clock import Clock
 @files_argument
 @format_option("text", "jsonl")
 @click.option("--kind", "kinds", multiple=True, type=click.Choice(list(KINDS)), help="Only operations of this kind.")
+@checksums_option
 @fail_on_option
-def command(files: tuple[str, ...], format_: str, kinds: tuple[str, ...], fail_on: frozenset[str]) -> int:
+def command(
+    files: tuple[str, ...], format_: str, kinds: tuple[str, ...], checksums: bool, fail_on: frozenset[str]
+) -> int:
     """Write one line for each operation: several transactions that belong together.
 
     That is: connections set up, blocks loaded into a PLC or read out of it, answers in several parts, cyclic and message
@@ -29,7 +41,7 @@ def command(files: tuple[str, ...], format_: str, kinds: tuple[str, ...], fail_o
     FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input. A line comes when its operation is over.
     """
     rows = _Rows(format_ == "jsonl", frozenset(kinds))
-    run = Run(files, rows)
+    run = Run(files, rows, Options(checksums=checksums))
     rows.places = places_of(run, files)
     code = drive(run, files, lambda: write(rows.take()))
     complain(run, code)

@@ -6,7 +6,16 @@ import click
 from mypy_extensions import i64
 
 from dissect.cli.carried import scd_options
-from dissect.cli.drive import EXIT_CODES, complain, drive, files_argument, format_option, places_of, write
+from dissect.cli.drive import (
+    EXIT_CODES,
+    checksums_option,
+    complain,
+    drive,
+    files_argument,
+    format_option,
+    places_of,
+    write,
+)
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_OK, EXIT_USAGE
 from dissect.conversation import Observer, Options
@@ -46,6 +55,7 @@ from dissect.wire.clock import Clock
     "--frame", type=click.IntRange(min=1), metavar="N", help="Only what packet N completes (of each file, in several)."
 )
 @click.option("-V", "--verbose", is_flag=True, help="With the field tree, octet ranges and a hex view.")
+@checksums_option
 @fail_on_option
 @scd_options
 def command(
@@ -53,6 +63,7 @@ def command(
     format_: str,
     frame: int | None,
     verbose: bool,
+    checksums: bool,
     fail_on: frozenset[str],
     carrier: Carrier | None,
 ) -> int:
@@ -66,7 +77,7 @@ def command(
     if verbose and format_ != "text":
         raise click.UsageError("-V is for text: -T jsonl has the fields of every PDU anyway.")
     shown = _Pdus(format_ == "jsonl", frame, verbose, carrier)
-    run = Run(files, shown, Options(carrier=carrier))
+    run = Run(files, shown, Options(carrier=carrier, checksums=checksums))
     shown.begin(places_of(run, files))
     code = drive(run, files, lambda: write(shown.take()))
     complain(run, code)

@@ -9,7 +9,17 @@ from collections.abc import Callable
 import click
 
 from dissect.cli.carried import scd_options
-from dissect.cli.drive import EXIT_CODES, complain, drive, files_argument, format_option, nanoseconds, places_of, write
+from dissect.cli.drive import (
+    EXIT_CODES,
+    checksums_option,
+    complain,
+    drive,
+    files_argument,
+    format_option,
+    nanoseconds,
+    places_of,
+    write,
+)
 from dissect.cli.gate import fail_on_option, gate
 from dissect.conversation import Observer, Options
 from dissect.findings.carrier import Carrier
@@ -32,6 +42,7 @@ from dissect.wire.clock import Clock
     metavar="MS",
     help="Only transactions whose answer took longer than this many milliseconds; with --failed these as well.",
 )
+@checksums_option
 @fail_on_option
 @scd_options
 def command(
@@ -39,6 +50,7 @@ def command(
     format_: str,
     failed: bool,
     slow_ns: int | None,
+    checksums: bool,
     fail_on: frozenset[str],
     carrier: Carrier | None,
 ) -> int:
@@ -52,7 +64,9 @@ def command(
     """
     choose = _choice(failed, slow_ns)
     # What is slow is a finding as well.
-    options = Options(slow_ns, carrier=carrier) if slow_ns is not None else Options(carrier=carrier)
+    options = Options(carrier=carrier, checksums=checksums)
+    if slow_ns is not None:
+        options.slow_ns = slow_ns
     take: Callable[[], list[str]]
     if format_ == "jsonl":
         lines = TransactionLines(choose)

@@ -7,7 +7,7 @@ from mypy_extensions import i64
 from dissect.findings.judge import Judge
 from dissect.findings.observer import Observer
 from dissect.source.packet import PacketSink
-from dissect.tcp.ip import FragmentStore
+from dissect.tcp.ip import TCP, FragmentStore
 from dissect.tcp.segment import Segment, find_segment
 from dissect.transactions.accounts import CATEGORIES, OctetAccount
 from dissect.transactions.connection import ISO_TSAP_PORT
@@ -24,6 +24,7 @@ class Books(PacketSink):
         self.fragments: FragmentStore = FragmentStore()
         self.octets: OctetAccount = OctetAccount()
         self.wants_udp: bool = False
+        self._checksums: bool = False
         self.frames: i64 = 0
         self.cut_frames: i64 = 0
         self.first_ns: i64 = 0
@@ -111,12 +112,22 @@ class Books(PacketSink):
         if server.port == ISO_TSAP_PORT:
             self._note("stream.refused", f"{server} refuses {client}")
 
+    def _note_damaged(self, found: Segment) -> None:
+        """A segment or datagram has a wrong checksum; on connections that nobody follows that is not our business."""
+        side = self.table.sides.get(found.key)
+        if side is not None and side.connection.followed:
+            self._note("stream.bad_checksum", f"{len(found.octets)} octets at {found.seq}", side.connection.number)
+        elif side is None and found.protocol == TCP:
+            sender, receiver = endpoints(found.key)
+            if ISO_TSAP_PORT in {sender.port, receiver.port}:
+                self._note("stream.bad_checksum", f"{sender} -> {receiver}")
+
     def _find_segment(self, buf: bytes, start: i64, end: i64, link_type: i64) -> Segment:
         """Return the TCP segment of a frame, or a UDP datagram when these are wanted, or why there is none."""
         fragments = self.fragments
         conflicts: i64 = fragments.conflicts
         evicted: i64 = fragments.evicted
-        found = find_segment(buf, start, end, link_type, fragments, self.now_ns, self.wants_udp)
+        found = find_segment(buf, start, end, link_type, fragments, self.now_ns, self.wants_udp, self._checksums)
         if fragments.conflicts > conflicts:
             what = "TCP or UDP" if self.wants_udp else "TCP"
             self._note("ip.fragment_conflict", f"in a datagram that holds {what}")

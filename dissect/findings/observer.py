@@ -28,6 +28,7 @@ class Options:
 
     ``memory`` bounds the octets that all connections together keep of unfinished packets, PDUs and transactions, within
     `LOOK_OCTETS`: when they keep more, those that hold most are given up and told (`stream.evicted`).
+    ``checksums``: TCP segments and UDP datagrams with a wrong checksum are left out, as their receiver did.
     """
 
     def __init__(
@@ -37,10 +38,12 @@ class Options:
         carrier: Carrier | None = None,
         overdue_ns: int = 0,
         memory: int = MEMORY,
+        checksums: bool = False,
     ) -> None:
         self.slow_ns: i64 = slow_ns
         self.overdue_ns: i64 = overdue_ns
         self.memory: i64 = memory
+        self.checksums: bool = checksums
         self.strict: bool = strict
         self.carrier: Carrier | None = carrier
 

@@ -24,6 +24,7 @@ _IGNORED: Final = {
     "reset_ignored": "resets that were not believed",
     "cut": "cut before the end of their headers",
     "bad_header": "with impossible headers",
+    "bad_checksum": "with a wrong TCP or UDP checksum",
     "link_type": "of a link type that is not supported",
     "failed": "the analyzer failed on",
 }

@@ -7,6 +7,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.tcp import ip, link
+from dissect.tcp.checksum import is_damaged
 from dissect.wire.octets import u16, u32
 
 _UDP_HEADER: Final = 8
@@ -19,7 +20,7 @@ class Segment:
     ``protocol`` is `ip.TCP` or `ip.UDP`, 0 when there is a problem. ``key`` is addresses and ports as they stand in the
     packet, then the VLAN key when there is one; ``octets`` the payload. ``word`` is the data offset and the flags; a datagram
     has none of ``seq``, ``ack`` and ``word``. ``missing`` counts octets of payload that the IP length, for a datagram the UDP
-    length, claims and the capture does not hold.
+    length, claims and the capture does not hold. One with the problem ``bad_checksum`` has everything else as well.
     """
 
     __slots__ = ("ack", "key", "missing", "octets", "problem", "protocol", "seq", "vlan", "word")
@@ -44,12 +45,13 @@ def find_segment(
     fragments: ip.FragmentStore,
     time_ns: i64,
     wants_udp: bool = False,
+    checksums: bool = False,
 ) -> Segment:
     """Return the TCP segment of the frame ``buf[start:end]``, or why there is none. Never raises.
 
     With ``wants_udp`` a UDP datagram is as good; without, it is ``not_tcp``. A fragment goes to ``fragments`` and comes out
-    with the one that makes its datagram whole. Checksums are not verified: captures taken where the checksum is left to the
-    network card show a wrong one in every packet sent, and a receiver has dropped what was damaged.
+    with the one that makes its datagram whole. Checksums are verified only with ``checksums``: it costs time, and there are
+    captures in which all are wrong, because their addresses were changed.
     """
     at, vlan = link.find_ip(buf, start, end, link_type)
     if at < 0:
@@ -62,9 +64,9 @@ def find_segment(
     tag = int(vlan).to_bytes(8, "big") if vlan else b""
     if not packet.fragment_key:
         if packet.protocol == ip.TCP:
-            return _read(packet.addresses, tag, vlan, buf, packet.start, packet.end, packet.missing)
+            return _read(packet.addresses, tag, vlan, buf, packet.start, packet.end, packet.missing, checksums)
         if wants_udp and packet.protocol == ip.UDP:
-            return _read_datagram(packet.addresses, tag, vlan, buf, packet.start, packet.end, packet.missing)
+            return _read_datagram(packet.addresses, tag, vlan, buf, packet.start, packet.end, packet.missing, checksums)
         return Segment("not_tcp")
     if packet.missing:
         return Segment("cut")  # a datagram with a cut piece can never be whole
@@ -74,13 +76,15 @@ def find_segment(
     if whole is None:
         return Segment("fragment_waiting")
     if wants_udp and fragments.protocol == ip.UDP:
-        return _read_datagram(packet.addresses, tag, vlan, whole, 0, len(whole), 0)
+        return _read_datagram(packet.addresses, tag, vlan, whole, 0, len(whole), 0, checksums)
     if not whole:
         return Segment("not_tcp")  # what stands behind the extension headers is known only now
-    return _read(packet.addresses, tag, vlan, whole, 0, len(whole), 0)
+    return _read(packet.addresses, tag, vlan, whole, 0, len(whole), 0, checksums)
 
 
-def _read(addresses: bytes, tag: bytes, vlan: i64, buf: bytes, at: i64, end: i64, missing: i64) -> Segment:
+def _read(
+    addresses: bytes, tag: bytes, vlan: i64, buf: bytes, at: i64, end: i64, missing: i64, checksums: bool
+) -> Segment:
     """Read the TCP header at ``at``."""
     if end - at < 20:
         return Segment("cut" if missing else "bad_header")
@@ -90,7 +94,8 @@ def _read(addresses: bytes, tag: bytes, vlan: i64, buf: bytes, at: i64, end: i64
         return Segment("bad_header")
     if at + header > end:
         return Segment("cut" if missing else "bad_header")
-    segment = Segment("")
+    damaged = checksums and missing == 0 and is_damaged(addresses, ip.TCP, buf, at, end)
+    segment = Segment("bad_checksum" if damaged else "")
     segment.protocol = ip.TCP
     segment.key = b"%b%b%b" % (addresses, buf[at : at + 4], tag)
     segment.vlan = vlan
@@ -102,7 +107,9 @@ def _read(addresses: bytes, tag: bytes, vlan: i64, buf: bytes, at: i64, end: i64
     return segment
 
 
-def _read_datagram(addresses: bytes, tag: bytes, vlan: i64, buf: bytes, at: i64, end: i64, missing: i64) -> Segment:
+def _read_datagram(
+    addresses: bytes, tag: bytes, vlan: i64, buf: bytes, at: i64, end: i64, missing: i64, checksums: bool
+) -> Segment:
     """Read the UDP header at ``at``; ``missing`` octets of the IP payload are behind ``end``.
 
     The UDP length counts the header (RFC 768); what the IP packet holds behind it is padding. Length 0, the jumbogram of
@@ -114,7 +121,8 @@ def _read_datagram(addresses: bytes, tag: bytes, vlan: i64, buf: bytes, at: i64,
     if length < _UDP_HEADER or length > end - at + missing:
         return Segment("bad_header")
     stop: i64 = min(at + length, end)
-    datagram = Segment("")
+    damaged = checksums and at + length == stop and is_damaged(addresses, ip.UDP, buf, at, stop)
+    datagram = Segment("bad_checksum" if damaged else "")
     datagram.protocol = ip.UDP
     datagram.key = b"%b%b%b" % (addresses, buf[at : at + 4], tag)
     datagram.vlan = vlan

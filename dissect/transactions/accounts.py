@@ -22,8 +22,9 @@ AFTER_CLOSE: Final = 11
 RESET_IGNORED: Final = 12
 CUT: Final = 13
 BAD_HEADER: Final = 14
-LINK_TYPE: Final = 15
-FAILED: Final = 16
+BAD_CHECKSUM: Final = 15
+LINK_TYPE: Final = 16
+FAILED: Final = 17
 
 #: Names of the categories, by the numbers above.
 CATEGORIES: Final[list[str]] = [
@@ -42,6 +43,7 @@ CATEGORIES: Final[list[str]] = [
     "reset_ignored",
     "cut",
     "bad_header",
+    "bad_checksum",
     "link_type",
     "failed",
 ]

@@ -271,6 +271,22 @@ def evicted(talk: Talk) -> None:
         other.packet(CLIENT, CONNECT, after_ns=1000)
 
 
+@speaks("stream.bad_checksum")
+def bad_checksum(talk: Talk) -> None:
+    talk.verify()
+    talk.open()
+    talk.sums = False
+    talk.ask(read(1, dbw(1, 0)))
+
+
+@silent("stream.bad_checksum")
+def good_checksum(talk: Talk) -> None:
+    talk.verify()
+    talk.open()
+    talk.ask(read(1, dbw(1, 0)))
+    talk.tell(words(1, 1))
+
+
 @speaks("stream.half_open_evicted")
 def half_open(talk: Talk) -> None:
     for number in range(MAX_HALF_OPEN + 1):
