@@ -31,6 +31,7 @@ environment:
 
 test-environment:
 	scripts/environment.sh test
+	scripts/install-nodes7.sh
 	scripts/install-tshark.sh
 
 lint:
@@ -62,7 +63,7 @@ format: test-environment
 coverage: test-environment
 	PYTHONPATH=$(CURDIR) $(PYTEST) -n $(JOBS) --dist loadfile -m "not measured" --cov --cov-report=term $(ENGINE)
 
-# Record captures/ anew with real peers; needs root, node and npm.
+# Record captures/ anew with real peers; needs root.
 record:
 	env -u PYTHONSAFEPATH python3 captures/record/record.py $(NAMES)
 

@@ -1,9 +1,10 @@
 """Record the sessions again: ``python3 captures/record/record.py [NAME ...]``, as root, over loopback only.
 
-Makes the peers' environments on first use (``captures/record/.env``: two virtual environments and nodes7), then, for each
-session, captures with dumpcap, lets the peers talk, counts what tshark sees, holds that against what the conversation's script
-must have caused, and writes ``captures/NAME.pcapng`` and ``captures/NAME.toml``. Needs Python 3.11, node with npm, dumpcap,
-tshark, and the ports 102, 1102, 2102 and those 10000 above them free. Nothing outside the standard library.
+Makes the peers' environments on first use: two virtual environments in ``captures/record/.env``, and nodes7 with its node
+where the tests have them (scripts/install-nodes7.sh; ``.venv``, or what VENV names). Then, for each session, it captures with
+dumpcap, lets the peers talk, counts what tshark sees, holds that against what the conversation's script must have caused, and
+writes ``captures/NAME.pcapng`` and ``captures/NAME.toml``. Needs Python 3.11, dumpcap, tshark, ``make test-environment`` (or a
+node with npm), and the ports 102, 1102, 2102 and those 10000 above them free. Nothing outside the standard library.
 """
 
 from __future__ import annotations
@@ -22,11 +23,15 @@ from pathlib import Path
 
 from dumpcap import Dumpcap
 from expect import Expected, count_expected, write_table
+from nodes7 import modules_of, node_of, variables_of
 from relay import Relay
 from sessions import SESSIONS, Session
 
 HERE = Path(__file__).resolve().parent
 CAPTURES = HERE.parent
+ROOT = CAPTURES.parent
+TESTED = ROOT / os.environ.get("VENV", ".venv")
+"""The environment that the tests run in; nodes7 and its node are the same here and there."""
 ENVIRONMENTS = HERE / ".env"
 REJECTED = ENVIRONMENTS / "rejected"
 """Where the recordings go that are not what was promised, to be looked at."""
@@ -51,22 +56,22 @@ def make_environments() -> None:
             venv.create(home, with_pip=True)
             pip = [str(home / "bin" / "python"), "-m", "pip", "install", "--quiet"]
             subprocess.run([*pip, "-r", str(HERE / f"requirements-{name}.txt")], check=True)
-    if not (HERE / "node_modules" / "nodes7").exists():
-        subprocess.run(["npm", "install", "--no-package-lock", "--no-audit", "--no-fund"], cwd=HERE, check=True)
+    subprocess.run([str(ROOT / "scripts" / "install-nodes7.sh")], check=True)
 
 
 def interpreter(peer: str) -> str:
     """The program that runs a peer's script."""
     if peer == "nodes7":
-        return "node"
+        return str(node_of(TESTED))
     return str(ENVIRONMENTS / ("python" if peer == "python" else "native") / "bin" / "python")
 
 
 def version_of(peer: str) -> str:
     """Name and version of a peer's software, as installed."""
     if peer == "nodes7":
-        package = json.loads((HERE / "node_modules" / "nodes7" / "package.json").read_text())
-        node = subprocess.run(["node", "--version"], capture_output=True, text=True, check=True).stdout.strip()
+        package = json.loads((modules_of(TESTED) / "nodes7" / "package.json").read_text())
+        ask_node = [interpreter(peer), "--version"]
+        node = subprocess.run(ask_node, capture_output=True, text=True, check=True).stdout.strip()
         return f"nodes7 {package['version']} on node {node}"
     ask = "import importlib.metadata as m; print(m.version('python-snap7'))"
     version = subprocess.run([interpreter(peer), "-c", ask], capture_output=True, text=True, check=True).stdout.strip()
@@ -94,7 +99,11 @@ def client_command(client: str, port: int) -> list[str]:
 
 def talk(session: Session, port: int) -> list[subprocess.Popen[str]]:
     """Start every client of a session."""
-    return [subprocess.Popen(client_command(one, port), stdout=subprocess.PIPE, text=True) for one in session.clients]
+    variables = variables_of(TESTED)
+    return [
+        subprocess.Popen(client_command(one, port), stdout=subprocess.PIPE, text=True, env=variables)
+        for one in session.clients
+    ]
 
 
 def wait_asking(client: subprocess.Popen[str]) -> None:

@@ -1,5 +1,6 @@
-// What nodes7 says in each session: node talk_nodes7.js CONVERSATION PORT
+// What nodes7 says in each session: node talk_nodes7.js CONVERSATION PORT [ARGUMENT ...]
 // nodes7 merges neighbouring variables into one item and puts items into as few PDUs as fit.
+// What a read gave is printed, a line of JSON each: {"bad": whether any value is, "values": by tag}.
 "use strict";
 const NodeS7 = require("nodes7");
 
@@ -21,7 +22,7 @@ const TAGS = {
 };
 
 const connection = new NodeS7({ silent: true });
-const [conversation, port] = [process.argv[2], Number(process.argv[3])];
+const [conversation, port, rest] = [process.argv[2], Number(process.argv[3]), process.argv.slice(4)];
 
 function fail(what) {
   console.error(what);
@@ -29,7 +30,7 @@ function fail(what) {
 }
 
 function connect(then, options) {
-  const parameters = { port, host: "127.0.0.1", rack: 0, slot: 2, timeout: 1500, ...options };
+  const parameters = { port, host: "127.0.0.1", rack: 0, slot: 2, timeout: 20000, ...options };
   connection.initiateConnection(parameters, (error) => {
     if (error) fail(error);
     then();
@@ -38,8 +39,9 @@ function connect(then, options) {
 
 function readAll(then, mayFail) {
   connection.readAllItems((bad, values) => {
+    console.log(JSON.stringify({ bad, values }));
     if (bad && !mayFail) fail(`bad values: ${JSON.stringify(values)}`);
-    then(values);
+    then(bad);
   });
 }
 
@@ -65,6 +67,13 @@ function write(steps) {
     setTimeout(() => write(steps.slice(1)), 50);
   });
   if (started) fail(`write not started: ${started}`);
+}
+
+function pollUntilGood(rounds) {
+  readAll((bad) => {
+    if (bad && rounds > 1) setTimeout(() => pollUntilGood(rounds - 1), 50);
+    else quit();
+  }, true);
 }
 
 const CONVERSATIONS = {
@@ -107,6 +116,26 @@ const CONVERSATIONS = {
       ]);
     });
   },
+  // No session, but what the tests of the fake PLC need: MILLISECONDS to wait for an answer, ROUNDS at most, TAG ...
+  until(timeout, rounds, ...tags) {
+    connect(() => {
+      addTags(tags);
+      pollUntilGood(Number(rounds));
+    }, { timeout: Number(timeout) });
+  },
+  // The same: TAG, the VALUE to write (JSON), and the tag is read before and behind.
+  back(tag, value) {
+    connect(() => {
+      addTags([tag]);
+      readAll(() => {
+        const started = connection.writeItems(tag, JSON.parse(value), (bad) => {
+          if (bad) fail(`not written: ${tag}`);
+          poll(1);
+        });
+        if (started) fail(`write not started: ${started}`);
+      });
+    });
+  },
 };
 
-CONVERSATIONS[conversation]();
+CONVERSATIONS[conversation](...rest);

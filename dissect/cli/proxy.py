@@ -168,6 +168,7 @@ class _Lines:
         """Write what it all came to."""
         from dissect.live.json_lines import JsonLines
         from dissect.live.lines import summary_lines
+        from dissect.report import words
 
         status, relay = self._session.status(), self._relay
         if isinstance(self._shower, JsonLines):
@@ -176,7 +177,7 @@ class _Lines:
             [f"{octets} octets from {who}" for octets, who in zip(relay.octets, ("clients", "the PLC"), strict=True)]
         )
         unreached = f", {relay.failed} more could not be connected" if relay.failed else ""
-        _say(f"{relay.connections} connections relayed{unreached}; {sent}")
+        _say(f"{words.count(relay.connections, 'connection')} relayed{unreached}; {sent}")
         for line in summary_lines(status, "file"):
             _say(line)
         if status.drops.kernel:

@@ -9,9 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import dissect
+from dissect.source.packet import CaptureError
 
 if TYPE_CHECKING:
     from dissect.golden.model import Session
+
+#: What whoever writes tests has said wrongly or has wrong on disk: told at the line of the test, without what is behind it.
+MISTAKES: Final = (CaptureError, OSError, ValueError)
 
 #: What a name may lack.
 SUFFIXES: Final = (".pcapng", ".pcap", ".pcapng.gz", ".pcap.gz", ".s7.txt")
@@ -64,6 +68,7 @@ class CaptureFolder:
 
         Raises FileNotFoundError, which says what there is instead.
         """
+        __tracebackhide__ = True
         path = self.folder / name
         for one in (path, *[path.with_name(path.name + suffix) for suffix in SUFFIXES]):
             if one.is_file():
@@ -80,6 +85,7 @@ class CaptureFolder:
 
 def path_of(what: object, captures: CaptureFolder) -> Path:
     """Return the path of something that is a capture, a recorder, a name or a path itself."""
+    __tracebackhide__ = True
     if isinstance(what, Capture):
         return what.path
     capture = getattr(what, "capture", None)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from itertools import islice
 from pathlib import Path
 from typing import Final
@@ -16,7 +16,7 @@ from dissect.golden.reading import load_golden, read_session
 from dissect.golden.saving import save_whole
 from dissect.golden.writing import golden_text
 from dissect.report import words
-from dissect.testing.captures import CaptureFolder, near, path_of
+from dissect.testing.captures import MISTAKES, CaptureFolder, near, path_of
 from dissect.testing.ledger import Ledger, folder_of, golden_of, stem_of
 
 NONE: Final = "none"
@@ -26,21 +26,30 @@ ALL: Final = "all"
 #: What a failure says at most.
 MAX_DIFFERENCES: Final = 20
 MAX_LINE: Final = 400
+MAX_PROBLEMS: Final = 5
 
 
 class GoldenCheck:
     """Holds what was recorded against the goldens of one test.
 
     ``update`` says what may be written: nothing (``none``), goldens that are missing (``new``), or those that differ as well
-    (``all``).
+    (``all``). Nothing is written of a session in which a fake PLC was ``asked_else``: the test fails for that.
     """
 
-    def __init__(self, ledger: Ledger, captures: CaptureFolder, test: tuple[str, Path], update: str) -> None:
+    def __init__(
+        self,
+        ledger: Ledger,
+        captures: CaptureFolder,
+        test: tuple[str, Path],
+        update: str,
+        asked_else: Callable[[], bool],
+    ) -> None:
         self._ledger = ledger
         self._captures = captures
         self._stem = stem_of(test[0])
         self._folder = folder_of(ledger.goldens, test[1])
         self._update = update
+        self._asked_else = asked_else
         self._checked: set[str] = set()
 
     def path(self, name: str | None = None) -> Path:
@@ -57,6 +66,18 @@ class GoldenCheck:
         ``latency`` answer times are kept in the golden. Raises ValueError for what is no such option.
         """
         __tracebackhide__ = True
+        try:
+            wrong = self._check(what, name, ignore, latency)
+        except (*MISTAKES, GoldenError) as mistake:
+            raise mistake.with_traceback(None) from None
+        if wrong:
+            problems = list(getattr(what, "problems", ()))[:MAX_PROBLEMS]
+            pytest.fail("\n".join([wrong, *[f"the recorder: {problem}" for problem in problems]]), pytrace=False)
+
+    def _check(self, what: object, name: str | None, ignore: Iterable[str], latency: str | None) -> str:
+        __tracebackhide__ = True
+        if name is not None and not isinstance(name, str):
+            raise TypeError(f"name={name!r}: the name of a golden is a text")
         options = DiffOptions([ignore] if isinstance(ignore, str) else ignore, latency)
         place = golden_of(self._folder, self._stem, name)
         if place in self._checked:
@@ -64,9 +85,7 @@ class GoldenCheck:
         self._checked.add(place)
         self._ledger.used.add(place)
         session = what if isinstance(what, Session) else read_session(path_of(what, self._captures))
-        wrong = self._compare(place, session, options, latency is not None)
-        if wrong:
-            pytest.fail(wrong, pytrace=False)
+        return self._compare(place, session, options, latency is not None)
 
     def _compare(self, place: str, session: Session, options: DiffOptions, timed: bool) -> str:
         """Compare, write where that is asked for, and return what is wrong, empty for nothing."""
@@ -78,20 +97,24 @@ class GoldenCheck:
         if not path.is_file():
             if self._update == NONE:
                 return _missing(self._shown(place), session)
-            self._write(place, session, timed)
-            self._ledger.written.add(place)
-            return ""
+            return self._keep(place, session, timed, self._ledger.written)
         lines = _differing(path, session, options, timed)
         if lines and self._update == ALL:
-            self._write(place, session, timed)
-            self._ledger.changed.add(place)
-            return ""
+            return self._keep(place, session, timed, self._ledger.changed)
         return _changed(self._shown(place), session, lines) if lines else ""
 
-    def _write(self, place: str, session: Session, timed: bool) -> None:
+    def _keep(self, place: str, session: Session, timed: bool, kept: set[str]) -> str:
+        """Write a golden and note it among those ``kept``, or return why not."""
+        if self._asked_else():
+            return (
+                f"{self._shown(place)} is not written: a fake PLC was asked what its recording has no answer to, "
+                "so what was refused would be kept"
+            )
         path = self._ledger.goldens / place
         path.parent.mkdir(parents=True, exist_ok=True)
         save_whole(path, golden_text(session, ("latency",) if timed else ()).encode())
+        kept.add(place)
+        return ""
 
     def _shown(self, place: str) -> str:
         return near(self._ledger.goldens / place)

@@ -77,7 +77,8 @@ def s7_golden(request: pytest.FixtureRequest, s7_capture: CaptureFolder) -> Gold
 
     config = request.config
     test = (request.node.nodeid, request.node.path)
-    return GoldenCheck(config.stash[_LEDGER], s7_capture, test, str(config.getoption("--s7-update")))
+    update = str(config.getoption("--s7-update"))
+    return GoldenCheck(config.stash[_LEDGER], s7_capture, test, update, lambda: _asked_else(request.node))
 
 
 @pytest.fixture
@@ -119,6 +120,11 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
     if complaint:
         pytest.fail(complaint, pytrace=False)
     return result
+
+
+def _asked_else(item: pytest.Item) -> bool:
+    servers = item.stash.get(_SERVERS, None)
+    return servers is not None and servers.asked_else()
 
 
 def _complaint(item: pytest.Item) -> str:

@@ -13,8 +13,10 @@ from dissect.proxy.addresses import PLC_PORT, places_to_connect, places_to_liste
 from dissect.proxy.relay import Relay
 from dissect.proxy.source import RelayReader
 from dissect.proxy.tap import Tap
+from dissect.report import words
 from dissect.source.packet import PacketSink
 from dissect.source.pcapng_writer import PcapngWriter
+from dissect.testing.captures import MISTAKES
 
 if TYPE_CHECKING:
     from dissect.golden.model import Session
@@ -33,6 +35,7 @@ class RecordError(Exception):
 
 def address_of(to: object) -> Address:
     """Return an address given as (host, port), ``HOST:PORT``, a port of this machine, or something with a ``port``."""
+    __tracebackhide__ = True
     if isinstance(to, str):
         return read_address(to, PLC_PORT)
     if isinstance(to, tuple) and len(to) == 2:
@@ -59,6 +62,7 @@ class Recorder:
 
     def __init__(self, to: object, path: Path) -> None:
         """Listen at once. Raises `ProxyError` when that or the look-up of the PLC's name fails."""
+        __tracebackhide__ = True
         self.path = path
         tap = Tap()
         targets = places_to_connect(address_of(to))
@@ -93,6 +97,7 @@ class Recorder:
         RecordError when they do not, or when what passed could not be kept: who wants a capture without their end calls
         `close` first.
         """
+        __tracebackhide__ = True
         if not self._ended:
             end = time.monotonic() + wait_s
             while self._relay.active and time.monotonic() < end:
@@ -101,8 +106,8 @@ class Recorder:
             self.close()
             if active:
                 raise RecordError(
-                    f"{active} clients were still connected after {wait_s:g} s, so the capture has no end of theirs: "
-                    "disconnect them before the capture is asked for, or call close() first"
+                    f"{words.count(active, 'client')} did not disconnect within {wait_s:g} s, so the capture would lack "
+                    "how: let clients end before the capture is asked for, or call close() first"
                 )
         for error in self._errors:
             raise RecordError(f"the recording broke off: {error}") from error
@@ -159,7 +164,11 @@ class Recorders:
 
     def __call__(self, to: object) -> Recorder:
         """Begin to record what passes to the PLC at ``to`` (see `address_of`)."""
-        recorder = Recorder(to, self._folder / f"recorded-{len(self._made) + 1}.pcapng")
+        __tracebackhide__ = True
+        try:
+            recorder = Recorder(to, self._folder / f"recorded-{len(self._made) + 1}.pcapng")
+        except MISTAKES as mistake:
+            raise mistake.with_traceback(None) from None
         self._made.append(recorder)
         return recorder
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 from dissect.server.service import Server
-from dissect.testing.captures import CaptureFolder, near, path_of
+from dissect.testing.captures import MISTAKES, CaptureFolder, near, path_of
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -41,15 +41,23 @@ class Servers:
         ``what`` is a name of the captures' folder, a path, a capture or a recorder. With ``unmatched="allow"`` requests that
         nothing like was recorded of do not fail the test. The rest is described at `dissect.server.service.Server`.
         """
+        __tracebackhide__ = True
         if unmatched not in {FAIL, ALLOW}:
             raise ValueError(f"unmatched is {FAIL!r} or {ALLOW!r}, not {unmatched!r}")
-        path = path_of(what, self._captures)
-        server = Server(path, repeat=repeat, memory=memory, latency_ms=latency_ms, faults=faults)
+        try:
+            path = path_of(what, self._captures)
+            server = Server(path, repeat=repeat, memory=memory, latency_ms=latency_ms, faults=faults)
+        except MISTAKES as mistake:
+            raise mistake.with_traceback(None) from None
         if unmatched == FAIL:
             self._watched[len(self._made)] = 0
         self._made.append(server)
         server.start()
         return server
+
+    def asked_else(self) -> bool:
+        """Tell whether something came that was not recorded and is not told yet."""
+        return any([self._made[number].desk.unmatched_total > before for number, before in self._watched.items()])
 
     def complaint(self) -> str:
         """Return what came that was not recorded, empty for nothing; what was told is not told again."""

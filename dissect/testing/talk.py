@@ -31,7 +31,8 @@ from dissect.proxy.packets import ETHERNET, Conversation
 from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import PUSH
 from dissect.server.answers import data_tpdus, tpkt, with_reference
-from dissect.server.recording import Recording, RecordingReader
+from dissect.server.recording import RecordingReader
+from dissect.server.script import Recording
 from dissect.source.pcapng_writer import interface_block, packet_block, section_block
 from dissect.tcp.connection import Endpoint
 from dissect.testing.messages import (

@@ -14,6 +14,20 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 #: Where the package is installed, pytest finds the plugin by itself.
 INSTALLED: Final = any(entry.name == "s7dissect" for entry in importlib.metadata.entry_points(group="pytest11"))
 PLUGIN: Final = [] if INSTALLED else ["-p", "dissect.testing.plugin"]
+#: The beginning of a module of tests: a client that disconnects.
+CLIENT: Final = """
+import contextlib
+import snap7
+
+@contextlib.contextmanager
+def connected(to):
+    client = snap7.client.Client()
+    client.connect(to.host, 0, 1, to.port)
+    try:
+        yield client
+    finally:
+        client.disconnect()
+"""
 
 
 class Project:

@@ -25,6 +25,7 @@ def test_each_golden_has_a_file_of_its_own(one: str, other: str, name: str | Non
         assert path.count("/") == 1
         assert path.isprintable()
         assert path.isascii()
+        assert not set(path.rpartition("/")[2]) & set('<>:"\\|?*')  # what Windows has no files of
         assert len(path.rpartition("/")[2]) <= 255
         assert path.endswith(SUFFIX)
 

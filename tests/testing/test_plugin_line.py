@@ -2,27 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import tomllib
 
-from tests.testing.projects import INSTALLED, PLUGIN, ROOT, Project
+from tests.testing.projects import CLIENT, INSTALLED, PLUGIN, ROOT, Project
 
 pytest_plugins = ["pytester"]
-
-CLIENT = """
-import contextlib
-import snap7
-
-@contextlib.contextmanager
-def connected(to):
-    client = snap7.client.Client()
-    client.connect(to.host, 0, 1, to.port)
-    try:
-        yield client
-    finally:
-        client.disconnect()
-"""
 
 
 def test_a_capture_is_opened_by_its_name(project: Project) -> None:
@@ -200,7 +187,7 @@ def test_open(s7_server, s7_record):
     with connected(line) as client, connected(other) as second:
         client.db_read(1, 116, 1)
         second.db_read(1, 116, 1)
-        with pytest.raises(Exception, match="1 clients were still connected after 0.05 s"):
+        with pytest.raises(Exception, match="^1 client did not disconnect within 0.05 s, "):
             line.capture(wait_s=0.05)
         other.close()
         assert [one.outcome for one in other.session().transactions] == ["answered", "answered"]
@@ -222,7 +209,7 @@ def test_a_plc_that_is_not_there_is_told(project: Project) -> None:
 import pytest
 import socket
 
-def test_nobody(s7_record):
+def test_nobody(s7_record, s7_golden):
     with socket.create_server(("127.0.0.1", 0)) as nobody:
         port = nobody.getsockname()[1]
     line = s7_record(to=port)
@@ -231,9 +218,66 @@ def test_nobody(s7_record):
             pass
     line.capture()
     assert "cannot be reached: Connection refused" in line.problems[0]
+    s7_golden.check(line)
 """
     )
-    project.run().assert_outcomes(passed=1)
+    result = project.run()
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(
+        ["*recorded-1.pcapng holds no connection, *", "the recorder: 127.0.0.1:* cannot be reached: *"],
+        consecutive=True,
+    )
+
+
+def test_a_plc_of_a_whole_module_is_a_fixture_as_the_documentation_has_it(project: Project) -> None:
+    text = (ROOT / "docs" / "pytest.md").read_text(encoding="utf-8")
+    (fixture,) = re.findall(r"```python\n(@pytest.fixture.*?)```", text, re.DOTALL)
+    project.test(
+        f"import pytest\nimport dissect.server\n{CLIENT}\n{fixture}"
+        """
+@pytest.mark.parametrize("number", range(2))
+def test_pump(plc, s7_record, s7_golden, number):
+    line = s7_record(to=plc)
+    with connected(line) as client:
+        client.db_read(1, 116, 1)
+    s7_golden.check(line)
+
+class TestLast:
+    def test_of_all(self, plc):
+        assert plc.connections == 2
+        with connected(plc) as client, pytest.raises(Exception):
+            client.db_read(1, 4000, 2)
+"""
+    )
+    result = project.run("--s7-update", "new")
+    result.assert_outcomes(passed=3, errors=1)
+    result.stdout.fnmatch_lines(["*ERROR at teardown of TestLast.test_of_all*", "*assert not *DB1.DBB4000*"])
+
+
+def test_an_asynchronous_client_that_is_waited_for_is_recorded_whole(project: Project) -> None:
+    project.test(
+        """
+import asyncio
+
+async def talk(to):
+    reader, writer = await asyncio.open_connection(to.host, to.port)
+    writer.write(bytes.fromhex("0300001611e00000000100c0010ac1020100c2020102"))
+    confirm = await reader.readexactly(22)
+    writer.close()
+    await writer.wait_closed()
+    return confirm
+
+def test_pump(s7_server, s7_record, s7_golden):
+    async def both():
+        line = s7_record(to=s7_server("pump"))
+        confirm = await talk(line)
+        s7_golden.check(line)
+        return confirm
+    assert asyncio.run(both())[5] == 0xD0
+"""
+    )
+    project.run("--s7-update", "new").assert_outcomes(passed=1)
+    assert "ends fin by client" in project.golden().read_text()
 
 
 def test_the_plugin_is_an_entry_point() -> None:
