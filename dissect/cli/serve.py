@@ -143,17 +143,20 @@ def _writer(output: str, force: bool) -> PcapngWriter:
 
 def _serve(server: Server) -> int:
     """Serve until a signal; return the exit code."""
+    from dissect.report.words import count
+
     with Interruption(server.stop):
         server.start()
-        connections = len(server.recording.scripts)
-        recorded = f"{server.recording.steps} requests on {connections} connection{'s' if connections != 1 else ''}"
+        recording = server.recording
+        recorded = f"{count(recording.steps, 'request')} on {count(len(recording.scripts), 'connection')}"
         click.echo(f"listening on {', '.join([str(place) for place in server.listening])}")
         _say(f"{recorded} recorded")
         while not server.wait(_LOOK_S):
             _tell(server)
     _tell(server)
     desk = server.desk
-    _say(f"{server.connections} connections, {desk.total} requests, {desk.unmatched_total} unmatched")
+    heard = f"{count(int(server.connections), 'connection')}, {count(desk.total, 'request')}"
+    _say(f"{heard}, {desk.unmatched_total} unmatched")
     if server.error is not None:
         _say(f"it broke off: {server.error!r}")
         return EXIT_DAMAGED

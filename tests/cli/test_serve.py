@@ -63,7 +63,7 @@ def test_a_session_as_it_was_recorded(number: int) -> None:
     assert code == 0
     assert told == [
         "s7dissect: 8 requests on 1 connection recorded",
-        "s7dissect: 1 connections, 8 requests, 0 unmatched",
+        "s7dissect: 1 connection, 8 requests, 0 unmatched",
     ]
 
 
@@ -76,7 +76,7 @@ def test_what_was_not_recorded_is_told_and_fails() -> None:
     assert code == 1
     assert told[1:] == [
         "s7dissect: unmatched: request 2 on connection 1, Read Var DB7.DBB0 x2: nothing was recorded of DB7.DBB0 x2",
-        "s7dissect: 1 connections, 2 requests, 1 unmatched",
+        "s7dissect: 1 connection, 2 requests, 1 unmatched",
     ]
 
 
