@@ -124,6 +124,8 @@ def test_wheel_holds_the_package_and_nothing_else(wheel: Path) -> None:
     names = contents(wheel)
     assert {name for name in names if name.endswith(".py")} == sources()
     assert "dissect/py.typed" in names
+    schemas = {path.relative_to(ROOT).as_posix() for path in (ROOT / "dissect" / "schema").iterdir()}
+    assert {name for name in names if name.endswith(".json")} == schemas
     tops = {name.split("/")[0] for name in names if "/" in name}
     assert tops == {"dissect", f"s7dissect-{dissect.__version__}.dist-info"}
     assert {name for name in names if "/" not in name and not name.startswith("s7dissect__mypyc.")} == set()

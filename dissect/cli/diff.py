@@ -115,6 +115,7 @@ def json_values(a: Session, b: Session, shown: list[Difference], rest: int) -> d
         "same": not shown and not rest,
         "count": len(shown) + rest,
         "not_shown": rest,
+        "damage": [encodable(text) for text in (*a.damage, *b.damage)],
         "differences": [difference.as_dict() for difference in shown],
     }
 
@@ -124,8 +125,14 @@ def json_lines(values: dict[str, object]) -> Iterator[str]:
     yield json.dumps(values, indent=2).replace("\x7f", "\\u007f")
 
 
-def junit_lines(a: Session, b: Session, shown: list[Difference], rest: int) -> Iterator[str]:
-    """Yield them as JUnit XML: one test case for each connection of A, and one for what only B has."""
+def junit_lines(
+    a: Session, b: Session, shown: list[Difference], rest: int, errors: Iterable[tuple[str, str]] = ()
+) -> Iterator[str]:
+    """Yield them as JUnit XML: one test case for each connection of A, and one for what only B has.
+
+    Damage of the files and ``errors`` (type, text) are a case each that could not be tried.
+    """
+    broken = [*[("damaged", text) for text in (*a.damage, *b.damage)], *errors]
     cases: dict[int, list[Difference]] = {link.number: [] for link in a.links}
     for difference in shown:
         cases.setdefault(difference.connection, []).append(difference)
@@ -133,9 +140,9 @@ def junit_lines(a: Session, b: Session, shown: list[Difference], rest: int) -> I
     suite = ElementTree.Element(
         "testsuite",
         name=printable(f"s7dissect diff {a.name} {b.name}"),
-        tests=str(len(cases) + bool(rest)),
+        tests=str(len(cases) + bool(rest) + len(broken)),
         failures=str(failed + bool(rest)),
-        errors="0",
+        errors=str(len(broken)),
         skipped="0",
     )
     for number, told in sorted(cases.items()):
@@ -146,6 +153,9 @@ def junit_lines(a: Session, b: Session, shown: list[Difference], rest: int) -> I
         ElementTree.SubElement(
             case, "failure", type="more", message=f"{words.count(rest, 'further difference')} not shown"
         )
+    for kind, text in broken:
+        case = ElementTree.SubElement(suite, "testcase", classname=printable(a.name), name=printable(f"{kind}: {text}"))
+        ElementTree.SubElement(case, "error", type=kind, message=printable(text))
     ElementTree.indent(suite)
     yield '<?xml version="1.0" encoding="utf-8"?>'
     yield ElementTree.tostring(suite, encoding="unicode")

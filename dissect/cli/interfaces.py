@@ -90,4 +90,4 @@ def _as_json(interfaces: list[NetworkInterface], states: list[EngineState]) -> s
             for state in states
         ],
     }
-    return json.dumps(told, ensure_ascii=False)
+    return json.dumps(told, indent=1).replace("\x7f", "\\u007f")

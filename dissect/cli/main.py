@@ -45,6 +45,7 @@ COMMANDS: Final = {
     "serve": "A fake PLC that answers as a recorded one did.",
     "replay": "The client's side of a session, to a real server.",
     "scd": "Dictionaries of SCD, and values by them.",
+    "schema": "JSON Schemas of what these write for programs.",
 }
 
 

@@ -58,7 +58,11 @@ def object_key(text: str) -> int | str:
     return int(text, 16) if text[:2] in {"0x", "0X"} and text[2:].isalnum() and _is_hex(text[2:]) else text
 
 
-@click.command("decode")
+@click.command(
+    "decode",
+    epilog="Exit code: 0 decoded, 2 wrong use, a dictionary that cannot be read or octets that cannot be decoded, 3 a message "
+    "is damaged (what can be read is given), 5 the output failed.",
+)
 @dictionary_option
 @selectors
 @click.option("--message", is_flag=True, help="Messages in their envelope, one after the other.")

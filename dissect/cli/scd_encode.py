@@ -12,7 +12,7 @@ import click
 from dissect.cli.drive import write
 from dissect.cli.main import EXIT_OK
 from dissect.cli.scd_decode import dictionary_option, object_key, only_one, selectors
-from dissect.cli.scd_files import open_dictionary
+from dissect.cli.scd_files import WRITING, open_dictionary
 
 if TYPE_CHECKING:
     from dissect.scd.codec import Codec
@@ -43,7 +43,7 @@ def _numbers(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
-@click.command("encode")
+@click.command("encode", epilog=WRITING)
 @dictionary_option
 @selectors
 @click.option("--message", type=click.Choice(list(_KINDS)), help="A message in its envelope; of a PDO with --pdo.")

@@ -31,6 +31,10 @@ _LEVELS: Final = {
     "names": "only names, texts, units or limits differ: both decode alike",
     "wire": "they decode differently",
 }
+#: What the help of a command that writes one thing ends with.
+WRITING: Final = (
+    "Exit code: 0 written, 2 wrong use, or what is given cannot be read or breaks a rule, 5 the output failed."
+)
 encoding_option = click.option(
     "--encoding", default="", metavar="NAME", help="Of an EDS or DCF that is neither UTF-8 nor Latin-1, such as cp1251."
 )
@@ -68,7 +72,7 @@ def as_json(values: object) -> str:
 # ---- compile --------------------------------------------------------------------------------------------------------
 
 
-@click.command("compile")
+@click.command("compile", epilog=WRITING)
 @click.argument("source", type=_FILE, metavar="SRC")
 @click.option("-o", "--output", required=True, metavar="OUT", help="The compiled file; - is standard output.")
 @encoding_option
@@ -129,7 +133,7 @@ def _summary(od: Dictionary) -> Iterator[str]:
 # ---- dump -----------------------------------------------------------------------------------------------------------
 
 
-@click.command("dump")
+@click.command("dump", epilog=WRITING)
 @click.argument("file", type=_FILE, metavar="FILE")
 @click.option("--toml", "form", flag_value="toml", default="toml", help="As TOML, which is usual.")
 @click.option("--json", "form", flag_value="json", help="As JSON of the same shape.")
@@ -150,7 +154,8 @@ def dump_command(file: str, form: str, encoding: str) -> int:
 
 @click.command(
     "check",
-    epilog="Exit code: 0 every dictionary keeps the rules, 1 one does not, 2 wrong use or a file that cannot be read.",
+    epilog="Exit code: 0 every dictionary keeps the rules, 1 one does not, 2 wrong use or a file that cannot be read, 5 the "
+    "output failed.",
 )
 @click.argument("files", nargs=-1, required=True, type=_FILE, metavar="FILE...")
 @format_option("text", "json")
@@ -219,7 +224,7 @@ def _error_json(file: str, error: DictionaryError) -> dict[str, object]:
 @click.command(
     "diff",
     epilog="Exit code: 0 the same octets, 1 only names, texts, units or limits differ, 2 they decode differently, and 2 "
-    "with a line on stderr for wrong use or a file that cannot be read.",
+    "with a line on stderr for wrong use or a file that cannot be read, 5 the output failed.",
 )
 @click.argument("first", type=_FILE, metavar="A")
 @click.argument("second", type=_FILE, metavar="B")

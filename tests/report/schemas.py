@@ -12,9 +12,14 @@ from typing import Any, Final
 from jsonschema import Draft202012Validator
 from referencing import Registry, Resource
 
+from dissect.anonymize import account
+
 ROOT: Final = Path(__file__).resolve().parents[2]
-SCHEMAS: Final = ROOT / "docs" / "schema"
-NAMES: Final = ("analysis", "transaction", "operation", "pdu", "event")
+SCHEMAS: Final = ROOT / "dissect" / "schema"
+NAMES: Final = (
+    "analysis", "transaction", "operation", "pdu", "event", "alert", "interfaces", "diff", "replay", "anonymization",
+    "verification", "scd-check", "scd-diff", "scd-decode",
+)  # fmt: skip
 
 Schema = dict[str, Any]
 
@@ -74,17 +79,17 @@ def table(name: str) -> list[str]:
     """Return the table of docs/json.md for a schema: a row for each key."""
     schema = load(name)
     lines = ["| key | type | meaning |", "|---|---|---|"]
-    for path, part, required in _keys(schema, schema, ""):
-        kind = _type(part, schema) + ("" if required else ", not always there")
+    for path, part, base, required in _keys(schema, schema, ""):
+        kind = _type(part, base) + ("" if required else ", not always there")
         lines.append(f"| `{path}` | {kind} | {part.get('description', '')} |")
     return lines
 
 
-def _keys(part: Schema, home: Schema, prefix: str) -> Iterator[tuple[str, Schema, bool]]:
+def _keys(part: Schema, home: Schema, prefix: str) -> Iterator[tuple[str, Schema, Schema, bool]]:
     required = part.get("required", [])
     for key, told in part.get("properties", {}).items():
         here, base = _resolved(told, home)
-        yield f"{prefix}{key}", here, key in required
+        yield f"{prefix}{key}", here, base, key in required
         inner, base, suffix = _object(here, base)
         if inner is not None:
             yield from _keys(inner, base, f"{prefix}{key}{suffix}.")
@@ -120,6 +125,10 @@ def _object(part: Schema, home: Schema) -> tuple[Schema | None, Schema, str]:
         inner, base = _resolved(choice, home)
         if "properties" in inner:
             return inner, base, ""
+    if isinstance(part.get("additionalProperties"), dict):
+        inner, base = _resolved(part["additionalProperties"], home)
+        if "properties" in inner:
+            return inner, base, ".*"
     return (part, home, "") if "properties" in part else (None, home, "")
 
 
@@ -136,6 +145,8 @@ def _type(part: Schema, home: Schema) -> str:
         kinds = ["integer" if isinstance(value, int) else "text" for value in part["enum"] if value is not None]
         return kinds[0] + (" or null" if None in part["enum"] else "")
     told = part.get("type", "object")
+    if isinstance(part.get("additionalProperties"), dict) and part["additionalProperties"].get("type") == "integer":
+        return "object of counts" + (" or null" if "null" in told else "")
     if told == "array":
         inner, base = _resolved(part["items"], home)
         return f"array of {_plural(inner, base)}"
@@ -153,17 +164,36 @@ def _plural(part: Schema, home: Schema) -> str:
     if part.get("$name") == "whole":
         return "transactions"
     kind = _type(part, home)
-    return {"text": "texts"}.get(kind, f"{kind}s")
+    return kind.replace("array of", "arrays of", 1) if kind.startswith("array of") else f"{kind}s"
+
+
+def names_of_anonymization() -> list[str]:
+    """Return the table of what the counts of an anonymization are named by."""
+    lines = ["| in | name | is |", "|---|---|---|"]
+    for keys, names in (
+        ("`replaced`, `masked`, `kept`", account.KINDS),
+        ("`dropped`", account.REASONS),
+        ("`caveats`", account.CAVEATS),
+    ):
+        lines += [f"| {keys} | `{name}` | {text} |" for name, text in names.items()]
+    return lines
+
+
+def parts() -> Iterator[tuple[str, str, list[str]]]:
+    """Yield what of docs/json.md is made: what stands before it, what behind it, its lines."""
+    for name in NAMES:
+        yield f"<!-- keys of {name} -->\n", "<!-- end -->", table(name)
+    yield "<!-- names of anonymization -->\n", "<!-- end of names -->", names_of_anonymization()
 
 
 def rewrite() -> None:
     """Put the tables of the schemas into docs/json.md (``python -m tests.report.schemas``)."""
     page = ROOT / "docs" / "json.md"
     text = page.read_text(encoding="utf-8")
-    for name in NAMES:
-        begin = text.index(f"<!-- keys of {name} -->\n") + len(f"<!-- keys of {name} -->\n")
-        end = text.index("<!-- end -->", begin)
-        text = text[:begin] + "\n".join(table(name)) + "\n" + text[end:]
+    for before, behind, lines in parts():
+        begin = text.index(before) + len(before)
+        end = text.index(behind, begin)
+        text = text[:begin] + "\n".join(lines) + "\n" + text[end:]
     page.write_text(text, encoding="utf-8")
 
 

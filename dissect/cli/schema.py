@@ -1,0 +1,76 @@
+"""`s7dissect schema`: the JSON Schemas of what the other commands write for programs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from dissect.cli.drive import write
+from dissect.cli.main import EXIT_OK
+
+#: Where the schemas are, in the package: `NAME.schema.json`.
+FOLDER: Final = Path(__file__).resolve().parent.parent / "schema"
+_SUFFIX: Final = ".schema.json"
+_URN: Final = "urn:s7dissect:schema:"
+
+_Schema = dict[str, Any]
+
+
+@click.command("schema", epilog="Exit code: 0 told, 2 wrong use, 5 the output failed.")
+@click.argument("name", required=False, metavar="[NAME]")
+def command(name: str | None) -> int:
+    """List the JSON Schemas of the other commands' outputs, or write the one called NAME.
+
+    NAME is one of the list, or what stands under "schema" in an output (s7dissect.analysis/1). What is written refers to
+    nothing outside of itself.
+    """
+    names = [path.name.removesuffix(_SUFFIX) for path in sorted(FOLDER.glob(f"*{_SUFFIX}"))]
+    if name is None:
+        width = max(map(len, names))
+        write([f"{each.ljust(width)}  {_load(each)['title']}" for each in names])
+        return EXIT_OK
+    found = [each for each in names if name in {each, _id(each)}]
+    if not found:
+        raise click.UsageError(f"there is no schema {name!r}: {', '.join(names)}.")
+    write([json.dumps(bundled(found[0]), indent=1)])
+    return EXIT_OK
+
+
+def bundled(name: str) -> _Schema:
+    """Return a schema with those it refers to among its ``$defs``, where a validator finds them by their ``$id``."""
+    schema = _load(name)
+    wanted = _referred(schema)
+    found: dict[str, _Schema] = {}
+    while wanted:
+        other = wanted.pop()
+        if other not in found and other != name:
+            found[other] = _load(other)
+            wanted |= _referred(found[other])
+    if found:
+        schema["$defs"] = {**schema.get("$defs", {}), **{f"schema-{other}": found[other] for other in sorted(found)}}
+    return schema
+
+
+def _load(name: str) -> _Schema:
+    schema: _Schema = json.loads((FOLDER / f"{name}{_SUFFIX}").read_text(encoding="utf-8"))
+    return schema
+
+
+def _id(name: str) -> str:
+    return f"s7dissect.{name}/{_load(name)['$id'].rpartition(':')[2]}"
+
+
+def _referred(value: object) -> set[str]:
+    """Return the names of the other schemas that a part of one refers to."""
+    if isinstance(value, list):
+        return set().union(*[_referred(inner) for inner in value])
+    if not isinstance(value, dict):
+        return set()
+    found = set().union(*[_referred(inner) for inner in value.values()])
+    reference = value.get("$ref")
+    if isinstance(reference, str) and reference.startswith(_URN):
+        found.add(reference.removeprefix(_URN).partition(":")[0])
+    return found
