@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Final
 
 from dissect.golden.masking import mask_plus, mask_s7
@@ -19,6 +20,10 @@ from dissect.transactions.transaction import ItemResult
 S7: Final = "s7"
 PLUS: Final = "plus"
 SCD: Final = "scd"
+
+#: Exchanges whose parsed PDUs are kept: a long session is gone through from its beginning to its end, and parsed PDUs take
+#: many times the room of their octets.
+_KEPT: Final = 4096
 
 
 class ItemRecord:
@@ -107,6 +112,7 @@ class Exchange:
     def asked(self) -> Pdu | None:
         """The S7comm request, None when there is none."""
         if self._request is None and self.kind == S7 and self.request:
+            self._keep()
             self._request = parse_pdu(self.request)
         return self._request
 
@@ -114,8 +120,20 @@ class Exchange:
     def told(self) -> Pdu | None:
         """The S7comm answer, None when there is none."""
         if self._response is None and self.kind == S7 and self.response:
+            self._keep()
             self._response = parse_pdu(self.response)
         return self._response
+
+    def _keep(self) -> None:
+        """Keep what is parsed of this one, and forget that of the one looked at longest ago."""
+        if self._request is None and self._response is None:
+            _kept.append(self)
+            if len(_kept) > _KEPT:
+                _kept.popleft().forget()
+
+    def forget(self) -> None:
+        """Forget what was parsed; it is parsed again when somebody looks."""
+        self._request = self._response = self._items = None
 
     @property
     def plus(self) -> tuple[PlusPdu | None, PlusPdu | None]:
@@ -208,3 +226,6 @@ class Exchange:
     def tells(self) -> list[str]:
         """What the parts of the answer are about; text from the wire, not escaped."""
         return self.told.body.notes if self.told is not None else []
+
+
+_kept: Final[deque[Exchange]] = deque()
