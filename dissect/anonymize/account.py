@@ -4,36 +4,96 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.wire.text import printable
+
 #: How values are treated (`Choices.values`).
 KEEP: Final = "keep"
 MASK: Final = "mask"
 SCRAMBLE: Final = "scramble"
 
-# Kinds of what is replaced.
-TSAPS: Final = "TSAP texts"
-NAMES: Final = "names of stations, modules and plants"
-SERIALS: Final = "serial numbers"
-BLOCK_TEXTS: Final = "block names, families and authors"
-FILE_NAMES: Final = "file names and paths"
-ARGUMENTS: Final = "service names and arguments"
+ACCOUNT_SCHEMA: Final = "s7dissect.anonymization/1"
+
+# Kinds of what is replaced, set to zero or kept.
+IP_ADDRESSES: Final = "ip_addresses"
+MAC_ADDRESSES: Final = "mac_addresses"
+TSAPS: Final = "tsap_texts"
+NAMES: Final = "names"
+SERIALS: Final = "serial_numbers"
+BLOCK_TEXTS: Final = "block_texts"
+FILE_NAMES: Final = "file_names"
+ARGUMENTS: Final = "service_arguments"
 PASSWORDS: Final = "passwords"
-CONTENT_ADDRESSES: Final = "addresses in contents"
+CONTENT_ADDRESSES: Final = "content_addresses"
 VALUES: Final = "values"
-CODE: Final = "block contents"
-UNKNOWN: Final = "octets without a known meaning"
-FOREIGN: Final = "contents of other protocols"
-PLUS: Final = "contents of S7comm-plus"
-OPTIONS: Final = "IP and TCP options"
-PADDING: Final = "octets behind the IP packet"
+CODE: Final = "block_contents"
+UNKNOWN: Final = "unknown_octets"
+FOREIGN: Final = "other_contents"
+PLUS: Final = "s7comm_plus"
+SCD_VALUES: Final = "scd_values"
+SCD_TEXTS: Final = "scd_texts"
+SCD_UNKNOWN: Final = "scd_unbound"
+BLANK: Final = "blank_packets"
+OPTIONS: Final = "ip_tcp_options"
+PADDING: Final = "octets_behind_ip"
+
+#: What people read of these.
+KINDS: Final = {
+    IP_ADDRESSES: "IP addresses (different ones)",
+    MAC_ADDRESSES: "MAC addresses (different ones)",
+    TSAPS: "TSAP texts",
+    NAMES: "names of stations, modules and plants",
+    SERIALS: "serial numbers",
+    BLOCK_TEXTS: "block names, families and authors",
+    FILE_NAMES: "file names and paths",
+    ARGUMENTS: "service names and arguments",
+    PASSWORDS: "passwords",
+    CONTENT_ADDRESSES: "addresses in contents",
+    VALUES: "values",
+    CODE: "block contents",
+    UNKNOWN: "fields without a known meaning",
+    FOREIGN: "contents of other protocols",
+    PLUS: "contents of S7comm-plus",
+    SCD_VALUES: "values in SCD messages",
+    SCD_TEXTS: "texts in SCD messages",
+    SCD_UNKNOWN: "data of SCD messages that no binding was given for",
+    BLANK: "packets of which nothing but the link header can be read",
+    OPTIONS: "IP and TCP options",
+    PADDING: "paddings and trailers behind the IP packet",
+}
+
+# Why a packet is not written.
+OTHER: Final = "other_protocol"
+DAMAGED: Final = "damaged_header"
+FRAGMENT: Final = "ip_fragment"
+LINK: Final = "unknown_link"
+
+REASONS: Final = {
+    OTHER: "other protocols (--keep-others writes them with other addresses and zeros for contents)",
+    DAMAGED: "IP or TCP headers that are damaged or cut",
+    FRAGMENT: "IP fragments of which not all were captured, or of other protocols",
+    LINK: "kinds of links that are not known here",
+}
+
+# What went beyond a bound.
+FULL: Final = "no_memory"
+MANY: Final = "many_connections"
+UNCERTAIN: Final = "uncertain_place"
+
+CAVEATS: Final = {
+    FULL: "messages of a direction set to zero from some place on: there was no memory to remember more",
+    MANY: "connections beyond the first 32,768: their contents are set to zero",
+    UNCERTAIN: "messages set to zero because octets beside them were lost and their place is not certain",
+}
 
 #: What is never changed, in sentences.
 LEFT: Final = (
-    "times of packets, sizes, order, TCP ports, sequence numbers, TTLs, VLAN ids",
+    "times of packets, sizes, order, TCP ports, sequence numbers and timestamps of TCP, TTLs, VLAN ids",
     "loopback, multicast and broadcast addresses; which addresses are private, and how much of their front they share",
     "TSAPs of two octets (connection type, rack, slot), references, negotiated sizes",
     "what is asked for: functions, areas, DB and block numbers, addresses, block types, sizes and versions",
     "order numbers of modules, SZL ids and numbers in their records, diagnostic events, states, error codes",
     "times in contents: of blocks, events, clocks",
+    "of SCD messages the header (kind, number, object, error), mappings of PDOs, constants that the dictionary says",
 )
 
 
@@ -54,7 +114,8 @@ class Account:
 
     ``replaced``: fields that got something else; ``masked``: (fields, octets) set to zero; ``kept``: fields that hold something
     of the plant and were left because they were chosen to be; ``dropped``: packets that were not written, by reason;
-    ``caveats``: sentences about what went beyond a bound, with how often.
+    ``caveats``: what went beyond a bound, with how often. All are named as in `KINDS`, `REASONS` and `CAVEATS`.
+    ``bindings``: what bindings of SCD must say to fit the written capture.
     """
 
     def __init__(self) -> None:
@@ -67,6 +128,7 @@ class Account:
         self.written = 0
         self.comments = 0
         self.zeroed = 0
+        self.bindings: list[dict[str, str]] = []
 
     def replace(self, kind: str) -> None:
         """A field got something else."""
@@ -86,13 +148,14 @@ class Account:
         """A packet is not written."""
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
 
-    def warn(self, sentence: str) -> None:
+    def warn(self, caveat: str) -> None:
         """Something went beyond a bound."""
-        self.caveats[sentence] = self.caveats.get(sentence, 0) + 1
+        self.caveats[caveat] = self.caveats.get(caveat, 0) + 1
 
     def as_dict(self) -> dict[str, object]:
         """Return the account as JSON-ready values."""
         return {
+            "schema": ACCOUNT_SCHEMA,
             "packets": self.packets,
             "written": self.written,
             "replaced": dict(sorted(self.replaced.items())),
@@ -103,22 +166,37 @@ class Account:
             "dropped": dict(sorted(self.dropped.items())),
             "comments_dropped": self.comments,
             "caveats": dict(sorted(self.caveats.items())),
+            "bindings": self.bindings,
         }
 
     def lines(self) -> list[str]:
         """Return the account for a person."""
         lines = [f"{self.written} of {self.packets} packets written"]
-        lines += _section("Changed", [f"{count:>8}  {kind}" for kind, count in sorted(self.replaced.items())])
-        masked = [f"{count:>8}  {kind}, {size} octets" for kind, (count, size) in sorted(self.masked.items())]
-        lines += _section("Set to zero", masked)
-        lines += _section("Kept because you asked for it", [f"{n:>8}  {kind}" for kind, n in sorted(self.kept.items())])
-        dropped = [f"{count:>8}  packets: {reason}" for reason, count in sorted(self.dropped.items())]
+        lines += _section("Changed", _counts(self.replaced, KINDS))
+        masked = sorted([(KINDS[kind], *counts) for kind, counts in self.masked.items()])
+        lines += _section("Set to zero", [f"{count:>8}  {text} ({size} octets)" for text, count, size in masked])
+        lines += _section("Kept because you asked for it", _counts(self.kept, KINDS))
+        dropped = _counts(self.dropped, {reason: f"packets: {text}" for reason, text in REASONS.items()})
+        if dropped:
+            dropped.append("          (so packets have other numbers in OUT than in FILE)")
         if self.comments:
             dropped.append(f"{self.comments:>8}  comments")
-        dropped.append("          names of interfaces and hosts, secrets, statistics: every other block and option")
+        dropped.append(
+            "          whatever else the file held: names of interfaces, hosts and programs, secrets, statistics"
+        )
         lines += _section("Dropped", dropped)
+        lines += _section("Bindings of SCD, for what was written", [_binding(entry) for entry in self.bindings])
         lines += _section("Left as it was", [f"          {sentence}" for sentence in LEFT])
-        return lines + _section("Mind", [f"{count:>8}  {sentence}" for sentence, count in sorted(self.caveats.items())])
+        return lines + _section("Mind", _counts(self.caveats, CAVEATS))
+
+
+def _counts(counts: dict[str, int], texts: dict[str, str]) -> list[str]:
+    return [f"{count:>8}  {text}" for text, count in sorted([(texts[name], count) for name, count in counts.items()])]
+
+
+def _binding(entry: dict[str, str]) -> str:
+    said = [f'{key} = "{printable(value)}"' for key, value in entry.items() if key != "name"]
+    return f"          {printable(entry['name'])}: {', '.join(said)}"
 
 
 def _section(title: str, lines: list[str]) -> list[str]:

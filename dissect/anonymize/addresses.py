@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.anonymize.account import IP_ADDRESSES, MAC_ADDRESSES
 from dissect.anonymize.key import Key
 
 #: Remembered addresses; more than these are worked out again.
@@ -57,10 +58,10 @@ class _Tree:
 
 
 class AddressMap:
-    """What stands for which address. ``changed`` counts different addresses by kind: ``IP addresses``, ``MAC addresses``."""
+    """What stands for which address. ``changed`` counts different addresses by kind: `IP_ADDRESSES`, `MAC_ADDRESSES`."""
 
     def __init__(self, key: Key) -> None:
-        self.changed = {"IP addresses": 0, "MAC addresses": 0}
+        self.changed = {IP_ADDRESSES: 0, MAC_ADDRESSES: 0}
         self._key = key
         self._v4 = _Tree(key, 32, _SAME_V4, _WITHIN_V4)
         self._v6 = _Tree(key, 128, _SAME_V6, _WITHIN_V6)
@@ -68,11 +69,11 @@ class AddressMap:
 
     def ip(self, address: bytes) -> bytes:
         """Return what stands for an IPv4 or IPv6 address (4 or 16 octets)."""
-        return self._cache.get(address) or self._remember(address, self._map_ip(address), "IP addresses")
+        return self._cache.get(address) or self._remember(address, self._map_ip(address), IP_ADDRESSES)
 
     def mac(self, address: bytes) -> bytes:
         """Return what stands for an Ethernet address (6 octets): none, group and broadcast addresses stay."""
-        return self._cache.get(address) or self._remember(address, self._map_mac(address), "MAC addresses")
+        return self._cache.get(address) or self._remember(address, self._map_mac(address), MAC_ADDRESSES)
 
     def _remember(self, address: bytes, mapped: bytes, kind: str) -> bytes:
         if len(self._cache) >= MAX_CACHED:

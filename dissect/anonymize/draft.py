@@ -35,6 +35,20 @@ class Draft:
             self.pieces.append((begin, end, new))
             self.account.replace(kind)
 
+    def lay(self, new: bytes, begin: int = 0) -> None:
+        """The octets from ``begin`` on get others, counted elsewhere; those that are the same stay."""
+        at = 0
+        while at < len(new):
+            end = at
+            same = new[at] == self.octets[begin + at]
+            while end < len(new) and (new[end] == self.octets[begin + end]) == same:
+                end += 1
+            if same:
+                self.keep(begin + at, begin + end)
+            else:
+                self.pieces.append((begin + at, begin + end, new[at:end]))
+            at = end
+
     def zero(self, begin: int, end: int, kind: str) -> None:
         """The octets are set to zero, which is what becomes of all that nothing is said of."""
         self.account.mask(kind, self.octets[begin:end])

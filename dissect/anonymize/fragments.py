@@ -1,4 +1,4 @@
-"""IP fragments of TCP segments: held until their datagram is whole, then cut anew from what becomes of it."""
+"""IP fragments of TCP segments and datagrams: held until their datagram is whole, then cut anew from what becomes of it."""
 
 from __future__ import annotations
 
@@ -15,10 +15,13 @@ class Fragment:
     """A fragment whose headers are made anew; its payload, from ``start`` to ``end``, is still to come.
 
     ``octets`` is the payload as it was captured, ``addresses`` are those in the captured packet. When ``settled``, ``result``
-    is the whole packet, None when its datagram never became whole.
+    is the whole packet, None when it is not written because its datagram never became whole.
     """
 
-    __slots__ = ("addresses", "end", "key", "more", "new", "octets", "offset", "result", "settled", "start", "vlan")
+    __slots__ = (
+        "addresses", "blank", "end", "key", "more", "new", "octets", "offset", "protocol", "result", "settled", "start",
+        "vlan",
+    )  # fmt: skip
 
     def __init__(self, new: bytearray, start: int, end: int, octets: bytes) -> None:
         self.new = new
@@ -29,7 +32,9 @@ class Fragment:
         self.offset = 0
         self.more = False
         self.addresses = b""
+        self.protocol = 0
         self.vlan = 0
+        self.blank = False  # written with zeros where its datagram never becomes whole
         self.settled = False
         self.result: bytes | None = None
 
@@ -37,6 +42,7 @@ class Fragment:
         """Take what becomes of the datagram, None when that is not known."""
         if datagram is not None:
             self.new[self.start : self.end] = datagram[self.offset : self.offset + self.end - self.start]
+        if datagram is not None or self.blank:
             self.result = bytes(self.new)
         self.settled = True
 

@@ -9,13 +9,12 @@ from dissect.anonymize.account import Account
 from dissect.anonymize.draft import Draft
 from dissect.anonymize.key import Key
 from dissect.anonymize.rules import Rules
-from dissect.anonymize.texts import replace_octets, replace_text
+from dissect.anonymize.texts import replace_tsap
 from dissect.ibh.packet import HEADER as IBH_HEADER
 from dissect.ibh.packet import IbhPacket
 from dissect.ibh.tables import KIND_OTHER, KIND_SERVICE
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, Tpdu
 from dissect.iso.tables import CC, CR
-from dissect.iso.tsap import Tsap
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, classify
 from dissect.s7.message import HEADER_SIZE, parse_pdu
 from dissect.s7plus.message import parse_plus
@@ -27,8 +26,6 @@ _PLUS_HEADER: Final = 4
 #: IBH-NetLink packets without data that stay: a claim of a connection number; connections, acknowledgements and receipts.
 _MAX_SERVICE: Final = 14
 _MAX_NETLINK: Final = 32
-#: TSAPs that all devices of a kind have.
-_WELL_KNOWN_TSAPS: Final = (b"SIMATIC-ROOT-",)
 
 
 def draft_tsdu(octets: bytes, rules: Rules, told: Account, begins: bool = True) -> Draft:
@@ -40,7 +37,11 @@ def draft_tsdu(octets: bytes, rules: Rules, told: Account, begins: bool = True) 
     elif upper == S7COMM_PLUS:
         _plus(draft, begins)
     else:
-        draft.zero(0, len(octets), account.FOREIGN)
+        made = rules.scd.headers(octets) if rules.scd is not None else None
+        if made is None:
+            draft.zero(0, len(octets), account.FOREIGN)
+        else:
+            draft.lay(made)
     return draft
 
 
@@ -105,18 +106,12 @@ def draft_tpdu(octets: bytes, tpdu: Tpdu, key: Key, told: Account) -> Draft:
             draft.keep(start, end)
         else:
             draft.zero(start, end, account.UNKNOWN)
+    if tpdu.malformed:  # a length that cannot be and the code beside it: of the TPDU, or of a parameter
+        stop = min(6 if end < 6 else end + 2 if tpdu.type in {CR, CC} else end, max(6, 5 + octets[4]), len(octets))
+        draft.keep(end, stop)
+        end = max(end, stop)
     draft.zero(end, len(octets), account.UNKNOWN)
     return draft
-
-
-def replace_tsap(key: Key, octets: bytes) -> bytes:
-    """Return a TSAP in the place of another one; one that is connection type, rack and slot stays."""
-    tsap = Tsap(octets)
-    if tsap.connection_type >= 0 or not octets or octets.startswith(_WELL_KNOWN_TSAPS):
-        return octets
-    if all(octet >= 0x20 or octet == 0 for octet in octets):
-        return replace_text(key, octets)
-    return replace_octets(key, octets)
 
 
 def draft_netlink(packet: IbhPacket, told: Account) -> Draft:

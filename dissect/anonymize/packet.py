@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.anonymize import account
-from dissect.anonymize.account import Account, Choices
+from dissect.anonymize.account import DAMAGED, FRAGMENT, LINK, OTHER, Account, Choices
 from dissect.anonymize.addresses import AddressMap
 from dissect.anonymize.checksum import renewed
 from dissect.anonymize.fragments import Fragment
-from dissect.anonymize.survey import Survey
+from dissect.anonymize.survey import UDP, Survey
 from dissect.ibh.tables import NETLINK_PORT
 from dissect.tcp import ip, link
 from dissect.tcp.connection import SYN
@@ -18,16 +18,13 @@ from dissect.wire.octets import u16, u32
 
 _PORTS: Final = frozenset((ISO_TSAP_PORT, NETLINK_PORT))
 _ARP: Final = 0x0806
+_FRAGMENTED: Final = frozenset((ip.TCP, ip.UDP))
+#: Octets of link headers that hold addresses.
+_LINK_HEADERS: Final = {link.ETHERNET: 14, link.LINUX_SLL: 16, link.LINUX_SLL2: 20}
 _ICMP: Final = frozenset((1, 58))
 #: TCP options that tell nothing: end, none, segment size, window scale, SACK allowed, SACK, timestamps.
 _TCP_OPTIONS: Final = frozenset((0, 1, 2, 3, 4, 5, 8))
 _NOP: Final = 1
-
-# Why a packet is not written.
-OTHER: Final = "other protocols (--keep-others writes them with other addresses and zeros for contents)"
-DAMAGED: Final = "IP or TCP headers that are damaged or cut"
-FRAGMENT: Final = "IP fragments of which not all were captured, or of other protocols"
-LINK: Final = "links that are not known"
 
 
 class Packets:
@@ -47,39 +44,37 @@ class Packets:
         end = len(octets)
         at, vlan = link.find_ip(octets, 0, end, link_type)
         if at == link.UNSUPPORTED:
-            return self._drop(LINK)
+            return self._blank(octets, link_type, LINK)
         if at < 0:
             return self._no_ip(octets, link_type) if self._others else self._drop(OTHER)
         packet = ip.parse_ip(octets, at, end, True)
         if packet.problem:
-            return self._drop(DAMAGED)
+            return self._blank(octets, link_type, DAMAGED)
         fragment = bool(packet.fragment_key or packet.fragment_offset or packet.more)
-        if fragment and (packet.protocol != ip.TCP or packet.missing or not packet.fragment_key):
-            return self._drop(FRAGMENT)
+        if fragment and (packet.protocol not in _FRAGMENTED or packet.missing or not packet.fragment_key):
+            return self._blank(octets, link_type, FRAGMENT)
         new = bytearray(end)
         new[:at] = self._link(octets[:at], link_type)
         self._ip(octets, new, int(at), int(packet.start))
         if fragment:
-            return _fragment(octets, new, packet, int(vlan))
-        done = self._tcp(frame, octets, new, packet, int(vlan)) if packet.protocol == ip.TCP else False
-        if not done:
-            if packet.protocol == ip.TCP and packet.end - packet.start < 20:
-                return self._drop(DAMAGED)
+            return self._fragment(octets, new, packet, int(vlan))
+        if not self._followed(frame, octets, new, packet, int(vlan)):
             if not self._others:
-                return self._drop(OTHER)
+                cut = packet.protocol == ip.TCP and packet.end - packet.start < 20
+                return self._drop(DAMAGED if cut else OTHER)
             self._other(octets, new, packet)
         self._account.mask(account.PADDING, octets[packet.end :])
         return bytes(new)
 
     def whole(self, frame: int, fragments: list[Fragment], datagram: bytes) -> None:
-        """Say what becomes of the fragments of a TCP segment that is whole with packet ``frame``."""
+        """Say what becomes of the fragments of a segment or datagram that is whole with packet ``frame``."""
         packet = ip.IpPacket()
         packet.addresses = fragments[0].addresses
-        packet.protocol = ip.TCP
+        packet.protocol = fragments[0].protocol
         packet.end = len(datagram)
         new = bytearray(len(datagram))
-        written = self._tcp(frame, datagram, new, packet, fragments[0].vlan)
-        if not written and self._others and len(datagram) >= 20:
+        written = self._followed(frame, datagram, new, packet, fragments[0].vlan)
+        if not written and self._others:
             self._other(datagram, new, packet)
             written = True
         for fragment in fragments:
@@ -88,6 +83,22 @@ class Packets:
     def unsettled(self) -> None:
         """A fragment is not written, because its datagram never became whole or is of another protocol."""
         self._drop(FRAGMENT)
+
+    def _followed(self, frame: int, octets: bytes, new: bytearray, packet: ip.IpPacket, vlan: int) -> bool:
+        """Write what IP carries where the first reading knows it; False where it does not."""
+        if packet.protocol == ip.TCP:
+            return self._tcp(frame, octets, new, packet, vlan)
+        return packet.protocol == ip.UDP and self._udp(frame, octets, new, packet, vlan)
+
+    def _blank(self, octets: bytes, link_type: int, reason: str) -> bytes | None:
+        """Return a packet that cannot be read with zeros behind its link header, where others are written too."""
+        if not self._others:
+            return self._drop(reason)
+        size = _LINK_HEADERS.get(link_type, 0)
+        if size > len(octets):
+            size = 0
+        self._account.mask(account.BLANK, octets[size:])
+        return self._link(octets[:size], link_type) + bytes(len(octets) - size) if size else bytes(len(octets))
 
     def _drop(self, reason: str) -> bytes | None:
         self._account.drop(reason)
@@ -113,9 +124,9 @@ class Packets:
 
     def _no_ip(self, octets: bytes, link_type: int) -> bytes | None:
         """Return another packet than IP: of ARP its addresses, of others nothing but the link header."""
-        size = {link.ETHERNET: 14, link.LINUX_SLL: 16, link.LINUX_SLL2: 20}.get(link_type, 0)
+        size = _LINK_HEADERS.get(link_type, 0)
         if not size or len(octets) < size:
-            return self._drop(OTHER if not size else DAMAGED)
+            return self._blank(octets, link_type, OTHER)
         new = bytearray(len(octets))
         new[:size] = self._link(octets[:size], link_type)
         type_at = 0 if link_type == link.LINUX_SLL2 else size - 2
@@ -128,6 +139,8 @@ class Packets:
                 self._addresses.mac(body[18:24]),
                 self._addresses.ip(body[24:28]),
             ))  # fmt: skip
+        else:
+            self._account.mask(account.FOREIGN, octets[size:])
         return bytes(new)
 
     # ---- IP ---------------------------------------------------------------------------------------------------------
@@ -194,6 +207,22 @@ class Packets:
         self._checksum(octets, new, packet, at + 16)
         return True
 
+    def _udp(self, frame: int, octets: bytes, new: bytearray, packet: ip.IpPacket, vlan: int) -> bool:
+        """Write a datagram of a conversation that a binding claims; False for any other one."""
+        at, end = int(packet.start), int(packet.end)
+        if end - at < 8:
+            return False
+        tag = vlan.to_bytes(8, "big") if vlan else b""
+        if self._survey.find(UDP + packet.addresses + octets[at : at + 4] + tag, frame) is None:
+            return False
+        data = at + 8
+        stop = min(end, max(data, at + u16(octets, at + 4)))
+        new[at:data] = octets[at:data]
+        new[data:stop] = self._survey.datagram(frame, octets[data:stop])
+        self._account.mask(account.PADDING, octets[stop:end])
+        self._checksum(octets, new, packet, at + 6)
+        return True
+
     def _tcp_options(self, options: bytes) -> bytes:
         """Return TCP options of which those that may tell something became none."""
         new = bytearray(options)
@@ -221,11 +250,17 @@ class Packets:
         elif packet.protocol in _ICMP:
             size, sum_at = 4, at + 2
         if not size or end - at < size:
+            self._account.mask(account.FOREIGN, octets[at:end])
             return
         new[at : at + size] = octets[at : at + size]
-        if packet.protocol == ip.TCP and at + (u16(octets, at + 12) >> 12 << 2) <= end:
-            data = at + (u16(octets, at + 12) >> 12 << 2)
+        data = at + (u16(octets, at + 12) >> 12 << 2 if packet.protocol == ip.TCP else size)
+        if data <= end and packet.protocol == ip.TCP:
             new[at + 20 : data] = self._tcp_options(octets[at + 20 : data])
+        headers = self._survey.headers(octets[data:end]) if packet.protocol in _FRAGMENTED and data < end else None
+        if headers is not None:
+            new[data:end] = headers
+        else:
+            self._account.mask(account.FOREIGN, octets[max(data, at + size) : end])
         self._checksum(octets, new, packet, sum_at)
 
     def _checksum(self, octets: bytes, new: bytearray, packet: ip.IpPacket, at: int) -> None:
@@ -244,14 +279,15 @@ class Packets:
         value = renewed(u16(octets, at), old, bytes(new[start:end]), old_pseudo, new_pseudo)
         new[at : at + 2] = value.to_bytes(2, "big")
 
-
-def _fragment(octets: bytes, new: bytearray, packet: ip.IpPacket, vlan: int) -> Fragment:
-    """Return a fragment with the headers ``new`` that waits for its datagram."""
-    start, end = int(packet.start), int(packet.end)
-    fragment = Fragment(new, start, end, octets[start:end])
-    fragment.key = packet.fragment_key + vlan.to_bytes(8, "big")
-    fragment.offset = int(packet.fragment_offset)
-    fragment.more = bool(packet.more)
-    fragment.addresses = packet.addresses
-    fragment.vlan = vlan
-    return fragment
+    def _fragment(self, octets: bytes, new: bytearray, packet: ip.IpPacket, vlan: int) -> Fragment:
+        """Return a fragment with the headers ``new`` that waits for its datagram."""
+        start, end = int(packet.start), int(packet.end)
+        fragment = Fragment(new, start, end, octets[start:end])
+        fragment.key = packet.fragment_key + vlan.to_bytes(8, "big")
+        fragment.offset = int(packet.fragment_offset)
+        fragment.more = bool(packet.more)
+        fragment.addresses = packet.addresses
+        fragment.protocol = int(packet.protocol)
+        fragment.vlan = vlan
+        fragment.blank = self._others
+        return fragment

@@ -12,6 +12,7 @@ from dissect.anonymize.account import KEEP, SCRAMBLE, Choices
 from dissect.anonymize.addresses import AddressMap
 from dissect.anonymize.draft import Draft
 from dissect.anonymize.key import Key
+from dissect.anonymize.scd import ScdRules
 from dissect.anonymize.texts import replace_bit, replace_octets, replace_path, replace_text
 from dissect.s7.layouts import DATA_ITEM
 from dissect.s7.services import PI_SERVICES
@@ -46,10 +47,12 @@ _LETTERS: Final = frozenset(b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwx
 class Rules:
     """Treats the parts of messages as ``choices`` say."""
 
-    def __init__(self, key: Key, addresses: AddressMap, choices: Choices) -> None:
+    def __init__(self, key: Key, addresses: AddressMap, choices: Choices, scd: ScdRules | None = None) -> None:
+        self.scd = scd
         self._key = key
         self._addresses = addresses
         self._choices = choices
+        self._inside = choices.values != KEEP or (scd is not None and scd.described)
 
     def parts(self, draft: Draft, parts: list[Part]) -> None:
         """Treat the parts of a message, which stand in order."""
@@ -119,7 +122,10 @@ class Rules:
 
     def _value(self, draft: Draft, begin: int, end: int, bit: bool) -> None:
         octets = draft.octets[begin:end]
-        if self._choices.values == KEEP:
+        made = self.scd.inside(octets) if self.scd is not None and self._inside else None
+        if made is not None:
+            draft.lay(made, begin)
+        elif self._choices.values == KEEP:
             draft.keep(begin, end)
             draft.account.keep(account.VALUES)
         elif self._choices.values == SCRAMBLE:

@@ -3,36 +3,39 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
-from dissect.anonymize.account import Account
+from dissect.anonymize.account import FULL, MANY, UNCERTAIN, Account
 from dissect.anonymize.draft import Draft
 from dissect.anonymize.key import Key
 from dissect.anonymize.messages import draft_netlink, draft_tpdu, draft_tsdu
 from dissect.anonymize.rules import Rules
-from dissect.anonymize.track import Room, Track
+from dissect.anonymize.track import COST, Room, Track
 from dissect.findings.observer import Observer
 from dissect.ibh.packet import HEADER as IBH_HEADER
 from dissect.ibh.packet import parse_packet
 from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
 from dissect.iso.cotp import MAX_TSDU, parse_tpdu
 from dissect.iso.tables import DT
+from dissect.iso.upper import S7COMM, S7COMM_PLUS, classify
 from dissect.s7plus.tables import KEEP_ALIVE, PROTOCOL_ID
 from dissect.tcp.connection import TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.table import Side, reverse_key
 from dissect.wire.octets import u16
 
+if TYPE_CHECKING:
+    from dissect.bindings.engine import ScdCarrier
+    from dissect.transactions.carried import ScdMessage
+
 #: Directions remembered; the packets of those after them are written with zeros for contents.
 MAX_TRACKS: Final = 65_536
+#: What stands before the keys of UDP.
+UDP: Final = b"udp"
 #: Parts of one message that are waited for.
 MAX_PARTS: Final = 8192
-
-_FULL: Final = "messages of a direction set to zero from some place on: there was no memory to remember more"
-_MANY: Final = "connections beyond the first 32,768: their contents are set to zero"
-_UNCERTAIN: Final = "messages set to zero because octets beside them were lost and their place is not certain"
 _DT_HEAD: Final = 7
 
 
@@ -51,7 +54,7 @@ class _Part:
 class _Message:
     """The parts of a message whose end is still to come in one direction."""
 
-    __slots__ = ("dropping", "holes", "missing", "parts", "plus", "size")
+    __slots__ = ("claimed", "dropping", "holes", "missing", "parts", "plus", "size", "told")
 
     def __init__(self) -> None:
         self.parts: list[_Part] = []
@@ -60,12 +63,14 @@ class _Message:
         self.missing = 0  # octets in them
         self.dropping = False  # up to its end
         self.plus = False  # an S7comm-plus PDU goes on in the next message
+        self.claimed = False  # a binding says that SCD is in it
+        self.told = 0  # where the TPKT told last ends
 
 
 class Survey(Observer):
     """Watches the first reading. Afterwards `find` gives what becomes of the octets of a packet."""
 
-    def __init__(self, key: Key, rules: Rules, told: Account) -> None:
+    def __init__(self, key: Key, rules: Rules, told: Account, carrier: ScdCarrier | None = None) -> None:
         super().__init__()
         self.wants_tpdus = True
         self.wants_pdus = True
@@ -77,28 +82,34 @@ class Survey(Observer):
         self._count = 0
         # By direction; the oldest leave when there are too many.
         self._messages: OrderedDict[bytes, tuple[Track, _Message]] = OrderedDict()
+        self._carrier = carrier
+        self._tsdu: list[_Part] = []  # the parts of the latest one that a binding claims
+        self._units: Units | None = None
+        self._datagrams: dict[int, list[tuple[int, bytes]]] = {}
 
     # ---- observer ---------------------------------------------------------------------------------------------------
 
     def connection_opened(self, connection: Connection) -> None:
         """Make room for both directions of a connection, so that its packets are known."""
         tcp = connection.tcp
-        for index, direction in enumerate(_keys(tcp)):
+        for index, direction in enumerate(_keys(tcp, bool(connection.udp))):
             tracks = self._tracks.setdefault(direction, [])
             if tracks and tracks[-1].stream is tcp.streams[index]:
                 continue  # another transport connection on the same TCP connection
             if self._count >= MAX_TRACKS:
-                self._account.warn(_MANY)
+                self._account.warn(MANY)
                 return
             self._count += 1
             tracks.append(Track(tcp, tcp.streams[index], self._room))
 
     def connection_closed(self, connection: Connection) -> None:
         """What is not whole yet will not become so."""
-        for index, direction in enumerate(_keys(connection.tcp)):
+        self._lay_units()
+        for index, direction in enumerate(_keys(connection.tcp, bool(connection.udp))):
             known = self._messages.get(direction)
             if known is not None and known[0].stream is connection.tcp.streams[index]:
                 self._flush(*known)
+                known[0].expect(known[1].told, -1)
                 del self._messages[direction]
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
@@ -108,6 +119,9 @@ class Survey(Observer):
             return
         start = int(side.framer.passed) + int(side.missing) - len(octets)
         self._judge_hole(track, message, side)
+        track.expect(message.told, start)
+        message.told = start + len(octets)
+        message.claimed = self._carrier is not None and self._carrier.claims_tsdus(side.connection)
         if octets[4] == 2 and octets[5] == 0xF0:
             head = Draft(octets, self._account)
             head.keep(0, _DT_HEAD)
@@ -190,7 +204,11 @@ class Survey(Observer):
         """A message is whole: what becomes of it is cut as its parts were."""
         parts = message.parts
         octets = parts[0].data if len(parts) == 1 else b"".join([part.data for part in parts])
-        draft = draft_tsdu(octets, self._rules, self._account, not message.plus)
+        if message.claimed and classify(octets, 0, len(octets)) not in (S7COMM, S7COMM_PLUS):
+            self._tsdu = parts  # what becomes of it is said when it is told as SCD
+            draft = Draft(octets, self._account)
+        else:
+            draft = draft_tsdu(octets, self._rules, self._account, not message.plus)
         if len(octets) >= 4 and octets[0] == PROTOCOL_ID and octets[1] != KEEP_ALIVE:
             message.plus = octets[-4:] != octets[:2] + b"\0\0"
         message.parts = []
@@ -222,7 +240,7 @@ class Survey(Observer):
         lost = int(side.missing) - missing
         self._judge_hole(track, message, side)
         if missing < 0:
-            self._account.warn(_UNCERTAIN)
+            self._account.warn(UNCERTAIN)
             return
         passed = int(iso.framed) + int(iso.skipped)
         if gateway is not None:
@@ -233,18 +251,94 @@ class Survey(Observer):
         head.keep(0, data)
         self._part(track, message, _Part(head, start, start + data, octets), True)
 
+    # ---- SCD --------------------------------------------------------------------------------------------------------
+
+    def scd(self, frame: i64, time_ns: i64, side: Side, found: ScdMessage) -> None:
+        """An SCD message in a datagram, a stream or a TSDU: lay down what becomes of it there."""
+        if self._rules.scd is None:
+            return
+        draft = Draft(found.octets, self._account)
+        draft.lay(self._rules.scd.message(found))
+        at = int(found.offset)
+        if side.connection.udp:
+            self._in_datagram(int(frame), at, draft)
+        elif side.backlog is not None:
+            self._in_stream(side, found, draft)
+        elif self._tsdu:
+            track, _ = self._direction(side)
+            begin = 0
+            for part in self._tsdu:
+                end = begin + len(part.data)
+                if track is None:
+                    return
+                _lay(track, draft, part.data_at - begin + at, max(begin - at, 0), max(end - at, 0))
+                begin = end
+
+    def _in_datagram(self, frame: int, at: int, draft: Draft) -> None:
+        if not self._room.take(len(draft.octets) + COST):
+            self._account.warn(FULL)
+            return
+        new = b"".join([piece or draft.octets[begin:end] for begin, end, piece in draft.pieces])
+        self._datagrams.setdefault(frame, []).append((at, new))
+
+    def _in_stream(self, side: Side, found: ScdMessage, draft: Draft) -> None:
+        """Messages that are told together end where the stream was accounted for, or begin where the last one ended.
+
+        The latter where something else stands behind them. Were the place a wrong one, no octet of the capture would be shown.
+        """
+        backlog = side.backlog
+        track, message = self._direction(side)
+        if track is None or backlog is None:
+            return
+        end = int(backlog.framed) + int(backlog.skipped) + int(side.missing)
+        units = self._units
+        if units is None or units.track is not track or units.end != end:
+            self._lay_units()
+            units = self._units = Units(track, end)
+        if side.framer.synced or not found.message.numbers:
+            units.drafts.append(draft)
+            message.told = end
+            return
+        _lay(track, draft, message.told)
+        message.told += len(draft.octets)
+        if message.missing != int(side.missing):
+            message.missing = int(side.missing)
+            self._account.warn(UNCERTAIN)
+
+    def _lay_units(self) -> None:
+        """Lay down messages of a stream, one behind the other, of which the last one ends at a known place."""
+        units, self._units = self._units, None
+        if units is not None:
+            at = units.end - sum([len(draft.octets) for draft in units.drafts])
+            for draft in units.drafts:
+                _lay(units.track, draft, at)
+                at += len(draft.octets)
+
+    def headers(self, octets: bytes) -> bytes | None:
+        """Return what becomes of SCD that no binding points at; None where it is something else."""
+        return self._rules.scd.headers(octets) if self._rules.scd is not None else None
+
+    def datagram(self, frame: int, octets: bytes) -> bytes:
+        """Return what becomes of the payload of a datagram that a binding claims: zeros where nothing is known of it."""
+        new = bytearray(len(octets))
+        for at, made in self._datagrams.get(frame, ()):
+            new[at : at + len(made)] = made
+        return bytes(new[: len(octets)])
+
     # ---- afterwards -------------------------------------------------------------------------------------------------
 
     def settle(self) -> None:
         """The first reading is over: nothing more becomes whole."""
+        self._lay_units()
         for track, message in self._messages.values():
             self._flush(track, message)
+            track.expect(message.told, -1)
         self._messages.clear()
         for tracks in self._tracks.values():
             for track in tracks:
                 track.settle()
                 if track.full:
-                    self._account.warn(_FULL)
+                    self._account.warn(FULL)
 
     def find(self, key: bytes, frame: int) -> Track | None:
         """Return what becomes of the octets in packet ``frame`` with this key; None for no connection that was followed."""
@@ -259,12 +353,25 @@ class Survey(Observer):
         return found
 
 
-def _keys(tcp: TcpConnection) -> tuple[bytes, bytes]:
+class Units:
+    """Messages of a bound stream that were told together; the last one ends at ``end``."""
+
+    __slots__ = ("drafts", "end", "track")
+
+    def __init__(self, track: Track, end: int) -> None:
+        self.track = track
+        self.end = end
+        self.drafts: list[Draft] = []
+
+
+def _keys(tcp: TcpConnection, udp: bool) -> tuple[bytes, bytes]:
     """Return the keys of the packets of both directions."""
     first, second = tcp.ends
     tag = int(tcp.vlan).to_bytes(8, "big") if tcp.vlan else b""
     ports = first.port.to_bytes(2, "big") + second.port.to_bytes(2, "big")
     key = first.address + second.address + ports + tag
+    if udp:
+        return UDP + key, UDP + reverse_key(key)
     return key, reverse_key(key)
 
 

@@ -5,11 +5,15 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.anonymize.key import Key
+from dissect.iso.tsap import Tsap
 
 _PADDING: Final = b" \0"
 _UPPER: Final = b"ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 _LOWER: Final = _UPPER.lower()
 _DIGITS: Final = b"0123456789"
+#: TSAPs that all devices of a kind have, and what others may have in common with them.
+_WELL_KNOWN_TSAPS: Final = frozenset((b"SIMATIC-ROOT-ES", b"SIMATIC-ROOT-HMI", b"SIMATIC-ROOT-OTHER"))
+_ROOT: Final = b"SIMATIC-ROOT-"
 
 
 def replace_text(key: Key, octets: bytes) -> bytes:
@@ -35,6 +39,18 @@ def replace_text(key: Key, octets: bytes) -> bytes:
 def replace_path(key: Key, octets: bytes) -> bytes:
     """Return a path in the place of another one: each name between strokes is replaced by itself."""
     return b"/".join([replace_text(key, name) for name in octets.split(b"/")])
+
+
+def replace_tsap(key: Key, octets: bytes) -> bytes:
+    """Return a TSAP in the place of another one; one that is connection type, rack and slot stays."""
+    tsap = Tsap(octets)
+    if tsap.connection_type >= 0 or not octets or octets in _WELL_KNOWN_TSAPS:
+        return octets
+    if octets.startswith(_ROOT):
+        return _ROOT + replace_text(key, octets[len(_ROOT) :])
+    if all(octet >= 0x20 or octet == 0 for octet in octets):
+        return replace_text(key, octets)
+    return replace_octets(key, octets)
 
 
 def replace_octets(key: Key, octets: bytes) -> bytes:

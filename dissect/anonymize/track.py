@@ -7,7 +7,7 @@ is not given away.
 from __future__ import annotations
 
 from array import array
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections import OrderedDict, deque
 from typing import Final
 
@@ -18,10 +18,15 @@ from dissect.tcp.stream import HALF_SPACE, MASK, HalfStream
 MAX_RANGES: Final = 4_000_000
 MAX_REPLACED: Final = 64 * 1024 * 1024
 #: What a replacement takes in memory besides its octets.
-_COST: Final = 64
+COST: Final = 64
 #: Segments of a direction that those sent again are compared with, and octets of all directions.
 MAX_RECENT: Final = 64
 MAX_RECENT_OCTETS: Final = 32 * 1024 * 1024
+#: How a TPKT begins, the octets of its header, and of a DT in it; how one begins that is the usual one.
+_TPKT: Final = b"\x03\x00"
+_HEADER: Final = 4
+_DT_HEAD: Final = 7
+_DT: Final = b"\x02\xf0"
 #: A segment further ahead than this does not move where the next one is expected.
 _JUMP: Final = 1 << 24
 
@@ -57,6 +62,7 @@ class Track:
     __slots__ = (
         "_begins",
         "_ends",
+        "_expected",
         "_forgotten",
         "_latest",
         "_new",
@@ -81,6 +87,7 @@ class Track:
         self._ends = array("Q")
         self._new_at = array("Q")
         self._new: list[bytes] = []
+        self._expected = array("Q", (0,))
         self._latest = 0
         self._recent: deque[tuple[int, bytes]] | None = None
         self._forgotten = 0  # of segments before this position the first copy is not known any more
@@ -103,11 +110,19 @@ class Track:
         """The octets from ``begin`` on become others."""
         if begin < 0 or (self._new and begin < self._new_at[-1] + len(self._new[-1])):
             return
-        if self._room.take(len(new) + _COST):
+        if self._room.take(len(new) + COST):
             self._new_at.append(begin)
             self._new.append(new)
         else:
             self.full = True
+
+    def expect(self, place: int, found: int) -> None:
+        """A TPKT had to begin at ``place``; the next whole one began at ``found``, -1 for none.
+
+        When that is later, the header of one that never became whole may stand there (`_headers`).
+        """
+        if found != place and self._expected[-1] < place and self._room.take(0):
+            self._expected.append(place)
 
     def settle(self) -> None:
         """The first reading is over."""
@@ -128,6 +143,7 @@ class Track:
         for begin, end in self._ranges(at, at + len(octets)):
             new[begin - at : end - at] = octets[begin - at : end - at]
             rest -= end - begin
+        rest -= self._headers(at, octets, new)
         self._compare(at, octets, new)
         for begin, piece in self._replacements(at, at + len(octets)):
             new[begin - at : begin - at + len(piece)] = piece
@@ -166,6 +182,25 @@ class Track:
                 found.append((begin, new[begin - here : stop - here]))
             index += 1
         return found
+
+    def _headers(self, at: int, octets: bytes, new: bytearray) -> int:
+        """Keep the header of a TPKT, and of a DT in it, where one had to begin; return how many octets that is."""
+        kept = 0
+        index = bisect_left(self._expected, max(at, 0))
+        while index < len(self._expected) and self._expected[index] < at + len(octets):
+            here = self._expected[index] - at
+            while octets[here : here + 2] == _TPKT and here + _HEADER <= len(octets):
+                size = octets[here + 2] << 8 | octets[here + 3]
+                end = here + _HEADER
+                if size > _DT_HEAD and octets[end : end + 2] == _DT and end + 3 <= len(octets):
+                    end += 3
+                kept += end - here - sum([stop - begin for begin, stop in self._ranges(at + here, at + end)])
+                new[here:end] = octets[here:end]
+                if not _HEADER <= size < _DT_HEAD:
+                    break
+                here += size  # too short for a TPDU, but the next one is expected behind it
+            index += 1
+        return kept
 
     def _compare(self, at: int, octets: bytes, new: bytearray) -> None:
         """Take away from ``new`` what differs from the octets that were there first: nobody has looked at it.

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dissect.cli.carried import scd_options
 from dissect.cli.drive import complain, drive, write
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.second_pass import check_files, name_of, written_whole
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from dissect.anonymize.addresses import AddressMap
     from dissect.anonymize.key import Key
     from dissect.anonymize.survey import Survey
+    from dissect.findings.carrier import Carrier
 
 _EXIT_CODES = (
     "Exit code: 0 written, 2 wrong use, a file that cannot be read or written, or nothing to write, 3 a file is damaged or cut "
@@ -63,12 +65,14 @@ def _key(ctx: click.Context, param: click.Parameter, value: str) -> Key:
 @click.option(
     "--keep-others",
     is_flag=True,
-    help="Write packets of other protocols too, with other addresses and zeros for contents; else they are dropped.",
+    help="Write packets of other protocols too, with other addresses and zeros for contents, so that all packets keep their "
+    "numbers; else they are dropped.",
 )
 @click.option("--shift-time", is_flag=True, help="Move all packets into the future, by a time that depends on the key.")
 @click.option("-T", "--format", "format_", type=click.Choice(("text", "json")), default="text", show_default=True,
               help="How to tell what was changed and what was left.")  # fmt: skip
 @click.option("--force", is_flag=True, help="Overwrite OUT where it exists (never FILE).")
+@scd_options
 def command(
     file: str,
     output: str,
@@ -79,6 +83,7 @@ def command(
     shift_time: bool,
     format_: str,
     force: bool,
+    carrier: Carrier | None,
 ) -> int:
     """Write a capture that may be shown to others, and tell what it no longer holds.
 
@@ -89,15 +94,20 @@ def command(
     from dissect.anonymize.account import Account, Choices
     from dissect.anonymize.addresses import AddressMap
     from dissect.anonymize.rules import Rules
+    from dissect.anonymize.scd import ScdRules, bindings_of
     from dissect.anonymize.survey import Survey
+    from dissect.bindings.engine import ScdCarrier
+    from dissect.findings.observer import Options
     from dissect.session import Run
 
     check_files((file,), output, force)
     choices = Choices(values, keep_code, keep_others, shift_time)
     account = Account()
     addresses = AddressMap(key)
-    survey = Survey(key, Rules(key, addresses, choices), account)
-    run = Run((file,), survey)
+    scd = carrier if isinstance(carrier, ScdCarrier) else None
+    rules = Rules(key, addresses, choices, ScdRules(key, addresses, choices, scd, account))
+    survey = Survey(key, rules, account, scd)
+    run = Run((file,), survey, Options(carrier=scd))
     code = drive(run, (file,))
     if code == EXIT_INTERRUPTED:
         click.echo(f"s7dissect: interrupted, {name_of(output)} was not written", err=True)
@@ -105,6 +115,8 @@ def command(
     complain(run, code)
     survey.settle()
     _write(file, output, survey, addresses, choices, account, key.shift_ns if shift_time else 0)
+    if scd is not None:
+        account.bindings = bindings_of(scd.bindings, key, addresses)
     for kind, count in addresses.changed.items():
         if count:
             account.replaced[kind] = count
@@ -134,4 +146,6 @@ def _write(
             reader.close()
         rewriter.finish()
         if not account.written:
-            raise click.ClickException("no packet of the capture is of S7 communication; nothing was written.")
+            raise click.ClickException(
+                "no packet of the capture is of S7 communication; nothing was written (--keep-others writes the others)."
+            )

@@ -81,7 +81,10 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
     "-o", "--output", "output", required=True, metavar="OUT", help="The pcapng file to write; - is standard output."
 )
 @_numbers("--connection", "Packets of the connection that analyze lists as N, its TCP handshake and end included.")
-@_numbers("--transaction", "Packets that carried the request or the answer of transaction N.")
+@_numbers(
+    "--transaction",
+    "Packets that carried the request or the answer of transaction N; where it got no answer, the end of its connection too.",
+)
 @click.option(
     "--finding",
     "findings",
@@ -105,6 +108,12 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
     metavar="N|MS",
     help="With each packet N before it and after it, or those within a time such as 500ms or 2s, whatever they are.",
 )
+@click.option(
+    "--context",
+    is_flag=True,
+    help="With the packets of --transaction those that open and close its connection, and its Setup communication (TSAPs, "
+    "PDU length), so that OUT explains itself.",
+)
 @click.option("--no-comments", "plain", is_flag=True, help="Leave our findings out; comments of the capture stay.")
 @click.option("--force", is_flag=True, help="Overwrite OUT where it exists (never a FILE).")
 @scd_options
@@ -116,6 +125,7 @@ def command(
     findings: tuple[frozenset[int], frozenset[str]],
     window: Window | None,
     around: Around,
+    context: bool,
     plain: bool,
     force: bool,
     carrier: Carrier | None,
@@ -135,7 +145,9 @@ def command(
 
     check_files(files, output, force)
     wanted = Wanted(connection, transaction, *findings)
-    selection = Selection(wanted, comments=not plain)
+    if context and not transaction:
+        raise click.UsageError("--context belongs to --transaction: it adds what opens and closes their connections.")
+    selection = Selection(wanted, comments=not plain, context=context)
     run = Run(files, selection, Options(carrier=carrier))
     code = drive(run, files)
     if code == EXIT_INTERRUPTED:
@@ -169,14 +181,16 @@ def _write(files: Sequence[str], output: str, choice: Choice, around: Around) ->
                 reader.close()
         if not cutter.chosen:
             raise click.ClickException("no packet of the capture is wanted; nothing was written.")
-    _tell(cutter, output)
+    _tell(cutter, output, choice.context)
     return 0
 
 
-def _tell(cutter: Cutter, output: str) -> None:
+def _tell(cutter: Cutter, output: str, context: int) -> None:
     """Say on stderr what was written."""
     written = cutter.chosen + cutter.beside
     beside = f", {cutter.beside} of them for being near" if cutter.beside else ""
+    if context:
+        beside = f", {context} of them open or close connections{beside}"
     commented = f", {cutter.commented} with findings as comments" if cutter.commented else ""
     click.echo(
         f"s7dissect: {written} of {cutter.frames} packets written to {name_of(output)}{beside}{commented}", err=True

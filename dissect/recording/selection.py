@@ -13,16 +13,27 @@ from mypy_extensions import i64
 
 from dissect.conversation import Observer
 from dissect.findings.finding import Finding
+from dissect.ibh.packet import parse_packet
+from dissect.ibh.tables import KIND_CONFIRM, KIND_CONNECT, KIND_DISCONNECT, KIND_GO_AHEAD, KIND_SERVICE
+from dissect.iso.tables import CC, CR, DC, DR
 from dissect.recording.comments import finding_comment
+from dissect.recording.context import ContextBook
 from dissect.recording.spans import Span, SpanBook
 from dissect.report.contract import by_weight
+from dissect.s7.tables import SETUP_COMMUNICATION as _SETUP
 from dissect.tcp import ip, link
-from dissect.tcp.connection import TcpConnection
+from dissect.tcp.connection import FIN, RST, SYN, TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.table import Side, reverse_key
 from dissect.transactions.transaction import Transaction
 from dissect.wire.octets import u16, u32
 
+#: TPDUs that open and close a transport connection, and IBH-NetLink packets that do.
+_OPENING: Final = frozenset((CR, CC, DR, DC))
+_OPENING_IBH: Final = frozenset((KIND_CONNECT, KIND_CONFIRM, KIND_DISCONNECT, KIND_GO_AHEAD, KIND_SERVICE))
+#: Where TCP has its flags, and those that open and close.
+_FLAGS_AT: Final = 13
+_MARKS: Final = SYN | FIN | RST
 #: Octets of a transaction that were sent again are found this long before its request and after its answer.
 AGAIN_NS: Final = 10_000_000_000
 
@@ -75,9 +86,12 @@ class TimedSpan:
 
 
 class Selection(Observer):
-    """Watches the first reading. ``missing`` is empty, or names afterwards in words what was wanted and is not there."""
+    """Watches the first reading. ``missing`` is empty, or names afterwards in words what was wanted and is not there.
 
-    def __init__(self, wanted: Wanted, comments: bool = True) -> None:
+    With ``context`` the packets that begin and end the connection of a wanted transaction, and its Setup, are wanted too.
+    """
+
+    def __init__(self, wanted: Wanted, comments: bool = True, context: bool = False) -> None:
         super().__init__()
         self.wants_tpdus = self.wants_pdus = bool(wanted.transactions)
         self.uncertain = 0  # PDUs of wanted transactions of which only the packet that completed them is known
@@ -89,6 +103,11 @@ class Selection(Observer):
         self._spans: list[TimedSpan] = []
         self._frames: set[int] = set()
         self._findings: list[Finding] = []
+        self._context = ContextBook() if context and wanted.transactions else None
+        self._around: dict[int, Connection] = {}  # connections of wanted transactions
+        self._unanswered: list[tuple[Connection, int]] = []  # those of unanswered ones, and the packet of the request
+        self._around_frames: set[int] = set()
+        self._around_spans: list[TimedSpan] = []
 
     # ---- observer ---------------------------------------------------------------------------------------------------
 
@@ -100,10 +119,14 @@ class Selection(Observer):
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Take note where a TPKT stands in its stream."""
         self._book.tpkt(side, octets)
+        if self._context is not None and octets[5] >> 4 in _OPENING:
+            self._context.opened(int(side.connection.number), int(frame))
 
     def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Take note where an IBH-NetLink packet stands in its stream."""
         self._book.ibh_packet(side, octets)
+        if self._context is not None and parse_packet(octets).kind in _OPENING_IBH:
+            self._context.opened(int(side.connection.number), int(frame))
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Take note where a PDU stands in its stream."""
@@ -123,10 +146,13 @@ class Selection(Observer):
             self._book.pop(number, asked_by, int(transaction.request_frame), int(transaction.request_size)),
             self._book.pop(number, 1 - asked_by, int(transaction.response_frame), int(transaction.response_size)),
         ]
+        frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
+        if self._context is not None and transaction.function == _SETUP:
+            self._context.negotiated(number, frames, [span for span in spans if span is not None])
         if transaction.number not in self._wanted.transactions:
             return
         self._transactions.add(int(transaction.number))
-        frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
+        self._surround(transaction)
         self._frames.update(frames)
         times = [int(at) for at in (transaction.request_ns, transaction.response_ns) if at]
         for span in spans:
@@ -134,6 +160,22 @@ class Selection(Observer):
                 self._spans.append(TimedSpan(span, min(times) - AGAIN_NS, max(times) + AGAIN_NS))
         if not transaction.connection.udp:  # a datagram is one packet
             self.uncertain += len(frames) - (len(spans) - spans.count(None))
+
+    def _surround(self, transaction: Transaction) -> None:
+        """Take the end of its connection along where it got no answer, and with ``context`` how that began and ended."""
+        connection = transaction.connection
+        if connection.udp:
+            return
+        if self._context is None:
+            if not transaction.response_frame:
+                self._unanswered.append((connection, int(transaction.request_frame)))
+            return
+        self._around[int(connection.number)] = connection
+        beginning = self._context.of(int(connection.number))
+        self._around_frames.update(beginning.setup)
+        first_ns = int(connection.tcp.first_ns)
+        last_ns = max(int(transaction.request_ns), int(transaction.response_ns))
+        self._around_spans += [TimedSpan(span, first_ns, last_ns) for span in beginning.spans]
 
     def finding(self, finding: Finding) -> None:
         """Remember a finding."""
@@ -170,14 +212,22 @@ class Selection(Observer):
                 for frame in set(finding.frames):
                     comments.setdefault(int(frame), []).append(text)
         stretches = [_stretch(connection) for connection in self._connections.values()]
-        return Choice(self._wanted.everything, frozenset(frames), stretches, self._spans, (from_ns, to_ns), comments)
+        choice = Choice(self._wanted.everything, frozenset(frames), stretches, self._spans, (from_ns, to_ns), comments)
+        marked = [_stretch(connection, frame) for connection, frame in self._unanswered]
+        if self._context is not None:
+            for number in self._around:
+                self._around_frames.update(self._context.of(number).frames)
+            marked = [_stretch(connection) for connection in self._around.values()]
+        if marked:
+            choice.surround(frozenset(self._around_frames), marked, self._around_spans)
+        return choice
 
 
-def _stretch(connection: Connection) -> Stretch:
-    """Return where the packets of a connection are."""
+def _stretch(connection: Connection, first: int = 0) -> Stretch:
+    """Return where the packets of a connection are, from packet ``first`` on."""
     tcp = connection.tcp
     protocol = ip.UDP if connection.udp else ip.TCP
-    return Stretch(_key(tcp), protocol, int(tcp.first_frame), int(tcp.last_frame))
+    return Stretch(_key(tcp), protocol, max(int(tcp.first_frame), first), int(tcp.last_frame))
 
 
 def _key(tcp: TcpConnection) -> bytes:
@@ -189,7 +239,10 @@ def _key(tcp: TcpConnection) -> bytes:
 
 
 class Choice:
-    """Recognises wanted packets. ``comments`` are the findings by the number of the packet they are about."""
+    """Recognises wanted packets. ``comments`` are the findings by the number of the packet they are about.
+
+    ``context`` counts those taken only because they begin or end the connection of a wanted transaction.
+    """
 
     def __init__(
         self,
@@ -201,6 +254,9 @@ class Choice:
         comments: dict[int, list[str]],
     ) -> None:
         self.comments = comments
+        self.context = 0
+        self._around: Choice | None = None
+        self._marked: dict[bytes, list[Stretch]] = {}  # connections of which what opens and closes TCP is wanted
         self._everything = everything
         self._frames = frames
         self._from_ns, self._to_ns = times
@@ -216,13 +272,32 @@ class Choice:
             self._spans.setdefault(timed.span.key, []).append(timed)
             self._span_hosts.setdefault(_addresses(timed.span.key), []).append(timed)
 
+    def surround(self, frames: frozenset[int], marked: Sequence[Stretch], spans: Sequence[TimedSpan]) -> None:
+        """Take these packets along, and those which open or close the TCP connections ``marked``."""
+        self._around = Choice(False, frames, (), spans, (self._from_ns, self._to_ns), {})
+        self._around.mark(marked)
+
+    def mark(self, stretches: Sequence[Stretch]) -> None:
+        """Want what opens and closes these TCP connections."""
+        for stretch in stretches:
+            for key in (stretch.key, reverse_key(stretch.key)):
+                self._marked.setdefault(key, []).append(stretch)
+
     def takes(self, frame: int, time_ns: int, buf: bytes, start: int, end: int, link_type: int) -> bool:
         """Tell whether packet ``frame`` is wanted. Never raises."""
+        if self._wants(frame, time_ns, buf, start, end, link_type):
+            return True
+        if self._around is None or not self._around.takes(frame, time_ns, buf, start, end, link_type):
+            return False
+        self.context += 1
+        return True
+
+    def _wants(self, frame: int, time_ns: int, buf: bytes, start: int, end: int, link_type: int) -> bool:
         if not self._from_ns <= time_ns <= self._to_ns:
             return False
         if self._everything or frame in self._frames:
             return True
-        if not self._hosts and not self._span_hosts:
+        if not self._hosts and not self._span_hosts and not self._marked:
             return False
         at, vlan = link.find_ip(buf, start, end, link_type)
         if at < 0:
@@ -239,6 +314,9 @@ class Choice:
         protocol = packet.protocol
         if any(one.first <= frame <= one.last and one.protocol == protocol for one in self._stretches.get(key, ())):
             return True
+        if protocol == ip.TCP and packet.end - packet.start >= _FLAGS_AT + 1 and buf[packet.start + _FLAGS_AT] & _MARKS:
+            if any(one.first <= frame <= one.last for one in self._marked.get(key, ())):
+                return True
         spans = self._spans.get(key) if protocol == ip.TCP else None
         return spans is not None and _carries(spans, time_ns, buf, packet)
 

@@ -12,7 +12,10 @@ from dissect.anonymize.key import Key
 from dissect.anonymize.packet import Packets
 from dissect.anonymize.rewriter import Rewriter
 from dissect.anonymize.rules import Rules
+from dissect.anonymize.scd import ScdRules
 from dissect.anonymize.survey import Survey
+from dissect.bindings.engine import ScdCarrier
+from dissect.findings.observer import Options
 from dissect.session import Run
 from dissect.source.files import open_capture
 from dissect.source.pcapng_writer import PcapngWriter
@@ -21,13 +24,16 @@ from dissect.transactions.transaction import Transaction
 KEY: Final = Key(b"a key of these tests")
 
 
-def anonymized(source: Path, out: Path, choices: Choices | None = None, key: Key = KEY) -> Account:
+def anonymized(
+    source: Path, out: Path, choices: Choices | None = None, key: Key = KEY, carrier: ScdCarrier | None = None
+) -> Account:
     """Write what becomes of ``source`` to ``out``, and give the account of it. A bug of ours raises."""
     choices = choices if choices is not None else Choices()
     account = Account()
     addresses = AddressMap(key)
-    survey = Survey(key, Rules(key, addresses, choices), account)
-    run = Run([str(source)], survey, dissect.Options(strict=True))
+    rules = Rules(key, addresses, choices, ScdRules(key, addresses, choices, carrier, account))
+    survey = Survey(key, rules, account, carrier)
+    run = Run([str(source)], survey, Options(strict=True, carrier=carrier))
     while run.step():
         pass
     survey.settle()

@@ -102,4 +102,4 @@ def test_different_addresses_are_counted_once() -> None:
         made.ip(v4("10.0.0.1"))
         made.ip(v4("127.0.0.1"))
         made.mac(bytes.fromhex("001b1b123456"))
-    assert made.changed == {"IP addresses": 1, "MAC addresses": 1}
+    assert made.changed == {"ip_addresses": 1, "mac_addresses": 1}

@@ -59,7 +59,7 @@ def treated(part_layout: Layout, octets: bytes, choices: Choices | None = None) 
 def test_octets_without_a_meaning_become_zeros() -> None:
     new, account = treated(OCTETS, b"nobody knows")
     assert new == bytes(12)
-    assert account.masked == {"octets without a known meaning": (1, 12)}
+    assert account.masked == {"unknown_octets": (1, 12)}
 
 
 def test_a_password_becomes_zeros() -> None:
@@ -74,7 +74,7 @@ def test_a_part_that_was_cut_keeps_whole_fields_only() -> None:
     assert new == octets[:-1] + b"\0"
     new, account = treated(IDENTIFICATION, octets[:10])
     assert new == octets[:2] + bytes(8)
-    assert account.masked == {"octets without a known meaning": (1, 8)}
+    assert account.masked == {"unknown_octets": (1, 8)}
 
 
 def test_an_order_number_that_is_none_becomes_zeros() -> None:
@@ -89,7 +89,7 @@ def test_addresses_in_a_content_are_mapped_as_those_of_packets() -> None:
     assert new[2:6] == addresses.ip(octets[2:6]) != octets[2:6]
     assert new[6:10] == octets[6:10]
     assert new[14:20] == addresses.mac(octets[14:20]) != octets[14:20]
-    assert account.replaced == {"addresses in contents": 3}
+    assert account.replaced == {"content_addresses": 3}
 
 
 def test_values_are_kept_when_asked_for_and_that_is_told() -> None:

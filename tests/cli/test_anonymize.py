@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -33,8 +34,8 @@ def test_writes_a_capture_and_tells_of_it(tmp_path: Path, capfdbinary: Capfd) ->
     lines = ran.out.splitlines()
     packets = len(drain(open_capture(str(source))).frames)
     assert lines[0] == f"{packets} of {packets} packets written"
-    assert "       2  IP addresses" in lines
-    assert any(line.endswith("values, 4 octets") for line in lines)
+    assert "       2  IP addresses (different ones)" in lines
+    assert any(line.endswith("values (4 octets)") for line in lines)
     assert "Left as it was" in lines
     assert told(out) == told(source)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in.pcapng", "out.pcapng"]
@@ -45,7 +46,7 @@ def test_json(tmp_path: Path, capfdbinary: Capfd, key: Path) -> None:
     ran = run(capfdbinary, "anonymize", ROOT / "captures/szl.pcapng", "-o", out, "--key", key, "-T", "json")
     account = json.loads(ran.out)
     assert account["packets"] == account["written"] == 42
-    assert account["replaced"] == {"names of stations, modules and plants": 4, "serial numbers": 2}
+    assert account["replaced"] == {"names": 4, "serial_numbers": 2}
     assert account["dropped"] == {}
     assert account["left"]
 
@@ -97,6 +98,27 @@ def test_a_damaged_file_gives_what_was_there(tmp_path: Path, capfdbinary: Capfd)
     assert ran.code == 3
     assert len(ran.err.splitlines()) == 1
     assert told(tmp_path / "out.pcapng")
+
+
+def test_scd_by_its_dictionary(tmp_path: Path, capfdbinary: Capfd, key: Path) -> None:
+    folder = ROOT / "captures/scd"
+    source, out = folder / "plant.pcapng", tmp_path / "out.pcapng"
+    known = ("--scd", folder / "plant.toml", "--bind", folder / "plant.bind.toml", "--key", key)
+    ran = run(capfdbinary, "anonymize", source, "-o", out, *known)
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out.startswith("86 of 86 packets written\n")
+    assert "values in SCD messages" in ran.out
+    (told_of,) = re.findall(r'канал: tsap = "(....)"', ran.out)
+    assert told_of != "SCD1"
+    assert told_of.encode() in out.read_bytes()
+    ran = run(capfdbinary, "anonymize", source, "-o", out, "-T", "json", "--force", *known)
+    assert json.loads(ran.out)["bindings"] == [{"name": "канал", "tsap": told_of}]
+    ran = run(capfdbinary, "anonymize", source, "-o", out, "--scd", folder / "plant.toml")
+    assert ran.code == 2
+    assert "belong together" in " ".join(ran.err.split())
+    ran = run(capfdbinary, "anonymize", source, "-o", out, "--force")
+    assert "28 of 86 packets written" in ran.out
+    assert "(so packets have other numbers in OUT than in FILE)" in ran.out
 
 
 def test_refusals(tmp_path: Path, capfdbinary: Capfd, key: Path) -> None:

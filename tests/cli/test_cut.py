@@ -135,6 +135,23 @@ def test_a_transaction_is_all_its_packets(tmp_path: Path, capfdbinary: Capfd) ->
     assert numbers(out, packets) == [6, 7, 16, 17]
 
 
+def test_context_of_a_transaction(tmp_path: Path, capfdbinary: Capfd) -> None:
+    packets = read(read(begun(), 1), 2).close().packets()
+    path, out = saved(tmp_path / "in.pcapng", packets), tmp_path / "out.pcapng"
+    ran = cut(capfdbinary, path, "-o", out, "--transaction", "3", "--context")
+    assert ran.code == 0
+    assert "of them open or close connections" in ran.err
+    kept = numbers(out, packets)
+    assert kept[:8] == [1, 2, 4, 5, 6, 7, 10, 11]
+    assert kept[-1] > 11
+    ran = cut(capfdbinary, path, "-o", out, "--transaction", "3", "--force")
+    assert numbers(out, packets) == [10, 11]
+    assert "open or close" not in ran.err
+    ran = cut(capfdbinary, path, "-o", out, "--connection", "1", "--context", "--force")
+    assert ran.code == 2
+    assert "--context belongs to --transaction" in ran.err
+
+
 def test_fragments_of_a_transaction_go_along(tmp_path: Path, capfdbinary: Capfd) -> None:
     flow = Flow()
     talk = begun(flow)
