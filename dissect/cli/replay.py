@@ -15,6 +15,7 @@ from dissect.cli.drive import format_option, write
 from dissect.cli.main import EXIT_GATE, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE
 from dissect.golden.difference import DiffOptions
 from dissect.golden.model import GoldenError
+from dissect.report import words
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -95,6 +96,7 @@ def _pace(ctx: click.Context, param: click.Parameter, value: str) -> float | Non
 @click.option(
     "--pipelined", is_flag=True, help="Send requests before earlier ones are answered where that was recorded."
 )
+@click.option("--one-by-one", is_flag=True, help="Play connections one after another that were open at the same time.")
 @click.option(
     "--timeout",
     "timeout_s",
@@ -127,6 +129,7 @@ def command(
     slot: int | None,
     pace: float | None,
     pipelined: bool,
+    one_by_one: bool,
     timeout_s: float,
     retries: int,
     output: str | None,
@@ -140,10 +143,10 @@ def command(
     """Play the client's side of a capture or golden to a real server, and say where its answers are not the recorded ones.
 
     Only reads are sent, and only to this machine, unless more is allowed. References, sequence numbers and upload ids are new,
-    sizes are negotiated; each request is sent once, when what came before it in the recording is answered. What was withheld,
-    and why, is told at the end.
+    sizes are negotiated; each request is sent once, when what came before it in the recording is answered, on its own
+    connection and on those that were open beside it. What was withheld, and why, is told at the end.
     """
-    from dissect.replay import Permissions, Settings, load_recorded, make_plan, plan_lines, read_target
+    from dissect.replay import Permissions, Settings, expect_few, load_recorded, make_plan, plan_lines, read_target
     from dissect.replay.target import expect_allowed
 
     try:
@@ -155,9 +158,13 @@ def command(
         expect_allowed(target, allow_remote)
     elif not dry_run:
         raise click.UsageError("--to HOST:PORT is missing: where the server is (or --dry-run).")
+    if dry_run and format_ != "text":
+        raise click.UsageError("--dry-run says what would be sent as text: -T is for what comes of it.")
     _check_output(file, output)
     recorded = load_recorded(file, carrier)
     plan = make_plan(recorded, numbers, _place(tsap, rack, slot))
+    if not one_by_one:
+        expect_few(plan)
     permissions = Permissions(allow_write, allow_control)
     for line in recorded.session.damage:
         _say(line)
@@ -166,9 +173,10 @@ def command(
     if dry_run or target is None:
         write([printable(line) for line in plan_lines(plan, permissions)])
         return EXIT_OK
-    settings = Settings(pace, timeout_s, pipelined, retries)
+    settings = Settings(pace, timeout_s, pipelined, retries, one_by_one=one_by_one)
     outcome = _replayed(recorded, plan, (target, allow_remote), (permissions, settings), (output, force), carrier)
-    return _report(outcome, options, format_, most, bool(recorded.session.damage))
+    outcome.expected.damage = recorded.session.damage
+    return _report(outcome, options, format_, most)
 
 
 def _place(tsap: bytes | None, rack: int | None, slot: int | None) -> bytes | tuple[int, int] | None:
@@ -211,7 +219,7 @@ def _writer(output: str | None, force: bool) -> PcapngWriter:
     return PcapngWriter(str(output), application=f"s7dissect {__version__} replay", overwrite=force)
 
 
-def _report(outcome: Outcome, options: DiffOptions, format_: str, most: int, damaged: bool) -> int:
+def _report(outcome: Outcome, options: DiffOptions, format_: str, most: int) -> int:
     found = outcome.differences(options)
     shown = list(islice(found, most))
     rest = sum([1 for _ in found])
@@ -219,14 +227,18 @@ def _report(outcome: Outcome, options: DiffOptions, format_: str, most: int, dam
     if format_ == "json":
         values = {"schema": REPLAY_SCHEMA, **json_values(*sides, shown, rest), "replay": outcome.as_dict()}
         write(json_lines(values))
+    elif format_ == "junit":
+        unreachable = words.count(outcome.unreachable, "connection")
+        errors = [("unreachable", f"{unreachable} could not be made")] if outcome.unreachable else []
+        write(junit_lines(*sides, shown, rest, errors))
     else:
-        write((junit_lines if format_ == "junit" else text_lines)(*sides, shown, rest))
+        write(text_lines(*sides, shown, rest))
     for line in outcome.summary():
         _say(line)
     if outcome.file_trouble:
         _say(f"the capture file is not whole: {outcome.file_trouble}")
         return EXIT_OUTPUT
-    if outcome.unreachable or damaged:
+    if outcome.unreachable or outcome.expected.damage:
         return EXIT_USAGE
     return EXIT_GATE if shown or rest else EXIT_OK
 

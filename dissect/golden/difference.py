@@ -15,7 +15,7 @@ KINDS: Final = {
     "endings": "how a connection began, was refused or ended, and by whom",
     "missing": "a request of the first that the second does not have; PATTERN: what is asked",
     "added": "a request of the second that the first does not have; PATTERN: what is asked",
-    "order": "a request that stands elsewhere; PATTERN: what is asked",
+    "order": "a request that stands elsewhere among those of its side; PATTERN: what is asked",
     "requests": "something else is asked in the same place; PATTERN: what was asked",
     "answers": "whether there is an answer; PATTERN: what is asked",
     "codes": "error codes and return codes; PATTERN: address of the item, else the function",
@@ -134,8 +134,8 @@ class Difference:
             "transaction_b": self.transaction_b or None,
             "subject": self.subject,
             "address": self.address or None,
-            "was": self.was,
-            "is": self.is_,
+            "was": self.was or None,
+            "is": self.is_ or None,
             "text": self.text,
         }
 

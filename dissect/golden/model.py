@@ -25,13 +25,15 @@ class Transaction:
 
     ``number`` counts from 1 over the session, in its order; ``asked_by`` is ``client`` or ``server``; ``outcome`` and
     ``reason`` are those of `dissect.transactions`. What belongs to one recording is None where it is not known: ``time_ns`` of
-    the request (of the answer when there is none), nanoseconds since 1970; ``latency_ns``; ``pdu_ref``.
+    the request (of the answer when there is none), nanoseconds since 1970; ``latency_ns``; ``pdu_ref``. ``frame`` is the
+    packet it began with, 0 where not known.
     """
 
     __slots__ = (
         "asked_by",
         "connection",
         "exchange",
+        "frame",
         "latency_ns",
         "number",
         "outcome",
@@ -47,6 +49,7 @@ class Transaction:
         self.outcome = outcome
         self.reason = reason
         self.number = 0
+        self.frame = 0
         self.time_ns: int | None = None
         self.latency_ns: int | None = None
         self.pdu_ref: int | None = None

@@ -14,6 +14,10 @@ from dissect.golden.model import Link, Session, Transaction
 _WEIGHED: Final = 10_000
 
 
+#: A gap between transactions that stay where they are: who spoke first, and which of his gaps.
+Region = tuple[str, int]
+
+
 class Match(NamedTuple):
     """Two transactions that belong together, or one that stands alone (None on the other side)."""
 
@@ -85,33 +89,43 @@ def pair_transactions(a: Sequence[Transaction], b: Sequence[Transaction], keys: 
     """Return every transaction of both, paired where they belong together, in their order.
 
     The same request in the same order; the same request elsewhere (moved); then, between two of the first kind, the same
-    request with other values, and the same kind of request, each in its order.
+    request with other values, and the same kind of request, each in its order. Each side has an order of its own: what the
+    server says by itself and what the client asks are on their way at the same time, and which of them a capture shows first
+    says nothing about either.
     """
     numbers: dict[Key, int] = {}
     first = [numbers.setdefault(keys.exact(each), len(numbers)) for each in a]
     second = [numbers.setdefault(keys.exact(each), len(numbers)) for each in b]
-    partner = dict(align(first, second))
-    regions_a, regions_b = _regions(len(a), len(b), partner)
+    partner: dict[int, int] = {}
+    begun_a, begun_b = [_begun_by(each) for each in a], [_begun_by(each) for each in b]
+    for who in dict.fromkeys(begun_a):
+        left = [at for at, other in enumerate(begun_a) if other == who]
+        right = [at for at, other in enumerate(begun_b) if other == who]
+        pairs = align([first[at] for at in left], [second[at] for at in right])
+        partner |= {left[i]: right[j] for i, j in pairs}
+    regions = (_regions(begun_a, partner.keys()), _regions(begun_b, set(partner.values())))
     moved = _moved(first, second, partner)
     partner |= moved
     for key in (keys.loose, action):
-        partner |= _close(a, b, partner, (regions_a, regions_b), key)
+        partner |= _close(a, b, partner, regions, key)
     return _in_order(a, b, partner, moved.keys())
 
 
-def _regions(size_a: int, size_b: int, partner: dict[int, int]) -> tuple[list[int], list[int]]:
-    """Number, for each position of both sides, the gap between two aligned transactions that it stands in."""
-    aligned = set(partner.values())
-    regions: list[list[int]] = []
-    for size, inside in ((size_a, partner.keys()), (size_b, aligned)):
-        gap = 0
-        numbered = []
-        for at in range(size):
-            if at in inside:
-                gap += 1
-            numbered.append(gap)
-        regions.append(numbered)
-    return regions[0], regions[1]
+def _begun_by(transaction: Transaction) -> str:
+    """Return who spoke first: who asked; where nobody did, who told."""
+    if transaction.exchange.request_seen:
+        return transaction.asked_by
+    return {"client": "server", "server": "client"}.get(transaction.asked_by, "")
+
+
+def _regions(begun: Sequence[str], aligned: Collection[int]) -> list[Region]:
+    """Name, for each position of a side, the gap between two aligned transactions of who spoke first that it stands in."""
+    gaps: dict[str, int] = defaultdict(int)
+    regions = []
+    for at, who in enumerate(begun):
+        gaps[who] += at in aligned
+        regions.append((who, gaps[who]))
+    return regions
 
 
 def _moved(first: Sequence[int], second: Sequence[int], partner: dict[int, int]) -> dict[int, int]:
@@ -131,12 +145,12 @@ def _close(
     a: Sequence[Transaction],
     b: Sequence[Transaction],
     partner: dict[int, int],
-    regions: tuple[list[int], list[int]],
+    regions: tuple[list[Region], list[Region]],
     key: Callable[[Transaction], Key],
 ) -> dict[int, int]:
     """Pair, within each gap, what is left over and has the same ``key``, in order."""
     taken = set(partner.values())
-    waiting: dict[tuple[int, Key], deque[int]] = defaultdict(deque)
+    waiting: dict[tuple[Region, Key], deque[int]] = defaultdict(deque)
     for at, transaction in enumerate(b):
         if at not in taken:
             waiting[regions[1][at], key(transaction)].append(at)

@@ -78,6 +78,7 @@ class SessionReader(Observer):
         kept = Transaction(link, "", exchange, transaction.outcome_name, transaction.reason)
         kept.time_ns = int(transaction.request_ns if transaction.request_frame else transaction.response_ns)
         kept.latency_ns = transaction.latency_ns
+        kept.frame = int(transaction.request_frame or transaction.response_frame)
         if exchange.kind != SCD:
             kept.pdu_ref = int(transaction.pdu_ref)
         self._entries[int(connection.number)].append(_Entry(transaction, kept))

@@ -12,6 +12,7 @@ from dissect.source.packet import CaptureError
 DEFAULT: Final = "127.0.0.1:10102"
 #: Where a PLC listens (RFC 1006).
 PLC_PORT: Final = 102
+_DANGER: Final = "and whoever reaches it reaches the PLC"
 #: Addresses of one name that are used.
 _MAX_ADDRESSES: Final = 8
 
@@ -44,14 +45,17 @@ def read_address(text: str, default_port: int | None = None) -> Address:
     raise AddressError(f"{text!r} is no address: say HOST:PORT, for example {DEFAULT} or [::1]:10102{without}")
 
 
-def places_to_listen(address: Address, allow_remote: bool) -> list[Place]:
-    """Return what to listen on; what other machines can reach only with ``allow_remote``. Raises `ProxyError`."""
+def places_to_listen(address: Address, allow_remote: bool, danger: str = _DANGER) -> list[Place]:
+    """Return what to listen on; what other machines can reach only with ``allow_remote``. Raises `ProxyError`.
+
+    ``danger`` says what comes of it when they do.
+    """
     places = _resolved(address, socket.AI_PASSIVE)
     for place in places:
         if not allow_remote and not is_loopback(str(place.address[0])):
             raise ProxyError(
-                f"{address} can be reached from other machines, and whoever reaches it reaches the PLC: "
-                f"listen on {DEFAULT}, or add --allow-remote when that is meant"
+                f"{address} can be reached from other machines, {danger}: "
+                f"listen on {DEFAULT}, or add --allow-remote when that is meant (allow_remote=True)"
             )
     return places if address.port else places[:1]  # a port that the system chooses is another one for each
 

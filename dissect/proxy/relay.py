@@ -14,7 +14,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
-from dissect.proxy.addresses import Place, ProxyError, expect_no_circle, listen_on
+from dissect.proxy.addresses import Place, ProxyError, expect_no_circle
+from dissect.proxy.door import Door, Visitor
 from dissect.proxy.link import End, Link, ResetError, close_with_reset, prepare, trouble
 from dissect.proxy.packets import endpoint_of
 from dissect.proxy.tap import REFUSED, UNANSWERED, Tap
@@ -23,12 +24,9 @@ from dissect.proxy.tap import REFUSED, UNANSWERED, Tap
 MAX_LINKS: Final = 400
 #: How long a server may take to accept, in seconds, for each of its addresses.
 CONNECT_S: Final = 10.0
-#: How often those are looked at that the selector does not watch, in seconds; and how long no client is accepted after
-#: the system had no more sockets.
+#: How often those are looked at that the selector does not watch, in seconds.
 _LOOK_S: Final = 0.1
-_PAUSE_S: Final = 1.0
 _MAX_PROBLEMS: Final = 1000
-_NO_MORE: Final = frozenset((errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM))
 _UNDER_WAY: Final = frozenset((errno.EINPROGRESS, errno.EWOULDBLOCK, errno.EAGAIN))
 
 _READ: Final = selectors.EVENT_READ
@@ -47,12 +45,10 @@ class _Attempt:
 
     __slots__ = ("client", "client_name", "deadline", "number", "place", "refused", "rest", "server")
 
-    def __init__(
-        self, number: int, client: socket.socket, client_name: tuple[str, int], places: Sequence[Place]
-    ) -> None:
+    def __init__(self, number: int, client: Visitor, places: Sequence[Place]) -> None:
         self.number = number
-        self.client = client
-        self.client_name = client_name
+        self.client = client.socket
+        self.client_name = client.name
         self.rest = list(places)
         self.place = places[0]
         self.server: socket.socket | None = None
@@ -79,29 +75,18 @@ class Relay:
         self._links: set[Link] = set()
         self._attempts: set[_Attempt] = set()
         self._quiet: set[End] = set()  # ends that the selector does not watch now
-        self._paused_until = 0.0
-        self._listening = True
-        self._stopping = False
-        self._listeners: list[socket.socket] = []
-        self._selector = selectors.DefaultSelector()
-        self._wake, self._woken = socket.socketpair()
+        self._door = Door(places, MAX_LINKS, self._note)
+        self._selector = self._door.selector
         try:
-            for place in places:
-                self._listeners.append(listen_on(place))
             expect_no_circle(self.listening, self._targets)
         except ProxyError:
             self.close()
             raise
-        self._wake.setblocking(False)
-        self._woken.setblocking(False)
-        self._selector.register(self._woken, _READ, None)
-        for listener in self._listeners:
-            self._selector.register(listener, _READ, listener)
 
     @property
     def listening(self) -> list[Place]:
         """Where it listens, with the port that the system chose where it was to."""
-        return [Place(listener.family, listener.getsockname()) for listener in self._listeners]
+        return self._door.listening
 
     @property
     def active(self) -> int:
@@ -110,19 +95,15 @@ class Relay:
 
     def stop(self) -> None:
         """Ask it to end: everybody is disconnected. May be called from any thread and from a signal handler, and twice."""
-        self._stopping = True
-        try:
-            self._wake.send(b"\0")
-        except OSError:
-            pass  # it is awake, or gone
+        self._door.stop()
 
     def run(self) -> None:
         """Relay until `stop` is called."""
         try:
             looked = 0.0
-            while not self._stopping:
-                for key, events in self._selector.select(self._patience()):
-                    self._happened(key.data, events)
+            while not self._door.stopping:
+                for what, events in self._door.wait(self._patience()):
+                    self._happened(what, events)
                 now = time.monotonic()
                 if now - looked >= _LOOK_S:
                     looked = now
@@ -131,7 +112,7 @@ class Relay:
             self.close()
 
     def _patience(self) -> float | None:
-        waiting = self._quiet or self._attempts or not self._listening
+        waiting = self._quiet or self._attempts or not self._door.is_open
         return _LOOK_S if waiting else None
 
     def _happened(self, what: object, events: int) -> None:
@@ -141,48 +122,20 @@ class Relay:
         elif isinstance(what, _Attempt):
             if what in self._attempts:
                 self._connected(what)
-        elif isinstance(what, socket.socket):
-            self._accept(what)
-        else:
-            self._woken.recv(4096)
+        elif isinstance(what, Visitor):
+            self._welcome(what)
 
     def _note(self, text: str) -> None:
         self.problems.append(Problem(time.time_ns(), text))
 
     # ---- beginnings -------------------------------------------------------------------------------------------------
 
-    def _accept(self, listener: socket.socket) -> None:
-        try:
-            client, name = listener.accept()
-        except OSError as why:
-            if why.errno in _NO_MORE:
-                self._note(f"no client is accepted for a moment: {why.strerror}")
-                self._listen(False, time.monotonic() + _PAUSE_S)
-            return
+    def _welcome(self, client: Visitor) -> None:
         self._numbers += 1
-        attempt = _Attempt(self._numbers, client, name, self._targets)
+        attempt = _Attempt(self._numbers, client, self._targets)
         self._attempts.add(attempt)
-        try:
-            prepare(client)
-        except OSError:  # gone again
-            self._give_up(attempt)
-            return
         self._try_next(attempt, "")
-        if self.active >= MAX_LINKS:
-            self._note(f"{self.active} clients are connected; more have to wait until one of them is gone")
-            self._listen(False, 0.0)
-
-    def _listen(self, wanted: bool, until: float = 0.0) -> None:
-        """Accept clients, or let them wait, ``until`` a time where it is not for their number."""
-        self._paused_until = until
-        if wanted == self._listening:
-            return
-        self._listening = wanted
-        for listener in self._listeners:
-            if wanted:
-                self._selector.register(listener, _READ, listener)
-            else:
-                self._selector.unregister(listener)
+        self._door.count(self.active)
 
     def _try_next(self, attempt: _Attempt, why: str) -> None:
         """Connect to the next address of the server; there is none: the client is told by a reset."""
@@ -219,7 +172,7 @@ class Relay:
 
     def _give_up(self, attempt: _Attempt) -> None:
         if attempt.server is not None:
-            self._unwatch(attempt.server)
+            self._door.unwatch(attempt.server)
             close_with_reset(attempt.server)
         close_with_reset(attempt.client)
         self._attempts.discard(attempt)
@@ -228,7 +181,7 @@ class Relay:
         """The server has accepted, or refused."""
         server = attempt.server
         assert server is not None
-        self._unwatch(server)
+        self._door.unwatch(server)
         code = trouble(server)
         if code:
             self._try_next(attempt, self._failed(attempt, code))
@@ -292,14 +245,11 @@ class Relay:
             if not events:
                 self._quiet.add(end)
             return
-        if not end.events:
+        if events:
             self._quiet.discard(end)
-            self._selector.register(end.socket, events, end)
-        elif events:
-            self._selector.modify(end.socket, events, end)
         else:
-            self._selector.unregister(end.socket)
             self._quiet.add(end)
+        self._door.watch(end.socket, end.events, events, end)
         end.events = events
 
     # ---- ends -------------------------------------------------------------------------------------------------------
@@ -316,15 +266,9 @@ class Relay:
         self._tap.forget(link.number, time.time_ns())
         for end in link.ends:
             self._quiet.discard(end)
-            self._unwatch(end.socket)
+            self._door.unwatch(end.socket)
             close(end.socket)
         self._links.discard(link)
-
-    def _unwatch(self, one: socket.socket) -> None:
-        try:
-            self._selector.unregister(one)
-        except (KeyError, ValueError):
-            pass  # it was not watched
 
     def _look(self, now: float) -> None:
         """Time has passed: see to those whom nothing may happen to that the selector tells."""
@@ -335,10 +279,9 @@ class Relay:
             if trouble(attempt.client):
                 self._give_up(attempt)
             elif now > attempt.deadline and attempt.server is not None:
-                self._unwatch(attempt.server)
+                self._door.unwatch(attempt.server)
                 self._try_next(attempt, self._failed(attempt, errno.ETIMEDOUT))
-        if not self._listening and now >= self._paused_until and self.active < MAX_LINKS:
-            self._listen(True)
+        self._door.count(self.active)
 
     def close(self) -> None:
         """Disconnect everybody; who still waits for octets that are here is told by a reset that they will not come.
@@ -350,8 +293,4 @@ class Relay:
         for link in list(self._links):
             waiting = link.ends[0].waiting or link.ends[1].waiting
             self._let_go(link, close_with_reset if waiting else socket.socket.close)
-        for listener in self._listeners:
-            listener.close()
-        self._selector.close()
-        self._wake.close()
-        self._woken.close()
+        self._door.close()

@@ -7,9 +7,10 @@ more is allowed), and `replay` plays it: reads only, unless `Permissions` say mo
 
 from dissect.replay.kinds import CONTROL, READ, WRITE, Permissions, kind_of
 from dissect.replay.plan import Part, Withheld, make_plan, plan_lines
-from dissect.replay.player import Settings
 from dissect.replay.recorded import Recorded, ReplayError, load_recorded
 from dissect.replay.run import Outcome, replay
+from dissect.replay.schedule import expect_few
+from dissect.replay.settings import Settings
 from dissect.replay.target import places_of, read_target
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "ReplayError",
     "Settings",
     "Withheld",
+    "expect_few",
     "kind_of",
     "load_recorded",
     "make_plan",

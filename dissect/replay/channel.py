@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import socket
 import struct
 import time
@@ -15,11 +14,12 @@ from dissect.iso.tables import CC, DR, DT, ER
 from dissect.iso.tpkt import HEADER, Framer
 from dissect.proxy.addresses import Place
 from dissect.replay.record import Record, Talk
+from dissect.replay.watch import Watch
 from dissect.server.answers import data_tpdus, tpkt
 
-#: Octets read at once, and messages that wait to be looked at.
+#: Octets read at once, and octets of messages that wait to be looked at before no more are read: the server has to wait then.
 _PIECE: Final = 65_536
-_MAX_WAITING: Final = 10_000
+_MAX_WAITING: Final = 1 << 20
 _DEFAULT_SIZE: Final = 65_531
 #: How long the server may leave what it is sent, in seconds.
 _SEND_S: Final = 30.0
@@ -53,10 +53,10 @@ def connect(places: Sequence[Place], timeout_s: float) -> socket.socket:
 class Channel:
     """A connection. ``ended`` says how the server ended it (empty while it has not); nothing can be sent then.
 
-    ``refused`` tells that the connect request was answered with DR or ER.
+    ``refused`` tells that the connect request was answered with DR or ER. While it waits, ``watch`` takes what comes on others.
     """
 
-    def __init__(self, one: socket.socket, record: Record) -> None:
+    def __init__(self, one: socket.socket, record: Record, watch: Watch | None = None) -> None:
         self.ended = ""
         self.refused = False
         self.their_reference = 0
@@ -67,13 +67,17 @@ class Channel:
         self._framer.synced = True
         self._assembler = Assembler()
         self._waiting: deque[bytes] = deque()
+        self._held = 0  # octets of these
+        self._paused = False  # too many to read on
         self._confirmation: Tpdu | None = None
         self._tpdu_size = _DEFAULT_SIZE
+        self._watch = watch or Watch()
+        self._watch.add(one, self._arrived)
 
     @property
-    def name(self) -> str:
-        """Our end, as sessions name it."""
-        return self._talk.client
+    def first_frame(self) -> int:
+        """Number of its first packet in the record."""
+        return self._talk.first_frame
 
     def open(self, connect_request: bytes, until: float) -> bool:
         """Send the CR; True when it was confirmed before ``until`` (monotonic, seconds)."""
@@ -101,7 +105,13 @@ class Channel:
         while not self._waiting:
             if self.ended or not self._read(until):
                 return None
-        return self._waiting.popleft()
+        tsdu = self._waiting.popleft()
+        self._used(len(tsdu))
+        return tsdu
+
+    def look(self) -> None:
+        """Take what is there already."""
+        self._watch.read(0)
 
     # ---- the end ----------------------------------------------------------------------------------------------------
 
@@ -115,19 +125,29 @@ class Channel:
                 self._broken()
             self.await_end(until)
         self._talk.closed(OURS)
-        self._socket.close()
+        self._leave()
 
     def reset(self) -> None:
         """Break off."""
         if not self._gone:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
             self._talk.reset(OURS)
-        self._socket.close()
+        self._leave()
 
     def await_end(self, until: float, tcp: bool = True) -> None:
         """Take what comes until the server ends the connection; unless ``tcp``, a DR or ER is an end as well."""
+        self._forget()
         while not (self._gone or (self.ended and not tcp)) and self._read(until):
-            self._waiting.clear()
+            self._forget()
+
+    def _forget(self) -> None:
+        self._waiting.clear()
+        self._used(self._held)
+
+    def _leave(self) -> None:
+        self._gone = True
+        self._watch.remove(self._socket)
+        self._socket.close()
 
     # ---- octets -----------------------------------------------------------------------------------------------------
 
@@ -145,32 +165,40 @@ class Channel:
         return True
 
     def _read(self, until: float) -> bool:
-        """Read some octets; False when none came before ``until``."""
-        left = until - time.monotonic()
-        if left <= 0:
-            return False
+        """Take octets, ours or of others; False when none came before ``until``."""
+        return time.monotonic() < until and self._watch.read(until)
+
+    def _arrived(self) -> None:
+        """Read what has come, or that nothing comes any more."""
         try:
-            self._socket.settimeout(left)
+            self._socket.settimeout(0)
             octets = self._socket.recv(_PIECE)
-        except TimeoutError:
-            return False
-        except OSError as why:
-            if why.errno != errno.EAGAIN:
-                self._broken()
-            return True
-        if not octets:
-            self.ended = self.ended or "closed by the server"
-            self._gone = True
-            self._talk.closed(THEIRS)
-            return True
-        self._talk.sent(THEIRS, octets)
-        self._take(octets)
-        return True
+        except BlockingIOError:
+            return
+        except OSError:
+            self._broken()
+            return
+        if octets:
+            self._talk.sent(THEIRS, octets)
+            self._take(octets)
+            return
+        self.ended = self.ended or "closed by the server"
+        self._gone = True
+        self._watch.remove(self._socket)
+        self._talk.closed(THEIRS)
 
     def _broken(self) -> None:
         self.ended = self.ended or "reset by the server"
         self._gone = True
+        self._watch.remove(self._socket)
         self._talk.reset(THEIRS)
+
+    def _used(self, octets: int) -> None:
+        """Messages of so many octets were looked at."""
+        self._held -= octets
+        if self._paused and self._held < _MAX_WAITING and not self._gone:
+            self._paused = False
+            self._watch.add(self._socket, self._arrived)
 
     def _take(self, octets: bytes) -> None:
         framer = self._framer
@@ -186,5 +214,9 @@ class Channel:
                 self.ended = f"ended by the server ({tpdu.name})"
             elif tpdu.type == DT:
                 tsdu = self._assembler.push(tpdu.data, tpdu.field("eot") == 1)
-                if tsdu and len(self._waiting) < _MAX_WAITING:
+                if tsdu:
                     self._waiting.append(tsdu)
+                    self._held += len(tsdu)
+        if self._held >= _MAX_WAITING and not self._paused:
+            self._paused = True
+            self._watch.remove(self._socket)

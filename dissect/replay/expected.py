@@ -6,7 +6,7 @@ an answer that it does not have. Numbers are those of the recording.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from dissect.golden.model import Link, Session, Transaction
 from dissect.replay.plan import ASK, SERVER_ASKED
@@ -16,18 +16,17 @@ from dissect.transactions.transaction import CONNECTION_CLOSED
 
 
 def expected_session(
-    name: str, players: Sequence[Player], came: Session
+    name: str, players: Sequence[Player], came: Session, links: Mapping[int, Link]
 ) -> tuple[Session, list[tuple[Session, Session]]]:
     """Return what was to come, and each connection of it beside the one that came: none where nothing did.
 
-    Takes from ``came`` what has nothing to be compared with.
+    ``links`` are the connections of ``came`` by their first packet. Takes from ``came`` what has nothing to be compared with.
     """
-    by_name = {link.addresses[0]: link for link in came.links}
     session = Session(name)
     pairs = []
     for player in sorted(players, key=lambda player: player.part.link.number):
         if not player.unreachable:
-            other = by_name.get(player.name)
+            other = links.get(player.first_frame)
             link = _expected_link(player, other)
             session.links.append(link)
             pairs.append((_alone(name, link), _alone(came.name, other)))

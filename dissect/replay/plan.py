@@ -14,11 +14,11 @@ from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZ
 from dissect.iso.tables import CR, DR, DR_REASONS
 from dissect.replay.download import Download, find_downloads
 from dissect.replay.kinds import Permissions
-from dissect.replay.recorded import Recorded, ReplayError
+from dissect.replay.recorded import Recorded, ReplayError, Span
 from dissect.s7.parameters import Setup
 from dissect.s7.tables import JOB, SETUP_COMMUNICATION
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, FIN, RESET
-from dissect.transactions.transaction import CONNECTION_CLOSED, HOLE, REFERENCE_REUSED
+from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, HOLE, REFERENCE_REUSED
 
 # What is done with a transaction.
 ASK: Final = "ask"
@@ -70,24 +70,37 @@ class Step(NamedTuple):
 
     A request to be sent (`ASK`), a message of the server to be waited for that is no answer to any (`HEAR`), or a job of the
     server to be waited for and answered (`SERVE`). ``download`` is the one that a Request download or such a job belongs to.
+    ``heard`` tells that the recording has anything of the server on this connection; ``gap_ns`` is how long the client went
+    on without asking anything else, None where nobody knows.
     """
 
     kind: str
     transaction: Transaction
     download: Download | None = None
+    heard: bool = True
+    gap_ns: int | None = None
+
+    @property
+    def expected(self) -> bool:
+        """True when the recording has an answer."""
+        return self.transaction.outcome != "unanswered"
 
     @property
     def silent(self) -> bool:
         """True when the server is known to have left the request without answer."""
-        return self.transaction.outcome == "unanswered" and self.transaction.reason in {
-            CONNECTION_CLOSED,
-            REFERENCE_REUSED,
-        }
+        known = self.transaction.reason in {CONNECTION_CLOSED, REFERENCE_REUSED}
+        return self.heard and known and not self.expected
 
     @property
     def unknown(self) -> bool:
         """True when the recording does not say whether and how the request was answered."""
-        return self.transaction.outcome == "unanswered" and not self.silent
+        return not self.expected and not self.silent
+
+    @property
+    def lost(self) -> bool:
+        """True when the answer may have come, and only the recording does not have it."""
+        went_on = self.transaction.reason == CAPTURE_ENDED and self.gap_ns is not None
+        return self.unknown and not (self.heard and went_on)
 
 
 class Part:
@@ -95,10 +108,12 @@ class Part:
 
     ``known`` tells that its beginning was recorded; ``own_setup`` is a Setup communication to be sent where none was, else
     empty. ``end`` is how it ends, ``by_client`` who does that; where the recording does not see it (``end_known``), we do.
+    ``span`` is where it stood in the recording, None where that is not known.
     """
 
-    def __init__(self, link: Link, called: bytes | tuple[int, int] | None = None) -> None:
+    def __init__(self, link: Link, called: bytes | tuple[int, int] | None = None, span: Span | None = None) -> None:
         self.link = link
+        self.span = span
         self.known = bool(link.tpdu_size_asked or link.calling is not None or link.called is not None)
         self.calling = link.calling if self.known else USUAL_CALLING
         self.called = link.called if self.known else USUAL_CALLED
@@ -114,6 +129,7 @@ class Part:
         self.steps: list[Step] = []
         self.withheld: list[Withheld] = []
         self._take()
+        self._see_gaps()
         asks = [step for step in self.steps if step.kind == ASK]
         setups = [step for step in asks if step.transaction.function == SETUP_COMMUNICATION]
         self.own_setup = build_setup(JOB, USUAL_SETUP) if asks and not setups else b""
@@ -125,7 +141,7 @@ class Part:
         for transaction in self.link.transactions:
             pushed = transaction.outcome == "unsolicited"
             download = begins.get(id(transaction)) or serves.get(id(transaction))
-            if transaction.exchange.kind != S7:
+            if transaction.exchange.kind != S7 or self.link.carrier != "tcp":
                 self.withheld.append(withheld(transaction, NOT_S7))
             elif download is not None and not download.whole:
                 begins_it = transaction is download.request
@@ -140,6 +156,20 @@ class Part:
                 self.steps.append(Step(HEAR, transaction))
             else:
                 self.withheld.append(withheld(transaction, NO_REQUEST))
+
+    def _see_gaps(self) -> None:
+        """Note of each request how long the client waited, and whether the server was there to be heard."""
+        link = self.link
+        heard = bool(link.tpdu_size or link.refused or link.ended_by == "server")
+        heard = heard or any([each.response or each.asked_by == "server" for each in link.transactions])
+        end_ns = self.span.last_ns if self.span is not None and link.ended else None
+        for at in range(len(self.steps) - 1, -1, -1):
+            step = self.steps[at]
+            if step.kind == ASK:
+                begin_ns = step.transaction.time_ns
+                gap_ns = max(end_ns - begin_ns, 0) if end_ns is not None and begin_ns is not None else None
+                self.steps[at] = step._replace(heard=heard, gap_ns=gap_ns)
+                end_ns = begin_ns
 
     def connect_request(self, reference: int) -> bytes:
         """Return the CR."""
@@ -182,7 +212,7 @@ def make_plan(
             )
             raise ReplayError(f"{session.name}: there is no connection {number}: {have}")
     links = [link for link in recorded.links if not numbers or link.number in numbers]
-    parts = [Part(link, called) for link in links]
+    parts = [Part(link, called, recorded.spans.get(id(link))) for link in links]
     if not any([_playable(part) for part in parts]):
         raise ReplayError(f"{session.name}: no connection in it speaks S7comm over TCP, so there is nothing to replay")
     return parts

@@ -10,61 +10,44 @@ from dissect.golden.model import Transaction
 from dissect.proxy.addresses import Place
 from dissect.replay.channel import Channel, UnreachableError, connect
 from dissect.replay.download import Downloads
-from dissect.replay.kinds import Permissions
+from dissect.replay.kinds import CONTROL, kind_of
 from dissect.replay.plan import ASK, FOLLOWS_WITHHELD, HEAR, SERVE, Part, Step, Withheld, withheld
-from dissect.replay.record import Record
 from dissect.replay.renewal import Renewal
-from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, parse_pdu
+from dissect.replay.settings import Asked, Shared
+from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, Pdu, parse_pdu
 from dissect.s7.parameters import REQUEST, RESPONSE
 from dissect.s7.tables import ACK, ACK_DATA, JOB, SETUP_COMMUNICATION, USERDATA
 from dissect.server.answers import with_reference
 from dissect.transactions.ending import DISCONNECT, FIN, RESET
 
-#: How long to wait for an answer that the recording says does not come, and for the other side's end after ours, in seconds.
-_SILENCE_S: Final = 0.25
+#: How long to wait for the other side's end after ours, in seconds.
 _END_S: Final = 1.0
-#: Answers in a row that do not come until a server is given up.
+#: Recorded answers in a row that do not come until a server is given up.
 MAX_TIMEOUTS: Final = 3
 _FIRST_REFERENCE: Final = 1
 _REFERENCE: Final = slice(4, 6)
 NOT_GRANTED: Final = "the Setup communication was not granted"
+HALF_LOADED: Final = "a download before it did not go on as it was recorded"
 NOT_LOADED: Final = "the download did not go on as it was recorded"
 
 
-class Settings:
-    """How it is played.
-
-    ``pace`` multiplies the recorded pauses, None asks as soon as possible. ``timeout_s`` is for each answer. ``pipelined``
-    sends requests before earlier ones are answered where the recording does, as many at once as the server grants.
-    ``retries`` are attempts to connect after the first; no request is ever sent twice.
-    """
-
-    def __init__(
-        self, pace: float | None = None, timeout_s: float = 5.0, pipelined: bool = False, retries: int = 0
-    ) -> None:
-        self.pace = pace
-        self.timeout_s = timeout_s
-        self.pipelined = pipelined
-        self.retries = retries
-
-
 class Player:
-    """Plays ``part`` to a server.
+    """Plays ``part`` to a server, in three parts that others may come between: `begin`, `step` for each of its steps, `end`.
 
     Afterwards: ``sent`` maps our references to what was asked with them, in that order; ``withheld`` is what was left out,
     ``not_sent`` what could not be sent any more; ``unheard`` are (by ``id``) messages of the server that were not waited for,
     as they belong to something withheld. ``requests`` and ``answered`` are counted, ``served`` the jobs of the server that
     were answered, ``server_jobs`` those that nobody answered. ``problem`` says why it ended early; ``unreachable`` that it did
-    not begin.
+    not begin; ``over`` that nothing more is done. ``first_frame`` is where it begins in the record.
     """
 
-    def __init__(self, part: Part, permissions: Permissions, settings: Settings, record: Record) -> None:
+    def __init__(self, part: Part, shared: Shared) -> None:
         self.part = part
         self.withheld: list[Withheld] = list(part.withheld)
         self.not_sent: list[Transaction] = []
         self.sent: dict[int, Transaction] = {}
         self.unheard: set[int] = set()
-        self.name = ""
+        self.first_frame = 0
         self.setup_reference = 0
         self.requests = 0
         self.answered = 0
@@ -72,60 +55,100 @@ class Player:
         self.server_jobs = 0
         self.problem = ""
         self.unreachable = False
-        self._permissions = permissions
-        self._settings = settings
-        self._record = record
+        self.over = False
+        self._channel: Channel | None = None
+        self._left = False  # nothing more is sent
+        self._shared = shared
+        self._permissions = shared.permissions
+        self._settings = shared.settings
+        self._patience = shared.patience
         self._renewal = Renewal()
         self._downloads = Downloads(part.downloads)
         self._kept: set[int] = set()  # ids of what was withheld here
-        self._open: dict[
-            int, tuple[Transaction | None, float]
-        ] = {}  # reference: what was asked, and by when it is late
+        self._open: dict[int, Asked] = {}  # by reference, the oldest first
+        self._late: dict[int, Asked] = {}  # what is waited for no more, and may come yet
         self._timeouts = 0
         self._heard = 0  # messages that are no answers
         self._awaited = 0
         self._deaf = False
         self._silenced: Transaction | None = None  # the request before, where it was withheld
         self._at_once = 1
-        self._began = 0.0
 
-    def play(self, places: Sequence[Place]) -> None:
-        """Connect, ask, end."""
+    @property
+    def waits(self) -> bool:
+        """True while a request is open."""
+        return bool(self._open)
+
+    @property
+    def broken(self) -> bool:
+        """True when nothing more can come of it."""
+        return self.over or (self._channel is not None and bool(self._channel.ended))
+
+    # ---- begin and end ----------------------------------------------------------------------------------------------
+
+    def begin(self, places: Sequence[Place]) -> None:
+        """Connect, and set up where that was not recorded."""
         channel = self._connect(places)
         if channel is None:
             self._leave(self.part.steps)
+            self.over = True
             return
-        self.name = channel.name
-        try:
-            confirmed = channel.open(self.part.connect_request(_FIRST_REFERENCE), self._until())
-            if confirmed:
-                self._converse(channel)
-            else:
-                expected = bool(self.part.link.refused) or not self.part.link.transactions
-                if not expected:
-                    self.problem = f"the connect request was {'refused' if channel.refused else 'not confirmed'}"
-                self._leave(self.part.steps)
-            self._end(channel)
-        except BaseException:
-            channel.reset()
-            raise
+        self._channel = channel
+        self.first_frame = channel.first_frame
+        confirmed = channel.open(self.part.connect_request(_FIRST_REFERENCE), self._until())
+        if not confirmed:
+            expected = bool(self.part.link.refused) or not self.part.link.transactions
+            if not expected:
+                self.problem = f"the connect request was {'refused' if channel.refused else 'not confirmed'}"
+            self._leave(self.part.steps)
+        elif self.part.own_setup and not self._set_up(channel):
+            self._leave(self.part.steps)
+        if self.problem:
+            self.end()
 
     def _connect(self, places: Sequence[Place]) -> Channel | None:
         for attempt in range(self._settings.retries + 1):
             if attempt:
-                time.sleep(min(attempt, 5) * 0.2)
+                self._shared.watch.sleep(time.monotonic() + min(attempt, 5) * 0.2, lambda: False)
             try:
-                return Channel(connect(places, self._settings.timeout_s), self._record)
+                one = connect(places, self._settings.timeout_s)
+                return Channel(one, self._shared.record, self._shared.watch)
             except UnreachableError as why:
                 self.problem = f"no connection: {why}"
         self.unreachable = True
         return None
+
+    def end(self) -> None:
+        """End it as it was recorded."""
+        channel, part = self._channel, self.part
+        if channel is None or self.over:
+            return
+        self.settle()
+        if channel.ended and self.not_sent and not self.problem:
+            self.problem = f"the connection was {channel.ended}"
+        self.over = True
+        if not part.by_client:
+            channel.await_end(self._until(), tcp=part.end in {FIN, RESET})
+        if part.by_client and part.end == RESET:
+            channel.reset()
+        else:
+            if part.by_client and part.end == DISCONNECT:
+                channel.send_tpdu(part.disconnect_request(_FIRST_REFERENCE, channel.their_reference))
+            channel.close(time.monotonic() + _END_S)
+        self._channel = None
+
+    def drop(self) -> None:
+        """Break it off, if it is not over."""
+        if self._channel is not None and not self.over:
+            self._channel.reset()
+        self.over = True
 
     def _until(self) -> float:
         return time.monotonic() + self._settings.timeout_s
 
     def _leave(self, steps: Sequence[Step]) -> None:
         """Sort out what is not sent any more: what was not to be sent anyhow stays withheld."""
+        self._left = True
         for step in steps:
             if step.kind == ASK:
                 reason = self._permissions.refusal(step.transaction.request)
@@ -148,42 +171,62 @@ class Player:
 
     # ---- the conversation -------------------------------------------------------------------------------------------
 
-    def _converse(self, channel: Channel) -> None:
-        steps = self.part.steps
-        if self.part.own_setup and not self._set_up(channel):
-            self._leave(steps)
+    def step(self, at: int) -> None:
+        """Do what comes next. Where nothing more can be sent, the connection ends."""
+        if self._left or self._channel is None:
             return
-        self._began = time.monotonic()
-        for at, step in enumerate(steps):
-            self._pause(channel, step)
-            if step.kind == HEAR:
-                self._hear(channel, step.transaction)
-            elif step.kind == SERVE:
-                if not self._serve(channel, step):
-                    self.problem = "" if channel.ended else NOT_LOADED
-                    self._leave(steps[at + 1 :])
-                    break
-            elif not self._ask(channel, steps, at):
-                self._leave(steps[at:])
-                break
-            elif self._setup_failed(step.transaction):
-                self.problem = NOT_GRANTED
-                self._leave(steps[at + 1 :])
-                break
-            if self._timeouts >= MAX_TIMEOUTS:
-                self.problem = f"{MAX_TIMEOUTS} requests in a row were not answered in time"
-                self._leave(steps[at + 1 :])
-                break
-        self._settle(channel, 0)
-        if channel.ended and self.not_sent and not self.problem:
-            self.problem = f"the connection was {channel.ended}"
+        self._prepare(at)
+        steps = self.part.steps
+        if self._gives_up(at):
+            return
+        left = self._take_step(self._channel, at)
+        if left < len(steps):
+            self._leave(steps[left:])
+            self.end()
+        else:
+            self._gives_up(at + 1)
+
+    def _prepare(self, at: int) -> None:
+        """Wait for what was answered before this step, and until there is room for one request more."""
+        step = self.part.steps[at]
+        if step.kind == ASK and self._settings.pipelined:
+            self.settle(step.transaction.time_ns)
+            self._settle(list(self._open)[: max(len(self._open) - self._at_once + 1, 0)])
+        else:
+            self.settle()
+
+    def _gives_up(self, at: int) -> bool:
+        if self._timeouts < MAX_TIMEOUTS:
+            return False
+        self.problem = f"{MAX_TIMEOUTS} requests in a row were not answered in time"
+        self._leave(self.part.steps[at:])
+        self.end()
+        return True
+
+    def _take_step(self, channel: Channel, at: int) -> int:
+        """Return the first step that cannot be taken any more; the number of them when all is well."""
+        steps = self.part.steps
+        step = steps[at]
+        if step.kind == HEAR:
+            self._hear(channel, step.transaction)
+        elif step.kind == SERVE:
+            if not self._serve(channel, step):
+                self._shared.half_loaded = True
+                self.problem = "" if channel.ended else NOT_LOADED
+                return at + 1
+        elif not self._ask(channel, steps, at):
+            return at
+        elif self._setup_failed(step.transaction):
+            self.problem = NOT_GRANTED
+            return at + 1
+        return len(steps)
 
     def _set_up(self, channel: Channel) -> bool:
         """Agree on a PDU length where the recording does not have that."""
         number, octets = self._renewal.renewed(self.part.own_setup)
         self.setup_reference = number
         self._send(channel, number, octets, None)
-        self._settle(channel, 0)
+        self.settle()
         if not self._renewal.pdu_length:
             self.problem = NOT_GRANTED
         return bool(self._renewal.pdu_length)
@@ -195,6 +238,8 @@ class Player:
         reason = self._permissions.refusal(transaction.request) or self._renewal.refusal(transaction)
         if not reason and step.download is not None:
             reason = step.download.refusal(self._renewal.pdu_length)
+        if not reason and self._shared.half_loaded and kind_of(transaction.request) == CONTROL:
+            reason = HALF_LOADED
         self._silenced = transaction if reason else None
         if reason:
             self._keep(transaction, reason)
@@ -202,14 +247,13 @@ class Player:
         number, octets = self._renewal.renewed(transaction.request)
         if channel.ended or self._permissions.refusal(octets):  # what is sent is what was allowed
             return False
-        self._send(channel, number, octets, transaction)
+        self._send(channel, number, octets, step)
         self.sent[number] = transaction
-        if step.silent:
-            follows = at + 1 < len(steps) and steps[at + 1].kind != ASK
-            self._open[number] = (transaction, time.monotonic() + (0 if follows else _SILENCE_S))
-            self._settle(channel, 0, counted=False)
-        else:
-            self._settle(channel, self._in_flight(steps, at))
+        follows = at + 1 < len(steps) and steps[at + 1].kind != ASK
+        if follows and not step.expected and not step.lost:
+            del self._open[number]  # its answer comes late, and is what is waited for next
+        elif not self._settings.pipelined or transaction.function == SETUP_COMMUNICATION:
+            self.settle()
         return True
 
     def _setup_failed(self, transaction: Transaction) -> bool:
@@ -218,49 +262,34 @@ class Player:
             return False
         return transaction.exchange.setup[1] is not None
 
-    def _send(self, channel: Channel, number: int, octets: bytes, transaction: Transaction | None) -> None:
-        self._open[number] = (transaction, self._until())
+    def _send(self, channel: Channel, number: int, octets: bytes, step: Step | None) -> None:
+        self._late.pop(number, None)
+        self._open[number] = Asked(step, time.monotonic() + self._patience.seconds(step))
         self.requests += 1
         channel.send(octets)
 
-    def _in_flight(self, steps: Sequence[Step], at: int) -> int:
-        """Return how many requests may stay open while the next one is sent."""
-        if not self._settings.pipelined or at + 1 >= len(steps) or steps[at + 1].kind != ASK:
-            return 0
-        begins = steps[at + 1].transaction.time_ns
-        count = 0
-        for transaction, _ in self._open.values():
-            if transaction is None or begins is None or transaction.time_ns is None or transaction.latency_ns is None:
-                return 0
-            count += transaction.time_ns + transaction.latency_ns > begins
-        return min(count, self._at_once - 1)
+    def settle(self, time_ns: int | None = None) -> None:
+        """Wait for the answers to all that is open; with ``time_ns``, to what was answered by then when it was recorded."""
+        self._settle([number for number, asked in self._open.items() if asked.due(time_ns)])
 
-    def _pause(self, channel: Channel, step: Step) -> None:
-        """Wait until a request has its turn; what comes meanwhile is taken."""
-        pace, first = self._settings.pace, self.part.steps[0].transaction.time_ns
-        if pace is None or first is None or step.transaction.time_ns is None or step.kind != ASK:
+    def _settle(self, due: Sequence[int]) -> None:
+        """Wait until none of these requests is open, each as long as it may take."""
+        channel = self._channel
+        if channel is None or not due:
             return
-        turn = self._began + (step.transaction.time_ns - first) / 1e9 * pace
-        while not channel.ended and time.monotonic() < turn:
-            tsdu = channel.receive(turn)
-            if tsdu is not None:
-                self._take(channel, tsdu)
-        left = turn - time.monotonic()
-        if left > 0 and not channel.ended:
-            time.sleep(left)
-
-    def _settle(self, channel: Channel, most: int, counted: bool = True) -> None:
-        """Wait until no more than ``most`` requests are open, each as long as it may take."""
-        while len(self._open) > most:
-            oldest = next(iter(self._open))
-            tsdu = channel.receive(self._open[oldest][1])
-            if tsdu is not None:
-                self._take(channel, tsdu)
-            elif channel.ended:
-                self._open.clear()
-            elif time.monotonic() >= self._open[oldest][1]:
-                del self._open[oldest]
-                self._timeouts += counted
+        channel.look()
+        for number in due:
+            while number in self._open:
+                asked = self._open[number]
+                tsdu = channel.receive(asked.until)
+                if tsdu is not None:
+                    self._take(channel, tsdu)
+                elif channel.ended:
+                    self._open.clear()
+                elif time.monotonic() >= asked.until:
+                    self._late[number] = self._open.pop(number)
+                    self._patience.missed(asked.step)
+                    self._timeouts += asked.step is None or asked.step.expected
 
     def _hear(self, channel: Channel, transaction: Transaction) -> None:
         """Wait for a message that is no answer; once one did not come, no further ones are waited for."""
@@ -310,35 +339,27 @@ class Player:
             pdu.rosctr == USERDATA and head is not None and head.type == RESPONSE
         )
         whole = len(tsdu) >= HEADER_SIZE and tsdu[0] == PROTOCOL_ID
-        if whole and answers and pdu.pdu_ref in self._open:
-            transaction, _ = self._open.pop(pdu.pdu_ref)
-            self.answered += 1
-            self._timeouts = 0
-            setup = pdu.parameters.setup
-            if setup is not None:
-                self._renewal.pdu_length = setup.pdu_length
-                self._at_once = max(setup.max_amq_called, 1)
-            if transaction is not None:
-                self._renewal.answered(transaction, tsdu)
-                self._downloads.answered(transaction, tsdu)
+        asked = self._open.pop(pdu.pdu_ref, None) or self._late.pop(pdu.pdu_ref, None) if whole and answers else None
+        if asked is not None:
+            self._answered(asked, pdu)
             return
         if whole and pdu.rosctr == JOB and self._answered_job(channel, tsdu):
             return
         self.server_jobs += whole and (pdu.rosctr == JOB or (head is not None and head.type == REQUEST))
         self._heard += 1
 
-    # ---- the end ----------------------------------------------------------------------------------------------------
-
-    def _end(self, channel: Channel) -> None:
-        part = self.part
-        if not part.by_client:
-            channel.await_end(self._until(), tcp=part.end in {FIN, RESET})
-        if part.by_client and part.end == RESET:
-            channel.reset()
-            return
-        if part.by_client and part.end == DISCONNECT:
-            channel.send_tpdu(part.disconnect_request(_FIRST_REFERENCE, channel.their_reference))
-        channel.close(time.monotonic() + _END_S)
+    def _answered(self, asked: Asked, pdu: Pdu) -> None:
+        """Take an answer, in time or late."""
+        self.answered += 1
+        self._timeouts = 0
+        self._patience.came(asked.step)
+        setup = pdu.parameters.setup
+        if setup is not None:
+            self._renewal.pdu_length = setup.pdu_length
+            self._at_once = max(setup.max_amq_called, 1)
+        if asked.step is not None:
+            self._renewal.answered(asked.step.transaction, pdu.octets)
+            self._downloads.answered(asked.step.transaction, pdu.octets)
 
 
 def _belongs(said: Transaction, request: Transaction) -> bool:

@@ -6,7 +6,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from dissect.conversation import Options
-from dissect.golden.model import Session
+from dissect.golden.model import Link, Session
 from dissect.pipeline import Pipeline
 from dissect.proxy.packets import ETHERNET, Conversation, endpoint_of
 from dissect.replay.recorded import OrderedReader
@@ -17,25 +17,31 @@ if TYPE_CHECKING:
 
 
 class Record:
-    """Takes what passes. A file that cannot be written any more costs the file, not the replay; ``trouble`` says so."""
+    """Takes what passes. A file that cannot be written any more costs the file, not the replay; ``trouble`` says so.
+
+    Once it is finished, ``links`` are its connections by the packet that each began with: addresses may come again.
+    """
 
     def __init__(self, name: str, writer: PcapngWriter | None = None, carrier: Carrier | None = None) -> None:
         self.trouble = ""
+        self.links: dict[int, Link] = {}
         self._reader = OrderedReader(name)
         self._pipeline = Pipeline(self._reader, Options(carrier=carrier))
         self._writer = writer
         self._count = 0
+        self._frames = 0
         # Wall time where it begins, and from there on a clock that never goes back.
         self._offset_ns = time.time_ns() - time.monotonic_ns()
 
     def conversation(self, client: tuple[Any, ...], server: tuple[Any, ...]) -> Talk:
         """Begin a connection between two socket addresses."""
         self._count += 1
-        return Talk(self, Conversation(endpoint_of(client), endpoint_of(server), self._count), str(endpoint_of(client)))
+        return Talk(self, Conversation(endpoint_of(client), endpoint_of(server), self._count), self._frames + 1)
 
     def put(self, frames: list[bytes]) -> None:
         """Take packets that pass now."""
         now_ns = time.monotonic_ns() + self._offset_ns
+        self._frames += len(frames)
         for frame in frames:
             self._pipeline.frame(now_ns, frame, 0, len(frame), len(frame), ETHERNET)
         if self._writer is None or self.trouble:
@@ -54,14 +60,17 @@ class Record:
             except OSError as why:
                 self.trouble = self.trouble or why.strerror or str(why)
         self._pipeline.finish()
-        return self._reader.finish()
+        session = self._reader.finish()
+        spans = self._reader.spans
+        self.links = {spans[id(link)].first_frame: link for link in session.links if id(link) in spans}
+        return session
 
 
 class Talk:
-    """A connection as it is taken. ``client`` is our end, as sessions name it."""
+    """A connection as it is taken. ``first_frame`` is the number of its first packet, from 1."""
 
-    def __init__(self, record: Record, conversation: Conversation, client: str) -> None:
-        self.client = client
+    def __init__(self, record: Record, conversation: Conversation, first_frame: int) -> None:
+        self.first_frame = first_frame
         self._record = record
         self._conversation = conversation
         self._closed: set[int] = set()

@@ -1,22 +1,24 @@
-"""A whole replay: connection after connection, then what came beside what was recorded."""
+"""A whole replay: all connections, then what came beside what was recorded."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
 from dissect.golden.comparison import differences
 from dissect.golden.difference import Difference, DiffOptions
-from dissect.golden.model import Session
+from dissect.golden.model import Link, Session
 from dissect.metrics.address import Address
 from dissect.proxy.addresses import Place
 from dissect.replay.expected import expected_session
 from dissect.replay.kinds import Permissions
 from dissect.replay.plan import Part, Withheld, playable, withheld
-from dissect.replay.player import Player, Settings
+from dissect.replay.player import Player
 from dissect.replay.record import Record
 from dissect.replay.recorded import Recorded
+from dissect.replay.schedule import expect_few, perform
+from dissect.replay.settings import Settings, Shared
 from dissect.report import words
 
 if TYPE_CHECKING:
@@ -34,9 +36,9 @@ class Outcome:
     connections that could not be made; ``file_trouble`` is why the capture file is not whole, else empty.
     """
 
-    def __init__(self, name: str, came: Session, players: Sequence[Player]) -> None:
+    def __init__(self, name: str, came: Session, links: Mapping[int, Link], players: Sequence[Player]) -> None:
         self.came = came
-        self.expected, self._pairs = expected_session(name, players, came)
+        self.expected, self._pairs = expected_session(name, players, came, links)
         self.withheld: list[Withheld] = []
         self.not_sent: list[Withheld] = []
         self.problems: list[str] = []
@@ -81,7 +83,7 @@ class Outcome:
             "connections": self.connections,
             "unreachable": self.unreachable,
             "requests": self.requests,
-            "answers": self.answered,
+            "answered": self.answered,
             "jobs_answered": self.served,
             "server_jobs": self.server_jobs,
             "withheld": [one.as_dict() for one in self.withheld],
@@ -110,18 +112,23 @@ def replay(
     writer: PcapngWriter | None = None,
     carrier: Carrier | None = None,
 ) -> Outcome:
-    """Play the connections of ``plan`` (`make_plan`), one after another, to ``places`` (`places_of`).
+    """Play the connections of ``plan`` (`make_plan`) to ``places`` (`places_of`), those together that were open together.
+
+    Raises `ReplayError` when these are too many, before anything is sent.
 
     Only reads are sent unless ``permissions`` say more. ``writer`` keeps what is exchanged, ``carrier`` decodes SCD in it.
     """
+    settings = settings or Settings()
+    if not settings.one_by_one:
+        expect_few(plan)
     record = Record(str(target), writer, carrier)
-    players = [Player(part, permissions or Permissions(), settings or Settings(), record) for part in playable(plan)]
+    shared = Shared(permissions or Permissions(), settings, record)
+    players = [Player(part, shared) for part in playable(plan)]
     try:
-        for player in players:
-            player.play(places)
+        perform(players, places, shared)
     finally:
         came = record.finish()
-    outcome = Outcome(recorded.session.name, came, players)
+    outcome = Outcome(recorded.session.name, came, record.links, players)
     played = {id(player.part) for player in players}
     for part in plan:
         if id(part) not in played:

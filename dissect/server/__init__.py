@@ -1,6 +1,6 @@
 """A PLC that says what a capture says: for clients that are to be tested without one (docs/serve.md).
 
-recording.Recording  what was asked and answered on each recorded connection
+recording, script   what was asked and answered on each recorded connection, of a capture or a golden
 book, player         which recorded answer a request gets; reads and writes put together of recorded items
 image.Image          the memory of ``memory=True``
 faults, desk         what goes wrong on request; what was asked, and what nothing like was recorded of
@@ -10,7 +10,8 @@ line, service        sockets, time, bounds: `Server`
 
 from dissect.server.desk import Request
 from dissect.server.faults import Fault, parse_fault
-from dissect.server.recording import Recording, ServerError, load_recording
+from dissect.server.recording import ServerError, load_recording
+from dissect.server.script import Recording
 from dissect.server.service import Server
 
 __all__ = ["Fault", "Recording", "Request", "Server", "ServerError", "load_recording", "parse_fault"]

@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZE, Tpdu, parse_tpdu
-from dissect.iso.tables import CC
+from dissect.iso.tables import CC, DR, DR_REASONS, ER, ER_CAUSES
 from dissect.iso.tpkt import HEADER
 from dissect.s7.items import item_fill
 from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, Pdu, parse_pdu
 from dissect.s7.parameters import RESPONSE, Setup
 from dissect.s7.tables import ACK, ACK_DATA, OBJECT_DOES_NOT_EXIST, SETUP_COMMUNICATION, USERDATA
+from dissect.transactions.ending import DISCONNECT, ERROR_TPDU
 
 #: "Function not available": what a CPU answers a job that it does not know with (reference 3.3).
 NOT_AVAILABLE: Final = 0x8104
@@ -25,6 +26,7 @@ USUAL_SETUP: Final = Setup(8, 8, 480)
 _MAX_CODED: Final = 13  # 8192 octets, the most that class 0 may ask for by code (X.224 13.3.4)
 _USUAL_SIZE: Final = 1024
 _OWN_REFERENCE: Final = 1
+_NORMAL: Final = 0x80  # reason of a DR: ended by the user
 _NO_PAYLOAD: Final = bytes((OBJECT_DOES_NOT_EXIST, 0, 0, 0))
 
 
@@ -82,6 +84,22 @@ def confirm(request: Tpdu, recorded: bytes) -> Confirmation:
     fixed = struct.pack(">BHHB", CC << 4, reference, own, options)
     tpdu = bytes((len(fixed) + len(variable),)) + fixed + variable
     return Confirmation(tpdu, parse_tpdu(tpdu).tpdu_size or 65_531)
+
+
+def farewell(how: str, said: str = "") -> bytes:
+    """Return the TPDU of an end by DR or ER, its reason as findings and goldens name it; empty for another end."""
+    if how == DISCONNECT:
+        reason = next((number for number in range(256) if DR_REASONS.name(number) == said), _NORMAL)
+        return struct.pack(">BBHHB", 6, DR << 4, 0, _OWN_REFERENCE, reason)
+    if how == ERROR_TPDU:
+        cause = next((number for number in range(256) if ER_CAUSES.name(number) == said), 0)
+        return struct.pack(">BBHB", 4, ER << 4, 0, cause)
+    return b""
+
+
+def to_reference(tpdu: bytes, reference: int) -> bytes:
+    """Return a CC, DR or ER for the reference of another client."""
+    return tpdu[:2] + reference.to_bytes(2, "big") + tpdu[4:]
 
 
 def _coded(size: int) -> bytes:

@@ -11,7 +11,7 @@ from dissect.s7.items import DATA_HEAD, Item
 from dissect.s7.message import HEADER_SIZE, Pdu, parse_pdu
 from dissect.s7.parameters import REQUEST
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
-from dissect.server.recording import Script, Step
+from dissect.server.script import Script, Step
 
 #: How like the recorded request is, the best first: to the octet but for its reference; but for all that counts (sequence
 #: numbers, upload ids: `dissect.golden.masking`); but for what is written, or the time that a clock is set to.

@@ -21,7 +21,7 @@ from dissect.s7.tables import (
     WRITE_VAR,
 )
 from dissect.server.book import item_answers
-from dissect.server.recording import Recording
+from dissect.server.script import Recording
 
 _PAGE: Final = 256
 #: Pages of 256 octets that are kept, all areas together.

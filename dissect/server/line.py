@@ -22,12 +22,18 @@ class BrokenError(Exception):
 
 
 class Line:
-    """A connected client. ``held`` counts octets that wait; ``not_before`` is when the next piece may be sent, 0 for now."""
+    """A connected client. ``held`` counts octets that wait; ``not_before`` is when the next piece may be sent, 0 for now.
+
+    ``finished`` tells that the client sends no more.
+    """
 
     __slots__ = (
         "deadline",
         "events",
+        "finished",
         "held",
+        "latest",
+        "leaving",
         "moved",
         "not_before",
         "number",
@@ -44,16 +50,21 @@ class Line:
         self.peer = peer
         self.deadline = deadline  # by when it must have asked for a connection
         self.events = 0  # what the selector watches it for
+        self.finished = False
         self.held = 0
         self.moved = 0.0  # when it last took something
         self.planned = 0  # deeds whose time has not come
+        self.latest = 0.0  # when the last of them is due
+        self.leaving = 0.0  # we have said our last: by when it must have said its own, 0 before
         self.not_before = 0.0
         self.queue: deque[Deed] = deque()
         self.tape = tape
 
     @property
     def wants_read(self) -> bool:
-        """True when more may be read from it."""
+        """True when more may be read from it; what comes behind our end is read to be thrown away."""
+        if self.leaving:
+            return not self.finished
         return not self.peer.over and self.held < MAX_HELD
 
     def read(self) -> bytes | None:
@@ -64,12 +75,28 @@ class Line:
             return None
         except OSError:
             raise BrokenError from None
+        self.finished = not octets
         if self.tape is not None:
             if octets:
                 self.tape.sent(self.number, CLIENT, octets)
             else:
                 self.tape.closed(self.number, CLIENT)
         return octets
+
+    def leave(self, until: float) -> None:
+        """Send no more, and wait for the end of the client. Raises `BrokenError`.
+
+        To close at once would be a reset as soon as anything has come that nobody read, or comes: another end than was
+        recorded, and one that takes from some clients what they have not read yet.
+        """
+        self.queue.clear()
+        try:
+            self.socket.shutdown(socket.SHUT_WR)
+        except OSError:
+            raise BrokenError from None
+        if self.tape is not None:
+            self.tape.closed(self.number, SERVER)
+        self.leaving = until
 
     def put(self, deed: Deed, now: float) -> None:
         """Take what is to be done now, behind all that waits."""

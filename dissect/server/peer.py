@@ -12,17 +12,16 @@ from dissect.iso.tpkt import HEADER, Framer
 from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, Pdu, parse_pdu
 from dissect.s7.parameters import RESPONSE
 from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA
-from dissect.server.answers import confirm, data_tpdus, refuse, tpkt, with_reference
+from dissect.server.answers import confirm, data_tpdus, farewell, refuse, to_reference, tpkt, with_reference
 from dissect.server.desk import Desk
 from dissect.server.faults import CUT, DELAY, DROP, REFUSE, SPLIT, WRONG_REF, Fault
 from dissect.server.player import Player, Reply
-from dissect.server.recording import Said
-from dissect.transactions.ending import DISCONNECT, RESET
+from dissect.server.script import Said
+from dissect.transactions.ending import RESET
 
 #: What the server says by itself, waiting for its turn; references of the client that recorded ones stand for.
 _MAX_WAITING: Final = 1_000
 _MAX_REFERENCES: Final = 256
-_NORMAL: Final = 0x80  # reason of a DR: ended by the user
 #: Octets of a segment where the answer is to come in several.
 SPLIT_SIZE: Final = 7
 
@@ -33,12 +32,16 @@ ABORT: Final = "abort"
 
 
 class Deed(NamedTuple):
-    """What is to be done for a client, ``delay_s`` from now: send octets (in pieces of ``pieces``, 0 for whole), or end it."""
+    """What is to be done for a client, ``delay_s`` from now: send octets (in pieces of ``pieces``, 0 for whole), or end it.
+
+    ``last``: behind everything that is planned for it, however late that is.
+    """
 
     kind: str
     octets: bytes = b""
     delay_s: float = 0
     pieces: int = 0
+    last: bool = False
 
 
 class Peer:
@@ -56,7 +59,9 @@ class Peer:
         self._reference = 0  # the client's of the transport connection
         self._tpdu_size = 65_531
         self._waiting: deque[Said] = deque()
-        self._asked = False  # the client has to answer before the server goes on
+        self._asked = 0  # answers that the client has to give before the server goes on
+        self._jobs: dict[bytes, bool] = {}  # references of what the server asked: whether it was answered when recorded
+        self._end_how = ""  # how the server ends the connection once it has said all, empty while it does not
         self._references: dict[bytes, bytes] = {}  # those of this client by recorded ones
         self._deeds: list[Deed] = []
 
@@ -75,9 +80,9 @@ class Peer:
             self._end(ABORT)
         return self._deeds
 
-    def _end(self, kind: str, delay_s: float = 0) -> None:
+    def _end(self, kind: str, last: bool = False) -> None:
         self.over = True
-        self._deeds.append(Deed(kind, b"", delay_s))
+        self._deeds.append(Deed(kind, last=last))
 
     # ---- the connection ---------------------------------------------------------------------------------------------
 
@@ -106,8 +111,7 @@ class Peer:
         script = self._desk.stage.script_for(calling, called)
         if script.refused:
             if script.confirm:
-                reference = self._reference.to_bytes(2, "big")
-                self._deeds.append(Deed(SEND, tpkt(script.confirm[:2] + reference + script.confirm[4:])))
+                self._deeds.append(Deed(SEND, tpkt(to_reference(script.confirm, self._reference))))
             self._end(ABORT if script.end == RESET else CLOSE)
             return
         self._player = Player(self._desk.stage, script)
@@ -123,8 +127,10 @@ class Peer:
         pdu = parse_pdu(tsdu)
         if len(tsdu) < HEADER_SIZE or tsdu[0] != PROTOCOL_ID or pdu.rosctr not in {JOB, ACK, ACK_DATA, USERDATA}:
             self._desk.stranger(self.number, tsdu, "no S7comm")
-        elif self._asked and _answers(pdu):
-            self._asked = False
+        elif _answers(pdu) and (tsdu[4:6] in self._jobs or (self._asked > 0 and self._jobs)):
+            # Some clients answer with a reference of their own.
+            asked = tsdu[4:6] if tsdu[4:6] in self._jobs else next(iter(self._jobs))
+            self._asked -= self._jobs.pop(asked)
             self._follow(0)
         elif pdu.rosctr in {ACK, ACK_DATA}:
             self._desk.stranger(self.number, tsdu, f"{pdu.rosctr_name} that nobody asked for")
@@ -145,13 +151,9 @@ class Peer:
             self._deeds.append(Deed(SEND, octets, delay_s, SPLIT_SIZE if SPLIT in by_kind else 0))
         if reply.then and len(self._waiting) < _MAX_WAITING:
             self._waiting.extend(reply.then)
+        self._end_how = reply.end or self._end_how
         self._know(asked, player)
         self._follow(delay_s)
-        if reply.end:
-            if reply.end == DISCONNECT:
-                farewell = struct.pack(">BBHHB", 6, DR << 4, self._reference, 1, _NORMAL)
-                self._deeds.append(Deed(SEND, tpkt(farewell), delay_s))
-            self._end(ABORT if reply.end == RESET else CLOSE, delay_s)
 
     def _know(self, asked: Pdu, player: Player) -> None:
         """Remember which reference of this client stands for the recorded one, for answers that come out of their turn."""
@@ -163,15 +165,26 @@ class Peer:
                 del self._references[next(iter(self._references))]
 
     def _follow(self, delay_s: float) -> None:
-        """Send what the server says by itself, up to where it waits for the client."""
-        while self._waiting and not self._asked:
+        """Send what the server says by itself, up to where it waits for the client; behind all of it comes the end."""
+        while self._waiting and self._asked <= 0:
             said = self._waiting.popleft()
-            self._asked = said.waits
+            self._asked += said.waits
             octets = said.octets
             reference = self._references.get(octets[4:6])
-            if reference is not None and not said.waits and _answers(parse_pdu(octets)):
+            if not _answers(parse_pdu(octets)):
+                self._jobs.pop(octets[4:6], None)
+                self._jobs[octets[4:6]] = said.answered
+                if len(self._jobs) > _MAX_WAITING:
+                    del self._jobs[next(iter(self._jobs))]
+            elif reference is not None:
                 octets = with_reference(octets, reference)
             self._deeds.append(Deed(SEND, data_tpdus(octets, self._tpdu_size), delay_s))
+        if self._end_how and self._asked <= 0 and not self.over:
+            said_last = self._player.script.farewell if self._player is not None else b""
+            said_last = said_last or farewell(self._end_how)
+            if said_last:
+                self._deeds.append(Deed(SEND, tpkt(to_reference(said_last, self._reference)), last=True))
+            self._end(ABORT if self._end_how == RESET else CLOSE, last=True)
 
 
 def _answers(pdu: Pdu) -> bool:

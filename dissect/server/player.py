@@ -22,7 +22,7 @@ from dissect.server.answers import (
 )
 from dissect.server.book import LEVELS, Book, ItemAnswer, item_key, keys_of
 from dissect.server.image import Image, holds
-from dissect.server.recording import Recording, Said, Script, Step
+from dissect.server.script import Recording, Said, Script, Step
 
 #: What a request is answered with when its recorded answers are used up (`Stage`).
 LAST: Final = "last"

@@ -1,4 +1,4 @@
-"""What a capture says of a server: on each connection, what was asked, what was answered, what the server said by itself."""
+"""What a capture or a golden says of a server."""
 
 from __future__ import annotations
 
@@ -13,138 +13,43 @@ from dissect.golden.reading import is_golden, read_session
 from dissect.iso.cotp import parse_tpdu
 from dissect.iso.tables import CC, DR, ER
 from dissect.iso.tpkt import HEADER
-from dissect.s7.message import parse_pdu
-from dissect.s7.tables import JOB
+from dissect.server.answers import farewell
+from dissect.server.arranging import Seen, arrange
+from dissect.server.script import ENDS, Recording, Script
 from dissect.session import Run
 from dissect.source.packet import CaptureError
-from dissect.transactions.connection import Connection
-from dissect.transactions.ending import DISCONNECT, FIN, RESET
-from dissect.transactions.transaction import PUSH, Transaction
+from dissect.transactions.connection import IBH, Connection
+from dissect.transactions.ending import DISCONNECT, ERROR_TPDU
+from dissect.transactions.transaction import OUTCOMES, Transaction
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
     from dissect.transactions.table import Side
 
 #: Requests of a recording, and octets of its distinct messages; what is longer is no test any more.
 MAX_STEPS: Final = 200_000
 MAX_OCTETS: Final = 256 * 1024 * 1024
-MAX_NOTES: Final = 100
 
-#: How a server ends a connection, as far as that can be done again.
-ENDS: Final = frozenset((FIN, RESET, DISCONNECT))
+#: Ends that a TPDU tells.
+_TOLD: Final = frozenset((DISCONNECT, ERROR_TPDU))
+_OURS: Final = frozenset(("", "s7comm"))
 
 
 class ServerError(CaptureError):
     """A server cannot be made of this, or cannot begin: one line that says why and what to do."""
 
 
-class Said:
-    """What the server said without being asked: a push, a job of its own, an answer out of turn.
-
-    ``waits`` tells that the client answered it before the server went on.
-    """
-
-    __slots__ = ("octets", "waits")
-
-    def __init__(self, octets: bytes, waits: bool) -> None:
-        self.octets = octets
-        self.waits = waits
-
-
-class Step:
-    """A request as recorded, its answer (empty when there was none) and how long that took; then what the server said."""
-
-    __slots__ = ("answer", "latency_ns", "request", "then")
-
-    def __init__(self, request: bytes, answer: bytes, latency_ns: int) -> None:
-        self.request = request
-        self.answer = answer
-        self.latency_ns = latency_ns
-        self.then: list[Said] = []
-
-
-class Script:
-    """A recorded connection: its steps in the order in which they were asked.
-
-    TSAPs are None where not recorded. ``confirm`` is the TPDU that answered the connect request (CC, DR or ER), empty where
-    there is none; ``refused`` tells that the connect request was seen and never confirmed. ``end`` is how the server ended
-    it (`ENDS`), else empty. ``pdu_length`` was granted, 0 when nobody knows.
-    """
-
-    __slots__ = ("called", "calling", "confirm", "end", "number", "pdu_length", "refused", "steps")
-
-    def __init__(self, number: int) -> None:
-        self.number = number
-        self.calling: bytes | None = None
-        self.called: bytes | None = None
-        self.confirm = b""
-        self.refused = False
-        self.end = ""
-        self.pdu_length = 0
-        self.steps: list[Step] = []
-
-
-class Recording:
-    """The connections of a capture on which S7comm over TCP was spoken. ``notes`` say what of it cannot be served."""
-
-    __slots__ = ("name", "notes", "scripts")
-
-    def __init__(self, name: str = "") -> None:
-        self.name = name
-        self.scripts: list[Script] = []
-        self.notes: list[str] = []
-
-    @property
-    def steps(self) -> int:
-        """Requests of all connections."""
-        return sum([len(script.steps) for script in self.scripts])
-
-    def note(self, text: str) -> None:
-        """Keep what a user should know; the first hundred."""
-        if len(self.notes) < MAX_NOTES:
-            self.notes.append(text)
-
-
 class _Begun:
     """What is gathered of a connection while it goes on; which side is the client may become known later."""
 
-    __slots__ = ("confirm", "script", "seen")
+    __slots__ = ("confirm", "farewells", "script", "seen")
 
     def __init__(self, number: int) -> None:
         self.script = Script(number)
         self.confirm = b""
-        self.seen: list[_Seen] = []
-
-
-class _Seen:
-    """A transaction as octets, before it is put in its order."""
-
-    __slots__ = (
-        "answer",
-        "answer_frame",
-        "asked_by",
-        "latency_ns",
-        "number",
-        "request",
-        "request_frame",
-        "unsolicited",
-    )
-
-    def __init__(self, transaction: Transaction, request: bytes, answer: bytes) -> None:
-        self.number = int(transaction.number)
-        self.asked_by = int(transaction.asked_by)
-        self.request = request
-        self.answer = answer
-        self.request_frame = int(transaction.request_frame)
-        self.answer_frame = int(transaction.response_frame)
-        self.latency_ns = max(transaction.latency_ns or 0, 0)
-        self.unsolicited = transaction.outcome == PUSH
-
-    @property
-    def place(self) -> tuple[int, int]:
-        """What puts it in order."""
-        return self.request_frame or self.answer_frame, self.number
+        self.farewells = [b"", b""]  # the last DR or ER of each side
+        self.seen: list[Seen] = []
 
 
 class RecordingReader(Observer):
@@ -168,12 +73,14 @@ class RecordingReader(Observer):
         return begun
 
     def tpdu(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
-        """Keep what answers the connect request."""
+        """Keep what answers the connect request, and what ends the connection."""
         if octets[HEADER + 1] >> 4 not in {CC, DR, ER}:
             return
         begun = self._of(side.connection)
         if not begun.confirm and not begun.seen and side.connection.role(side.index) == "server":
             begun.confirm = octets[HEADER:]
+        if octets[HEADER + 1] >> 4 != CC:
+            begun.farewells[side.index] = octets[HEADER:]
 
     def transaction(self, transaction: Transaction) -> None:
         """Keep both PDUs."""
@@ -186,7 +93,13 @@ class RecordingReader(Observer):
         if self.excess:
             return
         request, answer = self._kept(transaction.request_octets), self._kept(transaction.response_octets)
-        begun.seen.append(_Seen(transaction, request, answer))
+        outcome, reason = OUTCOMES[transaction.outcome], transaction.reason
+        seen = Seen(request, answer, outcome, reason, transaction.latency_ns)
+        seen.asked_by = int(transaction.asked_by)
+        asked_at, told_at = int(transaction.request_frame), int(transaction.response_frame)
+        seen.place = (asked_at or told_at, int(transaction.number))
+        seen.answered_at = told_at or asked_at
+        begun.seen.append(seen)
 
     def _kept(self, octets: bytes) -> bytes:
         """Return the octets, those that were there before as the same object."""
@@ -201,8 +114,10 @@ class RecordingReader(Observer):
         """Make the script, now that all is known of the connection."""
         begun = self._begun.pop(int(connection.number), _Begun(int(connection.number)))
         script = begun.script
-        if connection.udp or (connection.protocol not in {"", "S7comm"} and not begun.seen):
-            self._recording.note(f"connection {script.number} speaks {connection.protocol}, which is not served")
+        netlink = connection.state == IBH
+        if connection.udp or netlink or (connection.protocol not in _OURS and not begun.seen):
+            carrier = "UDP" if connection.udp else "IBH-NetLink" if netlink else ""
+            self._recording.unserved(script.number, connection.protocol, carrier)
             return
         script.calling = connection.tsap_calling.octets if connection.tsap_calling is not None else None
         script.called = connection.tsap_called.octets if connection.tsap_called is not None else None
@@ -215,8 +130,12 @@ class RecordingReader(Observer):
         ending = connection.ending
         if ending is not None and ending.how in ENDS and connection.role(ending.side) == "server":
             script.end = ending.how
+            script.farewell = begun.farewells[int(ending.side)] if ending.how in _TOLD else b""
         client = int(connection.client_side)
-        _arrange(script, begun.seen, client, self._recording)
+        for one in begun.seen:
+            one.by_client = one.asked_by == client
+        begun.seen.sort(key=lambda one: one.place)
+        arrange(script, begun.seen, self._recording)
         if script.steps or connection.cr_seen:
             self._recording.scripts.append(script)
 
@@ -235,34 +154,6 @@ def _served(recording: Recording) -> Recording:
     if not recording.scripts:
         raise ServerError(f"{recording.name}: no connection in it speaks S7comm over TCP, so there is nothing to serve")
     return recording
-
-
-def _arrange(script: Script, seen: Iterable[_Seen], client: int, recording: Recording) -> None:
-    """Make steps of the client's requests; what the server said otherwise follows the step before it."""
-    lost = 0
-    steps: list[tuple[int, Step]] = []
-    others: list[_Seen] = []
-    for one in sorted(seen, key=lambda one: one.place):
-        pushed = one.unsolicited and one.asked_by != client  # by the client: such a one goes to the side that asked
-        if pushed or (one.asked_by == client and one.request and not one.unsolicited):
-            octets = one.request or one.answer
-            answer = b"" if pushed else one.answer
-            steps.append((one.answer_frame or one.request_frame, Step(octets, answer, one.latency_ns)))
-        elif one.asked_by == client or one.request:
-            others.append(one)
-    for one in others:
-        asked = one.asked_by != client
-        octets, waits = (one.request, bool(one.answer)) if asked else (one.answer or one.request, False)
-        before = [step for frame, step in steps if frame <= one.place[0]]
-        if before:
-            before[-1].then.append(Said(octets, waits))
-        else:
-            lost += 1
-    script.steps = [step for _, step in steps]
-    if lost:
-        recording.note(
-            f"connection {script.number}: {lost} messages of the server come before any request and are left out"
-        )
 
 
 def load_recording(path: str | Path, *more: str | Path) -> Recording:
@@ -288,24 +179,33 @@ def _of_golden(session: Golden) -> Recording:
     recording = Recording(session.name)
     for link in session.links:
         script = Script(link.number)
+        asked = [transaction for transaction in link.transactions if transaction.exchange.kind == S7]
+        if link.carrier != "tcp" or (link.protocol not in _OURS and not asked):
+            carrier = {"udp": "UDP", "ibh": "IBH-NetLink"}.get(link.carrier, "")
+            recording.unserved(link.number, link.protocol, carrier)
+            continue
         script.calling, script.called = link.calling, link.called
         script.end = link.ended if link.ended in ENDS and link.ended_by == "server" else ""
+        script.farewell = farewell(script.end, link.farewell.rpartition(": ")[2])
         script.refused = link.begun and not link.tpdu_size and not link.transactions
-        for transaction in link.transactions:
+        if script.refused:
+            script.confirm = farewell(DISCONNECT, link.refused) if link.refused else script.farewell
+        seen = []
+        for number, transaction in enumerate(asked, 1):
             exchange = transaction.exchange
-            if exchange.kind != S7 or link.carrier != "tcp":
-                continue
-            if transaction.asked_by == "client" and exchange.request:
-                step = Step(exchange.request, exchange.response, transaction.latency_ns or 0)
-                granted = exchange.setup[1]
-                if granted is not None:
-                    script.pdu_length = granted.pdu_length
-                script.steps.append(step)
-            elif script.steps:
-                octets = exchange.request if transaction.asked_by == "server" else exchange.response
-                waits = transaction.outcome == "answered" and parse_pdu(octets).rosctr == JOB
-                if octets:
-                    script.steps[-1].then.append(Said(octets, waits))
+            one = Seen(
+                exchange.request, exchange.response, transaction.outcome, transaction.reason, transaction.latency_ns
+            )
+            one.by_client = transaction.asked_by == "client"
+            one.place, one.answered_at = (number, 0), number
+            granted = exchange.setup[1]
+            if one.by_client and granted is not None:
+                script.pdu_length = granted.pdu_length
+            seen.append(one)
+        arrange(script, seen, recording)
         if script.steps or script.refused:
             recording.scripts.append(script)
     return recording
+
+
+__all__ = ["MAX_OCTETS", "MAX_STEPS", "Recording", "RecordingReader", "ServerError", "load_recording"]

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import errno
 import heapq
 import selectors
-import socket
 import threading
 import time
 from collections import deque
@@ -14,15 +12,17 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Final, Self
 
-from dissect.metrics.address import Address, is_loopback
-from dissect.proxy.addresses import Place, ProxyError, listen_on, places_to_listen
-from dissect.proxy.link import close_with_reset, prepare
+from dissect.metrics.address import Address
+from dissect.proxy.addresses import Place, ProxyError, places_to_listen
+from dissect.proxy.door import Door, Visitor
+from dissect.proxy.link import close_with_reset
 from dissect.server.desk import Desk, Request
 from dissect.server.faults import Fault, parse_fault
 from dissect.server.line import BrokenError, Line
 from dissect.server.peer import ABORT, CLOSE, Deed, Peer
 from dissect.server.player import CYCLE, LAST, Stage
-from dissect.server.recording import Recording, ServerError, load_recording
+from dissect.server.recording import ServerError, load_recording
+from dissect.server.script import Recording
 from dissect.server.tape import CLIENT, SERVER, Tape
 
 if TYPE_CHECKING:
@@ -34,10 +34,11 @@ MAX_CLIENTS: Final = 100
 CONNECT_S: Final = 10.0
 #: How long a client may leave what it is sent, in seconds.
 TAKE_S: Final = 30.0
+#: How long it waits for the client's end after its own, in seconds.
+LEAVE_S: Final = 2.0
 _LOOK_S: Final = 0.5
-_PAUSE_S: Final = 1.0
+_DANGER: Final = "which would take it for a PLC"
 _JOIN_S: Final = 10.0
-_NO_MORE: Final = frozenset((errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM))
 
 _READ: Final = selectors.EVENT_READ
 _WRITE: Final = selectors.EVENT_WRITE
@@ -46,16 +47,9 @@ _WRITE: Final = selectors.EVENT_WRITE
 def places_to_serve(address: Address, allow_remote: bool) -> list[Place]:
     """Return what to listen on; what other machines can reach only with ``allow_remote``. Raises `ServerError`."""
     try:
-        places = places_to_listen(address, allow_remote=True)
+        return places_to_listen(address, allow_remote, _DANGER)
     except ProxyError as why:
         raise ServerError(str(why)) from None
-    for place in places:
-        if not allow_remote and not is_loopback(str(place.address[0])):
-            raise ServerError(
-                f"{address} can be reached from other machines, which would take it for a PLC: "
-                f"listen on 127.0.0.1, or add --allow-remote (allow_remote=True) when that is meant"
-            )
-    return places
 
 
 class Server:
@@ -98,25 +92,14 @@ class Server:
         self._lines: set[Line] = set()
         self._plans: list[tuple[float, int, Line, Deed]] = []
         self._count = 0
-        self._accepting = True
-        self._paused_until = 0.0
-        self._stopping = False
         self._thread: threading.Thread | None = None
-        self._listeners: list[socket.socket] = []
-        self._selector = selectors.DefaultSelector()
-        self._wake, self._woken = socket.socketpair()
         try:
-            for place in places:
-                self._listeners.append(listen_on(place))
+            self._door = Door(places, MAX_CLIENTS, self.desk.problems.append)
         except ProxyError as why:
-            self._close()
+            if self._tape is not None:
+                self._tape.close()
             raise ServerError(str(why)) from None
-        self.listening = [Place(listener.family, listener.getsockname()) for listener in self._listeners]
-        self._wake.setblocking(False)
-        self._woken.setblocking(False)
-        self._selector.register(self._woken, _READ, None)
-        for listener in self._listeners:
-            self._selector.register(listener, _READ, listener)
+        self.listening = self._door.listening
 
     # ---- what a user asks -------------------------------------------------------------------------------------------
 
@@ -175,11 +158,7 @@ class Server:
 
     def stop(self) -> None:
         """Ask it to end. May be called from any thread and from a signal handler, and twice."""
-        self._stopping = True
-        try:
-            self._wake.send(b"\0")
-        except OSError:
-            pass  # it is awake, or gone
+        self._door.stop()
 
     def _work(self) -> None:
         try:
@@ -192,65 +171,32 @@ class Server:
     def run(self) -> None:
         """Serve until `stop` is called."""
         try:
-            while not self._stopping:
-                for key, events in self._selector.select(self._patience()):
-                    self._happened(key.data, events)
+            while not self._door.stopping:
+                for what, events in self._door.wait(self._patience()):
+                    if isinstance(what, Visitor):
+                        self._welcome(what)
+                    elif what in self._lines:  # an event before this one may have ended it
+                        self._work_on(what, events)
                 self._due(time.monotonic())
         finally:
             self._close()
 
     def _patience(self) -> float | None:
-        if not self._lines and self._accepting:
+        if not self._lines and self._door.is_open:
             return None
         due = self._plans[0][0] if self._plans else float("inf")
         due = min([due, *[line.not_before for line in self._lines if line.not_before]])
         return min(max(due - time.monotonic(), 0), _LOOK_S)
 
-    def _happened(self, what: object, events: int) -> None:
-        if isinstance(what, Line):
-            if what in self._lines:
-                self._work_on(what, events)
-        elif isinstance(what, socket.socket):
-            self._accept(what)
-        else:
-            self._woken.recv(4096)
-
-    def _accept(self, listener: socket.socket) -> None:
-        try:
-            client, name = listener.accept()
-        except OSError as why:
-            if why.errno in _NO_MORE:
-                self.problems.append(f"no client is accepted for a moment: {why.strerror}")
-                self._listen(False, time.monotonic() + _PAUSE_S)
-            return
-        try:
-            prepare(client)
-        except OSError:  # gone again
-            client.close()
-            return
+    def _welcome(self, client: Visitor) -> None:
         self.connections += 1
         peer = Peer(self.connections, self.desk)
-        line = Line(self.connections, client, peer, time.monotonic() + CONNECT_S, self._tape)
+        line = Line(self.connections, client.socket, peer, time.monotonic() + CONNECT_S, self._tape)
         self._lines.add(line)
         if self._tape is not None:
-            self._tape.opened(line.number, name, client.getsockname())
+            self._tape.opened(line.number, client.name, client.socket.getsockname())
         self._watch(line)
-        if len(self._lines) >= MAX_CLIENTS:
-            self.problems.append(
-                f"{len(self._lines)} clients are connected; more have to wait until one of them is gone"
-            )
-            self._listen(False, 0.0)
-
-    def _listen(self, wanted: bool, until: float = 0.0) -> None:
-        self._paused_until = until
-        if wanted == self._accepting:
-            return
-        self._accepting = wanted
-        for listener in self._listeners:
-            if wanted:
-                self._selector.register(listener, _READ, listener)
-            else:
-                self._selector.unregister(listener)
+        self._door.count(len(self._lines))
 
     def _work_on(self, line: Line, events: int) -> None:
         try:
@@ -266,19 +212,22 @@ class Server:
             self._drop(line, SERVER)
 
     def _take(self, line: Line, octets: bytes) -> None:
+        if line.leaving:
+            return
         if octets:
             deeds = line.peer.feed(octets)
         else:  # who has no more to say may still listen
             line.peer.over = True
-            last = max([due for due, _, whose, _ in self._plans if whose is line], default=0.0)
-            deeds = [Deed(CLOSE, b"", max(last - time.monotonic(), 0.0))]
+            deeds = [Deed(CLOSE, last=True)]
         now = time.monotonic()
         for deed in deeds:
             line.held += len(deed.octets)
-            if deed.delay_s > 0:
+            due = max(now + deed.delay_s, line.latest) if deed.last else now + deed.delay_s
+            if due > now:
                 self._count += 1
                 line.planned += 1
-                heapq.heappush(self._plans, (now + deed.delay_s, self._count, line, deed))
+                line.latest = max(line.latest, due)
+                heapq.heappush(self._plans, (due, self._count, line, deed))
             else:
                 line.put(deed, now)
 
@@ -286,24 +235,17 @@ class Server:
         end = line.flush(time.monotonic())
         if end == ABORT:
             self._drop(line, SERVER)
-        elif end == CLOSE:
-            if self._tape is not None:
-                self._tape.closed(line.number, SERVER)
-            self._forget(line)
-            line.socket.close()
+            return
+        if end == CLOSE:
+            line.leave(time.monotonic() + LEAVE_S)
+        if line.leaving and line.finished:
+            self._part(line)
         else:
             self._watch(line)
 
     def _watch(self, line: Line) -> None:
         events = (_READ if line.wants_read else 0) | (_WRITE if line.queue and not line.not_before else 0)
-        if events == line.events:
-            return
-        if not line.events:
-            self._selector.register(line.socket, events, line)
-        elif events:
-            self._selector.modify(line.socket, events, line)
-        else:
-            self._selector.unregister(line.socket)
+        self._door.watch(line.socket, line.events, events, line)
         line.events = events
 
     def _due(self, now: float) -> None:
@@ -315,7 +257,10 @@ class Server:
                 line.put(deed, now)
                 self._work_on(line, 0)
         for line in list(self._lines):
-            if line.not_before:
+            if line.leaving:
+                if now > line.leaving:
+                    self._part(line)
+            elif line.not_before:
                 if now >= line.not_before:
                     self._work_on(line, 0)
             elif line.queue and now - line.moved > TAKE_S:
@@ -324,8 +269,7 @@ class Server:
             elif now > line.deadline and not line.peer.connected:
                 self.problems.append(f"connection {line.number} is ended: no connect request within {CONNECT_S:g} s")
                 self._drop(line, SERVER)
-        if not self._accepting and now >= self._paused_until and len(self._lines) < MAX_CLIENTS:
-            self._listen(True)
+        self._door.count(len(self._lines))
 
     # ---- ends -------------------------------------------------------------------------------------------------------
 
@@ -335,6 +279,10 @@ class Server:
         self._forget(line)
         close_with_reset(line.socket)
 
+    def _part(self, line: Line) -> None:
+        self._forget(line)
+        line.socket.close()
+
     def _forget(self, line: Line) -> None:
         self._lines.discard(line)
         if line.planned:
@@ -342,22 +290,14 @@ class Server:
             heapq.heapify(self._plans)
         if self._tape is not None:
             self._tape.forget(line.number)
-        try:
-            self._selector.unregister(line.socket)
-        except (KeyError, ValueError):
-            pass  # it was not watched
+        self._door.unwatch(line.socket)
 
     def _close(self) -> None:
         for line in list(self._lines):
             if self._tape is not None:
                 self._tape.closed(line.number, SERVER)
-            self._forget(line)
-            line.socket.close()
-        for listener in self._listeners:
-            listener.close()
-        self._selector.close()
-        self._wake.close()
-        self._woken.close()
+            self._part(line)
+        self._door.close()
         if self._tape is not None:
             self._tape.close()
             if self._tape.trouble:

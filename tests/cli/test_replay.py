@@ -14,6 +14,7 @@ from dissect.golden import golden_text, read_session
 from dissect.server.service import Server
 from tests.cli.support import run
 from tests.replay.support import CAPTURES, changed, free_port, mixed
+from tests.replay.test_schedule import two
 
 Capture = pytest.CaptureFixture[bytes]
 
@@ -71,7 +72,7 @@ def test_the_report_as_json_and_as_junit(capfdbinary: Capture, tmp_path: Path) -
     assert values["b"].startswith("127.0.0.1:")
     assert values["differences"][0]["transaction"] == 5
     assert [one["transaction"] for one in values["replay"]["withheld"]] == [3, 4]
-    assert (values["replay"]["requests"], values["replay"]["answers"]) == (3, 3)
+    assert (values["replay"]["requests"], values["replay"]["answered"]) == (3, 3)
     suite = ElementTree.fromstring(as_junit.out.partition("\n")[2])
     assert (as_junit.code, suite.get("tests"), suite.get("failures")) == (1, "1", "1")
 
@@ -236,3 +237,36 @@ def test_answer_times_are_compared_when_asked_for(capfdbinary: Capture, tmp_path
         told = run(capfdbinary, "replay", path, "--to", f"127.0.0.1:{server.port}", "--latency", "100ms")
     assert told.code == 1
     assert told.out.startswith("transaction 2, READ DB10.DBW4: answered in 1.00 ms, is in ")
+
+
+def test_connections_are_played_together_or_one_by_one(capfdbinary: Capture, tmp_path: Path) -> None:
+    path = two(tmp_path / "two.pcapng")
+    orders = []
+    for options in ([], ["--one-by-one"], ["--pipelined"], ["--timing", "0"]):
+        with Server(path) as server:
+            told = run(capfdbinary, "replay", path, "--to", f"127.0.0.1:{server.port}", *options)
+            orders.append([request.connection for request in server.requests])
+        assert (told.code, told.out) == (0, "")
+    assert orders == [[1, 2, 1, 2, 1, 2, 1], [1, 1, 1, 1, 2, 2, 2], *[[1, 2, 1, 2, 1, 2, 1]] * 2]
+
+
+@pytest.mark.parametrize("dry", [[], ["--dry-run"]])
+def test_too_many_connections_at_once_are_refused_before_any_packet(
+    dry: list[str], capfdbinary: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = two(tmp_path / "two.pcapng")
+    monkeypatch.setattr("dissect.replay.schedule.MAX_OPEN", 1)
+    monkeypatch.setattr(socket, "socket", _never)
+    told = run(capfdbinary, "replay", path, "--to", "127.0.0.1:1", *dry, "-w", tmp_path / "out.pcapng")
+    assert (told.code, told.out) == (2, "")
+    assert "2 connections were open at once when this was recorded, at most 1 are played together" in told.err
+    assert "nothing was sent; add --one-by-one" in told.err
+    assert not (tmp_path / "out.pcapng").exists()
+
+
+def test_what_is_not_played_is_told(capfdbinary: Capture) -> None:
+    path = CAPTURES / "crafted" / "netlink-faults.pcapng"
+    with Server(path) as server:
+        told = run(capfdbinary, "replay", path, "--to", f"127.0.0.1:{server.port}")
+    assert told.code == 0
+    assert "s7dissect: withheld: 10 transactions, only S7comm over TCP is replayed (transactions " in told.err

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.golden import DiffOptions, diff_sessions, golden_text, parse_golden, read_session
+from dissect.golden import DiffOptions, Session, diff_sessions, golden_text, parse_golden, read_session
 from dissect.s7.errors import ERROR_CODES
 from dissect.transactions.transaction import HOLE, REASON_TEXTS
 from tests.golden.support import RECORDED, ROOT, WRITTEN, edited, place, reads, session, told
@@ -125,6 +125,47 @@ def test_a_request_that_stands_elsewhere_is_reordered() -> None:
     one, other = session(reads(0, 2, 4, 6, 8).packets()), session(reads(0, 8, 2, 4, 6).packets())
     assert told(one, other) == ["transaction 6, READ DB10.DBW8: reordered, is transaction 3 of the second"]
     assert told(one, other, "order:READ DB10.DBW8") == []
+
+
+def spoken(turns: Sequence[str], *, values: Sequence[int] = (0, 1, 2, 3, 4, 5)) -> Session:
+    """A session of reads, pushes and jobs of the server, in this order; each kind counts its own."""
+    counts = dict.fromkeys("rpj", 0)
+    talk = begun()
+    for turn in turns:
+        number = counts[turn]
+        counts[turn] += 1
+        if turn == "r":
+            read(talk, number + 1, place(2 * number), values[number].to_bytes(2, "big"))
+        elif turn == "p":
+            indication = b"\x00\x01\x12\x08\x12\x04\x06\x00" + bytes(4)
+            talk.send(1, dt(messages.pdu(messages.USERDATA, 0, indication, bytes((0xFF, 9, 0, 1, number)))))
+        else:
+            talk.send(1, dt(messages.pdu(messages.JOB, 200 + number, bytes((0x1B, 0, 0, 0, 0, 0, 0, number)))))
+            talk.send(0, dt(messages.pdu(messages.ACK_DATA, 200 + number, b"\x1b\x00")))
+    return session(talk.packets())
+
+
+@given(st.permutations("rrrrppp"), st.permutations("rrrrppp"))
+def test_what_a_server_says_by_itself_may_come_at_any_time(one: list[str], other: list[str]) -> None:
+    assert told(spoken(one), spoken(other)) == []
+
+
+@given(st.permutations("rrrjjj"), st.permutations("rrrjjj"))
+def test_what_a_server_asks_may_come_at_any_time(one: list[str], other: list[str]) -> None:
+    assert told(spoken(one), spoken(other)) == []
+
+
+def test_the_order_on_each_side_counts() -> None:
+    assert told(spoken("rrpjr"), spoken("prjrr")) == []
+    (text,) = told(spoken("rrpj"), spoken("rjrp"))
+    assert text.startswith("transaction ")
+    assert "reordered" in text
+    assert told(spoken("rrp"), spoken("prr", values=[0, 7])) == ["transaction 3, READ DB10.DBW2: was 1, is 7"]
+    (text,) = told(spoken("rrp"), spoken("pprr"))
+    assert "of the second" in text
+    assert "added (a message that wants no answer)" in text
+    (text,) = told(spoken("pprr"), spoken("rpr"))
+    assert "missing (was a message that wants no answer)" in text
 
 
 def test_a_duplicate_is_one_added_request() -> None:

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 import pytest
 
 from dissect.metrics.address import Address
+from dissect.proxy import door
 from dissect.proxy import relay as module
 from dissect.proxy.addresses import Place, ProxyError, places_to_listen
 from dissect.proxy.link import PIECE
@@ -314,7 +315,7 @@ def test_more_clients_than_there_is_room_for_wait(monkeypatch: pytest.MonkeyPatc
 
 
 def test_no_more_sockets_is_told_and_passes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_PAUSE_S", 0.05)
+    monkeypatch.setattr(door, "PAUSE_S", 0.05)
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     with listening() as server, relaying(at(port_of(server))) as relay, contextlib.ExitStack() as held:
         client = held.enter_context(socket.socket())

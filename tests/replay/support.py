@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -20,9 +21,19 @@ from tests.properties.messages import dt
 from tests.report.support import WORD, begun, read, saved
 
 CAPTURES: Final = ROOT / "captures"
+#: All of our own recordings, by their names below the folder.
+NAMES: Final = sorted(
+    [
+        path.relative_to(CAPTURES).as_posix()
+        for folder in (CAPTURES, CAPTURES / "crafted")
+        for path in folder.glob("*.pcap*")
+    ]
+)
 ALL: Final = Permissions(write=True, control=True)
 #: Soon enough for a server on this machine, and never waited for by a test that goes well.
 TIMEOUT_S: Final = 5.0
+#: For recordings that lost answers: the fake PLC does not have them either.
+HASTY: Final = Settings(lost_s=0.001)
 
 
 def play(
@@ -69,7 +80,11 @@ def real_server() -> Iterator[Address]:
     """Start the python-snap7 server that the captures were recorded with, memory and all."""
     port = free_port()
     command = [sys.executable, str(CAPTURES / "record" / "serve.py"), str(port)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+    found = {
+        name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"
+    }  # it imports what is beside it
+    quiet = subprocess.DEVNULL
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=quiet, env=found) as process:
         assert process.stdout is not None
         try:
             assert process.stdout.readline() == b"ready\n"

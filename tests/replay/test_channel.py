@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -165,3 +166,43 @@ def test_every_place_is_tried_and_the_last_reason_told() -> None:
         connect(places[:1], 20)
     with pytest.raises(UnreachableError, match="nowhere to connect to"):
         connect([], 20)
+
+
+def test_a_server_that_says_more_than_is_looked_at_has_to_wait_and_nothing_is_lost() -> None:
+    """More than may be held here and in both systems: it arrives whole once it is looked at."""
+    message = messages.userdata(0, 0, 4, 5, bytes(60_000))
+    count = 400
+    with connected() as (channel, theirs, _):
+        theirs.sendall(CC)
+        assert channel.open(CR, soon())
+        sender = threading.Thread(target=theirs.sendall, args=(dt(message) * count,), daemon=True)
+        sender.start()
+        while not channel._paused:
+            assert channel._read(soon())
+        held = channel._held
+        for _ in range(50):
+            channel.look()
+        assert channel._held == held < (2 << 20)
+        for _ in range(count):
+            assert channel.receive(soon()) == message
+        sender.join(20)
+
+
+def test_messages_that_wait_do_not_keep_a_connection_from_its_end() -> None:
+    message = messages.userdata(0, 0, 4, 5, bytes(60_000))
+    with connected() as (channel, theirs, record):
+        theirs.sendall(CC)
+        assert channel.open(CR, soon())
+
+        def flood() -> None:
+            theirs.sendall(dt(message) * 100)
+            theirs.shutdown(socket.SHUT_WR)
+
+        sender = threading.Thread(target=flood, daemon=True)
+        sender.start()
+        while not channel._paused:
+            assert channel._read(soon())
+        channel.close(soon())
+        sender.join(20)
+        assert channel.ended == "closed by the server"
+    assert len(link_of(record).transactions) == 100

@@ -23,6 +23,7 @@ from dissect.replay.plan import (
     plan_lines,
     playable,
 )
+from dissect.replay.recorded import Span
 from dissect.transactions.transaction import CONNECTION_CLOSED, HOLE
 from tests.properties import messages
 from tests.replay.support import CAPTURES
@@ -36,7 +37,7 @@ def link(*transactions: tuple[str, str, Exchange, str]) -> Link:
     """Return a connection with transactions (asked by, outcome, exchange, reason) numbered from 1."""
     one = Link()
     one.number, one.protocol = 1, "S7comm"
-    one.calling, one.called, one.tpdu_size_asked = b"\x01\x00", b"\x01\x02", 1024
+    one.calling, one.called, one.tpdu_size_asked, one.tpdu_size = b"\x01\x00", b"\x01\x02", 1024, 1024
     for number, (asked_by, outcome, exchange, reason) in enumerate(transactions, 1):
         transaction = Transaction(one, asked_by, exchange, outcome, reason)
         transaction.number = number
@@ -134,6 +135,43 @@ def test_each_transaction_is_sent_waited_for_or_withheld_with_a_reason() -> None
 def test_what_is_known_of_an_answer(outcome: str, reason: str, silent: bool, unknown: bool) -> None:
     step = Part(link(("client", outcome, Exchange(S7, READ, b""), reason))).steps[0]
     assert (step.silent, step.unknown) == (silent, unknown)
+
+
+@pytest.mark.parametrize(
+    ("reason", "lost"), [(CONNECTION_CLOSED, True), (HOLE, True), ("capture_ended", True), ("table_full", True)]
+)
+def test_where_nothing_of_the_server_was_recorded_all_answers_are_lost(reason: str, lost: bool) -> None:
+    one = link(("client", "unanswered", Exchange(S7, READ, b""), reason))
+    one.tpdu_size = 0
+    step = Part(one).steps[0]
+    assert (step.heard, step.unknown, step.lost) == (False, True, lost)
+    one.ended_by = "server"
+    assert Part(one).steps[0].heard
+
+
+def test_how_long_a_client_waited_is_the_time_to_its_next_request_or_its_end() -> None:
+    asked = ("client", "unanswered", Exchange(S7, READ, b""), "capture_ended")
+    pushed = ("client", "unsolicited", Exchange(S7, b"", ANSWER), "")
+    one = link(asked, pushed, asked, asked)
+    for transaction, time_ns in zip(one.transactions, (100, 150, 400, 300), strict=True):
+        transaction.time_ns = time_ns
+    span = Span(1, 100, 9, 1000)
+    assert [step.gap_ns for step in Part(one, None, span).steps if step.kind == ASK] == [300, 0, None]
+    assert [step.lost for step in Part(one, None, span).steps if step.kind == ASK] == [False, False, True]
+    one.ended, one.ended_by = "fin", "client"
+    assert [step.gap_ns for step in Part(one, None, span).steps if step.kind == ASK] == [300, 0, 700]
+    assert [step.gap_ns for step in Part(one).steps if step.kind == ASK] == [300, 0, None]
+    one.transactions[2].time_ns = None
+    assert [step.gap_ns for step in Part(one).steps if step.kind == ASK] == [None, None, None]
+
+
+@pytest.mark.parametrize("carrier", ["udp", "ibh"])
+def test_what_another_carrier_brought_is_withheld_and_told(carrier: str) -> None:
+    one = link(("client", "answered", Exchange(S7, READ, ANSWER), ""))
+    one.carrier = carrier
+    part = Part(one)
+    assert part.steps == []
+    assert [told.reason for told in part.withheld] == [NOT_S7]
 
 
 @pytest.mark.parametrize(

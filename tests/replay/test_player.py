@@ -17,6 +17,7 @@ from dissect.s7.message import parse_pdu
 from dissect.server.service import Server
 from tests.properties import messages
 from tests.properties.messages import dt
+from tests.properties.packets import captured
 from tests.replay.support import ALL, CAPTURES, free_port, mixed, play, texts
 from tests.report.support import WORD, begun, read, saved
 
@@ -259,8 +260,119 @@ def test_a_flood_does_not_keep_a_replay_from_ending(tmp_path: Path) -> None:
             try:
                 wire.socket.sendall(push)
             except TimeoutError:
+                wire.socket.settimeout(20)
                 return
 
     with serving(script) as (address, _):
         outcome = play(reads(tmp_path / "a.pcapng", 1), address, settings=SOON)
     assert outcome.requests == 2
+
+
+# ---- what was not answered when it was recorded ---------------------------------------------------------------------
+
+
+def unanswered(path: Path, count: int, *, lost: bool = False, after: bool = True) -> Path:
+    """Write a capture in which reads 1 to ``count`` get no answer (``lost``: the capture misses it), then one does."""
+    talk = begun()
+    for ref in range(1, count + 1):
+        talk.send(0, dt(messages.read_job(ref, [WORD])))
+        if lost:
+            talk.skip(1, len(dt(messages.read_answer(ref, [WORD], [b"\0\0"]))))
+            talk.ack(0)
+    if after:
+        read(talk, count + 1)
+    return saved(path, talk.close(0).close(1).packets())
+
+
+def quiet(wire: Wire, count: int) -> None:
+    """Answer the setup, no read up to ``count``, and the one after."""
+    wire.set_up()
+    for _ in range(count):
+        wire.pdu()
+    answer(wire, wire.pdu())
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_requests_that_were_not_answered_then_do_not_count_as_not_answered_now(lost: bool, tmp_path: Path) -> None:
+    path = unanswered(tmp_path / "a.pcapng", 9, lost=lost)
+    assert len({each.outcome for each in load_recorded(path).links[0].transactions}) == 2
+    with serving(lambda wire: quiet(wire, 9)) as (address, _):
+        outcome = play(path, address, settings=Settings(lost_s=0.01, timeout_s=20))
+    assert texts(outcome) == []
+    assert (outcome.problems, outcome.requests, outcome.answered) == ([], 11, 2)
+
+
+def test_an_answer_that_comes_late_is_that_of_its_request_and_of_no_other(tmp_path: Path) -> None:
+    """Each answer comes only after the next request."""
+    path = reads(tmp_path / "a.pcapng", 3)
+
+    def script(wire: Wire) -> None:
+        wire.set_up()
+        before = wire.pdu()
+        for number in (2, 3):
+            octets = wire.pdu()
+            answer(wire, before, bytes((0, number - 1)))
+            before = octets
+        answer(wire, before, b"\0\3")
+
+    with serving(script) as (address, _):
+        outcome = play(path, address, settings=Settings(timeout_s=0.4))
+    assert [line.rpartition("is ")[2] for line in texts(outcome)] == ["1", "2", "3"]
+    assert (outcome.problems, outcome.answered) == ([], 4)
+
+
+def test_an_answer_that_the_recording_lost_is_waited_for_and_not_compared(tmp_path: Path) -> None:
+    path = unanswered(tmp_path / "a.pcapng", 4, lost=True)
+
+    def script(wire: Wire) -> None:
+        wire.set_up()
+        for number in range(5):
+            wire.socket.settimeout(0.03)
+            octets = wire.pdu()
+            with pytest.raises(TimeoutError):
+                wire.pdu()
+            wire.socket.settimeout(20)
+            answer(wire, octets, bytes((4, 0xD2)) if number == 4 else bytes((7, number)))
+
+    with serving(script) as (address, _):
+        outcome = play(path, address, settings=Settings(lost_s=20, timeout_s=20))
+    assert texts(outcome) == []
+    assert (outcome.answered, outcome.problems) == (6, [])
+
+
+def test_one_that_the_server_did_not_answer_is_compared_when_it_answers_now(tmp_path: Path) -> None:
+    path = unanswered(tmp_path / "a.pcapng", 1)
+
+    def script(wire: Wire) -> None:
+        wire.set_up()
+        answer(wire, wire.pdu())
+        answer(wire, wire.pdu())
+
+    with serving(script) as (address, _):
+        outcome = play(path, address)
+    assert [each.transaction for each in outcome.differences()] == [2]
+    assert outcome.answered == 3
+
+
+def test_where_nothing_of_the_server_was_recorded_everything_is_asked_and_nothing_compared(tmp_path: Path) -> None:
+    talk = begun()
+    for ref in range(1, 8):
+        read(talk, ref)
+    one_side = [segment for segment in talk.close(0).segments if segment.side == 0]
+    path = saved(tmp_path / "a.pcapng", captured(one_side))
+    (link,) = load_recorded(path).links
+    assert {each.outcome for each in link.transactions} == {"unanswered"}
+
+    def script(wire: Wire) -> None:
+        wire.set_up()
+        for _ in range(7):
+            answer(wire, wire.pdu())
+
+    with serving(script) as (address, _):
+        outcome = play(path, address)
+    assert texts(outcome) == []
+    assert (outcome.answered, outcome.not_sent) == (8, [])
+    with serving(lambda wire: wire.confirm()) as (address, wires):
+        outcome = play(path, address, settings=Settings(lost_s=0.01))
+    assert texts(outcome) == []
+    assert (len(wires[0].asked), outcome.answered, outcome.problems) == (8, 0, [])

@@ -79,3 +79,42 @@ def test_a_port_of_zero_and_an_unknown_name_are_told() -> None:
         places_of(Address("127.0.0.1", 0), False)
     with pytest.raises(ReplayError, match="not a host name"):
         places_of(Address("x" * 70, 102), False)
+
+
+@pytest.mark.parametrize("text", ["3221225985", "0xC0.0.2.1", "192.0.513"])
+def test_numbers_that_a_system_takes_for_an_address_are_looked_at_as_one(text: str) -> None:
+    """All three are 192.0.2.1, as old functions of the C library read numbers."""
+    with pytest.raises(ReplayError, match=r"not on this machine|Name or service|not known"):
+        places_of(read_target(text), False)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[64:ff9b::7f00:1]",
+        "[::127.0.0.1]",
+        "[2002:7f00:1::]",
+        "[fe80::1%lo]",
+        "[ff02::1]",
+        "224.0.0.1",
+        "255.255.255.255",
+    ],
+)
+def test_what_only_looks_like_this_machine_is_another_one(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(socket, "socket")
+    with pytest.raises(ReplayError, match=r"not on this machine|no address"):
+        places_of(read_target(text), False)
+
+
+def test_a_mapped_address_behind_a_name_is_looked_at_as_what_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    resolving(monkeypatch, "::ffff:127.0.0.1")
+    assert len(places_of(read_target("plc"), False)) == 1
+    resolving(monkeypatch, "::1", "::ffff:192.0.2.1")
+    with pytest.raises(ReplayError, match=r"plc:102 is ::ffff:192\.0\.2\.1, not on this machine"):
+        places_of(read_target("plc"), False)
+
+
+def test_only_addresses_that_were_looked_at_are_connected_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A name of many addresses: those that are not looked at are not used either."""
+    resolving(monkeypatch, *[f"127.0.0.{number}" for number in range(1, 9)], "192.0.2.1")
+    assert [place.address[0] for place in places_of(read_target("plc"), False)] == [f"127.0.0.{n}" for n in range(1, 9)]

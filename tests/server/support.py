@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
+from collections import Counter
 from pathlib import Path
 from typing import Final, Self
 
 from dissect.conversation import Observer, Options
+from dissect.iso.cotp import Assembler, parse_tpdu
+from dissect.iso.tables import DT
+from dissect.iso.tpkt import HEADER, Framer
 from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.parameters import RESPONSE
+from dissect.s7.tables import ACK, ACK_DATA, USERDATA
 from dissect.server import Recording, Server
 from dissect.session import Run
 from dissect.testing.talk import Ask, Talk, done, items, read, refused, setup, szl, words, write
 from dissect.testing.talk import data as answered
+from dissect.transactions.ending import RESET
 from dissect.transactions.table import Side
 
 PATIENCE_S: Final = 60.0
@@ -40,6 +48,7 @@ class Plain:
 
     def __init__(self, server: Server, connect: bytes = CONNECT) -> None:
         self.socket = socket.create_connection((server.host, server.port), PATIENCE_S)
+        self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._held = b""
         self._reference = 0x0100
         if connect:
@@ -136,24 +145,71 @@ class Tpkts(Observer):
         ]
 
 
-def play(server: Server, packets: list[tuple[bool, bytes]]) -> tuple[bytes, bytes]:
+Packets = list[tuple[bool, bytes]]
+
+
+def messages(octets: bytes) -> list[bytes]:
+    """Return the TSDUs of a side, without how they are cut into TPDUs."""
+    framer, assembler = Framer(), Assembler()
+    framer.synced = True
+    framer.push(octets, 0, True)
+    found = []
+    for packet in framer.packets:
+        tpdu = parse_tpdu(packet[HEADER:])
+        if tpdu.type == DT and not tpdu.malformed:
+            found.append(assembler.push(tpdu.data, tpdu.field("eot") == 1))
+    return [tsdu for tsdu in found if tsdu]
+
+
+def _about(octets: bytes) -> tuple[bytes, bool]:
+    """Return which request a TPKT is about, empty for none, and whether it answers it."""
+    pdu = parse_pdu(octets[7:])
+    if octets[5] >> 4 != DT or octets[7:8] != b"\x32" or len(pdu.octets) < 10:
+        return b"", False
+    head = pdu.parameters.userdata
+    answers = pdu.rosctr in {ACK, ACK_DATA} or (head is not None and head.type == RESPONSE)
+    return pdu.octets[4:6] + (pdu.function_name.encode() if pdu.rosctr == USERDATA else b""), answers
+
+
+def play(server: Server, packets: Packets, whole: bool = False, lost: bool = False) -> tuple[bytes, bytes]:
     """Send what the client sent, each time after what the server had said by then: what was recorded, what came.
 
-    A recording that begins in the middle is given a connection first; its first answer, to a request nobody saw, is left out.
+    A request that the capture shows behind its answer is sent before it. A recording that begins in the middle is given a
+    connection first; its first answer, to a request nobody saw, is left out, and with ``lost`` all such answers are. With
+    ``whole`` the messages are waited for, whatever the TPDUs they are cut into. A reset that was not recorded is raised.
     """
     begun = packets[0][1][5] >> 4 == 0xE
+    ahead = [octets for of_client, octets in packets if of_client]
+    later = Counter([_about(octets)[0] for octets in ahead])
+    asked: Counter[bytes] = Counter()
+    told: Counter[bytes] = Counter()
+    due = sent = 0
     wanted = got = b""
     with Plain(server, b"" if begun else CONNECT) as client:
-        asked = begun
         for of_client, octets in packets:
-            if of_client:
-                client.socket.sendall(octets)
-                asked = True
-            elif asked:
-                wanted += octets
-                while len(got) < len(wanted):
-                    piece = client.socket.recv(65536)
-                    if not piece:
-                        return wanted, got
-                    got += piece
+            about, answers = _about(octets)
+            due += of_client
+            told[about] += answers
+            while sent < due or (answers and later[about] and asked[about] < told[about]):
+                request = _about(ahead[sent])[0]
+                asked[request] += 1
+                later[request] -= 1
+                client.socket.sendall(ahead[sent])
+                sent += 1
+            if of_client or not (begun or sent) or (lost and answers and not asked[about]):
+                continue
+            wanted += octets
+            while len(messages(got)) < len(messages(wanted)) if whole else len(got) < len(wanted):
+                piece = client.socket.recv(65536)
+                if not piece:
+                    return wanted, got
+                got += piece
+        with contextlib.suppress(OSError):
+            client.socket.shutdown(socket.SHUT_WR)  # all that was sent is looked at before the server says its end
+        try:
+            while client.socket.recv(65536):
+                pass
+        except ConnectionResetError:
+            if not any(script.end == RESET for script in server.recording.scripts):
+                raise
     return wanted, got

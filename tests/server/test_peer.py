@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from dissect.server.desk import Desk
 from dissect.server.peer import ABORT, CLOSE, SEND, Deed, Peer
 from dissect.server.player import Stage
+from dissect.server.script import Said
 from dissect.testing.talk import Talk, read, words
 from tests.server.support import CONNECT, dt, small
 
@@ -63,7 +64,13 @@ def test_no_message_raises(messages: list[bytes]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("end", "kinds"), [("fin", [SEND, CLOSE]), ("reset", [SEND, ABORT]), ("disconnect", [SEND, SEND, CLOSE])]
+    ("end", "kinds"),
+    [
+        ("fin", [SEND, CLOSE]),
+        ("reset", [SEND, ABORT]),
+        ("disconnect", [SEND, SEND, CLOSE]),
+        ("error_tpdu", [SEND, SEND, CLOSE]),
+    ],
 )
 def test_the_end_comes_when_all_was_asked(end: str, kinds: list[str]) -> None:
     talk = Talk()
@@ -82,3 +89,71 @@ def test_the_end_comes_when_all_was_asked(end: str, kinds: list[str]) -> None:
 
 def test_nothing_is_said_behind_the_end() -> None:
     assert deeds(CONNECT + LEAVE + READ)[-1] == Deed(CLOSE)
+
+
+def ending(end: str, farewell: bytes = b"") -> list[Deed]:
+    """Play a request and the end of a connection that was recorded with this one."""
+    talk = Talk()
+    talk >> read("MW0") << words(1)
+    recording = talk.recording()
+    recording.scripts[0].steps = recording.scripts[0].steps[1:]
+    recording.scripts[0].end, recording.scripts[0].farewell = end, farewell
+    peer = Peer(1, Desk(Stage(recording), latency_ms=5))
+    peer.feed(CONNECT[:8] + b"\x12\x34" + CONNECT[10:])
+    return peer.feed(dt(read("MW0").octets))
+
+
+@pytest.mark.parametrize(
+    ("end", "recorded", "said"),
+    [
+        ("error_tpdu", "0970004b03c1030a0b0c", "0300000e0970123403c1030a0b0c"),
+        ("error_tpdu", "", "0300000904701234 00"),
+        ("disconnect", "0680004b000585", "0300000b06801234000585"),
+        ("disconnect", "", "0300000b06801234000180"),
+    ],
+)
+def test_a_dr_or_er_is_that_of_the_recording_with_the_reference_of_the_client(
+    end: str, recorded: str, said: str
+) -> None:
+    answer, farewell, close = ending(end, bytes.fromhex(recorded))
+    assert farewell == Deed(SEND, bytes.fromhex(said), last=True)
+    assert close == Deed(CLOSE, last=True)
+    assert answer.delay_s == 0.005
+
+
+def test_the_end_comes_behind_what_the_client_still_answers() -> None:
+    job = bytes.fromhex("32010000000700020000") + b"\x1c\x00"
+    talk = Talk()
+    talk >> read("MW0") << words(1)
+    recording = talk.recording()
+    recording.scripts[0].steps = recording.scripts[0].steps[1:]
+    recording.scripts[0].steps[0].then = [Said(job, True, 1), Said(b"\x32\x07" + bytes(8))]
+    recording.scripts[0].end = "fin"
+    peer = Peer(1, Desk(Stage(recording)))
+    peer.feed(CONNECT)
+    assert [deed.octets[7:] for deed in peer.feed(dt(read("MW0").octets))][1:] == [job]
+    told = peer.feed(dt(bytes.fromhex("320300000007000100000000") + b"\x1c"))
+    assert [deed.kind for deed in told] == [SEND, CLOSE]
+
+
+def test_jobs_that_the_server_asked_at_once_are_answered_in_any_order() -> None:
+    def job(reference: int) -> bytes:
+        return bytes.fromhex(f"3201000000{reference:02x}00020000") + b"\x1c\x00"
+
+    def answer(reference: int) -> bytes:
+        return dt(bytes.fromhex(f"3203000000{reference:02x}000100000000") + b"\x1c")
+
+    talk = Talk()
+    talk >> read("MW0") << words(1)
+    recording = talk.recording()
+    recording.scripts[0].steps[-1].then = [Said(job(1), True), Said(job(2), True, 2), Said(job(3), False)]
+    desk = Desk(Stage(recording))
+    peer = Peer(1, desk)
+    peer.feed(CONNECT)
+    assert [deed.octets[7:] for deed in peer.feed(dt(read("MW0").octets))][1:] == [job(1), job(2)]
+    assert peer.feed(answer(2)) == []
+    assert [deed.octets[7:] for deed in peer.feed(answer(1))] == [job(3)]
+    assert peer.feed(answer(3)) == []  # nobody answered it when it was recorded; nothing is wrong with an answer
+    assert desk.unmatched == []
+    peer.feed(answer(3))
+    assert [request.lacking for request in desk.unmatched] == ["it is not answered"]

@@ -6,6 +6,7 @@ import errno
 import os
 import random
 import socket
+import struct
 import threading
 import time
 from pathlib import Path
@@ -279,6 +280,84 @@ def test_who_does_not_ask_for_a_connection_is_not_waited_for(monkeypatch: pytest
         silent.socket.sendall(CONNECT[:10])
         assert silent.ended() == "reset"
         assert "no connect request within 0.05 s" in server.problems[0]
+
+
+def ending(end: str, *latencies_ms: float) -> Recording:
+    """A recording of requests that the server ended: each for another word."""
+    talk = Talk()
+    for number, _ in enumerate(latencies_ms):
+        talk >> read(f"MW{2 * number}") << words(number)
+    recording = talk.recording()
+    script = recording.scripts[0]
+    script.steps = script.steps[1:]
+    script.end = end
+    for step, latency_ms in zip(script.steps, latencies_ms, strict=True):
+        step.latency_ns = int(latency_ms * 1e6)
+    return recording
+
+
+@pytest.mark.parametrize("end", ["fin", "reset", "disconnect", "error_tpdu"])
+def test_the_end_waits_for_answers_that_take_longer(end: str) -> None:
+    with Server(ending(end, 150, 1), latency_ms=None) as server, Plain(server) as client:
+        client.socket.sendall(dt(read("MW0").octets) + dt(read("MW2").octets))
+        assert [client.pdu().data[-1] for _ in range(2)] == [1, 0]
+        if end in {"disconnect", "error_tpdu"}:
+            assert client.tpkt()[5] >> 4 == {"disconnect": 8, "error_tpdu": 7}[end]
+        assert client.ended() == ("reset" if end == "reset" else "fin")
+
+
+def test_who_says_more_than_was_recorded_sees_the_recorded_end() -> None:
+    with Server(ending("fin", 0)) as server, Plain(server) as client:
+        client.socket.sendall(dt(read("MW0").octets))
+        assert client.socket.recv(7, socket.MSG_WAITALL)
+        for _ in range(10):  # nobody reads it there, and yet the end is no reset
+            client.socket.sendall(dt(read("MW2").octets))
+        assert client.ended() == "fin"
+        client.socket.close()
+        eventually(lambda: not server._lines)
+
+
+def test_who_never_says_its_end_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(service, "LEAVE_S", 0.05)
+    monkeypatch.setattr(service, "_LOOK_S", 0.02)
+    with Server(ending("fin", 0)) as server, Plain(server) as client:
+        client.socket.sendall(dt(read("MW0").octets))
+        assert client.ended() == "fin"
+        eventually(lambda: not server._lines)
+
+
+def test_a_reset_in_the_midst_of_an_answer_costs_nobody_else_anything(monkeypatch: pytest.MonkeyPatch) -> None:
+    talk = Talk(pdu=960)
+    talk >> read("DB1.DBB0 x900") << values(*[0] * 900)
+    with Server(talk.recording(), faults=["split:*"]) as server, Plain(server) as other:
+        for _ in range(20):
+            with Plain(server) as client:
+                client.socket.sendall(dt(read("DB1.DBB0 x900").octets) * 50)
+                client.socket.recv(7)
+                client.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        assert other.ask(read("DB1.DBB0 x900")).return_codes() == [0xFF]
+        eventually(lambda: len(server._lines) == 1)
+        assert not server._plans
+
+
+def test_a_thousand_short_connections_leave_nothing_behind() -> None:
+    def one(number: int) -> None:
+        with Plain(server, CONNECT if number % 3 else b"") as client:
+            if number % 2:
+                client.send(read("DB10.DBW4"))
+            elif number % 5 == 0:
+                client.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+
+    with Server(small()) as server:
+        one(1)
+        eventually(lambda: not server._lines)
+        files, threads = len(list(Path("/proc/self/fd").iterdir())), threading.active_count()
+        for number in range(1000):
+            one(number)
+        eventually(lambda: not server._lines)
+        assert (len(list(Path("/proc/self/fd").iterdir())), threading.active_count()) == (files, threads)
+        assert server.connections == 1001
+        assert not server._plans
 
 
 def test_more_clients_than_are_served_wait(monkeypatch: pytest.MonkeyPatch) -> None:
