@@ -191,7 +191,9 @@ class Pipeline(Waiting):
                     self._note("stream.reset_ignored", "", side.connection.number)
                 return accounts.RESET_IGNORED
         elif flags & FIN:
-            side.tcp.note_fin(side.index, self.frames, self.now_ns)
+            end_seq: i64 = (seq + len(octets) + missing) & stream.MASK
+            if not side.tcp.note_fin(side.index, end_seq, self.frames, self.now_ns) and side.connection.followed:
+                self._note("stream.reset_ignored", "FIN", side.connection.number)
         if side.tcp.closed and not was_closed:
             self.table.linger(side)
             self._forget_closed()  # not only when time passes: in some captures it stands still

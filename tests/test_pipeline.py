@@ -602,6 +602,16 @@ def test_a_reset_that_does_not_fit_is_not_believed() -> None:
     assert result.packets["reset_ignored"] == 1
 
 
+def test_a_fin_that_does_not_fit_is_not_believed() -> None:
+    talk = poll(ready(), 1)
+    talk.segments.append(Segment(talk.flow, 1, talk.next[1] + 5_000_000, talk.next[0], FIN | ACK))
+    result = run(poll(talk, 2, 3))
+    assert result.outcomes == ["answered"] * 4
+    assert only(result).tcp.ended == ""
+    assert result.counts == {"stream.reset_ignored": 1}
+    assert result.details("stream.reset_ignored") == ["FIN"]
+
+
 def test_data_behind_a_reset_counts_when_it_is_only_out_of_order() -> None:
     talk = poll(ready(), 1)
     talk.send(0, asked(2))
@@ -832,3 +842,12 @@ def test_lying_ip_and_tcp_lengths_are_seen_on_the_fast_way() -> None:
         assert len(result.record.closed) == 1, name
         used = sum([count for category, count in result.packets.items() if category in {"payload", "no_payload"}])
         assert (used == len(talk.segments)) is (name == "total beyond the frame"), name
+
+
+def test_a_connection_of_an_address_with_itself_is_accounted_for() -> None:
+    talk = Talk(Flow("10.0.0.1", "10.0.0.1", (102, 102))).handshake()
+    talk.send(0, connect(0xE0)).send(1, connect(0xD0)).send(0, dt(setup(JOB, 1)))
+    result = Result(talk.packets())
+    check_books(result.pipeline, result.record)
+    assert [one.number for one in result.record.closed] == [1]
+    assert result.outcomes == ["unanswered"]

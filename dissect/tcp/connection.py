@@ -7,7 +7,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.tcp.ip import address_text
-from dissect.tcp.stream import HALF_SPACE, MASK, HalfStream
+from dissect.tcp.stream import FAR_AHEAD, MASK, HalfStream
 
 FIN: Final = 0x01
 SYN: Final = 0x02
@@ -58,7 +58,6 @@ class TcpConnection:
         "last_frame",
         "last_ns",
         "packets",
-        "resets_ignored",
         "streams",
         "vlan",
     )
@@ -78,7 +77,6 @@ class TcpConnection:
         self.ended_by: i64 = -1
         self.ended_frame: i64 = 0
         self.ended_ns: i64 = 0
-        self.resets_ignored: i64 = 0
 
     @property
     def has_holes(self) -> bool:
@@ -98,25 +96,34 @@ class TcpConnection:
             return bool(self.ended)
         return stream.start_seq != ((isn + 1) & MASK)
 
-    def note_fin(self, side: i64, frame: i64, time_ns: i64) -> None:
-        """A FIN was seen; the first one says who closed."""
+    def note_fin(self, side: i64, end_seq: i64, frame: i64, time_ns: i64) -> bool:
+        """A FIN was seen; the first one says who closed. False when it is far from what is expected, as with `note_reset`.
+
+        ``end_seq`` is the sequence number after the octets it came with. It may be further away than a reset: the octets
+        before it may be missing from the capture.
+        """
+        if not self._fits(side, end_seq, FAR_AHEAD):
+            return False
         if not self.ended:
             self.ended = "fin"
             self.ended_by = side
             self.ended_frame = frame
             self.ended_ns = time_ns
         self.fin_seen[side] = True
+        return True
+
+    def _fits(self, side: i64, seq: i64, window: i64) -> bool:
+        """Tell whether a sequence number is within ``window`` of what is expected from ``side``."""
+        stream = self.streams[side]
+        if stream.next_seq < 0:
+            return True
+        distance: i64 = (seq - stream.next_seq) & MASK
+        return distance <= window or MASK + 1 - distance <= window
 
     def note_reset(self, side: i64, seq: i64, frame: i64, time_ns: i64) -> bool:
         """A RST was seen; False when its sequence number is far from what is expected, so that it is not believed."""
-        stream = self.streams[side]
-        if stream.next_seq >= 0:
-            distance: i64 = (seq - stream.next_seq) & MASK
-            if distance >= HALF_SPACE:
-                distance = MASK + 1 - distance
-            if distance > _RESET_WINDOW:
-                self.resets_ignored += 1
-                return False
+        if not self._fits(side, seq, _RESET_WINDOW):
+            return False
         if self.ended != "reset":
             if not self.ended:
                 self.ended_by = side

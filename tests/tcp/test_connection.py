@@ -52,7 +52,7 @@ def test_a_connection_without_handshake_is_open_and_its_start_unknown() -> None:
 def test_a_syn_with_another_sequence_number_is_another_connection(isn: int, other: int) -> None:
     tcp = opened(isn)
     assert tcp.is_new_connection(0, other) is (isn != other)
-    tcp.note_fin(0, 5, 50)
+    tcp.note_fin(0, fin_seq(tcp, 0), 5, 50)
     assert tcp.is_new_connection(0, isn) is False  # the same SYN again, late
 
 
@@ -63,18 +63,36 @@ def test_a_syn_of_a_side_that_was_silent() -> None:
     assert tcp.is_new_connection(1, 77) is True
 
 
+def fin_seq(tcp: TcpConnection, side: int) -> int:
+    """Return the sequence number at which a FIN of ``side`` is expected."""
+    return max(int(tcp.streams[side].next_seq), 0)
+
+
 # ---- FIN ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("distance", "believed"),
+    [(0, True), (1_000_000, True), (-1_000_000, True), (5_000_000, False), (-5_000_000, False)],
+)
+def test_a_fin_far_from_what_is_expected_is_not_believed(distance: int, believed: bool) -> None:
+    tcp = opened()
+    assert tcp.note_fin(0, (fin_seq(tcp, 0) + distance) & MASK, 5, 50) is believed
+    assert tcp.ended == ("fin" if believed else "")
+    assert tcp.fin_seen == [believed, False]
+    assert tcp.note_fin(1, 77, 6, 60)  # nothing is known of that side
+    assert tcp.closed is believed
 
 
 @pytest.mark.parametrize("side", [0, 1])
 def test_the_first_fin_says_who_closed(side: int) -> None:
     tcp = opened()
-    tcp.note_fin(side, 5, 50)
+    tcp.note_fin(side, fin_seq(tcp, side), 5, 50)
     assert ended(tcp) == ("fin", side, 5, 50)
     assert not tcp.closed
-    tcp.note_fin(side, 6, 60)  # sent again
+    tcp.note_fin(side, fin_seq(tcp, side), 6, 60)  # sent again
     assert not tcp.closed
-    tcp.note_fin(1 - side, 7, 70)
+    tcp.note_fin(1 - side, fin_seq(tcp, 1 - side), 7, 70)
     assert ended(tcp) == ("fin", side, 5, 50)
     assert tcp.closed
 
@@ -94,7 +112,7 @@ def test_a_reset_ends_both_directions(side: int) -> None:
 
 def test_a_reset_after_one_fin_is_a_reset_that_the_fin_began() -> None:
     tcp = opened()
-    tcp.note_fin(1, 5, 50)
+    tcp.note_fin(1, fin_seq(tcp, 1), 5, 50)
     assert tcp.note_reset(0, tcp.streams[0].next_seq, 6, 60)
     assert ended(tcp) == ("reset", 1, 5, 50)
     assert tcp.closed
@@ -102,8 +120,8 @@ def test_a_reset_after_one_fin_is_a_reset_that_the_fin_began() -> None:
 
 def test_a_reset_after_both_fins_changes_nothing() -> None:
     tcp = opened()
-    tcp.note_fin(0, 5, 50)
-    tcp.note_fin(1, 6, 60)
+    tcp.note_fin(0, fin_seq(tcp, 0), 5, 50)
+    tcp.note_fin(1, fin_seq(tcp, 1), 6, 60)
     assert tcp.note_reset(0, tcp.streams[0].next_seq, 7, 70)
     assert ended(tcp) == ("fin", 0, 5, 50)
 
@@ -118,7 +136,7 @@ def test_a_reset_far_from_the_window_is_not_believed(distance: int, believed: bo
     tcp = opened(isn)
     assert tcp.note_reset(0, (tcp.streams[0].next_seq + distance) & MASK, 5, 50) is believed
     assert ended(tcp) == (("reset", 0, 5, 50) if believed else ("", -1, 0, 0))
-    assert (tcp.closed, tcp.resets_ignored) == (believed, 0 if believed else 1)
+    assert tcp.closed is believed
 
 
 def test_a_reset_of_a_side_that_was_silent_is_believed() -> None:
