@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import textwrap
 from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path
@@ -31,10 +32,13 @@ _EXIT_CODES = (
     "Exit code: 0 the same, 1 different, 2 wrong use, a file that cannot be read, or one that is damaged so that the "
     "comparison is not to be relied on (it is given), 5 the output failed, 130 interrupted."
 )
-_IGNORABLE = "; ".join([f"{name}: {text}" for name, text in KINDS.items()])
+_WIDTH = 76
+_IGNORABLE = "\n".join(
+    [textwrap.fill(f"{name:<11} {text}", _WIDTH, subsequent_indent=" " * 12) for name, text in KINDS.items()]
+)
 
 
-@click.command("diff", epilog=f"{_EXIT_CODES}\n\nWhat can be ignored. {_IGNORABLE}.")
+@click.command("diff", epilog=f"{_EXIT_CODES}\n\n\b\nWhat can be ignored:\n{_IGNORABLE}")
 @click.argument("first", metavar="A", type=click.Path())
 @click.argument("second", metavar="B", type=click.Path())
 @format_option("text", "json", "junit")
