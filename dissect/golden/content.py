@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from dissect.golden.asked import other_items
 from dissect.golden.exchange import S7, SCD, Exchange, ItemRecord
 from dissect.golden.forms import setup_text
 from dissect.golden.keys import subject
@@ -32,6 +33,8 @@ def request_changes(a: Transaction, b: Transaction) -> tuple[list[Change], bool]
         return [], False
     asked, asks = one.asked, other.asked
     if one.kind != S7 or asked is None or asks is None or not _same_form(one, other):
+        if asked is not None and asks is not None and asked.function == asks.function in {READ_VAR, WRITE_VAR}:
+            return [other_items(one, other)], True
         what = _request_words(one), _request_words(other)
         kind = "requests" if asked is None or asked.function in {READ_VAR, WRITE_VAR} else "contents"
         return [

@@ -1,17 +1,20 @@
 """PDUs without what differs from one recording of the same session to the next: reference and sequence numbers.
 
 What is masked is 0 afterwards; nothing changes its size or place. Of S7comm (reference 3.1, 4.1, 4.3): the PDU reference, the
-sequence number of userdata, the data unit reference (1 where there is one, so that "more follows" stays), the id of an upload;
-and the fill octet behind an odd item (reference 3.5), where some devices leave what was in memory. Of S7comm-plus: sequence
-numbers, session id, credit tick, digests (docs/s7plus.md).
+sequence number of userdata (1 where it says that a piece of a BSEND goes on with another, reference 4.10), the data unit
+reference (1 where there is one, so that "more follows" stays), the id of an upload; the fill octet behind an odd item
+(reference 3.5), where some devices leave what was in memory; and passwords (`dissect.s7.hiding`), which a text that is kept
+must not hold. Of S7comm-plus: sequence numbers, session id, credit tick, digests (docs/s7plus.md).
 """
 
 from __future__ import annotations
 
 from typing import Final
 
+from dissect.s7.hiding import without_secrets
 from dissect.s7.items import DATA_HEAD, parse_data_items
 from dissect.s7.message import ACK_HEADER_SIZE, HEADER_SIZE, PROTOCOL_ID
+from dissect.s7.parameters import GROUP_PBC
 from dissect.s7.tables import (
     ACK_DATA,
     CPU_SERVICES,
@@ -32,8 +35,13 @@ _PARAM_LENGTH: Final = slice(6, 8)
 # Of a userdata PDU, header included: function, syntax, sequence, data unit reference.
 _FUNCTION: Final = 10
 _SYNTAX: Final = 14
+_TYPE_AND_GROUP: Final = 15
 _SEQUENCE: Final = 17
 _DATA_UNIT: Final = 18
+#: Bits of the octet with both, and an answer in those of the type.
+_TYPE: Final = 0xC0
+_GROUP: Final = 0x3F
+_RESPONSE: Final = 0x80
 _SHORT: Final = 0x11
 _EXTENDED: Final = 0x12
 _ACK_FUNCTION: Final = 12
@@ -46,10 +54,11 @@ _WRITE: Final = bytes((WRITE_VAR,))
 
 
 def mask_s7(octets: bytes) -> bytes:
-    """Return an S7 PDU without its references; what is too short for a header stays as it is. Never raises."""
+    """Return an S7 PDU without its references and passwords; what is too short for a header stays as it is. Never raises."""
     if len(octets) < HEADER_SIZE or octets[0] != PROTOCOL_ID:
         return octets
     rosctr = octets[1]
+    octets = without_secrets(octets)
     if rosctr == USERDATA:
         return _mask_userdata(octets)
     at = -1
@@ -87,10 +96,15 @@ def _mask_userdata(octets: bytes) -> bytes:
     if size >= 8 and len(octets) > _SEQUENCE and octets[_FUNCTION] == CPU_SERVICES:
         syntax = octets[_SYNTAX]
         if syntax in {_SHORT, _EXTENDED}:
-            masked[_SEQUENCE] = 0
+            goes_on = octets[_TYPE_AND_GROUP] & _GROUP == GROUP_PBC and octets[_SEQUENCE] and not _answers(octets)
+            masked[_SEQUENCE] = 1 if goes_on else 0
         if syntax == _EXTENDED and size >= 12 and len(octets) > _DATA_UNIT and octets[_DATA_UNIT]:
             masked[_DATA_UNIT] = 1
     return bytes(masked)
+
+
+def _answers(octets: bytes) -> bool:
+    return octets[_TYPE_AND_GROUP] & _TYPE == _RESPONSE
 
 
 def mask_plus(octets: bytes) -> bytes:

@@ -20,9 +20,10 @@ from dissect.golden.forms import (
 )
 from dissect.golden.model import GoldenError, Link, Session, Transaction
 from dissect.golden.values import hex_octets, unquoted
-from dissect.golden.writing import FORMAT, FORMS
+from dissect.golden.writing import FORMAT, FORMS, OTHER_ROLE, pushed
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION
 from dissect.transactions.transaction import REASON_TEXTS
+from dissect.wire.text import printable
 
 #: What every golden of any version begins with.
 MAGIC: Final = "s7dissect golden "
@@ -32,6 +33,7 @@ _BLOCK: Final = 4
 _CONTINUED: Final = 8
 _FUNCTIONS: Final = {name: function for function, name in FORMS.items()}
 _HEAD: Final = re.compile(r"([0-9]{1,9}) (client|server) (.+)")
+_SPOKEN: Final = re.compile(r"(protocol|carrier) (.+)")
 _CONNECTION: Final = re.compile(r"connection ([0-9]{1,9})")
 _SIZES: Final = re.compile(r"TPDU size ([0-9]{1,5}), asked ([0-9]{1,5})")
 _TSAP: Final = re.compile(r"(client|server) TSAP (<[^>]*>)")
@@ -40,7 +42,7 @@ _ENDS: Final = re.compile(r"ends ([a-z_]+)(?: by (client|server))?(?: (\".*\"))?
 _TIME: Final = re.compile(r"at ([0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2})\.([0-9]{9})Z")
 _LATENCY: Final = re.compile(r"latency (-?[0-9]{1,18}) ns")
 _REFERENCE: Final = re.compile(r"reference 0x([0-9a-f]{4})")
-_HALF: Final = re.compile(r"(request|answer) (\S+)(?: (<[^>]*>))?")
+_HALF: Final = re.compile(r"(request|answer|says) (\S+)(?: (<[^>]*>))?")
 _ERROR: Final = re.compile(r"refused 0x([0-9a-f]{4})")
 
 
@@ -149,6 +151,8 @@ class _Reader:
                 head, "request or answer is missing, and no line says why, such as 'no answer: connection_closed'"
             )
         transaction = Transaction(link, found[2], exchange, outcome, draft.reason)
+        if pushed(transaction):
+            transaction.asked_by = OTHER_ROLE[found[2]]
         transaction.time_ns, transaction.latency_ns, transaction.pdu_ref = (
             draft.time_ns,
             draft.latency_ns,
@@ -188,10 +192,8 @@ def _link_fact(link: Link, line: Line) -> None:
         link.farewell = unquoted(found[3]) if found[3] else ""
     elif text == "begins before the capture":
         link.begun = False
-    elif text.startswith("protocol "):
-        link.protocol = text.removeprefix("protocol ")
-    elif text.startswith("carrier "):
-        link.carrier = text.removeprefix("carrier ")
+    elif found := _SPOKEN.fullmatch(text):
+        setattr(link, found[1], printable(found[2]))  # as it is written
     elif text.startswith("refused "):
         link.refused = unquoted(text.removeprefix("refused "))
     else:
@@ -286,7 +288,8 @@ class _Draft:
 
     def _fact(self, text: str) -> None:
         if text.startswith("scd "):
-            self._scd.append(unquoted(text.removeprefix("scd ")))
+            said = unquoted(text.removeprefix("scd "))
+            self._scd.append(f"answer {said.removeprefix('says ')}" if said.startswith("says ") else said)
         elif found := _HALF.fullmatch(text):
             raw = found[2] in {PLUS, SCD, "octets"}
             if raw == (found[3] is None) and found[2] != SCD:
@@ -294,7 +297,9 @@ class _Draft:
                     f"{found[2]} octets of a PDU stand in angle brackets" if raw else f"octets behind {found[2]}"
                 )
             half = _Half(found[2], hex_octets(found[3] or "<>") if raw else None)
-            self._halves[found[1]] = half
+            if (found[1] == "says") != (self.outcome == "unsolicited" and found[1] != "request"):
+                raise ValueError("'says' stands below 'wants no answer', 'answer' where something was asked")
+            self._halves["answer" if found[1] == "says" else found[1]] = half
             self._last = half
         elif self._function == SETUP_COMMUNICATION and text.startswith("asks "):
             self._request = build_setup(JOB, parse_setup(text.removeprefix("asks ")))

@@ -6,6 +6,7 @@ remark, which explains and is never read back.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
@@ -37,10 +38,17 @@ EXTRAS: Final = ("time", "addresses", "refs", "latency")
 #: Heads of transactions whose lines are items or sizes.
 FORMS: Final = {READ_VAR: "READ", WRITE_VAR: "WRITE", SETUP_COMMUNICATION: "SETUP"}
 
+#: Who speaks where nobody asked.
+OTHER_ROLE: Final = {"client": "server", "server": "client"}
+#: What begins a line of a message that answers nothing, but stands where an answer would.
+_PUSHED: Final = re.compile(r'^(  (?:scd ")?)answer ')
+
 _WIDTH: Final = 116
 _CONTINUED: Final = " " * 8
 #: Notes that a remark repeats.
 _NOTES: Final = 12
+#: The number of a job that stands in the sequence number, which is masked.
+_MASKED_JOB: Final = "job 0"
 
 
 def golden_text(session: Session, extras: Iterable[str] = ()) -> str:
@@ -59,27 +67,39 @@ def golden_lines(session: Session, extras: Iterable[str] = ()) -> Iterator[str]:
         yield from _link_lines(link, "addresses" in wanted)
         for transaction in link.transactions:
             yield ""
-            yield f"{transaction.number} {transaction.asked_by} {_head(transaction.exchange)}"
+            yield f"{transaction.number} {_head(transaction)}"
             yield from _outcome(transaction)
             yield from _extra_lines(transaction, wanted, clock)
-            yield from transaction.exchange.fragment
+            yield from _said(transaction)
 
 
 def link_text(link: Link) -> str:
     """Return everything of a connection but its number, as text: what connections are put in order by."""
     lines = list(_link_lines(link, False))
     for transaction in link.transactions:
-        lines += [f"{transaction.asked_by} {_head(transaction.exchange)}", *_outcome(transaction)]
-        lines += transaction.exchange.fragment
+        lines += [_head(transaction), *_outcome(transaction), *_said(transaction)]
     return "\n".join(lines)
 
 
-def _head(exchange: Exchange) -> str:
-    """Return how the block of a transaction begins; the lines below are made with it, once for all that say the same."""
+def _head(transaction: Transaction) -> str:
+    """Return who begins a transaction, and with what: who asks, or who says what nobody asked for."""
+    exchange = transaction.exchange
+    who = OTHER_ROLE.get(transaction.asked_by, "") if pushed(transaction) else transaction.asked_by
+    return f"{who} {_form(exchange) or printable(exchange.function_name)}"
+
+
+def _said(transaction: Transaction) -> Iterable[str]:
+    """Return the lines of what was asked and told, made once for all transactions that say the same."""
+    exchange = transaction.exchange
     if not exchange.fragment:
         exchange.fragment = tuple([wrapped for line in _exchange_lines(exchange) for wrapped in _wrapped(line)])
-    form = _form(exchange)
-    return form or printable(exchange.function_name)
+    return [_PUSHED.sub(r"\1says ", line) for line in exchange.fragment] if pushed(transaction) else exchange.fragment
+
+
+def pushed(transaction: Transaction) -> bool:
+    """Tell whether a transaction is something said that nobody asked for: it has an answering half alone."""
+    exchange = transaction.exchange
+    return transaction.outcome == "unsolicited" and exchange.response_seen and not exchange.request_seen
 
 
 # ---- connections ----------------------------------------------------------------------------------------------------
@@ -89,7 +109,7 @@ def _link_lines(link: Link, addresses: bool) -> Iterator[str]:
     if link.protocol:
         yield f"  protocol {printable(link.protocol)}"
     if link.carrier != "tcp":
-        yield f"  carrier {link.carrier}"
+        yield f"  carrier {printable(link.carrier)}"
     for role, octets, address in zip(("client", "server"), (link.calling, link.called), link.addresses, strict=True):
         if octets is not None:
             said = printable(Tsap(octets).describe(role == "server"))
@@ -140,8 +160,11 @@ def _exchange_lines(exchange: Exchange) -> Iterator[str]:
             yield from _half("answer", exchange)
     elif form:
         plain = _plain_answer(exchange)
-        for line in item_lines(exchange, plain):
+        lines = item_lines(exchange, plain)
+        for line in lines:
             yield f"  {item_text(line)}"
+        if not lines:
+            yield "  # no items"
         if exchange.response and not plain:
             yield from _half("answer", exchange)
     else:
@@ -179,11 +202,21 @@ def _half(name: str, exchange: Exchange) -> Iterator[str]:
 
 
 def _notes(pdu: Pdu | None) -> list[str]:
-    if pdu is None or (pdu.function in FORMS and pdu.rosctr in {JOB, ACK_DATA}):
+    """Return what a PDU is about, and which of its lengths and counts do not fit; the capture may have cut it."""
+    if pdu is None:
         return []
-    notes = pdu.body.notes
+    body = pdu.body
+    by_form = pdu.function in FORMS and pdu.rosctr in {JOB, ACK_DATA}
+    notes = [said for note in body.notes if (said := _note(note))] if not by_form else []
     shown = [printable(note) for note in notes[:_NOTES]]
-    return [*shown, f"and {len(notes) - _NOTES} more"] if len(notes) > _NOTES else shown
+    if len(notes) > _NOTES:
+        shown.append(f"and {len(notes) - _NOTES} more")
+    return [*shown, *[f"does not fit: {fact}" for fact in [*pdu.malformed, *body.malformed][:_NOTES]]]
+
+
+def _note(note: str) -> str:
+    """Return a remark without the number of a job, which is masked."""
+    return "" if note == _MASKED_JOB else note.removeprefix(f"{_MASKED_JOB}, ")
 
 
 # ---- forms ----------------------------------------------------------------------------------------------------------

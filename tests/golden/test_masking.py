@@ -35,6 +35,15 @@ def test_userdata_loses_its_sequence_and_keeps_that_more_follows() -> None:
     assert mask_s7(answer(5, 0, 0)) != mask_s7(answer(5, 9, 0))
 
 
+def test_pieces_of_a_bsend_keep_that_they_go_on() -> None:
+    def piece(kind: int, sequence: int) -> bytes:
+        return pdu(USERDATA, 1, bytes((0, 1, 0x12, 8, 0x12, kind, 1, sequence, 3, 1, 0, 0)), b"\xff\x09\x00\x00")
+
+    assert mask_s7(piece(0x46, 5)) == mask_s7(piece(0x46, 6)) != mask_s7(piece(0x46, 0))
+    assert mask_s7(piece(0x86, 5)) == mask_s7(piece(0x86, 0)), "what the partner answers numbers at will"
+    assert mask_s7(piece(0x44, 5)) == mask_s7(piece(0x44, 0)), "so do follow-up requests of other groups"
+
+
 def test_the_id_of_an_upload_is_a_reference() -> None:
     start, upload, end = b"\x1d\x00\x01\x00", b"\x1e\x00\x00\x00", b"\x1f\x00\x00\x00"
     for rosctr, block in ((ACK_DATA, start), (JOB, upload), (JOB, end)):

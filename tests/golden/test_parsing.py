@@ -14,6 +14,13 @@ from tests.report.support import OWN, ROOT
 PLANT = ROOT / "captures" / "scd"
 
 
+def test_a_name_that_cannot_be_shown_reads_back_to_itself() -> None:
+    for name in ("\x1b[31m", "\ud7fc", "a\\b"):
+        text = golden_text(parse_golden(f"s7dissect golden 1\n\nconnection 1\n  protocol {name}\n  carrier {name}\n"))
+        assert golden_text(parse_golden(text)) == text
+        assert facts(parse_golden(text)) == facts(parse_golden(text.replace("\\x1b", "\x1b")))
+
+
 def facts(session: Session) -> list[object]:
     """Return everything that a golden keeps of a session."""
     links = [

@@ -1,0 +1,41 @@
+"""Which capture each golden in this folder is of: ``NAME.s7.txt`` of ``captures/NAME.pcapng``, and so in the folders below."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from dissect.bindings import load_carrier
+from dissect.golden import golden_text, read_session
+
+GOLDENS: Final = Path(__file__).resolve().parent
+CAPTURES: Final = GOLDENS.parent
+#: The capture with SCD, and what decodes it.
+PLANT: Final = CAPTURES / "scd" / "plant.pcapng"
+
+
+class Source:
+    """A capture and its golden; ``name`` is that of the golden in this folder: ``szl``, ``crafted/plain``, ``scd/plant``."""
+
+    def __init__(self, capture: Path) -> None:
+        folder = capture.parent.relative_to(CAPTURES)
+        self.capture = capture
+        self.name = (folder / capture.name.partition(".")[0]).as_posix()
+        self.golden = GOLDENS / f"{self.name}.s7.txt"
+
+    def text(self) -> str:
+        """Return the golden that the capture gives."""
+        carrier = None
+        if self.capture == PLANT:
+            carrier = load_carrier(str(PLANT.with_suffix(".toml")), str(PLANT.with_suffix(".bind.toml")))
+        return golden_text(read_session(self.capture, carrier=carrier))
+
+
+def _sources() -> dict[str, Source]:
+    """Return every capture of this repository by the name of its golden."""
+    captures = [*CAPTURES.glob("*.pcapng"), *(CAPTURES / "crafted").glob("*.pc*"), PLANT]
+    found = [Source(capture) for capture in sorted(captures)]
+    return {source.name: source for source in found}
+
+
+SOURCES: Final = _sources()

@@ -1,0 +1,63 @@
+"""What a read or write is about, beside what another one is about: items that are new, gone, or elsewhere."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Final
+
+from dissect.golden.addresses import named_item
+from dissect.golden.exchange import Exchange
+from dissect.golden.keys import subject
+from dissect.golden.phrases import Change, short
+from dissect.s7.tables import WRITE_VAR
+
+#: Items that are named.
+_NAMED: Final = 5
+
+
+def other_items(one: Exchange, other: Exchange) -> Change:
+    """Say how the items of two requests differ, both reads or both writes."""
+    before, after = _names(one), _names(other)
+    gone, new = _without(before, after), _without(after, before)
+    verb = "writes" if one.function == WRITE_VAR else "asks for"
+    base = "write" if one.function == WRITE_VAR else "ask for"
+    if len(before) == len(after) == 1:
+        was, is_ = subject(one), subject(other)
+        if was == is_:  # then it is the type that differs
+            was, is_ = before[0], after[0]
+        text = f"{verb} something else: was {was}, is {is_}"
+    elif gone and new:
+        was, is_ = _listed(gone), _listed(new)
+        text = f"{verb} {is_} in the place of {was}"
+    elif new:
+        was, is_ = "", _listed(new)
+        text = f"{verb} {is_} as well"
+    elif gone:
+        was, is_ = _listed(gone), ""
+        text = f"does not {base} {was} any more"
+    else:
+        was, is_ = _listed(before), _listed(after)
+        text = f"{verb} the same items in another order"
+    return Change("requests", text, was, is_, targets=(one.function_name,))
+
+
+def _names(exchange: Exchange) -> list[str]:
+    asked = exchange.asked
+    return [short(named_item(item)) for item in asked.parameters.items] if asked is not None else []
+
+
+def _without(names: Sequence[str], others: Sequence[str]) -> list[str]:
+    """Return those of ``names`` that ``others`` does not have, or not as often, in their order."""
+    left = Counter(others)
+    found = []
+    for name in names:
+        left[name] -= 1
+        if left[name] < 0:
+            found.append(name)
+    return found
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return ", ".join(names[:_NAMED]) + more
