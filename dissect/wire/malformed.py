@@ -17,6 +17,18 @@ REASONS: Final = (
 
 #: Whose length field set the limit that was broken.
 LIMITS: Final = ("snaplen", "ip", "tpkt", "li", "tsdu", "param", "data", "item", "packet")
+#: What that length field is the length of, in words.
+_CONTAINERS: Final = {
+    "snaplen": "the capture",
+    "ip": "the IP packet",
+    "tpkt": "the TPKT",
+    "li": "the TPDU header",
+    "tsdu": "the TSDU",
+    "param": "the parameter part",
+    "data": "the data part",
+    "item": "the item",
+    "packet": "the packet",
+}
 
 
 class Malformed:
@@ -40,10 +52,26 @@ class Malformed:
         self.limit = limit
 
     def __str__(self) -> str:
-        return (
-            f"{self.layer}: {self.field} {self.reason.replace('_', ' ')} at octet {self.offset}"
-            f" (needed {self.needed}, available {self.available}, set by {self.limit})"
-        )
+        return f"{self.layer}: {self._said()}"
+
+    def _said(self) -> str:
+        where = f"{self.field} at octet {self.offset}"
+        container = _CONTAINERS.get(self.limit, self.limit)
+        if self.reason == "too_short":
+            return f"{where} needs {_octets(self.needed)}, {container} has {self.available}"
+        if self.reason == "length_beyond":
+            return f"{where} claims {_octets(self.needed)}, {container} has {self.available}"
+        if self.reason == "length_below":
+            return f"{where} is {self.available}, less than {self.needed}"
+        if self.reason == "trailing_octets":
+            behind = f" behind {self.field}" if self.field != "end" else ""
+            surplus = _octets(self.available - self.needed)
+            return f"{surplus} too many{behind} at octet {self.offset}, in {container}"
+        if self.reason == "count_mismatch":
+            return f"{where}: {self.needed} announced, {self.available} there"
+        if self.reason == "unknown_type":
+            return f"{where} is {self.available}, which is not known"
+        return f"{where} is {self.available}, expected {self.needed}"
 
     def as_dict(self) -> dict[str, object]:
         """Return the fact as JSON-ready values, keys in a fixed order."""
@@ -56,3 +84,7 @@ class Malformed:
             "available": self.available,
             "limit": self.limit,
         }
+
+
+def _octets(count: int) -> str:
+    return f"{count} octet{'s' if count != 1 else ''}"

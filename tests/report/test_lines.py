@@ -210,7 +210,7 @@ def test_a_damaged_pdu_says_what_is_wrong() -> None:
     lying = bytearray(messages.read_job(1, [WORD]))
     lying[7] = 99  # parameter length
     (line,) = pdu_lines(begun().send(0, dt(bytes(lying))))
-    assert "MALFORMED s7: param_length length beyond at octet 6" in line
+    assert "MALFORMED s7: param_length at octet 6 claims 109 octets, the TSDU has 24" in line
 
 
 @pytest.mark.parametrize(
@@ -232,7 +232,7 @@ def test_a_cut_pdu_says_so(kept: int, said: str) -> None:
 def test_a_header_that_is_not_all_there_has_no_invented_fields() -> None:
     lines = Lines()
     observed(lines, begun().send(0, dt(b"\x32\x01\x00\x00\x00\x07")).packets())
-    assert lines.pdus[-1].partition("102  ")[2].startswith("Job       ref ?  MALFORMED s7: header too short")
+    assert lines.pdus[-1].partition("102  ")[2].startswith("Job       ref ?  MALFORMED s7: header at octet 0 needs 10 octets")
 
 
 # ---- TPDUs and comments ---------------------------------------------------------------------------------------------

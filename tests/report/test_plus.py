@@ -87,7 +87,7 @@ def found(talk: Talk) -> Everything:
 
 
 def test_lines(found: Everything) -> None:
-    damaged = "MALFORMED s7plus: length length beyond at octet 2 (needed 18, available 16, set by tsdu)"
+    damaged = "MALFORMED s7plus: length at octet 2 claims 18 octets, the TSDU has 16"
     assert found.lines == [
         "S7comm-plus Request       seq 5  GetMultiVariables  session 0x00000386",
         "S7comm-plus Response      seq 5  GetMultiVariables",

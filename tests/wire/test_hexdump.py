@@ -30,3 +30,13 @@ def test_the_octets_and_the_columns_are_right_for_every_size(size: int) -> None:
     assert "".join([line[57:] for line in lines]) == "".join(
         [chr(octet) if 0x20 <= octet < 0x7F else "." for octet in octets]
     )
+
+
+def test_hidden_octets_are_stars() -> None:
+    octets = bytes(range(0x41, 0x41 + 34))
+    assert hexdump(octets, 0, [(15, 33)]) == [
+        "    0  41 42 43 44 45 46 47 48  49 4a 4b 4c 4d 4e 4f **  ABCDEFGHIJKLMNO*",
+        "   16  ** ** ** ** ** ** ** **  ** ** ** ** ** ** ** **  ****************",
+        "   32  ** 62                                             *b",
+    ]
+    assert hexdump(octets, 0, [(40, 50)]) == hexdump(octets)

@@ -3,14 +3,40 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+import pytest
+
 import dissect
 from dissect.wire.malformed import LIMITS, REASONS, Malformed
 
 FACT = Malformed("cotp", "length_beyond", "li", 4, 18, 9, "tpkt")
 
 
-def test_it_says_everything_in_a_sentence() -> None:
-    assert str(FACT) == "cotp: li length beyond at octet 4 (needed 18, available 9, set by tpkt)"
+@pytest.mark.parametrize(
+    ("fact", "text"),
+    [
+        (FACT, "cotp: li at octet 4 claims 18 octets, the TPKT has 9"),
+        (Malformed("s7", "too_short", "header", 0, 10, 1, "tsdu"), "s7: header at octet 0 needs 10 octets, the TSDU has 1"),
+        (Malformed("s7", "length_below", "item.length", 12, 10, 3, "item"), "s7: item.length at octet 12 is 3, less than 10"),
+        (Malformed("s7", "bad_value", "syntax_id", 4, 17, 18, "param"), "s7: syntax_id at octet 4 is 18, expected 17"),
+        (Malformed("s7", "trailing_octets", "end", 21, 0, 1, "param"),
+         "s7: 1 octet too many at octet 21, in the parameter part"),
+        (Malformed("s7", "trailing_octets", "pdu", 26, 26, 104, "tsdu"),
+         "s7: 78 octets too many behind pdu at octet 26, in the TSDU"),
+        (Malformed("s7", "count_mismatch", "item_count", 11, 5, 1, "param"),
+         "s7: item_count at octet 11: 5 announced, 1 there"),
+        (Malformed("cotp", "unknown_type", "type", 1, 0, 3, "li"), "cotp: type at octet 1 is 3, which is not known"),
+    ],
+)  # fmt: skip
+def test_it_says_everything_in_a_sentence(fact: Malformed, text: str) -> None:
+    assert str(fact) == text
+
+
+def test_every_reason_and_every_limit_has_its_words() -> None:
+    said = {str(Malformed("s7", reason, "length", 1, 2, 3, "item")) for reason in REASONS}
+    assert len(said) == len(REASONS)
+    said = {str(Malformed("s7", "too_short", "length", 1, 2, 3, limit)).partition(", the ")[2] for limit in LIMITS}
+    assert len(said) == len(LIMITS)
+    assert "" not in said
 
 
 def test_it_gives_values_in_a_fixed_order() -> None:
