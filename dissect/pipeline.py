@@ -187,13 +187,12 @@ class Pipeline(Waiting):
         was_closed = side.tcp.closed
         if flags & RST:
             if not side.tcp.note_reset(side.index, seq, self.frames, self.now_ns):
-                if side.connection.followed:
-                    self._note("stream.reset_ignored", "", side.connection.number)
+                self._note_ignored(side, "reset")
                 return accounts.RESET_IGNORED
         elif flags & FIN:
             end_seq: i64 = (seq + len(octets) + missing) & stream.MASK
-            if not side.tcp.note_fin(side.index, end_seq, self.frames, self.now_ns) and side.connection.followed:
-                self._note("stream.reset_ignored", "FIN", side.connection.number)
+            if not side.tcp.note_fin(side.index, end_seq, self.frames, self.now_ns):
+                self._note_ignored(side, "FIN")
         if side.tcp.closed and not was_closed:
             self.table.linger(side)
             self._forget_closed()  # not only when time passes: in some captures it stands still

@@ -609,7 +609,7 @@ def test_a_fin_that_does_not_fit_is_not_believed() -> None:
     assert result.outcomes == ["answered"] * 4
     assert only(result).tcp.ended == ""
     assert result.counts == {"stream.reset_ignored": 1}
-    assert result.details("stream.reset_ignored") == ["FIN"]
+    assert result.details("stream.reset_ignored") == ["FIN from 10.0.0.2:102"]
 
 
 def test_data_behind_a_reset_counts_when_it_is_only_out_of_order() -> None:

@@ -112,6 +112,11 @@ class Books(PacketSink):
         if server.port == ISO_TSAP_PORT:
             self._note("stream.refused", f"{server} refuses {client}")
 
+    def _note_ignored(self, side: Side, what: str) -> None:
+        """A reset or FIN is not believed."""
+        if side.connection.followed:
+            self._note("stream.reset_ignored", f"{what} from {side.tcp.ends[side.index]}", side.connection.number)
+
     def _note_damaged(self, found: Segment) -> None:
         """A segment or datagram has a wrong checksum; on connections that nobody follows that is not our business."""
         side = self.table.sides.get(found.key)
