@@ -262,8 +262,7 @@ def test_a_write_request_that_contradicts_itself(talk: Talk, answered: bool) -> 
     finding = only(talk, "s7.malformed")
     assert finding.frames == [asked]
     assert finding.detail == (
-        "Job from 10.0.0.1:50000, Write Var DB1.DBW0, DB1.DBW2:"
-        " s7: data items at octet 42: 2 announced, 1 there"
+        "Job from 10.0.0.1:50000, Write Var DB1.DBW0, DB1.DBW2: s7: data items at octet 42: 2 announced, 1 there"
     )
 
 
