@@ -232,7 +232,8 @@ def test_a_cut_pdu_says_so(kept: int, said: str) -> None:
 def test_a_header_that_is_not_all_there_has_no_invented_fields() -> None:
     lines = Lines()
     observed(lines, begun().send(0, dt(b"\x32\x01\x00\x00\x00\x07")).packets())
-    assert lines.pdus[-1].partition("102  ")[2].startswith("Job       ref ?  MALFORMED s7: header at octet 0 needs 10 octets")
+    said = lines.pdus[-1].partition("102  ")[2]
+    assert said == "Job       ref ?  MALFORMED s7: header at octet 0 needs 10 octets, the TSDU has 6"
 
 
 # ---- TPDUs and comments ---------------------------------------------------------------------------------------------
