@@ -99,6 +99,8 @@ LOCKED: Final = {"scapy": "layers", "pyshark": "oracle", "textual": "monitor", "
 #: They run what they read.
 DANGEROUS_IMPORTS: Final = frozenset(("cPickle", "dill", "jsonpickle", "marshal", "pickle", "shelve", "yaml"))
 DANGEROUS_CALLS: Final = frozenset(("__import__", "compile", "eval", "exec"))
+#: Of any module: what gives words to a shell, and what reads a file as code or as objects.
+DANGEROUS_METHODS: Final = frozenset(("popen", "system", "getoutput", "getstatusoutput", "unsafe_load"))
 
 #: What another project keeps in a namespace called `dissect`; whoever has both installed needs both.
 FOREIGN: Final = frozenset(
@@ -243,10 +245,13 @@ def the_engine_is_pure(module: str, tree: ast.Module) -> list[str]:
 
 def nothing_runs_what_it_reads(module: str, tree: ast.Module) -> list[str]:
     wrong = [f"{module}:{line}: {name}" for line, name in imports(tree) if name.split(".")[0] in DANGEROUS_IMPORTS]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.keyword) and node.arg == "shell":
+            wrong.append(f"{module}:{node.lineno}: a shell")
     return wrong + [
         f"{module}:{line}: {name}()"
         for line, name, attribute in calls(tree)
-        if not attribute and name in DANGEROUS_CALLS
+        if name in (DANGEROUS_METHODS if attribute else DANGEROUS_CALLS)
     ]
 
 
@@ -328,6 +333,9 @@ def test_rule_holds(rule: Rule, modules: dict[str, ast.Module]) -> None:
         (the_engine_is_pure, "dissect.s7.values", "from datetime import datetime\nt = datetime.now()"),
         (nothing_runs_what_it_reads, "dissect.report.json", "import pickle"),
         (nothing_runs_what_it_reads, "dissect.cli.show", "eval('1')"),
+        (nothing_runs_what_it_reads, "dissect.cli.show", "import subprocess\nsubprocess.run('ls', shell=True)"),
+        (nothing_runs_what_it_reads, "dissect.cli.show", "import os\nos.system('ls')"),
+        (nothing_runs_what_it_reads, "dissect.scd.loading", "import yaml\nyaml.load('1')"),
         (names_say_something, "dissect.network", ""),
         (names_say_something, "dissect.tcp.stream_utils", ""),
         (names_say_something, "dissect.tcp.stream", "class ConnectionManager:\n    pass"),

@@ -12,6 +12,8 @@ import click
 from dissect.report.slugs import slugs_of
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from dissect.live.run import Companion
     from dissect.live.session import Session
     from dissect.recording.ring_buffer import RingLimits
@@ -63,19 +65,21 @@ class Beside:
             raise click.UsageError("-b and --keep-around need -w DIR, where files are written to.")
         if baseline is not None and rules is None:
             raise click.UsageError("--baseline needs --alerts FILE, the rules that ask it.")
-        self._directory = directory
         self._limits = limits
         self._kept = kept
         self._rules = rules
         self._baseline = baseline
         self._session: Session | None = None
         self._shown = False
+        #: Where files go, None for nowhere; and the folders on the way there that were made for it, the outermost first.
+        self.directory = directory
+        self.made: list[Path] = []
 
     def companions(self) -> list[Companion]:
         """Make what was asked for; whatever cannot be is told before anything is captured."""
         made: list[Companion] = []
-        if self._directory is not None:
-            made += self._evidence(self._directory)
+        if self.directory is not None:
+            made += self._evidence(self.directory)
         if self._rules is not None:
             made.append(self._alerts(self._rules))
         return made
@@ -92,7 +96,9 @@ class Beside:
         from dissect.live.evidence import KeeperCompanion, RingCompanion
         from dissect.recording.keeper import Keeper
         from dissect.recording.ring_buffer import RingBuffer
+        from dissect.source.live.privileges import missing
 
+        self.made = missing(directory)
         program, system = f"s7dissect {__version__}", platform.platform()
         made: list[Companion] = []
         if self._limits is not None or not self._kept:

@@ -13,6 +13,7 @@ from dissect.cli.carried import scd_options
 from dissect.cli.drive import checksums_option, write
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT
+from dissect.cli.rights import check_user, open_interface
 from dissect.cli.scrape import Scrape, allow_remote_option, metrics_option
 from dissect.cli.watching import Interruption, LostEvents, Shower, only_option, overdue_option, slow_option
 from dissect.wire.text import printable
@@ -62,7 +63,14 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
     type=click.Choice(("auto", "dumpcap", "ring")),
     default="auto",
     show_default=True,
-    help="What captures; auto is dumpcap, and the kernel's ring where it may not.",
+    help="What captures; auto is dumpcap, and the kernel's ring where it may not; for root the ring first.",
+)
+@click.option(
+    "-Z",
+    "user",
+    default="",
+    metavar="USER",
+    help="As root: become USER once the interface is open (by default who called sudo, else nobody); root keeps all rights.",
 )
 @click.option("--plain", is_flag=True, help="A line an event, also on a terminal.")
 @click.option(
@@ -88,6 +96,7 @@ def command(
     interface: str | None,
     expression: str,
     engine: str,
+    user: str,
     plain: bool,
     format_: str | None,
     topics: tuple[str, ...],
@@ -111,11 +120,11 @@ def command(
     from dissect.live.run import Limits
     from dissect.live.session import Session
 
-    opener = _opener(file, interface, expression, engine)
     on_screens = not plain and format_ is None and sys.stdout.isatty() and _screens_will_do()
+    opener = _opener(file, interface, expression, engine, user, beside, on_screens)
     with Scrape(metrics, allow_remote) as scrape:
         session = Session(
-            opener,
+            lambda: _opened(opener, scrape),
             Options(slow_ns, carrier=carrier, overdue_ns=overdue_ns, checksums=checksums),
             companions=[*beside.companions(), *scrape.companions],
             limits=Limits(duration_ns, packets or 0),
@@ -130,22 +139,33 @@ def command(
     return gate(session.run, fail_on, code)
 
 
-def _opener(file: str | None, interface: str | None, expression: str, engine: str) -> Callable[[], Reader]:
+def _opener(
+    file: str | None, interface: str | None, expression: str, engine: str, user: str, beside: Beside, on_screens: bool
+) -> Callable[[], Reader]:
     """Return what opens the source that the arguments name."""
     if (file is None) == (interface is None):
         raise click.UsageError("Say what to watch: either -i INTERFACE, or a FILE, or - for standard input.")
-    if interface is None and (expression or engine != "auto"):
-        raise click.UsageError("-f and --engine belong to an interface (-i).")
+    if interface is None and (expression or engine != "auto" or user):
+        raise click.UsageError("-f, --engine and -Z belong to an interface (-i).")
+    if user:
+        check_user(user, engine)
 
     def opened() -> Reader:
         from dissect.source.files import open_capture
         from dissect.source.live.opening import open_live
 
         if interface is not None:
-            return open_live(interface, expression, engine)
+            return open_interface(interface, expression, engine, user, beside, on_screens)
         return open_live("-") if file == "-" else open_capture(file or "")
 
     return opened
+
+
+def _opened(opener: Callable[[], Reader], scrape: Scrape) -> Reader:
+    """Open the source; only then there may be other threads."""
+    reader = opener()
+    scrape.start()
+    return reader
 
 
 # ---- the plain form -------------------------------------------------------------------------------------------------

@@ -40,13 +40,13 @@ allow_remote_option: Final[Callable[[Any], Any]] = click.option(
 )
 
 
-def start_metrics(metrics: Metrics, address: Address, allow_remote: bool) -> Server:
+def listen(metrics: Metrics, address: Address, allow_remote: bool) -> Server:
     """Listen, or end the command with one line that says why not. Call it before anything is captured."""
     from dissect.metrics.address import AddressError
     from dissect.metrics.server import MissingLibraryError, serve
 
     try:
-        return serve(metrics, address, allow_remote)
+        return serve(metrics, address, allow_remote, start=False)
     except (AddressError, MissingLibraryError) as why:
         raise click.ClickException(str(why)) from None
 
@@ -54,7 +54,8 @@ def start_metrics(metrics: Metrics, address: Address, allow_remote: bool) -> Ser
 class Scrape:
     """Metrics for as long as a ``with`` lasts: counted by a companion of the session, handed out where ``address`` says.
 
-    Without an address there is nothing, and it costs nothing.
+    It listens from the beginning, and answers from `start` on: before that this process has no other thread, so that it can
+    still give up its rights. Without an address there is nothing, and it costs nothing.
     """
 
     def __init__(self, address: Address | None, allow_remote: bool) -> None:
@@ -64,7 +65,7 @@ class Scrape:
             from dissect.metrics.counters import Metrics
 
             self._metrics = Metrics()
-            self._server = start_metrics(self._metrics, address, allow_remote)
+            self._server = listen(self._metrics, address, allow_remote)
             click.echo(f"s7dissect: metrics are at {self._server.url}", err=True)
 
     def __enter__(self) -> Self:
@@ -73,6 +74,11 @@ class Scrape:
     def __exit__(self, *_: object) -> None:
         if self._server is not None:
             self._server.close()
+
+    def start(self) -> None:
+        """Answer those who ask. May be called twice."""
+        if self._server is not None:
+            self._server.start()
 
     @property
     def companions(self) -> list[Companion]:

@@ -38,6 +38,7 @@ from dissect.report.lines import (
 from dissect.report.places import Places
 from dissect.report.scd_tree import scd_tree_lines
 from dissect.report.tree import netlink_tree_lines, plus_tree_lines, tpdu_tree_lines, tree_lines
+from dissect.s7.hiding import without_secrets
 from dissect.s7.message import parse_pdu
 from dissect.s7plus.message import parse_plus
 from dissect.session import Run
@@ -159,10 +160,11 @@ class _Pdus(Observer):
         if not self._wanted(frame):
             return
         connection = side.connection
-        pdu = parse_pdu(octets, frame, time_ns, connection.number, side.index, cut)
         if self._as_jsonl:
+            pdu = parse_pdu(without_secrets(octets), frame, time_ns, connection.number, side.index, cut)
             self._lines.append(self._pdus.line(pdu, connection))
             return
+        pdu = parse_pdu(octets, frame, time_ns, connection.number, side.index, cut)
         self._lines.append(pdu_line(pdu, connection, self._clock, self._places))
         if self._verbose:
             whole = self._packet if self._packet.endswith(octets) and not cut else b""

@@ -7,6 +7,8 @@ that slow clients cannot keep Prometheus out; a client that is silent for `PATIE
 
 from __future__ import annotations
 
+import ipaddress
+import re
 import socket
 import sys
 import threading
@@ -16,7 +18,7 @@ from http.server import BaseHTTPRequestHandler
 from socketserver import TCPServer, ThreadingMixIn
 from typing import TYPE_CHECKING, Any, Final
 
-from dissect.metrics.address import Address, AddressError, Target, parse_address, resolve
+from dissect.metrics.address import Address, AddressError, Target, is_loopback, parse_address, resolve
 from dissect.metrics.counters import Metrics
 
 if TYPE_CHECKING:
@@ -29,6 +31,7 @@ PER_SECOND: Final = 5
 _POLL_S: Final = 0.2
 
 _PATH: Final = "/metrics"
+_PORT: Final = re.compile(r":[0-9]*$")
 _PLAIN: Final = "text/plain; charset=utf-8"
 _FAILED: Final = b"HTTP/1.0 500 Internal Server Error\r\nContent-Type: text/plain\r\n\r\nthe metrics cannot be told\n"
 
@@ -38,6 +41,18 @@ class MissingLibraryError(RuntimeError):
 
     def __init__(self) -> None:
         super().__init__("metrics take the library prometheus-client: pip install 's7dissect[metrics]'")
+
+
+def _names_this_machine(host: str) -> bool:
+    """Tell whether a Host field is missing (HTTP/1.0), localhost, or an address in numbers."""
+    name = host.rpartition(":")[0] if _PORT.search(host) else host
+    if name.lower() in {"", "localhost"}:
+        return True
+    try:
+        ipaddress.ip_address(name.removeprefix("[").removesuffix("]"))
+    except ValueError:
+        return False
+    return True
 
 
 class Text:
@@ -72,6 +87,9 @@ class _Handler(BaseHTTPRequestHandler):
         if self.path.partition("?")[0] != _PATH:
             self.send_error(404, f"there is only {_PATH}")
             return
+        if self.server.local and not _names_this_machine(self.headers.get("Host", "")):
+            self.send_error(403, "ask by an address in numbers, or as localhost")
+            return
         self._answer(self.server.text.octets())
 
     def _answer(self, octets: bytes) -> None:
@@ -100,6 +118,8 @@ class _Listener(ThreadingMixIn, TCPServer):
 
     def __init__(self, target: Target, text: Text) -> None:
         self.address_family = target.family
+        #: Only this machine may ask: then not by another name either, as a web page can whose name leads here (DNS rebinding).
+        self.local = is_loopback(str(target.address[0]))
         self.text = text
         self._clients: dict[socket.socket, None] = {}
         self._lock = threading.Lock()
@@ -155,7 +175,10 @@ def _end(client: socket.socket) -> None:
 
 
 class Server:
-    """Listens from the moment it is made until `close`. ``address`` is where; a port of 0 has become a real one."""
+    """Listens from the moment it is made until `close`, and answers from `start` on.
+
+    ``address`` is where; a port of 0 has become a real one.
+    """
 
     def __init__(self, listener: _Listener, host: str) -> None:
         self._listener = listener
@@ -163,7 +186,11 @@ class Server:
         self._thread = threading.Thread(
             target=listener.serve_forever, kwargs={"poll_interval": _POLL_S}, name="s7dissect-metrics", daemon=True
         )
-        self._thread.start()
+
+    def start(self) -> None:
+        """Answer, in a thread; may be called twice. Whoever came before that has waited."""
+        if self._thread.ident is None:
+            self._thread.start()
 
     @property
     def url(self) -> str:
@@ -179,11 +206,14 @@ class Server:
         self._listener.server_close()
 
 
-def serve(metrics: Metrics, address: Address | str = "127.0.0.1:9102", allow_remote: bool = False) -> Server:
+def serve(
+    metrics: Metrics, address: Address | str = "127.0.0.1:9102", allow_remote: bool = False, *, start: bool = True
+) -> Server:
     """Listen on ``address`` (``HOST:PORT``, ``[IPv6]:PORT``) and hand ``metrics`` out there.
 
     Call it before the capture begins, so that a wrong address is told at once. Raises `AddressError` for an address that
-    cannot be used, or that others can reach when ``allow_remote`` does not say so, and `MissingLibraryError`.
+    cannot be used, or that others can reach when ``allow_remote`` does not say so, and `MissingLibraryError`. Without ``start``
+    it only listens until `Server.start` is called.
     """
     try:
         from dissect.metrics.exposition import Exposition
@@ -198,4 +228,7 @@ def serve(metrics: Metrics, address: Address | str = "127.0.0.1:9102", allow_rem
         listener = _Listener(target, Text(Exposition(metrics)))
     except OSError as why:
         raise AddressError(f"{address}: {why.strerror or why}: say another port or address with --metrics") from None
-    return Server(listener, str(target.address[0]))
+    server = Server(listener, str(target.address[0]))
+    if start:
+        server.start()
+    return server

@@ -40,6 +40,7 @@ FOLLOWS_WITHHELD: Final = "it belongs to a request that is withheld"
 CLIENT_PUSH: Final = "a message of the client that is no request"
 
 _NORMAL: Final = 0x80  # reason of a DR: ended by the user
+_MAX_HEADER: Final = 254  # octets that the length indicator of a TPDU can count
 #: How either end ends a connection, where the recording sees it.
 _ENDS: Final = {
     "client": frozenset((FIN, RESET, DISCONNECT)),
@@ -172,7 +173,7 @@ class Part:
                 end_ns = begin_ns
 
     def connect_request(self, reference: int) -> bytes:
-        """Return the CR."""
+        """Return the CR. Raises `ReplayError` when it has no room for the TSAPs: a golden may say anything."""
         parameters = []
         if 128 <= self.tpdu_size <= 8192 and not self.tpdu_size & (self.tpdu_size - 1):
             parameters.append((TPDU_SIZE, bytes((self.tpdu_size.bit_length() - 1,))))
@@ -183,9 +184,15 @@ class Part:
             parameters.append((PREFERRED_SIZE, size.to_bytes(max((size.bit_length() + 7) // 8, 1), "big")))
         tsaps = ((CALLING_TSAP, self.calling), (CALLED_TSAP, self.called))
         parameters += [(code, value) for code, value in tsaps if value is not None]
-        variable = b"".join([bytes((code, len(value))) + value for code, value in parameters])
         fixed = struct.pack(">BHHB", CR << 4, 0, reference, 0)
-        return bytes((len(fixed) + len(variable),)) + fixed + variable
+        size = len(fixed) + sum([2 + len(value) for _, value in parameters])
+        if size > _MAX_HEADER:
+            raise ReplayError(
+                f"connection {self.link.number}: its TSAPs and its TPDU size take {size} octets of a connect request, "
+                f"which has room for {_MAX_HEADER}"
+            )
+        variable = b"".join([bytes((code, len(value))) + value for code, value in parameters])
+        return bytes((size,)) + fixed + variable
 
     def disconnect_request(self, reference: int, theirs: int) -> bytes:
         """Return the DR with which the client ended the connection, its reason as it was recorded."""
@@ -215,6 +222,8 @@ def make_plan(
     parts = [Part(link, called, recorded.spans.get(id(link))) for link in links]
     if not any([_playable(part) for part in parts]):
         raise ReplayError(f"{session.name}: no connection in it speaks S7comm over TCP, so there is nothing to replay")
+    for part in playable(parts):
+        part.connect_request(0)  # what cannot be asked for is told before anything is sent
     return parts
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from dissect.ibh import layouts as ibh
@@ -15,6 +15,7 @@ from dissect.s7 import layouts as s7
 from dissect.s7.bodies import parse_body
 from dissect.s7.data_parts import CONTENT, RETURN_CODE
 from dissect.s7.errors import ERROR_CODES
+from dissect.s7.hiding import secret_spans
 from dissect.s7.message import Pdu
 from dissect.s7plus import layouts as s7plus
 from dissect.s7plus.message import PlusPdu, fixed_part
@@ -50,9 +51,10 @@ def tree_lines(pdu: Pdu, packet: bytes, through_gateway: bool = False) -> Iterat
     if pdu.error_class > 0 or pdu.error_code > 0:
         code = (pdu.error_class << 8) | pdu.error_code
         yield _field("", "error", f"0x{code:04x} {ERROR_CODES.name(code)}. {ERROR_CODES.text(code)}".rstrip())
-    yield from _body(pdu, base)
+    hidden = secret_spans(pdu.octets)
+    yield from _body(pdu, base, hidden)
     yield from _malformed(pdu.malformed, base)
-    yield from _octets(whole)
+    yield from _octets(whole, [(begin + base, end + base) for begin, end in hidden])
 
 
 def tpdu_tree_lines(packet: bytes) -> Iterator[str]:
@@ -128,9 +130,9 @@ def _malformed(facts: list[Malformed], base: int) -> Iterator[str]:
         yield f"    MALFORMED  {moved}"
 
 
-def _octets(whole: bytes) -> Iterator[str]:
+def _octets(whole: bytes, hidden: Sequence[tuple[int, int]] = ()) -> Iterator[str]:
     yield ""
-    for line in hexdump(whole):
+    for line in hexdump(whole, 0, hidden):
         yield f"    {line}"
     yield ""
 
@@ -188,8 +190,11 @@ def _meaning(value: FieldValue) -> str:
     return str(value.value) if field.decimal else number
 
 
-def _body(pdu: Pdu, base: int) -> Iterator[str]:
-    """Yield the parts behind the header. A part that there are several of is numbered; octets alone continue the part above."""
+def _body(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> Iterator[str]:
+    """Yield the parts behind the header. A part that there are several of is numbered; octets alone continue the part above.
+
+    ``hidden`` are (offset, end) of what is not shown.
+    """
     body = parse_body(pdu)
     head = pdu.parameters.userdata
     counts = Counter(part.layout for part in body.parts)
@@ -210,7 +215,10 @@ def _body(pdu: Pdu, base: int) -> Iterator[str]:
             yield f"    {name}{number}{f': {shortened(part.note, _NOTE)}' if part.note else ''}"
         for value in part.values:
             said = head.subfunction_name if head is not None and value.field.name == "subfunction" else ""
-            yield _line(value, base, said)
+            if any([begin < value.end and value.offset < end for begin, end in hidden]):
+                yield _field(_range(value.offset + base, value.end + base), value.field.name.rstrip("_"), "not shown")
+            else:
+                yield _line(value, base, said)
     yield from _malformed(body.malformed, base)
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 
-def hexdump(octets: bytes, start: int = 0) -> list[str]:
+
+def hexdump(octets: bytes, start: int = 0, hidden: Sequence[tuple[int, int]] = ()) -> list[str]:
     """Return one line for every sixteen octets; ``start`` is the offset shown for the first.
 
-    Offsets are decimal, as in the field tree; octets that are not printable ASCII show as a dot.
+    Offsets are decimal, as in the field tree; octets that are not printable ASCII show as a dot. ``hidden`` are (offset, end)
+    of octets that show as stars.
     """
     lines: list[str] = []
     for at in range(0, len(octets), 16):
@@ -14,5 +17,16 @@ def hexdump(octets: bytes, start: int = 0) -> list[str]:
         left = row[:8].hex(" ")
         right = row[8:].hex(" ")
         text = "".join([chr(octet) if 0x20 <= octet < 0x7F else "." for octet in row])
+        for begin, end in hidden:
+            left, right, text = _starred(left, right, text, max(begin - at, 0), min(end - at, 16))
         lines.append(f"{start + at:>5}  {left:<23}  {right:<23}  {text}")
     return lines
+
+
+def _starred(left: str, right: str, text: str, begin: int, end: int) -> tuple[str, str, str]:
+    """Return the columns of a line with stars for the octets from ``begin`` to ``end`` of it, as far as there are any."""
+    end = min(end, len(text))
+    if begin >= end:
+        return left, right, text
+    pairs = (left.split() + right.split())[:begin] + ["**"] * (end - begin) + (left.split() + right.split())[end:]
+    return " ".join(pairs[:8]), " ".join(pairs[8:]), text[:begin] + "*" * (end - begin) + text[end:]

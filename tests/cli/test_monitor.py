@@ -103,6 +103,8 @@ def test_a_damaged_file_is_told(capfdbinary: pytest.CaptureFixture[bytes], tmp_p
         ([], "Say what to watch"),
         (["-i", "lo", "file"], "Say what to watch"),
         (["file", "-f", "tcp"], "belong to an interface"),
+        (["file", "-Z", "root"], "belong to an interface"),
+        (["-i", "lo", "-Z", "nobody", "--engine", "dumpcap"], "-Z USER: "),
         (["-i", "lo", "--duration", "0"], "not between"),
         (["-i", "lo", "--duration", "x"], "not a number"),
         (["-i", "lo", "--only", "nothing"], "none of connections, transactions"),

@@ -66,6 +66,37 @@ def test_nothing_else(server: Server, path: str) -> None:
     assert kind == "text/plain; charset=utf-8"
 
 
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        ("127.0.0.1:9102", 200),
+        ("localhost:9102", 200),
+        ("LocalHost", 200),
+        ("[::1]:9102", 200),
+        ("", 200),
+        ("plant.example:9102", 403),
+        ("localhost.plant.example", 403),
+        ("127.0.0.1.plant.example:80", 403),
+        ("\x1b[2J", 403),
+    ],
+)
+def test_another_name_is_refused(server: Server, host: str, status: int) -> None:
+    """A web page elsewhere whose name leads here (DNS rebinding)."""
+    with reach(server.address) as client:
+        client.sendall(b"GET /metrics HTTP/1.1\r\nHost: " + host.encode() + b"\r\n\r\n")
+        assert client.makefile("rb").readline().split()[1] == str(status).encode()
+
+
+def test_whom_others_may_ask_has_other_names() -> None:
+    running = serve(Metrics(), "0.0.0.0:0", allow_remote=True)
+    try:
+        with socket.create_connection(("127.0.0.1", running.address.port), timeout=10) as client:
+            client.sendall(b"GET /metrics HTTP/1.1\r\nHost: probe7.plant.example\r\n\r\n")
+            assert client.makefile("rb").readline().split()[1] == b"200"
+    finally:
+        running.close()
+
+
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "<script>"])
 def test_only_get(server: Server, method: str) -> None:
     assert ask(server, method)[0] == 501

@@ -60,6 +60,23 @@ def test_the_connect_request_asks_for_what_was_recorded(size: int) -> None:
     assert (tpdu.parameter(CALLING_TSAP), tpdu.parameter(CALLED_TSAP)) == (b"\x01\x00", b"\x01\x02")
 
 
+def test_tsaps_may_fill_a_connect_request() -> None:
+    one = link()
+    one.calling, one.called = b"A" * 120, b"B" * 121
+    (part,) = make_plan(recorded(one))
+    octets = part.connect_request(0)
+    assert octets[0] == 254
+    assert parse_tpdu(octets).malformed == []
+
+
+@pytest.mark.parametrize("sizes", [(121, 121), (254, 2), (300, 300)])
+def test_tsaps_that_have_no_room_in_a_connect_request_are_told_before_anything_is_sent(sizes: tuple[int, int]) -> None:
+    one = link()
+    one.calling, one.called = b"A" * sizes[0], b"B" * sizes[1]
+    with pytest.raises(ReplayError, match="which has room for 254"):
+        make_plan(recorded(one))
+
+
 def test_tsaps_that_were_not_sent_are_not_sent() -> None:
     one = link()
     one.calling = None

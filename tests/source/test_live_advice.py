@@ -51,8 +51,9 @@ def test_elsewhere_capabilities_are_set(monkeypatch: pytest.MonkeyPatch, group: 
 @pytest.mark.usefixtures("somebody")
 def test_the_ring_takes_one_right_and_no_other() -> None:
     lines = advice.ring_permission()
-    assert "--reuid ada" in lines[1]
-    assert "--ambient-caps +net_raw" in lines[1]
+    assert "becomes ada again" in lines[0]
+    assert "--reuid ada" in lines[2]
+    assert "--ambient-caps +net_raw" in lines[2]
 
 
 def test_root_without_rights_is_in_a_container(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -226,6 +226,12 @@ def test_long_lists_jump_far() -> None:
     assert max(max(part.yes, part.no) for part in program) <= 255
 
 
+@pytest.mark.parametrize("text", ["(", "not ", "((tcp) or ", "tcp or ", "a", "port 9"], ids=str)
+def test_a_filter_of_a_mebibyte_is_refused_without_recursion(text: str) -> None:
+    with pytest.raises((NotBuiltInError, LiveError)):
+        compile_filter(text * (1_048_576 // len(text)), 1)
+
+
 def test_longer_than_the_kernel_takes_is_told() -> None:
     with pytest.raises(LiveError, match=f"more than {MAX_INSTRUCTIONS} instructions"):
         compile_filter(" or ".join(f"port {port}" for port in range(900)))

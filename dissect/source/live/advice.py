@@ -51,7 +51,8 @@ def ring_permission() -> tuple[str, ...]:
         return _AS_ROOT
     user = _user()
     return (
-        "the ring needs CAP_NET_RAW. For one run, keeping all other rights as they are:",
+        f'for one run: sudo "$(command -v s7dissect)" monitor …    (it becomes {user} again before it reads a packet)',
+        "or with CAP_NET_RAW and no other right, which any program can be run with:",
         f'sudo setpriv --reuid {user} --regid "$(id -g)" --init-groups --inh-caps +net_raw --ambient-caps +net_raw s7dissect …',
         "for a service: AmbientCapabilities=CAP_NET_RAW in its systemd unit",
         "or let dumpcap capture, which needs no rights here: --engine dumpcap",

@@ -1,0 +1,96 @@
+"""How `s7dissect monitor` opens an interface, and what it gives up then: hostile packets are parsed without any rights."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Final
+
+import click
+
+if TYPE_CHECKING:
+    from dissect.cli.beside import Beside
+    from dissect.source.live.reader import LiveReader
+
+#: The user whom -Z names to keep everything.
+_ROOT: Final = "root"
+#: Rooms of which something is imported only when it is met in a packet, and codecs, which are imported too.
+_ROOMS: Final = ("s7", "s7plus", "transactions", "findings", "report", "live", "recording")
+_CODECS: Final = ("ascii", "latin-1", "utf-16-be", "utf-16-le", "idna")
+
+
+def check_user(user: str, engine: str) -> None:
+    """Refuse a ``-Z`` that cannot be followed."""
+    from dissect.source.live.privileges import is_root
+
+    if not is_root():
+        raise click.UsageError("-Z USER: only root can become another user.")
+    if engine == "dumpcap" and user != _ROOT:
+        raise click.UsageError(
+            "-Z USER: dumpcap keeps its rights, and so must whoever ends it; --engine ring does not."
+        )
+
+
+def open_interface(
+    interface: str, expression: str, engine: str, user: str, beside: Beside, on_screens: bool
+) -> LiveReader:
+    """Open an interface and give up all rights, as far as the engine allows that.
+
+    Root reads by the ring where it can: whoever started a dumpcap as root must stay root to end it.
+    """
+    from dissect.source.live import privileges
+    from dissect.source.live.opening import open_live
+
+    root = privileges.is_root()
+    keeps = user == _ROOT
+    become = privileges.heir(user) if root and not keeps else None
+    reader = _by_ring_first(interface, expression) if become is not None and engine == "auto" else None
+    if reader is None:
+        reader = open_live(interface, expression, engine)
+    if keeps or reader.engine != "ring":
+        if root and not keeps:
+            _say(f"{reader.engine} runs as root, and so does what reads the packets; --engine ring gives up all rights")
+        return reader
+    try:
+        if become is not None:
+            _import_all()
+            privileges.give(beside.made, become)
+        privileges.relinquish(become)
+        if beside.directory is not None:
+            privileges.check_writable(beside.directory, become)
+        if on_screens and not privileges.program_readable():
+            raise privileges.unreadable(become)
+    except BaseException:
+        reader.close()
+        raise
+    if become is not None:
+        _say(f"the interface is open; going on as {become}, without any rights")
+    return reader
+
+
+def _by_ring_first(interface: str, expression: str) -> LiveReader | None:
+    """Open the ring, None where it cannot be: dumpcap may, or says why nobody can."""
+    from dissect.source.live.opening import open_live
+    from dissect.source.live.reader import LiveError
+
+    try:
+        return open_live(interface, expression, "ring")
+    except LiveError:
+        return None
+
+
+def _import_all() -> None:
+    """Import what a line may need later: a Python below /root is none that nobody may read."""
+    import pkgutil
+
+    import dissect
+
+    for name in _CODECS:
+        "".encode(name)
+    for room in _ROOMS:
+        package = importlib.import_module(f"{dissect.__name__}.{room}")
+        for found in pkgutil.iter_modules(package.__path__):
+            importlib.import_module(f"{package.__name__}.{found.name}")
+
+
+def _say(text: str) -> None:
+    click.echo(f"s7dissect: {text}", err=True)

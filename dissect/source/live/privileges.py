@@ -1,0 +1,154 @@
+"""Giving up rights once the packet socket is open and before the first packet is looked at, as tcpdump's -Z does.
+
+Only a process that is about to do nothing but read a line may do this, so it is the command line's decision; `open_live` never
+does it. All of it is of this process as a whole: there must be no other thread yet where the rights are capabilities of a user
+other than root, which each thread has for itself. Sources: credentials(7), capabilities(7), setresuid(2), prctl(2).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from dissect.source.live.reader import LiveError
+from dissect.wire.text import printable
+
+_SET_NO_NEW_PRIVS: Final = 38
+_CAPABILITY_VERSION: Final = 0x20080522
+#: The number of nobody where the system does not name it.
+_NOBODY: Final = 65534
+_NUMBER: Final = re.compile(r"[0-9]{1,10}")
+_RIGHTS: Final = re.compile(rb"^Cap(?:Inh|Prm|Eff|Amb):\s*0*([0-9a-f]*)$", re.MULTILINE)
+_USERS: Final = re.compile(rb"^Uid:\s*(.*)$", re.MULTILINE)
+_CHOOSE: Final = "-Z USER names another user, -Z root keeps all rights"
+
+
+class User(NamedTuple):
+    """Who a process becomes. ``name`` may be empty: a number that has none."""
+
+    name: str
+    uid: int
+    gid: int
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.uid})" if self.name else f"user {self.uid}"
+
+
+def is_root() -> bool:
+    """Tell whether this process has the rights of root."""
+    return hasattr(os, "geteuid") and os.geteuid() == 0
+
+
+def heir(name: str = "") -> User:
+    """Return who root becomes: the user ``name``, else who called sudo, else nobody. `LiveError` when there is no such user."""
+    import pwd
+
+    if name:
+        try:
+            found = pwd.getpwuid(int(name)) if _NUMBER.fullmatch(name) else pwd.getpwnam(name)
+        except (KeyError, OverflowError):
+            raise LiveError(f"there is no user {printable(name)!r} to become (-Z)") from None
+        return User(found.pw_name, found.pw_uid, found.pw_gid)
+    caller, group = os.environ.get("SUDO_UID", ""), os.environ.get("SUDO_GID", "")
+    if _NUMBER.fullmatch(caller) and int(caller):
+        uid = int(caller)
+        try:
+            entry = pwd.getpwuid(uid)
+        except (KeyError, OverflowError):
+            return User("", uid, int(group) if _NUMBER.fullmatch(group) and int(group) else uid)
+        return User(entry.pw_name, uid, int(group) if _NUMBER.fullmatch(group) and int(group) else entry.pw_gid)
+    try:
+        entry = pwd.getpwnam("nobody")
+    except KeyError:
+        return User("", _NOBODY, _NOBODY)
+    return User(entry.pw_name, entry.pw_uid, entry.pw_gid)
+
+
+def missing(directory: str) -> list[Path]:
+    """Return the folders on the way to ``directory`` that are not there yet, the outermost first: those we shall make."""
+    path = Path(directory).absolute()
+    return [one for one in (*reversed(path.parents), path) if not os.path.lexists(one)]
+
+
+def give(directories: Sequence[Path], user: User) -> None:
+    """Make ``user`` the owner of folders that this process has made."""
+    for path in directories:
+        handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        try:
+            os.fchown(handle, user.uid, user.gid)
+        finally:
+            os.close(handle)
+
+
+def relinquish(user: User | None) -> None:
+    """Become ``user`` (None: stay who we are) without any capability and without a way back; `LiveError` when that fails.
+
+    No program started later gains rights either (no_new_privs). Whoever catches the error must end the process.
+    """
+    try:
+        if user is not None:
+            if user.name:
+                os.initgroups(user.name, user.gid)
+            else:
+                os.setgroups([user.gid])
+            os.setresgid(user.gid, user.gid, user.gid)
+            os.setresuid(user.uid, user.uid, user.uid)
+        library = ctypes.CDLL(None, use_errno=True)
+        header = (ctypes.c_uint32 * 2)(_CAPABILITY_VERSION, 0)
+        if library.capset(header, (ctypes.c_uint32 * 6)()) or library.prctl(_SET_NO_NEW_PRIVS, 1, 0, 0, 0):
+            raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+    except OSError as error:
+        who = f"become {user}" if user is not None else "give up its rights"
+        raise LiveError(
+            f"this program could not {who}: {error.strerror}", (_CHOOSE,) if user is not None else ()
+        ) from None
+    left = rights_left()
+    if left:
+        raise LiveError(f"rights were to be given up and are still there: {left}")
+
+
+def rights_left() -> str:
+    """Return which rights some thread of this process still has, as the kernel tells it; empty when none has any."""
+    if 0 in os.getresuid():
+        return "those of root"
+    for status in sorted(Path("/proc/self/task").glob("*/status")):
+        try:
+            text = status.read_bytes()  # text would need a codec, which nobody may load where Python is only for root
+        except OSError:
+            continue  # a thread that has just ended
+        if any([number == b"0" for line in _USERS.findall(text) for number in line.split()]):
+            return "those of root, in a thread"
+        if any(_RIGHTS.findall(text)):
+            return "capabilities, in a thread"
+    return ""
+
+
+def program_readable() -> bool:
+    """Tell whether this process may still read the Python that it runs on: otherwise nothing can be imported any more."""
+    return all([os.access(file, os.R_OK) for file in (os.__file__, __file__)])
+
+
+def unreadable(user: User | None) -> LiveError:
+    """Return the error of screens, which import as they go, where `program_readable` says no."""
+    who = str(user) if user is not None else "this user"
+    return LiveError(
+        f"the screens need the files of Python in {Path(os.__file__).parent}, which {who} may not read",
+        ("--plain shows a line an event without them", f"or {_CHOOSE}"),
+    )
+
+
+def check_writable(directory: str, user: User | None) -> None:
+    """Raise `LiveError` unless this process, which is ``user`` by now, may make files in ``directory``."""
+    if os.access(directory, os.W_OK | os.X_OK):
+        return
+    if user is None:
+        raise LiveError(f"{printable(directory)}: this user may not write there")
+    owner = user.name or str(user.uid)
+    raise LiveError(
+        f"{printable(directory)}: {user}, who this program becomes before it reads packets, may not write there",
+        (f"take a folder that {owner} may write to, for example after: chown {owner} DIR", f"or {_CHOOSE}"),
+    )
