@@ -8,6 +8,8 @@ VENV ?= .venv
 DEMO ?= captures/nodes7-poll-missing.pcapng
 # Processes that run tests side by side.
 JOBS ?= auto
+# Seconds for each fuzz target.
+FUZZ_SECONDS ?= 60
 
 BIN := $(VENV)/bin
 PYTEST := $(BIN)/pytest
@@ -18,7 +20,7 @@ ENGINE := $(wildcard tests/wire tests/source tests/tcp tests/iso tests/s7 tests/
 export PYTHONSAFEPATH := 1
 export VENV
 
-.PHONY: demo test lint types test-installed test-interpreted environment test-environment format coverage record clean
+.PHONY: demo test lint types test-installed test-interpreted environment test-environment format coverage fuzz record clean
 .NOTPARALLEL:
 
 demo: environment
@@ -62,6 +64,14 @@ format: test-environment
 # Only interpreted code can be traced.
 coverage: test-environment
 	PYTHONPATH=$(CURDIR) $(PYTEST) -n $(JOBS) --dist loadfile -m "not measured" --cov --cov-report=term $(ENGINE)
+
+# Every fuzz target for a while, one after the other (docs/fuzzing.md); only interpreted code shows atheris its branches.
+fuzz:
+	scripts/environment.sh test
+	scripts/environment.sh fuzz
+	@failed=0; for target in container frames segments streams pdus files inputs; do \
+		PYTHONPATH=$(CURDIR) $(BIN)/python -m tests.fuzz $$target --seconds $(FUZZ_SECONDS) || failed=1; \
+	done; exit $$failed
 
 # Record captures/ anew with real peers; needs root.
 record:

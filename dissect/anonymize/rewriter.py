@@ -16,6 +16,8 @@ from dissect.source.pcapng_writer import PcapngWriter
 #: Octets of packets that wait behind a fragment whose datagram is not whole yet.
 MAX_WAITING: Final = 32 * 1024 * 1024
 _COST: Final = 256
+#: The last time that can be read back, in 2262: where a reader puts what is later.
+_LAST_NS: Final = 2**63 - 1
 
 
 class _Waiting:
@@ -87,4 +89,5 @@ class Rewriter(PacketSink):
                 self._packets.unsettled()
                 continue
             self._account.written += 1
-            self._writer.packet(first.time_ns + self._shift_ns, new, first.wire_length, first.link_type)
+            time_ns = min(first.time_ns + self._shift_ns, _LAST_NS)
+            self._writer.packet(time_ns, new, first.wire_length, first.link_type)

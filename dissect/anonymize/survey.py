@@ -160,8 +160,8 @@ class Survey(Observer):
         if packet.kind in (KIND_DATA, KIND_FRAGMENT):
             part = _Part(head, start, start + int(packet.data_at), packet.data)
             self._part(track, message, part, packet.kind == KIND_DATA)
-        else:
-            _lay(track, head, start)
+        else:  # a receipt between two parts of a message comes behind the first
+            self._part(track, message, _Part(head, start, start + len(octets), b""), False)
 
     # ---- messages ---------------------------------------------------------------------------------------------------
 

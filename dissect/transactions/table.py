@@ -166,8 +166,8 @@ class ConnectionTable:
         side1 = Side(1, reverse_key(first), tcp, connection)
         side0.peer = side1
         side1.peer = side0
-        self.sides[side0.key] = side0
         self.sides[side1.key] = side1
+        self.sides[side0.key] = side0  # last: it stands for the connection, also where both ends have the same address
         return side0 if first == key else side1
 
     def remove(self, side: Side) -> None:

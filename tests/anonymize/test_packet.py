@@ -14,6 +14,7 @@ from dissect.anonymize.account import Choices
 from dissect.source.files import open_capture
 from dissect.tcp import ip, link
 from tests.anonymize.support import anonymized, told
+from tests.ibh.packets import CLAIM, CLAIMED, RECEIPT, long, short
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import ACK, EPOCH_NS, MS, PSH, Flow, Packet, Segment, Talk
@@ -184,3 +185,29 @@ def test_damaged_captures_never_raise(tmp_path_factory: pytest.TempPathFactory, 
         Choices(random.choice(("keep", "mask", "scramble")), keep_others=random.random() < 0.5),
     )
     assert account.written + sum(account.dropped.values()) == len(packets)
+
+
+def test_a_receipt_between_two_parts_of_a_message_costs_neither(tmp_path: Path) -> None:
+    request = messages.read_job(1, [messages.Item(0x02, 20)])
+    answer = messages.read_answer(1, [messages.Item(0x02, 20)], [b"\x5a" * 20])
+    talk = Talk(Flow(ports=(49152, 1099))).handshake()
+    talk.send(0, CLAIM).send(1, CLAIMED).send(0, short(0xF1, messages.setup(1, 0)))
+    talk.send(1, long(0xF1, messages.setup(3, 0))).send(0, short(0xF1, request))
+    talk.send(1, RECEIPT, long(0xF0, answer[:24])).send(0, short(0x05)).send(1, RECEIPT, long(0xF1, answer[24:]))
+    saved(tmp_path / "a.pcapng", talk.packets())
+    anonymized(tmp_path / "a.pcapng", tmp_path / "b.pcapng")
+    assert told(tmp_path / "b.pcapng") == told(tmp_path / "a.pcapng")
+    assert [row[4] for row in told(tmp_path / "b.pcapng")] == ["answered", "answered"]
+    assert payload(written(tmp_path / "b.pcapng")[9])[:-6] == long(0xF0, answer[:24])[:-6]
+    assert b"\x5a\x5a" not in b"".join(written(tmp_path / "b.pcapng"))
+
+
+def test_times_are_never_moved_past_what_can_be_read(tmp_path: Path) -> None:
+    last = 2**63 - 1
+    saved(tmp_path / "a.pcapng", [packet._replace(time_ns=last - 5) for packet in read(begun(), 1).packets()])
+    anonymized(tmp_path / "a.pcapng", tmp_path / "b.pcapng", Choices(shift_time=True))
+    made = drain(open_capture(str(tmp_path / "b.pcapng")))
+    assert {frame.time_ns for frame in made.frames} == {last}
+    reader = open_capture(str(tmp_path / "b.pcapng"))
+    drain(reader)
+    assert reader.notes == []

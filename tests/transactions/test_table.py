@@ -54,6 +54,21 @@ def test_a_connection_has_two_sides() -> None:
     assert (table.sides, table.all_open()) == ({}, [])
 
 
+def test_a_connection_of_an_address_with_itself_can_be_told_and_leave() -> None:
+    table = ConnectionTable()
+    one = V4[:4] * 2 + V4[8:10] * 2
+    side = table.open(one, 0, 1, 0)
+    assert table.all_open() == [side]
+    for number in range(2 * MAX_CONNECTIONS):
+        host = (number + 1).to_bytes(4, "big")
+        table.open(host * 2 + V4[8:10] * 2, 0, 1, number + 1)
+    gone = table.overflow()
+    assert len(gone) == EVICTED_AT_ONCE
+    assert gone[0] is side
+    table.remove(side)
+    assert one not in table.sides
+
+
 def test_a_connection_that_took_another_s_place_stays() -> None:
     table = ConnectionTable()
     old = table.open(V4, 0, 1, 0)

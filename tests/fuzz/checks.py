@@ -1,0 +1,34 @@
+"""What has to hold of everything that is told, whatever came in."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+
+from tests.report.support import UNSAFE
+
+
+def check_line(line: str) -> None:
+    """A line of output: it can be written as UTF-8, and nothing in it steers a terminal or an eye."""
+    assert not UNSAFE.search(line), ascii(line)
+    line.encode("utf-8")
+
+
+def check_lines(lines: Iterable[str]) -> int:
+    """Check every line; return how many there are."""
+    count = 0
+    for line in lines:
+        check_line(line)
+        count += 1
+    return count
+
+
+def _only_numbers(name: str) -> float:
+    raise AssertionError(f"{name} is no JSON")
+
+
+def check_json(text: str) -> object:
+    """A JSON text (RFC 8259, without NaN and Infinity) that is safe to show, apart from its line ends; return what it says."""
+    check_lines(text.split("\n"))
+    found: object = json.loads(text, parse_constant=_only_numbers)
+    return found

@@ -1,0 +1,90 @@
+"""What went wrong, kept once for each kind: the input, where it was raised, and a smaller input that does the same."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+#: An input that takes the processor longer than this is a failure as well (promise G2).
+SLOW_SECONDS: Final = 1.0
+
+Target = Callable[[bytes], None]
+
+
+def kind_of(error: Exception) -> str:
+    """Return what tells failures apart: the type of the exception, and the place of ours that raised it."""
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if "dissect" in frame.filename or "tests" in frame.filename
+    ]
+    last = frames[-1] if frames else None
+    return f"{type(error).__name__} in {Path(last.filename).name}:{last.lineno}" if last else type(error).__name__
+
+
+def failure_of(target: Target, octets: bytes, timed: bool = False) -> tuple[str, str]:
+    """Run one input; return the kind of failure and a report of it, or twice nothing."""
+    begun = time.process_time()
+    try:
+        target(octets)
+    except Exception as error:  # noqa: BLE001 - what else comes out is what is looked for
+        return kind_of(error), "".join(traceback.format_exception(error))
+    taken = time.process_time() - begun
+    if timed and taken > SLOW_SECONDS:
+        return "slow", f"one input took {taken:.2f} s\n"
+    return "", ""
+
+
+class Failures:
+    """Takes inputs from a fuzzer and keeps the first of each kind that fails in ``folder``; the fuzzer goes on."""
+
+    def __init__(self, name: str, target: Target, folder: Path) -> None:
+        self.counts: Counter[str] = Counter()
+        self._name = name
+        self._target = target
+        self._folder = folder
+
+    def __call__(self, octets: bytes) -> None:
+        """Run one input."""
+        kind, report = failure_of(self._target, octets, timed=True)
+        if not kind:
+            return
+        self.counts[kind] += 1
+        if self.counts[kind] == 1:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            path = self._folder / f"{self._name}-{hashlib.sha256(octets).hexdigest()[:12]}.bin"
+            path.write_bytes(octets)
+            path.with_suffix(".txt").write_text(report, encoding="utf-8", errors="backslashreplace")
+            print(f"FAILURE {kind}: {path}", file=sys.stderr, flush=True)
+
+
+def minimised(target: Target, octets: bytes) -> bytes:
+    """Return the shortest input found that fails in the same way: pieces are left out, then octets made zero."""
+    kind, _ = failure_of(target, octets)
+    if not kind:
+        raise ValueError("this input does not fail")
+
+    def same(tried: bytes) -> bool:
+        return failure_of(target, tried)[0] == kind
+
+    size = len(octets) // 2
+    while size:
+        at = 0
+        while at < len(octets):
+            tried = octets[:at] + octets[at + size :]
+            if same(tried):
+                octets = tried
+            else:
+                at += size
+        size //= 2
+    for at in range(len(octets)):
+        tried = octets[:at] + b"\0" + octets[at + 1 :]
+        if octets[at] and same(tried):
+            octets = tried
+    return octets

@@ -1,0 +1,218 @@
+"""Fuzz target ``inputs``: what a person writes or keeps: goldens, dictionaries, bindings, rules, baselines, filters, times.
+
+The first octet chooses what the others are (`KINDS`). Only the errors that are documented may come out, and each says
+something; what is accepted can be written and read again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Final, TypeVar
+
+from benchmarks.scd_damage import sealed
+from dissect.alerts.loading import parse_rules
+from dissect.baseline.loading import parse_baseline
+from dissect.baseline.writing import baseline_toml
+from dissect.bindings.binding import Bindings
+from dissect.bindings.bindings_file import _parse as parse_bindings
+from dissect.bindings.bindings_file import load_bindings
+from dissect.golden.comparison import diff_sessions
+from dissect.golden.model import GoldenError, Session
+from dissect.golden.parsing import parse_golden
+from dissect.golden.writing import EXTRAS, golden_text
+from dissect.recording.ring_buffer import parse_limits
+from dissect.recording.window import parse_window
+from dissect.replay.recorded import Recorded
+from dissect.report.slugs import slugs_of
+from dissect.scd.codec import Codec, Decoded
+from dissect.scd.dictionary import Dictionary
+from dissect.scd.dump import dump_json, dump_toml
+from dissect.scd.eds import import_eds
+from dissect.scd.errors import DictionaryError, Error
+from dissect.scd.loading import load, load_octets
+from dissect.scd.source import parse_json, parse_toml
+from dissect.scd.toml_tables import source_text
+from dissect.scd.xdd import import_xdd
+from dissect.server.recording import _of_golden, _served
+from dissect.source.live.filter import NotBuiltInError, compile_filter
+from dissect.source.live.reader import LiveError
+from dissect.source.packet import CaptureError
+from tests.fuzz.checks import check_line, check_lines
+from tests.fuzz.played import check_replayed, check_served
+from tests.golden.support import WRITTEN
+
+T = TypeVar("T")
+
+PLANT: Final = Path(__file__).resolve().parents[2] / "captures" / "scd" / "plant.toml"
+BINDINGS: Final = PLANT.with_name("plant.bind.toml")
+
+
+@cache
+def plant() -> Dictionary:
+    """Return the dictionary of captures/scd."""
+    return load(PLANT)
+
+
+@cache
+def plant_bindings() -> Bindings:
+    """Return the bindings of captures/scd."""
+    return load_bindings(BINDINGS, plant())
+
+
+@cache
+def usual() -> Session:
+    """Return the session of a golden of every form."""
+    return parse_golden(WRITTEN)
+
+
+def _golden(octets: bytes) -> None:
+    given = octets.decode("utf-8", "replace")
+    session = parse_golden(given)
+    text = golden_text(session, EXTRAS)
+    check_lines(text.split("\n"))
+    again = parse_golden(text)
+    assert golden_text(again, EXTRAS) == text
+    for one, other in ((session, usual()), (usual(), session)):
+        for difference in diff_sessions(one, other):
+            check_line(difference.text)
+    if given.replace("\n", "").isprintable():  # what is not is written escaped, which is another text
+        assert not diff_sessions(session, again)
+    check_replayed(Recorded(session, session.links))
+    check_served(_served(_of_golden(session)), [], b"")
+
+
+def _use(found: Dictionary) -> None:
+    assert load_octets(found.octets).octets == found.octets
+    assert parse_toml(dump_toml(found)).octets == found.octets
+    assert parse_json(dump_json(found)).octets == found.octets
+
+
+def _compiled(octets: bytes) -> None:
+    _use(load_octets(sealed(octets)))
+
+
+def _raw(octets: bytes) -> None:
+    _use(load_octets(octets))
+
+
+def _toml(octets: bytes) -> None:
+    _use(parse_toml(source_text(octets, "fuzz.toml"), "fuzz.toml"))
+
+
+def _json(octets: bytes) -> None:
+    _use(parse_json(source_text(octets, "fuzz.json"), "fuzz.json"))
+
+
+def _eds(octets: bytes) -> None:
+    _use(import_eds(octets, "fuzz.eds").dictionary)
+
+
+def _xdd(octets: bytes) -> None:
+    _use(import_xdd(octets, "fuzz.xdd").dictionary)
+
+
+def _bindings(octets: bytes) -> None:
+    parse_bindings(source_text(octets, "fuzz.toml"), plant())
+
+
+def _rules(octets: bytes) -> None:
+    assert parse_rules(source_text(octets, "fuzz.toml"), "fuzz.toml").rules
+
+
+def _baseline(octets: bytes) -> None:
+    baseline = parse_baseline(source_text(octets, "fuzz.toml"))
+    text = baseline_toml(baseline)
+    check_lines(text.split("\n"))
+    assert baseline_toml(parse_baseline(text)) == text
+
+
+def _filter(octets: bytes) -> None:
+    for link_type in (1, 101):
+        program = compile_filter(octets.decode("utf-8", "replace"), link_type)
+        assert 0 < len(program) <= 4096
+
+
+def _words(octets: bytes) -> None:
+    text = octets.decode("utf-8", "replace")
+    for call in (slugs_of, parse_window, lambda words: parse_limits(words.split(","))):
+        _refused_or_used(call, text, (ValueError,))
+
+
+def _received(octets: bytes) -> None:
+    """What comes from the wire in the envelope of a dictionary: nothing is raised at all."""
+    codec = _codec()
+    for message in codec.parse_messages(octets):
+        assert message.size > 0 or message.error is not None
+    codec.envelope.frame(octets, len(octets) // 2)
+
+
+@cache
+def _codec() -> Codec:
+    return Codec(plant(), strict_pad=True)
+
+
+def _decoded(octets: bytes) -> None:
+    """The payload of a PDO or of an object: what comes out goes in again."""
+    codec = _codec()
+    pdos = [f"{pdo.direction}{pdo.number}" for pdo in (*plant().tpdo.values(), *plant().rpdo.values())]
+    chosen = octets[0] if octets else 0
+    if chosen & 0x80:
+        objects = [obj.index for obj in plant() if not obj.single]
+        index = objects[chosen % len(objects)]
+        _both_ways(octets[1:], lambda made: codec.decode_object(index, made),
+                   lambda found: codec.encode_object(index, found.values))  # fmt: skip
+    else:
+        name = pdos[chosen % len(pdos)]
+        _both_ways(octets[1:], lambda made: codec.decode(name, made), lambda found: codec.encode(name, found.values))
+
+
+def _both_ways(octets: bytes, decode: Callable[[bytes], Decoded], encode: Callable[[Decoded], bytes]) -> None:
+    found = decode(octets)
+    if not found.flags:
+        assert encode(found) == octets
+
+
+def _refused_or_used(use: Callable[[T], object], given: T, documented: tuple[type[Exception], ...]) -> None:
+    """Only a documented error may come out, and it says something."""
+    said = "used"
+    try:
+        use(given)
+    except NotBuiltInError:  # says to its caller alone that somebody else is to be asked
+        assert NotBuiltInError in documented
+    except documented as error:
+        said = str(error)
+    assert said
+
+
+#: What the octets are, and what may be raised about them.
+KINDS: Final[tuple[tuple[str, Callable[[bytes], None], tuple[type[Exception], ...]], ...]] = (
+    ("golden", _golden, (GoldenError, CaptureError)),  # the latter where nothing in it can be played
+    ("compiled", _compiled, (DictionaryError,)),
+    ("raw", _raw, (DictionaryError,)),
+    ("toml", _toml, (DictionaryError,)),
+    ("json", _json, (DictionaryError,)),
+    ("eds", _eds, (DictionaryError,)),
+    ("xdd", _xdd, (DictionaryError,)),
+    ("bindings", _bindings, (DictionaryError,)),  # `load_bindings` makes a BindingError of it
+    ("rules", _rules, (DictionaryError,)),  # `load_rules` makes a RuleError of it
+    ("baseline", _baseline, (DictionaryError,)),  # `load_baseline` makes a BaselineError of it
+    ("filter", _filter, (NotBuiltInError, LiveError)),
+    ("words", _words, ()),
+    ("received", _received, ()),
+    ("decoded", _decoded, (Error,)),
+)
+
+
+def written(kind: str, octets: bytes) -> bytes:
+    """Return octets of a kind in the form of this target."""
+    return bytes(([name for name, _, _ in KINDS].index(kind),)) + octets
+
+
+def inputs(octets: bytes) -> None:
+    """Any file of a person: it is used, or refused with an error that says why."""
+    if not octets:
+        return
+    _, use, documented = KINDS[octets[0] % len(KINDS)]
+    _refused_or_used(use, octets[1:], documented)

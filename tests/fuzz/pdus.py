@@ -1,0 +1,117 @@
+"""Fuzz target ``pdus``: one PDU of S7comm, S7comm-plus or IBH-NetLink, read, cut into parts, decoded and shown.
+
+The first octet chooses whether the capture cut the PDU; what follows is the PDU, whose own first octet says what it is.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Final
+
+from dissect.ibh.packet import parse_packet
+from dissect.iso.tpkt import HEADER, MAX_LENGTH
+from dissect.replay.kinds import Permissions
+from dissect.report.jsonl import PduLines
+from dissect.report.lines import message_name, pdu_line, plus_line
+from dissect.report.places import Places
+from dissect.report.tree import netlink_tree_lines, plus_tree_lines, tree_lines
+from dissect.s7.bodies import parse_joined
+from dissect.s7.message import PROTOCOL_ID, parse_pdu
+from dissect.s7.values import decode_value
+from dissect.s7plus.message import parse_plus
+from dissect.transactions.connection import Connection
+from dissect.wire.clock import Clock
+from dissect.wire.malformed import Malformed
+from dissect.wire.part import Part
+from tests.fuzz.checks import check_json, check_line, check_lines
+from tests.fuzz.played import check_harmless
+from tests.properties.books import Result
+from tests.properties.messages import dt
+from tests.report.support import begun
+
+CUT: Final = 1
+PLUS: Final = 0x72
+#: Transport sizes whose values are tried on the first octets of a data item, beside the one that was asked for.
+_SIZES: Final = (0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x07, 0x08, 0x09, 0x0A, 0x0B, 0x0C, 0x0F, 0x13, 0x1C, 0x1D, 0x30)
+
+
+@cache
+def _connection() -> Connection:
+    return Result(begun().packets()).record.opened[0]
+
+
+def _check_cover(parts: list[Part], start: int, end: int) -> None:
+    """Parts stand one behind the other, without gaps, from ``start`` to ``end``."""
+    at = start
+    for part in parts:
+        assert part.offset == at, (part.layout.name, part.offset, at)
+        assert part.end >= part.offset
+        at = part.end
+        for value in part.values:
+            assert isinstance(value.meaning, str)
+    assert at == max(start, end), (at, end)
+
+
+def _check_malformed(facts: list[Malformed], size: int) -> None:
+    for fact in facts:
+        assert 0 <= fact.offset <= max(size, 0xFFFF + 12), str(fact)
+        check_line(str(fact))
+
+
+def _s7(octets: bytes, cut: bool) -> None:
+    if not Permissions().refusal(octets):
+        check_harmless(octets)
+    pdu = parse_pdu(octets, 1, 0, 1, 0, cut)
+    body = pdu.body
+    size = len(octets)
+    middle = min(pdu.data_offset, size)
+    _check_cover(body.parameters, min(pdu.header_size, size), middle)
+    _check_cover(body.data, middle, min(middle + pdu.data_length, size))
+    _check_malformed([*pdu.malformed, *body.malformed], size)
+    for number, item in enumerate(pdu.data_items()):
+        items = pdu.parameters.items
+        wanted = items[number].transport_size if number < len(items) else item.transport_size
+        assert len(item.data) <= size
+        decode_value(wanted, item.data)
+        for code in _SIZES:
+            decode_value(code, item.data[:64])
+    assert len(pdu.return_codes()) <= size
+    assert isinstance(pdu.refused, bool)
+    packet = dt(octets) if size + HEADER + 3 <= MAX_LENGTH and not cut else b""
+    check_lines(tree_lines(pdu, packet))
+    check_line(pdu_line(pdu, _connection(), Clock(), Places([], False)))
+    check_json(PduLines().line(pdu, _connection()))
+    head = pdu.parameters.userdata
+    if head is not None:
+        told: list[Malformed] = []
+        joined = pdu.data * 2
+        _check_cover(parse_joined(head.group, head.subfunction, head.type, joined, told), 0, len(joined))
+        _check_malformed(told, len(joined))
+
+
+def _plus(octets: bytes, cut: bool) -> None:
+    pdu = parse_plus(octets, 1, 0, 1, 0, cut)
+    _check_malformed(pdu.malformed, len(octets))
+    check_lines(plus_tree_lines(pdu, b"" if cut else dt(octets)))
+    check_line(plus_line(pdu, _connection(), Clock(), Places([], False)))
+    check_json(PduLines().plus_line(pdu, _connection()))
+
+
+def _netlink(octets: bytes) -> None:
+    packet = parse_packet(octets)
+    check_lines(netlink_tree_lines(octets))
+    assert packet.octets == octets
+    check_line(message_name(packet.data))
+
+
+def pdus(octets: bytes) -> None:
+    """Any PDU: it is read without an exception, its parts have no gaps, whatever is shown of it is safe."""
+    cut = bool(octets[:1] and octets[0] & CUT)
+    pdu = octets[1:]
+    first = pdu[0] if pdu else -1
+    if first == PROTOCOL_ID:
+        _s7(pdu, cut)
+    elif first == PLUS:
+        _plus(pdu, cut)
+    else:
+        _netlink(pdu)

@@ -1,0 +1,33 @@
+"""Fuzz target ``segments``: TCP connections with losses, copies, disorder, fragments and resets (`tests.fuzz.scripts`)."""
+
+from __future__ import annotations
+
+from dissect.conversation import Options
+from dissect.pipeline import Pipeline
+from tests.fuzz.scripts import Script
+from tests.properties.books import Record, Result, check_books, facts
+
+#: What stands around a packet in the buffer it is given in: more of what could be taken for a part of it.
+_BEFORE = b"\x03\x00\x00\x07\x02\xf0\x80"
+_BEHIND = b"\x03\x00\x00\x07\x02\xf0\x00" * 3
+
+
+def segments(octets: bytes) -> None:
+    """Any sequence of segments: packets, octets, PDUs and connections are accounted for.
+
+    What is told does not depend on what else stands in the buffer of a packet.
+    """
+    packets = Script(octets).packets
+    result = Result(packets)
+    check_books(result.pipeline, result.record)
+    record = Record()
+    pipeline = Pipeline(record, Options(strict=True))
+    start = len(_BEFORE)
+    for packet in packets:
+        buf = _BEFORE + packet.octets + _BEHIND
+        end = start + len(packet.octets)
+        pipeline.frame(packet.time_ns, buf, start, end, packet.wire_length, packet.link_type)
+    pipeline.finish()
+    assert pipeline.packet_counts() == result.pipeline.packet_counts()
+    assert pipeline.conversation.judge.counts == result.counts
+    assert [facts(one) for one in record.transactions] == [facts(one) for one in result.transactions]

@@ -1,0 +1,28 @@
+"""The fuzz targets: each takes any octets and fails where something does not hold that always should (docs/fuzzing.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from tests.fuzz.containers import container
+from tests.fuzz.files import files
+from tests.fuzz.frames import frames
+from tests.fuzz.inputs import inputs
+from tests.fuzz.pdus import pdus
+from tests.fuzz.seeds import Seeds
+from tests.fuzz.segments import segments
+from tests.fuzz.streams import streams
+
+#: A target, how it is seeded, and the longest input a fuzzer makes.
+TargetRow = tuple[Callable[[bytes], None], Callable[[Seeds], list[bytes]], int]
+
+TARGETS: Final[dict[str, TargetRow]] = {
+    "container": (container, Seeds.container, 12288),
+    "frames": (frames, Seeds.frames, 8192),
+    "segments": (segments, Seeds.segments, 4096),
+    "streams": (streams, Seeds.streams, 4096),
+    "pdus": (pdus, Seeds.pdus, 2048),
+    "files": (files, Seeds.files, 12288),
+    "inputs": (inputs, Seeds.inputs, 8192),
+}

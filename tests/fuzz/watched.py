@@ -1,0 +1,62 @@
+"""What those see who watch a line: plain lines, JSON lines, the rows and details of the screens, the metrics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from dissect.live.json_lines import JsonLines
+from dissect.live.lines import PlainLines, kinds_of
+from dissect.live.session import Event, _Collector
+from dissect.metrics.counters import Metrics
+from dissect.metrics.exposition import Exposition
+from dissect.monitor.details import connection_details, entry_lines, finding_details
+from dissect.monitor.model import Model
+from dissect.monitor.rows import connection_row, entry_line, entry_row, finding_row, joined, sparks
+from dissect.pipeline import Pipeline
+from dissect.wire.clock import Clock
+from tests.fuzz.checks import check_json, check_line, check_lines
+
+
+class Watcher(_Collector):
+    """Keeps every event."""
+
+    def __init__(self) -> None:
+        super().__init__(scd=True)
+
+
+def check_events(events: Iterable[Event]) -> None:
+    """Every event is a safe line and an object of JSON."""
+    told = list(events)
+    kinds = kinds_of(())
+    check_lines(PlainLines(kinds).lines(told))
+    for line in JsonLines(kinds).lines(told):
+        check_json(line)
+
+
+def check_screens(events: Iterable[Event], pipeline: Pipeline) -> None:
+    """Rows are as wide as they should be and safe, and so are the details of everything that is shown."""
+    model = Model()
+    model.take(events)
+    clock = Clock()
+    for entry in model.entries:
+        check_line(entry_line(entry, clock))
+        for line in entry_lines(entry):
+            check_line(line.text)
+        for width in (40, 120):
+            check_line(joined(entry_row(entry, width, clock)))
+    for connection in model.connections(int(pipeline.now_ns)):
+        check_line(joined(connection_row(connection, 100, sparks())))
+        for line in connection_details(connection, model.entries):
+            check_line(line.text)
+    for finding in model.findings(pipeline.conversation.judge.counts):
+        check_line(joined(finding_row(finding, 80, clock)))
+        for line in finding_details(finding):
+            check_line(line.text)
+
+
+def check_metrics(metrics: Metrics, pipeline: Pipeline) -> None:
+    """The exposition is text whose lines are safe, and knows every packet."""
+    metrics.begin(pipeline)
+    text = Exposition(metrics).text().decode()
+    check_lines(text.split("\n"))
+    assert text.endswith("\n")
