@@ -34,7 +34,7 @@ def command(name: str | None) -> int:
         return EXIT_OK
     found = [each for each in names if name in {each, _id(each)}]
     if not found:
-        raise click.UsageError(f"there is no schema {name!r}: {', '.join(names)}.")
+        raise click.UsageError(f"there is no schema {name!r}; there are {', '.join(names)}.")
     write([json.dumps(bundled(found[0]), indent=1)])
     return EXIT_OK
 
