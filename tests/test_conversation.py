@@ -204,7 +204,7 @@ def test_a_refused_connection() -> None:
 
 
 def test_a_disconnect_ends_what_was_established() -> None:
-    result = run(poll(ready(), 1).send(0, disconnect(0x80)).close())
+    result = run(poll(ready(), 1).send(1, disconnect(0x80)).close())
     assert result.counts == {"cotp.disconnected": 1}
     assert only(result).refused == ""
 

@@ -71,7 +71,7 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
     ("cotp.refused", WARNING, NEGOTIATION, "A connection request was refused.",
      "Check the called TSAP (rack and slot), and whether the device has a free connection resource.", ""),
     ("cotp.disconnected", WARNING, PROTOCOL, "A COTP disconnect request ended the connection.",
-     "See the reason it gives; S7 devices normally just close TCP.", ""),
+     "See the reason it gives; S7 devices normally just close TCP. A client that leaves so with nothing open is not told.", ""),
     ("cotp.error", WARNING, PROTOCOL, "A COTP error TPDU rejects something the other side sent.",
      "See the cause; the rejected octets stand in the TPDU.", ""),
     ("cotp.repeated_request", ERROR, PROTOCOL, "A second connect request on a connection that is being set up.",

@@ -29,6 +29,8 @@ _ONE_SIDED_PDUS: Final = 3
 _REDUNDANT: Final = 64
 #: From so many requests on that were open when a connection was cut, one finding sums them up.
 _SEVERAL: Final = 2
+#: Reasons of a DR that give none: not specified, normal disconnect.
+_NO_REASON: Final = frozenset((0x00, 0x80))
 
 
 def judge_request(judge: Judge, side: Side, parameters: Parameters, open_now: i64, frame: i64, time_ns: i64) -> None:
@@ -154,7 +156,14 @@ def judge_disconnect(judge: Judge, side: Side, tpdu: Tpdu, frame: i64, time_ns: 
         judge.note("cotp.refused", connection.number, [frame], time_ns, f"{who} refuses{where}: {reason}")
     else:
         connection.note_iso_end(f"DR from {who}: {reason}", DISCONNECT, side.index, frame, time_ns)
-        judge.note("cotp.disconnected", connection.number, [frame], time_ns, f"{who}: {reason}")
+        if not _is_leave(connection, side, tpdu):
+            judge.note("cotp.disconnected", connection.number, [frame], time_ns, f"{who}: {reason}")
+
+
+def _is_leave(connection: Connection, side: Side, tpdu: Tpdu) -> bool:
+    """Tell whether a DR is how a client takes its leave, as python-snap7 does: for no special reason, with nothing open."""
+    leaves = connection.client_known and side.index == connection.client_side and tpdu.field("reason") in _NO_REASON
+    return leaves and not connection.open_requests[0].count and not connection.open_requests[1].count
 
 
 def judge_error_tpdu(judge: Judge, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:

@@ -346,7 +346,15 @@ def disconnected(talk: Talk) -> None:
     talk.packet(CLIENT, tpkt(bytes.fromhex("06800001000080")))
 
 
-@silent("cotp.disconnected", "cotp.repeated_request", "cotp.answer_without_request")
+@silent("cotp.disconnected")
+def takes_its_leave(talk: Talk) -> None:
+    talk.open()
+    talk.ask(read(1, dbw(1, 0)))
+    talk.tell(words(1, 1))
+    talk.packet(CLIENT, tpkt(bytes.fromhex("06800001000080")))
+
+
+@silent("cotp.repeated_request", "cotp.answer_without_request")
 def refused_and_again(talk: Talk) -> None:
     cotp_refused(talk)
     other = Talk(50001, beside=talk)

@@ -251,6 +251,29 @@ def test_a_refused_connect_request() -> None:
     assert talk.connections[0].refused != ""
 
 
+@pytest.mark.parametrize(
+    ("side", "reason", "answered", "told"),
+    [
+        (CLIENT, 0x00, True, 0),  # as python-snap7 ends
+        (CLIENT, 0x80, True, 0),
+        (CLIENT, 0x80, False, 1),
+        (CLIENT, 0x85, True, 1),
+        (SERVER, 0x80, True, 1),
+        (SERVER, 0x00, False, 1),
+    ],
+)
+def test_a_client_that_takes_its_leave_is_not_told(side: int, reason: int, answered: bool, told: int) -> None:
+    talk = Talk()
+    talk.open()
+    talk.ask(read(1, dbw(1, 0)))
+    if answered:
+        talk.tell(words(1, 1))
+    talk.packet(side, tpkt(bytes.fromhex("068000010000") + bytes((reason,))))
+    assert len(found(talk, "cotp.disconnected")) == told
+    talk.finish()
+    assert talk.connections[0].iso_ended.startswith(f"DR from 10.0.0.{side + 1}")
+
+
 def test_a_disconnect_request_after_data() -> None:
     talk = Talk()
     talk.open()
