@@ -374,19 +374,19 @@ class Conversation(PlusExchange):
         assert peer is not None
         self.finish_plus(side, frame, now_ns)
         self.finish_plus(peer, frame, now_ns)
-        ending = Ending(side.connection, frame, now_ns)
+        first, second = (side, peer) if side.index == 0 else (peer, side)
+        ending = Ending(side.connection, [second.hole_frame, first.hole_frame], frame, now_ns)
         side.connection.ending = ending
         judge_end(self.judge, side, frame, now_ns)
         judge_cut(self.judge, side, ending)
         if ending.connecting:
             self.scans.refused(side.connection, ending.time_ns)
         for end in (side, peer):
+            who = end.tcp.ends[end.index]
             if end.assembler.parts is not None:
                 end.assembler.abandon()
-                who = end.tcp.ends[end.index]
                 self.judge.note("cotp.unfinished_tsdu", end.connection.number, [frame], now_ns, f"from {who}")
             if end.framer.buffered and end.connection.state == ISO:
-                who = end.tcp.ends[end.index]
                 detail = f"{end.framer.buffered} octets from {who}"
                 self.judge.note("tpkt.unfinished", end.connection.number, [frame], now_ns, detail)
             self.dialogue.end(end, reason)

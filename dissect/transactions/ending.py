@@ -35,9 +35,10 @@ class Ending:
     """The end of a connection, or of the capture while it was open.
 
     ``how`` is one of the words above, ``side`` the side that ended it (-1: neither), ``frame`` the packet that shows it (0
-    for none) and ``time_ns`` when that was. ``open_requests`` were without answer; ``oldest`` is what the one asked first
-    wants, with its packet and time. The last request, answer and refusal before the end are told as what was asked and when
-    (None and 0 for none); ``last_error_code`` is the code of the whole answer, 0 when only an item was refused.
+    for none) and ``time_ns`` when that was. ``open_requests`` were without answer, but for those whose answer may stand in a
+    hole of the capture (``hole_frames``: packets at which the latest hole in the answers to each side was given up);
+    ``oldest`` is what the one asked first wants, with its packet and time. The last request, answer and refusal
+    before the end are told as what was asked and when (None and 0 for none); ``last_error_code`` is the code of the whole answer, 0 when only an item was refused.
     ``connecting`` tells that the connect request was still without answer of any kind.
     """
 
@@ -60,7 +61,7 @@ class Ending:
         "time_ns",
     )
 
-    def __init__(self, connection: Connection, frame: i64, now_ns: i64) -> None:
+    def __init__(self, connection: Connection, hole_frames: list[int], frame: i64, now_ns: i64) -> None:
         tcp = connection.tcp
         self.how: str = tcp.ended or OPEN
         self.side: i64 = tcp.ended_by
@@ -96,11 +97,12 @@ class Ending:
         self.oldest_frame: i64 = 0
         self.oldest_ns: i64 = 0
         first: Transaction | None = None
-        for requests in connection.open_requests:
-            self.open_requests += requests.count
-            found = requests.longest_open()
-            if found is not None and (first is None or found.number < first.number):
-                first = found
+        for requests, hole_frame in zip(connection.open_requests, hole_frames, strict=True):
+            for found in requests.asked_after(-1):
+                if found.request_frame > hole_frame:
+                    self.open_requests += 1
+                    if first is None or found.number < first.number:
+                        first = found
         if first is not None:
             self.oldest = first.parameters
             self.oldest_frame = first.request_frame

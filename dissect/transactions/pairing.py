@@ -203,16 +203,6 @@ class OpenRequests:
             return self.take(key, found)
         return None
 
-    def longest_open(self) -> Transaction | None:
-        """Return the request that is open longest, None when nothing is open. It stays."""
-        for found in self.table.values():
-            while True:
-                behind = found.superseded if found.superseded is not None else found.earlier
-                if behind is None:
-                    return found
-                found = behind
-        return None
-
     def asked_after(self, number: i64) -> list[Transaction]:
         """Return the open requests with a larger number than ``number``, in order of their numbers. They stay."""
         found: list[Transaction] = []

@@ -156,3 +156,17 @@ def test_the_oldest_of_those_that_share_a_reference(talk: Talk) -> None:
     talk.packet(SERVER, flags=RST)
     found = ending(talk)
     assert (found.open_requests, found.oldest_frame) == (3, first)
+
+
+@pytest.mark.parametrize("asked_after", [False, True])
+def test_whose_answer_may_be_in_a_hole_is_not_called_open(talk: Talk, asked_after: bool) -> None:
+    talk.ask(read(2, dbw(1, 2)))
+    talk.lose(SERVER, words(2, 7))
+    talk.ask(read(3, dbw(1, 4)))
+    talk.tell(words(3, 7), after_ns=2 * SECOND)
+    talk.wait(2 * SECOND)
+    last = talk.ask(read(4, dbw(1, 6))) if asked_after else 0
+    talk.packet(CLIENT, flags=FIN | ACK)
+    told = ending(talk)
+    assert talk.connections[0].unanswered == 1 + asked_after
+    assert (told.open_requests, told.oldest_frame) == (int(asked_after), last)
