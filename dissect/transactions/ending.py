@@ -37,9 +37,9 @@ class Ending:
     ``how`` is one of the words above, ``side`` the side that ended it (-1: neither), ``frame`` the packet that shows it (0
     for none) and ``time_ns`` when that was. ``open_requests`` were without answer, but for those whose answer may stand in a
     hole of the capture (``hole_frames``: packets at which the latest hole in the answers to each side was given up);
-    ``oldest`` is what the one asked first wants, with its packet and time. The last request, answer and refusal
-    before the end are told as what was asked and when (None and 0 for none); ``last_error_code`` is the code of the whole answer, 0 when only an item was refused.
-    ``connecting`` tells that the connect request was still without answer of any kind.
+    ``oldest`` is what the one asked first wants, with its packet and time. The last request, answer and refusal before the
+    end are told as what was asked and when (None and 0 for none); ``last_error_code`` is the code of the whole answer, 0
+    when only an item was refused. ``connecting`` tells that the connect request was still without answer of any kind.
     """
 
     __slots__ = (
