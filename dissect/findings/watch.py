@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dissect.findings.judge import Judge
-from dissect.findings.observer import Observer
+from dissect.engine.observer import Observer
 from dissect.findings.operation_rules import judge_operation, judge_strays
+from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
 from dissect.transactions.connection import Connection
 from dissect.transactions.operations import Operations
@@ -14,7 +14,7 @@ from dissect.transactions.transaction import Transaction
 class Watch:
     """Is shown the transactions that are more than a read or a write of what was written before."""
 
-    def __init__(self, observer: Observer, judge: Judge) -> None:
+    def __init__(self, observer: Observer, judge: Reporter) -> None:
         self._observer = observer
         self._judge = judge
         self.operations = Operations()

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import pytest
 
 from dissect.metrics.address import Address
-from dissect.proxy import door
+from dissect.net import listener as door
 from dissect.proxy import relay as module
 from dissect.proxy.addresses import Place, ProxyError, places_to_listen
 from dissect.proxy.link import PIECE
