@@ -76,7 +76,7 @@ def feed(name: str, packets: int, size: int = SMALL) -> dict[str, object]:
     begun = thread_time_ns()
     pipeline.finish()
     end = thread_time_ns() - begun
-    counts = pipeline.packet_counts()
+    counts = pipeline.counters.packet_counts()
     return {
         "profile": name,
         "build": "compiled" if COMPILED else "interpreted",
@@ -88,7 +88,7 @@ def feed(name: str, packets: int, size: int = SMALL) -> dict[str, object]:
         "cpu_ns": {"half": half, "all": spent, "finish": end},
         "worst_ns": worst,
         "transactions": analysis.total,
-        "findings": sum(pipeline.conversation.judge.counts.values()),
+        "findings": sum(pipeline.finding_counts.values()),
     }
 
 

@@ -262,7 +262,7 @@ def spend(hours: float, churn: int, busy_every: int) -> dict[str, object]:
         "hours": reader.second / 3600,
         "packets": reader.packets,
         "connections": day.opened + _POLLING + _UNANSWERED,
-        "transactions": run.pipeline.conversation.dialogue.count,
+        "transactions": run.pipeline.exchange.dialogue.count,
         "findings": told.findings,
         "alerts": alerts[0],
         "lines": told.lines,

@@ -20,9 +20,9 @@ _PUBLIC: Final = {
     "CaptureError": "dissect.source.packet",
     "Connection": "dissect.transactions.connection",
     "Finding": "dissect.findings.finding",
-    "Observer": "dissect.engine.conversation",
+    "Observer": "dissect.engine.observer",
     "Operation": "dissect.transactions.operation",
-    "Options": "dissect.engine.conversation",
+    "Options": "dissect.engine.observer",
     "Analysis": "dissect.report.analysis",
     "Pdu": "dissect.s7.message",
     "Pipeline": "dissect.engine.pipeline",
@@ -36,8 +36,8 @@ _PUBLIC: Final = {
 }
 
 if TYPE_CHECKING:
-    from dissect.engine.conversation import Observer as Observer
-    from dissect.engine.conversation import Options as Options
+    from dissect.engine.observer import Observer as Observer
+    from dissect.engine.observer import Options as Options
     from dissect.engine.pipeline import Pipeline as Pipeline
     from dissect.findings.finding import Finding as Finding
     from dissect.report.analysis import Analysis as Analysis

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import dissect
 from dissect import scd
-from dissect.engine.conversation import Observer
+from dissect.engine.observer import Observer
 
 analysis = dissect.analyze("a.pcap", "b.pcap", slow_ns=5)
 reveal_type(analysis.latencies.quantile(0.5))

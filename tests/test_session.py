@@ -14,7 +14,7 @@ import pytest
 import dissect
 from dissect import scd
 from dissect.bindings import BindingError
-from dissect.engine.conversation import Options
+from dissect.engine.observer import Options
 from dissect.findings.finding import Finding
 from dissect.s7.message import Pdu
 from dissect.session import CONTINUES_NS, Run
@@ -254,7 +254,7 @@ def test_a_file_continues_within_a_minute(write: Files, gap_ns: int, continues: 
     assert len(analysis.connections) == (1 if continues else 2)
     # The tenth packet asks, the eleventh answers.
     assert analysis.unanswered == analysis.orphans == (0 if continues else 1)
-    assert analysis.pipeline.conversation.judge.counts.get("capture.time_backwards") is None
+    assert analysis.pipeline.finding_counts.get("capture.time_backwards") is None
 
 
 def test_unrelated_files_stand_for_themselves(write: Files) -> None:

@@ -30,7 +30,7 @@ from dissect.wire.text import encodable, printable
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from dissect.engine.s7 import Exchange
+    from dissect.engine.exchange import Exchange
     from dissect.scd.dictionary import Dictionary
     from dissect.scd.messages import Message
     from dissect.transactions.connection import Connection
@@ -86,7 +86,7 @@ class ScdCarrier(PayloadDecoder):
         """Remember where findings, observer and dialogue are."""
         self._exchange = exchange
         peers = frozenset(binding.name for binding in self.bindings.all if binding.device == "peer")
-        self._judge = ScdJudge(exchange.judge, self.devices, peers)
+        self._judge = ScdJudge(exchange.reporter, self.devices, peers)
 
     # ---- where SCD travels ------------------------------------------------------------------------------------------
 
@@ -196,11 +196,11 @@ class ScdCarrier(PayloadDecoder):
         reference = _reference(message)
         exchange = self._exchange
         if message.phase == "request":
-            exchange.carried_request(side, reference, parameters, found.octets, frame, time_ns)
+            exchange.request(side, reference, parameters, found.octets, frame, time_ns)
         elif message.phase in {"response", "abort"}:
-            exchange.carried_answer(side, reference, parameters, found.octets, frame, time_ns)
+            exchange.response(side, reference, parameters, found.octets, frame, time_ns)
         else:
-            exchange.carried_push(side, reference, parameters, found.octets, frame, time_ns)
+            exchange.indication(side, reference, parameters, found.octets, frame, time_ns)
 
     def _parameters(self, found: ScdMessage) -> ScdParameters:
         message = found.message
@@ -307,6 +307,10 @@ class ScdCarrier(PayloadDecoder):
                     transaction, binding, bytes(chain.sent), 0, place, asked=True, accepted=accepted
                 )
                 return
+
+    def message_count(self) -> int:
+        """Return how many messages were found, by all bindings together."""
+        return sum([count.messages for count in self.counts.values()])
 
     def as_dict(self) -> dict[str, Any]:
         """Return what was found where, and by which dictionary (docs/json.md)."""

@@ -46,7 +46,7 @@ def command(
     slow_ns: int,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
     """Tell what captures hold, how fast it went, what failed and why.
 
@@ -56,12 +56,12 @@ def command(
     FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input. Several files are read one after another: one
     that goes on where the file before it ended, as those of a ring buffer do, continues its connections.
     """
-    from dissect.engine.conversation import Options
+    from dissect.engine.observer import Options
     from dissect.report.analysis import Analysis
     from dissect.session import Run
 
     analysis = Analysis()
-    run = Run(files, analysis, Options(slow_ns, carrier=carrier, checksums=checksums))
+    run = Run(files, analysis, Options(slow_ns, decoder=decoder, checksums=checksums))
     code = drive(run, files)
     analysis.take(run.pipeline, run.files)
     if format_ == "json":

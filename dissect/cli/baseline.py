@@ -18,7 +18,7 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from dissect.alerts import Alert, AlertRules
     from dissect.baseline import Baseline
-    from dissect.engine.conversation import Observer
+    from dissect.engine.observer import Observer
 
 _EXIT_CODES = (
     "Exit code: 0 learned, or nothing new; 1 something is told by --against or --rules; 2 wrong use or a file that cannot be "

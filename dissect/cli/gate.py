@@ -44,7 +44,7 @@ def gate(run: Run | LiveRun, fail_on: frozenset[str], code: int) -> int:
 
     A damaged file is told on stderr anyway, so a failed gate counts more; an interruption counts most.
     """
-    counts = run.pipeline.conversation.judge.counts
+    counts = run.pipeline.finding_counts
     found = [slug for slug in CATALOGUE if slug in fail_on and counts.get(slug)]
     if not found:
         return code

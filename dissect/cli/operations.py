@@ -15,7 +15,7 @@ from dissect.cli.run import (
     places_of,
     write,
 )
-from dissect.engine.conversation import Observer, Options
+from dissect.engine.observer import Observer, Options
 from dissect.report.operations import operation_json, operation_line
 from dissect.report.places import Places
 from dissect.session import Run

@@ -21,7 +21,7 @@ from dissect.cli.run import (
     places_of,
     write,
 )
-from dissect.engine.conversation import Observer, Options
+from dissect.engine.observer import Observer, Options
 from dissect.engine.payload import PayloadDecoder
 from dissect.report.jsonl import Choice, TransactionLines
 from dissect.report.lines import csv_columns, transaction_cells, transaction_line
@@ -52,7 +52,7 @@ def command(
     slow_ns: int | None,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
     """Write one line for each request and its answer.
 
@@ -64,7 +64,7 @@ def command(
     """
     choose = _choice(failed, slow_ns)
     # What is slow is a finding as well.
-    options = Options(carrier=carrier, checksums=checksums)
+    options = Options(decoder=decoder, checksums=checksums)
     if slow_ns is not None:
         options.slow_ns = slow_ns
     take: Callable[[], list[str]]

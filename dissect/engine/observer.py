@@ -23,7 +23,7 @@ LOOK_OCTETS: Final = 32 * 1024 * 1024
 class Options:
     """What a user can set. ``slow_ns``: an answer later than this is slow. ``strict``: a bug of ours raises.
 
-    ``carrier`` looks for another protocol in what passes. ``overdue_ns``: a request still open after this is told at once,
+    ``decoder`` looks for another protocol in what passes. ``overdue_ns``: a request still open after this is told at once,
     before it is known what becomes of it; 0 for never, as in a file what becomes of it is known.
 
     ``memory`` bounds the octets that all connections together keep of unfinished packets, PDUs and transactions, within
@@ -35,7 +35,7 @@ class Options:
         self,
         slow_ns: int = 1_000_000_000,
         strict: bool = False,
-        carrier: PayloadDecoder | None = None,
+        decoder: PayloadDecoder | None = None,
         overdue_ns: int = 0,
         memory: int = MEMORY,
         checksums: bool = False,
@@ -45,7 +45,7 @@ class Options:
         self.memory: i64 = memory
         self.checksums: bool = checksums
         self.strict: bool = strict
-        self.carrier: PayloadDecoder | None = carrier
+        self.decoder: PayloadDecoder | None = decoder
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

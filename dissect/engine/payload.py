@@ -1,6 +1,6 @@
 """What a pipeline offers to somebody who looks for another protocol in what it carries (`dissect.bindings`: SCD).
 
-The methods are called where a byte passes; a carrier hands what it finds back through `Exchange`, whose dialogue pairs it.
+The methods are called where a byte passes; a decoder hands what it finds back through `Exchange`, whose dialogue pairs it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
 
 if TYPE_CHECKING:
-    from dissect.engine.s7 import Exchange
+    from dissect.engine.exchange import Exchange
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -53,6 +53,10 @@ class PayloadDecoder:
 
     def restart(self) -> None:
         """Another capture begins, in which nothing is known of what was seen before."""
+
+    def message_count(self) -> int:
+        """Return how many messages were found."""
+        return 0
 
     def as_dict(self) -> dict[str, Any]:
         """Return what was found, as JSON-ready values for the analysis."""

@@ -204,7 +204,7 @@ class LiveRun:
             self._look_at_drops()
         if now - self._renewed >= _RENEW_NS:
             self._renewed = now
-            self.pipeline.conversation.judge.renew()
+            self.pipeline.exchange.reporter.renew()
         for companion in self._companions:
             try:
                 companion.tick(self.now_ns, self.drops)
@@ -222,7 +222,7 @@ class LiveRun:
         ]
         if told:
             self.pipeline.note_dropped(", ".join(told))
-            self.pipeline.conversation.tell_findings()
+            self.pipeline.exchange.report_findings()
 
     # ---- the end ----------------------------------------------------------------------------------------------------
 

@@ -153,7 +153,7 @@ class MonitorApp(App[bool]):
         left_out = f", {self.model.connections_left_out} not listed" if self.model.connections_left_out else ""
         title = f"CONNECTIONS {status.connections_open} open of {status.connections}{left_out}"
         self.connections.update_rows(facts, title)
-        found = self.model.findings(dict(self._session.run.pipeline.conversation.judge.counts))
+        found = self.model.findings(dict(self._session.run.pipeline.finding_counts))
         self.findings.update_rows(found, f"FINDINGS {status.findings}" if status.findings else "FINDINGS none")
         self.entries.update_rows(self.model.entries, self._entries_title(status))
         self._arrange()

@@ -7,7 +7,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.engine.conversation import Observer
+from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.finding import Finding
 from dissect.report.latency import Latencies

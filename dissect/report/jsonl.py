@@ -12,7 +12,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.engine.conversation import Observer
+from dissect.engine.observer import Observer
 from dissect.report.json_text import SMALL, json_text, octets_value
 from dissect.report.plus import plus_function_json, plus_json, plus_pdu_line
 from dissect.report.scd import scd_function_json, scd_json, scd_line_json

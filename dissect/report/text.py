@@ -102,21 +102,16 @@ def _files(analysis: Analysis, places: Places) -> Iterator[Line]:
         yield Line(f"{begun} to {words.moment(clock.iso(last))} UTC, first to last packet read")
     else:
         yield Line(f"{begun}, {words.duration(last - first)}")
-    talk = pipeline.conversation
     others = [
         f"{count} {PROTOCOLS[name]}"
-        for name, count in zip(UPPER_NAMES, talk.tsdus, strict=True)
+        for name, count in zip(UPPER_NAMES, pipeline.iso.tsdus, strict=True)
         if count and name not in {"s7comm", "s7comm_plus", "scd", "empty"}
     ]
-    said = f"  {words.count(talk.pdus, 'S7 PDU')}"
-    if talk.plus_pdus:
-        said += f", {words.count(talk.plus_pdus, 'S7comm-plus PDU')}"
-    if talk.carrier is not None:
-        messages = sum([row["messages"] for row in talk.carrier.as_dict()["bindings"]])
-        said += f", {words.count(messages, 'SCD message')}"
+    passed = [words.count(number, kind) for protocol in pipeline.protocols for number, kind in protocol.counted()]
+    said = f"  {', '.join(passed)}"
     yield Line(f"{said}; other messages: {', '.join(others)}" if others else said)
     packets = [
-        f"{count} {kind.replace('_', ' ')}" for kind, count in zip(KINDS, talk.ibh_packets, strict=True) if count
+        f"{count} {kind.replace('_', ' ')}" for kind, count in zip(KINDS, pipeline.ibh.packets, strict=True) if count
     ]
     if packets:
         yield Line(f"  IBH-NetLink packets: {', '.join(packets)}", PLAIN, 4)
@@ -243,7 +238,7 @@ def _transactions(analysis: Analysis) -> Iterator[Line]:
 
 def _scd(analysis: Analysis) -> Iterator[Line]:
     """What the bindings found."""
-    carrier = analysis.pipeline.conversation.carrier if analysis.pipeline is not None else None
+    carrier = analysis.pipeline.exchange.decoder if analysis.pipeline is not None else None
     found = carrier.as_dict() if carrier is not None else {}
     if not found:
         return
@@ -325,7 +320,7 @@ def _rows(transactions: Sequence[Transaction], places: Places) -> Iterator[Line]
 
 def _findings(analysis: Analysis, places: Places) -> Iterator[Line]:
     pipeline = analysis.pipeline
-    counts = pipeline.conversation.judge.counts if pipeline is not None else {}
+    counts = pipeline.finding_counts if pipeline is not None else {}
     if not counts:
         if analysis.total:
             yield Line("")

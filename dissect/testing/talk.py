@@ -20,7 +20,7 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import Final, Self
 
-from dissect.engine.conversation import Observer, Options
+from dissect.engine.observer import Observer, Options
 from dissect.engine.pipeline import Pipeline
 from dissect.golden.model import Session
 from dissect.golden.reading import SessionReader

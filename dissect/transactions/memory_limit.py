@@ -31,15 +31,7 @@ def held_octets(side: Side) -> int:
 def _held_by(side: Side) -> i64:
     stream = side.stream
     held: i64 = stream.held_octets + len(stream.last) + len(stream.before)
-    held += side.framer.buffered
-    if side.ibh is not None:
-        held += side.ibh.buffered
-    if side.assembler.parts is not None:
-        held += len(side.assembler.parts)
-    if side.plus is not None and side.plus.parts is not None:
-        held += len(side.plus.parts)
-    if side.backlog is not None:
-        held += len(side.backlog.octets)
+    held += side.protocol.held(side)
     return held + _open(side.connection.open_requests[side.index])
 
 

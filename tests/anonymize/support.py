@@ -33,7 +33,7 @@ def anonymized(
     addresses = AddressMap(key)
     rules = Rules(key, addresses, choices, ScdRules(key, addresses, choices, carrier, account))
     survey = Survey(key, rules, account, carrier)
-    run = Run([str(source)], survey, Options(strict=True, carrier=carrier))
+    run = Run([str(source)], survey, Options(strict=True, decoder=carrier))
     while run.step():
         pass
     survey.settle()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dissect.baseline import Learner
-from dissect.engine.conversation import Observer, Options
+from dissect.engine.observer import Observer, Options
 from dissect.engine.pipeline import Pipeline
 from tests.properties import messages
 from tests.properties.messages import Item, dt

@@ -85,7 +85,7 @@ def holds(packets: list[Packet]) -> None:
     pdus = _Pdus(True, None, False, None)
     observed(pdus, packets)
     pdu_lines = pdus.take()
-    assert len(pdu_lines) == pipeline.conversation.pdus
+    assert len(pdu_lines) == pipeline.s7.pdus
     trees = _Pdus(False, None, True, None)
     observed(trees, packets)
     shown += trees.take()

@@ -6,7 +6,7 @@ from typing import Final
 
 import pytest
 
-from dissect.engine.conversation import Observer, Options
+from dissect.engine.observer import Observer, Options
 from dissect.engine.pipeline import Pipeline
 from dissect.transactions.connection import Connection
 from dissect.transactions.table import Side
@@ -148,7 +148,7 @@ def test_a_tpkt_length_that_holds_nothing(length: int) -> None:
     result = run(poll(talk, 2, 3))
     assert result.outcomes == ["answered"] * 4
     assert result.details("tpkt.bad_length") == [f"length {length} from 10.0.0.1:49152"]
-    assert result.pipeline.octets.skipped == max(4, length)
+    assert result.pipeline.counters.octets.skipped == max(4, length)
 
 
 @pytest.mark.parametrize(
@@ -159,7 +159,7 @@ def test_garbage_between_tpkts(garbage: bytes) -> None:
     talk.send(0, asked(2) + garbage + asked(3)).send(1, answered(2), answered(3))
     result = run(poll(talk, 4, 5))
     assert result.outcomes == ["answered"] * 6
-    assert result.pipeline.octets.skipped == len(garbage)
+    assert result.pipeline.counters.octets.skipped == len(garbage)
     faults = result.counts.get("tpkt.garbage", 0) + result.counts.get("tpkt.bad_length", 0)
     assert faults >= 1
 
@@ -171,7 +171,7 @@ def test_each_stretch_of_garbage_is_told_once() -> None:
         poll(talk, 2)
     result = run(talk)
     assert len(result.details("tpkt.garbage")) == result.counts["tpkt.garbage"] == 3
-    assert result.pipeline.octets.skipped == 300
+    assert result.pipeline.counters.octets.skipped == 300
 
 
 def test_a_connection_that_ends_inside_a_tpkt() -> None:
@@ -179,7 +179,7 @@ def test_a_connection_that_ends_inside_a_tpkt() -> None:
     talk.send(0, asked(2)[:20]).close()
     result = run(talk)
     assert result.details("tpkt.unfinished") == ["20 octets from 10.0.0.1:49152"]
-    assert result.pipeline.octets.buffered == 20
+    assert result.pipeline.counters.octets.buffered == 20
 
 
 def test_a_tpkt_over_thousands_of_segments() -> None:
@@ -315,7 +315,7 @@ def test_several_protocols_in_one_connection_are_told_once_each() -> None:
     result = run(talk)
     told = ["tls", "unknown: begins with 77 68 61 74 20 69 73 20"]
     assert result.details("session.foreign_on_102") == told
-    assert result.pipeline.conversation.plus_pdus == 3
+    assert result.pipeline.plus.pdus == 3
     assert only(result).protocol == "s7comm"
 
 
@@ -341,7 +341,7 @@ def test_a_pdu_shorter_than_its_header(size: int) -> None:
     talk.send(0, asked(1)).send(1, dt(read_answer(1, [WORD], [b"\x00\x01"])[:size]))
     result = run(poll(talk, 2))
     assert sorted(result.outcomes) == ["answered", "answered", "unanswered"]
-    assert result.pipeline.conversation.unpaired == 1
+    assert result.pipeline.s7.unpaired == 1
     assert result.counts["s7.malformed"] == 1
 
 
@@ -350,7 +350,7 @@ def test_a_kind_of_pdu_that_nobody_knows(rosctr: int) -> None:
     result = run(poll(ready().send(0, dt(pdu(rosctr, 1, b"\x04\x00"))), 1))
     assert result.outcomes == ["answered"] * 2
     assert result.counts == {"s7.unknown_rosctr": 1}
-    assert result.pipeline.conversation.unpaired == 1
+    assert result.pipeline.s7.unpaired == 1
 
 
 def test_userdata_of_every_kind() -> None:
@@ -361,7 +361,7 @@ def test_userdata_of_every_kind() -> None:
     talk.send(0, dt(userdata(3, 1, 7, 1))).send(1, dt(userdata(3, 2, 7, 1, b"", 0x8104)))
     result = run(talk)
     assert result.outcomes == ["answered", "answered", "unsolicited", "answered"]
-    assert result.pipeline.conversation.unpaired == 1
+    assert result.pipeline.s7.unpaired == 1
     assert result.transactions[3].errors[0].code == 0x8104
     assert result.counts["transaction.refused"] == 1
 

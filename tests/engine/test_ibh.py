@@ -48,13 +48,13 @@ class Link(Talk):
             told.clear()
 
     def kinds(self) -> dict[str, int]:
-        counts = self.pipeline.conversation.ibh_packets
+        counts = self.pipeline.ibh.packets
         return {kind: count for kind, count in zip(KINDS, counts, strict=True) if count}
 
     def end(self) -> None:
         """Close, and see that every octet is accounted for."""
         self.close()
-        account = self.pipeline.octets
+        account = self.pipeline.counters.octets
         assert account.failed == 0
         assert account.delivered > 0
 
@@ -77,8 +77,8 @@ def test_a_session() -> None:
     assert link.transactions[1].results()[0].value == 42
     assert len(link.packets) == 14
     assert link.tpkts == []
-    assert link.pipeline.conversation.tsdus[0] == len(link.pdus) == 4
-    assert link.pipeline.octets.framed == link.pipeline.octets.delivered
+    assert link.pipeline.iso.tsdus[0] == len(link.pdus) == 4
+    assert link.pipeline.counters.octets.framed == link.pipeline.counters.octets.delivered
 
 
 def test_octet_by_octet() -> None:
@@ -90,7 +90,7 @@ def test_octet_by_octet() -> None:
     link.end()
     assert link.outcomes() == ["answered"]
     assert link.findings == []
-    assert link.pipeline.octets.skipped == 0
+    assert link.pipeline.counters.octets.skipped == 0
 
 
 def test_an_answer_in_fragments() -> None:
@@ -167,7 +167,7 @@ def test_a_lost_answer() -> None:
     link.end()
     assert sorted(transaction.reason for transaction in link.transactions) == ["", "hole"]
     assert link.slugs() == ["stream.hole"]
-    assert link.pipeline.octets.missing == len(TELL)
+    assert link.pipeline.counters.octets.missing == len(TELL)
 
 
 def test_a_hole_inside_a_message() -> None:
@@ -208,7 +208,7 @@ def test_octets_that_are_no_packet_cost_nothing_else() -> None:
     assert [finding.detail for finding in link.findings] == [
         "octets that begin no packet from 10.0.0.1:50000, first 0x55"
     ]
-    assert link.pipeline.octets.skipped == 7
+    assert link.pipeline.counters.octets.skipped == 7
 
 
 def test_a_message_without_end_is_dropped() -> None:
@@ -229,7 +229,7 @@ def test_a_message_of_another_protocol_is_counted() -> None:
     link.hello()
     link.both((CLIENT, short(0xF1, b"\x72\x01\x00\x00")), (CLIENT, short(0xF1)))
     link.end()
-    tsdus = link.pipeline.conversation.tsdus
+    tsdus = link.pipeline.iso.tsdus
     assert (tsdus[0], tsdus[1], sum(tsdus)) == (0, 1, 2)
     assert link.connections[0].protocol == IBH_NETLINK
 
@@ -256,7 +256,7 @@ def test_retransmissions_and_disorder() -> None:
     link.packet(SERVER, TELL)
     link.end()
     assert link.outcomes() == ["answered"]
-    assert link.pipeline.packet_counts()["retransmission"] == 1
+    assert link.pipeline.counters.packet_counts()["retransmission"] == 1
 
 
 PIECES = st.lists(

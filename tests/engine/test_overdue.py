@@ -139,7 +139,7 @@ def test_files_are_not_watched_unless_asked() -> None:
     talk.ask(read(1, dbw(1, 0)))
     talk.silence(60 * SECOND)
     assert talk.findings == []
-    assert not talk.pipeline._dialogue.watching
+    assert not talk.pipeline.exchange.dialogue.watching
 
 
 def test_a_capture_after_another_is_watched_as_well(talk: Talk) -> None:
@@ -168,19 +168,19 @@ def test_a_look_at_a_crowd_is_bounded_and_nobody_is_forgotten(talk: Talk) -> Non
     count = 3 * overdue._SIDES_AT_ONCE // 2
     crowd(talk, count)
     talk.silence(LIMIT)
-    first = talk.pipeline._judge.counts["transaction.overdue"]
+    first = talk.pipeline.exchange.reporter.counts["transaction.overdue"]
     assert 0 < first <= overdue._SIDES_AT_ONCE
     talk.silence(50 * MS)
-    assert talk.pipeline._judge.counts["transaction.overdue"] == count
+    assert talk.pipeline.exchange.reporter.counts["transaction.overdue"] == count
 
 
 def test_sides_that_poll_are_kept_once(talk: Talk) -> None:
     for number in range(500):
         talk.ask(read(number, dbw(1, 0)), after_ns=10 * MS)
         talk.tell(words(number, 1))
-    watch = talk.pipeline._overdue
+    watch = talk.pipeline.timers._overdue
     assert watch is not None
-    assert len(watch._due) + len(talk.pipeline._dialogue.asking) == 1
+    assert len(watch._due) + len(talk.pipeline.exchange.dialogue.asking) == 1
 
 
 def test_connections_that_are_over_are_not_kept(talk: Talk) -> None:
@@ -191,7 +191,7 @@ def test_connections_that_are_over_are_not_kept(talk: Talk) -> None:
         one.packet(CLIENT, flags=4 | 16)
     talk.silence(10 * SECOND)
     talk.silence(10 * SECOND)
-    watch = talk.pipeline._overdue
+    watch = talk.pipeline.timers._overdue
     assert watch is not None
-    assert (len(watch._due), len(talk.pipeline._dialogue.asking)) == (0, 0)
+    assert (len(watch._due), len(talk.pipeline.exchange.dialogue.asking)) == (0, 0)
     assert told(talk) == []

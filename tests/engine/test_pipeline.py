@@ -8,7 +8,7 @@ from typing import Final
 
 import pytest
 
-from dissect.engine.conversation import Options
+from dissect.engine.observer import Options
 from dissect.engine.timers import _MANY_WAITING
 from dissect.findings.reporter import MAX_DETAILED
 from dissect.tcp.ip import MAX_DATAGRAMS
@@ -246,7 +246,7 @@ def test_a_cut_answer_is_paired_and_never_invented(kept: int) -> None:
     result = Result(packets)
     check_books(result.pipeline, result.record)
     cut = kept < whole
-    assert result.pipeline.cut_frames == int(cut)
+    assert result.pipeline.counters.cut_frames == int(cut)
     # An S7 header has twelve octets; with less nothing is known of the answer.
     known = kept - 54 >= 7 + 12
     asks = {one.pdu_ref: one for one in result.transactions if one.request_frame}
@@ -259,7 +259,7 @@ def test_a_cut_answer_is_paired_and_never_invented(kept: int) -> None:
         if found.data != CUT_CONTENTS[number]:
             assert found.value is None
     assert set(result.counts) <= {"capture.cut_frames"}
-    assert result.pipeline.conversation.cut_pdus == int(cut and kept - 54 >= 7 + 10)
+    assert result.pipeline.s7.cut_pdus == int(cut and kept - 54 >= 7 + 10)
 
 
 def test_a_cut_request_is_paired_with_its_answer() -> None:
@@ -295,7 +295,7 @@ def test_every_packet_cut_to_its_headers_is_counted() -> None:
     packets = [cut_to(packet, 54) for packet in poll(ready(), 1, 2, 3).packets()]
     result = Result(packets)
     check_books(result.pipeline, result.record)
-    assert result.pipeline.cut_frames == 10
+    assert result.pipeline.counters.cut_frames == 10
     assert result.counts == {"capture.cut_frames": 10}
     assert result.transactions == []
 
@@ -347,7 +347,7 @@ def test_what_its_receiver_dropped_is_left_out_where_that_is_asked_for(verify: b
     (finding,) = talk.findings
     assert (finding.slug, finding.detail, finding.connection) == (slug, f"27 octets at {at}", 1)
     assert finding.frames == [forged if verify else true_one]
-    counts = talk.pipeline.packet_counts()
+    counts = talk.pipeline.counters.packet_counts()
     assert counts["bad_checksum"] == verify
     assert sum(counts.values()) == talk.pipeline.frames
 
@@ -381,7 +381,7 @@ def test_what_waits_is_bounded_when_the_clock_stands_still() -> None:
     assert len(result.pipeline.table._lingering) == MAX_LINGERING
     assert len(result.pipeline.table.sides) == 2 * MAX_LINGERING
     assert len(result.record.closed) == closed - MAX_LINGERING
-    assert len(result.pipeline._waiting) <= _MANY_WAITING
+    assert len(result.pipeline.timers._waiting) <= _MANY_WAITING
     result.pipeline.finish()
     check_books(result.pipeline, result.record)
 
@@ -414,7 +414,7 @@ def test_other_protocols_on_other_ports_are_counted(messages: tuple[bytes, bytes
     assert result.counts == {}
     assert result.record.opened == []
     # It was never ours, so it is no loss of ours.
-    assert result.pipeline.octets.skipped == 0
+    assert result.pipeline.counters.octets.skipped == 0
 
 
 def test_another_protocol_met_in_its_midst_is_counted() -> None:
@@ -423,7 +423,7 @@ def test_another_protocol_met_in_its_midst_is_counted() -> None:
         talk.send(1, HTTP[1])
     result = run(talk)
     assert result.packets == {"other_protocol": 20}
-    assert result.pipeline.octets.skipped == 0
+    assert result.pipeline.counters.octets.skipped == 0
 
 
 @pytest.mark.parametrize(("messages", "name"), [(HTTP, "unknown"), (TLS, "tls")], ids=["http", "tls"])
@@ -473,7 +473,7 @@ def test_s7_met_in_its_midst_is_recognised(port: int) -> None:
     assert sorted(result.outcomes) == ["answered", "answered", "orphan_answer"]
     assert only(result).mid_stream
     assert "transaction.orphan" in result.counts  # its request was not before the capture: others were captured since
-    assert result.pipeline.octets.skipped == len(answered(1)) - 9
+    assert result.pipeline.counters.octets.skipped == len(answered(1)) - 9
 
 
 def test_a_tpkt_inside_the_first_segment_on_port_102_is_found() -> None:
@@ -489,7 +489,7 @@ def test_garbage_before_the_first_tpkt_is_told() -> None:
     result = run(poll(talk, 1))
     assert result.outcomes == ["answered"]
     assert result.counts["tpkt.garbage"] == 1
-    assert result.pipeline.octets.skipped == 10
+    assert result.pipeline.counters.octets.skipped == 10
 
 
 # ---- connections begin and end --------------------------------------------------------------------------------------
@@ -660,9 +660,9 @@ def test_a_hole_is_given_up_after_a_second_of_capture_time() -> None:
     noise = Flow().wrap(0, 17, bytes(20))
     end = packets[-1].time_ns
     result = Result([*packets, Packet(end + SECOND, noise, len(noise))], finish=False)
-    assert result.pipeline.conversation.pdus == 2
+    assert result.pipeline.s7.pdus == 2
     result.feed(Packet(end + SECOND + 51 * MS, noise, len(noise)))
-    assert result.pipeline.conversation.pdus == 3
+    assert result.pipeline.s7.pdus == 3
     assert result.details("stream.hole") == ["7 octets from 10.0.0.1:49152, between TPKTs"]
 
 
@@ -771,12 +771,12 @@ def test_a_bug_of_ours_costs_what_was_at_hand_and_no_more(kind: str, share: int)
     assert result.record.failed > 0
     assert pipeline.frames == len(packets)
     check_books(pipeline)
-    assert pipeline.conversation.judge.counts["internal.bug"] == result.record.failed
+    assert pipeline.finding_counts["internal.bug"] == result.record.failed
     healthy = Result(packets)
     if kind in {"tpdu", "pdu"} and share == 3:
         assert 0 < len(result.record.transactions) < len(healthy.transactions)
     if kind not in {"tpdu", "pdu", "connection_opened"}:
-        assert pipeline.conversation.pdus == healthy.pipeline.conversation.pdus
+        assert pipeline.s7.pdus == healthy.pipeline.s7.pdus
         assert len(result.record.closed) == len(healthy.record.closed)
 
 

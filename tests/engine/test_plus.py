@@ -173,7 +173,7 @@ def test_a_pdu_in_frames_and_fragments() -> None:
     response = talk.transactions[0].plus_response
     assert response is not None
     assert (response.frames, len(response.data), response.malformed) == (2, 10 + 900 + 500, [])
-    assert talk.pipeline.conversation.plus_pdus == 2
+    assert talk.pipeline.plus.pdus == 2
 
 
 def test_a_pdu_that_is_too_long_is_paired_all_the_same() -> None:
@@ -187,7 +187,7 @@ def test_a_pdu_that_is_too_long_is_paired_all_the_same() -> None:
     assert talk.outcomes() == ["answered"]
     assert talk.slugs() == ["s7.plus_too_long"]
     assert talk.transactions[0].response_size <= MAX_PDU
-    assert talk.pipeline.conversation.plus_cut == 1
+    assert talk.pipeline.plus.cut_pdus == 1
 
 
 def test_a_hole_inside_a_pdu_leaves_its_head() -> None:
@@ -211,7 +211,7 @@ def test_the_end_inside_a_pdu() -> None:
     talk.ask(framed(asked(1)), framed(asked(2), trailer=False))
     talk.close()
     assert talk.outcomes() == ["unanswered", "unanswered"]
-    assert talk.pipeline.conversation.plus_cut == 1
+    assert talk.pipeline.plus.cut_pdus == 1
 
 
 def test_a_pdu_that_the_capture_cut() -> None:
@@ -220,7 +220,7 @@ def test_a_pdu_that_the_capture_cut() -> None:
     talk.tell(framed(told(1)))
     talk.close()
     assert talk.outcomes() == ["answered"]
-    assert talk.pipeline.conversation.plus_cut == 1
+    assert talk.pipeline.plus.cut_pdus == 1
 
 
 def test_without_opcode() -> None:

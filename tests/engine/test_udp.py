@@ -54,7 +54,7 @@ def test_both_directions_are_one_conversation() -> None:
     first, second = talk.connections
     assert (first.udp, first.tcp.packets, first.tcp.first_frame, first.tcp.last_frame) == (True, 3, 1, 4)
     assert (second.number, second.tcp.packets) == (2, 1)
-    assert talk.pipeline.packet_counts()["payload"] == 4
+    assert talk.pipeline.counters.packet_counts()["payload"] == 4
 
 
 def test_a_cut_datagram_says_what_is_missing() -> None:
@@ -72,14 +72,14 @@ def test_what_nobody_claims_is_only_counted(port: int, takes: bool) -> None:
         talk.datagram(CLIENT, b"x", (1, port))
     talk.pipeline.finish()
     assert (carrier.heard, carrier.ended, talk.connections) == ([], 0, [])
-    assert talk.pipeline.packet_counts()["not_tcp"] == 3
-    assert talk.pipeline.flows.sides == {}
+    assert talk.pipeline.counters.packet_counts()["not_tcp"] == 3
+    assert talk.pipeline.datagrams.flows.sides == {}
 
 
 def test_without_a_carrier_udp_is_not_looked_at() -> None:
     talk = Talk()
     talk.datagram(CLIENT, plant.ask("Расход 1"))
-    assert talk.pipeline.packet_counts()["not_tcp"] == 1
+    assert talk.pipeline.counters.packet_counts()["not_tcp"] == 1
 
 
 def test_fragments_of_a_datagram_are_put_together() -> None:
@@ -92,7 +92,7 @@ def test_fragments_of_a_datagram_are_put_together() -> None:
         ip = struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(part), 5, more << 13 | begin // 8, 64, 17, 0)
         talk.raw(bytes(12) + b"\x08\x00" + ip + bytes((10, 0, 0, 1, 10, 0, 0, 2)) + part)
     assert carrier.heard == [(1, payload, 0)]
-    counts = talk.pipeline.packet_counts()
+    counts = talk.pipeline.counters.packet_counts()
     assert sum(counts.values()) == talk.pipeline.frames == 2
 
 
@@ -104,15 +104,15 @@ def test_too_many_conversations_are_told() -> None:
     for number in range(10_000):
         talk.hosts = [number & 0xFF, 2]
         talk.datagram(CLIENT, asked, (10_000 + (number >> 8), plant.MESSAGES))
-    assert len(talk.pipeline.flows.sides) <= 2 * MAX_CONNECTIONS
+    assert len(talk.pipeline.datagrams.flows.sides) <= 2 * MAX_CONNECTIONS
     gone = [connection for connection in talk.connections if connection.tcp.ended == "evicted"]
-    assert len(gone) == talk.pipeline.flows.evicted == 10_000 - len(talk.pipeline.flows.sides) // 2
+    assert len(gone) == talk.pipeline.datagrams.flows.evicted == 10_000 - len(talk.pipeline.datagrams.flows.sides) // 2
     talk.pipeline.finish()
     reasons = [one.reason for one in talk.transactions]
     assert reasons.count("connection_evicted") == len(gone) > 0
     assert reasons.count("capture_ended") == 10_000 - len(gone)
-    talk.pipeline.conversation.tell_findings()
-    assert talk.pipeline.conversation.judge.counts["stream.evicted"] == len(gone)
+    talk.pipeline.exchange.report_findings()
+    assert talk.pipeline.finding_counts["stream.evicted"] == len(gone)
 
 
 @given(
@@ -127,5 +127,5 @@ def test_every_packet_is_counted(packets: list[tuple[bool, int, bytes, int]]) ->
         talk.first.now_ns += MS
         talk.datagram(int(side), payload, (1, port), cut)
     talk.pipeline.finish()
-    assert sum(talk.pipeline.packet_counts().values()) == len(packets)
-    assert talk.pipeline.packet_counts()["failed"] == 0
+    assert sum(talk.pipeline.counters.packet_counts().values()) == len(packets)
+    assert talk.pipeline.counters.packet_counts()["failed"] == 0

@@ -106,7 +106,7 @@ def a_pdo_in_trouble(talk: Talk) -> None:
 def a_pdo_is_lost(talk: Talk) -> None:
     listening(talk).datagram(SERVER, plant.pdo(counter=255))
     talk.datagram(SERVER, plant.pdo(counter=1))
-    talk.pipeline.conversation.tell_findings()
+    talk.pipeline.exchange.report_findings()
     (finding,) = talk.findings
     assert finding.detail == "PDO T1 Состояние 1: 1 before this one: the counter went from 255 to 1"
 

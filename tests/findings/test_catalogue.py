@@ -569,7 +569,7 @@ def plus_just_fits(talk: Talk) -> None:
     for _ in range(MAX_PDU // len(frame) - 1):
         talk.ask(frame)
     talk.ask(frame + b"\x72\x02\x00\x00")
-    assert talk.pipeline.conversation.plus_pdus == 1
+    assert talk.pipeline.plus.pdus == 1
 
 
 @speaks("s7.unknown_rosctr")
@@ -936,7 +936,7 @@ def bug(talk: Talk) -> None:
     failing.tell(words(1, 1))
     failing.ask(read(2, dbw(1, 0)))
     failing.tell(words(2, 1))
-    assert failing.pipeline.conversation.judge.counts["internal.bug"] == 3  # the setup fails as well
+    assert failing.pipeline.finding_counts["internal.bug"] == 3  # the setup fails as well
     assert failing.findings[-1].detail == "ZeroDivisionError: out of tune"
     talk.findings.extend(failing.findings)
 
@@ -946,7 +946,7 @@ def test_rule_speaks(slug: str) -> None:
     talk = Talk()
     SPEAKS[slug](talk)
     talk.finish()
-    talk.pipeline.conversation.tell_findings()
+    talk.pipeline.exchange.report_findings()
     assert slug in talk.slugs()
     for finding in talk.findings:
         if finding.slug == slug:
@@ -961,7 +961,7 @@ def test_rule_keeps_silent(slug: str) -> None:
     SILENT[slug](talk)
     talk.finish()
     assert slug not in talk.slugs()
-    assert slug not in talk.pipeline.conversation.judge.counts
+    assert slug not in talk.pipeline.finding_counts
 
 
 def test_every_rule_has_both() -> None:
@@ -982,5 +982,5 @@ def test_a_flood_is_counted_exactly_and_told_in_part() -> None:
         talk.ask(*(b"\x32\x05" + read(number + more, dbw(1, 0))[2:] for more in range(100)))
     talk.packet(CLIENT, flags=FIN | ACK)
     talk.finish()
-    assert talk.pipeline.conversation.judge.counts["s7.unknown_rosctr"] == 5000
+    assert talk.pipeline.finding_counts["s7.unknown_rosctr"] == 5000
     assert talk.slugs().count("s7.unknown_rosctr") == 100

@@ -338,7 +338,7 @@ def test_a_hole_does_not_make_a_flood_slow() -> None:
         talk.flood(10_000)
         took = time.process_time() - started
         assert ("stream.hole" in talk.slugs()) is hole
-        assert talk.pipeline.conversation.judge.counts["session.too_many_jobs"] == 10_000 - 8
+        assert talk.pipeline.finding_counts["session.too_many_jobs"] == 10_000 - 8
         return took
 
     assert_growth(lambda: flood(hole=False), lambda: flood(hole=True), 4)

@@ -191,7 +191,7 @@ def test_orphans_that_are_no_wonder() -> None:
 
 def test_a_full_table_is_told_with_what_it_costs(talk: Talk) -> None:
     talk.flood(4100)
-    counts = talk.pipeline.conversation.judge.counts
+    counts = talk.pipeline.finding_counts
     assert counts["transaction.table_full"] == counts["transaction.unanswered"] == 4
     first = next(finding for finding in talk.findings if finding.slug == "transaction.table_full")
     assert first.frames == [talk.transactions[0].request_frame]

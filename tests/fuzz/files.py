@@ -25,7 +25,7 @@ from dissect.bindings.engine import ScdCarrier
 from dissect.cli.baseline import _usual_rules
 from dissect.cli.show import _Pdus
 from dissect.cli.transactions import _Rows
-from dissect.engine.conversation import Observer, Options
+from dissect.engine.observer import Observer, Options
 from dissect.engine.pipeline import Pipeline
 from dissect.golden.comparison import diff_sessions
 from dissect.golden.parsing import parse_golden
@@ -99,7 +99,7 @@ def drive(
     except CaptureError as error:
         check_line(str(error))
         return None
-    pipeline = Pipeline(observer, Options(strict=True, carrier=carrier, checksums=checksums))
+    pipeline = Pipeline(observer, Options(strict=True, decoder=carrier, checksums=checksums))
     steps = MOST_STEPS
     while steps and reader.step(pipeline):
         steps -= 1

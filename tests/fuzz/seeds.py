@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
-from dissect.engine.conversation import Observer, Options
+from dissect.engine.observer import Observer, Options
 from dissect.engine.pipeline import Pipeline
 from dissect.scd.dump import dump_json
 from dissect.source.files import find_reader

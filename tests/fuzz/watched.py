@@ -48,7 +48,7 @@ def check_screens(events: Iterable[Event], pipeline: Pipeline) -> None:
         check_line(joined(connection_row(connection, 100, sparks())))
         for line in connection_details(connection, model.entries):
             check_line(line.text)
-    for finding in model.findings(pipeline.conversation.judge.counts):
+    for finding in model.findings(pipeline.finding_counts):
         check_line(joined(finding_row(finding, 80, clock)))
         for line in finding_details(finding):
             check_line(line.text)

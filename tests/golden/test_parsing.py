@@ -70,7 +70,7 @@ def test_scd_reads_back_too() -> None:
     from dissect.bindings import load_carrier
 
     carrier = load_carrier(str(PLANT / "plant.toml"), str(PLANT / "plant.bind.toml"))
-    session = read_session(PLANT / "plant.pcapng", carrier=carrier)
+    session = read_session(PLANT / "plant.pcapng", decoder=carrier)
     said = [line for each in session.transactions for line in each.scd]
     assert "answer   0x6061:0 Режим 1 = 8 (автомат)" in said
     text = golden_text(session)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from dissect.engine.conversation import Observer, Options
+from dissect.engine.observer import Observer, Options
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.finding import Finding
 from dissect.transactions.connection import Connection
@@ -63,12 +63,12 @@ class Result:
     @property
     def counts(self) -> dict[str, int]:
         """The findings by slug."""
-        return self.pipeline.conversation.judge.counts
+        return self.pipeline.finding_counts
 
     @property
     def packets(self) -> dict[str, int]:
         """What became of the packets, without the categories that are empty."""
-        return {name: count for name, count in self.pipeline.packet_counts().items() if count}
+        return {name: count for name, count in self.pipeline.counters.packet_counts().items() if count}
 
     @property
     def outcomes(self) -> list[str]:
@@ -85,12 +85,12 @@ def check_books(pipeline: Pipeline, record: Record | None = None) -> None:
 
     Without ``record`` bugs of ours may have struck; then their octets are accounted for as such.
     """
-    counts = pipeline.packet_counts()
+    counts = pipeline.counters.packet_counts()
     assert sum(counts.values()) == pipeline.frames, counts
     assert min(counts.values()) >= 0, counts
-    octets = pipeline.octets
+    octets = pipeline.counters.octets
     assert octets.delivered == octets.framed + octets.skipped + octets.buffered + octets.failed
-    assert octets.failed == 0 or (record is None and "internal.bug" in pipeline.conversation.judge.counts)
+    assert octets.failed == 0 or (record is None and "internal.bug" in pipeline.finding_counts)
     assert min(octets.as_dict().values()) >= 0, octets.as_dict()
     talk = pipeline.conversation
     assert talk.tsdus[0] == talk.pdus == sum(talk.rosctrs)

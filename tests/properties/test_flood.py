@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from dissect.engine.conversation import Options
+from dissect.engine.observer import Options
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import MAX_DETAILED, MAX_DETAILED_ALL
 from tests.growth import assert_growth
@@ -73,7 +73,7 @@ def test_a_flood_is_counted_exactly_detailed_within_bounds_and_linear() -> None:
     check_books(pipeline, record)
     times = iter([whole])
     assert_growth(lambda: run(count // 2)[2], lambda: next(times, None) or run(count)[2], 3)  # 4 when quadratic
-    counts = pipeline.conversation.judge.counts
+    counts = pipeline.finding_counts
     each = count // len(BAD)
     for slug in {slug for _, slug in BAD}:
         assert counts[slug] == each * [slug for _, slug in BAD].count(slug), slug

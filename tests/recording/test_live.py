@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mypy_extensions import i64
 
-from dissect.engine.conversation import Observer
+from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.finding import Finding
 from dissect.recording.event_capture import EventCapture

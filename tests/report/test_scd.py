@@ -321,7 +321,7 @@ def test_texts_of_the_wire_and_of_bindings_are_escaped() -> None:
 def test_losses_are_told() -> None:
     talk = Talk()
     analysis = Analysis()
-    talk.pipeline = Pipeline(analysis, Options(strict=True, carrier=plant.carrier()))
+    talk.pipeline = Pipeline(analysis, Options(strict=True, decoder=plant.carrier()))
     talk.datagram(CLIENT, plant.ask("Расход 1"), cut=2)
     talk.datagram(CLIENT, b"\xdc\x3f" + bytes(10))
     talk.ports = [50000, plant.STREAM]

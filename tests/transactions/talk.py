@@ -161,7 +161,7 @@ class Talk(Observer):
 
     def carry(self, carrier: PayloadDecoder) -> None:
         """Begin anew, with somebody who looks for another protocol in what passes."""
-        self.pipeline = Pipeline(self, Options(strict=True, carrier=carrier))
+        self.pipeline = Pipeline(self, Options(strict=True, decoder=carrier))
 
     def watch(self, overdue_ns: int = 2 * SECOND) -> None:
         """Begin anew, on a line where requests are told that wait longer than this."""

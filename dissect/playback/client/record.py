@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
-from dissect.engine.conversation import Options
+from dissect.engine.observer import Options
 from dissect.engine.pipeline import Pipeline
 from dissect.golden.model import Link, Session
 from dissect.playback.client.recorded import OrderedReader
@@ -26,7 +26,7 @@ class Record:
         self.trouble = ""
         self.links: dict[int, Link] = {}
         self._reader = OrderedReader(name)
-        self._pipeline = Pipeline(self._reader, Options(carrier=carrier))
+        self._pipeline = Pipeline(self._reader, Options(decoder=carrier))
         self._writer = writer
         self._count = 0
         self._frames = 0

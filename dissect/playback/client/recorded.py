@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from dissect.engine.conversation import Options
+from dissect.engine.observer import Options
 from dissect.golden.model import GoldenError, Link, Session
 from dissect.golden.reading import SessionReader, is_golden, load_golden
 from dissect.session import Run
@@ -81,7 +81,7 @@ def load_recorded(path: str | Path, carrier: PayloadDecoder | None = None) -> Re
             raise ReplayError(str(error)) from None
         return Recorded(session, session.links)
     reader = OrderedReader(str(path))
-    run = Run([str(path)], reader, Options(carrier=carrier))
+    run = Run([str(path)], reader, Options(decoder=carrier))
     try:
         while run.step():
             pass

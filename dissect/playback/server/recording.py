@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from dissect.engine.conversation import Observer, Options
+from dissect.engine.observer import Observer, Options
 from dissect.golden.exchange import S7
 from dissect.golden.model import GoldenError
 from dissect.golden.model import Session as Golden
