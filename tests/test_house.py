@@ -137,7 +137,8 @@ FOREIGN: Final = frozenset(
 )
 EMPTY_NAMES: Final = frozenset(("base", "common", "helpers", "manager", "misc", "util", "utils"))
 
-MAX_LINES: Final = 400
+#: A file past this is usually two things. Never cut one thing in two to stay below it.
+MAX_LINES: Final = 600
 #: Tables are as long as what they list.
 TABLES: Final = re.compile(r"(^|_)(tables|errors)\.py$")
 

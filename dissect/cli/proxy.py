@@ -42,14 +42,14 @@ def _listen(ctx: click.Context, param: click.Parameter, value: str) -> Address:
 
 
 def _to(ctx: click.Context, param: click.Parameter, value: str) -> Address:
-    from dissect.proxy.addresses import PLC_PORT
+    from dissect.net.addresses import PLC_PORT
 
     return _address(ctx, param, value, PLC_PORT)
 
 
 def _address(ctx: click.Context, param: click.Parameter, value: str, port: int | None) -> Address:
     from dissect.metrics.address import AddressError
-    from dissect.proxy.addresses import read_address
+    from dissect.net.addresses import read_address
 
     try:
         return read_address(value, port)
@@ -103,7 +103,7 @@ def command(
     """
     from dissect.engine.observer import Options
     from dissect.live.session import Session
-    from dissect.proxy.addresses import places_to_connect, places_to_listen
+    from dissect.net.addresses import places_to_connect, places_to_listen
     from dissect.proxy.relay import Relay
     from dissect.proxy.source import RelayReader
     from dissect.proxy.tap import Tap

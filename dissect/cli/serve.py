@@ -27,7 +27,7 @@ _EXIT_CODES: Final = (
 
 def _listen(ctx: click.Context, param: click.Parameter, value: str) -> Address:
     from dissect.metrics.address import AddressError
-    from dissect.proxy.addresses import read_address
+    from dissect.net.addresses import read_address
 
     try:
         return read_address(value)

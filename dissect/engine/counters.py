@@ -79,9 +79,7 @@ class Counters:
             if ISO_TSAP_PORT in {sender.port, receiver.port}:
                 self.note("stream.bad_checksum", f"{sender} -> {receiver}")
 
-    def find_segment(
-        self, buf: bytes, start: i64, end: i64, link_type: i64, udp: bool, checksums: bool
-    ) -> Segment:
+    def find_segment(self, buf: bytes, start: i64, end: i64, link_type: i64, udp: bool, checksums: bool) -> Segment:
         """Return the TCP segment of a frame, or a UDP datagram when these are wanted, or why there is none."""
         fragments = self.fragments
         conflicts: i64 = fragments.conflicts

@@ -16,8 +16,8 @@ from dissect.engine.exchange import Exchange
 from dissect.findings.session_rules import judge_disconnect, judge_error_tpdu
 from dissect.findings.transport_rules import judge_confirm, judge_data, judge_number, judge_order
 from dissect.iso.cotp import Tpdu, parse_tpdu
-from dissect.iso.tables import CC, CR, DR, DT, ER, TPDU_TYPES
 from dissect.iso.foreign import identify_connect
+from dissect.iso.tables import CC, CR, DR, DT, ER, TPDU_TYPES
 from dissect.iso.tpkt import BAD_VERSION
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES, classify, is_rdp_connect
 from dissect.transactions.connection import FOREIGN, ISO
@@ -137,9 +137,7 @@ class IsoOnTcp(Protocol):
         tsdu = side.assembler.push(data, eot)
         if side.assembler.overflows > overflows:
             who = side.tcp.ends[side.index]
-            self._exchange.reporter.note(
-                "cotp.tsdu_too_long", side.connection.number, [frame], time_ns, f"from {who}"
-            )
+            self._exchange.reporter.note("cotp.tsdu_too_long", side.connection.number, [frame], time_ns, f"from {who}")
         if tsdu is not None:
             self._tsdu(side, tsdu, 0, len(tsdu), frame, time_ns)
 

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
-from dissect.proxy.addresses import Place, ProxyError, listen_on
+from dissect.net.addresses import Place, ProxyError, listen_on
 from dissect.proxy.link import prepare
 
 #: How long no client is accepted after the system had no more sockets, in seconds.

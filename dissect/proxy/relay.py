@@ -14,8 +14,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
+from dissect.net.addresses import Place, ProxyError, expect_no_circle
 from dissect.net.listener import Accepted, Listener
-from dissect.proxy.addresses import Place, ProxyError, expect_no_circle
 from dissect.proxy.link import End, Link, ResetError, close_with_reset, prepare, trouble
 from dissect.proxy.packets import endpoint_of
 from dissect.proxy.tap import REFUSED, UNANSWERED, Tap

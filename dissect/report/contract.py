@@ -7,8 +7,6 @@ from typing import Final
 
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.finding import SEVERITIES, Finding
-from dissect.ibh.tables import KINDS
-from dissect.iso.tables import TPDU_TYPES
 from dissect.iso.tsap import Tsap
 from dissect.iso.upper import SCD, UPPER_NAMES
 from dissect.report import words

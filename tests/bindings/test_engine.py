@@ -422,7 +422,11 @@ JUNK: Final = st.one_of(
 def test_any_segmentation_gives_the_same_transactions(cuts: list[list[int]], hello: bool) -> None:
     talk = streamed(cuts, hello=hello)
     assert content(talk) == ALL
-    assert (talk.pipeline.counters.octets.skipped, talk.pipeline.counters.octets.buffered, carrier_of(talk).skipped) == (0, 0, 0)
+    assert (
+        talk.pipeline.counters.octets.skipped,
+        talk.pipeline.counters.octets.buffered,
+        carrier_of(talk).skipped,
+    ) == (0, 0, 0)
 
 
 @given(CUTS, JUNK, JUNK)

@@ -168,10 +168,10 @@ def test_a_look_at_a_crowd_is_bounded_and_nobody_is_forgotten(talk: Talk) -> Non
     count = 3 * overdue._SIDES_AT_ONCE // 2
     crowd(talk, count)
     talk.silence(LIMIT)
-    first = talk.pipeline.exchange.reporter.counts["transaction.overdue"]
+    first = talk.pipeline.finding_counts["transaction.overdue"]
     assert 0 < first <= overdue._SIDES_AT_ONCE
     talk.silence(50 * MS)
-    assert talk.pipeline.exchange.reporter.counts["transaction.overdue"] == count
+    assert talk.pipeline.finding_counts["transaction.overdue"] == count
 
 
 def test_sides_that_poll_are_kept_once(talk: Talk) -> None:

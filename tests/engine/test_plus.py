@@ -202,8 +202,7 @@ def test_a_hole_inside_a_pdu_leaves_its_head() -> None:
     talk.close()
     assert talk.outcomes() == ["answered", "answered"]
     assert talk.slugs() == ["stream.hole"]
-    conversation = talk.pipeline.conversation
-    assert (conversation.plus_cut, conversation.plus_unpaired) == (1, 1)
+    assert (talk.pipeline.plus.cut_pdus, talk.pipeline.plus.unpaired) == (1, 1)
 
 
 def test_the_end_inside_a_pdu() -> None:
@@ -229,9 +228,8 @@ def test_without_opcode() -> None:
     talk.close()
     assert talk.transactions == []
     assert talk.findings == []
-    conversation = talk.pipeline.conversation
-    assert (conversation.plus_pdus, conversation.plus_unpaired) == (3, 3)
-    assert (conversation.plus_versions[0xFE], conversation.plus_versions[0xFF]) == (2, 1)
+    assert (talk.pipeline.plus.pdus, talk.pipeline.plus.unpaired) == (3, 3)
+    assert (talk.pipeline.plus.versions[0xFE], talk.pipeline.plus.versions[0xFF]) == (2, 1)
 
 
 def test_a_damaged_pdu_is_told() -> None:
@@ -276,10 +274,13 @@ def test_functions_are_counted() -> None:
     talk.ask(framed(asked(1)), framed(asked(2, 0x9999)))
     talk.tell(framed(told(1)), framed(told(2, 0x9999)), framed(notified()))
     talk.close()
-    conversation = talk.pipeline.conversation
-    assert conversation.plus_functions == {GET_MULTI: 2, 0x9999: 2}
-    assert {code: count for code, count in enumerate(conversation.plus_opcodes) if count} == {0x31: 2, 0x32: 2, 0x33: 1}
-    assert conversation.pdus == 0
+    assert talk.pipeline.plus.functions == {GET_MULTI: 2, 0x9999: 2}
+    assert {code: count for code, count in enumerate(talk.pipeline.plus.opcodes) if count} == {
+        0x31: 2,
+        0x32: 2,
+        0x33: 1,
+    }
+    assert talk.pipeline.s7.pdus == 0
 
 
 @pytest.mark.parametrize(
@@ -295,13 +296,14 @@ def test_shared_captures(
     """The numbers are those of tshark's TPDUs, counted apart from this package."""
     analysis = dissect.analyze(str(corpus / name))
     assert analysis.pipeline is not None
-    conversation = analysis.pipeline.conversation
-    assert conversation.plus_pdus == conversation.tsdus[1] == pdus
-    assert {code: count for code, count in enumerate(conversation.plus_opcodes) if count} == opcodes
-    assert conversation.plus_unpaired == conversation.plus_cut == 0
+    assert analysis.pipeline.plus.pdus == analysis.pipeline.iso.tsdus[1] == pdus
+    assert {code: count for code, count in enumerate(analysis.pipeline.plus.opcodes) if count} == opcodes
+    assert analysis.pipeline.plus.unpaired == analysis.pipeline.plus.cut_pdus == 0
     (connection,) = [one for one in analysis.connections if one.protocol == "s7comm_plus"]
     assert (connection.answered, connection.unanswered, connection.orphans) == (answered, 0, 0)
     assert connection.unsolicited == one_way + opcodes.get(0x33, 0)
     assert analysis.unanswered == 0
-    odd = {slug for slug in conversation.judge.counts if not slug.startswith("security.")}  # of S7comm in the same file
+    odd = {
+        slug for slug in analysis.pipeline.finding_counts if not slug.startswith("security.")
+    }  # of S7comm in the same file
     assert odd == set()

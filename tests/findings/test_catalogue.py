@@ -52,7 +52,7 @@ from tests.transactions.talk import (
 
 PACKAGE: Final = Path(dissect.__file__).parent
 #: Rooms and modules that may judge.
-ENGINE: Final = frozenset(("findings", "bindings", "conversation.py", "gateway.py", "pipeline.py"))
+ENGINE: Final = frozenset(("findings", "bindings", "engine"))
 #: Rooms whose findings are written in the source as "room.what".
 SLUG: Final = re.compile(
     r"(capture|ip|stream|tpkt|ibh|cotp|s7|session|transaction|function|security|scd|operation|internal)\.[a-z_0-9]+"

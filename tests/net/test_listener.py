@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from dissect.metrics.address import Address
+from dissect.net.addresses import ProxyError, places_to_listen
 from dissect.net.listener import Accepted, Listener
-from dissect.proxy.addresses import ProxyError, places_to_listen
 from tests.proxy.support import eventually
 
 LOOPBACK = "127.0.0.1"

@@ -92,16 +92,15 @@ def check_books(pipeline: Pipeline, record: Record | None = None) -> None:
     assert octets.delivered == octets.framed + octets.skipped + octets.buffered + octets.failed
     assert octets.failed == 0 or (record is None and "internal.bug" in pipeline.finding_counts)
     assert min(octets.as_dict().values()) >= 0, octets.as_dict()
-    talk = pipeline.conversation
-    assert talk.tsdus[0] == talk.pdus == sum(talk.rosctrs)
+    assert pipeline.iso.tsdus[0] == pipeline.s7.pdus == sum(pipeline.s7.rosctrs)
     if record is None:
         return
     halves = sum([bool(one.request_frame) + bool(one.response_frame) for one in record.transactions])
-    assert halves + talk.unpaired + talk.plus_unpaired == talk.pdus + talk.plus_pdus
+    assert halves + pipeline.s7.unpaired + pipeline.plus.unpaired == pipeline.s7.pdus + pipeline.plus.pdus
     assert len({one.number for one in record.transactions}) == len(record.transactions)
     assert sorted([one.number for one in record.opened]) == sorted([one.number for one in record.closed])
     for finding in record.findings:
-        assert finding.slug in talk.judge.counts
+        assert finding.slug in pipeline.finding_counts
         assert all([0 < frame <= pipeline.frames for frame in finding.frames])
 
 

@@ -12,10 +12,10 @@ from typing import Final
 from dissect.iso.cotp import Assembler, Tpdu, parse_tpdu
 from dissect.iso.tables import CC, DR, DT, ER
 from dissect.iso.tpkt import HEADER, Framer
+from dissect.net.addresses import Place
 from dissect.playback.client.record import Record, Talk
 from dissect.playback.client.watch import Watch
 from dissect.playback.server.answers import data_tpdus, tpkt
-from dissect.proxy.addresses import Place
 
 #: Octets read at once, and octets of messages that wait to be looked at before no more are read: the server has to wait then.
 _PIECE: Final = 65_536

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from dissect.golden.model import Transaction
+from dissect.net.addresses import Place
 from dissect.playback.client.channel import Channel, UnreachableError, connect
 from dissect.playback.client.download import Downloads
 from dissect.playback.client.permissions import CONTROL, kind_of
@@ -14,7 +15,6 @@ from dissect.playback.client.plan import ASK, FOLLOWS_WITHHELD, HEAR, SERVE, Par
 from dissect.playback.client.renewal import Renewal
 from dissect.playback.client.settings import Asked, Shared
 from dissect.playback.server.answers import with_reference
-from dissect.proxy.addresses import Place
 from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, Pdu, parse_pdu
 from dissect.s7.parameters import REQUEST, RESPONSE
 from dissect.s7.tables import ACK, ACK_DATA, JOB, SETUP_COMMUNICATION, USERDATA

@@ -10,6 +10,7 @@ from dissect.golden.comparison import differences
 from dissect.golden.difference import Difference, DiffOptions
 from dissect.golden.model import Link, Session
 from dissect.metrics.address import Address
+from dissect.net.addresses import Place
 from dissect.playback.client.expected import expected_session
 from dissect.playback.client.permissions import Permissions
 from dissect.playback.client.plan import Part, Withheld, playable, withheld
@@ -18,7 +19,6 @@ from dissect.playback.client.record import Record
 from dissect.playback.client.recorded import Recorded
 from dissect.playback.client.schedule import expect_few, perform
 from dissect.playback.client.settings import Settings, Shared
-from dissect.proxy.addresses import Place
 from dissect.report import words
 
 if TYPE_CHECKING:

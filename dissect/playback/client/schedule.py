@@ -8,11 +8,11 @@ from collections.abc import Iterator, Sequence
 from itertools import chain
 from typing import Final, NamedTuple
 
+from dissect.net.addresses import Place
 from dissect.playback.client.plan import ASK, Part, playable
 from dissect.playback.client.player import Player
 from dissect.playback.client.recorded import ReplayError
 from dissect.playback.client.settings import Shared
-from dissect.proxy.addresses import Place
 
 #: Connections that are open at once: a system grants a process about 1,000 files, some as few as 256.
 MAX_OPEN: Final = 200

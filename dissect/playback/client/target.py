@@ -5,8 +5,8 @@ from __future__ import annotations
 import ipaddress
 
 from dissect.metrics.address import Address, AddressError, is_loopback
+from dissect.net.addresses import PLC_PORT, Place, ProxyError, places_to_connect, read_address
 from dissect.playback.client.recorded import ReplayError
-from dissect.proxy.addresses import PLC_PORT, Place, ProxyError, places_to_connect, read_address
 
 
 def read_target(text: str) -> Address:

@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Final, Self
 
 from dissect.metrics.address import Address
+from dissect.net.addresses import Place, ProxyError, places_to_listen
 from dissect.net.listener import Accepted, Listener
 from dissect.playback.server.capture_writer import CLIENT, SERVER, CaptureWriter
 from dissect.playback.server.faults import Fault, parse_fault
@@ -22,7 +23,6 @@ from dissect.playback.server.recording import ServerError, load_recording
 from dissect.playback.server.request_log import Request, RequestLog
 from dissect.playback.server.session import ABORT, CLOSE, ClientSession, Deed
 from dissect.playback.server.socket import BrokenError, ClientSocket
-from dissect.proxy.addresses import Place, ProxyError, places_to_listen
 from dissect.proxy.link import close_with_reset
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dissect.golden.model import Link
+from dissect.net.addresses import Place
 from dissect.playback.client.channel import Channel, UnreachableError, connect
 from dissect.playback.client.record import Record
-from dissect.proxy.addresses import Place
 from tests.playback.client.support import free_port
 from tests.properties import messages
 from tests.properties.messages import dt, tpkt

@@ -14,6 +14,7 @@ import pytest
 from dissect.golden import golden_text, read_session
 from dissect.golden.model import Link, Session
 from dissect.metrics.address import Address
+from dissect.net.addresses import Place
 from dissect.playback.client import Recorded, ReplayError, Settings, expect_few, load_recorded, make_plan
 from dissect.playback.client.channel import connect
 from dissect.playback.client.plan import Part
@@ -22,7 +23,6 @@ from dissect.playback.client.recorded import Span
 from dissect.playback.client.schedule import CONNECT, MAX_OPEN, Clock, moments, open_at_once
 from dissect.playback.client.watch import Watch
 from dissect.playback.server.service import Server
-from dissect.proxy.addresses import Place
 from dissect.s7.message import parse_pdu
 from tests.playback.client.support import ALL, CAPTURES, play, texts
 from tests.playback.client.test_download import BEGIN, ENDED, INSERT, job

@@ -19,7 +19,7 @@ from captures.record.nodes7 import SCRIPT, node_of, variables_of
 from dissect.playback.server import Server
 from dissect.source.pcapng_writer import PcapngWriter
 
-ROOT: Final = Path(__file__).resolve().parent.parent.parent
+ROOT: Final = Path(__file__).resolve().parent.parent.parent.parent
 ENVIRONMENT: Final = Path(sys.prefix)
 PATIENCE_S: Final = 120.0
 #: How long nodes7 waits for an answer where one is to be missed, and how often it asks at most.

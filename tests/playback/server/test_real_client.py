@@ -14,7 +14,7 @@ from dissect.golden import golden_text, read_session
 from dissect.playback.server import Server
 from dissect.source.pcapng_writer import PcapngWriter
 
-FOLDER = Path(__file__).resolve().parent.parent.parent / "captures"
+FOLDER = Path(__file__).resolve().parent.parent.parent.parent / "captures"
 #: Recordings by python-snap7, and what it said in them.
 SESSIONS = {
     "connect-close": "connect-close",

@@ -17,7 +17,7 @@ from dissect.source.packet import CaptureError
 from dissect.testing.talk import SERVER, Ask, Talk, Tell, answer, pdu, push, read, words
 from tests.growth import assert_growth
 
-FOLDER = Path(__file__).resolve().parent.parent.parent / "captures"
+FOLDER = Path(__file__).resolve().parent.parent.parent.parent / "captures"
 NAMES = [
     "read-areas",
     "write-areas",

@@ -10,7 +10,7 @@ import pytest
 from dissect.playback.server import Server, ServerError, load_recording
 from tests.playback.server.support import Tpkts, messages, play
 
-FOLDER: Final = Path(__file__).resolve().parent.parent.parent / "captures"
+FOLDER: Final = Path(__file__).resolve().parent.parent.parent.parent / "captures"
 PATHS: Final = sorted(FOLDER.rglob("*.pcap*"))
 IDS: Final = [str(path.relative_to(FOLDER)) for path in PATHS]
 

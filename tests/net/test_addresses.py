@@ -7,7 +7,7 @@ import socket
 import pytest
 
 from dissect.metrics.address import Address, AddressError
-from dissect.proxy.addresses import (
+from dissect.net.addresses import (
     Place,
     ProxyError,
     expect_no_circle,
