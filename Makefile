@@ -15,7 +15,7 @@ BIN := $(VENV)/bin
 PYTEST := $(BIN)/pytest
 # The tests of the engine itself, which run on both builds.
 ENGINE := $(wildcard tests/wire tests/source tests/tcp tests/iso tests/s7 tests/transactions tests/findings \
-	tests/test_conversation.py tests/test_pipeline.py tests/test_session.py tests/report tests/properties)
+	tests/engine/test_conversation.py tests/engine/test_pipeline.py tests/test_session.py tests/report tests/properties)
 
 export PYTHONSAFEPATH := 1
 export VENV

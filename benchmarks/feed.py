@@ -16,7 +16,7 @@ from time import perf_counter_ns, thread_time_ns
 from typing import TYPE_CHECKING
 
 from benchmarks.streams import NAMES, SMALL, stream
-from dissect.pipeline import Pipeline
+from dissect.engine.pipeline import Pipeline
 from dissect.report.analysis import Analysis
 from dissect.wire.build import COMPILED
 

@@ -22,7 +22,7 @@ from benchmarks.pdus import ACK_DATA, JOB, READ, answer, connect_tpdu, request, 
 from dissect.alerts.dispatcher import Dispatcher
 from dissect.alerts.engine import AlertEngine
 from dissect.alerts.loading import parse_rules
-from dissect.findings.observer import Observer, Options
+from dissect.engine.observer import Observer, Options
 from dissect.live.alerting import AlertCompanion
 from dissect.live.json_lines import JsonLines
 from dissect.live.run import Companion, LiveRun

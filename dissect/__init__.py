@@ -20,15 +20,15 @@ _PUBLIC: Final = {
     "CaptureError": "dissect.source.packet",
     "Connection": "dissect.transactions.connection",
     "Finding": "dissect.findings.finding",
-    "Observer": "dissect.conversation",
+    "Observer": "dissect.engine.conversation",
     "Operation": "dissect.transactions.operation",
-    "Options": "dissect.conversation",
+    "Options": "dissect.engine.conversation",
     "Analysis": "dissect.report.analysis",
     "Pdu": "dissect.s7.message",
-    "Pipeline": "dissect.pipeline",
+    "Pipeline": "dissect.engine.pipeline",
     "PlusPdu": "dissect.s7plus.message",
     "Run": "dissect.session",
-    "ScdMessage": "dissect.transactions.carried",
+    "ScdMessage": "dissect.transactions.payloads",
     "Transaction": "dissect.transactions.transaction",
     "TransactionError": "dissect.transactions.transaction",
     "analyze": "dissect.session",
@@ -36,10 +36,10 @@ _PUBLIC: Final = {
 }
 
 if TYPE_CHECKING:
-    from dissect.conversation import Observer as Observer
-    from dissect.conversation import Options as Options
+    from dissect.engine.conversation import Observer as Observer
+    from dissect.engine.conversation import Options as Options
+    from dissect.engine.pipeline import Pipeline as Pipeline
     from dissect.findings.finding import Finding as Finding
-    from dissect.pipeline import Pipeline as Pipeline
     from dissect.report.analysis import Analysis as Analysis
     from dissect.s7.message import Pdu as Pdu
     from dissect.s7plus.message import PlusPdu as PlusPdu
@@ -47,9 +47,9 @@ if TYPE_CHECKING:
     from dissect.session import analyze as analyze
     from dissect.session import open as open
     from dissect.source.packet import CaptureError as CaptureError
-    from dissect.transactions.carried import ScdMessage as ScdMessage
     from dissect.transactions.connection import Connection as Connection
     from dissect.transactions.operation import Operation as Operation
+    from dissect.transactions.payloads import ScdMessage as ScdMessage
     from dissect.transactions.transaction import Transaction as Transaction
     from dissect.transactions.transaction import TransactionError as TransactionError
 else:

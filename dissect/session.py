@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
-from dissect.conversation import Observer, Options
-from dissect.findings.carrier import Carrier
+from dissect.engine.conversation import Observer, Options
+from dissect.engine.payload import PayloadDecoder
+from dissect.engine.pipeline import Pipeline
 from dissect.findings.finding import Finding
-from dissect.pipeline import Pipeline
 from dissect.report.analysis import Analysis
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.source.files import open_capture
 from dissect.source.packet import PacketSink, Reader, SourceFile
-from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
+from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
 
@@ -147,7 +147,7 @@ class _Queue(Observer):
         self.events.append(connection)
 
 
-def _carrier(scd: str | Path | Dictionary | None, bind: str | Path | None) -> Carrier | None:
+def _carrier(scd: str | Path | Dictionary | None, bind: str | Path | None) -> PayloadDecoder | None:
     """Return what decodes SCD, None where nothing is asked for. ValueError when only one half is given."""
     if scd is None and bind is None:
         return None

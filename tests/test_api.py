@@ -13,7 +13,7 @@ from pathlib import Path
 
 import dissect
 from dissect import scd
-from dissect.conversation import Observer
+from dissect.engine.conversation import Observer
 
 analysis = dissect.analyze("a.pcap", "b.pcap", slow_ns=5)
 reveal_type(analysis.latencies.quantile(0.5))
@@ -50,7 +50,7 @@ REVEALED = [
     "int | None",
     "dict[str, object]",
     (
-        "Connection | dissect.s7.message.Pdu | dissect.s7plus.message.PlusPdu | dissect.transactions.carried.ScdMessage"
+        "Connection | dissect.s7.message.Pdu | dissect.s7plus.message.PlusPdu | dissect.transactions.payloads.ScdMessage"
         " | dissect.transactions.transaction.Transaction | dissect.transactions.operation.Operation"
         " | dissect.findings.finding.Finding"
     ),
@@ -60,7 +60,7 @@ REVEALED = [
     "dict[tuple[int, int] | str, ",
     '"str"',
     "NetTime",
-    "list[dissect.transactions.carried.ScdMessage]",
+    "list[dissect.transactions.payloads.ScdMessage]",
     "dissect.tcp.connection.Endpoint",
 ]
 

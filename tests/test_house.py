@@ -327,7 +327,7 @@ def test_rule_holds(rule: Rule, modules: dict[str, ast.Module]) -> None:
         (packages_stay_in_their_room, "dissect.cli.show", "def late():\n    from scapy.all import rdpcap"),
         (packages_stay_in_their_room, "dissect.layers.s7", "import pyshark"),
         (the_engine_is_pure, "dissect.s7.message", "import time"),
-        (the_engine_is_pure, "dissect.pipeline", "from asyncio import sleep"),
+        (the_engine_is_pure, "dissect.engine.pipeline", "from asyncio import sleep"),
         (the_engine_is_pure, "dissect.findings.rules", "print('found')"),
         (the_engine_is_pure, "dissect.iso.tpkt", "octets = open('x').read()"),
         (the_engine_is_pure, "dissect.s7.values", "from datetime import datetime\nt = datetime.now()"),
@@ -397,7 +397,7 @@ def test_importing_is_cheap(statement: str) -> None:
         "asyncio",
         "logging",
         "dissect.session",
-        "dissect.pipeline",
+        "dissect.engine.pipeline",
         "dissect.s7",
     ]
     code = f"{statement}\nimport sys\nprint(*[name for name in {heavy!r} if name in sys.modules])"

@@ -14,13 +14,13 @@ import pytest
 import dissect
 from dissect import scd
 from dissect.bindings import BindingError
-from dissect.conversation import Options
+from dissect.engine.conversation import Options
 from dissect.findings.finding import Finding
 from dissect.s7.message import Pdu
 from dissect.session import CONTINUES_NS, Run
 from dissect.source.packet import CaptureError
-from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import Connection
+from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.transaction import Transaction
 from tests.properties.books import Record, check_books, facts, told, true
 from tests.properties.messages import ACK_DATA, JOB, Item, connect, dt, read_answer, read_job, setup

@@ -16,7 +16,7 @@ from dissect.alerts.states import StateWatch, state_watch
 from dissect.baseline.norms import Baseline
 from dissect.baseline.subjects import Pair, Pairs, moment
 from dissect.baseline.watch import BaselineWatch, Deviation
-from dissect.conversation import Observer
+from dissect.engine.conversation import Observer
 from dissect.findings.finding import WARNING, Finding
 from dissect.report.contract import finding_as_dict
 from dissect.report.places import Places

@@ -22,7 +22,7 @@ from dissect.scd.errors import E_CRC, E_LENGTH, E_PROTOCOL, E_SHORT, Error
 from dissect.scd.model import StructType, Variable
 from dissect.scd.ranges import is_mapping
 from dissect.scd.types import SIZED, Kind, SimpleType
-from dissect.transactions.carried import ScdMessage
+from dissect.transactions.payloads import ScdMessage
 from dissect.wire.text import encodable
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """SCD in traffic: what the bindings point at is decoded by the dictionary, paired and judged.
 
-`ScdCarrier` is hooked into the pipeline (`dissect.findings.carrier`). The way of a message:
+`ScdCarrier` is hooked into the pipeline (`dissect.engine.payload`). The way of a message:
 
     datagram / stream / tsdu / transaction → _unit → _take → dialogue (pairs) → transaction → judged, told
 
@@ -18,19 +18,19 @@ from dissect.bindings.devices import Device, Devices
 from dissect.bindings.judging import ScdJudge
 from dissect.bindings.place import in_blocks
 from dissect.bindings.streams import cut_stream, skip_hole
-from dissect.findings.carrier import Carrier
+from dissect.engine.payload import PayloadDecoder
 from dissect.iso.upper import SCD as UPPER_SCD
 from dissect.iso.upper import UPPER_NAMES
 from dissect.s7.parameters import GROUP_PBC
 from dissect.s7.tables import JOB, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
-from dissect.transactions.carried import SCD, ScdMessage, ScdParameters
 from dissect.transactions.multipart import Joiner
+from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from dissect.findings.exchange import Exchange
+    from dissect.engine.s7 import Exchange
     from dissect.scd.dictionary import Dictionary
     from dissect.scd.messages import Message
     from dissect.transactions.connection import Connection
@@ -59,7 +59,7 @@ class BindingCount:
         self.cut = 0
 
 
-class ScdCarrier(Carrier):
+class ScdCarrier(PayloadDecoder):
     """Decodes SCD where the bindings say it travels.
 
     ``counts`` by name of the binding; ``unpaired`` are messages of no kind; ``skipped`` octets of streams that are in no

@@ -11,9 +11,9 @@ from dissect.scd.wording import address_text, value_text
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.findings.judge import Judge
+    from dissect.findings.reporter import Reporter
     from dissect.scd.model import Pdo
-    from dissect.transactions.carried import ScdMessage
+    from dissect.transactions.payloads import ScdMessage
     from dissect.transactions.table import Side
     from dissect.transactions.transaction import Transaction
 
@@ -43,7 +43,7 @@ class ScdJudge:
     were too many.
     """
 
-    def __init__(self, judge: Judge, devices: Devices, peers: frozenset[str]) -> None:
+    def __init__(self, judge: Reporter, devices: Devices, peers: frozenset[str]) -> None:
         self.forgotten = 0
         self._peers = peers
         self._kept = 0

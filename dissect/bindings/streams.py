@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from dissect.bindings.binding import Binding
     from dissect.scd.envelope import Envelope
-    from dissect.transactions.carried import Backlog
+    from dissect.transactions.payloads import Backlog
     from dissect.transactions.table import Side
 
 #: Places of a stream that may be the begin of a message whose end is not there yet, while its begin is searched for.

@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dissect.cli.carried import scd_options
-from dissect.cli.drive import (
+from dissect.cli.gate import fail_on_option, gate
+from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.options.scd import scd_options
+from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
     complain,
@@ -18,11 +20,9 @@ from dissect.cli.drive import (
     write,
     write_report,
 )
-from dissect.cli.gate import fail_on_option, gate
-from dissect.cli.main import EXIT_INTERRUPTED
 
 if TYPE_CHECKING:
-    from dissect.findings.carrier import Carrier
+    from dissect.engine.payload import PayloadDecoder
 
 
 @click.command("analyze", epilog=EXIT_CODES)
@@ -46,7 +46,7 @@ def command(
     slow_ns: int,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: Carrier | None,
+    carrier: PayloadDecoder | None,
 ) -> int:
     """Tell what captures hold, how fast it went, what failed and why.
 
@@ -56,7 +56,7 @@ def command(
     FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input. Several files are read one after another: one
     that goes on where the file before it ended, as those of a ring buffer do, continues its connections.
     """
-    from dissect.conversation import Options
+    from dissect.engine.conversation import Options
     from dissect.report.analysis import Analysis
     from dissect.session import Run
 

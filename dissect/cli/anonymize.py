@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dissect.cli.carried import scd_options
-from dissect.cli.drive import complain, drive, write
 from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.options.scd import scd_options
+from dissect.cli.run import complain, drive, write
 from dissect.cli.second_pass import check_files, name_of, written_whole
 from dissect.wire.text import printable
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from dissect.anonymize.addresses import AddressMap
     from dissect.anonymize.key import Key
     from dissect.anonymize.survey import Survey
-    from dissect.findings.carrier import Carrier
+    from dissect.engine.payload import PayloadDecoder
 
 _EXIT_CODES = (
     "Exit code: 0 written, 2 wrong use, a file that cannot be read or written, or nothing to write, 3 a file is damaged or cut "
@@ -83,7 +83,7 @@ def command(
     shift_time: bool,
     format_: str,
     force: bool,
-    carrier: Carrier | None,
+    carrier: PayloadDecoder | None,
 ) -> int:
     """Write a capture that may be shown to others, and tell what it no longer holds.
 
@@ -97,7 +97,7 @@ def command(
     from dissect.anonymize.scd import ScdRules, bindings_of
     from dissect.anonymize.survey import Survey
     from dissect.bindings.engine import ScdCarrier
-    from dissect.findings.observer import Options
+    from dissect.engine.observer import Options
     from dissect.session import Run
 
     check_files((file,), output, force)

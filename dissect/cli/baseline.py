@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dissect.cli.drive import complain, drive, files_argument, format_option, write
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK, EXIT_USAGE
+from dissect.cli.run import complain, drive, files_argument, format_option, write
 from dissect.session import CONTINUES_NS, Run
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.alerts import Alert, AlertRules
     from dissect.baseline import Baseline
-    from dissect.conversation import Observer
+    from dissect.engine.conversation import Observer
 
 _EXIT_CODES = (
     "Exit code: 0 learned, or nothing new; 1 something is told by --against or --rules; 2 wrong use or a file that cannot be "

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dissect.cli.carried import scd_options
-from dissect.cli.drive import complain, drive, files_argument
 from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.options.scd import scd_options
+from dissect.cli.run import complain, drive, files_argument
 from dissect.cli.second_pass import check_files, name_of, written_whole
 from dissect.report.slugs import slugs_of
 
 if TYPE_CHECKING:
-    from dissect.findings.carrier import Carrier
+    from dissect.engine.payload import PayloadDecoder
     from dissect.recording.cutter import Around, Cutter
     from dissect.recording.selection import Choice
     from dissect.recording.window import Window
@@ -128,7 +128,7 @@ def command(
     context: bool,
     plain: bool,
     force: bool,
-    carrier: Carrier | None,
+    carrier: PayloadDecoder | None,
 ) -> int:
     """Write a part of a capture to a pcapng file, with our findings as comments of the packets that show them.
 
@@ -139,7 +139,7 @@ def command(
     FILE is a pcap or pcapng file, also in gzip or zstd. It is read twice, so it cannot be standard input. Several files are
     read as one run, and go to one OUT.
     """
-    from dissect.findings.observer import Options
+    from dissect.engine.observer import Options
     from dissect.recording.selection import Selection, Wanted
     from dissect.session import Run
 

@@ -12,10 +12,10 @@ from xml.etree import ElementTree
 
 import click
 
-from dissect.cli.carried import scd_options
-from dissect.cli.drive import format_option, write
 from dissect.cli.golden import read_capture
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
+from dissect.cli.options.scd import scd_options
+from dissect.cli.run import format_option, write
 from dissect.golden.comparison import differences
 from dissect.golden.difference import KINDS, Difference, DiffOptions
 from dissect.golden.model import GoldenError, Session
@@ -24,7 +24,7 @@ from dissect.report import words
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
-    from dissect.findings.carrier import Carrier
+    from dissect.engine.payload import PayloadDecoder
 
 DIFF_SCHEMA = "s7dissect.diff/1"
 
@@ -63,7 +63,7 @@ def command(
     ignore: tuple[str, ...],
     latency: str | None,
     most: int,
-    carrier: Carrier | None,
+    carrier: PayloadDecoder | None,
 ) -> int:
     """Say what changed from A to B, each a capture or a golden (see `s7dissect golden`).
 
@@ -93,7 +93,7 @@ def command(
     return EXIT_GATE if shown or rest else EXIT_OK
 
 
-def _load(path: str, carrier: Carrier | None) -> tuple[Session, int]:
+def _load(path: str, carrier: PayloadDecoder | None) -> tuple[Session, int]:
     if path != "-" and Path(path).is_file() and is_golden(path):
         return load_golden(path), EXIT_OK
     return read_capture((path,), carrier)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dissect.cli.carried import scd_options
-from dissect.cli.drive import complain, drive, files_argument, write
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
+from dissect.cli.options.scd import scd_options
+from dissect.cli.run import complain, drive, files_argument, write
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.reading import SessionReader, is_golden, load_golden
 from dissect.golden.saving import save_whole
@@ -18,7 +18,7 @@ from dissect.golden.writing import EXTRAS, golden_lines
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.findings.carrier import Carrier
+    from dissect.engine.payload import PayloadDecoder
 
 _EXIT_CODES = (
     "Exit code: 0 written, 2 wrong use or a file that cannot be read or written, 3 a file is damaged or cut off (what could be "
@@ -54,7 +54,7 @@ def choices(known: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
     help=f"Keep what belongs to one recording as well: {', '.join(EXTRAS)}, with commas between.",
 )
 @scd_options
-def command(files: tuple[str, ...], output: str, extras: frozenset[str], carrier: Carrier | None) -> int:
+def command(files: tuple[str, ...], output: str, extras: frozenset[str], carrier: PayloadDecoder | None) -> int:
     """Write the session in a capture as text: one transaction after another, values by name, errors in words.
 
     The same session gives the same text whenever and wherever it was recorded: times, addresses, ports and reference numbers
@@ -74,15 +74,15 @@ def command(files: tuple[str, ...], output: str, extras: frozenset[str], carrier
     return code
 
 
-def _session(files: tuple[str, ...], carrier: Carrier | None) -> tuple[Session, int]:
+def _session(files: tuple[str, ...], carrier: PayloadDecoder | None) -> tuple[Session, int]:
     if len(files) == 1 and Path(files[0]).is_file() and is_golden(files[0]):
         return load_golden(files[0]), EXIT_OK
     return read_capture(files, carrier)
 
 
-def read_capture(files: tuple[str, ...], carrier: Carrier | None) -> tuple[Session, int]:
+def read_capture(files: tuple[str, ...], carrier: PayloadDecoder | None) -> tuple[Session, int]:
     """Read captures and return their session and the exit code so far; what was odd is told on stderr."""
-    from dissect.conversation import Options
+    from dissect.engine.conversation import Options
     from dissect.session import Run
 
     reader = SessionReader(files[0])

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from dissect.cli.beside import beside_options
-from dissect.cli.carried import scd_options
-from dissect.cli.drive import checksums_option, write
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT
+from dissect.cli.options.monitor import beside_options
+from dissect.cli.options.scd import scd_options
 from dissect.cli.rights import check_user, open_interface
+from dissect.cli.run import checksums_option, write
 from dissect.cli.scrape import Scrape, allow_remote_option, metrics_option
 from dissect.cli.watching import Interruption, LostEvents, Shower, only_option, overdue_option, slow_option
 from dissect.wire.text import printable
@@ -21,8 +21,8 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from dissect.cli.beside import Beside
-    from dissect.findings.carrier import Carrier
+    from dissect.cli.options.monitor import Beside
+    from dissect.engine.payload import PayloadDecoder
     from dissect.live.session import Session, Status
     from dissect.metrics.address import Address
     from dissect.source.packet import Reader
@@ -108,7 +108,7 @@ def command(
     allow_remote: bool,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: Carrier | None,
+    carrier: PayloadDecoder | None,
     beside: Beside,
 ) -> int:
     """Watch a line: connections, transactions and findings as they come. Nothing is ever sent.
@@ -116,7 +116,7 @@ def command(
     The line is an interface (-i), a capture that comes on standard input while it is made (-), as from
     `ssh gateway tcpdump -U -w - tcp port 102`, or a FILE.
     """
-    from dissect.findings.observer import Options
+    from dissect.engine.observer import Options
     from dissect.live.run import Limits
     from dissect.live.session import Session
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import click
 
-from dissect.cli.drive import (
+from dissect.cli.gate import fail_on_option, gate
+from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
     complain,
@@ -14,8 +15,7 @@ from dissect.cli.drive import (
     places_of,
     write,
 )
-from dissect.cli.gate import fail_on_option, gate
-from dissect.conversation import Observer, Options
+from dissect.engine.conversation import Observer, Options
 from dissect.report.operations import operation_json, operation_line
 from dissect.report.places import Places
 from dissect.session import Run

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from dissect.cli.carried import scd_options
-from dissect.cli.drive import format_option, write
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_DAMAGED, EXIT_OK, EXIT_OUTPUT
+from dissect.cli.options.scd import scd_options
+from dissect.cli.run import format_option, write
 from dissect.cli.watching import Interruption, LostEvents, Shower, only_option, overdue_option, slow_option
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.findings.carrier import Carrier
+    from dissect.engine.payload import PayloadDecoder
     from dissect.live.session import Event, Session
     from dissect.metrics.address import Address
     from dissect.proxy.capture_file import CaptureFile
@@ -42,14 +42,14 @@ def _listen(ctx: click.Context, param: click.Parameter, value: str) -> Address:
 
 
 def _to(ctx: click.Context, param: click.Parameter, value: str) -> Address:
-    from dissect.proxy.addresses import PLC_PORT
+    from dissect.net.addresses import PLC_PORT
 
     return _address(ctx, param, value, PLC_PORT)
 
 
 def _address(ctx: click.Context, param: click.Parameter, value: str, port: int | None) -> Address:
     from dissect.metrics.address import AddressError
-    from dissect.proxy.addresses import read_address
+    from dissect.net.addresses import read_address
 
     try:
         return read_address(value, port)
@@ -93,7 +93,7 @@ def command(
     slow_ns: int,
     overdue_ns: int,
     fail_on: frozenset[str],
-    carrier: Carrier | None,
+    carrier: PayloadDecoder | None,
 ) -> int:
     """Stand between a client and a PLC and tell what passes: for those who may not capture.
 
@@ -101,9 +101,9 @@ def command(
     passed on as it is, its end and its resets too; the dissection is made of a copy and cannot hold it up. It ends with
     Ctrl-C or SIGTERM.
     """
-    from dissect.findings.observer import Options
+    from dissect.engine.observer import Options
     from dissect.live.session import Session
-    from dissect.proxy.addresses import places_to_connect, places_to_listen
+    from dissect.net.addresses import places_to_connect, places_to_listen
     from dissect.proxy.relay import Relay
     from dissect.proxy.source import RelayReader
     from dissect.proxy.tap import Tap

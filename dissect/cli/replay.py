@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from dissect.cli.carried import scd_options
 from dissect.cli.diff import json_lines, json_values, junit_lines, text_lines
-from dissect.cli.drive import format_option, write
 from dissect.cli.main import EXIT_GATE, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE
+from dissect.cli.options.scd import scd_options
+from dissect.cli.run import format_option, write
 from dissect.golden.difference import DiffOptions
 from dissect.golden.model import GoldenError
 from dissect.report import words
@@ -21,9 +21,9 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from dissect.findings.carrier import Carrier
+    from dissect.engine.payload import PayloadDecoder
     from dissect.metrics.address import Address
-    from dissect.replay import Outcome, Part, Permissions, Recorded, Settings
+    from dissect.playback.client import Outcome, Part, Permissions, Recorded, Settings
     from dissect.source.pcapng_writer import PcapngWriter
 
 REPLAY_SCHEMA: Final = "s7dissect.replay/1"
@@ -138,7 +138,7 @@ def command(
     ignore: tuple[str, ...],
     latency: str | None,
     most: int,
-    carrier: Carrier | None,
+    carrier: PayloadDecoder | None,
 ) -> int:
     """Play the client's side of a capture or golden to a real server, and say where its answers are not the recorded ones.
 
@@ -146,8 +146,16 @@ def command(
     sizes are negotiated; each request is sent once, when what came before it in the recording is answered, on its own
     connection and on those that were open beside it. What was withheld, and why, is told at the end.
     """
-    from dissect.replay import Permissions, Settings, expect_few, load_recorded, make_plan, plan_lines, read_target
-    from dissect.replay.target import expect_allowed
+    from dissect.playback.client import (
+        Permissions,
+        Settings,
+        expect_few,
+        load_recorded,
+        make_plan,
+        plan_lines,
+        read_target,
+    )
+    from dissect.playback.client.target import expect_allowed
 
     try:
         options = DiffOptions([part for text in ignore for part in text.split(",") if part], latency)
@@ -200,9 +208,9 @@ def _replayed(
     where: tuple[Address, bool],
     how: tuple[Permissions, Settings],
     out: tuple[str | None, bool],
-    carrier: Carrier | None,
+    carrier: PayloadDecoder | None,
 ) -> Outcome:
-    from dissect.replay import places_of, replay
+    from dissect.playback.client import places_of, replay
 
     places = places_of(*where)
     writer = _writer(*out) if out[0] is not None else None

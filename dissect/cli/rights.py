@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 if TYPE_CHECKING:
-    from dissect.cli.beside import Beside
+    from dissect.cli.options.monitor import Beside
     from dissect.source.live.reader import LiveReader
 
 #: The user whom -Z names to keep everything.

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from dissect.cli.drive import format_option, write
 from dissect.cli.main import EXIT_DAMAGED, EXIT_OK
+from dissect.cli.run import format_option, write
 from dissect.cli.scd_files import as_json, columns, open_dictionary
 from dissect.wire.text import encodable, printable
 

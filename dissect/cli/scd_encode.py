@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from dissect.cli.drive import write
 from dissect.cli.main import EXIT_OK
+from dissect.cli.run import write
 from dissect.cli.scd_decode import dictionary_option, object_key, only_one, selectors
 from dissect.cli.scd_files import WRITING, open_dictionary
 

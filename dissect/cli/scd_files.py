@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from dissect.cli.drive import format_option, write
 from dissect.cli.main import EXIT_GATE, EXIT_OK
+from dissect.cli.run import format_option, write
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import click
 
-from dissect.cli.drive import write
 from dissect.cli.main import EXIT_OK
+from dissect.cli.run import write
 
 #: Where the schemas are, in the package: `NAME.schema.json`.
 FOLDER: Final = Path(__file__).resolve().parent.parent / "schema"

@@ -12,8 +12,8 @@ from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.metrics.address import Address
-    from dissect.server.faults import Fault
-    from dissect.server.service import Server
+    from dissect.playback.server.faults import Fault
+    from dissect.playback.server.service import Server
     from dissect.source.pcapng_writer import PcapngWriter
 
 #: How often problems are looked for, in seconds.
@@ -27,7 +27,7 @@ _EXIT_CODES: Final = (
 
 def _listen(ctx: click.Context, param: click.Parameter, value: str) -> Address:
     from dissect.metrics.address import AddressError
-    from dissect.proxy.addresses import read_address
+    from dissect.net.addresses import read_address
 
     try:
         return read_address(value)
@@ -48,7 +48,7 @@ def _latency(ctx: click.Context, param: click.Parameter, value: str) -> float | 
 
 
 def _faults(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) -> list[Fault]:
-    from dissect.server.faults import parse_fault
+    from dissect.playback.server.faults import parse_fault
 
     try:
         return [parse_fault(value) for value in values]
@@ -111,8 +111,8 @@ def command(
     A request that is like a recorded one gets its answer, the first time the first, then the second. What nothing like was
     recorded of is refused and told, and makes the exit code 1. It ends with Ctrl-C or SIGTERM.
     """
-    from dissect.server import Server, load_recording
-    from dissect.server.service import places_to_serve
+    from dissect.playback.server import Server, load_recording
+    from dissect.playback.server.service import places_to_serve
 
     places_to_serve(listen, allow_remote)  # before the file is read, which may take a while
     recording = load_recording(*files)

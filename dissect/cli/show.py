@@ -5,8 +5,10 @@ from __future__ import annotations
 import click
 from mypy_extensions import i64
 
-from dissect.cli.carried import scd_options
-from dissect.cli.drive import (
+from dissect.cli.gate import fail_on_option, gate
+from dissect.cli.main import EXIT_OK, EXIT_USAGE
+from dissect.cli.options.scd import scd_options
+from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
     complain,
@@ -16,10 +18,8 @@ from dissect.cli.drive import (
     places_of,
     write,
 )
-from dissect.cli.gate import fail_on_option, gate
-from dissect.cli.main import EXIT_OK, EXIT_USAGE
-from dissect.conversation import Observer, Options
-from dissect.findings.carrier import Carrier
+from dissect.engine.conversation import Observer, Options
+from dissect.engine.payload import PayloadDecoder
 from dissect.ibh.packet import parse_packet
 from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
 from dissect.iso.cotp import parse_tpdu
@@ -42,8 +42,8 @@ from dissect.s7.hiding import without_secrets
 from dissect.s7.message import parse_pdu
 from dissect.s7plus.message import parse_plus
 from dissect.session import Run
-from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import IBH, Connection
+from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.clock import Clock
@@ -66,7 +66,7 @@ def command(
     verbose: bool,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: Carrier | None,
+    carrier: PayloadDecoder | None,
 ) -> int:
     """Write one line for each PDU of S7comm and S7comm-plus: the packet that completed it, when (UTC), who to whom, what.
 
@@ -94,7 +94,7 @@ def command(
 class _Pdus(Observer):
     """Collects PDUs as lines."""
 
-    def __init__(self, as_jsonl: bool, frame: int | None, verbose: bool, carrier: Carrier | None) -> None:
+    def __init__(self, as_jsonl: bool, frame: int | None, verbose: bool, carrier: PayloadDecoder | None) -> None:
         super().__init__()
         self._carrier = carrier
         self.wants_pdus = True

@@ -8,8 +8,9 @@ from collections.abc import Callable
 
 import click
 
-from dissect.cli.carried import scd_options
-from dissect.cli.drive import (
+from dissect.cli.gate import fail_on_option, gate
+from dissect.cli.options.scd import scd_options
+from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
     complain,
@@ -20,9 +21,8 @@ from dissect.cli.drive import (
     places_of,
     write,
 )
-from dissect.cli.gate import fail_on_option, gate
-from dissect.conversation import Observer, Options
-from dissect.findings.carrier import Carrier
+from dissect.engine.conversation import Observer, Options
+from dissect.engine.payload import PayloadDecoder
 from dissect.report.jsonl import Choice, TransactionLines
 from dissect.report.lines import csv_columns, transaction_cells, transaction_line
 from dissect.report.places import Places
@@ -52,7 +52,7 @@ def command(
     slow_ns: int | None,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: Carrier | None,
+    carrier: PayloadDecoder | None,
 ) -> int:
     """Write one line for each request and its answer.
 

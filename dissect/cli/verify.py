@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from dissect.cli.drive import files_argument, format_option, write
 from dissect.cli.main import EXIT_GATE, EXIT_OK, EXIT_USAGE
+from dissect.cli.run import files_argument, format_option, write
 from dissect.wire.text import printable
 
 _EXIT_CODES = (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import click
 
-from dissect.cli.drive import Signals, nanoseconds
+from dissect.cli.run import Signals, nanoseconds
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.findings.judge import Judge
+from dissect.findings.reporter import Reporter
 from dissect.s7.errors import ERROR_CODES
 from dissect.transactions.checks import NOT_LOADED, STRAY_PUSH
 from dissect.transactions.operation import (
@@ -30,7 +30,7 @@ _ODDITIES: Final = {
 }
 
 
-def judge_operation(judge: Judge, operation: Operation) -> None:
+def judge_operation(judge: Reporter, operation: Operation) -> None:
     """Note what is odd about an operation that is over.
 
     That a single request was refused or not answered is said of its transaction; here it counts what had begun before.
@@ -51,7 +51,7 @@ def _ought_to_end(operation: Operation) -> bool:
     return operation.reason not in {CAPTURE_ENDED, HOLE} and not operation.connection.tcp.has_holes
 
 
-def judge_strays(judge: Judge, transaction: Transaction) -> None:
+def judge_strays(judge: Reporter, transaction: Transaction) -> None:
     """Note a push without a subscription, and the activation of a block that was not loaded."""
     connection = transaction.connection
     time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
@@ -64,7 +64,7 @@ def judge_strays(judge: Judge, transaction: Transaction) -> None:
         judge.note("operation.not_loaded", connection.number, [int(transaction.request_frame)], time_ns, notes)
 
 
-def _note(judge: Judge, slug: str, operation: Operation, what: str, frame: int) -> None:
+def _note(judge: Reporter, slug: str, operation: Operation, what: str, frame: int) -> None:
     number = operation.connection.number
     if judge.wants(slug, number):
         detail = f"{operation.kind.replace('_', ' ')} {operation.subject}: {what}"

@@ -11,7 +11,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.findings.judge import Judge
+from dissect.findings.reporter import Reporter
 from dissect.transactions.connection import Connection
 
 WINDOW_NS: Final = 60_000_000_000
@@ -40,8 +40,8 @@ class _Pair:
 class ScanWatch:
     """Looks at the connect requests of all connections. ``forgotten`` counts pairs that had to leave: there were too many."""
 
-    def __init__(self, judge: Judge) -> None:
-        self._judge: Judge = judge
+    def __init__(self, judge: Reporter) -> None:
+        self._judge: Reporter = judge
         self._pairs: OrderedDict[bytes, _Pair] = OrderedDict()
         self.forgotten: i64 = 0
 

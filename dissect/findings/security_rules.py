@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.findings.judge import Judge
+from dissect.findings.reporter import Reporter
 from dissect.s7.body import Body
 from dissect.s7.clock import SETTING
 from dissect.s7.errors import ERROR_CODES
@@ -74,7 +74,7 @@ _MAX_REMEMBERED: Final = 4096
 class SecurityWatch:
     """Judges transactions as events of security. One for a whole analysis: a new writer is one among several connections."""
 
-    def __init__(self, judge: Judge) -> None:
+    def __init__(self, judge: Reporter) -> None:
         self._judge = judge
         self._writers: dict[str, str] = {}  # server: the client that wrote first
         self._pairs: set[tuple[str, str]] = set()  # (client, server): writers that were told

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from dissect.conversation import Observer, Options
-from dissect.findings.carrier import Carrier
+from dissect.engine.conversation import Observer, Options
+from dissect.engine.payload import PayloadDecoder
 from dissect.golden.exchange import PLUS, S7, SCD, Exchange
 from dissect.golden.model import GoldenError, Link, Session, Transaction
 from dissect.golden.parsing import MAGIC, parse_golden
@@ -161,7 +161,7 @@ def load_golden(path: str | Path) -> Session:
     return parse_golden(text, str(path))
 
 
-def read_session(path: str | Path, *more: str | Path, carrier: Carrier | None = None) -> Session:
+def read_session(path: str | Path, *more: str | Path, carrier: PayloadDecoder | None = None) -> Session:
     """Return the session of a capture (or of several, as `dissect.open` reads them) or of a golden; the content decides.
 
     ``carrier`` decodes SCD (`dissect.bindings.load_carrier`). Raises `CaptureError` for what is no capture and GoldenError for

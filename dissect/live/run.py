@@ -12,9 +12,9 @@ from typing import Final, NamedTuple
 
 from mypy_extensions import i64
 
-from dissect.findings.observer import Observer, Options
+from dissect.engine.observer import Observer, Options
+from dissect.engine.pipeline import Pipeline
 from dissect.live.fanout import Fanout
-from dissect.pipeline import Pipeline
 from dissect.source.live.reader import Drops, LiveReader
 from dissect.source.packet import PacketSink, Reader, SourceFile
 

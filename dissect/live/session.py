@@ -19,14 +19,14 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
+from dissect.engine.observer import Observer, Options
 from dissect.findings.finding import Finding
-from dissect.findings.observer import Observer, Options
 from dissect.live.run import Companion, Limits, LiveRun
 from dissect.source.live.reader import Drops, LiveReader
 from dissect.source.packet import Reader
-from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
+from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import UNANSWERED, Transaction
 

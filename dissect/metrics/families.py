@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Final, NamedTuple
 
+from dissect.engine.pipeline import Pipeline
 from dissect.findings.catalogue import CATALOGUE
 from dissect.ibh.tables import KINDS
 from dissect.iso.tables import TPDU_TYPES
 from dissect.iso.upper import UPPER_NAMES
 from dissect.metrics.counters import SEPARATOR, Metrics
 from dissect.metrics.functions import OTHER
-from dissect.pipeline import Pipeline
 from dissect.s7.tables import ROSCTR
 from dissect.s7plus.tables import OPCODES
 from dissect.transactions import ending

@@ -20,12 +20,12 @@ from textual.widgets import Input
 
 from dissect.live.session import Session, Status
 from dissect.monitor import details
+from dissect.monitor.filter import FAILED, SLOW
 from dissect.monitor.model import Model
 from dissect.monitor.panes import ConnectionsPane, EntriesPane, FindingsPane, Pane
 from dissect.monitor.rows import PLACES, entry_line
 from dissect.monitor.saving import save
 from dissect.monitor.screens import HELP, Bar, PageScreen
-from dissect.monitor.wanted import FAILED, SLOW
 from dissect.report import words
 from dissect.report.text import HEADING, Line, connection_lines, finding_lines
 from dissect.wire.clock import Clock

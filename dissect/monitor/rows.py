@@ -11,7 +11,7 @@ from rich.cells import cell_len, set_cell_size
 from dissect.findings.finding import ERROR, WARNING, Finding
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
-from dissect.monitor.pulse import SECONDS, level
+from dissect.monitor.rate_history import SECONDS, level
 from dissect.report import words
 from dissect.report.lines import transaction_line
 from dissect.report.operations import NAMES, operation_line, result

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Final
 
-from dissect.conversation import Observer, Options
+from dissect.engine.conversation import Observer, Options
 from dissect.iso import layouts as iso
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZE, Tpdu, parse_tpdu
 from dissect.oracle import facts

@@ -7,9 +7,9 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.conversation import Observer
+from dissect.engine.conversation import Observer
+from dissect.engine.pipeline import Pipeline
 from dissect.findings.finding import Finding
-from dissect.pipeline import Pipeline
 from dissect.report.latency import Latencies
 from dissect.report.places import Places
 from dissect.s7.parameters import Parameters

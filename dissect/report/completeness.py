@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from dissect.pipeline import Pipeline
+from dissect.engine.pipeline import Pipeline
 from dissect.report import words
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 

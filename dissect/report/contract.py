@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 from typing import Final
 
+from dissect.engine.pipeline import Pipeline
 from dissect.findings.finding import SEVERITIES, Finding
 from dissect.ibh.tables import KINDS
 from dissect.iso.tables import TPDU_TYPES
 from dissect.iso.tsap import Tsap
 from dissect.iso.upper import SCD, UPPER_NAMES
-from dissect.pipeline import Pipeline
 from dissect.report import words
 from dissect.report.analysis import Analysis, FunctionStatistics
 from dissect.report.endings import ending_as_dict
@@ -20,8 +20,8 @@ from dissect.report.plus import PROTOCOL
 from dissect.s7plus.parameters import is_plus_key, names_function
 from dissect.source.packet import SourceFile
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
-from dissect.transactions.carried import is_scd_key
 from dissect.transactions.connection import Connection
+from dissect.transactions.payloads import is_scd_key
 from dissect.wire.clock import Clock
 from dissect.wire.text import encodable
 

@@ -12,7 +12,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.conversation import Observer
+from dissect.engine.conversation import Observer
 from dissect.report.json_text import SMALL, json_text, octets_value
 from dissect.report.plus import plus_function_json, plus_json, plus_pdu_line
 from dissect.report.scd import scd_function_json, scd_json, scd_line_json
@@ -22,8 +22,8 @@ from dissect.s7.parameters import Parameters, UserdataHead
 from dissect.s7.tables import FUNCTIONS, READ_VAR, ROSCTR, SETUP_COMMUNICATION, SUCCESS, USERDATA_TYPES, WRITE_VAR
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.parameters import PLUS, PlusParameters
-from dissect.transactions.carried import SCD, ScdMessage, ScdParameters
 from dissect.transactions.connection import Connection
+from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
 from dissect.wire.clock import Clock
 from dissect.wire.layout import FieldValue

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 from dissect.report import words
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.envelope import DEFAULT, Envelope
-from dissect.transactions.carried import ScdMessage
+from dissect.transactions.payloads import ScdMessage
 from dissect.wire.hexdump import hexdump
 from dissect.wire.text import printable
 

@@ -17,7 +17,7 @@ from dissect.golden.saving import save_whole
 from dissect.golden.writing import golden_text
 from dissect.report import words
 from dissect.testing.captures import MISTAKES, CaptureFolder, near, path_of
-from dissect.testing.ledger import Ledger, folder_of, golden_of, stem_of
+from dissect.testing.golden_files import GoldenFiles, folder_of, golden_of, stem_of
 
 NONE: Final = "none"
 NEW: Final = "new"
@@ -38,7 +38,7 @@ class GoldenCheck:
 
     def __init__(
         self,
-        ledger: Ledger,
+        ledger: GoldenFiles,
         captures: CaptureFolder,
         test: tuple[str, Path],
         update: str,

@@ -22,11 +22,11 @@ from dissect.golden.forms import (
     usual_size,
 )
 from dissect.golden.values import value_octets
+from dissect.playback.server.answers import NOT_AVAILABLE, refuse
 from dissect.s7.items import Item
 from dissect.s7.message import HEADER_SIZE, Pdu
 from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, Setup
 from dissect.s7.tables import ACK_DATA, JOB, OBJECT_DOES_NOT_EXIST, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
-from dissect.server.answers import NOT_AVAILABLE, refuse
 
 #: What an element of an item may be.
 Scalar = bool | int | float | str

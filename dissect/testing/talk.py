@@ -20,19 +20,19 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import Final, Self
 
-from dissect.conversation import Observer, Options
+from dissect.engine.conversation import Observer, Options
+from dissect.engine.pipeline import Pipeline
 from dissect.golden.model import Session
 from dissect.golden.reading import SessionReader
 from dissect.golden.writing import golden_text
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, TPDU_SIZE
 from dissect.iso.tables import CC, CR
-from dissect.pipeline import Pipeline
+from dissect.playback.server.answers import data_tpdus, tpkt, with_reference
+from dissect.playback.server.model import Recording
+from dissect.playback.server.recording import RecordingReader
 from dissect.proxy.packets import ETHERNET, Conversation
 from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import PUSH
-from dissect.server.answers import data_tpdus, tpkt, with_reference
-from dissect.server.recording import RecordingReader
-from dissect.server.script import Recording
 from dissect.source.pcapng_writer import interface_block, packet_block, section_block
 from dissect.tcp.connection import Endpoint
 from dissect.testing.messages import (
@@ -236,7 +236,7 @@ class Talk:
         return golden_text(self.session())
 
     def recording(self) -> Recording:
-        """Return the conversation as what `dissect.server.Server` serves."""
+        """Return the conversation as what `dissect.playback.server.Server` serves."""
         reader = RecordingReader("talk")
         self._feed(reader)
         return reader.finish()

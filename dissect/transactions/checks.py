@@ -28,7 +28,7 @@ from dissect.s7.tables import (
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.parameters import PlusParameters
 from dissect.s7plus.tables import ERRORS, refuses
-from dissect.transactions.carried import ScdParameters
+from dissect.transactions.payloads import ScdParameters
 from dissect.transactions.transaction import Transaction
 from dissect.wire.build import COMPILED
 from dissect.wire.malformed import Malformed

@@ -33,7 +33,7 @@ PROBING: Final = 0
 ISO: Final = 1
 FOREIGN: Final = 2
 IBH: Final = 3
-CARRIED: Final = 4  # what a `Carrier` follows: SCD over TCP or UDP
+CARRIED: Final = 4  # what a `PayloadDecoder` follows: SCD over TCP or UDP
 
 #: `Connection.dt_limit` while nothing is known against any size.
 NO_LIMIT: Final = 0x7FFFFFFF

@@ -17,8 +17,8 @@ from dissect.iso.tpkt import Framer
 from dissect.s7plus.assembly import PlusAssembler
 from dissect.tcp.connection import Endpoint, TcpConnection
 from dissect.tcp.stream import MASK, HalfStream
-from dissect.transactions.carried import Backlog
 from dissect.transactions.connection import Connection
+from dissect.transactions.payloads import Backlog
 
 MAX_CONNECTIONS: Final = 8192
 #: Connections that leave together when the table is full, so that looking for the idle ones stays cheap.

@@ -16,7 +16,7 @@ from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.parameters import PLUS, PlusParameters
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.tcp.stream import HALF_SPACE, MASK
-from dissect.transactions.carried import SCD, ScdMessage, ScdParameters
+from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 
 if TYPE_CHECKING:
     from dissect.transactions.connection import Connection

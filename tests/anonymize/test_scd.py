@@ -21,7 +21,7 @@ from dissect.scd.loading import load
 from dissect.scd.messages import Message
 from dissect.scd.values import NetTime
 from dissect.source.files import open_capture
-from dissect.transactions.carried import ScdMessage
+from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.transaction import Transaction
 from tests.anonymize.support import KEY, anonymized
 from tests.properties.packets import MS, Flow, Packet, Talk

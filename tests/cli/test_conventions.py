@@ -85,7 +85,7 @@ def calls(text: str) -> list[list[str]]:
 RUNNER: Final = """
 import json, os, sys, tempfile
 import dissect.alerts, dissect.anonymize.rewriter, dissect.anonymize.survey, dissect.baseline, dissect.golden.reading
-import dissect.live.lines, dissect.live.session, dissect.recording.cutter, dissect.replay, dissect.report.tree
+import dissect.live.lines, dissect.live.session, dissect.recording.cutter, dissect.playback.client, dissect.report.tree
 import dissect.scd.codec, dissect.scd.loading, dissect.source.live.opening
 from dissect.cli.main import COMMANDS, group, main
 for name in COMMANDS:

@@ -19,9 +19,9 @@ import pytest
 from dissect import scd
 from dissect.cli.main import COMMANDS, group
 from dissect.oracle.tshark import version
-from dissect.server import Server
+from dissect.playback.server import Server
 from tests.cli.support import Ran, run, simple
-from tests.replay.support import changed
+from tests.playback.client.support import changed
 from tests.report.schemas import NAMES, ROOT, SCHEMAS, complaints, load
 from tests.report.support import OWN
 

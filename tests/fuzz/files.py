@@ -25,16 +25,16 @@ from dissect.bindings.engine import ScdCarrier
 from dissect.cli.baseline import _usual_rules
 from dissect.cli.show import _Pdus
 from dissect.cli.transactions import _Rows
-from dissect.conversation import Observer, Options
+from dissect.engine.conversation import Observer, Options
+from dissect.engine.pipeline import Pipeline
 from dissect.golden.comparison import diff_sessions
 from dissect.golden.parsing import parse_golden
 from dissect.golden.reading import SessionReader
 from dissect.golden.writing import EXTRAS, golden_text
 from dissect.metrics.counters import Metrics
-from dissect.pipeline import Pipeline
+from dissect.playback.client.recorded import OrderedReader, Recorded
 from dissect.recording.cutter import Around, Cutter
 from dissect.recording.selection import Selection, Wanted
-from dissect.replay.recorded import OrderedReader, Recorded
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_json
 from dissect.report.jsonl import TransactionLines

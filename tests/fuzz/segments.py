@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dissect.conversation import Options
-from dissect.pipeline import Pipeline
+from dissect.engine.conversation import Options
+from dissect.engine.pipeline import Pipeline
 from tests.fuzz.scripts import Script
 from tests.properties.books import Record, Result, check_books, facts
 

@@ -11,12 +11,12 @@ from prometheus_client import Metric
 from prometheus_client.parser import text_string_to_metric_families
 
 from dissect import __version__
+from dissect.engine.pipeline import Pipeline
 from dissect.findings.catalogue import CATALOGUE
 from dissect.metrics.counters import Metrics
 from dissect.metrics.exposition import Exposition
 from dissect.metrics.families import COUNTER, FAMILIES, HISTOGRAM, PREFIX
 from dissect.metrics.functions import BOUNDS_NS
-from dissect.pipeline import Pipeline
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict
 from dissect.source.live.reader import Drops

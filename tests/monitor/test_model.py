@@ -8,9 +8,9 @@ from dissect.live.session import PROBLEM, TRANSACTION, Event
 from dissect.monitor import model as model_module
 from dissect.monitor import wanted as wanted_module
 from dissect.monitor.entries import Entry
+from dissect.monitor.filter import Wanted
 from dissect.monitor.lists import ConnectionList
 from dissect.monitor.model import Model
-from dissect.monitor.wanted import Wanted
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from dissect.conversation import Observer, Options
+from dissect.engine.conversation import Observer, Options
+from dissect.engine.pipeline import Pipeline
 from dissect.findings.finding import Finding
-from dissect.pipeline import Pipeline
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from tests.properties.packets import Packet

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from dissect.conversation import Options
-from dissect.findings.judge import MAX_DETAILED, MAX_DETAILED_ALL
-from dissect.pipeline import Pipeline
+from dissect.engine.conversation import Options
+from dissect.engine.pipeline import Pipeline
+from dissect.findings.reporter import MAX_DETAILED, MAX_DETAILED_ALL
 from tests.growth import assert_growth
 from tests.properties.books import Record, check_books
 from tests.properties.messages import ACK_DATA, JOB, connect, dt, pdu, setup, tpkt

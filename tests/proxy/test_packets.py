@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.conversation import Observer, Options
-from dissect.pipeline import Pipeline
+from dissect.engine.conversation import Observer, Options
+from dissect.engine.pipeline import Pipeline
 from dissect.proxy.packets import ACKNOWLEDGE_AFTER, ETHERNET, MAX_SEGMENT, Conversation, endpoint_of
 from dissect.source.pcapng_writer import PcapngWriter
 from dissect.tcp.connection import Endpoint

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mypy_extensions import i64
 
-from dissect.conversation import Options
+from dissect.engine.conversation import Options
 from dissect.report.json_text import octets_value, value_text
 from dissect.report.jsonl import PduLines, TransactionLines
 from dissect.s7.message import parse_pdu

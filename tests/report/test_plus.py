@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.conversation import Observer
+from dissect.engine.conversation import Observer
 from dissect.report.contract import analysis_as_dict
 from dissect.report.jsonl import PduLines, TransactionLines
 from dissect.report.lines import CSV_COLUMNS, plus_line, transaction_cells, transaction_line

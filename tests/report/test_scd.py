@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from dissect.bindings.binding import Binding, Bindings
 from dissect.bindings.engine import ScdCarrier
-from dissect.pipeline import Options, Pipeline
+from dissect.engine.pipeline import Options, Pipeline
 from dissect.report.analysis import Analysis
 from dissect.report.jsonl import PduLines
 from dissect.report.lines import CSV_COLUMNS, scd_line, transaction_cells, transaction_line
@@ -22,7 +22,7 @@ from dissect.report.scd import scd_as_dict, scd_json, scd_subject, scd_summary
 from dissect.report.scd_tree import scd_tree_lines
 from dissect.report.text import analysis_lines
 from dissect.source.packet import SourceFile
-from dissect.transactions.carried import ScdMessage
+from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.transaction import Transaction
 from dissect.wire.clock import Clock
 from tests.bindings import plant

@@ -1,0 +1,183 @@
+"""The options of `s7dissect monitor` for what goes along with it: evidence on disk, and alerts."""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from dissect.report.slugs import slugs_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from dissect.live.run import Companion
+    from dissect.live.session import Session
+    from dissect.recording.ring_buffer import RingLimits
+
+_TIME = re.compile(r"([0-9]{1,6})(ms|s|min)?")
+_UNITS = {"ms": 1_000_000, "s": 1_000_000_000, "min": 60_000_000_000}
+_FILE = click.Path(dir_okay=False)
+#: Octets of the ring that are written together; what is gathered is written several times a second in any case.
+_BATCH = 64 * 1024
+
+
+def _limits(ctx: click.Context, param: click.Parameter, values: Sequence[str]) -> RingLimits | None:
+    from dissect.recording.ring_buffer import parse_limits
+
+    try:
+        return parse_limits(values) if values else None
+    except ValueError as error:
+        raise click.BadParameter(f"{error}.", ctx, param) from None
+
+
+def _kept(
+    ctx: click.Context, param: click.Parameter, values: Sequence[tuple[str, str]]
+) -> list[tuple[frozenset[str], int]]:
+    """Return (slugs, nanoseconds before and after) of each ``--keep-around``."""
+    kept = []
+    for what, text in values:
+        found = _TIME.fullmatch(text)
+        if found is None:
+            raise click.BadParameter(f"{text!r} is no time such as 500ms, 30s or 2min.", ctx, param)
+        try:
+            kept.append((slugs_of(what), int(found[1]) * _UNITS[found[2] or "s"]))
+        except ValueError as error:
+            raise click.BadParameter(str(error), ctx, param) from None
+    return kept
+
+
+class Beside:
+    """What goes along, as the options say. `companions` makes it; `watch` tells it the session."""
+
+    def __init__(
+        self,
+        directory: str | None,
+        limits: RingLimits | None,
+        kept: list[tuple[frozenset[str], int]],
+        rules: str | None,
+        baseline: str | None,
+    ) -> None:
+        if directory is None and (limits is not None or kept):
+            raise click.UsageError("-b and --keep-around need -w DIR, where files are written to.")
+        if baseline is not None and rules is None:
+            raise click.UsageError("--baseline needs --alerts FILE, the rules that ask it.")
+        self._limits = limits
+        self._kept = kept
+        self._rules = rules
+        self._baseline = baseline
+        self._session: Session | None = None
+        self._shown = False
+        #: Where files go, None for nowhere; and the folders on the way there that were made for it, the outermost first.
+        self.directory = directory
+        self.made: list[Path] = []
+
+    def companions(self) -> list[Companion]:
+        """Make what was asked for; whatever cannot be is told before anything is captured."""
+        made: list[Companion] = []
+        if self.directory is not None:
+            made += self._evidence(self.directory)
+        if self._rules is not None:
+            made.append(self._alerts(self._rules))
+        return made
+
+    def watch(self, session: Session, on_screens: bool) -> None:
+        """Take the session; on screens, alerts are shown there and not on stderr."""
+        self._session = session
+        self._shown = on_screens
+
+    def _evidence(self, directory: str) -> list[Companion]:
+        import platform
+
+        from dissect import __version__
+        from dissect.live.evidence import KeeperCompanion, RingCompanion
+        from dissect.recording.event_capture import EventCapture
+        from dissect.recording.ring_buffer import RingBuffer
+        from dissect.source.live.privileges import missing
+
+        self.made = missing(directory)
+        program, system = f"s7dissect {__version__}", platform.platform()
+        made: list[Companion] = []
+        if self._limits is not None or not self._kept:
+            made.append(
+                RingCompanion(RingBuffer(directory, self._limits, application=program, os_name=system, batch=_BATCH))
+            )
+        for slugs, span_ns in self._kept:
+            made.append(
+                KeeperCompanion(
+                    EventCapture(directory, span_ns, span_ns, slugs=slugs, application=program, os_name=system)
+                )
+            )
+        return made
+
+    def _alerts(self, path: str) -> Companion:
+        from dissect.alerts.dispatcher import Dispatcher
+        from dissect.alerts.engine import AlertEngine
+        from dissect.alerts.loading import load_rules
+        from dissect.baseline.loading import load_baseline
+        from dissect.baseline.plant_file import PlantFileError
+        from dissect.live.alerting import AlertCompanion
+        from dissect.wire.text import printable
+
+        try:
+            rules = load_rules(path)
+            baseline = load_baseline(self._baseline) if self._baseline is not None else None
+            dispatcher = Dispatcher(rules.actions, write=self._say, tell=self._say)
+            return AlertCompanion(AlertEngine(rules, baseline, dispatcher.submit), dispatcher)
+        except PlantFileError as error:
+            raise click.ClickException(printable(str(error))) from None
+
+    def _say(self, line: str) -> None:
+        """Say an alert, or what there is to say about one, where somebody sees it."""
+        if self._shown and self._session is not None:
+            self._session.say(line)
+            return
+        from dissect.alerts.actions import to_stderr
+
+        to_stderr(line)
+
+
+def beside_options(command: Callable[..., int]) -> Callable[..., int]:
+    """Add the options to a command, which is given the `Beside` that they make as ``beside``."""
+
+    @click.option("-w", "--write", "directory", metavar="DIR", help="Write every packet to pcapng files in DIR …")
+    @click.option(
+        "-b",
+        "--ring",
+        "limits",
+        multiple=True,
+        callback=_limits,
+        metavar="LIMIT",
+        help="… in a ring: a new file after filesize:KB or duration:SECONDS, and only the latest files:NUMBER are kept.",
+    )
+    @click.option(
+        "--keep-around",
+        "kept",
+        nargs=2,
+        multiple=True,
+        callback=_kept,
+        metavar="FINDING TIME",
+        help="Write the packets from TIME before to TIME after each FINDING (a severity, slug, or 'security.*') to a file of "
+        "their own in DIR; without -b only these are written.",
+    )
+    @click.option("--alerts", "rules", type=_FILE, metavar="RULES", help="Raise alerts by the rules in this file …")
+    @click.option(
+        "--baseline", "baseline", type=_FILE, metavar="PLANT", help="… some of which ask what is normal here."
+    )
+    @functools.wraps(command)
+    def with_beside(
+        *arguments: Any,
+        directory: str | None,
+        limits: RingLimits | None,
+        kept: list[tuple[frozenset[str], int]],
+        rules: str | None,
+        baseline: str | None,
+        **options: Any,
+    ) -> int:
+        beside = Beside(directory, limits, kept, rules, baseline)
+        return command(*arguments, beside=beside, **options)
+
+    return with_beside
