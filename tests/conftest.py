@@ -12,10 +12,17 @@ from typing import Final
 import hypothesis
 import pytest
 
-import dissect
-from dissect.wire.build import COMPILED
-
 ROOT: Final = Path(__file__).resolve().parent.parent
+#: The build that has to be under test. Nobody asked for one: this tree, so that a change is tested as it stands.
+EXPECTED: Final = os.environ.get("S7DISSECT_EXPECT")
+if EXPECTED is None:
+    sys.path.insert(0, str(ROOT))
+
+import dissect  # noqa: E402 - which package that is was decided above
+from dissect.wire.build import COMPILED  # noqa: E402
+
+pytest_plugins: Final = ("dissect.testing.plugin",)
+
 LOCATION: Final = Path(dissect.__file__).resolve().parent
 MODE: Final = "compiled" if COMPILED else "interpreted"
 
@@ -31,9 +38,8 @@ if LOCATION.parent == ROOT:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Refuse to test another build than the one asked for, or an installed package that is not this tree."""
-    expected = os.environ.get("S7DISSECT_EXPECT")
-    if expected is not None and expected != MODE:
-        message = f"S7DISSECT_EXPECT={expected}, but the package in {LOCATION} runs {MODE}"
+    if EXPECTED is not None and EXPECTED != MODE:
+        message = f"S7DISSECT_EXPECT={EXPECTED}, but the package in {LOCATION} runs {MODE}"
         raise pytest.UsageError(message)
     stale = _differing()
     if stale:
