@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final
+from typing import Final, TextIO
 
 import hypothesis
 import pytest
@@ -81,13 +83,46 @@ def _differing() -> list[str]:
     )
 
 
+def _output() -> TextIO:
+    """Return what can stand for standard output: a stream of text with a descriptor, into a file without a name."""
+    return io.TextIOWrapper(tempfile.TemporaryFile(), encoding="utf-8", newline="")
+
+
+def _written(stream: TextIO) -> bytes:
+    stream.flush()
+    stream.buffer.seek(0)
+    return stream.buffer.read()
+
+
 class Command:
-    """The command line, run as a process of its own the way a person runs it."""
+    """The command line: in this process, and as one of its own where standard input or output is what matters."""
 
     def __call__(
         self, *arguments: str | Path, stdin: bytes = b"", stdout: int | None = None
     ) -> subprocess.CompletedProcess[bytes]:
         """Run ``s7dissect`` with ``arguments``; ``stdout`` is a file descriptor to write to instead of being collected."""
+        if stdin or stdout is not None:
+            return self.process(*arguments, stdin=stdin, stdout=stdout)
+        from dissect.cli.main import main
+
+        with _output() as out, _output() as err:
+            standing = sys.stdout, sys.stderr
+            sys.stdout, sys.stderr = out, err
+            try:
+                main([str(argument) for argument in arguments])
+                code: object = "it returned"
+            except SystemExit as end:
+                code = end.code
+            finally:
+                sys.stdout, sys.stderr = standing
+            assert isinstance(code, int), code
+            written = [_written(stream) for stream in (out, err)]
+        return subprocess.CompletedProcess(arguments, code, *written)
+
+    def process(
+        self, *arguments: str | Path, stdin: bytes = b"", stdout: int | None = None
+    ) -> subprocess.CompletedProcess[bytes]:
+        """Run it as a process of its own, the way a person runs it."""
         return subprocess.run(
             [sys.executable, "-m", "dissect", *map(str, arguments)],
             input=stdin,

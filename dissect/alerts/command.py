@@ -83,10 +83,8 @@ class Command(Action):
 def _kill(process: subprocess.Popen[bytes]) -> None:
     _kill_group(process)
     if process.stdin is not None:
-        try:
+        with suppress(OSError):
             process.stdin.close()
-        except OSError:
-            pass
     process.wait()
 
 
