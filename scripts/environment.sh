@@ -27,7 +27,8 @@ fingerprint() {
   "$venv/bin/python" - <<'PROGRAM'
 import hashlib, os, pathlib, sys
 
-seen = hashlib.sha256(repr((sys.version, os.environ.get("CC"), os.environ.get("S7DISSECT_INTERPRETED"))).encode())
+switches = [os.environ.get(name) for name in ("CC", "CFLAGS", "S7DISSECT_COMPILED", "S7DISSECT_RELEASE")]
+seen = hashlib.sha256(repr((sys.version, switches)).encode())
 files = [path for path in pathlib.Path("dissect").rglob("*") if path.is_file() and path.suffix != ".pyc"]
 for path in [*sorted(files), *map(pathlib.Path, ("setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"))]:
     seen.update(repr((str(path), path.read_bytes())).encode())
@@ -55,7 +56,7 @@ if [ "$(cat "$wheels/built" 2>/dev/null)" != "$print" ]; then
     exit 1
   fi
   # pip keeps to itself what the build said; what mypyc objected to, and the line that tells of the fallback, matter.
-  grep -E 's7dissect: the engine is NOT compiled|^ *dissect/[^ ]*\.py:[0-9]+: error' "$wheels/build.log" | sed 's/^ *//' || true
+  grep -E 's7dissect: the engine (is NOT|cannot be) compiled|^ *dissect/[^ ]*\.py:[0-9]+: error' "$wheels/build.log" | sed 's/^ *//' || true
   rm -rf build s7dissect.egg-info
   echo "$print" >"$wheels/built"
 fi

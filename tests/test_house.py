@@ -238,9 +238,11 @@ def the_engine_is_pure(module: str, tree: ast.Module) -> list[str]:
 
 def nothing_runs_what_it_reads(module: str, tree: ast.Module) -> list[str]:
     wrong = [f"{module}:{line}: {name}" for line, name in imports(tree) if name.split(".")[0] in DANGEROUS_IMPORTS]
-    for node in ast.walk(tree):
-        if isinstance(node, ast.keyword) and node.arg == "shell":
-            wrong.append(f"{module}:{node.lineno}: a shell")
+    wrong += [
+        f"{module}:{node.lineno}: a shell"
+        for node in ast.walk(tree)
+        if isinstance(node, ast.keyword) and node.arg == "shell"
+    ]
     return wrong + [
         f"{module}:{line}: {name}()"
         for line, name, attribute in calls(tree)

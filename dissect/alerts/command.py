@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import threading
+from contextlib import suppress
 from typing import Final
 
 from dissect.alerts.actions import Action, DeliveryError
@@ -82,20 +83,20 @@ class Command(Action):
 def _kill(process: subprocess.Popen[bytes]) -> None:
     _kill_group(process)
     if process.stdin is not None:
-        try:
+        with suppress(OSError):
             process.stdin.close()
-        except OSError:
-            pass
     process.wait()
 
 
 def _kill_group(process: subprocess.Popen[bytes]) -> None:
     """Kill a program and what it started: it leads a session of its own. One that is over has no group of its number."""
-    if process.poll() is None:
-        try:
-            os.killpg(process.pid, signal.SIGKILL)
-        except (OSError, ProcessLookupError):
-            pass
+    if process.poll() is not None:
+        return
+    if not hasattr(os, "killpg"):
+        process.kill()
+        return
+    with suppress(OSError):
+        os.killpg(process.pid, signal.SIGKILL)
 
 
 def filled(argument: str, alert: Alert) -> str:

@@ -6,6 +6,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Final, Self
 
 from dissect.alerts.actions import Action, DeliveryError, Printed, to_stderr
@@ -130,10 +131,8 @@ class _Lane:
 
     def _say(self, complaint: str) -> None:
         if complaint:
-            try:
+            with suppress(DeliveryError, OSError, ValueError):  # nobody is there to hear that nobody hears
                 self._tell(complaint)
-            except (DeliveryError, OSError, ValueError):
-                pass  # nobody is there to hear that nobody hears
 
 
 class Dispatcher:

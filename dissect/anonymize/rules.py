@@ -86,7 +86,7 @@ class Rules:
                 draft.keep(value.offset, value.end)
             else:
                 draft.zero(value.offset, value.end, account.UNKNOWN)
-        elif name == "content" or name == "file_data":
+        elif name in {"content", "file_data"}:
             self._content(draft, value)
         elif name in _ADDRESSES:
             draft.put(value.offset, self._addresses.ip(octets), account.CONTENT_ADDRESSES)

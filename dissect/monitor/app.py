@@ -10,6 +10,7 @@ import asyncio
 import signal
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import ClassVar, Final
 
@@ -38,7 +39,8 @@ _QUIET_S: Final = 0.5
 _SAID_S: Final = 6
 #: Events that are taken at one look.
 _MOST: Final = 5000
-_SIGNALS: Final = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+#: What ends the screens in order; Windows knows no SIGHUP.
+_SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGINT", "SIGHUP") if hasattr(signal, name))
 _END_KEYS: Final = "q quit  / filter  Enter details  s save  ? help"
 _KEYS: Final = "q quit  p pause  f freeze  / filter  Enter details  s save  z zoom  ? help"
 
@@ -107,7 +109,8 @@ class MonitorApp(App[bool]):
         """Begin to look at the events."""
         loop = asyncio.get_running_loop()
         for number in _SIGNALS:
-            loop.add_signal_handler(number, self.action_interrupt)
+            with suppress(NotImplementedError):  # on Windows an event loop takes no signals, and Ctrl+C is a key
+                loop.add_signal_handler(number, self.action_interrupt)
         self.entries.focus()
         self.foot.say(_KEYS)
         self.look()
@@ -116,7 +119,8 @@ class MonitorApp(App[bool]):
         """Leave the signals to others again."""
         loop = asyncio.get_running_loop()
         for number in _SIGNALS:
-            loop.remove_signal_handler(number)
+            with suppress(NotImplementedError):
+                loop.remove_signal_handler(number)
 
     def action_interrupt(self) -> None:
         """End because somebody outside wants it."""

@@ -10,6 +10,7 @@ import selectors
 import socket
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from typing import Any, Final, NamedTuple
 
 from dissect.net.addresses import Place, ProxyError, listen_on
@@ -59,10 +60,8 @@ class Listener:
     def stop(self) -> None:
         """Ask the owner to end. May be called from any thread and from a signal handler, and twice."""
         self.stopping = True
-        try:
+        with suppress(OSError):  # it is awake, or gone
             self._wake.send(b"\0")
-        except OSError:
-            pass  # it is awake, or gone
 
     def wait(self, patience: float | None) -> Iterator[tuple[Any, int]]:
         """Yield what happens within ``patience`` seconds (None: however long it takes): what was registered, and its events.
@@ -124,10 +123,8 @@ class Listener:
 
     def unwatch(self, one: socket.socket) -> None:
         """Take a socket out of the selector; nothing happens when it is not in there."""
-        try:
+        with suppress(KeyError, ValueError):  # it was not watched, or is closed
             self.selector.unregister(one)
-        except (KeyError, ValueError):
-            pass  # it was not watched, or is closed
 
     def close(self) -> None:
         """Listen no more. May be called twice."""

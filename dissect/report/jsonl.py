@@ -231,18 +231,16 @@ class TransactionLines(Observer):
         return found
 
     def _items(self, transaction: Transaction) -> str:
-        parts: list[str] = []
         if transaction.outcome == ANSWERED and transaction.parameters.function == READ_VAR:
             items = transaction.parameters.items
             answers = transaction.answered_items()
             if len(items) == len(answers):  # nearly always; each item meets its own answer without an object in between
+                parts: list[str] = []
                 for index, answer in enumerate(answers):
                     good: bool = answer.return_code == SUCCESS
                     parts.append(_item(items[index], answer.return_code, answer.data if good else None))
                 return ",".join(parts)
-        for result in transaction.results():
-            parts.append(_item(result.item, result.return_code, result.data))
-        return ",".join(parts)
+        return ",".join([_item(result.item, result.return_code, result.data) for result in transaction.results()])
 
 
 def _scd_reference(transaction: Transaction) -> str:

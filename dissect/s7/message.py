@@ -148,10 +148,7 @@ class Pdu:
         head = self.parameters.userdata
         if head is not None and head.error_code:
             return True
-        for code in self.return_codes():
-            if code != SUCCESS:
-                return True
-        return False
+        return any(code != SUCCESS for code in self.return_codes())
 
 
 def parse_pdu(

@@ -35,6 +35,7 @@ from dissect.scd.errors import DictionaryError, Error, shown
 from dissect.scd.loading import load_octets
 from dissect.scd.service import decode_named, encode_named
 from dissect.scd.source import parse_json, parse_toml
+from tests.cases import each
 from tests.growth import assert_growth
 from tests.scd.test_dump import EVERYTHING
 
@@ -83,7 +84,7 @@ def test_every_field_of_the_header(form: str, at: int, wrong: tuple[object, ...]
         assert refused(bytes(octets)).where == f"header, {where}"
 
 
-@pytest.mark.parametrize("bit", range(8 * 64))
+@each("bit", range(8 * 64))
 def test_every_bit_of_the_header(bit: int) -> None:
     """Only the minor version may be another one; what a later one adds is not there, so the rest is as it was."""
     octets = bytearray(FILE)

@@ -6,6 +6,7 @@ import selectors
 import socket
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 
 class Watch:
@@ -20,10 +21,8 @@ class Watch:
 
     def remove(self, one: socket.socket) -> None:
         """Look at it no more; it may be one that nobody looks at."""
-        try:
+        with suppress(KeyError, ValueError):  # it was paused, or is closed
             self._selector.unregister(one)
-        except (KeyError, ValueError):
-            pass  # it was paused, or is closed
 
     def read(self, until: float) -> bool:
         """Take what is there, or what comes first before ``until`` (monotonic, seconds); False when nothing came."""

@@ -69,7 +69,8 @@ def confirm(request: Tpdu, recorded: bytes) -> Confirmation:
         options = recorded[6] if len(recorded) > 6 else 0
     granted = min([size for size in (request.tpdu_size, model.tpdu_size if model else 0) if size] or [0])
     variable = b""
-    for code, value in parameters:
+    for code, recorded_value in parameters:
+        value = recorded_value
         if code in {CALLING_TSAP, CALLED_TSAP}:
             theirs = request.parameter(code)
             if theirs is None:

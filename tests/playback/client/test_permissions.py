@@ -21,6 +21,7 @@ from dissect.playback.client.permissions import (
     kind_of,
 )
 from dissect.s7.tables import FUNCTIONS, USERDATA_SUBFUNCTIONS
+from tests.cases import each
 from tests.properties import messages
 from tests.report.support import WORD
 
@@ -56,13 +57,13 @@ def job(function: int) -> bytes:
     return messages.pdu(messages.JOB, 1, bytes((function,)) + bodies.get(function, bytes(17)))
 
 
-@pytest.mark.parametrize("function", range(256))
+@each("function", range(256))
 def test_a_job_is_control_unless_it_is_known_to_read_or_write(function: int) -> None:
     expected = READ if function in READING else WRITE if function == 0x05 else CONTROL
     assert kind_of(job(function)) == expected, FUNCTIONS.name(function)
 
 
-@pytest.mark.parametrize("group", range(64))
+@each("group", range(64))
 def test_userdata_is_control_unless_it_is_known_to_read(group: int) -> None:
     for subfunction in {*range(32), *[row.number for row in USERDATA_SUBFUNCTIONS.get(group, ())], 0xFF}:
         octets = messages.userdata(1, 1, group, subfunction, b"\x00\x11\x00\x00")
