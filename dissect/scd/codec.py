@@ -17,16 +17,16 @@ from dissect.scd.columns import decode_columns
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.envelope import DEFAULT, Envelope
 from dissect.scd.errors import E_COUNT, E_SHORT, E_TYPE, E_VALUE, Error
+from dissect.scd.layout import Key, Slot
 from dissect.scd.messages import Message, build_message, parse_message
 from dissect.scd.model import Pdo, StructType, Variable
 from dissect.scd.objects import Objects
 from dissect.scd.packing import (
+    LIMITS,
     TRAILING,
     Flags,
-    Key,
     Octets,
     Packing,
-    Slot,
     decode_value,
     encode_value,
     flag,
@@ -55,11 +55,16 @@ class Decoded(msgspec.Struct, frozen=True):
 
 
 class Codec:
-    """Encodes and decodes by one dictionary. With ``strict_pad`` undefined bits that are not zero are flagged."""
+    """Encodes and decodes by one dictionary. With ``strict_pad`` undefined bits that are not zero are flagged.
 
-    def __init__(self, dictionary: Dictionary, *, strict_pad: bool = False) -> None:
+    Values outside the dictionary's limits are flagged when they are received and refused (E_RANGE) when they are to be sent;
+    without ``limits`` they are sent too, which is for tests of devices.
+    """
+
+    def __init__(self, dictionary: Dictionary, *, strict_pad: bool = False, limits: bool = True) -> None:
         self.dictionary: Final = dictionary
         self.strict_pad: Final = strict_pad
+        self.limits: Final = limits
         self._pdos: dict[str, Pdo] = {}
         self._packings: dict[str, Packing] = {}
 
@@ -90,11 +95,16 @@ class Codec:
         A missing value is `Error` E_COUNT, with ``partial`` it is the variable's default or zero. A value that the PDO does
         not carry is E_COUNT too, except in `Objects`.
         """
-        packing = self._packing(pdo)
-        return packing.pack(self._collect(packing, values, partial=partial))
+        packing = self._packings.get(pdo) or self._packing(pdo)
+        octets = None
+        if type(values) is dict:
+            octets = packing.pack_known(values) if len(values) == len(packing.keys) else None
+        elif isinstance(values, Objects):
+            octets = packing.pack_known(values.known)
+        return packing.pack(self._collect(packing, values, partial=partial)) if octets is None else octets
 
     def decode(self, pdo: str, octets: Octets, objects: Objects | None = None) -> Decoded:
-        """Return the values of a PDO's payload and put them into ``objects`` (R15). Raises `Error` E_SHORT or E_UTF8.
+        """Return the values of a PDO's payload and put them into ``objects`` (R15). Raises `Error` E_SHORT.
 
         Octets after the payload are kept and flagged ``trailing``.
         """
@@ -153,7 +163,7 @@ class Codec:
         if self._asks_structure(key):
             return encode_value(UINT32, value, where=str(key))
         variable = self.dictionary.variable(key)
-        return variable.encode(value)
+        return variable.encode(value, limits=self.limits)
 
     def decode_value(self, key: str | tuple[int, int], octets: Octets, objects: Objects | None = None) -> Decoded:
         """Return one variable's value. Raises `Error` E_SHORT, E_LONG, E_LENGTH, E_UTF8, E_INDEX or E_SUB.
@@ -168,6 +178,8 @@ class Codec:
         value = decode_value(
             variable.type, octets, flags, bits=variable.bits, key=at, where=variable.label, strict_pad=self.strict_pad
         )
+        if variable.outside(value):
+            flag(flags, LIMITS, at)
         decoded = Decoded({at: value}, flags)
         if objects is not None:
             objects.merge(decoded.values)
@@ -226,11 +238,9 @@ class Codec:
         packing = self._packings.get(key)
         if packing is None:
             pdo = self.pdo(key)
-            slots = [
-                Slot(row.variable.address, row.variable.type, row.bits, row.offset, row.variable.label)
-                for row in pdo.map
-            ]
-            packing = self._remember(key, Packing(slots, pdo.bits, f"{pdo.direction}{pdo.number} {pdo.name}".rstrip()))
+            slots = [_slot(row.variable.address, row.variable, row.bits, row.offset) for row in pdo.map]
+            where = f"{pdo.direction}{pdo.number} {pdo.name}".rstrip()
+            packing = self._remember(key, Packing(slots, pdo.bits, where, enforce=self.limits))
         return packing
 
     def _struct(self, name: str | int) -> tuple[StructType, Packing]:
@@ -240,7 +250,7 @@ class Codec:
         key = f"type {found.index}"
         packing = self._packings.get(key)
         if packing is None:
-            packing = self._remember(key, _fields_packing(found.fields, found.bits, found.name, named=True))
+            packing = self._remember(key, self._fields(found.fields, found.bits, found.name, named=True))
         return found, packing
 
     def _object(self, key: int | str) -> Packing:
@@ -251,8 +261,12 @@ class Codec:
         packing = self._packings.get(known)
         if packing is None:
             fields = (obj.head,) if obj.single and obj.head is not None else obj.fields
-            packing = self._remember(known, _fields_packing(fields, obj.bits, obj.name, named=False))
+            packing = self._remember(known, self._fields(fields, obj.bits, obj.name, named=False))
         return packing
+
+    def _fields(self, fields: Sequence[Variable], bits: int, where: str, *, named: bool) -> Packing:
+        slots = [_slot(row.name if named else row.address, row, row.bits, row.offset) for row in fields]
+        return Packing(slots, bits, where, enforce=self.limits)
 
     def _remember(self, key: str, packing: Packing) -> Packing:
         if len(self._packings) >= _MOST_SPELLINGS:
@@ -276,11 +290,9 @@ class Codec:
         return _gather(packing, given, self.dictionary.variable, partial=partial)
 
 
-def _fields_packing(fields: Sequence[Variable], bits: int, where: str, *, named: bool) -> Packing:
-    slots = [
-        Slot(row.name if named else row.address, row.type, row.bits, row.offset, row.label, row.fixed) for row in fields
-    ]
-    return Packing(slots, bits, where)
+def _slot(key: Key, variable: Variable, bits: int, offset: int) -> Slot:
+    traits = variable.traits
+    return Slot(key, variable.type, bits, offset, variable.label, variable.fixed, traits.low, traits.high)
 
 
 def _gather(

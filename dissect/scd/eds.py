@@ -22,7 +22,7 @@ from dissect.scd.foreign_types import DOMAIN_TYPE
 from dissect.scd.model import ARRAY, CLASSES, DEFSTRUCT, DEFTYPE, DOMAIN, NULL, RECORD, VAR
 from dissect.scd.ranges import MAX_SUB
 from dissect.scd.translation import translate
-from dissect.scd.written import whole
+from dissect.scd.written import whole_octal
 
 if TYPE_CHECKING:
     from canopen.objectdictionary import ODVariable
@@ -37,14 +37,15 @@ _LAST_KNOWN: Final = 0x1B
 _STRUCTURE_SUB: Final = 0xFF
 
 
-def import_eds(octets: bytes, path: str, encoding: str = "") -> Imported:
+def import_eds(octets: bytes, path: str, encoding: str = "", node: int | None = None) -> Imported:
     """Return the dictionary of an EDS or DCF file, of a DCF with the values of its parameters.
 
-    Without ``encoding`` it is UTF-8 (or UTF-16 with a mark), else Latin-1. Raises `DictionaryError` with section and line.
+    ``node`` is the node id for values that depend on one, instead of that of the file. Without ``encoding`` it is UTF-8 (or
+    UTF-16 with a mark), else Latin-1. Raises `DictionaryError` with section and line.
     """
     notes = Notes()
     try:
-        return translate(_File(_text(octets, encoding, notes), path, notes).description(), notes)
+        return translate(_File(_text(octets, encoding, notes), path, notes).description(node), notes)
     except DictionaryError as error:
         error.path = path
         raise
@@ -86,12 +87,12 @@ class _File:
         self._codes: dict[tuple[int, int], int] = {}
         self._mandatory = self._listed()
 
-    def description(self) -> Description:
-        """Return what the file describes."""
+    def description(self, node: int | None = None) -> Description:
+        """Return what the file describes, for a device of the node id ``node``."""
         if not self._objects:
             raise DictionaryError("file", "no object is described: a section such as [1000] with ParameterName")
         copy = self._copy()
-        node_id = self._node_id()
+        node_id = self._node_id() if node is None else node
         entries = self._entries(copy)
         return Description(self._product(), self._file_version(), node_id, entries)
 
@@ -117,7 +118,7 @@ class _File:
                 raise self._fail(section, key, "is missing")
             return default
         try:
-            return whole(text)
+            return whole_octal(text)
         except ValueError as error:
             raise self._fail(section, key, f"{text[:40]!r} {error}") from None
 
@@ -157,8 +158,9 @@ class _File:
             name = self._objects[index]
             self._section(copy, name, f"{index:04X}", (index, 0))
             if self._parser.has_section(f"{name}Name"):
-                self._number(f"{name}Name", "NrOfEntries")
-                copy.read_dict({f"{index:04X}Name": dict(self._parser.items(f"{name}Name"))})
+                count = self._number(f"{name}Name", "NrOfEntries")
+                names = {**dict(self._parser.items(f"{name}Name")), "NrOfEntries": str(count)}
+                copy.read_dict({f"{index:04X}Name": names})
         for name in self._named(_SUB):
             match = _SUB.fullmatch(name)
             assert match is not None
@@ -170,6 +172,12 @@ class _File:
             if (index, sub) in self._subs:
                 raise self._fail(name, "", f"the same as [{self._subs[index, sub]}]", "R62")
             self._subs[index, sub] = name
+            kind = self._number(self._objects[index], "ObjectType", VAR)
+            if kind not in (ARRAY, RECORD):
+                # python-canopen has no place for them: a type's are told with the type, a NULL object has no data.
+                if kind not in (DEFTYPE, DEFSTRUCT):
+                    self._notes.add(f"sub-indices of a {CLASSES.get(kind, 'VAR')} are left out", index)
+                continue
             self._section(copy, name, f"{index:04X}sub{sub:X}", (index, sub))
         return copy
 
@@ -186,7 +194,7 @@ class _File:
             code = self._number(name, "DataType", DOMAIN_TYPE if kind == DOMAIN else None)
             values["DataType"] = f"0x{self._known(code, address):X}"
             values.setdefault("AccessType", "")
-            self._number(name, "PDOMapping", 0)
+            values["PDOMapping"] = str(self._number(name, "PDOMapping", 0))
         copy.read_dict({wanted: values})
 
     def _known(self, code: int, address: tuple[int, int]) -> int:

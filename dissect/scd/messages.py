@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Literal
 import msgspec
 
 from dissect.scd.errors import E_COUNT, E_INDEX, E_KIND, E_PDO_NUMBER, E_VALUE, Error
-from dissect.scd.packing import ACCESS, TRAILING, VERSION, Flags, Key, Octets, flag
+from dissect.scd.layout import Key
+from dissect.scd.packing import ACCESS, TRAILING, VERSION, Flags, Octets, flag
 from dissect.scd.ranges import is_mapping, pdo_of_index, section_of
 from dissect.scd.types import Value
 

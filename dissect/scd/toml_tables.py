@@ -16,13 +16,30 @@ Lines = Mapping[tuple[str, int], int]
 _AT_LINE: Final = re.compile(r" \(at line (\d+), column \d+\)$")
 
 
+#: Marks at the begin of a text that say how it is encoded (the longer ones first), as editors of Windows write them.
+_MARKS: Final = (
+    (b"\xef\xbb\xbf", "utf-8"),
+    (b"\xff\xfe\x00\x00", "utf-32-le"),
+    (b"\x00\x00\xfe\xff", "utf-32-be"),
+    (b"\xff\xfe", "utf-16-le"),
+    (b"\xfe\xff", "utf-16-be"),
+)
+
+
 def source_text(octets: bytes, path: str) -> str:
-    """Return the text of a source; raises `DictionaryError` with the line where it is no UTF-8."""
+    """Return the text of a source: UTF-8, or what a byte order mark says.
+
+    Raises `DictionaryError` with the line where it is not that.
+    """
+    mark, encoding = next((row for row in _MARKS if octets.startswith(row[0])), (b"", "utf-8"))
     try:
-        return octets.decode()
+        return octets[len(mark) :].decode(encoding)
     except UnicodeDecodeError as error:
-        line = octets.count(b"\n", 0, error.start) + 1
-        raise DictionaryError(f"octet {error.start}", f"no UTF-8: {error.reason}", path=path, line=line) from None
+        at = len(mark) + error.start
+        line = octets[len(mark) : at].decode(encoding, "ignore").count("\n") + 1
+        said = f"invalid {encoding.upper()}" + (", which its byte order mark says it is" if mark else "")
+        hint = "" if mark else "; save the file as UTF-8"
+        raise DictionaryError(f"octet {at}", f"{said}: {error.reason}{hint}", path=path, line=line) from None
 
 
 def parse_tables(text: str, path: str = "") -> dict[str, Any]:

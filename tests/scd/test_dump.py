@@ -51,7 +51,7 @@ default = "Насос"
 index = 0x2002
 name = "times"
 class = "RECORD"
-fields = [{name="t", type="nettime", default="2015-10-18T00:00:00Z"}, {name="i", type="interval", default=[-1, -5]},
+fields = [{name="t", type="nettime", default="2015-10-18T00:00:36 TAI"}, {name="i", type="interval", default=[-1, -5]},
  {name="m", type="mac", default="00:1B:44:11:3A:B7"}, {name="a", type="ip", default="192.168.100.1", access="ro"},
  {name="b", type="block", size=2, default="00 ff", mappable=false}, {reserved=0}, {reserved=5, fixed=3},
  {name="q", type="bool", texts={0="нет", 1="да"}}]
@@ -85,7 +85,7 @@ def test_values_are_what_was_written() -> None:
     od = load_octets(parse_toml(EVERYTHING).octets)
     times = od[0x2002]
     assert [str(field.default) for field in times] == [
-        "8", "2015-10-18T00:00:00.000000000Z", "-PT1.000000005S", "00:1B:44:11:3A:B7", "192.168.100.1", "b'\\x00\\xff'",
+        "8", "2015-10-18T00:00:36.000000000 TAI", "-PT1.000000005S", "00:1B:44:11:3A:B7", "192.168.100.1", "b'\\x00\\xff'",
         "True",
     ]  # fmt: skip
     assert times["q"].desc(True) == "да"

@@ -359,8 +359,12 @@ def test_every_loss_is_told_once_with_its_places(pump: Imported) -> None:
     told = {note.text: note.places for note in pump.notes}
     assert told == {
         "listed in [OptionalObjects] and not described": ("0x1fff",),
-        "its value '$NODEID+0x80' is left out: depends on the node id, which the file does not say": ("0x1014:0",),
-        "its value '$NODEID+0x180' is left out: depends on the node id, which the file does not say": ("0x1800:1",),
+        "its value '$NODEID+0x80' is left out: depends on the node id, which the file does not say: give it (--node)": (
+            "0x1014:0",
+        ),
+        "its value '$NODEID+0x180' is left out: depends on the node id, which the file does not say: give it (--node)": (
+            "0x1800:1",
+        ),
         "rwr and rww are rw: which PDOs may carry the variable is not kept": ("0x1018:4",),
         "the file does not say how long it is, taken is 255 octets": ("0x2000:1",),
         "the file does not say how long it is, taken is the value's own length": ("0x2000:2", "0x2000:4"),

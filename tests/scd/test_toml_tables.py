@@ -44,5 +44,5 @@ def test_what_is_no_toml(text: str, line: int, detail: str) -> None:
 
 def test_what_is_no_text() -> None:
     assert source_text("Насос".encode(), "") == "Насос"
-    with pytest.raises(DictionaryError, match=r"x\.toml:3: octet 3: no UTF-8"):
+    with pytest.raises(DictionaryError, match=r"x\.toml:3: octet 3: invalid UTF-8"):
         source_text(b"a\n\n\xff", "x.toml")
