@@ -18,7 +18,7 @@ from dissect.scd.dictionary import Dictionary
 from dissect.scd.envelope import DEFAULT, Envelope
 from dissect.scd.errors import E_COUNT, E_SHORT, E_TYPE, E_VALUE, Error
 from dissect.scd.layout import Key, Slot
-from dissect.scd.messages import Message, build_message, parse_message
+from dissect.scd.messages import Message, Phase, Service, build_message, parse_message
 from dissect.scd.model import Pdo, StructType, Variable
 from dissect.scd.objects import Objects
 from dissect.scd.packing import (
@@ -67,6 +67,10 @@ class Codec:
         self.limits: Final = limits
         self._pdos: dict[str, Pdo] = {}
         self._packings: dict[str, Packing] = {}
+        self._variables: dict[tuple[int, int], tuple[Variable, Packing | None]] = {}
+        #: What messages have said before: kinds by kind, response and abort; PDOs by the index of their mapping object.
+        self.kinds: Final[dict[tuple[int | None, int | None, int | None], tuple[Service, Phase]]] = {}
+        self.mapped: Final[dict[int, tuple[str, Pdo]]] = {}
 
     @cached_property
     def envelope(self) -> Envelope:
@@ -81,6 +85,8 @@ class Codec:
 
     def pdo(self, key: str) -> Pdo:
         """Return the PDO "T1" or "R65", or of a name, with the mapping it has now; raises `Error` E_PDO_NUMBER."""
+        if key in self._pdos:
+            return self._pdos[key]
         found = self.dictionary.pdo(key)
         return self._pdos.get(f"{found.direction}{found.number}", found)
 
@@ -88,6 +94,7 @@ class Codec:
         """Use another mapping for a PDO from now on: what `Dictionary.with_mapping` made of a rewritten mapping object."""
         self._pdos[f"{pdo.direction}{pdo.number}"] = pdo
         self._packings.clear()
+        self.mapped.clear()
 
     def encode(self, pdo: str, values: Mapping[Any, object], *, partial: bool = False) -> bytes:
         """Return the payload of a PDO. ``values`` go by (index, sub), name or "object.field".
@@ -171,9 +178,16 @@ class Codec:
         Sub-index 255 is a number of 32 bits: the object's class in bits 0-7, its type in bits 8-23 (C33).
         """
         flags: Flags = {}
-        if isinstance(key, tuple) and self._asks_structure(key):
-            return Decoded({key: decode_value(UINT32, octets, flags, where=str(key))}, flags)
-        variable = self.dictionary.variable(key)
+        if isinstance(key, tuple):
+            if self._asks_structure(key):
+                return Decoded({key: decode_value(UINT32, octets, flags, where=str(key))}, flags)
+            self.variable(key)
+            variable, packing = self._variables[key]
+            if packing is not None and len(octets) == packing.size and objects is None and not self.strict_pad:
+                (found,) = packing.unpack(bytes(octets), flags)
+                return Decoded({key: found}, flags)
+        else:
+            variable = self.dictionary.variable(key)
         at = variable.address
         value = decode_value(
             variable.type, octets, flags, bits=variable.bits, key=at, where=variable.label, strict_pad=self.strict_pad
@@ -184,6 +198,20 @@ class Codec:
         if objects is not None:
             objects.merge(decoded.values)
         return decoded
+
+    def variable(self, key: tuple[int, int]) -> Variable:
+        """Return the variable at an address, faster than the dictionary when it is asked for again; raises `Error`."""
+        known = self._variables.get(key)
+        if known is None:
+            variable = self.dictionary.variable(key)
+            packing = None
+            if variable.bits and variable.type.kind not in SIZED:
+                slot = _slot(variable.address, variable, variable.bits, 0)
+                packing = Packing([slot], variable.bits, variable.label)
+            if len(self._variables) >= _MOST_SPELLINGS:
+                self._variables.clear()
+            known = self._variables[key] = variable, packing
+        return known[0]
 
     def _asks_structure(self, key: str | tuple[int, int]) -> bool:
         return isinstance(key, tuple) and key[1] == _STRUCTURE_SUB and key[0] in self.dictionary.objects

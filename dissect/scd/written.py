@@ -102,6 +102,8 @@ def _raw_number(written: str, variable: Variable) -> object:
     if number is None or plain.lower().lstrip("+-").startswith("0x"):
         return written_value(written, kind)
     unit = plain[number.end() :].strip()
+    if marked and unit[:1].isdecimal():
+        raise ValueError("is no number of at most 40 digits")
     if unit[:1].isdecimal() or not (marked or unit):
         if traits.scale != 1 or traits.shift:
             physical = f"'{plain} {traits.unit}'" if traits.unit else f"{PHYSICAL}{plain}"

@@ -113,3 +113,17 @@ def test_any_name_and_value_comes_back(name: str, text: str, number: int, real: 
 
 def test_the_example_is_what_the_docs_say() -> None:
     assert len(scd.compile(PLANT)) == 24
+
+
+def test_mappings_that_no_map_can_say_are_written_in_hexadecimal() -> None:
+    """A PDO that is off keeps the entries it has; an address that is also a name would mean something else."""
+    text = (
+        '[dictionary]\nname="t"\n[[object]]\nindex=0x6000\nname="a"\ntype="uint8"\n'
+        '[[object]]\nindex=0x1a00\nname="off"\nclass="ARRAY"\ntype="uint64"\nused=0\nvalues=[0x0008000000006000]\n'
+        '[[object]]\nindex=0x1a01\nname="narrow"\nclass="ARRAY"\ntype="uint32"\nused=1\ncount=3\nvalues=[0x60000008]\n'
+    )
+    od = parse_toml(text)
+    told = dump_toml(od)
+    assert "values = [0x0008000000006000]" in told
+    assert "values = [0x60000008]" in told
+    assert parse_toml(told).octets == parse_json(dump_json(od)).octets == od.octets
