@@ -191,6 +191,11 @@ STATE = ("0x6041=0x0237", "0x6044=-1000", "0x6061=8")
     ("arguments", "octets"),
     [
         (("--pdo", "T2", "Насос 1.run=true", "0x6000:2=false", "0x6001=0xABC", "0x6000.4=-1500"), "C1 AB 24 FA"),
+        (
+            ("--pdo", "T2", "Насос 1.run=true", "0x6000:2=false", "0x6001=1374 кПа", "0x6000.4=-1500 об/мин"),
+            "C1 AB 24 FA",
+        ),
+        (("--value", "Насос 1.speed", "3001", "--no-limits"), "B9 0B"),
         (("--pdo", "T2", "--partial", "0x6000:1=1"), "01 00 00 00"),
         (("--pdo", "T1", "--partial"), "37 02 00 00 00 00 00"),
         (("--type", "pump_t", "run=true", "pump_t.fault=0", "speed=0xFA24"), "01 24 FA"),
@@ -251,6 +256,14 @@ def test_a_name_may_have_an_equals_sign_in_it(capfdbinary: Capture, tmp_path: Pa
     [
         ((), "Say what the octets are by one of"),
         (("--pdo", "T2", "0x6001"), "expected VARIABLE=VALUE, got '0x6001'."),
+        (
+            ("--pdo", "T2", "--partial", "0x6001=1374"),
+            "may be the raw or the physical value: write raw:1374 or '1374 кПа'",
+        ),
+        (
+            ("--pdo", "T2", "--partial", "Насос 1.speed=3001"),
+            "3001 is outside the limits of its raw value, -3000..3000",
+        ),
         (("--pdo", "T2", "0x6001=raw:1", "Давление 1=1кПа"), "a variable is given twice."),
         (("--pdo", "T2", "0x6001=0x1"), "E_COUNT: T2 Насос и давление 1: no value for Насос 1.run"),
         (("--pdo", "T2", "--partial", "0x6044=1"), "no place for a value of (24644, 0)"),
