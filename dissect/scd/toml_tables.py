@@ -7,11 +7,9 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
+from dissect.config.lines import Lines
 from dissect.scd.bounds import MAX_DEPTH, long_key_line, long_number_line
 from dissect.scd.errors import DictionaryError
-
-#: Lines of tables: by name and position among the [[tables]] of that name, 0 for a [table].
-Lines = Mapping[tuple[str, int], int]
 
 _AT_LINE: Final = re.compile(r" \(at line (\d+), column \d+\)$")
 
@@ -62,23 +60,11 @@ def parse_tables(text: str, path: str = "") -> dict[str, Any]:
 def header_lines(
     text: str, content: Mapping[str, Any], lists: Iterable[str], tables: Iterable[str] = ()
 ) -> dict[tuple[str, int], int]:
-    """Return the lines of the [[lists]] and [tables] of a text whose tables are ``content``.
-
-    None for a name whose headers cannot be counted surely.
-    """
-    lines: dict[tuple[str, int], int] = {}
+    """Return the lines of the [[lists]] and [tables] of a text whose tables are ``content``, none for what is not there."""
+    known = Lines(text)
+    lines = {(name, 0): known.at(name) for name in tables if name in content}
     for name in lists:
-        pattern = re.compile(rf"^[ \t]*\[\[[ \t]*{name}[ \t]*\]\]", re.MULTILINE)
-        found, line, at = [], 1, 0
-        for match in pattern.finditer(text):
-            line += text.count("\n", at, match.start())
-            at = match.start()
-            found.append(line)
         rows = content.get(name)
-        if isinstance(rows, list) and len(rows) == len(found):
-            lines.update({(name, number): line for number, line in enumerate(found)})
-    for name in tables:
-        header = re.search(rf"^[ \t]*\[[ \t]*{name}[ \t]*\]", text, re.MULTILINE)
-        if header is not None:
-            lines[name, 0] = text.count("\n", 0, header.start()) + 1
+        if isinstance(rows, list):
+            lines.update({(name, number): known.at(name, number) for number in range(len(rows))})
     return lines

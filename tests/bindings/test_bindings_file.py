@@ -198,9 +198,9 @@ def test_an_error_says_file_line_table_and_key(load: Load, tmp_path: Path) -> No
     with pytest.raises(BindingError) as caught:
         load(text)
     error = caught.value
-    assert (error.path, error.line, error.key) == (str(tmp_path / "x.toml"), 6, "[[binding]] 2, holds")
+    assert (error.path, error.line, error.key) == (str(tmp_path / "x.toml"), 8, "[[binding]] 2, holds")
     assert str(error).startswith(
-        f"{tmp_path / 'x.toml'}:6: [[binding]] 2, holds: no PDO T9 in the dictionary 'Насосная'"
+        f"{tmp_path / 'x.toml'}:8: [[binding]] 2, holds: no PDO T9 in the dictionary 'Насосная'"
     )
 
 

@@ -17,12 +17,12 @@ def test_lines_of_headers() -> None:
     }  # fmt: skip
 
 
-def test_no_line_is_better_than_a_wrong_one() -> None:
-    """A header within a text of several lines looks like one."""
+def test_what_only_looks_like_a_header_is_none() -> None:
+    """A header within a text of several lines looks like one; a table in an array has no header."""
     text = 'x = """\n[[row]]\n"""\n[[row]]\n'
-    assert header_lines(text, parse_tables(text), ("row",)) == {}
-    text = "row = [{a = 1}]\n"
-    assert header_lines(text, parse_tables(text), ("row",)) == {}
+    assert header_lines(text, parse_tables(text), ("row",)) == {("row", 0): 4}
+    text = "row = [{a = 1},\n {a = 2}]\n"
+    assert header_lines(text, parse_tables(text), ("row",)) == {("row", 0): 1, ("row", 1): 2}
 
 
 @pytest.mark.parametrize(
