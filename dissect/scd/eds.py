@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from msgspec.structs import replace
 
-from dissect.scd.errors import DictionaryError
+from dissect.scd.errors import DictionaryError, Troubles
 from dissect.scd.foreign import Description, ForeignEntry, ForeignSub, Imported, Notes
 from dissect.scd.foreign_types import DOMAIN_TYPE
 from dissect.scd.model import ARRAY, CLASSES, DEFSTRUCT, DEFTYPE, DOMAIN, NULL, RECORD, VAR
@@ -47,8 +47,7 @@ def import_eds(octets: bytes, path: str, encoding: str = "", node: int | None = 
     try:
         return translate(_File(_text(octets, encoding, notes), path, notes).description(node), notes)
     except DictionaryError as error:
-        error.path = path
-        raise
+        raise error.of_file(path) from None
 
 
 def _text(octets: bytes, encoding: str, notes: Notes) -> str:
@@ -154,32 +153,41 @@ class _File:
         """Return the sections of objects, checked and in their order."""
         copy = _empty()
         copy.add_section("DeviceInfo")
+        troubles = Troubles()
         for index in sorted(self._objects):
             name = self._objects[index]
-            self._section(copy, name, f"{index:04X}", (index, 0))
+            with troubles:
+                self._section(copy, name, f"{index:04X}", (index, 0))
             if self._parser.has_section(f"{name}Name"):
                 count = self._number(f"{name}Name", "NrOfEntries")
                 names = {**dict(self._parser.items(f"{name}Name")), "NrOfEntries": str(count)}
                 copy.read_dict({f"{index:04X}Name": names})
         for name in self._named(_SUB):
-            match = _SUB.fullmatch(name)
-            assert match is not None
-            index, sub = int(match[1], 16), int(match[2], 16)
-            if index not in self._objects:
-                raise self._fail(name, "", f"belongs to no object: [{match[1]}] is missing", "R62")
-            if sub == _STRUCTURE_SUB:
-                continue
-            if (index, sub) in self._subs:
-                raise self._fail(name, "", f"the same as [{self._subs[index, sub]}]", "R62")
-            self._subs[index, sub] = name
-            kind = self._number(self._objects[index], "ObjectType", VAR)
-            if kind not in (ARRAY, RECORD):
-                # python-canopen has no place for them: a type's are told with the type, a NULL object has no data.
-                if kind not in (DEFTYPE, DEFSTRUCT):
-                    self._notes.add(f"sub-indices of a {CLASSES.get(kind, 'VAR')} are left out", index)
-                continue
-            self._section(copy, name, f"{index:04X}sub{sub:X}", (index, sub))
+            with troubles:
+                self._copy_sub(copy, name)
+        troubles.found.sort(key=lambda error: error.line)
+        troubles.done()
         return copy
+
+    def _copy_sub(self, copy: Parser, name: str) -> None:
+        """Copy the section of a sub-index, if it is one that can be; raises `DictionaryError`."""
+        match = _SUB.fullmatch(name)
+        assert match is not None
+        index, sub = int(match[1], 16), int(match[2], 16)
+        if index not in self._objects:
+            raise self._fail(name, "", f"belongs to no object: [{match[1]}] is missing", "R62")
+        if sub == _STRUCTURE_SUB:
+            return
+        if (index, sub) in self._subs:
+            raise self._fail(name, "", f"the same as [{self._subs[index, sub]}]", "R62")
+        self._subs[index, sub] = name
+        kind = self._number(self._objects[index], "ObjectType", VAR)
+        if kind not in (ARRAY, RECORD):
+            # python-canopen has no place for them: a type's are told with the type, a NULL object has no data.
+            if kind not in (DEFTYPE, DEFSTRUCT):
+                self._notes.add(f"sub-indices of a {CLASSES.get(kind, 'VAR')} are left out", index)
+            return
+        self._section(copy, name, f"{index:04X}sub{sub:X}", (index, sub))
 
     def _section(self, copy: Parser, name: str, wanted: str, address: tuple[int, int]) -> None:
         values = dict(self._parser.items(name))

@@ -107,7 +107,7 @@ class _HeadPlan:
             _read_all(self._places, head, found)
             return found
         bits = int.from_bytes(head, "little")
-        numbers = {role: bits >> offset & mask for role, offset, mask in self._bits}
+        numbers: dict[str, int] = {role: bits >> offset & mask for role, offset, mask in self._bits}
         for role, sign in self._signed:
             if numbers[role] & sign:
                 numbers[role] -= sign << 1

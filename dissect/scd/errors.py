@@ -140,6 +140,13 @@ class DictionaryError(Error):
         self.path = path
         self.line = line
 
+    def of_file(self, path: str) -> Self:
+        """Say which file it is about, also of the ``others``; return the error."""
+        self.path = path
+        for error in self.others:
+            error.path = path
+        return self
+
     def __str__(self) -> str:
         place = f"{self.path}:{self.line}" if self.line else self.path
         rule = f" ({self.rule})" if self.rule else ""

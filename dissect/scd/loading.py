@@ -40,8 +40,7 @@ def load_octets(octets: bytes, path: str = "") -> Dictionary:
     try:
         return Dictionary(body)
     except DictionaryError as error:
-        error.path = path
-        raise
+        raise error.of_file(path) from None
 
 
 def compile_source(path: str | Path) -> Dictionary:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from ipaddress import IPv4Address
 from math import inf, isinf
+from operator import itemgetter
 from typing import Any, Final, NamedTuple
 
 import bitstruct
@@ -45,6 +46,8 @@ _SECOND: Final = 1_000_000_000
 #: The largest number that a float32 holds.
 _FLOAT32_MAX: Final = float.fromhex("0x1.fffffep127")
 _FLOAT64_MAX: Final = float.fromhex("0x1.fffffffffffffp1023")
+#: Python's type of a number of each kind, int where it is none of these.
+_FORMS: Final[dict[Kind, type]] = {Kind.BOOL: bool, Kind.REAL: float}
 
 
 def bit_engine() -> Callable[[str], Any]:
@@ -63,13 +66,16 @@ def bit_engine() -> Callable[[str], Any]:
     return engine
 
 
-class _Step(NamedTuple):
-    """How a number is checked before it is packed: a value of exactly this Python type from ``low`` to ``high`` is sound."""
+class _Plan(NamedTuple):
+    """How numbers are packed without looking at each: ``take`` gives them in the order of the packer.
 
-    key: Key
-    form: Any
-    low: float | int
-    high: float | int
+    They have to be exactly of the Python types ``forms``. The packer itself refuses an integer that does not fit; what it does
+    not know is in ``spans``: position, lowest and highest value of reals, which may not be infinite, and of what has limits.
+    """
+
+    take: Callable[[Mapping[Any, Any]], tuple[Any, ...]]
+    forms: tuple[type, ...]
+    spans: list[tuple[int, float | int, float | int]]
 
 
 class Packing:
@@ -124,7 +130,7 @@ class Packing:
             if slot.low is not None or slot.high is not None
         ]
         self._enforce = enforce
-        self._plan = self._steps()
+        self._plan = self._planned()
         self._plain = self.aligned and not (self._timed or self._reals or self._finish or self._texts or self._limits)
 
     def unpack(self, octets: bytes, flags: Flags, strict_pad: bool = False) -> Sequence[Value]:
@@ -165,26 +171,32 @@ class Packing:
 
         More values than are packed may be there.
         """
-        if self._plan is None:
+        plan = self._plan
+        if plan is None:
             return None
-        values: list[Any] = []
         try:
-            for key, form, low, high in self._plan:
-                value: Any = given[key]
-                if value.__class__ is not form or not low <= value <= high:
+            values = plan.take(given)
+            if tuple(map(type, values)) != plan.forms:
+                return None
+            for at, low, high in plan.spans:
+                if not low <= values[at] <= high:
                     return None
-                values.append(value)
-        except KeyError:
+            octets = self._pack(*values)
+        except (KeyError, OverflowError, struct.error, bitstruct.Error):
             return None
-        octets = self._pack(*values) if self.aligned else self._pack(*values)[::-1]
+        if not self.aligned:
+            octets = octets[::-1]
         return self._with_constant(octets) if self._constant else octets
 
-    def _steps(self) -> list[_Step] | None:
-        """Return what `pack_known` goes by, in the order of the packer; None where other things than numbers are packed."""
-        if self._timed or self._texts or any(slot.type.kind not in NUMERIC for slot in self.slots):
+    def _planned(self) -> _Plan | None:
+        """Return what `pack_known` goes by; None where other things than numbers are packed."""
+        if not self.slots or any(slot.type.kind not in NUMERIC for slot in self.slots):
             return None
-        steps = [_step(slot, self._enforce) for slot in self.slots]
-        return steps if self.aligned else steps[::-1]
+        slots = self.slots if self.aligned else self.slots[::-1]
+        keys = [slot.key for slot in slots]
+        take = itemgetter(*keys) if len(keys) > 1 else _one(keys[0])
+        spans = [(at, *span) for at, slot in enumerate(slots) if (span := _span(slot, self._enforce)) is not None]
+        return _Plan(take, tuple([_FORMS.get(slot.type.kind, int) for slot in slots]), spans)
 
     def pack(self, values: Sequence[object]) -> bytes:
         """Return the octets that carry ``values``, one for each of ``slots``; raises `Error` for what does not fit."""
@@ -309,23 +321,17 @@ def text_of(octets: bytes, where: str, encoding: str = "utf-8") -> str:
         raise Error(E_UTF8, where, detail) from None
 
 
-def _step(slot: Slot, enforce: bool) -> _Step:
-    """Return how a number is checked by `Packing.pack_known`."""
-    kind, bits = slot.type.kind, slot.bits
-    low: float | int
-    high: float | int
-    form: Any
-    if kind is Kind.REAL:
-        high = _FLOAT32_MAX if bits == 32 else _FLOAT64_MAX
-        low, form = -high, float
-    elif kind is Kind.INT:
-        low, high, form = -(1 << bits - 1), (1 << bits - 1) - 1, int
-    else:
-        low, high, form = 0, (1 << bits) - 1, bool if kind is Kind.BOOL else int
-    if enforce:
-        low = low if slot.low is None else max(low, slot.low)
-        high = high if slot.high is None else min(high, slot.high)
-    return _Step(slot.key, form, low, high)
+def _span(slot: Slot, enforce: bool) -> tuple[float | int, float | int] | None:
+    """Return the lowest and highest number of a slot where the packer does not see to it, else None."""
+    low, high = (slot.low, slot.high) if enforce else (None, None)
+    if slot.type.kind is Kind.REAL:
+        most = _FLOAT32_MAX if slot.bits == 32 else _FLOAT64_MAX
+        return -most if low is None else max(low, -most), most if high is None else min(high, most)
+    return None if low is None and high is None else (-inf if low is None else low, inf if high is None else high)
+
+
+def _one(key: Key) -> Callable[[Mapping[Any, Any]], tuple[Any, ...]]:
+    return lambda given: (given[key],)
 
 
 def _field_octets(value: object, size: int, encoding: str, *, reverse: bool) -> bytes:

@@ -49,8 +49,7 @@ def import_xdd(octets: bytes, path: str, node: int | None = None) -> Imported:
         notes = Notes()
         return translate(_description(_root(octets), PurePath(path).stem, notes, node), notes)
     except DictionaryError as error:
-        error.path = path
-        raise
+        raise error.of_file(path) from None
 
 
 def _root(octets: bytes) -> Element:

@@ -636,3 +636,12 @@ def test_an_eds_as_toml_can_be_edited() -> None:
     edited = parse_toml(text.replace('"0x6041:0", {reserved = 8}', '"0x6041:0", {reserved = 16}'))
     first, second = od.tpdo[1], edited.tpdo[1]
     assert second.bits == first.bits + 8
+
+
+def test_every_wrong_section_is_reported() -> None:
+    text = "[FileInfo]\nA=1\n[1000]\nParameterName=a\nDataType=x\n[2000]\nDataType=5\n[2000sub1]\nA=1\n[1001sub1]\nA=1\n"
+    with pytest.raises(DictionaryError) as caught:
+        import_eds(text.encode(), "x.eds")
+    assert [str(error).split(": ")[:2] for error in (caught.value, *caught.value.others)] == [
+        ["x.eds:3", "[1000], DataType"], ["x.eds:6", "[2000], ParameterName"], ["x.eds:10", "[1001sub1]"],
+    ]  # fmt: skip
