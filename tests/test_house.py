@@ -19,6 +19,7 @@ PACKAGE: Final = Path(__file__).resolve().parent.parent / "dissect"
 #: The way of a byte. A room imports itself and what stands before it.
 ORDER: Final = (
     "wire",
+    "config",
     "scd",
     "source",
     "tcp",

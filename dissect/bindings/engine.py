@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from dissect.engine.exchange import Exchange
     from dissect.scd.dictionary import Dictionary
     from dissect.scd.messages import Message
+    from dissect.scd.model import Pdo
     from dissect.transactions.connection import Connection
     from dissect.transactions.table import Side
     from dissect.transactions.transaction import ItemResult, Transaction
@@ -79,6 +80,7 @@ class ScdCarrier(PayloadDecoder):
         self._numbers = {id(binding): number for number, binding in enumerate(bindings.all)}
         self._functions: dict[str, int] = {}
         self._joiners: dict[int, Joiner] = {}
+        self._pdos: dict[str, Pdo] = {}
         self._exchange: Exchange
         self._judge: ScdJudge
 
@@ -184,8 +186,17 @@ class ScdCarrier(PayloadDecoder):
             if message.error is not None:
                 count.errors += 1
             elif message.pdo:
-                found.mapping = device.codec.pdo(message.pdo)
+                found.mapping = self._mapping(device, message.pdo)
             yield found
+
+    def _mapping(self, device: Device, pdo: str) -> Pdo:
+        """Return a PDO as the device maps it now; of the dictionary's own mappings each is looked for once."""
+        if device.codec is not self.devices.codec:
+            return device.codec.pdo(pdo)
+        found = self._pdos.get(pdo)
+        if found is None:
+            found = self._pdos[pdo] = device.codec.pdo(pdo)
+        return found
 
     def _pair(self, side: Side, found: ScdMessage, frame: int, time_ns: int) -> None:
         message = found.message

@@ -11,7 +11,7 @@ import click
 
 from dissect.cli.main import EXIT_DAMAGED, EXIT_OK
 from dissect.cli.run import format_option, write
-from dissect.cli.scd_files import as_json, columns, open_dictionary
+from dissect.cli.scd_files import as_json, columns, node_option, open_dictionary
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
@@ -64,6 +64,7 @@ def object_key(text: str) -> int | str:
     "is damaged (what can be read is given), 5 the output failed.",
 )
 @dictionary_option
+@node_option
 @selectors
 @click.option("--message", is_flag=True, help="Messages in their envelope, one after the other.")
 @click.option("--raw", is_flag=True, help="FILE or - holds the octets themselves, not hexadecimal text.")
@@ -72,7 +73,7 @@ def object_key(text: str) -> int | str:
 @click.argument("data", nargs=-1, required=True, metavar="HEX...|FILE|-")
 def decode_command(
     path: str, pdo: str | None, struct: str | None, whole: str | None, value: str | None, message: bool, raw: bool,
-    strict_pad: bool, format_: str, data: tuple[str, ...],
+    strict_pad: bool, format_: str, node: int | None, data: tuple[str, ...],
 ) -> int:  # fmt: skip
     """Decode octets: a PDO, a bare struct, a whole object, one value, or messages.
 
@@ -83,7 +84,7 @@ def decode_command(
     octets = _payload(data, raw)
     from dissect.scd.codec import Codec
 
-    codec = Codec(open_dictionary(path)[0], strict_pad=strict_pad)
+    codec = Codec(open_dictionary(path, node=node)[0], strict_pad=strict_pad)
     if message:
         found = list(codec.parse_messages(octets))
         _tell(codec.dictionary, found, format_, b"")

@@ -39,15 +39,25 @@ encoding_option = click.option(
     "--encoding", default="", metavar="NAME", help="Of an EDS or DCF that is neither UTF-8 nor Latin-1, such as cp1251."
 )
 
+#: The highest node id of POWERLINK; those of CANopen end at 127.
+_LAST_NODE: Final = 254
+node_option = click.option(
+    "--node", type=click.IntRange(1, _LAST_NODE), metavar="N", help="Node id, for an EDS whose values depend on it."
+)
 
-def open_dictionary(path: str, encoding: str = "") -> tuple[Dictionary, tuple[Note, ...]]:
+
+def open_dictionary(path: str, encoding: str = "", node: int | None = None) -> tuple[Dictionary, tuple[Note, ...]]:
     """Return the dictionary of a file of any kind, with the notes of an import; raises `DictionaryError`, OSError."""
     from dissect.scd.loading import import_file, is_description, load
 
     if is_description(path):
-        return import_file(path, encoding)
+        return import_file(path, encoding, node)
     if encoding:
         raise click.UsageError("--encoding is for EDS and DCF files; every other one says its own or is UTF-8.")
+    if node is not None:
+        raise click.UsageError(
+            "--node is for device descriptions (EDS, DCF, XDD, XDC); in others no value depends on it."
+        )
     return load(path), ()
 
 
@@ -76,7 +86,8 @@ def as_json(values: object) -> str:
 @click.argument("source", type=_FILE, metavar="SRC")
 @click.option("-o", "--output", required=True, metavar="OUT", help="The compiled file; - is standard output.")
 @encoding_option
-def compile_command(source: str, output: str, encoding: str) -> int:
+@node_option
+def compile_command(source: str, output: str, encoding: str, node: int | None) -> int:
     """Compile SRC: TOML or JSON, EDS or DCF (CANopen), XDD or XDC (POWERLINK, CANopen), by its suffix.
 
     The same source always gives the same octets. What a device description says and SCD cannot keep is told on stderr.
@@ -87,7 +98,7 @@ def compile_command(source: str, output: str, encoding: str) -> int:
         raise click.UsageError("SRC and OUT are the same file.")
     if Path(source).suffix.lower() == ".scd":
         raise DictionaryError("file", "is compiled already; `dump` makes a source of it", path=source)
-    dictionary, notes = _source(source, encoding)
+    dictionary, notes = _source(source, encoding, node)
     tell_notes(source, notes)
     if output == "-":
         sys.stdout.buffer.write(dictionary.octets)
@@ -98,11 +109,11 @@ def compile_command(source: str, output: str, encoding: str) -> int:
     return EXIT_OK
 
 
-def _source(path: str, encoding: str) -> tuple[Dictionary, tuple[Note, ...]]:
+def _source(path: str, encoding: str, node: int | None) -> tuple[Dictionary, tuple[Note, ...]]:
     from dissect.scd.loading import compile_source, is_description
 
-    if is_description(path) or encoding:
-        return open_dictionary(path, encoding)
+    if is_description(path) or encoding or node is not None:
+        return open_dictionary(path, encoding, node)
     return compile_source(path), ()
 
 
@@ -138,11 +149,12 @@ def _summary(od: Dictionary) -> Iterator[str]:
 @click.option("--toml", "form", flag_value="toml", default="toml", help="As TOML, which is usual.")
 @click.option("--json", "form", flag_value="json", help="As JSON of the same shape.")
 @encoding_option
-def dump_command(file: str, form: str, encoding: str) -> int:
+@node_option
+def dump_command(file: str, form: str, encoding: str, node: int | None) -> int:
     """Write a dictionary as a source that compiles to the same octets."""
     from dissect.scd.dump import dump_json, dump_toml
 
-    dictionary, notes = open_dictionary(file, encoding)
+    dictionary, notes = open_dictionary(file, encoding, node)
     tell_notes(file, notes)
     text = dump_json(dictionary) if form == "json" else dump_toml(dictionary)
     write([text.removesuffix("\n")])
@@ -160,20 +172,25 @@ def dump_command(file: str, form: str, encoding: str) -> int:
 @click.argument("files", nargs=-1, required=True, type=_FILE, metavar="FILE...")
 @format_option("text", "json")
 @encoding_option
-def check_command(files: tuple[str, ...], format_: str, encoding: str) -> int:
+@node_option
+def check_command(files: tuple[str, ...], format_: str, encoding: str, node: int | None) -> int:
     """Check dictionaries of any kind, and show what is in them: PDOs with their sizes, identities.
 
-    For one that breaks a rule the place is told (line, index, octet), and the requirement of the text.
+    Every broken rule is reported with its place (line of the key, index, octet) and the requirement of the text.
     """
     from dissect.scd.errors import DictionaryError
 
     code = EXIT_OK
     for file in files:
         try:
-            dictionary, notes = open_dictionary(file, encoding)
+            dictionary, notes = open_dictionary(file, encoding, node)
         except DictionaryError as error:
             code = EXIT_GATE
-            write([as_json(_error_json(file, error))] if format_ == "json" else [printable(str(error))])
+            errors = (error, *error.others)
+            told = (
+                [as_json(_error_json(file, errors))] if format_ == "json" else [printable(str(one)) for one in errors]
+            )
+            write(told)
             continue
         if format_ == "json":
             write([as_json(_check_json(file, dictionary, notes))])
@@ -210,12 +227,15 @@ def _check_json(file: str, od: Dictionary, notes: Sequence[Note]) -> dict[str, o
     }  # fmt: skip
 
 
-def _error_json(file: str, error: DictionaryError) -> dict[str, object]:
-    told = {
-        "code": error.code, "where": encodable(error.where), "detail": encodable(error.detail), "rule": error.rule or None,
-        "line": error.line or None, "index": error.index if error.index >= 0 else None,
-    }  # fmt: skip
-    return {"schema": _CHECK_SCHEMA, "file": encodable(file), "error": told}
+def _error_json(file: str, errors: Sequence[DictionaryError]) -> dict[str, object]:
+    told = [
+        {
+            "code": error.code, "where": encodable(error.where), "detail": encodable(error.detail),
+            "rule": error.rule or None, "line": error.line or None, "index": error.index if error.index >= 0 else None,
+        }
+        for error in errors
+    ]  # fmt: skip
+    return {"schema": _CHECK_SCHEMA, "file": encodable(file), "error": told[0], "errors": told}
 
 
 # ---- diff -----------------------------------------------------------------------------------------------------------
@@ -230,12 +250,14 @@ def _error_json(file: str, error: DictionaryError) -> dict[str, object]:
 @click.argument("second", type=_FILE, metavar="B")
 @format_option("text", "json")
 @encoding_option
-def diff_command(first: str, second: str, format_: str, encoding: str) -> int:
+@node_option
+def diff_command(first: str, second: str, format_: str, encoding: str, node: int | None) -> int:
     """Show what differs between two dictionaries, and whether it changes what octets mean ("wire")."""
     from dissect.scd.difference import compare
     from dissect.scd.loading import is_description
 
-    before, after = [open_dictionary(path, encoding if is_description(path) else "")[0] for path in (first, second)]
+    given = [(path, (encoding, node) if is_description(path) else ("", None)) for path in (first, second)]
+    before, after = [open_dictionary(path, *how)[0] for path, how in given]
     found = compare(before, after)
     if format_ == "json":
         write([as_json(_diff_json(found, before, after))])

@@ -233,7 +233,7 @@ class SCD(WireLayer):
 @lru_cache(maxsize=_MOST_CLASSES)
 def _class_of(dictionary: Dictionary | Codec) -> type[SCD]:
     """Return the class of a dictionary. A leading ``_`` keeps it out of what Scapy lists."""
-    codec = dictionary if isinstance(dictionary, Codec) else Codec(dictionary)
+    codec = dictionary if isinstance(dictionary, Codec) else Codec(dictionary, limits=False)  # a tester sends anything
     if codec.envelope.record != DEFAULT:
         raise Error(
             E_DICTIONARY, codec.dictionary.name, "it describes an envelope of its own, the layer is the default one"

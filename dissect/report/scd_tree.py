@@ -13,7 +13,7 @@ from dissect.wire.hexdump import hexdump
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.scd.packing import Key
+    from dissect.scd.layout import Key
     from dissect.scd.records import EnvelopeField
 
 #: Fields that are shown as people write them; the others are hexadecimal.

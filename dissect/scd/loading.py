@@ -40,8 +40,7 @@ def load_octets(octets: bytes, path: str = "") -> Dictionary:
     try:
         return Dictionary(body)
     except DictionaryError as error:
-        error.path = path
-        raise
+        raise error.of_file(path) from None
 
 
 def compile_source(path: str | Path) -> Dictionary:
@@ -61,10 +60,11 @@ def is_description(path: str | Path) -> bool:
     return Path(path).suffix.lower() in INI_SUFFIXES + XML_SUFFIXES
 
 
-def import_file(path: str | Path, encoding: str = "") -> Imported:
+def import_file(path: str | Path, encoding: str = "", node: int | None = None) -> Imported:
     """Return the dictionary of a device description (EDS, DCF, XDD, XDC by its suffix), and notes of what it does not keep.
 
     ``encoding`` is that of an EDS or DCF; without one it is UTF-8 or else Latin-1, which a note tells; XML says its own.
+    ``node`` is the node id for values that depend on one, 1 to 127 of CANopen, to 254 of POWERLINK.
     Raises `DictionaryError` with the place, also where the package that reads the format is missing, OSError.
     """
     suffix = Path(path).suffix.lower()
@@ -75,10 +75,10 @@ def import_file(path: str | Path, encoding: str = "") -> Imported:
     if suffix in INI_SUFFIXES:
         from dissect.scd.eds import import_eds
 
-        return import_eds(octets, str(path), encoding)
+        return import_eds(octets, str(path), encoding, node)
     from dissect.scd.xdd import import_xdd
 
-    return import_xdd(octets, str(path))
+    return import_xdd(octets, str(path), node)
 
 
 def compile_text(text: str, path: str = "") -> Dictionary:

@@ -7,9 +7,10 @@ from pathlib import Path
 from dissect.scd.codec import Codec
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.errors import E_COUNT, E_DICTIONARY, E_VALUE, Error
+from dissect.scd.layout import Key
 from dissect.scd.model import Object, StructType
 from dissect.scd.objects import Objects
-from dissect.scd.packing import Key, Octets
+from dissect.scd.packing import Octets
 
 _codec: Codec | None = None
 

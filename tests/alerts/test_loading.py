@@ -88,7 +88,7 @@ def test_actions() -> None:
     [
         ("", " [[rule]]: there is none"),
         ("[rule]\n", " [[rule]]: is written [[rule]]"),
-        ("[[rules]]\n", " file, rules: no such key here; these are: action, allow_hosts, defaults, rule"),
+        ("[[rules]]\n", " file, rules: no such key here; close to it: 'rule'"),
         ('[[rule]]\nwhen = "new"\n', RULE + "name: is missing"),
         ('[[rule]]\nname = "a\\u001b"\n', RULE + "name: 'a\\x1b' is no name"),
         ('[[rule]]\nname = "a"\nwhen = "ever"\n', RULE + "when: 'ever' is none of finding, new, rate"),

@@ -51,6 +51,30 @@ def test_source_compiled_dump_compiled(capfdbinary: Capture, tmp_path: Path, kin
         assert run(capfdbinary, "scd", "diff", out, again).code == 0
 
 
+def test_check_reports_everything_that_is_wrong(capfdbinary: Capture, tmp_path: Path) -> None:
+    path = tmp_path / "x.toml"
+    wrong = '[[object]]\nindex = 1\nnaem = "b"\n[[object]]\nindex = 0x2000\ntype = "int9"\nname = "c"\n'
+    path.write_text(f'[dictionary]\nname = "a"\n{wrong}')
+    ran = run(capfdbinary, "scd", "check", path)
+    assert ran.code == 1
+    assert [line.removeprefix(f"{path}:").split(":")[0] for line in ran.out.splitlines()] == ["5", "8"]
+    assert "name is missing; 'naem' is there" in ran.out
+    assert "no type 'int9'; close to it: 'int8'" in ran.out
+    told = json.loads(run(capfdbinary, "scd", "check", path, "-T", "json").out)
+    assert [error["line"] for error in told["errors"]] == [5, 8]
+    assert told["error"] == told["errors"][0]
+
+
+def test_a_node_id_for_a_description(capfdbinary: Capture, tmp_path: Path) -> None:
+    path = source(tmp_path, "eds")
+    assert "depends on the node id" in run(capfdbinary, "scd", "dump", path).err
+    ran = run(capfdbinary, "scd", "dump", path, "--node", "7")
+    assert (ran.code, "depends on the node id" in ran.err) == (0, False)
+    assert f"default = {0x80 + 7}" in ran.out
+    refused = run(capfdbinary, "scd", "check", PLANT, "--node", "7")
+    assert (refused.code, "--node is for device descriptions" in refused.err) == (2, True)
+
+
 def test_compile_says_what_it_made(capfdbinary: Capture, tmp_path: Path) -> None:
     out = tmp_path / "p.scd"
     ran = run(capfdbinary, "scd", "compile", PLANT, "-o", out)

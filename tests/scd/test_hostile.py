@@ -89,7 +89,7 @@ def test_every_bit_of_the_header(bit: int) -> None:
     """Only the minor version may be another one; what a later one adds is not there, so the rest is as it was."""
     octets = bytearray(FILE)
     octets[bit // 8] ^= 1 << bit % 8
-    if bit // 8 == 9:
+    if bit // 8 == 9 and bit % 8:  # version 1 is known, and has a field that is not there
         assert load_octets(bytes(octets)).octets == FILE
     else:
         refused(bytes(octets))
@@ -374,16 +374,17 @@ def test_a_wrong_value_for_every_key(source: str) -> None:
 def test_a_width_that_no_type_has_is_refused_before_a_value_is_tried(bits: int) -> None:
     text = f'[[type]]\nindex = 0x60\nname = "t"\nbase = "int"\nbits = {bits}\n'
     error = toml_error(f'{OBJECT}type = "t"\ndefault = 0\n{text}')
-    assert (error.rule, error.line) == ("R34, R37", 8)
+    assert (error.rule, error.line) == ("R34, R37", 12)
 
 
 def test_the_widest_constants_come_back() -> None:
     """All 64 bits of a fixed value, of a limit, of a number with a text."""
     text = OBJECT + (
         'class = "RECORD"\nfields = [{reserved=64, fixed=0xffffffffffffffff}, {name="a", type="uint64", '
-        "high=0xffffffffffffffff, low=-0x8000000000000000, texts={0xffffffffffffffff='x'}}]\n"
+        "high=0xffffffffffffffff, texts={0xffffffffffffffff='x'}}, "
+        "{name='b', type='int64', low=-9223372036854775808}]\n"
     )
-    od = parse_toml(text.replace("-0x8", "-9223372036854775808 #").replace(" #000000000000000", ""))
+    od = parse_toml(text)
     assert od[0x2000].fields[0].fixed == 2**64 - 1
     assert parse_toml(dump_toml(od)).octets == parse_json(dump_json(od)).octets == od.octets
 
