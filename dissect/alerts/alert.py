@@ -83,4 +83,4 @@ class Alert:
 
     def line(self) -> str:
         """Return the alert for a person, on one line."""
-        return f"{words.moment(Clock().iso(self.time_ns))} UTC  ALERT {self.severity}  {self.message()}"
+        return f"{Clock().moment(self.time_ns)}  ALERT {self.severity}  {self.message()}"

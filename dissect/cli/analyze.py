@@ -16,9 +16,9 @@ from dissect.cli.drive import (
     format_option,
     nanoseconds,
     write,
-    write_report,
 )
 from dissect.cli.gate import fail_on_option, gate
+from dissect.cli.look import clock, write_lines
 from dissect.cli.main import EXIT_INTERRUPTED
 
 if TYPE_CHECKING:
@@ -71,6 +71,6 @@ def command(
     else:
         from dissect.report.text import analysis_lines
 
-        write_report(analysis_lines(analysis, code == EXIT_INTERRUPTED))
+        write_lines(analysis_lines(analysis, code == EXIT_INTERRUPTED, clock()))
     complain(run, code)
     return gate(run, fail_on, code)

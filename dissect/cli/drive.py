@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import gc
-import os
-import shutil
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import islice
 from pathlib import Path
 from types import FrameType
@@ -24,7 +22,6 @@ if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
     from dissect.report.places import Places
-    from dissect.report.text import Line
     from dissect.session import Run
 
 #: Files smaller than this are read faster than a progress bar appears.
@@ -34,8 +31,6 @@ _GROWS: Final = 10
 
 #: Lines that are joined and written together; many more cost fresh memory each time.
 _PIECE: Final = 64
-
-_COLOURS: Final = {"heading": "cyan", "error": "red", "warning": "yellow", "note": "blue"}
 
 #: The files to read: `-` is standard input.
 files_argument = click.argument("files", nargs=-1, required=True, type=click.Path(), metavar="FILE...")
@@ -90,25 +85,6 @@ def write(lines: Iterable[str]) -> None:
         piece.append("")
         sys.stdout.buffer.write("\n".join(piece).encode("utf-8", "backslashreplace"))
     sys.stdout.buffer.flush()  # who reads a live capture wants to see what there is
-
-
-def write_report(lines: Iterable[Line]) -> None:
-    """Write lines that have a style: as they are, or on a terminal in its width and (unless NO_COLOR is set) in colours."""
-    if not sys.stdout.isatty():
-        write([line.text for line in lines])
-        return
-    write(_on_terminal(lines, shutil.get_terminal_size().columns, not os.environ.get("NO_COLOR")))
-
-
-def _on_terminal(lines: Iterable[Line], width: int, coloured: bool) -> Iterator[str]:
-    for line in lines:
-        for text in line.wrapped(width):
-            if not coloured or not line.style or not text:
-                yield text
-            elif line.style == "dim":
-                yield click.style(text, dim=True)
-            else:
-                yield click.style(text, fg=_COLOURS[line.style], bold=line.style in {"heading", "error"})
 
 
 def places_of(run: Run, files: Sequence[str]) -> Places:

@@ -15,7 +15,16 @@ from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT
 from dissect.cli.rights import check_user, open_interface
 from dissect.cli.scrape import Scrape, allow_remote_option, metrics_option
-from dissect.cli.watching import Interruption, LostEvents, Shower, only_option, overdue_option, slow_option
+from dissect.cli.watching import (
+    Interruption,
+    LostEvents,
+    Shower,
+    new_shower,
+    only_option,
+    overdue_option,
+    slow_option,
+    write_events,
+)
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -174,10 +183,8 @@ def _opened(opener: Callable[[], Reader], scrape: Scrape) -> Reader:
 def _in_lines(session: Session, as_json: bool, topics: tuple[str, ...]) -> int:
     """Write a line an event until the end; return the exit code."""
     from dissect.live.json_lines import JsonLines
-    from dissect.live.lines import PlainLines, kinds_of
 
-    kinds = kinds_of(topics)
-    shower: Shower = JsonLines(kinds) if as_json else PlainLines(kinds)
+    shower = new_shower(as_json, topics)
     with Interruption(session.stop) as interruption:
         try:
             session.start()
@@ -198,9 +205,7 @@ def _show(session: Session, shower: Shower) -> None:
     while True:
         running = session.running  # asked before: what it does last is taken then
         events = session.poll(_WAIT_S, _MOST)
-        lines = shower.lines(events) + lost.lines()
-        if lines:
-            write(lines)
+        write_events(shower, events, lost.lines())
         if not events and not running:
             return
 

@@ -11,13 +11,24 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from dissect.cli.carried import scd_options
-from dissect.cli.drive import format_option, write
+from dissect.cli.drive import format_option
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_DAMAGED, EXIT_OK, EXIT_OUTPUT
-from dissect.cli.watching import Interruption, LostEvents, Shower, only_option, overdue_option, slow_option
+from dissect.cli.watching import (
+    Interruption,
+    LostEvents,
+    Shower,
+    new_shower,
+    only_option,
+    overdue_option,
+    slow_option,
+    write_events,
+)
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from dissect.findings.carrier import Carrier
     from dissect.live.session import Event, Session
     from dissect.metrics.address import Address
@@ -120,7 +131,7 @@ def command(
     reader = RelayReader(tap)
     options = Options(slow_ns, carrier=carrier, overdue_ns=overdue_ns)
     session = Session(lambda: reader, options, companions=companions, name="proxy")
-    lines = _Lines(session, relay, None if output == "-" else _shower(format_ == "jsonl", topics))
+    lines = _Lines(session, relay, None if output == "-" else new_shower(format_ == "jsonl", topics))
     code = _Proxy(relay, reader, session, lines).run(to)
     return gate(session.run, fail_on, code)
 
@@ -131,14 +142,6 @@ def _capture_file(output: str, force: bool) -> CaptureFile:
     from dissect.source.pcapng_writer import PcapngWriter
 
     return CaptureFile(PcapngWriter(output, application=f"s7dissect {__version__} proxy", overwrite=force))
-
-
-def _shower(as_json: bool, topics: tuple[str, ...]) -> Shower:
-    from dissect.live.json_lines import JsonLines
-    from dissect.live.lines import PlainLines, kinds_of
-
-    kinds = kinds_of(topics)
-    return JsonLines(kinds) if as_json else PlainLines(kinds)
 
 
 class _Lines:
@@ -162,7 +165,7 @@ class _Lines:
                 if isinstance(event.what, str):
                     _say(event.what)
         elif events:
-            self._write(self._shower.lines(events) + self._lost.lines())
+            self._write(events, self._lost.lines())
 
     def summarise(self) -> None:
         """Write what it all came to."""
@@ -172,7 +175,7 @@ class _Lines:
 
         status, relay = self._session.status(), self._relay
         if isinstance(self._shower, JsonLines):
-            self._write([self._shower.summary(status)])
+            self._write([], [self._shower.summary(status)])
         sent = " and ".join(
             [f"{octets} octets from {who}" for octets, who in zip(relay.octets, ("clients", "the PLC"), strict=True)]
         )
@@ -185,11 +188,11 @@ class _Lines:
         for failure in self._session.run.failures:
             _say(failure)
 
-    def _write(self, lines: list[str]) -> None:
+    def _write(self, events: Sequence[Event], more: list[str]) -> None:
         if self.code != EXIT_OK or self._shower is None:
             return
         try:
-            write(lines)
+            write_events(self._shower, events, more)
         except OSError as why:
             # Whatever is buffered goes nowhere either.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import click
 from mypy_extensions import i64
 
@@ -17,6 +19,7 @@ from dissect.cli.drive import (
     write,
 )
 from dissect.cli.gate import fail_on_option, gate
+from dissect.cli.look import clock, write_lines
 from dissect.cli.main import EXIT_OK, EXIT_USAGE
 from dissect.conversation import Observer, Options
 from dissect.findings.carrier import Carrier
@@ -37,16 +40,17 @@ from dissect.report.lines import (
 )
 from dissect.report.places import Places
 from dissect.report.scd_tree import scd_tree_lines
+from dissect.report.styled import FAILED, HANG, PLAIN, TREE_HANG, Line
 from dissect.report.tree import netlink_tree_lines, plus_tree_lines, tpdu_tree_lines, tree_lines
 from dissect.s7.hiding import without_secrets
-from dissect.s7.message import parse_pdu
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.tables import JOB, SUCCESS
 from dissect.s7plus.message import parse_plus
 from dissect.session import Run
 from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import IBH, Connection
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
-from dissect.wire.clock import Clock
 
 
 @click.command("show", epilog=EXIT_CODES)
@@ -80,7 +84,10 @@ def command(
     shown = _Pdus(format_ == "jsonl", frame, verbose, carrier)
     run = Run(files, shown, Options(carrier=carrier, checksums=checksums))
     shown.begin(places_of(run, files))
-    code = drive(run, files, lambda: write(shown.take()))
+    if format_ == "jsonl":
+        code = drive(run, files, lambda: write([line.text for line in shown.take()]))
+    else:
+        code = drive(run, files, lambda: write_lines(shown.take()))
     complain(run, code)
     if code == EXIT_OK and frame is not None and not shown.found:
         most = max([int(file.packets) for file in run.files], default=0)
@@ -103,11 +110,11 @@ class _Pdus(Observer):
         self._as_jsonl = as_jsonl
         self._frame = frame
         self._verbose = verbose
-        self._clock = Clock()
+        self._clock = clock()
         self._pdus = PduLines()
         self._places = Places([], False)
         self._packet = b""  # the TPKT or IBH-NetLink packet at hand
-        self._lines: list[str] = []
+        self._lines: list[Line] = []
 
     def begin(self, places: Places) -> None:
         """Name packets with ``places``."""
@@ -115,7 +122,7 @@ class _Pdus(Observer):
         if places.several:
             self._pdus.locate = places.locate
 
-    def take(self) -> list[str]:
+    def take(self) -> list[Line]:
         """Return the lines collected since the last call."""
         lines = self._lines
         self._lines = []
@@ -125,7 +132,7 @@ class _Pdus(Observer):
     def comment(self, frame: i64, text: str) -> None:
         """Add the line of a comment."""
         if not self._as_jsonl and self._wanted(frame):
-            self._lines.append(comment_line(frame, text, self._places))
+            self._add(comment_line(frame, text, self._places))
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Remember the TPKT for the PDU in it; add the line of one that carries no S7."""
@@ -137,9 +144,10 @@ class _Pdus(Observer):
             begins = side.assembler.parts is None and side.assembler.clear
             if not (begins and carried(tpdu)) or (self._carrier and self._carrier.claims_tsdus(side.connection)):
                 return
-        self._lines.append(tpdu_line(tpdu, frame, time_ns, side.connection, side.index, self._clock, self._places))
+        where = side.connection, side.index, self._clock, self._places
+        self._add(tpdu_line(tpdu, frame, time_ns, *where), bool(tpdu.malformed))
         if self._verbose:
-            self._lines.extend(tpdu_tree_lines(octets))
+            self._tree(tpdu_tree_lines(octets))
 
     def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Remember the packet for the PDU in it; add the line of one that carries no part of one."""
@@ -151,9 +159,9 @@ class _Pdus(Observer):
             if not side.assembler.clear or not message_name(packet.data):
                 return
         where = side.connection, side.index, self._clock, self._places
-        self._lines.append(netlink_line(packet, frame, time_ns, *where))
+        self._add(netlink_line(packet, frame, time_ns, *where), bool(packet.malformed))
         if self._verbose:
-            self._lines.extend(netlink_tree_lines(octets))
+            self._tree(netlink_tree_lines(octets))
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7 PDU."""
@@ -162,13 +170,13 @@ class _Pdus(Observer):
         connection = side.connection
         if self._as_jsonl:
             pdu = parse_pdu(without_secrets(octets), frame, time_ns, connection.number, side.index, cut)
-            self._lines.append(self._pdus.line(pdu, connection))
+            self._add(self._pdus.line(pdu, connection))
             return
         pdu = parse_pdu(octets, frame, time_ns, connection.number, side.index, cut)
-        self._lines.append(pdu_line(pdu, connection, self._clock, self._places))
+        self._add(pdu_line(pdu, connection, self._clock, self._places), _says_no(pdu))
         if self._verbose:
             whole = self._packet if self._packet.endswith(octets) and not cut else b""
-            self._lines.extend(tree_lines(pdu, whole, connection.state == IBH))
+            self._tree(tree_lines(pdu, whole, connection.state == IBH))
 
     def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7comm-plus PDU."""
@@ -177,12 +185,12 @@ class _Pdus(Observer):
         connection = side.connection
         pdu = parse_plus(octets, frame, time_ns, connection.number, side.index, cut)
         if self._as_jsonl:
-            self._lines.append(self._pdus.plus_line(pdu, connection))
+            self._add(self._pdus.plus_line(pdu, connection))
             return
-        self._lines.append(plus_line(pdu, connection, self._clock, self._places))
+        self._add(plus_line(pdu, connection, self._clock, self._places), bool(pdu.malformed))
         if self._verbose:
             whole = self._packet if self._packet.endswith(octets) and not cut else b""
-            self._lines.extend(plus_tree_lines(pdu, whole))
+            self._tree(plus_tree_lines(pdu, whole))
 
     def scd(self, frame: i64, time_ns: i64, side: Side, found: ScdMessage) -> None:
         """Add the line of an SCD message of its own."""
@@ -197,11 +205,23 @@ class _Pdus(Observer):
 
     def _scd(self, found: ScdMessage, connection: Connection) -> None:
         if self._as_jsonl:
-            self._lines.append(self._pdus.scd_line(found, connection))
+            self._add(self._pdus.scd_line(found, connection))
             return
-        self._lines.append(scd_line(found, connection, self._clock, self._places))
+        self._add(scd_line(found, connection, self._clock, self._places), found.message.error is not None)
         if self._verbose:
-            self._lines.extend(scd_tree_lines(found))
+            self._tree(scd_tree_lines(found))
+
+    def _add(self, text: str, failed: bool = False) -> None:
+        self._lines.append(Line(text, FAILED if failed else PLAIN, HANG))
+
+    def _tree(self, lines: Iterable[str]) -> None:
+        self._lines += [Line(text, PLAIN, TREE_HANG) for text in lines]
 
     def _wanted(self, frame: int) -> bool:
         return self._frame is None or self._places.number(frame) == self._frame
+
+
+def _says_no(pdu: Pdu) -> bool:
+    """Tell whether a PDU is damaged, or refuses something."""
+    refused = [code for code in pdu.return_codes() if code != SUCCESS] if pdu.rosctr != JOB else []
+    return bool(pdu.malformed or pdu.error_class > 0 or pdu.error_code > 0 or refused)

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import click
 
-from dissect.cli.drive import Signals, nanoseconds
+from dissect.cli.drive import Signals, nanoseconds, write
+from dissect.cli.look import clock, write_lines
+from dissect.report.styled import HANG, Line
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from dissect.live.session import Event, Session
 
@@ -66,6 +68,25 @@ class Shower(Protocol):
 
     def lost(self, now_ns: int, counts: dict[str, int]) -> str:
         """Return the line that says how many events, by kind, were left out."""
+
+
+def new_shower(as_json: bool, topics: Iterable[str]) -> Shower:
+    """Return what makes lines of events, of ``topics`` only where there are any."""
+    from dissect.live.json_lines import JsonLines
+    from dissect.live.lines import PlainLines, kinds_of
+
+    kinds = kinds_of(topics)
+    return JsonLines(kinds) if as_json else PlainLines(kinds, clock())
+
+
+def write_events(shower: Shower, events: Sequence[Event], lost: Iterable[str]) -> None:
+    """Write the lines of events, and those about lost ones."""
+    from dissect.live.lines import PlainLines
+
+    if isinstance(shower, PlainLines):
+        write_lines([*shower.styled(events), *[Line(text, "warning", HANG) for text in lost]])
+    elif lines := [*shower.lines(events), *lost]:
+        write(lines)
 
 
 class LostEvents:

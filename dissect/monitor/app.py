@@ -27,7 +27,8 @@ from dissect.monitor.saving import save
 from dissect.monitor.screens import HELP, Bar, PageScreen
 from dissect.monitor.wanted import FAILED, SLOW
 from dissect.report import words
-from dissect.report.text import HEADING, Line, connection_lines, finding_lines
+from dissect.report.styled import HEADING, Line
+from dissect.report.text import connection_lines, finding_lines
 from dissect.wire.clock import Clock
 from dissect.wire.text import printable, shortened
 

@@ -12,7 +12,8 @@ from dissect.monitor.rows import PLACES, entry_line
 from dissect.report import words
 from dissect.report.lines import pdu_line, plus_line
 from dissect.report.scd_tree import scd_tree_lines
-from dissect.report.text import DIM, HEADING, PLAIN, Line, connection_lines, finding_lines
+from dissect.report.styled import DIM, HEADING, PLAIN, Line
+from dissect.report.text import connection_lines, finding_lines
 from dissect.report.tree import plus_tree_lines, tree_lines
 from dissect.transactions.connection import IBH, Connection
 from dissect.transactions.operation import Operation
@@ -103,7 +104,7 @@ def connection_details(facts: ConnectionFacts, entries: Iterable[Entry]) -> list
     if facts.waiting:
         lines.append(Line(f"     {words.count(facts.waiting, 'request')} open now", PLAIN, 5))
     if facts.failed and facts.connection.last_error is not None:
-        when = words.moment(clock.iso(facts.connection.last_error_ns))
+        when = clock.moment(facts.connection.last_error_ns)
         lines.append(
             Line(f"     last refusal {when}: {shortened(facts.connection.last_error.subject, _LONG)}", "error", 5)
         )

@@ -17,7 +17,7 @@ from dissect.monitor import rows
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rows import Piece
-from dissect.report.text import Line
+from dissect.report.styled import Line
 from dissect.wire.clock import Clock
 
 Row = TypeVar("Row")

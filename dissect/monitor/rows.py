@@ -184,7 +184,7 @@ def entry_line(entry: Entry, clock: Clock) -> str:
     found, connection = what
     side = int(found.side)
     who = f"{connection.tcp.ends[side]} → {connection.tcp.ends[1 - side]}"
-    return f"{words.moment(clock.iso(entry.time_ns))}  {found.frame}  {who}  {scd_summary(found)}"
+    return f"{clock.moment(entry.time_ns)}  {found.frame}  {who}  {scd_summary(found)}"
 
 
 def begun(entry: Entry) -> int:

@@ -26,7 +26,7 @@ import pytest
 
 from dissect.cli.drive import write_report
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE
-from dissect.report.text import Line
+from dissect.report.styled import Line
 from tests.cli.support import halves, large, on_terminal, run, simple, started
 from tests.properties import messages
 from tests.properties.messages import Item, dt

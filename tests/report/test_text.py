@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from dissect.report.analysis import Analysis
-from dissect.report.text import Line, analysis_lines, table
+from dissect.report.styled import Line
+from dissect.report.text import analysis_lines, table
 from dissect.source.packet import SourceFile
 from tests.properties import messages
 from tests.properties.messages import Item, dt, fragments
