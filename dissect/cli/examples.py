@@ -38,11 +38,11 @@ EXAMPLES: Final = {
     ),
     "golden": (
         "s7dissect golden trace.pcapng -o session.s7.txt",
-        "s7dissect golden --with times trace.pcapng",
+        "s7dissect golden --with time,latency trace.pcapng",
     ),
     "diff": (
         "s7dissect diff session.s7.txt new.pcapng",
-        "s7dissect diff --ignore 'values:DB10.*' --latency 20%,5ms old.pcapng new.pcapng",
+        "s7dissect diff --ignore 'values:DB10.*' --latency 20% old.pcapng new.pcapng",
     ),
     "verify": (
         "s7dissect verify trace.pcapng",
@@ -50,7 +50,7 @@ EXAMPLES: Final = {
     ),
     "monitor": (
         "s7dissect monitor -i eth0",
-        "s7dissect monitor --plain -i eth0 --alerts alerts.toml -w evidence -b files:20",
+        "s7dissect monitor --plain -i eth0 --alerts alerts.toml --fail-on error",
         "ssh gateway tcpdump -U -w - tcp port 102 | s7dissect monitor --plain -",
     ),
     "interfaces": (

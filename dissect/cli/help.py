@@ -101,7 +101,9 @@ def _show(text: str) -> None:
 
     colours = coloured(True)
     width = min(shutil.get_terminal_size().columns, _WIDEST)
-    console = Console(width=width, force_terminal=colours, no_color=not colours, color_system="standard" if colours else None)
+    console = Console(
+        width=width, force_terminal=colours, no_color=not colours, color_system="standard" if colours else None
+    )
     with console.capture() as captured:
         console.print(Markdown(text, hyperlinks=False))
     click.echo_via_pager(captured.get(), color=colours)

@@ -89,7 +89,7 @@ def test_what_passes_is_told_and_written(tmp_path: Path, s7dissect: Command) -> 
         assert re.search(
             r"s7dissect: \d+ packets, 1 connection, 4 transactions \(1 with errors\), \d+ findings\n", told
         )
-        transactions = [line for line in lines if re.match(r"\S+ \S+  #\d+ .*(Read Var|Write Var|Setup)", line)]
+        transactions = [line for line in lines if re.match(r"\S+ \S+ UTC  #\d+ .*(Read Var|Write Var|Setup)", line)]
         again = s7dissect("transactions", path)
         assert again.stdout.decode().splitlines() == transactions
         assert len(transactions) == 4
