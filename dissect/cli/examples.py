@@ -29,7 +29,7 @@ EXAMPLES: Final = {
     ),
     "anonymize": (
         "s7dissect anonymize trace.pcapng -o shared.pcapng",
-        "s7dissect anonymize trace.pcapng -o shared.pcapng --key plant.key --shift-time",
+        "s7dissect anonymize trace.pcapng -o shared.pcapng --key plant.key",
     ),
     "baseline": (
         "s7dissect baseline old.pcapng -o plant.toml",
@@ -63,7 +63,7 @@ EXAMPLES: Final = {
     ),
     "serve": (
         "s7dissect serve trace.pcapng",
-        "s7dissect serve --memory --fault delay:3:500 --fault 'refuse:DB10.*' trace.pcapng",
+        "s7dissect serve --fault delay:3:500 --fault 'refuse:DB10.*' trace.pcapng",
     ),
     "replay": (
         "s7dissect replay trace.pcapng --dry-run",

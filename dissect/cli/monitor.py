@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from typing import TYPE_CHECKING, Final
 
@@ -12,6 +13,7 @@ from dissect.cli.beside import beside_options
 from dissect.cli.carried import scd_options
 from dissect.cli.drive import checksums_option, write
 from dissect.cli.gate import fail_on_option, gate
+from dissect.cli.look import clock, coloured
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT
 from dissect.cli.rights import check_user, open_interface
 from dissect.cli.scrape import Scrape, allow_remote_option, metrics_option
@@ -244,6 +246,8 @@ def _on_screens(session: Session, slow_ns: int) -> int:
     """Show the screens until they are left; return the exit code."""
     from dissect.monitor.terminal import NoKeyboardError, keyboard
 
+    if not coloured(True):
+        os.environ["NO_COLOR"] = "1"  # what draws the screens asks for it when it is imported
     try:
         run_app = importlib.import_module("dissect.monitor.app").run_app
     except ImportError as error:
@@ -256,7 +260,7 @@ def _on_screens(session: Session, slow_ns: int) -> int:
         with keyboard():
             session.start()
             try:
-                interrupted = run_app(session, slow_ns)
+                interrupted = run_app(session, slow_ns, clock())
             finally:
                 session.close()
     except NoKeyboardError as error:

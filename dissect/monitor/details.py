@@ -29,13 +29,12 @@ _LONG: Final = 1000
 _NOTES: Final = 200
 
 
-def entry_lines(entry: Entry) -> list[Line]:
-    """Return everything about an entry."""
-    return list(islice(_entry(entry), MAX_LINES))
+def entry_lines(entry: Entry, clock: Clock | None = None) -> list[Line]:
+    """Return everything about an entry; ``clock`` writes times."""
+    return list(islice(_entry(entry, clock or Clock()), MAX_LINES))
 
 
-def _entry(entry: Entry) -> Iterator[Line]:
-    clock = Clock()
+def _entry(entry: Entry, clock: Clock) -> Iterator[Line]:
     yield Line(shortened(entry_line(entry, clock), _LONG), HEADING, 4)
     what = entry.what
     if isinstance(what, tuple):
@@ -97,9 +96,9 @@ def _plain(lines: Iterable[str]) -> Iterator[Line]:
         yield Line(text.removeprefix("  "), PLAIN, 27)
 
 
-def connection_details(facts: ConnectionFacts, entries: Iterable[Entry]) -> list[Line]:
+def connection_details(facts: ConnectionFacts, entries: Iterable[Entry], clock: Clock | None = None) -> list[Line]:
     """Return everything about a connection, and the last of ``entries`` that are on it."""
-    clock = Clock()
+    clock = clock or Clock()
     lines = list(connection_lines(facts.connection, PLACES))
     if facts.waiting:
         lines.append(Line(f"     {words.count(facts.waiting, 'request')} open now", PLAIN, 5))

@@ -103,7 +103,7 @@ def test_an_example_runs(
         # the interface, which comes last, and nothing else.
         ran = here(capfdbinary, line.replace("eth0", "none0"))
         assert ran.code == 2
-        assert ran.err.startswith("s7dissect: none0: ")
+        assert "none0" in ran.err.split("\n")[0]
         return
     with Server(CAPTURE, port=0) if " --to " in line else nullcontext() as server:
         line = line.replace(":10102", f":{server.port}") if server is not None else line
@@ -152,7 +152,7 @@ def test_every_command_has_two_examples_that_fit_a_terminal() -> None:
     assert set(EXAMPLES) == set(every)
     for command, lines in EXAMPLES.items():
         assert len(lines) >= 2, command
-        assert [line for line in lines if len(line) > 78] == []
+        assert [line for line in lines if len(line) > 76] == []
         assert all([f"s7dissect {command}" in line for line in lines]), command
 
 
