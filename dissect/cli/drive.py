@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gc
+import os
 import signal
+import stat
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from itertools import islice
@@ -38,7 +40,7 @@ files_argument = click.argument("files", nargs=-1, required=True, type=click.Pat
 
 #: Packets that their receiver dropped are no part of what was said; the command gets ``checksums``.
 checksums_option: Final[Callable[[Any], Any]] = click.option(
-    "--checksums", is_flag=True, help="Leave out packets with a wrong TCP or UDP checksum, as their receiver does."
+    "--checksums", is_flag=True, help="Ignore packets with a wrong TCP or UDP checksum, as their receiver does."
 )
 
 
@@ -49,7 +51,7 @@ def nanoseconds(ctx: click.Context, param: click.Parameter, ms: str | None) -> i
     try:
         number = float(ms)
     except ValueError:
-        raise click.BadParameter(f"{ms!r} is not a number.", ctx, param) from None
+        raise click.BadParameter(f"expected milliseconds, got {ms!r}.", ctx, param) from None
     if not 0 <= number <= 1e9:
         raise click.BadParameter(f"{ms} is not between 0 and 1000000000.", ctx, param)
     return int(number * 1e6)
@@ -57,8 +59,8 @@ def nanoseconds(ctx: click.Context, param: click.Parameter, ms: str | None) -> i
 
 #: What the help of each command ends with.
 EXIT_CODES: Final = (
-    "Exit code: 0 all read, 1 a finding that --fail-on names (results given), 2 wrong use or a file that cannot be read, "
-    "3 a file is damaged or cut off (results given), 5 the output failed, 130 interrupted (results given)."
+    "Exit code: 0 success, 1 a finding that --fail-on names, 2 wrong use or an unreadable file, 3 a damaged or truncated file, "
+    "5 the output could not be written, 130 interrupted. With 1, 3 and 130 the results are complete as far as was read."
 )
 
 
@@ -71,7 +73,7 @@ def format_option(*formats: str) -> Callable[[Any], Any]:
         type=click.Choice(formats),
         default=formats[0],
         show_default=True,
-        help="What to write.",
+        help="Output format.",
     )
 
 
@@ -136,7 +138,7 @@ def complain(run: Run, code: int) -> None:
         if file.damage:
             click.echo(f"s7dissect: {printable(file.name)}: {printable(file.damage)}", err=True)
     if code == EXIT_INTERRUPTED:
-        click.echo("s7dissect: interrupted, the results cover what was read until then", err=True)
+        click.echo("s7dissect: interrupted; the results cover what was read so far", err=True)
 
 
 def _check(files: Sequence[str]) -> None:
@@ -221,7 +223,7 @@ class _Bar:
         self._task: TaskID | None = None
         self._total: int | None = 0
         self._wanted = False
-        if sys.stderr is None or not sys.stderr.isatty() or (streaming and sys.stdout.isatty()):
+        if sys.stderr is None or not sys.stderr.isatty() or (streaming and not _goes_to_file()):
             return
         worth = 0
         for path in [Path(file) for file in files]:
@@ -258,6 +260,14 @@ class _Bar:
         """Show how far ``run`` has come."""
         if self._progress is not None and self._task is not None:
             self._progress.update(self._task, completed=float(sum(file.octets for file in run.files)))
+
+
+def _goes_to_file() -> bool:
+    """Tell whether what is written to stdout goes to a file, and to no terminal, not even by way of a pipe into a pager."""
+    try:
+        return stat.S_ISREG(os.fstat(sys.stdout.fileno()).st_mode)
+    except (OSError, ValueError):
+        return False
 
 
 def _is_compressed(path: Path) -> bool:

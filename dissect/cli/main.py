@@ -157,7 +157,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
 def _run(arguments: list[str] | None) -> int:
     """Run one command and turn every expected end of it into an exit code and at most one line on stderr."""
     if sys.stdout is None:
-        click.echo("s7dissect: there is no standard output to write to", err=True)
+        click.echo("s7dissect: standard output is closed", err=True)
         return EXIT_OUTPUT
     try:
         result = group.main(arguments, prog_name="s7dissect", complete_var=_COMPLETION, standalone_mode=False)

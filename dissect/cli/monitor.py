@@ -1,4 +1,4 @@
-"""`s7dissect monitor`: what happens on a line, while it happens."""
+"""`s7dissect monitor`: live S7 traffic, on screens or line by line."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _MOST: Final = 512
 
 _EXIT_CODES: Final = (
     "Exit code: 0 the source or --duration ended, 1 a finding that --fail-on names, 2 wrong use or a source that cannot be "
-    "opened, 3 the source broke off, 5 the output failed, 130 interrupted by SIGINT or SIGTERM (the summary is given)."
+    "opened, 3 the source failed, 5 the output could not be written, 130 interrupted by SIGINT or SIGTERM (with summary)."
 )
 
 
@@ -55,7 +55,7 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
     try:
         number = float(value)
     except ValueError:
-        raise click.BadParameter(f"{value!r} is not a number.", ctx, param) from None
+        raise click.BadParameter(f"expected seconds, got {value!r}.", ctx, param) from None
     if not 0 < number <= 1e9:
         raise click.BadParameter(f"{value} is not between 0 and 1000000000.", ctx, param)
     return int(number * 1e9)
@@ -63,39 +63,40 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
 
 @click.command("monitor", epilog=_EXIT_CODES)
 @click.argument("file", required=False, type=click.Path(), metavar="[FILE]")
+@click.option("-i", "--interface", "interface", metavar="NAME", help="Interface to watch (see `s7dissect interfaces`).")
 @click.option(
-    "-i", "--interface", "interface", metavar="NAME", help="Watch this interface; `s7dissect interfaces` lists them."
-)
-@click.option(
-    "-f", "--filter", "expression", default="", metavar="FILTER", help="Capture only this, for example 'tcp port 102'."
+    "-f", "--filter", "expression", default="", metavar="FILTER", help="Capture filter, for example 'tcp port 102'."
 )
 @click.option(
     "--engine",
     type=click.Choice(("auto", "dumpcap", "ring")),
     default="auto",
     show_default=True,
-    help="What captures; auto is dumpcap, and the kernel's ring where it may not; for root the ring first.",
+    help="Capture engine; auto is dumpcap, or else the kernel's ring; for root the ring first.",
 )
 @click.option(
     "-Z",
     "user",
     default="",
     metavar="USER",
-    help="As root: become USER once the interface is open (by default who called sudo, else nobody); root keeps all rights.",
+    help="As root: become USER once the interface is open (default: the user who called sudo, otherwise nobody); root keeps all "
+    "privileges.",
 )
-@click.option("--plain", is_flag=True, help="A line an event, also on a terminal.")
+@click.option("--plain", is_flag=True, help="One line per event, even on a terminal.")
 @click.option(
     "-T",
     "--format",
     "format_",
     type=click.Choice(("text", "jsonl")),
-    help="What to write, a line an event; without it and on a terminal the screens are shown.",
+    help="Output format, one line per event. Without it, a terminal shows the screens.",
 )
 @only_option
 @slow_option
 @overdue_option
-@click.option("--duration", "duration_ns", callback=_seconds, metavar="S", help="End after so many seconds.")
-@click.option("-c", "--packets", type=click.IntRange(1), default=None, metavar="N", help="End after so many packets.")
+@click.option("--duration", "duration_ns", callback=_seconds, metavar="S", help="Stop after this many seconds.")
+@click.option(
+    "-c", "--packets", type=click.IntRange(1), default=None, metavar="N", help="Stop after this many packets."
+)
 @metrics_option
 @allow_remote_option
 @checksums_option
@@ -122,9 +123,9 @@ def command(
     carrier: Carrier | None,
     beside: Beside,
 ) -> int:
-    """Watch a line: connections, transactions and findings as they come. Nothing is ever sent.
+    """Watch live S7 traffic: connections, transactions and findings as they occur. Nothing is ever sent.
 
-    The line is an interface (-i), a capture that comes on standard input while it is made (-), as from
+    The source is an interface (-i), a capture in progress on standard input (-), for example from
     `ssh gateway tcpdump -U -w - tcp port 102`, or a FILE.
     """
     from dissect.findings.observer import Options
@@ -155,9 +156,9 @@ def _opener(
 ) -> Callable[[], Reader]:
     """Return what opens the source that the arguments name."""
     if (file is None) == (interface is None):
-        raise click.UsageError("Say what to watch: either -i INTERFACE, or a FILE, or - for standard input.")
+        raise click.UsageError("Nothing to watch: give -i INTERFACE, a FILE, or - for standard input.")
     if interface is None and (expression or engine != "auto" or user):
-        raise click.UsageError("-f, --engine and -Z belong to an interface (-i).")
+        raise click.UsageError("-f, --engine and -Z need an interface (-i).")
     if user:
         check_user(user, engine)
 
@@ -254,7 +255,7 @@ def _on_screens(session: Session, slow_ns: int) -> int:
         if (error.name or "").split(".")[0] not in {"textual", "dissect"}:
             raise
         raise click.ClickException(
-            "the screens need one more package: pip install 's7dissect[monitor]'; --plain shows a line an event without it"
+            "the screens need textual: pip install 's7dissect[monitor]', or use --plain"
         ) from None
     try:
         with keyboard():
@@ -264,7 +265,7 @@ def _on_screens(session: Session, slow_ns: int) -> int:
             finally:
                 session.close()
     except NoKeyboardError as error:
-        raise click.ClickException(f"the screens need a terminal for the keys ({error}); --plain needs none") from None
+        raise click.ClickException(f"the screens need a terminal for the keys ({error}); use --plain") from None
     if session.error is not None:
         raise session.error
     _summarise(session, session.status())

@@ -33,13 +33,13 @@ from dissect.transactions.operation import KINDS, Operation
 def command(
     files: tuple[str, ...], format_: str, kinds: tuple[str, ...], checksums: bool, fail_on: frozenset[str]
 ) -> int:
-    """Write one line for each operation: several transactions that belong together.
+    """List operations, one line each: several transactions that belong together.
 
-    That is: connections set up, blocks loaded into a PLC or read out of it, answers in several parts, cyclic and message
-    subscriptions with what the PLC sent for them, test jobs, passwords. Each says who asked whom, how long it took, how much
-    was carried and what came of it.
+    Operations are connection setups, block downloads and uploads, answers in several parts, cyclic and message subscriptions
+    with their pushes, test jobs and passwords. A line gives client and server, duration, size and result.
 
-    FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input. A line comes when its operation is over.
+    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. A line is written when its
+    operation ends.
     """
     told = _Told(frozenset(kinds), format_ == "jsonl")
     run = Run(files, told, Options(checksums=checksums))

@@ -49,7 +49,7 @@ class _ScdGroup(LazyGroup):
 
 @click.command("scd", cls=_ScdGroup)
 def command() -> None:
-    """Dictionaries of SCD (Синхроком-Дата): compile, check and compare them, decode and encode by them.
+    """SCD dictionaries (Синхроком-Дата): compile, check and compare them, decode and encode with them.
 
-    Wherever a dictionary is asked for, the compiled file does, a TOML or JSON source, or an EDS, DCF, XDD or XDC file.
+    A dictionary is a compiled file, a TOML or JSON source, or an EDS, DCF, XDD or XDC file.
     """

@@ -23,9 +23,9 @@ def check_files(files: Sequence[str], output: str, force: bool) -> None:
     """Refuse what cannot be read twice, and an output that would destroy something."""
     for file in files:
         if file == "-" or (Path(file).exists() and not Path(file).is_file()):
-            raise click.UsageError(f"{printable(file)}: a capture is read twice here, so it has to be a file.")
+            raise click.UsageError(f"{printable(file)}: a regular file is needed, because it is read twice.")
         if output != "-" and Path(output).exists() and Path(file).exists() and Path(file).samefile(output):
-            raise click.UsageError(f"{printable(output)} is to be read and written; choose another name for OUT.")
+            raise click.UsageError(f"{printable(output)} is both input and output; choose another OUT.")
     if output != "-" and Path(output).is_file() and not force:
         raise click.UsageError(f"{printable(output)} exists; --force overwrites it.")
 

@@ -57,9 +57,12 @@ from dissect.transactions.transaction import Transaction
 @files_argument
 @format_option("text", "jsonl")
 @click.option(
-    "--frame", type=click.IntRange(min=1), metavar="N", help="Only what packet N completes (of each file, in several)."
+    "--frame",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Only messages that packet N completes (packet N of each file).",
 )
-@click.option("-V", "--verbose", is_flag=True, help="With the field tree, octet ranges and a hex view.")
+@click.option("-V", "--verbose", is_flag=True, help="Add the field tree with byte ranges and a hex dump.")
 @checksums_option
 @fail_on_option
 @scd_options
@@ -72,15 +75,16 @@ def command(
     fail_on: frozenset[str],
     carrier: Carrier | None,
 ) -> int:
-    """Write one line for each PDU of S7comm and S7comm-plus: the packet that completed it, when (UTC), who to whom, what.
+    """List S7comm and S7comm-plus PDUs, one line each, or dissect them (-V).
 
-    Text shows COTP connects, disconnects, errors, messages of other protocols and packet comments as well; -T jsonl writes
-    PDUs only. Values need the request and its answer: the transactions command tells them.
+    A line gives the packet that completed the PDU, its time, source and destination, and its content. Text also shows COTP
+    connects, disconnects and errors, messages of other protocols and packet comments; -T jsonl writes PDUs only. To see
+    values, use the transactions command: they take the request and its answer.
 
-    FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input.
+    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input.
     """
     if verbose and format_ != "text":
-        raise click.UsageError("-V is for text: -T jsonl has the fields of every PDU anyway.")
+        raise click.UsageError("-V applies to text only; -T jsonl always includes the fields.")
     shown = _Pdus(format_ == "jsonl", frame, verbose, carrier)
     run = Run(files, shown, Options(carrier=carrier, checksums=checksums))
     shown.begin(places_of(run, files))
@@ -92,7 +96,7 @@ def command(
     if code == EXIT_OK and frame is not None and not shown.found:
         most = max([int(file.packets) for file in run.files], default=0)
         if frame > most:
-            click.echo(f"s7dissect: there is no packet {frame}: the last one is number {most}", err=True)
+            click.echo(f"s7dissect: no packet {frame}; the last one is {most}", err=True)
             return EXIT_USAGE
         click.echo(f"s7dissect: packet {frame} completes no {'S7 PDU' if format_ == 'jsonl' else 'message'}", err=True)
     return gate(run, fail_on, code)

@@ -32,13 +32,13 @@ from dissect.transactions.transaction import Transaction
 @click.command("transactions", epilog=EXIT_CODES)
 @files_argument
 @format_option("text", "jsonl", "csv")
-@click.option("--failed", is_flag=True, help="Only transactions with errors or without answer.")
+@click.option("--failed", is_flag=True, help="Only transactions with errors or without an answer.")
 @click.option(
     "--slow",
     "slow_ns",
     callback=nanoseconds,
     metavar="MS",
-    help="Only transactions whose answer took longer than this many milliseconds; with --failed these as well.",
+    help="Only transactions answered later than this many milliseconds; with --failed, these as well.",
 )
 @checksums_option
 @fail_on_option
@@ -52,13 +52,13 @@ def command(
     fail_on: frozenset[str],
     carrier: Carrier | None,
 ) -> int:
-    """Write one line for each request and its answer.
+    """List requests with their answers, one line each.
 
-    It says when the request was sent (UTC), its number and packets, who asked whom, how long the answer took, the function,
-    and each item with its value or why it was refused. Messages that nobody asked for have a line too.
+    A line gives the time of the request, the number and packets of the transaction, client and server, the answer time, the
+    function, and each item with its value or the reason for its refusal. Unsolicited messages have a line too.
 
-    FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input. A line comes when its transaction is complete,
-    so a request without answer stands where it was given up.
+    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. A line is written once its
+    transaction is complete, so an unanswered request appears where the wait for its answer ended.
     """
     choose = _choice(failed, slow_ns)
     # What is slow is a finding as well.

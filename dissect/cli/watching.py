@@ -24,7 +24,7 @@ def _topics(ctx: click.Context, param: click.Parameter, value: str | None) -> tu
     topics = tuple([topic.strip() for topic in value.split(",")]) if value else ()
     for topic in topics:
         if topic not in _TOPICS:
-            raise click.BadParameter(f"{topic!r} is none of {', '.join(_TOPICS)}.", ctx, param)
+            raise click.BadParameter(f"expected {', '.join(_TOPICS)}, got {topic!r}.", ctx, param)
     return topics
 
 
@@ -34,7 +34,7 @@ only_option: Final[Callable[[Any], Any]] = click.option(
     "topics",
     callback=_topics,
     metavar="TOPICS",
-    help=f"Write only these, with commas between: {', '.join(_TOPICS)}.",
+    help=f"Only these kinds of lines, comma-separated: {', '.join(_TOPICS)}.",
 )
 
 
@@ -46,7 +46,7 @@ slow_option: Final[Callable[[Any], Any]] = click.option(
     default="1000",
     show_default=True,
     metavar="MS",
-    help="Answers later than this are a finding.",
+    help="Report answers that take longer than this many milliseconds.",
 )
 #: ``--overdue MS``; the command's argument is ``overdue_ns``.
 overdue_option: Final[Callable[[Any], Any]] = click.option(
@@ -56,7 +56,7 @@ overdue_option: Final[Callable[[Any], Any]] = click.option(
     default="2000",
     show_default=True,
     metavar="MS",
-    help="Requests without answer for longer than this are a finding at once; 0 for never.",
+    help="Report requests that have waited longer than this many milliseconds; 0 disables.",
 )
 
 
