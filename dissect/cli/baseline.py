@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from dissect.cli.drive import complain, drive, files_argument, format_option, write
+from dissect.cli.look import clock, write_lines
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK, EXIT_USAGE
 from dissect.session import CONTINUES_NS, Run
 from dissect.wire.text import printable
@@ -49,7 +50,7 @@ _EXIT_CODES = (
     "--rules",
     metavar="ALERTS.toml",
     type=click.Path(),
-    help="Report the alerts that these rules would raise; no action is executed.",
+    help="Report alerts that these rules would raise; no action is executed.",
 )
 @click.option(
     "--rate-factor", type=click.FloatRange(0, 1e6), default=2.0, show_default=True,
@@ -148,7 +149,7 @@ def _replace(path: Path, text: str) -> None:
         beside.replace(path)
     except OSError as error:
         beside.unlink(missing_ok=True)
-        raise click.FileError(printable(str(path)), error.strerror or str(error)) from None
+        raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 # ---- compare --------------------------------------------------------------------------------------------------------
@@ -158,6 +159,7 @@ def _compare(
     files: Sequence[str], against: str | None, rules: str | None, factors: tuple[float, float], as_jsonl: bool
 ) -> int:
     from dissect.alerts import AlertEngine, RuleError
+    from dissect.report.styled import HANG, Line
 
     baseline = _baseline(against) if against is not None else None
     asked = _rules(rules) if rules is not None else _usual_rules(*factors)
@@ -167,8 +169,13 @@ def _compare(
     except RuleError as error:
         raise click.UsageError(f"{error} with --against") from None
 
+    times = clock()
+
     def show() -> None:
-        write([alert.as_json() if as_jsonl else alert.line() for alert in told])
+        if as_jsonl:
+            write([alert.as_json() for alert in told])
+        else:
+            write_lines([Line(alert.line(times), alert.severity, HANG) for alert in told])
         told.clear()
 
     run = _Run(files, engine, engine.restart)

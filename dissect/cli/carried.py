@@ -22,14 +22,14 @@ def scd_options(command: Callable[..., int]) -> Callable[..., int]:
         "scd",
         type=_FILE,
         metavar="DICT",
-        help="Decode SCD with this dictionary (compiled or TOML); needs --bind.",
+        help="Decode SCD with this dictionary (needs --bind).",
     )
     @click.option(
         "--bind",
         "bind",
         type=_FILE,
         metavar="BINDINGS",
-        help="Where SCD is carried: a TOML file of bindings; needs --scd.",
+        help="Where SCD is carried: a bindings file (needs --scd).",
     )
     @functools.wraps(command)
     def with_carrier(*arguments: Any, scd: str | None, bind: str | None, **options: Any) -> int:

@@ -199,6 +199,6 @@ def _tell(cutter: Cutter, output: str, context: int) -> None:
     )
     if cutter.shortened:
         click.echo(
-            f"s7dissect: {cutter.shortened} packets were dropped from memory before --around could select them; some may be missing",
+            f"s7dissect: {cutter.shortened} packets left memory before --around could select them; some may be missing",
             err=True,
         )

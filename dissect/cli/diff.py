@@ -15,6 +15,7 @@ import click
 from dissect.cli.carried import scd_options
 from dissect.cli.drive import format_option, write
 from dissect.cli.golden import read_capture
+from dissect.cli.look import write_text
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 from dissect.golden.comparison import differences
 from dissect.golden.difference import KINDS, Difference, DiffOptions
@@ -60,7 +61,7 @@ _IGNORABLE = "\n".join(
     type=click.IntRange(min=0),
     default=100,
     show_default=True,
-    help="Maximum number of differences to print.",
+    help="Maximum number of differences.",
 )
 @scd_options
 def command(
@@ -93,8 +94,10 @@ def command(
     found = differences(a, b, options)
     shown = list(islice(found, most))
     rest = sum([1 for _ in found])
-    writer = {"text": text_lines, "json": _json, "junit": junit_lines}[format_]
-    write(writer(a, b, shown, rest))
+    if format_ == "text":
+        write_text(text_lines(a, b, shown, rest))
+    else:
+        write((_json if format_ == "json" else junit_lines)(a, b, shown, rest))
     if code_a or code_b:
         return EXIT_USAGE
     return EXIT_GATE if shown or rest else EXIT_OK

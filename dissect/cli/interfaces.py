@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from dissect.cli.drive import format_option, write
+from dissect.cli.look import write_text
 from dissect.cli.main import EXIT_OK
 from dissect.wire.text import encodable, printable
 
@@ -36,7 +37,10 @@ def command(format_: str) -> int:
 
     interfaces = listed()
     states = engine_states()
-    write([_as_json(interfaces, states)] if format_ == "json" else _as_text(interfaces, states))
+    if format_ == "json":
+        write([_as_json(interfaces, states)])
+    else:
+        write_text(_as_text(interfaces, states))
     return EXIT_OK
 
 

@@ -86,6 +86,13 @@ def write_lines(lines: Iterable[Line]) -> None:
     write(_dressed(lines, width, coloured(terminal)))
 
 
+def write_text(lines: Iterable[str], hang: int = 4) -> None:
+    """Write lines without a style; on a terminal they are wrapped, what is continued begins in column ``hang``."""
+    from dissect.report.styled import PLAIN, Line
+
+    write_lines([Line(line, PLAIN, hang) for line in lines])
+
+
 def _dressed(lines: Iterable[Line], width: int, colours: bool) -> Iterator[str]:
     for line in lines:
         for text in line.wrapped(width) if width else [line.text]:

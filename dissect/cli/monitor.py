@@ -79,8 +79,8 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
     "user",
     default="",
     metavar="USER",
-    help="As root: become USER once the interface is open (default: the user who called sudo, otherwise nobody); root keeps all "
-    "privileges.",
+    help="As root: become USER once the interface is open (default: the user who called sudo, otherwise nobody); root keeps "
+    "all privileges.",
 )
 @click.option("--plain", is_flag=True, help="One line per event, even on a terminal.")
 @click.option(

@@ -12,6 +12,7 @@ import click
 from dissect.cli.carried import scd_options
 from dissect.cli.diff import json_lines, json_values, junit_lines, text_lines
 from dissect.cli.drive import format_option, write
+from dissect.cli.look import write_text
 from dissect.cli.main import EXIT_GATE, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE
 from dissect.golden.difference import DiffOptions
 from dissect.golden.model import GoldenError
@@ -124,7 +125,7 @@ def _pace(ctx: click.Context, param: click.Parameter, value: str) -> float | Non
     type=click.IntRange(min=0),
     default=100,
     show_default=True,
-    help="Maximum number of differences to print.",
+    help="Maximum number of differences.",
 )
 @scd_options
 def command(
@@ -182,7 +183,7 @@ def command(
     if pace is not None and not any([link.transactions and link.transactions[0].time_ns for link in recorded.links]):
         raise click.UsageError(f"{printable(file)} has no times, so --timing must be asap.")
     if dry_run or target is None:
-        write([printable(line) for line in plan_lines(plan, permissions)])
+        write_text([printable(line) for line in plan_lines(plan, permissions)])
         return EXIT_OK
     settings = Settings(pace, timeout_s, pipelined, retries, one_by_one=one_by_one)
     outcome = _replayed(recorded, plan, (target, allow_remote), (permissions, settings), (output, force), carrier)
@@ -243,7 +244,7 @@ def _report(outcome: Outcome, options: DiffOptions, format_: str, most: int) -> 
         errors = [("unreachable", f"{unreachable} failed")] if outcome.unreachable else []
         write(junit_lines(*sides, shown, rest, errors))
     else:
-        write(text_lines(*sides, shown, rest))
+        write_text(text_lines(*sides, shown, rest))
     for line in outcome.summary():
         _say(line)
     if outcome.file_trouble:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from dissect.cli.drive import format_option, write
+from dissect.cli.look import write_text
 from dissect.cli.main import EXIT_DAMAGED, EXIT_OK
 from dissect.cli.scd_files import as_json, columns, open_dictionary
 from dissect.wire.text import encodable, printable
@@ -166,7 +167,7 @@ def _tell(od: Dictionary, messages: Sequence[Message], format_: str, surplus: by
         if format_ == "json":
             write([as_json(_as_dict(od, message, found, surplus))])
         else:
-            write(
+            write_text(
                 [*_heading(od, message, surplus), *columns(_table(found))] if found else _heading(od, message, surplus)
             )
 
@@ -180,7 +181,7 @@ def _heading(od: Dictionary, message: Message, surplus: bytes) -> Iterator[str]:
         parts += [f"{role} {message.numbers[role]}" for role in _SHOWN_NUMBERS if role in message.numbers]
         if "err" in message.numbers:
             parts.append(f"err {message.err} {printable(_error_text(od, message.err))}".rstrip())
-    parts.append(f"{len(message.data)} octets")
+    parts.append(f"{len(message.data)} bytes")
     yield "  ".join(parts)
     for name, keys in message.flags.items():
         if not keys:

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from dissect.cli.drive import format_option, write
+from dissect.cli.look import write_lines, write_text
 from dissect.cli.main import EXIT_GATE, EXIT_OK
+from dissect.report.styled import FAILED, Line
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
@@ -39,7 +41,7 @@ encoding_option = click.option(
     "--encoding",
     default="",
     metavar="NAME",
-    help="Encoding of an EDS or DCF that is neither UTF-8 nor Latin-1, such as cp1251.",
+    help="Encoding of an EDS or DCF other than UTF-8 and Latin-1, such as cp1251.",
 )
 
 
@@ -97,7 +99,7 @@ def compile_command(source: str, output: str, encoding: str) -> int:
         sys.stdout.buffer.flush()
         return EXIT_OK
     _save(output, dictionary.octets)
-    write([f"{printable(output)}: {len(dictionary.octets)} octets", *_summary(dictionary)])
+    write_text([f"{printable(output)}: {len(dictionary.octets)} bytes", *_summary(dictionary)])
     return EXIT_OK
 
 
@@ -157,8 +159,8 @@ def dump_command(file: str, form: str, encoding: str) -> int:
 
 @click.command(
     "check",
-    epilog="Exit code: 0 all dictionaries are valid, 1 one is not, 2 wrong use or an unreadable file, 5 the output could not be "
-    "written.",
+    epilog="Exit code: 0 all dictionaries are valid, 1 one is not, 2 wrong use or an unreadable file, 5 the output could not "
+    "be written.",
 )
 @click.argument("files", nargs=-1, required=True, type=_FILE, metavar="FILE...")
 @format_option("text", "json")
@@ -176,13 +178,16 @@ def check_command(files: tuple[str, ...], format_: str, encoding: str) -> int:
             dictionary, notes = open_dictionary(file, encoding)
         except DictionaryError as error:
             code = EXIT_GATE
-            write([as_json(_error_json(file, error))] if format_ == "json" else [printable(str(error))])
+            if format_ == "json":
+                write([as_json(_error_json(file, error))])
+            else:
+                write_lines([Line(printable(str(error)), FAILED, 4)])
             continue
         if format_ == "json":
             write([as_json(_check_json(file, dictionary, notes))])
         else:
-            write([f"{printable(file)}: keeps the rules", *_summary(dictionary), *_pdos(dictionary)])
-            write([f"  not kept: {printable(str(note))}" for note in notes])
+            write_text([f"{printable(file)}: valid", *_summary(dictionary), *_pdos(dictionary)])
+            write_text([f"  not kept: {printable(str(note))}" for note in notes])
     return code
 
 
@@ -226,15 +231,15 @@ def _error_json(file: str, error: DictionaryError) -> dict[str, object]:
 
 @click.command(
     "diff",
-    epilog="Exit code: 0 the same octets, 1 only names, texts, units or limits differ, 2 they decode differently, and 2 "
-    "with a line on stderr for wrong use or a file that cannot be read, 5 the output failed.",
+    epilog="Exit code: 0 identical bytes, 1 only names, texts, units or limits differ, 2 they decode differently, or (with a "
+    "line on stderr) wrong use or an unreadable file, 5 the output could not be written.",
 )
 @click.argument("first", type=_FILE, metavar="A")
 @click.argument("second", type=_FILE, metavar="B")
 @format_option("text", "json")
 @encoding_option
 def diff_command(first: str, second: str, format_: str, encoding: str) -> int:
-    """Show what differs between two dictionaries, and whether it changes what octets mean ("wire")."""
+    """Report how two dictionaries differ, and whether they decode differently ("wire")."""
     from dissect.scd.difference import compare
     from dissect.scd.loading import is_description
 
@@ -243,8 +248,8 @@ def diff_command(first: str, second: str, format_: str, encoding: str) -> int:
     if format_ == "json":
         write([as_json(_diff_json(found, before, after))])
     else:
-        write(columns([_change(change) for change in found.changes]))
-        write([f"{printable(first)} and {printable(second)}: {_LEVELS[found.level]}"])
+        write_text(columns([_change(change) for change in found.changes]))
+        write_text([f"{printable(first)} and {printable(second)}: {_LEVELS[found.level]}"])
     return _DIFFERENT[found.level]
 
 

@@ -45,14 +45,19 @@ def written_whole(output: str, command: str = "") -> Iterator[PcapngWriter]:
     whole = output != "-" and (not Path(output).exists() or Path(output).is_file())
     path = str(part_of(Path(f"{output}.{os.getpid()}"))) if whole else output
     application = f"s7dissect {__version__} {command}".rstrip()
-    writer = PcapngWriter(path, application=application, batch=_BATCH, overwrite=not whole)
+    try:
+        writer = PcapngWriter(path, application=application, batch=_BATCH, overwrite=not whole)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, output) from None  # not the name it has for the moment
     try:
         yield writer
         writer.close()
         if whole:
             Path(path).replace(output)
-    except BaseException:
+    except BaseException as error:
         writer.abandon()
         if whole:
             Path(path).unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename == path:
+            raise OSError(error.errno, error.strerror, output) from None
         raise

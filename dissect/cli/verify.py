@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from dissect.cli.drive import files_argument, format_option, write
+from dissect.cli.look import write_text
 from dissect.cli.main import EXIT_GATE, EXIT_OK, EXIT_USAGE
 from dissect.wire.text import printable
 
@@ -44,9 +45,12 @@ def command(files: tuple[str, ...], format_: str, every: bool, reorder: bool, py
         for file in files:
             lines = verification.take(file, compare(file, read_pyshark if pyshark else read_tshark, reorder))
             if format_ == "text":
-                write(lines)
+                write_text(lines)
     except OracleError as error:
         click.echo(f"s7dissect: {printable(str(error))}", err=True)
         return EXIT_USAGE
-    write([verification.as_json()] if format_ == "json" else verification.summary())
+    if format_ == "json":
+        write([verification.as_json()])
+    else:
+        write_text(verification.summary())
     return EXIT_GATE if verification.unexplained else EXIT_OK
