@@ -62,7 +62,7 @@ else:
             raise AttributeError(message)
         value = getattr(importlib.import_module(home), name)
         if isinstance(value, type) and not value.__doc__:
-            value.__doc__ = _written_doc(home, name)
+            value.__doc__ = _written_doc(value.__module__, name)
         globals()[name] = value
         return value
 

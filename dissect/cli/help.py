@@ -81,7 +81,7 @@ def command(ctx: click.Context, topic: str | None) -> int:
         import difflib  # late: a run without this mistake does not need it
 
         near = difflib.get_close_matches(topic, [*known, *COMMANDS], n=2)
-        hint = f"did you mean {' or '.join(near)}?" if near else "s7dissect help lists the topics."
+        hint = f"did you mean {' or '.join(near)}?" if near else "`s7dissect help` lists the topics."
         raise click.UsageError(f"no help on {topic!r}; {hint}")
     return EXIT_OK
 

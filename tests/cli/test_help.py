@@ -68,7 +68,7 @@ def test_an_unknown_topic_is_wrong_use(capfdbinary: Capture) -> None:
     ran = run(capfdbinary, "help", "finding")
     assert (ran.code, ran.out) == (2, "")
     assert "did you mean findings?" in ran.err
-    assert "s7dissect help lists the topics" in run(capfdbinary, "help", "qqqq").err
+    assert "`s7dissect help` lists the topics" in run(capfdbinary, "help", "qqqq").err
 
 
 @pytest.mark.parametrize(
