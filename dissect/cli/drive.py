@@ -60,7 +60,7 @@ def nanoseconds(ctx: click.Context, param: click.Parameter, ms: str | None) -> i
 #: What the help of each command ends with.
 EXIT_CODES: Final = (
     "Exit code: 0 success, 1 a finding that --fail-on names, 2 wrong use or an unreadable file, 3 a damaged or truncated file, "
-    "5 the output could not be written, 130 interrupted. With 1, 3 and 130 the results are complete as far as was read."
+    "5 the output could not be written, 130 interrupted. The results cover what was read."
 )
 
 

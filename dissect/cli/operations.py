@@ -27,7 +27,14 @@ from dissect.transactions.operation import KINDS, Operation
 @click.command("operations", epilog=EXIT_CODES)
 @files_argument
 @format_option("text", "jsonl")
-@click.option("--kind", "kinds", multiple=True, type=click.Choice(list(KINDS)), help="Only operations of this kind.")
+@click.option(
+    "--kind",
+    "kinds",
+    multiple=True,
+    type=click.Choice(list(KINDS)),
+    metavar="KIND",
+    help=f"Only this kind of operation: {', '.join(KINDS)}. Repeatable.",
+)
 @checksums_option
 @fail_on_option
 def command(

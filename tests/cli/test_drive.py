@@ -168,7 +168,7 @@ def test_130_when_interrupted_with_the_results_until_then(
         process.send_signal(number)
         rest, complaint = process.stdout.read(), process.stderr.read()
         assert process.wait(30) == 130
-    assert complaint == b"s7dissect: interrupted, the results cover what was read until then\n"
+    assert complaint == b"s7dissect: interrupted; the results cover what was read so far\n"
     told = (first + rest).decode()
     if "json" in arguments:
         analysis = json.loads(told)
