@@ -138,10 +138,13 @@ def test_representations_say_what_a_thing_is() -> None:
     assert re.fullmatch(r"Pdu\(Ack_Data, Write Var, ref \d+, packet \d+\)", shown["Pdu"])
     assert shown["Connection"] == "Connection(1, 127.0.0.1:45840 → 127.0.0.1:102, 16 PDUs)"
     pdu, transaction = found["Pdu"], found["Transaction"]
+    connection, finding = found["Connection"], found["Finding"]
     assert isinstance(pdu, dissect.Pdu)
     assert isinstance(transaction, dissect.Transaction)
+    assert isinstance(connection, dissect.Connection)
+    assert isinstance(finding, dissect.Finding)
     told = [repr(item) for item in (*pdu.data_items(), *transaction.results(), *transaction.errors)]
-    told += [repr(found["Connection"].client), repr(found["Connection"].tsap_called), repr(found["Finding"].rule)]
+    told += [repr(connection.client), repr(connection.tsap_called), repr(finding.rule)]
     told.append(repr(dissect.analyze(CAPTURES / "item-errors.pcapng")))
     assert [text for text in (*shown.values(), *told) if " object at 0x" in text] == []
     assert repr(transaction.connection.granted) == "Setup(1, 1, 480)"
