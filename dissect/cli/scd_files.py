@@ -99,7 +99,7 @@ def compile_command(source: str, output: str, encoding: str) -> int:
         sys.stdout.buffer.flush()
         return EXIT_OK
     _save(output, dictionary.octets)
-    write_text([f"{printable(output)}: {len(dictionary.octets)} bytes", *_summary(dictionary)])
+    write_text([f"{printable(output)}: {len(dictionary.octets)} octets", *_summary(dictionary)])
     return EXIT_OK
 
 

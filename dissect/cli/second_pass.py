@@ -48,6 +48,8 @@ def written_whole(output: str, command: str = "") -> Iterator[PcapngWriter]:
     try:
         writer = PcapngWriter(path, application=application, batch=_BATCH, overwrite=not whole)
     except OSError as error:
+        if error.filename is None:
+            raise
         raise OSError(error.errno, error.strerror, output) from None  # not the name it has for the moment
     try:
         yield writer
@@ -58,6 +60,6 @@ def written_whole(output: str, command: str = "") -> Iterator[PcapngWriter]:
         writer.abandon()
         if whole:
             Path(path).unlink(missing_ok=True)
-        if isinstance(error, OSError) and error.filename == path:
+        if whole and isinstance(error, OSError) and error.filename == path:
             raise OSError(error.errno, error.strerror, output) from None
         raise

@@ -195,11 +195,11 @@ def test_what_is_exchanged_is_kept_and_never_overwrites_what_is_there(capfdbinar
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ([], "--to HOST:PORT is missing"),
+        ([], "missing --to HOST:PORT"),
         (["--to", "127.0.0.1:x"], "is not an address"),
         (["--to", "127.0.0.1", "--connection", "9"], "there is no connection 9: it has 1"),
         (["--to", "127.0.0.1", "--rack", "0"], "--rack and --slot need each other"),
-        (["--to", "127.0.0.1", "--rack", "0", "--slot", "1", "--tsap", "01.01"], "--tsap stands alone"),
+        (["--to", "127.0.0.1", "--rack", "0", "--slot", "1", "--tsap", "01.01"], "and exclude --tsap"),
         (["--to", "127.0.0.1", "--tsap", ""], "expected a TSAP"),
         (["--to", "127.0.0.1", "--timing", "soon"], "expected asap, recorded or a factor"),
         (["--to", "127.0.0.1", "--timing", "nan"], "expected asap, recorded or a factor"),
