@@ -25,6 +25,7 @@ from typing import Any, Final
 
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
+from setuptools.command.build_py import build_py
 
 # Only importable once setuptools has put its own copy in place.
 from distutils.ccompiler import new_compiler  # isort: skip
@@ -209,15 +210,30 @@ class SideBySide:
             return [objects[0] for objects in pool.map(lambda source: self.compile_all([source], **options), sources)]
 
 
+class WithManual(build_py):
+    """Packs the pages of docs/ into the package, where `s7dissect help` finds them."""
+
+    def run(self) -> None:
+        """Build the package, then add the pages."""
+        super().run()
+        if self.editable_mode:
+            return  # the pages are found where they are
+        folder = Path(self.build_lib, "dissect", "help")
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        for page in sorted(Path("docs").glob("*.md")):
+            shutil.copyfile(page, folder / page.name)
+
+
 def build() -> None:
     """Run setuptools."""
     if not BUILDING.isdisjoint(sys.argv):
         # setuptools packs whatever an earlier build left here, modules that are gone or no longer compiled included.
         for stale in Path("build").glob("lib*"):
             shutil.rmtree(stale)
-        setup(ext_modules=extensions(), cmdclass={"build_ext": AllOrNothing})
+        setup(ext_modules=extensions(), cmdclass={"build_ext": AllOrNothing, "build_py": WithManual})
     else:
-        setup()
+        setup(cmdclass={"build_py": WithManual})
 
 
 if __name__ == "__main__":

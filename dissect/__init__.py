@@ -61,8 +61,24 @@ else:
             message = f"module {__name__!r} has no attribute {name!r}"
             raise AttributeError(message)
         value = getattr(importlib.import_module(home), name)
+        if isinstance(value, type) and not value.__doc__:
+            value.__doc__ = _written_doc(value.__module__, name)
         globals()[name] = value
         return value
+
+
+def _written_doc(home: str, name: str) -> str | None:
+    """Return the text of a class as it stands in the source of its module, which is installed too: mypyc leaves it out."""
+    import re
+    from inspect import cleandoc
+    from pathlib import Path
+
+    try:
+        source = Path(__file__).parent.joinpath(*home.split(".")[1:]).with_suffix(".py").read_text(encoding="utf-8")
+    except OSError:
+        return None
+    found = re.search(rf'^class {name}\b[^\n]*:\n    """(.*?)"""', source, re.MULTILINE | re.DOTALL)
+    return cleandoc(found[1]) if found else None
 
 
 def __dir__() -> list[str]:

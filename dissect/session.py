@@ -6,8 +6,8 @@ more than `CONTINUES_NS` later, as the files of a ring buffer do) continues its 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
@@ -57,8 +57,10 @@ class Run:
     Raises `CaptureError` from `step` when a file cannot be read at all.
     """
 
-    def __init__(self, paths: Sequence[str], observer: Observer, options: Options | None = None) -> None:
-        self._paths = list(paths)
+    def __init__(
+        self, paths: Sequence[str | os.PathLike[str]], observer: Observer, options: Options | None = None
+    ) -> None:
+        self._paths = [os.fspath(path) for path in paths]
         self._observer = observer
         self._options = options
         self._reader: Reader | None = None
@@ -147,7 +149,9 @@ class _Queue(Observer):
         self.events.append(connection)
 
 
-def _decoder(scd: str | Path | Dictionary | None, bind: str | Path | None) -> PayloadDecoder | None:
+def _decoder(
+    scd: str | os.PathLike[str] | Dictionary | None, bind: str | os.PathLike[str] | None
+) -> PayloadDecoder | None:
     """Return what decodes SCD, None where nothing is asked for. ValueError when only one half is given."""
     if scd is None and bind is None:
         return None
@@ -159,12 +163,12 @@ def _decoder(scd: str | Path | Dictionary | None, bind: str | Path | None) -> Pa
 
 
 def open(
-    path: str,
-    *more: str,
+    path: str | os.PathLike[str],
+    *more: str | os.PathLike[str],
     pdus: bool = True,
     slow_ns: int = 1_000_000_000,
-    scd: str | Path | Dictionary | None = None,
-    bind: str | Path | None = None,
+    scd: str | os.PathLike[str] | Dictionary | None = None,
+    bind: str | os.PathLike[str] | None = None,
     checksums: bool = False,
 ) -> Iterator[Event]:
     """Iterate the events of one capture or several: PDUs, transactions, operations and findings, connections at their end.
@@ -184,11 +188,11 @@ def open(
 
 
 def analyze(
-    path: str,
-    *more: str,
+    path: str | os.PathLike[str],
+    *more: str | os.PathLike[str],
     slow_ns: int = 1_000_000_000,
-    scd: str | Path | Dictionary | None = None,
-    bind: str | Path | None = None,
+    scd: str | os.PathLike[str] | Dictionary | None = None,
+    bind: str | os.PathLike[str] | None = None,
     checksums: bool = False,
 ) -> Analysis:
     """Fold one capture or several into an `Analysis`: connections, transactions by function, answer times, findings, loss.

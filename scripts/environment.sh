@@ -30,6 +30,7 @@ import hashlib, os, pathlib, sys
 switches = [os.environ.get(name) for name in ("CC", "CFLAGS", "S7DISSECT_COMPILED", "S7DISSECT_RELEASE")]
 seen = hashlib.sha256(repr((sys.version, switches)).encode())
 files = [path for path in pathlib.Path("dissect").rglob("*") if path.is_file() and path.suffix != ".pyc"]
+files += pathlib.Path("docs").glob("*.md")  # packed as the pages of `s7dissect help`
 for path in [*sorted(files), *map(pathlib.Path, ("setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"))]:
     seen.update(repr((str(path), path.read_bytes())).encode())
 print(seen.hexdigest())

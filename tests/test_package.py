@@ -16,7 +16,7 @@ import pytest
 import dissect
 
 ROOT: Final = Path(__file__).resolve().parent.parent
-SOURCES: Final = ("dissect", "setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE")
+SOURCES: Final = ("dissect", "setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "docs")
 
 #: What is compiled, said once more and independently of setup.py.
 HOT: Final = re.compile(
@@ -132,6 +132,8 @@ def test_wheel_holds_the_package_and_nothing_else(wheel: Path) -> None:
     assert "dissect/py.typed" in names
     schemas = {path.relative_to(ROOT).as_posix() for path in (ROOT / "dissect" / "schema").iterdir()}
     assert {name for name in names if name.endswith(".json")} == schemas
+    pages = {f"dissect/help/{path.name}" for path in (ROOT / "docs").glob("*.md")}
+    assert {name for name in names if name.endswith(".md")} == pages
     tops = {name.split("/")[0] for name in names if "/" in name}
     assert tops == {"dissect", f"s7dissect-{dissect.__version__}.dist-info"}
     assert {name for name in names if "/" not in name and not name.startswith("s7dissect__mypyc.")} == set()

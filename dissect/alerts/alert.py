@@ -81,6 +81,6 @@ class Alert:
             parts.append(f"repeated {words.count(self.repeated, 'time')}")
         return ", ".join(parts)
 
-    def line(self) -> str:
-        """Return the alert for a person, on one line."""
-        return f"{words.moment(Clock().iso(self.time_ns))} UTC  ALERT {self.severity}  {self.message()}"
+    def line(self, clock: Clock | None = None) -> str:
+        """Return the alert for a person, on one line; ``clock`` writes its time, by default in UTC."""
+        return f"{(clock or Clock()).moment(self.time_ns)}  ALERT {self.severity}  {self.message()}"

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
 from ipaddress import ip_network
-from pathlib import Path
 from typing import Any, Final
 
 from dissect.alerts import states
@@ -50,12 +50,12 @@ class RuleError(PlantFileError):
     """A file of rules that cannot be used."""
 
 
-def load_rules(path: str | Path) -> AlertRules:
+def load_rules(path: str | os.PathLike[str]) -> AlertRules:
     """Return the rules of a file. Raises `RuleError`, OSError where there is no reading the file."""
     try:
-        return parse_rules(read_text(path), str(path))
+        return parse_rules(read_text(path), os.fspath(path))
     except DictionaryError as error:  # what reads tables knows one error
-        raise RuleError(str(path), error.line, error.where, error.detail) from None
+        raise RuleError(os.fspath(path), error.line, error.where, error.detail) from None
 
 
 def parse_rules(text: str, path: str = "") -> AlertRules:

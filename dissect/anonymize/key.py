@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import os
 import secrets
 from pathlib import Path
 from typing import Final
@@ -43,7 +44,7 @@ def random_key() -> Key:
     return Key(secrets.token_bytes(_SIZE))
 
 
-def read_key(path: str) -> Key:
+def read_key(path: str | os.PathLike[str]) -> Key:
     """Return the key in a file: all of its octets count. ValueError, for a person, when there are too few or too many."""
     octets = Path(path).read_bytes() if Path(path).stat().st_size <= MAX_KEY else b""
     if not octets and Path(path).stat().st_size:

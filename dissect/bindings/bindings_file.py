@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from ipaddress import ip_network
 from pathlib import Path
 from typing import Any, Final
@@ -47,16 +48,16 @@ class BindingError(Exception):
         return ": ".join(part for part in (printable(place), self.key, self.detail) if part)
 
 
-def load_bindings(path: str | Path, dictionary: Dictionary) -> Bindings:
+def load_bindings(path: str | os.PathLike[str], dictionary: Dictionary) -> Bindings:
     """Return the bindings of a file for a dictionary. Raises `BindingError`, OSError where there is no reading the file."""
     with Path(path).open("rb") as stream:
         octets = stream.read(MAX_FILE + 1)
     if len(octets) > MAX_FILE:
-        raise BindingError(str(path), 0, "file", f"more than {MAX_FILE} octets: these are no bindings")
+        raise BindingError(os.fspath(path), 0, "file", f"more than {MAX_FILE} octets: these are no bindings")
     try:
-        return _parse(source_text(octets, str(path)), dictionary)
+        return _parse(source_text(octets, os.fspath(path)), dictionary)
     except DictionaryError as error:  # what reads tables knows one error
-        raise BindingError(str(path), error.line, error.where, error.detail) from None
+        raise BindingError(os.fspath(path), error.line, error.where, error.detail) from None
 
 
 def _parse(text: str, dictionary: Dictionary) -> Bindings:

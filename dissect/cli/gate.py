@@ -34,8 +34,8 @@ fail_on_option: Final[Callable[[Any], Any]] = click.option(
     multiple=True,
     callback=_slugs,
     metavar="WHAT",
-    help="End with exit code 1 when there is a finding that is WHAT: note, warning or error (that or worse), a slug such as "
-    "transaction.slow, or all that begin alike, such as 'session.*'. May be given several times.",
+    help="Exit with code 1 on a finding that matches WHAT: a severity (note, warning or error, or worse), a slug such as "
+    "transaction.slow, or a pattern such as 'session.*'. Repeatable.",
 )
 
 

@@ -1,4 +1,4 @@
-"""`s7dissect proxy`: a TCP relay that tells what passes it."""
+"""`s7dissect proxy`: a TCP relay in front of a PLC that reports what passes."""
 
 from __future__ import annotations
 
@@ -13,11 +13,22 @@ import click
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_DAMAGED, EXIT_OK, EXIT_OUTPUT
 from dissect.cli.options.scd import scd_options
-from dissect.cli.run import format_option, write
-from dissect.cli.watching import Interruption, LostEvents, Shower, only_option, overdue_option, slow_option
+from dissect.cli.run import format_option
+from dissect.cli.watching import (
+    Interruption,
+    LostEvents,
+    Shower,
+    new_shower,
+    only_option,
+    overdue_option,
+    slow_option,
+    write_events,
+)
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from dissect.engine.payload import PayloadDecoder
     from dissect.live.session import Event, Session
     from dissect.metrics.address import Address
@@ -32,8 +43,8 @@ _MOST: Final = 512
 _TURN_S: Final = 0.000_1
 
 _EXIT_CODES: Final = (
-    "Exit code: 0 ended by SIGINT or SIGTERM (the summary is given), 1 a finding that --fail-on names, 2 wrong use, or it "
-    "cannot listen or write, 3 the relay or the dissection broke off, 5 the output failed, 130 broken off by a second signal."
+    "Exit code: 0 stopped by SIGINT or SIGTERM (with summary), 1 a finding that --fail-on names, 2 wrong use, or it cannot "
+    "listen or write, 3 the relay or the dissection failed, 5 the output could not be written, 130 a second signal."
 )
 
 
@@ -64,18 +75,18 @@ def _address(ctx: click.Context, param: click.Parameter, value: str, port: int |
     default="127.0.0.1:10102",
     show_default=True,
     metavar="HOST:PORT",
-    help="Where clients connect to; port 0 lets the system choose one.",
+    help="Address for clients; port 0 selects a free one.",
 )
-@click.option("--to", "to", callback=_to, required=True, metavar="HOST[:PORT]", help="The PLC; port 102 unless said.")
-@click.option("--allow-remote", is_flag=True, help="Let --listen be an address that other machines can reach.")
+@click.option("--to", "to", callback=_to, required=True, metavar="HOST[:PORT]", help="The PLC (default port 102).")
+@click.option("--allow-remote", is_flag=True, help="Allow a --listen address that other machines can reach.")
 @click.option(
     "-w",
     "--write",
     "output",
     metavar="OUT",
-    help="Write what passes to this pcapng file; - is standard output, and nothing else is written there then.",
+    help="Write the traffic to this pcapng file; - is standard output, which then carries nothing else.",
 )
-@click.option("--force", is_flag=True, help="Overwrite OUT where it exists.")
+@click.option("--force", is_flag=True, help="Overwrite OUT if it exists.")
 @format_option("text", "jsonl")
 @only_option
 @slow_option
@@ -95,11 +106,10 @@ def command(
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
 ) -> int:
-    """Stand between a client and a PLC and tell what passes: for those who may not capture.
+    """Relay TCP between clients and a PLC and report what passes; capture privileges are not needed.
 
-    Clients connect to --listen instead of the PLC, and for each of them a connection to the PLC is made. What either sends is
-    passed on as it is, its end and its resets too; the dissection is made of a copy and cannot hold it up. It ends with
-    Ctrl-C or SIGTERM.
+    Clients connect to --listen instead of the PLC; each gets its own connection to the PLC. Data, FIN and RST are relayed
+    unchanged; a copy is dissected and cannot delay them. Stop it with Ctrl-C or SIGTERM.
     """
     from dissect.engine.observer import Options
     from dissect.live.session import Session
@@ -109,7 +119,7 @@ def command(
     from dissect.proxy.tap import Tap
 
     if output == "-" and (format_ != "text" or topics):
-        raise click.UsageError("-w - writes the capture to standard output: there is no room for lines (-T, --only).")
+        raise click.UsageError("-w - writes the capture to standard output, so -T jsonl and --only cannot be used.")
     tap = Tap()
     relay = Relay(places_to_listen(listen, allow_remote), places_to_connect(to), tap)
     try:
@@ -120,7 +130,7 @@ def command(
     reader = RelayReader(tap)
     options = Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns)
     session = Session(lambda: reader, options, companions=companions, name="proxy")
-    lines = _Lines(session, relay, None if output == "-" else _shower(format_ == "jsonl", topics))
+    lines = _Lines(session, relay, None if output == "-" else new_shower(format_ == "jsonl", topics))
     code = _Proxy(relay, reader, session, lines).run(to)
     return gate(session.run, fail_on, code)
 
@@ -131,14 +141,6 @@ def _capture_file(output: str, force: bool) -> CaptureFile:
     from dissect.source.pcapng_writer import PcapngWriter
 
     return CaptureFile(PcapngWriter(output, application=f"s7dissect {__version__} proxy", overwrite=force))
-
-
-def _shower(as_json: bool, topics: tuple[str, ...]) -> Shower:
-    from dissect.live.json_lines import JsonLines
-    from dissect.live.lines import PlainLines, kinds_of
-
-    kinds = kinds_of(topics)
-    return JsonLines(kinds) if as_json else PlainLines(kinds)
 
 
 class _Lines:
@@ -162,7 +164,7 @@ class _Lines:
                 if isinstance(event.what, str):
                     _say(event.what)
         elif events:
-            self._write(self._shower.lines(events) + self._lost.lines())
+            self._write(events, self._lost.lines())
 
     def summarise(self) -> None:
         """Write what it all came to."""
@@ -172,11 +174,11 @@ class _Lines:
 
         status, relay = self._session.status(), self._relay
         if isinstance(self._shower, JsonLines):
-            self._write([self._shower.summary(status)])
+            self._write([], [self._shower.summary(status)])
         sent = " and ".join(
-            [f"{octets} octets from {who}" for octets, who in zip(relay.octets, ("clients", "the PLC"), strict=True)]
+            [f"{octets} bytes from {who}" for octets, who in zip(relay.octets, ("clients", "the PLC"), strict=True)]
         )
-        unreached = f", {relay.failed} more could not be connected" if relay.failed else ""
+        unreached = f", {relay.failed} more failed to connect" if relay.failed else ""
         _say(f"{words.count(relay.connections, 'connection')} relayed{unreached}; {sent}")
         for line in summary_lines(status, "file"):
             _say(line)
@@ -185,18 +187,18 @@ class _Lines:
         for failure in self._session.run.failures:
             _say(failure)
 
-    def _write(self, lines: list[str]) -> None:
+    def _write(self, events: Sequence[Event], more: list[str]) -> None:
         if self.code != EXIT_OK or self._shower is None:
             return
         try:
-            write(lines)
+            write_events(self._shower, events, more)
         except OSError as why:
             # Whatever is buffered goes nowhere either.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             self._shower = None
             if why.errno != errno.EPIPE:
                 self.code = EXIT_OUTPUT
-            _say(f"nothing is written any more ({why.strerror or why}), what passes is still relayed")
+            _say(f"output failed ({why.strerror or why}); traffic is still relayed")
 
 
 class _Proxy:
@@ -248,12 +250,12 @@ class _Proxy:
                 return
             if not told:
                 told = True
-                _say(f"the dissection broke off: {self._session.error!r}; what passes is still relayed")
+                _say(f"the dissection failed: {self._session.error!r}; traffic is still relayed")
             self._thread.join(_WAIT_S)
 
     def _code(self) -> int:
         if self._error is not None:
-            _say(f"the relay broke off: {self._error!r}")
+            _say(f"the relay failed: {self._error!r}")
             return EXIT_DAMAGED
         if self._session.error is not None:
             return EXIT_DAMAGED

@@ -25,9 +25,7 @@ def check_user(user: str, engine: str) -> None:
     if not is_root():
         raise click.UsageError("-Z USER: only root can become another user.")
     if engine == "dumpcap" and user != _ROOT:
-        raise click.UsageError(
-            "-Z USER: dumpcap keeps its rights, and so must whoever ends it; --engine ring does not."
-        )
+        raise click.UsageError("-Z USER needs --engine ring: dumpcap started as root can only be stopped by root.")
 
 
 def open_interface(
@@ -48,7 +46,7 @@ def open_interface(
         reader = open_live(interface, expression, engine)
     if keeps or reader.engine != "ring":
         if root and not keeps:
-            _say(f"{reader.engine} runs as root, and so does what reads the packets; --engine ring gives up all rights")
+            _say(f"{reader.engine} and the dissection run as root; --engine ring drops all privileges")
         return reader
     try:
         if become is not None:
@@ -63,7 +61,7 @@ def open_interface(
         reader.close()
         raise
     if become is not None:
-        _say(f"the interface is open; going on as {become}, without any rights")
+        _say(f"interface opened; now running as {become} without privileges")
     return reader
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import gc
 import os
-import shutil
 import signal
+import stat
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import islice
 from pathlib import Path
 from types import FrameType
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
     from dissect.report.places import Places
-    from dissect.report.text import Line
     from dissect.session import Run
 
 #: Files smaller than this are read faster than a progress bar appears.
@@ -35,15 +34,13 @@ _GROWS: Final = 10
 #: Lines that are joined and written together; many more cost fresh memory each time.
 _PIECE: Final = 64
 
-_COLOURS: Final = {"heading": "cyan", "error": "red", "warning": "yellow", "note": "blue"}
-
 #: The files to read: `-` is standard input.
 files_argument = click.argument("files", nargs=-1, required=True, type=click.Path(), metavar="FILE...")
 
 
 #: Packets that their receiver dropped are no part of what was said; the command gets ``checksums``.
 checksums_option: Final[Callable[[Any], Any]] = click.option(
-    "--checksums", is_flag=True, help="Leave out packets with a wrong TCP or UDP checksum, as their receiver does."
+    "--checksums", is_flag=True, help="Ignore packets with a wrong TCP or UDP checksum, as their receiver does."
 )
 
 
@@ -54,7 +51,7 @@ def nanoseconds(ctx: click.Context, param: click.Parameter, ms: str | None) -> i
     try:
         number = float(ms)
     except ValueError:
-        raise click.BadParameter(f"{ms!r} is not a number.", ctx, param) from None
+        raise click.BadParameter(f"expected milliseconds, got {ms!r}.", ctx, param) from None
     if not 0 <= number <= 1e9:
         raise click.BadParameter(f"{ms} is not between 0 and 1000000000.", ctx, param)
     return int(number * 1e6)
@@ -62,8 +59,8 @@ def nanoseconds(ctx: click.Context, param: click.Parameter, ms: str | None) -> i
 
 #: What the help of each command ends with.
 EXIT_CODES: Final = (
-    "Exit code: 0 all read, 1 a finding that --fail-on names (results given), 2 wrong use or a file that cannot be read, "
-    "3 a file is damaged or cut off (results given), 5 the output failed, 130 interrupted (results given)."
+    "Exit code: 0 success, 1 a finding that --fail-on names, 2 wrong use or an unreadable file, 3 a damaged or truncated file, "
+    "5 the output could not be written, 130 interrupted. The results cover what was read."
 )
 
 
@@ -76,7 +73,7 @@ def format_option(*formats: str) -> Callable[[Any], Any]:
         type=click.Choice(formats),
         default=formats[0],
         show_default=True,
-        help="What to write.",
+        help="Output format.",
     )
 
 
@@ -90,25 +87,6 @@ def write(lines: Iterable[str]) -> None:
         piece.append("")
         sys.stdout.buffer.write("\n".join(piece).encode("utf-8", "backslashreplace"))
     sys.stdout.buffer.flush()  # who reads a live capture wants to see what there is
-
-
-def write_report(lines: Iterable[Line]) -> None:
-    """Write lines that have a style: as they are, or on a terminal in its width and (unless NO_COLOR is set) in colours."""
-    if not sys.stdout.isatty():
-        write([line.text for line in lines])
-        return
-    write(_on_terminal(lines, shutil.get_terminal_size().columns, not os.environ.get("NO_COLOR")))
-
-
-def _on_terminal(lines: Iterable[Line], width: int, coloured: bool) -> Iterator[str]:
-    for line in lines:
-        for text in line.wrapped(width):
-            if not coloured or not line.style or not text:
-                yield text
-            elif line.style == "dim":
-                yield click.style(text, dim=True)
-            else:
-                yield click.style(text, fg=_COLOURS[line.style], bold=line.style in {"heading", "error"})
 
 
 def places_of(run: Run, files: Sequence[str]) -> Places:
@@ -160,7 +138,7 @@ def complain(run: Run, code: int) -> None:
         if file.damage:
             click.echo(f"s7dissect: {printable(file.name)}: {printable(file.damage)}", err=True)
     if code == EXIT_INTERRUPTED:
-        click.echo("s7dissect: interrupted, the results cover what was read until then", err=True)
+        click.echo("s7dissect: interrupted; the results cover what was read so far", err=True)
 
 
 def _check(files: Sequence[str]) -> None:
@@ -245,7 +223,7 @@ class _Bar:
         self._task: TaskID | None = None
         self._total: int | None = 0
         self._wanted = False
-        if sys.stderr is None or not sys.stderr.isatty() or (streaming and sys.stdout.isatty()):
+        if sys.stderr is None or not sys.stderr.isatty() or (streaming and not _goes_to_file()):
             return
         worth = 0
         for path in [Path(file) for file in files]:
@@ -282,6 +260,14 @@ class _Bar:
         """Show how far ``run`` has come."""
         if self._progress is not None and self._task is not None:
             self._progress.update(self._task, completed=float(sum(file.octets for file in run.files)))
+
+
+def _goes_to_file() -> bool:
+    """Tell whether what is written to stdout goes to a file, and to no terminal, not even by way of a pipe into a pager."""
+    try:
+        return stat.S_ISREG(os.fstat(sys.stdout.fileno()).st_mode)
+    except (OSError, ValueError):
+        return False
 
 
 def _is_compressed(path: Path) -> bool:

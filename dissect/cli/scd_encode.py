@@ -37,7 +37,7 @@ _NUMBERS: Final = ("tid", "err", "port", "src", "dst", "seq")
 
 def _numbers(command: Callable[..., Any]) -> Callable[..., Any]:
     for name in reversed(_NUMBERS):
-        command = click.option(f"--{name}", type=int, default=0, metavar="N", help=f"Of a message: its {name}.")(
+        command = click.option(f"--{name}", type=int, default=0, metavar="N", help=f"With --message: its {name}.")(
             command
         )
     return command
@@ -47,22 +47,22 @@ def _numbers(command: Callable[..., Any]) -> Callable[..., Any]:
 @dictionary_option
 @node_option
 @selectors
-@click.option("--message", type=click.Choice(list(_KINDS)), help="A message in its envelope; of a PDO with --pdo.")
+@click.option("--message", type=click.Choice(list(_KINDS)), help="A message in its envelope; a PDO needs --pdo.")
 @_numbers
-@click.option("--partial", is_flag=True, help="What is not given is its default, or zero.")
-@click.option("--no-limits", is_flag=True, help="Send values outside the dictionary's limits too.")
-@click.option("--raw", is_flag=True, help="Write the octets themselves, not hexadecimal text.")
+@click.option("--partial", is_flag=True, help="Use the default, or zero, for values that are not given.")
+@click.option("--no-limits", is_flag=True, help="Also encode values outside the limits of the dictionary.")
+@click.option("--raw", is_flag=True, help="Write raw bytes instead of hexadecimal text.")
 @click.argument("values", nargs=-1, metavar="[VARIABLE=VALUE]...")
 def encode_command(
     path: str, pdo: str | None, struct: str | None, whole: str | None, value: str | None, message: str | None,
     partial: bool, no_limits: bool, raw: bool, node: int | None, values: tuple[str, ...], **numbers: int,
 ) -> int:  # fmt: skip
-    """Encode values, and write the octets as hexadecimal text.
+    """Encode values and write the bytes as hexadecimal text.
 
-    VARIABLE is an address (0x6000:1), a name ("Pump 1.run") or of a struct a field; VALUE is true or false, a number (also
-    0x…, raw:2748, '1374 кПа' with its unit), what the dictionary calls it, a text, hexadecimal octets of a block, an
-    address, a time in ISO 8601 or as "seconds,nanoseconds". With --value, VALUE alone does. A message about one variable
-    takes VARIABLE, or VARIABLE=VALUE.
+    VARIABLE is an address (0x6000:1), a name ("Pump 1.run") or a field of a struct; VALUE is true or false, a number (also
+    0x…, raw:2748, "1374 kPa" with its unit), a name from the dictionary, text, the hexadecimal bytes of a block, an address,
+    or a time in ISO 8601 or as "seconds,nanoseconds". With --value, give VALUE alone. A message about one variable takes
+    VARIABLE, or VARIABLE=VALUE.
     """
     from dissect.scd.codec import Codec
 
@@ -120,7 +120,7 @@ def _given(words: Sequence[str], find: Callable[[str], Variable]) -> list[tuple[
 def _once(pairs: Sequence[tuple[Any, Value]]) -> dict[Any, Value]:
     values = dict(pairs)
     if len(values) != len(pairs):
-        raise click.UsageError("a variable is given twice.")
+        raise click.UsageError("a variable was given twice.")
     return values
 
 

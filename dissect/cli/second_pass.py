@@ -23,9 +23,9 @@ def check_files(files: Sequence[str], output: str, force: bool) -> None:
     """Refuse what cannot be read twice, and an output that would destroy something."""
     for file in files:
         if file == "-" or (Path(file).exists() and not Path(file).is_file()):
-            raise click.UsageError(f"{printable(file)}: a capture is read twice here, so it has to be a file.")
+            raise click.UsageError(f"{printable(file)}: a regular file is needed, because it is read twice.")
         if output != "-" and Path(output).exists() and Path(file).exists() and Path(file).samefile(output):
-            raise click.UsageError(f"{printable(output)} is to be read and written; choose another name for OUT.")
+            raise click.UsageError(f"{printable(output)} is both input and output; choose another OUT.")
     if output != "-" and Path(output).is_file() and not force:
         raise click.UsageError(f"{printable(output)} exists; --force overwrites it.")
 
@@ -45,14 +45,21 @@ def written_whole(output: str, command: str = "") -> Iterator[PcapngWriter]:
     whole = output != "-" and (not Path(output).exists() or Path(output).is_file())
     path = str(part_of(Path(f"{output}.{os.getpid()}"))) if whole else output
     application = f"s7dissect {__version__} {command}".rstrip()
-    writer = PcapngWriter(path, application=application, batch=_BATCH, overwrite=not whole)
+    try:
+        writer = PcapngWriter(path, application=application, batch=_BATCH, overwrite=not whole)
+    except OSError as error:
+        if error.filename is None:
+            raise
+        raise OSError(error.errno, error.strerror, output) from None  # not the name it has for the moment
     try:
         yield writer
         writer.close()
         if whole:
             Path(path).replace(output)
-    except BaseException:
+    except BaseException as error:
         writer.abandon()
         if whole:
             Path(path).unlink(missing_ok=True)
+        if whole and isinstance(error, OSError) and error.filename == path:
+            raise OSError(error.errno, error.strerror, output) from None
         raise

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import click
 from mypy_extensions import i64
 
 from dissect.cli.gate import fail_on_option, gate
+from dissect.cli.look import clock, write_lines
 from dissect.cli.main import EXIT_OK, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
 from dissect.cli.run import (
@@ -37,25 +40,29 @@ from dissect.report.lines import (
 )
 from dissect.report.places import Places
 from dissect.report.scd_tree import scd_tree_lines
+from dissect.report.styled import FAILED, HANG, PLAIN, TREE_HANG, Line
 from dissect.report.tree import netlink_tree_lines, plus_tree_lines, tpdu_tree_lines, tree_lines
 from dissect.s7.hiding import without_secrets
-from dissect.s7.message import parse_pdu
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.tables import JOB, SUCCESS
 from dissect.s7plus.message import parse_plus
 from dissect.session import Run
 from dissect.transactions.connection import IBH, Connection
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
-from dissect.wire.clock import Clock
 
 
 @click.command("show", epilog=EXIT_CODES)
 @files_argument
 @format_option("text", "jsonl")
 @click.option(
-    "--frame", type=click.IntRange(min=1), metavar="N", help="Only what packet N completes (of each file, in several)."
+    "--frame",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Only messages that packet N completes (packet N of each file).",
 )
-@click.option("-V", "--verbose", is_flag=True, help="With the field tree, octet ranges and a hex view.")
+@click.option("-V", "--verbose", is_flag=True, help="Add the field tree with byte ranges and a hex dump.")
 @checksums_option
 @fail_on_option
 @scd_options
@@ -68,24 +75,28 @@ def command(
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
 ) -> int:
-    """Write one line for each PDU of S7comm and S7comm-plus: the packet that completed it, when (UTC), who to whom, what.
+    """List S7comm and S7comm-plus PDUs, one line each, or dissect them (-V).
 
-    Text shows COTP connects, disconnects, errors, messages of other protocols and packet comments as well; -T jsonl writes
-    PDUs only. Values need the request and its answer: the transactions command tells them.
+    A line gives the packet that completed the PDU, its time, source and destination, and its content. Text also shows COTP
+    connects, disconnects and errors, messages of other protocols and packet comments; -T jsonl writes PDUs only. To see
+    values, use the transactions command: they take the request and its answer.
 
-    FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input.
+    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input.
     """
     if verbose and format_ != "text":
-        raise click.UsageError("-V is for text: -T jsonl has the fields of every PDU anyway.")
+        raise click.UsageError("-V applies to text only; -T jsonl always includes the fields.")
     shown = _Pdus(format_ == "jsonl", frame, verbose, decoder)
     run = Run(files, shown, Options(decoder=decoder, checksums=checksums))
     shown.begin(places_of(run, files))
-    code = drive(run, files, lambda: write(shown.take()))
+    if format_ == "jsonl":
+        code = drive(run, files, lambda: write([line.text for line in shown.take()]))
+    else:
+        code = drive(run, files, lambda: write_lines(shown.take()))
     complain(run, code)
     if code == EXIT_OK and frame is not None and not shown.found:
         most = max([int(file.packets) for file in run.files], default=0)
         if frame > most:
-            click.echo(f"s7dissect: there is no packet {frame}: the last one is number {most}", err=True)
+            click.echo(f"s7dissect: no packet {frame}; the last one is {most}", err=True)
             return EXIT_USAGE
         click.echo(f"s7dissect: packet {frame} completes no {'S7 PDU' if format_ == 'jsonl' else 'message'}", err=True)
     return gate(run, fail_on, code)
@@ -103,11 +114,11 @@ class _Pdus(Observer):
         self._as_jsonl = as_jsonl
         self._frame = frame
         self._verbose = verbose
-        self._clock = Clock()
+        self._clock = clock()
         self._pdus = PduLines()
         self._places = Places([], False)
         self._packet = b""  # the TPKT or IBH-NetLink packet at hand
-        self._lines: list[str] = []
+        self._lines: list[Line] = []
 
     def begin(self, places: Places) -> None:
         """Name packets with ``places``."""
@@ -115,7 +126,7 @@ class _Pdus(Observer):
         if places.several:
             self._pdus.locate = places.locate
 
-    def take(self) -> list[str]:
+    def take(self) -> list[Line]:
         """Return the lines collected since the last call."""
         lines = self._lines
         self._lines = []
@@ -125,7 +136,7 @@ class _Pdus(Observer):
     def comment(self, frame: i64, text: str) -> None:
         """Add the line of a comment."""
         if not self._as_jsonl and self._wanted(frame):
-            self._lines.append(comment_line(frame, text, self._places))
+            self._add(comment_line(frame, text, self._places))
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Remember the TPKT for the PDU in it; add the line of one that carries no S7."""
@@ -137,9 +148,10 @@ class _Pdus(Observer):
             begins = side.assembler.parts is None and side.assembler.clear
             if not (begins and carried(tpdu)) or (self._decoder and self._decoder.claims_tsdus(side.connection)):
                 return
-        self._lines.append(tpdu_line(tpdu, frame, time_ns, side.connection, side.index, self._clock, self._places))
+        where = side.connection, side.index, self._clock, self._places
+        self._add(tpdu_line(tpdu, frame, time_ns, *where), bool(tpdu.malformed))
         if self._verbose:
-            self._lines.extend(tpdu_tree_lines(octets))
+            self._tree(tpdu_tree_lines(octets))
 
     def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Remember the packet for the PDU in it; add the line of one that carries no part of one."""
@@ -151,9 +163,9 @@ class _Pdus(Observer):
             if not side.assembler.clear or not message_name(packet.data):
                 return
         where = side.connection, side.index, self._clock, self._places
-        self._lines.append(netlink_line(packet, frame, time_ns, *where))
+        self._add(netlink_line(packet, frame, time_ns, *where), bool(packet.malformed))
         if self._verbose:
-            self._lines.extend(netlink_tree_lines(octets))
+            self._tree(netlink_tree_lines(octets))
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7 PDU."""
@@ -162,13 +174,13 @@ class _Pdus(Observer):
         connection = side.connection
         if self._as_jsonl:
             pdu = parse_pdu(without_secrets(octets), frame, time_ns, connection.number, side.index, cut)
-            self._lines.append(self._pdus.line(pdu, connection))
+            self._add(self._pdus.line(pdu, connection))
             return
         pdu = parse_pdu(octets, frame, time_ns, connection.number, side.index, cut)
-        self._lines.append(pdu_line(pdu, connection, self._clock, self._places))
+        self._add(pdu_line(pdu, connection, self._clock, self._places), _says_no(pdu))
         if self._verbose:
             whole = self._packet if self._packet.endswith(octets) and not cut else b""
-            self._lines.extend(tree_lines(pdu, whole, connection.state == IBH))
+            self._tree(tree_lines(pdu, whole, connection.state == IBH))
 
     def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7comm-plus PDU."""
@@ -177,12 +189,12 @@ class _Pdus(Observer):
         connection = side.connection
         pdu = parse_plus(octets, frame, time_ns, connection.number, side.index, cut)
         if self._as_jsonl:
-            self._lines.append(self._pdus.plus_line(pdu, connection))
+            self._add(self._pdus.plus_line(pdu, connection))
             return
-        self._lines.append(plus_line(pdu, connection, self._clock, self._places))
+        self._add(plus_line(pdu, connection, self._clock, self._places), bool(pdu.malformed))
         if self._verbose:
             whole = self._packet if self._packet.endswith(octets) and not cut else b""
-            self._lines.extend(plus_tree_lines(pdu, whole))
+            self._tree(plus_tree_lines(pdu, whole))
 
     def scd(self, frame: i64, time_ns: i64, side: Side, found: ScdMessage) -> None:
         """Add the line of an SCD message of its own."""
@@ -197,11 +209,23 @@ class _Pdus(Observer):
 
     def _scd(self, found: ScdMessage, connection: Connection) -> None:
         if self._as_jsonl:
-            self._lines.append(self._pdus.scd_line(found, connection))
+            self._add(self._pdus.scd_line(found, connection))
             return
-        self._lines.append(scd_line(found, connection, self._clock, self._places))
+        self._add(scd_line(found, connection, self._clock, self._places), found.message.error is not None)
         if self._verbose:
-            self._lines.extend(scd_tree_lines(found))
+            self._tree(scd_tree_lines(found))
+
+    def _add(self, text: str, failed: bool = False) -> None:
+        self._lines.append(Line(text, FAILED if failed else PLAIN, HANG))
+
+    def _tree(self, lines: Iterable[str]) -> None:
+        self._lines += [Line(text, PLAIN, TREE_HANG) for text in lines]
 
     def _wanted(self, frame: int) -> bool:
         return self._frame is None or self._places.number(frame) == self._frame
+
+
+def _says_no(pdu: Pdu) -> bool:
+    """Tell whether a PDU is damaged, or refuses something."""
+    refused = [code for code in pdu.return_codes() if code != SUCCESS] if pdu.rosctr != JOB else []
+    return bool(pdu.malformed or pdu.error_class > 0 or pdu.error_code > 0 or refused)

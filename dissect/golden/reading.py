@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -138,7 +139,7 @@ def _exchange(seen: Seen) -> Exchange:
     return Exchange(PLUS if seen.is_plus else S7, seen.request_octets, seen.response_octets, told)
 
 
-def is_golden(path: str | Path) -> bool:
+def is_golden(path: str | os.PathLike[str]) -> bool:
     """Tell whether a file begins as a golden does; False for what cannot be read."""
     try:
         with Path(path).open("rb") as file:
@@ -147,7 +148,7 @@ def is_golden(path: str | Path) -> bool:
         return False
 
 
-def load_golden(path: str | Path) -> Session:
+def load_golden(path: str | os.PathLike[str]) -> Session:
     """Read a golden. Raises GoldenError, which names file and line."""
     file = Path(path)
     try:
@@ -158,19 +159,21 @@ def load_golden(path: str | Path) -> Session:
         raise GoldenError(f"{path}: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise GoldenError(f"{path}: octet {error.start} is no UTF-8") from None
-    return parse_golden(text, str(path))
+    return parse_golden(text, os.fspath(path))
 
 
-def read_session(path: str | Path, *more: str | Path, carrier: PayloadDecoder | None = None) -> Session:
+def read_session(
+    path: str | os.PathLike[str], *more: str | os.PathLike[str], carrier: PayloadDecoder | None = None
+) -> Session:
     """Return the session of a capture (or of several, as `dissect.open` reads them) or of a golden; the content decides.
 
     ``carrier`` decodes SCD (`dissect.bindings.load_carrier`). Raises `CaptureError` for what is no capture and GoldenError for
     a golden that is wrong or a session that is too long. Damage inside a capture is told in ``damage``.
     """
-    if not more and str(path) != "-" and Path(path).is_file() and is_golden(path):
+    if not more and os.fspath(path) != "-" and Path(path).is_file() and is_golden(path):
         return load_golden(path)
-    reader = SessionReader(str(path))
-    run = Run([str(path), *[str(other) for other in more]], reader, Options(decoder=carrier))
+    reader = SessionReader(os.fspath(path))
+    run = Run([os.fspath(path), *[os.fspath(other) for other in more]], reader, Options(decoder=carrier))
     while run.step() and reader.too_long is None:
         pass
     run.finish()

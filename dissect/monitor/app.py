@@ -19,16 +19,19 @@ from textual.binding import Binding, BindingType
 from textual.events import Resize
 from textual.widgets import Input
 
+from dissect.findings.finding import SEVERITIES
 from dissect.live.session import Session, Status
 from dissect.monitor import details
 from dissect.monitor.filter import FAILED, SLOW
+from dissect.monitor.lists import FindingFacts
 from dissect.monitor.model import Model
 from dissect.monitor.panes import ConnectionsPane, EntriesPane, FindingsPane, Pane
 from dissect.monitor.rows import PLACES, entry_line
 from dissect.monitor.saving import save
 from dissect.monitor.screens import HELP, Bar, PageScreen
 from dissect.report import words
-from dissect.report.text import HEADING, Line, connection_lines, finding_lines
+from dissect.report.styled import HEADING, Line
+from dissect.report.text import connection_lines, finding_lines
 from dissect.wire.clock import Clock
 from dissect.wire.text import printable, shortened
 
@@ -45,13 +48,13 @@ _END_KEYS: Final = "q quit  / filter  Enter details  s save  ? help"
 _KEYS: Final = "q quit  p pause  f freeze  / filter  Enter details  s save  z zoom  ? help"
 
 
-def run_app(session: Session, slow_ns: int = 1_000_000_000) -> bool:
-    """Show ``session``, which was started, until somebody leaves; return whether that was by a signal or Ctrl+C."""
-    return bool(MonitorApp(session, slow_ns).run(mouse=False))
+def run_app(session: Session, slow_ns: int = 1_000_000_000, clock: Clock | None = None) -> bool:
+    """Show ``session``, which was started, until the user quits; return whether that was by a signal or Ctrl+C."""
+    return bool(MonitorApp(session, slow_ns, clock=clock).run(mouse=False))
 
 
 class MonitorApp(App[bool]):
-    """The main screen. An answer later than ``slow_ns`` is shown as slow; files go to ``directory``."""
+    """The main screen. An answer later than ``slow_ns`` is shown as slow; files go to ``directory``, ``clock`` writes times."""
 
     ENABLE_COMMAND_PALETTE = False
     CSS = """
@@ -75,7 +78,13 @@ class MonitorApp(App[bool]):
         Binding("escape", "leave_filter", show=False),
     ]
 
-    def __init__(self, session: Session, slow_ns: int = 1_000_000_000, directory: Path | None = None) -> None:
+    def __init__(
+        self,
+        session: Session,
+        slow_ns: int = 1_000_000_000,
+        directory: Path | None = None,
+        clock: Clock | None = None,
+    ) -> None:
         super().__init__(ansi_color=True)  # the terminal's own colours, and none with NO_COLOR
         self.model = Model(slow_ns)
         self.paused = False
@@ -83,13 +92,13 @@ class MonitorApp(App[bool]):
         self.head = Bar("head", reverse=True)
         self.foot = Bar("foot")
         self.connections = ConnectionsPane()
-        self.entries = EntriesPane()
-        self.findings = FindingsPane()
+        self.entries = EntriesPane(clock)
+        self.findings = FindingsPane(clock)
         self._panes: tuple[ConnectionsPane, EntriesPane, FindingsPane] = (self.connections, self.entries, self.findings)
         self._input = Input(placeholder="words, failed, slow, c12; Enter shows, Esc shows all")
         self._session = session
         self._directory = directory if directory is not None else Path()
-        self._clock = Clock()
+        self._clock = clock or Clock()
         self._came_at_pause = 0
         self._second = 0.0
         self._height = 24
@@ -158,9 +167,19 @@ class MonitorApp(App[bool]):
         title = f"CONNECTIONS {status.connections_open} open of {status.connections}{left_out}"
         self.connections.update_rows(facts, title)
         found = self.model.findings(dict(self._session.run.pipeline.finding_counts))
-        self.findings.update_rows(found, f"FINDINGS {status.findings}" if status.findings else "FINDINGS none")
+        self.findings.update_rows(found, self._findings_title(status, found))
         self.entries.update_rows(self.model.entries, self._entries_title(status))
         self._arrange()
+
+    def _findings_title(self, status: Status, found: list[FindingFacts]) -> str:
+        """Say how many findings there are, the heaviest first."""
+        if not status.findings:
+            return "FINDINGS none"
+        weights = {
+            severity: sum([one.times for one in found if one.rule.severity == severity]) for severity in SEVERITIES
+        }
+        told = ", ".join([words.count(count, severity) for severity, count in weights.items() if count])
+        return f"FINDINGS {status.findings} ({told})"
 
     def _entries_title(self, status: Status) -> str:
         odd = [f"{status.unanswered} unanswered"] if status.unanswered else []
@@ -179,8 +198,11 @@ class MonitorApp(App[bool]):
     def _show_head(self, status: Status) -> None:
         session = self._session
         engine = f" ({session.engine})" if session.engine not in {"", "file"} else ""
-        time_of_day = self._clock.iso(status.now_ns)[11:19]
-        parts = [f"s7dissect {printable(session.run.file.name)}{engine}", f"{time_of_day} UTC"]
+        time_of_day = self._clock.time_of_day(status.now_ns)[:8]
+        parts = [
+            f"s7dissect {printable(session.run.file.name)}{engine}",
+            f"{time_of_day} {self._clock.zone(status.now_ns)}",
+        ]
         parts.append(words.count(status.packets, "packet"))
         if session.engine not in {"", "file"}:
             counted = [count for count in status.drops if count is not None]
@@ -220,10 +242,14 @@ class MonitorApp(App[bool]):
         """Give each pane its share of the height: the lists what they need, up to a quarter; what rolls by the rest."""
         room = max(self._height - 2, 3)
         quarter = max(room // 4, 3)
+        # All errors are seen, be it at the cost of what rolls by; a list that is longer says how many rows it hides.
+        share = {self.connections: quarter, self.findings: max(quarter, min(self.findings.errors + 1, room // 2))}
         for pane in self._panes:
             alone = self.zoomed and pane.has_focus
             pane.display = alone or not self.zoomed
-            pane.styles.height = "1fr" if pane is self.entries or alone else min(max(len(pane.rows) + 1, 2), quarter)
+            pane.styles.height = (
+                "1fr" if pane is self.entries or alone else min(max(len(pane.rows) + 1, 2), share[pane])
+            )
 
     def action_zoom(self) -> None:
         """Show the pane alone, or all of them."""
@@ -281,13 +307,13 @@ class MonitorApp(App[bool]):
     def on_pane_opened(self, event: Pane.Opened) -> None:
         """Show what is behind a row."""
         if event.pane is self.connections and (one := self.connections.selected) is not None:
-            self._open(f"Connection {one.key}", details.connection_details(one, self.model.entries))
+            self._open(f"Connection {one.key}", details.connection_details(one, self.model.entries, self._clock))
         elif event.pane is self.findings and (found := self.findings.selected) is not None:
             self._open(f"Finding {found.key}", details.finding_details(found))
         elif event.pane is self.entries and (entry := self.entries.selected) is not None:
             what = entry.what
             title = "SCD message" if isinstance(what, tuple) else f"{type(what).__name__} {what.number}"
-            self._open(title, details.entry_lines(entry))
+            self._open(title, details.entry_lines(entry, self._clock))
 
     def action_help(self) -> None:
         """Show the keys."""

@@ -42,7 +42,7 @@ def read_address(text: str, default_port: int | None = None) -> Address:
             except AddressError:
                 pass
     without = f" or HOST alone for port {default_port}" if default_port is not None else ""
-    raise AddressError(f"{text!r} is no address: say HOST:PORT, for example {DEFAULT} or [::1]:10102{without}")
+    raise AddressError(f"{text!r} is not an address: expected HOST:PORT, for example {DEFAULT} or [::1]:10102{without}")
 
 
 def places_to_listen(address: Address, allow_remote: bool, danger: str = _DANGER) -> list[Place]:
@@ -55,7 +55,7 @@ def places_to_listen(address: Address, allow_remote: bool, danger: str = _DANGER
         if not allow_remote and not is_loopback(str(place.address[0])):
             raise ProxyError(
                 f"{address} can be reached from other machines, {danger}: "
-                f"listen on {DEFAULT}, or add --allow-remote when that is meant (allow_remote=True)"
+                f"listen on {DEFAULT}, or add --allow-remote if that is intended"
             )
     return places if address.port else places[:1]  # a port that the system chooses is another one for each
 

@@ -7,6 +7,7 @@ one comes, because what the pipeline finds in it is told in between; on a silent
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection
 from pathlib import Path
 from typing import Final
@@ -39,7 +40,7 @@ class EventCapture(PacketSink):
 
     def __init__(
         self,
-        directory: str,
+        directory: str | os.PathLike[str],
         before_ns: int,
         after_ns: int,
         max_octets: int = 64 * 1024 * 1024,

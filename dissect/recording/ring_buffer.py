@@ -7,6 +7,7 @@ kill leaves behind is readable up to the last packet written, and is not touched
 
 from __future__ import annotations
 
+import os
 import re
 from collections import deque
 from collections.abc import Iterable
@@ -83,7 +84,7 @@ class RingBuffer(PacketSink):
 
     def __init__(
         self,
-        directory: str,
+        directory: str | os.PathLike[str],
         limits: RingLimits | None = None,
         name: str = "s7dissect",
         application: str = "",

@@ -63,6 +63,12 @@ class Analysis(Observer):
         self.pipeline: Pipeline | None = None
         self.files: list[SourceFile] = []
 
+    def __repr__(self) -> str:
+        return (
+            f"Analysis({len(self.connections)} connections, {self.total} transactions, {self.with_errors} with errors, "
+            f"{self.unanswered} unanswered)"
+        )
+
     def take(self, pipeline: Pipeline, files: list[SourceFile]) -> None:
         """Take over what the pipeline counted and the files that were read."""
         self.pipeline = pipeline

@@ -86,12 +86,6 @@ def count(number: int, one: str, many: str = "") -> str:
     return f"{number} {one if number == 1 else many or one + 's'}"
 
 
-def moment(iso: str) -> str:
-    """Return an ISO 8601 time for a person: a blank between date and time, and microseconds."""
-    day, _, time = iso.partition("T")
-    return f"{day} {time[:15]}"
-
-
 def vlans(key: int) -> list[int]:
     """Return the VLAN ids of a connection, the outer tag first, from the number that holds them in twelve bits each."""
     vids: list[int] = []
@@ -174,6 +168,15 @@ def notes(transaction: Transaction) -> str:
         return ""
     asked, told = transaction.request, transaction.response
     said = [body_notes(pdu) for pdu in (asked, told) if pdu is not None]
+    return " → ".join([text for text in said if text])
+
+
+def subject_whole(transaction: Transaction) -> str:
+    """Return what a transaction without items is about, nothing left out."""
+    if transaction.is_plus or transaction.is_scd or transaction.function in _TOLD_BY_ITEMS:
+        return subject(transaction)
+    asked, told = transaction.request, transaction.response
+    said = [", ".join([printable(note) for note in pdu.body.notes]) for pdu in (asked, told) if pdu is not None]
     return " → ".join([text for text in said if text])
 
 

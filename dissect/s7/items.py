@@ -17,6 +17,8 @@ DATA_HEAD: Final = 4
 _BIT: Final = 0x01
 _RECORD: Final = 0x01
 _S7ANY_SIZE: Final = 12
+#: Octets of a data item that its representation shows.
+_SHOWN: Final = 16
 
 #: Kinds of areas that a write goes to: outputs and peripherals, which act at once, and everything else.
 WRITTEN_IO: Final = 1
@@ -174,6 +176,10 @@ class DataItem:
         self.length: i64 = length
         self.data: bytes = data
         self.offset: i64 = offset
+
+    def __repr__(self) -> str:
+        shown = self.data[:_SHOWN].hex(" ") + (" …" if len(self.data) > _SHOWN else "")
+        return f"DataItem(0x{self.return_code:02x}, {len(self.data)} bytes: {shown})"
 
 
 def parse_data_items(

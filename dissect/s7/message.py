@@ -77,6 +77,9 @@ class Pdu:
         self.parameters = Parameters(b"", 0)
         self.malformed: list[Malformed] = []
 
+    def __repr__(self) -> str:
+        return f"Pdu({self.rosctr_name}, {self.function_name or '-'}, ref {self.pdu_ref}, packet {self.frame})"
+
     @property
     def header_size(self) -> int:
         """Octets of the header, 10 or 12."""

@@ -52,6 +52,9 @@ class Setup:
         self.max_amq_called = max_amq_called
         self.pdu_length = pdu_length
 
+    def __repr__(self) -> str:
+        return f"Setup({self.max_amq_calling}, {self.max_amq_called}, {self.pdu_length})"
+
     def as_dict(self) -> dict[str, object]:
         """Return the three values, JSON-ready."""
         return {

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
@@ -214,7 +215,7 @@ class Dictionary:
         """SHA-256 of the compiled file (R18)."""
         return sha256(self.octets).digest()
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | os.PathLike[str]) -> None:
         """Write the compiled file."""
         Path(path).write_bytes(self.octets)
 

@@ -193,7 +193,7 @@ class PcapngWriter:
 
     def __init__(
         self,
-        path: str,
+        path: str | os.PathLike[str],
         hardware: str = "",
         os_name: str = "",
         application: str = "",
@@ -202,7 +202,7 @@ class PcapngWriter:
         overwrite: bool = False,
     ) -> None:
         """Create the file at ``path`` (FileExistsError when there is one, unless ``overwrite``); ``-`` is standard output."""
-        self.path = path
+        self.path = path = os.fspath(path)
         self.packets = 0
         self.octets = 0
         self._batch = batch

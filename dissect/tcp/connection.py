@@ -32,6 +32,9 @@ class Endpoint:
         """The address without the port, as text."""
         return address_text(self.address)
 
+    def __repr__(self) -> str:
+        return f"Endpoint({str(self)!r})"
+
     def __str__(self) -> str:
         text = address_text(self.address)
         return f"[{text}]:{self.port}" if len(self.address) == 16 else f"{text}:{self.port}"

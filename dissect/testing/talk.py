@@ -14,6 +14,7 @@ the oldest request of the other side that is open; a request that is not answere
 
 from __future__ import annotations
 
+import os
 import struct
 from collections import deque
 from ipaddress import ip_address
@@ -216,7 +217,7 @@ class Talk:
             found += [(event.time_ns, frame) for frame in frames]
         return found
 
-    def capture(self, path: str | Path | None = None) -> bytes:
+    def capture(self, path: str | os.PathLike[str] | None = None) -> bytes:
         """Return the conversation as the octets of a pcapng file; written to ``path`` too, over what is there."""
         blocks = [section_block(application="s7dissect talk"), interface_block(ETHERNET, "talk")]
         blocks += [packet_block(0, time_ns, frame, len(frame)) for time_ns, frame in self.frames()]

@@ -181,6 +181,10 @@ class Connection:
         self.open_at_end: i64 = 0
         self.ending: Ending | None = None  # once it is over
 
+    def __repr__(self) -> str:
+        arrow = "→" if self.client_known else "↔"
+        return f"Connection({self.number}, {self.client} {arrow} {self.server}, {self.pdus} PDUs)"
+
     @property
     def client(self) -> Endpoint:
         """The end that asked for the connection."""

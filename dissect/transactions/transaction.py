@@ -65,6 +65,9 @@ class TransactionError:
         self.text = text
         self.address = address
 
+    def __repr__(self) -> str:
+        return f"TransactionError({self.where!r}, 0x{self.code:x}, {self.name!r})"
+
     def as_dict(self) -> dict[str, object]:
         """Return the error as the JSON contract has it."""
         return {"where": self.where, "code": self.code, "name": self.name, "text": self.text}
@@ -84,6 +87,9 @@ class ItemResult:
         self.return_code: i64 = return_code
         self.data: bytes | None = data
         self.answer: DataItem | None = answer
+
+    def __repr__(self) -> str:
+        return f"ItemResult({self.item!r}, {self.return_code}, {self.data!r})"
 
     @property
     def decodable(self) -> bool:

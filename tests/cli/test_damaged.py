@@ -10,9 +10,10 @@ import pytest
 from mypy_extensions import i64
 
 from dissect.cli.show import _Pdus
-from dissect.cli.transactions import _Rows
+from dissect.cli.transactions import _Lines
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_json
+from dissect.report.csv_rows import CsvRows
 from dissect.report.jsonl import TransactionLines
 from dissect.report.places import Places
 from dissect.report.text import analysis_lines
@@ -75,20 +76,24 @@ def holds(packets: list[Packet]) -> None:
     observed(lines, packets)
     transactions = lines.take()
     assert len(transactions) == analysis.total
-    for as_csv in (False, True):
-        rows = _Rows(as_csv, None)
-        rows.begin(PLACES)
-        observed(rows, packets)
-        told = rows.take()
-        assert len(told) == analysis.total + as_csv
-        shown += told
+    texts = _Lines(None)
+    texts.places = PLACES
+    observed(texts, packets)
+    told = [line.text for line in texts.take()]
+    assert len(told) == analysis.total
+    rows = CsvRows()
+    rows.begin(PLACES)
+    observed(rows, packets)
+    table = rows.take()
+    assert {int(line.partition(",")[0]) for line in table[1:]} == set(range(1, int(analysis.total) + 1))
+    shown += told + table
     pdus = _Pdus(True, None, False, None)
     observed(pdus, packets)
-    pdu_lines = pdus.take()
+    pdu_lines = [line.text for line in pdus.take()]
     assert len(pdu_lines) == pipeline.s7.pdus
     trees = _Pdus(False, None, True, None)
     observed(trees, packets)
-    shown += trees.take()
+    shown += [line.text for line in trees.take()]
     assert [line for line in (*shown, *transactions, *pdu_lines) if UNSAFE.search(line)] == []
     for name, each in (("transaction", transactions), ("pdu", pdu_lines)):
         for line in each[:10]:  # checking against the schema takes longer than all else

@@ -100,8 +100,8 @@ def test_a_damaged_file_is_told(capfdbinary: pytest.CaptureFixture[bytes], tmp_p
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ([], "Say what to watch"),
-        (["-i", "lo", "file"], "Say what to watch"),
+        ([], "Nothing to watch"),
+        (["-i", "lo", "file"], "Nothing to watch"),
         (["file", "-f", "tcp"], "belong to an interface"),
         (["file", "-Z", "root"], "belong to an interface"),
         (["-i", "lo", "-Z", "nobody", "--engine", "dumpcap"], "-Z USER: "),

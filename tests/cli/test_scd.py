@@ -122,7 +122,7 @@ def test_an_eds_in_another_encoding(capfdbinary: Capture, tmp_path: Path) -> Non
     assert "no UTF-8 and read as Latin-1" in guessed.err
     wrong = run(capfdbinary, "scd", "dump", "--encoding", "cp1251", PLANT)
     assert (wrong.code, wrong.out) == (2, "")
-    assert "--encoding is for EDS and DCF" in wrong.err
+    assert "--encoding applies to EDS and DCF" in wrong.err
 
 
 def test_what_cannot_be_compiled(capfdbinary: Capture, tmp_path: Path) -> None:
@@ -176,7 +176,7 @@ def test_check(capfdbinary: Capture, tmp_path: Path) -> None:
     bad.write_bytes(scd.compile(PLANT).octets[:-1])
     good = run(capfdbinary, "scd", "check", PLANT)
     assert (good.code, good.err) == (0, "")
-    assert good.out.splitlines()[0] == f"{PLANT}: keeps the rules"
+    assert good.out.splitlines()[0] == f"{PLANT}: valid"
     assert "  T2   0x1a01  4 octets  Насос и давление 1" in good.out.splitlines()
     both = run(capfdbinary, "scd", "check", bad, PLANT)
     assert (both.code, both.err) == (1, "")

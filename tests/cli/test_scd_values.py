@@ -145,7 +145,7 @@ def test_a_file_too_large_and_an_empty_one(capfdbinary: Capture, tmp_path: Path)
     large = tmp_path / "large"
     with large.open("wb") as file:
         file.truncate((1 << 20) + 1)
-    assert "more than 1048576 octets" in decode(capfdbinary, "--message", "--raw", large).err
+    assert "more than 1048576 bytes" in decode(capfdbinary, "--message", "--raw", large).err
     (tmp_path / "empty").touch()
     ran = decode(capfdbinary, "--pdo", "T2", tmp_path / "empty")
     assert (ran.code, ran.err) == (2, "s7dissect: E_SHORT: T2 Насос и давление 1: 0 octets of 4\n")
@@ -154,10 +154,10 @@ def test_a_file_too_large_and_an_empty_one(capfdbinary: Capture, tmp_path: Path)
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("C1",), "Say what the octets are by one of --pdo, --type, --object, --value, --message."),
-        (("--pdo", "T1", "--message", "C1"), "Say what the octets are by one of"),
-        (("--pdo", "T1", "C1A"), "C1A: neither hexadecimal octets (two digits each) nor a file."),
-        (("--pdo", "T1", "C1", "no", "file"), "C1 no file: neither hexadecimal octets"),
+        (("C1",), "Give one of --pdo, --type, --object, --value, --message."),
+        (("--pdo", "T1", "--message", "C1"), "Give one of"),
+        (("--pdo", "T1", "C1A"), "C1A: neither hexadecimal bytes (two digits each) nor a file."),
+        (("--pdo", "T1", "C1", "no", "file"), "C1 no file: neither hexadecimal bytes"),
         (("--pdo", "T1", "--raw", "C1", "C2"), "--raw takes one FILE, or -."),
         (("--pdo", "T9", "C1"), "E_PDO_NUMBER: T9: the dictionary has no PDO 'T9'"),
         (("--type", "uint12", "C1"), "uint12 is a simple type, not a struct"),
@@ -254,7 +254,7 @@ def test_a_name_may_have_an_equals_sign_in_it(capfdbinary: Capture, tmp_path: Pa
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ((), "Say what the octets are by one of"),
+        ((), "Give one of"),
         (("--pdo", "T2", "0x6001"), "expected VARIABLE=VALUE, got '0x6001'."),
         (
             ("--pdo", "T2", "--partial", "0x6001=1374"),
@@ -264,7 +264,7 @@ def test_a_name_may_have_an_equals_sign_in_it(capfdbinary: Capture, tmp_path: Pa
             ("--pdo", "T2", "--partial", "Насос 1.speed=3001"),
             "3001 is outside the limits of its raw value, -3000..3000",
         ),
-        (("--pdo", "T2", "0x6001=raw:1", "Давление 1=1кПа"), "a variable is given twice."),
+        (("--pdo", "T2", "0x6001=raw:1", "Давление 1=1кПа"), "a variable was given twice."),
         (("--pdo", "T2", "0x6001=0x1"), "E_COUNT: T2 Насос и давление 1: no value for Насос 1.run"),
         (("--pdo", "T2", "--partial", "0x6044=1"), "no place for a value of (24644, 0)"),
         (("--pdo", "T2", "nothing=1"), "E_INDEX: nothing: no object is called 'nothing'"),

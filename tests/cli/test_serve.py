@@ -106,7 +106,7 @@ def test_several_files_are_one_recording(tmp_path: Path) -> None:
     ("arguments", "why"),
     [
         (["--listen", "0.0.0.0:0"], "0.0.0.0:0 can be reached from other machines, which would take it for a PLC"),
-        (["--listen", "nowhere"], "is no address"),
+        (["--listen", "nowhere"], "is not an address"),
         (["--fault", "break:3"], "is no fault"),
         (["--latency", "soon"], "say recorded, none, or milliseconds"),
         (["--latency", "-1"], "say recorded, none, or milliseconds"),

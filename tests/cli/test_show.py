@@ -78,7 +78,7 @@ def test_a_packet_that_completes_nothing_is_told(capfdbinary: Capture, path: Pat
 def test_a_packet_that_does_not_exist_is_wrong_use(capfdbinary: Capture, path: Path) -> None:
     saved(path, read(begun(), 1).packets())
     ran = run(capfdbinary, "show", "--frame", "10", path)
-    assert (ran.code, ran.out, ran.err) == (2, "", "s7dissect: there is no packet 10: the last one is number 9\n")
+    assert (ran.code, ran.out, ran.err) == (2, "", "s7dissect: no packet 10; the last one is 9\n")
 
 
 def test_in_several_files_a_packet_is_that_of_each(capfdbinary: Capture, tmp_path: Path) -> None:
@@ -99,7 +99,7 @@ def test_verbose_and_jsonl_do_not_go_together(capfdbinary: Capture, path: Path) 
     saved(path, begun().packets())
     ran = run(capfdbinary, "show", "-V", "-T", "jsonl", path)
     assert (ran.code, ran.out) == (2, "")
-    assert "-V is for text" in ran.err
+    assert "-V applies to text" in ran.err
 
 
 # ---- the tree on real ways to travel --------------------------------------------------------------------------------

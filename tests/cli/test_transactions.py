@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dissect.report.lines import CSV_COLUMNS
+from dissect.report.csv_rows import CSV_COLUMNS
 from tests.cli.support import halves, run, simple
 from tests.properties import messages
 from tests.properties.messages import dt
@@ -55,7 +55,7 @@ def test_only_what_is_asked_for(capfdbinary: Capture, mixed: Path, options: list
 
 def test_text(capfdbinary: Capture, mixed: Path) -> None:
     lines = run(capfdbinary, "transactions", mixed).out.splitlines()
-    assert [line[26:].split()[:2] for line in lines] == [
+    assert [line[30:].split()[:2] for line in lines] == [
         ["#1", "6→7"],
         ["#2", "8→9"],
         ["#3", "10→11"],

@@ -159,7 +159,7 @@ def test_what_cannot_be_read_twice(
     monkeypatch.chdir(tmp_path)
     ran = run(capfdbinary, "verify", name)
     assert (ran.code, ran.out) == (2, "")
-    assert f"{name}: a capture is read several times here, so it has to be a file." in ran.err
+    assert f"{name}: a regular file is needed, because it is read several times." in ran.err
 
 
 def test_without_tshark(

@@ -29,7 +29,7 @@ def conversation() -> list[Packet]:
 
 def test_each_event_is_a_line() -> None:
     lines = lines_of(conversation())
-    heads = [line[28:] for line in lines]
+    heads = [line[32:] for line in lines]
     assert heads[0] == "connection 1  10.0.0.1:49152 → 10.0.0.2:102  opened"
     assert "Setup communication" in heads[1]
     assert heads[3].startswith("#2     8→9 ")

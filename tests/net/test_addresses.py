@@ -38,7 +38,7 @@ def test_addresses_are_read(text: str, port: int | None, address: Address) -> No
     [("", 102), ("127.0.0.1", None), (":102", 102), ("fe80::1", 102), ("a:b", 102), ("a:70000", 102), ("a b", 102)],
 )
 def test_what_is_no_address_is_told_with_an_example(text: str, port: int | None) -> None:
-    with pytest.raises(AddressError, match=r"is no address: say HOST:PORT, for example 127\.0\.0\.1:10102"):
+    with pytest.raises(AddressError, match=r"is not an address: expected HOST:PORT, for example 127\.0\.0\.1:10102"):
         read_address(text, port)
 
 

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from dissect.report.analysis import Analysis
-from dissect.report.text import Line, analysis_lines, table
+from dissect.report.styled import Line
+from dissect.report.text import analysis_lines, table
 from dissect.source.packet import SourceFile
 from tests.properties import messages
 from tests.properties.messages import Item, dt, fragments
@@ -395,7 +396,7 @@ def test_a_narrow_terminal_wraps_between_words(width: int) -> None:
 
 def test_wrapped_rows_hang_below_their_last_column() -> None:
     line = Line("  #5  Read Var  one two three", hang=16)
-    assert line.wrapped(24) == ["  #5  Read Var  one two", "      three"]  # too narrow to hang
+    assert line.wrapped(24) == ["  #5  Read Var", "      one two three"]  # too narrow to hang
     assert Line("  #5  Read  one two three", hang=12).wrapped(25) == ["  #5  Read  one two three"]
     assert Line("  #5  Read  one two three four", hang=12).wrapped(25) == [
         "  #5  Read  one two three",

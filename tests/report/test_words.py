@@ -55,11 +55,6 @@ def test_a_number_with_its_noun() -> None:
     assert words.count(2, "push", "pushes") == "2 pushes"
 
 
-def test_a_moment_is_cut_to_microseconds() -> None:
-    assert words.moment("2024-03-04T05:06:07.123456789Z") == "2024-03-04 05:06:07.123456"
-    assert words.moment("12024-03-04T05:06:07.123456789Z") == "12024-03-04 05:06:07.123456"
-
-
 @pytest.mark.parametrize(
     ("key", "vids"), [(0, []), (7, [7]), (100 * 4096 + 7, [100, 7]), ((3 * 4096 + 2) * 4096 + 1, [3, 2, 1])]
 )

@@ -42,7 +42,7 @@ def _kept(
     for what, text in values:
         found = _TIME.fullmatch(text)
         if found is None:
-            raise click.BadParameter(f"{text!r} is no time such as 500ms, 30s or 2min.", ctx, param)
+            raise click.BadParameter(f"expected a time such as 500ms, 30s or 2min, got {text!r}.", ctx, param)
         try:
             kept.append((slugs_of(what), int(found[1]) * _UNITS[found[2] or "s"]))
         except ValueError as error:
@@ -64,7 +64,7 @@ class Beside:
         if directory is None and (limits is not None or kept):
             raise click.UsageError("-b and --keep-around need -w DIR, where files are written to.")
         if baseline is not None and rules is None:
-            raise click.UsageError("--baseline needs --alerts FILE, the rules that ask it.")
+            raise click.UsageError("--baseline needs --alerts.")
         self._limits = limits
         self._kept = kept
         self._rules = rules
@@ -163,9 +163,13 @@ def beside_options(command: Callable[..., int]) -> Callable[..., int]:
         help="Write the packets from TIME before to TIME after each FINDING (a severity, slug, or 'security.*') to a file of "
         "their own in DIR; without -b only these are written.",
     )
-    @click.option("--alerts", "rules", type=_FILE, metavar="RULES", help="Raise alerts by the rules in this file …")
+    @click.option("--alerts", "rules", type=_FILE, metavar="RULES", help="Load alert rules from this file.")
     @click.option(
-        "--baseline", "baseline", type=_FILE, metavar="PLANT", help="… some of which ask what is normal here."
+        "--baseline",
+        "baseline",
+        type=_FILE,
+        metavar="PLANT",
+        help="With --alerts: the baseline that rules compare with.",
     )
     @functools.wraps(command)
     def with_beside(

@@ -17,8 +17,20 @@ _FILE = click.Path(dir_okay=False)
 def scd_options(command: Callable[..., int]) -> Callable[..., int]:
     """Add ``--scd`` and ``--bind`` to a command, which is given the ``decoder`` they make, or None without them."""
 
-    @click.option("--scd", "scd", type=_FILE, metavar="DICT", help="Decode SCD by this dictionary (compiled or TOML) …")
-    @click.option("--bind", "bind", type=_FILE, metavar="BINDINGS", help="… where this file says that it travels.")
+    @click.option(
+        "--scd",
+        "scd",
+        type=_FILE,
+        metavar="DICT",
+        help="Decode SCD with this dictionary (needs --bind).",
+    )
+    @click.option(
+        "--bind",
+        "bind",
+        type=_FILE,
+        metavar="BINDINGS",
+        help="Where SCD is carried: a bindings file (needs --scd).",
+    )
     @functools.wraps(command)
     def with_decoder(*arguments: Any, scd: str | None, bind: str | None, **options: Any) -> int:
         return command(*arguments, decoder=_decoder(scd, bind), **options)
@@ -30,8 +42,8 @@ def _decoder(scd: str | None, bind: str | None) -> PayloadDecoder | None:
     if scd is None and bind is None:
         return None
     if scd is None or bind is None:
-        missing = "--scd DICT, the dictionary" if scd is None else "--bind BINDINGS, which says where SCD travels"
-        raise click.UsageError(f"{missing}, is missing: the two options belong together.")
+        missing = "--scd DICT, the dictionary" if scd is None else "--bind BINDINGS, which says where SCD is carried"
+        raise click.UsageError(f"missing {missing}: the two options belong together.")
     from dissect.bindings import BindingError, load_carrier
     from dissect.scd.errors import DictionaryError
     from dissect.wire.text import printable

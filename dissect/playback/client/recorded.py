@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -72,16 +73,16 @@ class Recorded:
         self.spans = {number: span for number, span in (spans or {}).items() if number in known}
 
 
-def load_recorded(path: str | Path, carrier: PayloadDecoder | None = None) -> Recorded:
+def load_recorded(path: str | os.PathLike[str], carrier: PayloadDecoder | None = None) -> Recorded:
     """Read a capture or a golden. Raises `CaptureError` for what is neither, or a golden that is wrong."""
-    if str(path) != "-" and Path(path).is_file() and is_golden(path):
+    if os.fspath(path) != "-" and Path(path).is_file() and is_golden(path):
         try:
             session = load_golden(path)
         except GoldenError as error:
             raise ReplayError(str(error)) from None
         return Recorded(session, session.links)
-    reader = OrderedReader(str(path))
-    run = Run([str(path)], reader, Options(decoder=carrier))
+    reader = OrderedReader(os.fspath(path))
+    run = Run([os.fspath(path)], reader, Options(decoder=carrier))
     try:
         while run.step():
             pass

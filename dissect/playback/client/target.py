@@ -45,4 +45,4 @@ def places_of(address: Address, allow_remote: bool) -> list[Place]:
 
 def _remote(address: Address, host: str) -> ReplayError:
     which = f"{address} is not on this machine" if address.host == host else f"{address} is {host}, not on this machine"
-    return ReplayError(f"{which}: nothing was sent; add --allow-remote when a device out there is meant")
+    return ReplayError(f"{which}: nothing was sent; add --allow-remote if that is intended")

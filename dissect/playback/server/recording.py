@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import os
 from typing import TYPE_CHECKING, Final
 
 from dissect.engine.observer import Observer, Options
@@ -156,19 +156,19 @@ def _served(recording: Recording) -> Recording:
     return recording
 
 
-def load_recording(path: str | Path, *more: str | Path) -> Recording:
+def load_recording(path: str | os.PathLike[str], *more: str | os.PathLike[str]) -> Recording:
     """Return what can be served of a capture (or of several, as `dissect.open` reads them) or of a golden.
 
     Raises `CaptureError` for what is no capture and `ServerError` when nothing in it can be served, or too much.
     """
-    name = str(path)
+    name = os.fspath(path)
     if not more and name != "-" and is_golden(path):
         try:
             return _served(_of_golden(read_session(path)))
         except GoldenError as error:
             raise ServerError(str(error)) from None
     reader = RecordingReader(name)
-    run = Run([name, *[str(other) for other in more]], reader, Options())
+    run = Run([name, *[os.fspath(other) for other in more]], reader, Options())
     while run.step() and not reader.excess:
         pass
     run.finish()

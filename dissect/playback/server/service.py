@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import heapq
+import os
 import selectors
 import threading
 import time
 from collections import deque
 from collections.abc import Sequence
-from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Final, Self
 
@@ -67,7 +67,7 @@ class Server:
 
     def __init__(
         self,
-        recording: Recording | str | Path,
+        recording: Recording | str | os.PathLike[str],
         port: int = 0,
         host: str = "127.0.0.1",
         *,

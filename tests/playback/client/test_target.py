@@ -31,7 +31,7 @@ def test_a_target_is_a_host_and_a_port_or_the_port_of_a_plc() -> None:
     assert read_target("127.0.0.1:1102") == Address("127.0.0.1", 1102)
     assert read_target("127.0.0.1") == Address("127.0.0.1", 102)
     assert read_target("[::1]:7") == Address("::1", 7)
-    with pytest.raises(ReplayError, match="is no address"):
+    with pytest.raises(ReplayError, match="is not an address"):
         read_target("127.0.0.1:port")
 
 
