@@ -10,6 +10,7 @@ from typing import Final
 
 from dissect.alerts.alert import Alert
 from dissect.scd.reading import Table
+from dissect.wire.text import reason
 
 _KINDS: Final = ("command", "syslog", "webhook")
 #: Programs or requests of one action at a time.
@@ -53,7 +54,7 @@ def to_stderr(line: str) -> None:
         try:
             print(line, file=sys.stderr, flush=True)  # noqa: T201 - this is what it is for
         except (OSError, ValueError) as error:
-            raise DeliveryError(f"stderr cannot be written: {error}") from None
+            raise DeliveryError(f"stderr cannot be written: {reason(error)}") from None
 
 
 def action_of(table: Table, name: str, hosts: frozenset[str], timeout: float) -> Action:

@@ -15,7 +15,7 @@ from dissect.alerts.alert import Alert
 from dissect.scd.errors import shown
 from dissect.scd.reading import Table
 from dissect.wire.clock import Clock
-from dissect.wire.text import printable
+from dissect.wire.text import printable, reason
 
 _PLACEHOLDER: Final = re.compile(r"\{([A-Za-z_]+)\}")
 #: What may stand in arguments: what the user wrote, numbers, and addresses, which are made from octets. Never a text from the
@@ -55,7 +55,7 @@ class Command(Action):
                     start_new_session=True,
                 )
             except (OSError, ValueError) as error:
-                raise DeliveryError(f"{program}: {error}") from None
+                raise DeliveryError(f"{program}: {reason(error)}") from None
             self._running.add(process)
         try:
             process.communicate(alert.as_json().encode("ascii") + b"\n", self._timeout)
@@ -64,7 +64,7 @@ class Command(Action):
             raise DeliveryError(f"{program}: took more than {self._timeout:g} s and was killed") from None
         except OSError as error:
             _kill(process)
-            raise DeliveryError(f"{program}: {error}") from None
+            raise DeliveryError(f"{program}: {reason(error)}") from None
         finally:
             with self._lock:
                 self._running.discard(process)

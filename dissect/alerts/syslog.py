@@ -16,6 +16,7 @@ from dissect.findings.finding import ERROR, NOTE
 from dissect.scd.errors import shown
 from dissect.scd.reading import Table
 from dissect.wire.clock import Clock
+from dissect.wire.text import reason
 
 #: The socket that Linux systems have.
 DEV_LOG: Final = "/dev/log"
@@ -57,7 +58,7 @@ class Syslog(Action):
         except (OSError, ValueError) as error:
             self.close()
             where = self._address if isinstance(self._address, str) else f"{self._address[0]}:{self._address[1]}"
-            raise DeliveryError(f"syslog {where}: {error}") from None
+            raise DeliveryError(f"syslog {where}: {reason(error)}") from None
 
     def close(self) -> None:
         """Close the socket."""

@@ -34,8 +34,8 @@ def _key(ctx: click.Context, param: click.Parameter, value: str) -> Key:
     try:
         return read_key(value)
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise click.BadParameter(f"{printable(value)}: {printable(reason)}.", ctx, param) from None
+        why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise click.ClickException(f"--key {value}: {why}") from None
 
 
 @click.command("anonymize", epilog=_EXIT_CODES)

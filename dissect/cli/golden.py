@@ -13,8 +13,8 @@ from dissect.cli.drive import complain, drive, files_argument, write
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.reading import SessionReader, is_golden, load_golden
-from dissect.golden.saving import save_whole
 from dissect.golden.writing import EXTRAS, golden_lines
+from dissect.wire.saving import save
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def command(files: tuple[str, ...], output: str, extras: frozenset[str], carrier
     if output == "-":
         write(golden_lines(session, extras))
     else:
-        save_whole(Path(output), "".join([f"{line}\n" for line in golden_lines(session, extras)]).encode())
+        save(output, "".join([f"{line}\n" for line in golden_lines(session, extras)]).encode())
     return code
 
 
@@ -91,4 +91,4 @@ def read_capture(files: tuple[str, ...], carrier: Carrier | None) -> tuple[Sessi
     complain(run, EXIT_DAMAGED if code == EXIT_INTERRUPTED else code)
     if code == EXIT_INTERRUPTED:
         click.echo("s7dissect: interrupted, nothing was written", err=True)
-    return reader.finish([f"{file.name}: {file.damage}" for file in run.files if file.damage]), code
+    return reader.finish([f"{file.name}: {file.loss}" for file in run.files if file.loss]), code

@@ -213,14 +213,14 @@ def _summarise(session: Session, status: Status) -> None:
     for failure in session.run.failures:
         click.echo(f"s7dissect: {printable(failure)}", err=True)
     file = session.run.file
-    if file.damage:
-        click.echo(f"s7dissect: {printable(file.name)}: {printable(file.damage)}", err=True)
+    if file.loss:
+        click.echo(f"s7dissect: {printable(file.name)}: {printable(file.loss)}", err=True)
 
 
 def _code(session: Session, interrupted: bool) -> int:
     if interrupted:
         return EXIT_INTERRUPTED
-    if session.run.file.damage:
+    if session.run.file.loss:
         return EXIT_DAMAGED
     return EXIT_OUTPUT if session.run.failures else EXIT_OK
 

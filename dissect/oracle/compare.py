@@ -59,7 +59,8 @@ class Comparison:
 
     ``other`` counts the fields that Wireshark shows in bodies under names that no layout of ours has, ``again`` those of them
     whose octets stand in a field that is compared;
-    ``not_comparable`` the PDUs that Wireshark cannot be asked about, by the reason.
+    ``not_comparable`` the PDUs that Wireshark cannot be asked about, by the reason. ``loss`` says what of the capture could not
+    be read and so was not compared, empty when all of it was.
     """
 
     def __init__(self) -> None:
@@ -69,6 +70,7 @@ class Comparison:
         self.again: Counter[str] = Counter()
         self.differences: list[Difference] = []
         self.not_comparable: Counter[str] = Counter()
+        self.loss = ""
 
     @property
     def unexplained(self) -> list[Difference]:
@@ -87,6 +89,7 @@ class _Bench:
     def __init__(self, path: str, witness: Witness) -> None:
         self.result = Comparison()
         self.result.not_comparable += witness.not_comparable
+        self.result.loss = witness.loss
         self._evidence = Evidence(path, witness.found)
         self._lonely: dict[str, tuple[list[Record], list[tuple[Record, Frame]]]] = {
             facts.TPDU: ([], []),

@@ -15,7 +15,7 @@ import pytest
 _MOTHER: Final = """
 import importlib, json, os, signal, sys
 for name in ("alerts", "anonymize.rewriter", "anonymize.survey", "baseline", "baseline.loading", "golden.reading",
-             "golden.saving", "live.evidence", "live.json_lines", "live.lines", "live.session", "recording.cutter",
+             "live.evidence", "live.json_lines", "live.lines", "live.session", "recording.cutter",
              "recording.keeper", "replay", "replay.run", "report.tree", "scd.codec", "scd.loading", "source.live.opening",
              "oracle.verification", "testing.golden_check"):
     importlib.import_module("dissect." + name)
