@@ -21,6 +21,10 @@ class DeliveryError(Exception):
     """An alert did not get where it should; the text says why."""
 
 
+class RefusedError(DeliveryError):
+    """An alert was refused for good: to try again would not help."""
+
+
 class Action(ABC):
     """Delivers alerts, one at a time in each of ``parallel`` threads. ``name`` is what rules call it."""
 
@@ -34,6 +38,22 @@ class Action(ABC):
 
     def close(self) -> None:  # noqa: B027 - most actions hold nothing
         """Break off what is being delivered, and give back what is held."""
+
+
+class Posting(Action):
+    """Sends octets to a receiver that may be down for a while: they wait in the folder ``spool``, None for the usual one."""
+
+    def __init__(self, name: str, parallel: int = 1, spool: Path | None = None) -> None:
+        super().__init__(name, parallel)
+        self.spool = spool
+
+    def deliver(self, alert: Alert) -> None:
+        """Post an alert now. Raises `DeliveryError`."""
+        self.post(alert.as_json().encode("ascii"))
+
+    @abstractmethod
+    def post(self, content: bytes) -> None:
+        """Post an alert as JSON, within a bounded time. Raises `DeliveryError`, `RefusedError` when it is refused for good."""
 
 
 class Printed(Action):
@@ -57,8 +77,11 @@ def to_stderr(line: str) -> None:
             raise DeliveryError(f"stderr cannot be written: {reason(error)}") from None
 
 
-def action_of(table: Table, name: str, hosts: frozenset[str], timeout: float) -> Action:
-    """Return the action of a table; raises `DictionaryError`. ``hosts`` are those that may be told besides this machine."""
+def action_of(table: Table, name: str, hosts: frozenset[str], timeout: float, trial: bool = False) -> Action:
+    """Return the action of a table; raises `DictionaryError`. ``hosts`` are those that may be told besides this machine.
+
+    A ``trial`` sends nothing, so neither the program nor the socket has to be there.
+    """
     keys = [key for key in _KINDS if table.has(key)]
     if len(keys) != 1:
         told = "is missing" if not keys else "exclude each other: one table for each"
@@ -69,11 +92,11 @@ def action_of(table: Table, name: str, hosts: frozenset[str], timeout: float) ->
     if keys[0] == "command":
         from dissect.alerts.command import command_of
 
-        return command_of(table, name, timeout, parallel)
+        return command_of(table, name, timeout, parallel, trial)
     if keys[0] == "syslog":
         from dissect.alerts.syslog import syslog_of
 
-        return syslog_of(table, name, hosts)
+        return syslog_of(table, name, hosts, trial)
     from dissect.alerts.webhook import webhook_of
 
     return webhook_of(table, name, hosts, timeout, parallel)

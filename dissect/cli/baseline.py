@@ -151,7 +151,7 @@ def _compare(
     show()
     complain(run, code)
     if engine.crowded or engine.forgotten:
-        lost = f"{engine.crowded} alerts lost, {engine.forgotten} pairs or connections measured no more"
+        lost = f"{engine.crowded} alerts no longer remembered, {engine.forgotten} pairs or connections no longer measured"
         click.echo(f"s7dissect: too many different ones: {lost}", err=True)
     return EXIT_GATE if engine.count and code in {EXIT_OK, EXIT_DAMAGED} else code
 
@@ -193,7 +193,7 @@ def _rules(path: str) -> AlertRules:
     from dissect.alerts.states import TRANSACTIONS
 
     try:
-        loaded = load_rules(path)
+        loaded = load_rules(path, trial=True)
     except RuleError as error:
         raise click.ClickException(str(error)) from None
     tried = [dataclasses.replace(rule, of=TRANSACTIONS) if rule.when == SILENCE else rule for rule in loaded.rules]

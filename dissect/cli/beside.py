@@ -124,6 +124,7 @@ class Beside:
             rules = load_rules(path)
             baseline = load_baseline(self._baseline) if self._baseline is not None else None
             dispatcher = Dispatcher(rules.actions, write=self._say, tell=self._say)
+            self.made += dispatcher.prepare()
             return AlertCompanion(AlertEngine(rules, baseline, dispatcher.submit), dispatcher)
         except PlantFileError as error:
             raise click.ClickException(printable(str(error))) from None
