@@ -183,7 +183,11 @@ class Spool:
                     gone = self._waiting.put(one.rank, one)
                     if gone is not None:
                         self._forget(gone)
-                elif name.startswith(".") and name.endswith(".json.part") or (".json." in name and name.endswith(".part")):
+                elif (
+                    name.startswith(".")
+                    and name.endswith(".json.part")
+                    or (".json." in name and name.endswith(".part"))
+                ):
                     path.unlink()  # a kill came before it was whole
             except OSError as error:
                 self._note(error)

@@ -57,7 +57,9 @@ class SpoolLane:
             trouble = self.spool.trouble
             workers = [self._write, *[self._deliver] * self.action.parallel]
             # No thread of ours may keep the process: what must be waited for, `close` waits for.
-            self._threads = [threading.Thread(target=work, name=f"alerts {self.action.name}", daemon=True) for work in workers]
+            self._threads = [
+                threading.Thread(target=work, name=f"alerts {self.action.name}", daemon=True) for work in workers
+            ]
             for thread in self._threads:
                 thread.start()
         if trouble:

@@ -34,7 +34,9 @@ class _NoRedirect(urllib.request.HTTPRedirectHandler):
 class Webhook(Posting):
     """Posts each alert to ``url``, and takes any 2xx for delivered; what it calls malformed or too large is refused for good."""
 
-    def __init__(self, name: str, url: str, timeout: float = 10.0, parallel: int = 1, spool: Path | None = None) -> None:
+    def __init__(
+        self, name: str, url: str, timeout: float = 10.0, parallel: int = 1, spool: Path | None = None
+    ) -> None:
         super().__init__(name, parallel, spool)
         self._url = url
         self._timeout = timeout

@@ -50,7 +50,5 @@ def read_key(path: str) -> Key:
     if len(octets) > MAX_KEY:
         raise ValueError(f"more than {MAX_KEY} bytes; a key is a small file")
     if len(octets) < MIN_KEY:
-        raise ValueError(
-            f"{len(octets)} bytes, a key needs {MIN_KEY} or more: head -c 32 /dev/urandom > {path}"
-        )
+        raise ValueError(f"{len(octets)} bytes, a key needs {MIN_KEY} or more: head -c 32 /dev/urandom > {path}")
     return Key(octets)

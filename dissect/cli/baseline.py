@@ -99,7 +99,12 @@ def _learn(files: Sequence[str], output: str | None, update: str | None) -> int:
     from dissect.baseline import Learner, baseline_toml, merged
 
     old = _baseline(update) if update is not None else None
-    if output is not None and os.path.lexists(output) and not is_special(output) and not (update is not None and _same(output, update)):
+    if (
+        output is not None
+        and os.path.lexists(output)
+        and not is_special(output)
+        and not (update is not None and _same(output, update))
+    ):
         raise click.UsageError(f"{printable(output)} is there already: --update it, or name another file")
     learner = Learner()
     run = _Run(files, learner, lambda _: learner.restart())
@@ -151,7 +156,9 @@ def _compare(
     show()
     complain(run, code)
     if engine.crowded or engine.forgotten:
-        lost = f"{engine.crowded} alerts no longer remembered, {engine.forgotten} pairs or connections no longer measured"
+        lost = (
+            f"{engine.crowded} alerts no longer remembered, {engine.forgotten} pairs or connections no longer measured"
+        )
         click.echo(f"s7dissect: too many different ones: {lost}", err=True)
     return EXIT_GATE if engine.count and code in {EXIT_OK, EXIT_DAMAGED} else code
 

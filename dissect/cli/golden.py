@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _EXIT_CODES = (
     "Exit code: 0 written, 2 wrong use or a file that cannot be read or written, 3 a file is damaged or cut off (what could be "
-    "read was written), 5 standard output failed, 130 interrupted (nothing written)."
+    "read was written), 5 the output failed (the disk is full), 130 interrupted (nothing written)."
 )
 
 

@@ -257,7 +257,7 @@ class _Proxy:
             return EXIT_DAMAGED
         if self._session.error is not None:
             return EXIT_DAMAGED
-        return self._lines.code
+        return self._lines.code or (EXIT_OUTPUT if self._session.run.failures else EXIT_OK)
 
 
 def _say(text: str) -> None:

@@ -69,7 +69,9 @@ def read_golden(raw: Iterable[str], name: str) -> Session:
     if first is None or first.text != FORMAT:
         said = first.text if first is not None else ""
         if said.startswith(MAGIC):
-            message = f"{name}: format {said.removeprefix(MAGIC)[:80]!r} is not known here; this version reads {FORMAT!r}"
+            message = (
+                f"{name}: format {said.removeprefix(MAGIC)[:80]!r} is not known here; this version reads {FORMAT!r}"
+            )
         else:
             message = f"{name}: no golden: the first line is not {FORMAT!r}"
         raise GoldenError(message)

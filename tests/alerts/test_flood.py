@@ -90,7 +90,9 @@ def test_a_burst_is_of_a_minute_of_a_kind_and_of_a_severity(capsys: pytest.Captu
 
     def happened(about: int, now_ns: int, slug: str = "a", severity: str = "warning") -> None:
         detail: dict[str, object] = {"finding": {"slug": slug}}
-        book.event(rule, (about, slug, severity), now_ns, lambda at: Alert(rule, at, severity, None, f"{slug}{about}", detail))
+        book.event(
+            rule, (about, slug, severity), now_ns, lambda at: Alert(rule, at, severity, None, f"{slug}{about}", detail)
+        )
 
     for number in range(5):
         happened(number, S + number)

@@ -73,7 +73,14 @@ def test_the_next_run_takes_over_what_was_left_also_what_was_under_way(tmp_path:
 def test_the_oldest_of_the_lightest_go_first(tmp_path: Path, most: int, most_octets: int) -> None:
     spool = opened(tmp_path, most, most_octets)
     dropped = []
-    for rank, content in ((NOTE, b"n1"), (NOTE, b"n2"), (WARNING, b"w1"), (ERROR, b"e1"), (ERROR, b"e2"), (NOTE, b"n3")):
+    for rank, content in (
+        (NOTE, b"n1"),
+        (NOTE, b"n2"),
+        (WARNING, b"w1"),
+        (ERROR, b"e1"),
+        (ERROR, b"e2"),
+        (NOTE, b"n3"),
+    ):
         dropped += [one.rank for one in spool.put(rank, content)]
     assert dropped == [NOTE, NOTE, NOTE]
     assert files(tmp_path) == [b"e1", b"e2", b"w1"]

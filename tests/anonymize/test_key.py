@@ -18,7 +18,9 @@ def test_all_octets_of_a_key_count(tmp_path: Path) -> None:
     assert len(streams) == 4
 
 
-@pytest.mark.parametrize(("size", "why"), [(0, "0 bytes, a key needs 16"), (15, "15 bytes"), (MAX_KEY + 1, "more than")])
+@pytest.mark.parametrize(
+    ("size", "why"), [(0, "0 bytes, a key needs 16"), (15, "15 bytes"), (MAX_KEY + 1, "more than")]
+)
 def test_a_key_has_a_size(tmp_path: Path, size: int, why: str) -> None:
     path = tmp_path / "key"
     path.write_bytes(bytes(size))

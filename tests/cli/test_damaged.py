@@ -116,7 +116,9 @@ def rejected(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("call", ["analyze", "transactions", "operations", "show", "golden", "monitor", "baseline", "verify"])
+@pytest.mark.parametrize(
+    "call", ["analyze", "transactions", "operations", "show", "golden", "monitor", "baseline", "verify"]
+)
 def test_blocks_given_up_are_damage(capfdbinary: Capture, rejected: Path, call: str) -> None:
     ran = run(capfdbinary, call, rejected)
     assert ran.code == 3, ran

@@ -45,7 +45,9 @@ def library() -> str | None:
 
 def group(name: str) -> set[str]:
     """Return the system calls of a group of systemd, those of the groups in it included."""
-    listed = subprocess.run(["systemd-analyze", "syscall-filter", name], capture_output=True, text=True, check=True).stdout
+    listed = subprocess.run(
+        ["systemd-analyze", "syscall-filter", name], capture_output=True, text=True, check=True
+    ).stdout
     found: set[str] = set()
     for line in listed.splitlines()[1:]:
         word = line.strip()
@@ -137,7 +139,10 @@ def _enter(wanted: dict[str, Any]) -> None:
     if wanted["no_new_code"]:
         both = _WRITE | _EXECUTE
         rules = [(_ERRNO | errno.EPERM, "mmap", [(2, _MASKED_EQUAL, both, both)])]
-        rules += [(_ERRNO | errno.EPERM, call, [(2, _MASKED_EQUAL, _EXECUTE, _EXECUTE)]) for call in ("mprotect", "pkey_mprotect")]
+        rules += [
+            (_ERRNO | errno.EPERM, call, [(2, _MASKED_EQUAL, _EXECUTE, _EXECUTE)])
+            for call in ("mprotect", "pkey_mprotect")
+        ]
         _filter(_ALLOW, rules)
     _filter(_ERRNO | getattr(errno, wanted["errno"]), [(_ALLOW, call, []) for call in wanted["calls"]])
 

@@ -47,6 +47,7 @@ for line in sys.stdin:
         print(child, flush=True)
         continue
     try:
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a script ignores it from birth
         for number, (path, flags) in enumerate(((request["stdin"], os.O_RDONLY),
                 (request["stdout"], os.O_WRONLY | os.O_CREAT), (request["stderr"], os.O_WRONLY | os.O_CREAT))):
             opened = os.open(path, flags, 0o600)

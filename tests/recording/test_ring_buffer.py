@@ -254,7 +254,9 @@ def test_a_number_of_files_alone_says_nothing() -> None:
 # ---- earlier runs ---------------------------------------------------------------------------------------------------
 
 
-def ran(directory: Path, first: int, count: int = 12, octets: int = 400, files: int = 3, kill: bool = False) -> RingBuffer:
+def ran(
+    directory: Path, first: int, count: int = 12, octets: int = 400, files: int = 3, kill: bool = False
+) -> RingBuffer:
     """Run a ring that writes packets from ``first`` on; a ``kill`` leaves its last file as it is."""
     ring = RingBuffer(str(directory), RingLimits(octets=octets, files=files), application="s7dissect 1")
     for number in range(first, first + count):
