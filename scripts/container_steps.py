@@ -2,9 +2,10 @@
 
     python scripts/container_steps.py
 
-Copied is what .dockerignore leaves. Every RUN line runs, with the paths of the image below the folder; packages of the system are not
-installed or removed (setcap has to be there). At the end the entry point runs with its default command for a second, on the loopback
-interface, as the image's user with CAP_NET_RAW only where this machine lets it (setpriv, root), and has to end well.
+Copied is what .dockerignore leaves. Every RUN line runs, with the paths of the image below the folder; packages of the system
+are not installed or removed (setcap has to be there). At the end the entry point runs with its default command for a second, on
+the loopback interface, as the image's user with CAP_NET_RAW only where
+this machine lets it (setpriv, root), and has to end well.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ def below(root: Path, text: str) -> str:
 
 def run(root: Path, line: str) -> None:
     for command in [one.strip() for one in line.split("&&")]:
-        if command.startswith("apt-get") or command.startswith("rm -rf /var/lib/apt"):
+        if command.startswith(("apt-get", "rm -rf /var/lib/apt")):
             print(f"  left to the image: {command}")
             continue
         words = shlex.split(below(root, command))

@@ -173,7 +173,8 @@ class Cooldown:
         if last is None:
             return
         what = f" ({last.kind})" if last.kind else ""
-        text = f"{words.count(burst.held, 'more alert')}{what} in {words.duration(max(now_ns - burst.since_ns, 1))}; the last: {last.text}"
+        span = words.duration(max(now_ns - burst.since_ns, 1))
+        text = f"{words.count(burst.held, 'more alert')}{what} in {span}; the last: {last.text}"
         summary: dict[str, object] = {"alerts": burst.held, "kind": last.kind, "since": Clock().iso(burst.since_ns)}
         alert = Alert(
             last.rule, now_ns, last.severity, last.pair, text, {"summary": summary, **last.detail}, last.connection

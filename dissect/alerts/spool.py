@@ -1,6 +1,6 @@
 """Alerts on disk until they are delivered: a folder of small files, heavy ones first, never more than fit.
 
-A file is called ``RANK-TIME-NUMBER.json`` (rank 0 is an error, time in nanoseconds since 1970) and holds the alert as it is posted.
+A file is called ``RANK-TIME-NUMBER.json`` (rank 0 is an error, time in nanoseconds since 1970) and holds the alert as posted.
 It appears whole, and goes when the alert was delivered; so whatever ends the program, each alert that was there is delivered
 after the next start, at worst twice.
 """
@@ -15,7 +15,7 @@ from typing import IO, Final, NamedTuple
 
 from dissect.alerts.waiting import Waiting
 from dissect.findings.finding import SEVERITIES
-from dissect.wire.saving import save
+from dissect.wire.saving import PART, save
 
 try:
     import fcntl
@@ -130,7 +130,7 @@ class Spool:
         return dropped
 
     def take(self) -> tuple[Spooled, bytes] | None:
-        """Take the oldest of the heaviest and its content; None when nothing waits. It is to be given to `done` or `put_back`."""
+        """Take the oldest of the heaviest and its content; None when nothing waits. `done` or `put_back` follows."""
         while (one := self._waiting.heaviest()) is not None:
             if one.path is None:
                 self._taken += 1
@@ -183,11 +183,7 @@ class Spool:
                     gone = self._waiting.put(one.rank, one)
                     if gone is not None:
                         self._forget(gone)
-                elif (
-                    name.startswith(".")
-                    and name.endswith(".json.part")
-                    or (".json." in name and name.endswith(".part"))
-                ):
+                elif name.startswith(".") and ".json." in name and name.endswith(PART):
                     path.unlink()  # a kill came before it was whole
             except OSError as error:
                 self._note(error)

@@ -1,4 +1,4 @@
-"""Alerts that wait, by weight: errors before warnings before notes, of the same weight the oldest first, and never more than fit."""
+"""Alerts that wait, by weight: errors before warnings before notes, the oldest of a weight first, and never more than fit."""
 
 from __future__ import annotations
 

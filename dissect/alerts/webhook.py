@@ -32,7 +32,7 @@ class _NoRedirect(urllib.request.HTTPRedirectHandler):
 
 
 class Webhook(Posting):
-    """Posts each alert to ``url``, and takes any 2xx for delivered; what it calls malformed or too large is refused for good."""
+    """Posts each alert to ``url``, and takes any 2xx for delivered; what it calls malformed or too large is given up."""
 
     def __init__(
         self, name: str, url: str, timeout: float = 10.0, parallel: int = 1, spool: Path | None = None

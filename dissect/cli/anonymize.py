@@ -11,7 +11,6 @@ from dissect.cli.carried import scd_options
 from dissect.cli.drive import complain, drive, write
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.second_pass import check_files, name_of, written_whole
-from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.anonymize.account import Account, Choices
@@ -26,7 +25,7 @@ _EXIT_CODES = (
 )
 
 
-def _key(ctx: click.Context, param: click.Parameter, value: str) -> Key:
+def _key(_ctx: click.Context, _param: click.Parameter, value: str) -> Key:
     from dissect.anonymize.key import random_key, read_key
 
     if value == "random":

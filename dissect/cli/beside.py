@@ -89,7 +89,7 @@ class Beside:
         self._shown = False
         #: The only file that is written, or in whose place the files of a ring are; None where -w names a folder.
         self._file = file
-        #: The folder that must be writable all the time, None for none; and what was made on the way there, the outermost first.
+        #: The folder that must stay writable, None for none; and what was made on the way there, the outermost first.
         self.directory = directory
         if file is not None:
             self.directory = str(file.parent) if limits is not None else None

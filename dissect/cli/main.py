@@ -133,7 +133,7 @@ def _show(exc: click.ClickException, arguments: list[str]) -> None:
     """Write what click says of wrong use, with nothing in it that a name could do to a terminal."""
     for word in arguments:
         if not word.isprintable():  # click breaks its own lines; a name must not
-            exc.message = exc.message.replace(word, printable(word))
+            vars(exc)["message"] = exc.message.replace(word, printable(word))
     said = io.StringIO()
     exc.show(file=said)
     click.echo("\n".join([printable(line) for line in said.getvalue().rstrip("\n").split("\n")]), err=True)

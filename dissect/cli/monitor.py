@@ -158,7 +158,7 @@ def _opener(
     beside: Beside,
     on_screens: bool,
 ) -> Callable[[], Reader]:
-    """Return what opens the source that the arguments name; ``how`` is the engine, who to become, and the size of the buffer."""
+    """Return what opens the source that the arguments name; ``how``: the engine, who to become, the size of the buffer."""
     engine, user, buffer_mib = how
     if (file is None) == (interface is None):
         raise click.UsageError("Say what to watch: either -i INTERFACE, or a FILE, or - for standard input.")

@@ -1,7 +1,7 @@
 """Files that a ring made in earlier runs: they count for its limits, and nothing else in the folder is touched.
 
-A file is the ring's own when its name is one that a ring of this name gives, and its first block says in a comment that a ring of
-this name wrote it. One that is being written by another process is left alone: its writer holds a lock on it.
+A file is the ring's own when its name is one that a ring of this name gives, and its first block says in a comment that such
+a ring wrote it. One that is being written by another process is left alone: its writer holds a lock on it.
 """
 
 from __future__ import annotations

@@ -212,13 +212,10 @@ class PcapngWriter:
         batch: int = 0,
         overwrite: bool = False,
     ) -> None:
-        (
-            """Create the file at ``path`` (FileExistsError when there is one, unless ``overwrite``); ``-`` is standard output.
+        """Create the file at ``path`` (FileExistsError when there is one, unless ``overwrite``); ``-`` is standard output.
 
         A device or a FIFO at ``path`` is written to.
         """
-            ""
-        )
         self.path = path
         self.packets = 0
         self.octets = 0

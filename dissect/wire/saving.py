@@ -12,7 +12,7 @@ import os
 import stat
 from pathlib import Path
 from types import TracebackType
-from typing import Final
+from typing import Final, Self
 
 #: What a file that is not finished ends with.
 PART: Final = ".part"
@@ -54,7 +54,7 @@ class Saving:
         short = os.fsdecode(os.fsencode(name)[:_KEPT])
         self.path = os.path.join(folder, f".{short}.{os.getpid()}-{next(_numbers)}{PART}")  # noqa: PTH118
 
-    def __enter__(self) -> Saving:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(

@@ -28,7 +28,7 @@ def flood(tell: list[Alert] | None, toml: str, reads: int = 3000) -> None:
     """Let the flood and the stop pass, and everything be told to ``tell``."""
     rules = parse_rules(toml)
     alerts: list[Alert] = tell if tell is not None else []
-    dispatcher = Dispatcher(rules.actions, write=lambda line: None, tell=lambda line: None)
+    dispatcher = Dispatcher(rules.actions, write=print, tell=print)
 
     def submit(alert: Alert) -> None:
         alerts.append(alert)
@@ -188,7 +188,7 @@ def test_a_webhook_that_is_down_hears_of_it_after_a_restart_of_both(tmp_path: Pa
     with ThreadingHTTPServer(("127.0.0.1", port), Hook) as http:
         thread = threading.Thread(target=http.serve_forever, kwargs={"poll_interval": 0.01})
         thread.start()
-        dispatcher = Dispatcher(parse_rules(with_hook(port, tmp_path / "spool")).actions, tell=lambda line: None)
+        dispatcher = Dispatcher(parse_rules(with_hook(port, tmp_path / "spool")).actions, tell=print)
         dispatcher.start()
         end = time.monotonic() + 30
         while len(Hook.got) < len(alerts) and time.monotonic() < end:

@@ -1,13 +1,13 @@
-"""Alerts on disk: heavy ones first, never more than fit, taken over by the next run, and kept in memory where there is no disk."""
+"""Alerts on disk: heavy ones first, never more than fit, taken over by the next run, in memory where there is no disk."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from dissect.alerts import spool as module
 from dissect.alerts.spool import Spool, default_folder
 
 ERROR, WARNING, NOTE = 0, 1, 2
@@ -118,8 +118,8 @@ def test_where_they_wait(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", "/state")
     assert default_folder() == Path("/state/s7dissect/alerts")
     monkeypatch.delenv("XDG_STATE_HOME")
-    monkeypatch.setattr(module.os, "geteuid", lambda: 0)
+    monkeypatch.setattr(os, "geteuid", lambda: 0)
     assert default_folder() == Path("/var/lib/s7dissect/alerts")
-    monkeypatch.setattr(module.os, "geteuid", lambda: 1000)
+    monkeypatch.setattr(os, "geteuid", lambda: 1000)
     monkeypatch.setenv("HOME", "/home/op")
     assert default_folder() == Path("/home/op/.local/state/s7dissect/alerts")

@@ -1,7 +1,7 @@
 """Runs a command as the unit would: its user without rights, its capability, its system calls, by libseccomp. Not a test.
 
-Called as a program with a JSON object (``calls``, ``errno``, ``families``, ``no_new_code``, ``uid``) and the command. What systemd makes
-of the lines stands in systemd.exec(5); the calls of its groups are those that `systemd-analyze syscall-filter` lists.
+Called as a program with a JSON object (``calls``, ``errno``, ``families``, ``no_new_code``, ``uid``) and the command. What systemd
+makes of them stands in systemd.exec(5); the calls of its groups are those that `systemd-analyze syscall-filter` lists.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def _filter(default: int, rules: list[tuple[int, str, list[tuple[int, int, int, 
 
 
 def _open_the_way() -> None:
-    """Let the unit's user reach this interpreter where that lies in a closed folder: in a mount namespace of this process only."""
+    """Let the unit's user reach this interpreter where that lies in a closed folder: in a mount namespace of its own."""
     base = Path(sys.base_prefix).resolve()
     closed = next((one for one in reversed(base.parents) if not one.stat().st_mode & 0o001), None)
     if closed is None:

@@ -15,7 +15,6 @@ from dissect.oracle.compare import Comparison, compare
 from dissect.oracle.facts import PDU, TPDU
 from dissect.oracle.ours import NO_DISSECTOR
 from dissect.oracle.pyshark_reader import read_pyshark
-from dissect.oracle.tshark import OracleError
 from dissect.oracle.uncarried import REASONS, as_markdown, without_reason
 
 ROOT: Final = Path(__file__).resolve().parents[2]

@@ -30,9 +30,14 @@ def test_a_new_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
 def test_what_was_there_stays_when_it_fails(tmp_path: Path) -> None:
     path = tmp_path / "a"
     path.write_bytes(b"before")
-    with pytest.raises(KeyError), Saving(path) as saving:
-        Path(saving.path).write_bytes(b"half")
-        raise KeyError
+
+    def write() -> None:
+        with Saving(path) as saving:
+            Path(saving.path).write_bytes(b"half")
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        write()
     assert (names(tmp_path), path.read_bytes()) == (["a"], b"before")
 
 
