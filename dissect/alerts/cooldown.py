@@ -1,7 +1,7 @@
 """How often a rule speaks: at once, then at most every cooldown, saying how often it would have spoken in between.
 
-Many different things at once are bounded too: of one kind and severity a rule gives so many alerts a minute (`Rule.burst`), and then
-one that sums up the rest. So a flood of warnings cannot bury the error behind it.
+Many different things at once are bounded too: of one kind and severity a rule gives so many alerts a minute (`Rule.burst`), and
+then one that sums up the rest. So a flood of warnings cannot bury the error behind it.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The relay in a process of its own, so that no dissection, however slow, makes what passes wait for the interpreter.
 
 The relay's process keeps the bounded queue (`dissect.proxy.tap`) and sends what is in it through a socket as fast as this
-process takes it; what does not fit is counted there and left out here, and passes all the same. The relay ends when it is told to, or when
-this process is gone.
+process takes it; what does not fit is counted there and left out here, and passes all the same. The relay ends when it is told
+to, or when this process is gone.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ def possible() -> bool:
 class RelayProcess:
     """Runs ``relay``, which tells ``tap``, in another process from `start` to `stop`; there must be no other thread yet.
 
-    ``connections``, ``failed``, ``octets``, ``problems`` are those of the relay, ``error`` why it broke off. As a tap it gives
-    what passed (`take`), and ``lost`` counts what did not fit.
+    ``connections``, ``failed``, ``octets``, ``problems`` are those of the relay, ``error`` why it broke off. As a
+    tap it gives what passed (`take`), and ``lost`` counts what did not fit.
     """
 
     def __init__(self, relay: Relay, tap: Tap) -> None:
@@ -218,7 +218,9 @@ def _send(relay: Relay, tap: Tap, to: socket.socket, done: threading.Event, erro
                 size += len(octets)
                 passed = tap.take(0) if len(pieces) < _MOST and size < _PIECE else None
             counts = (relay.connections, relay.failed, relay.octets[0], relay.octets[1], tap.lost, tap.lost_octets)
-            problems = [(one.time_ns, one.text) for one in [relay.problems.popleft() for _ in range(len(relay.problems))]]
+            problems = [
+                (one.time_ns, one.text) for one in [relay.problems.popleft() for _ in range(len(relay.problems))]
+            ]
             last = over and not pieces
             if counts != told or problems or last:
                 told = counts

@@ -59,8 +59,7 @@ def test_advice_without_rights() -> None:
     assert (ran.returncode, ran.stderr) == (0, "")
     assert "ring cannot capture: the ring: no permission to capture" in ran.stdout
     lo = next(line for line in ran.stdout.splitlines() if line.startswith("lo "))
-    assert "nobody" not in lo
-    assert " -  127.0.0.1/8" in " ".join(lo.split("  ")).replace("   ", " ") or "  -  " in lo or " - " in lo
+    assert "-" in lo.split()  # the column CAPTURE WITH
     if os.geteuid() == 0:
         assert "--cap-add=NET_RAW" in ran.stdout
 

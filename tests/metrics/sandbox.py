@@ -1,7 +1,7 @@
 """Runs a command as the unit would: its user without rights, its capability, its system calls, by libseccomp. Not a test.
 
-Called as a program with a JSON object (``calls``, ``errno``, ``families``, ``no_new_code``, ``uid``) and the command. What systemd
-makes of them stands in systemd.exec(5); the calls of its groups are those that `systemd-analyze syscall-filter` lists.
+Called as a program with a JSON object (``calls``, ``errno``, ``families``, ``no_new_code``, ``uid``) and the command. What
+systemd makes of them stands in systemd.exec(5); the calls of its groups are those that `systemd-analyze syscall-filter` lists.
 """
 
 from __future__ import annotations

@@ -305,7 +305,7 @@ def test_only_what_a_ring_of_this_name_made_is_removed(tmp_path: Path) -> None:
     other.close()
     strangers = {
         "s7dissect_00001_20200101T000000Z.pcapng": b"not ours",
-        "s7dissect_00002_20200101T000000Z.pcapng": made.read_bytes().replace(b"s7dissect ring s7dissect", b"s7dissect ring s7dissecT"),
+        "s7dissect_00002_20200101T000000Z.pcapng": made.read_bytes().replace(b"ring s7dissect", b"ring s7dissecT"),
         "s7dissect_00003_20200101T000000Z.pcapng.bak": made.read_bytes(),
         "notes.txt": b"",
     }  # fmt: skip
