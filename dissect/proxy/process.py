@@ -15,6 +15,7 @@ import struct
 import sys
 import threading
 import time
+import warnings
 from collections import deque
 from typing import Final, NoReturn
 
@@ -85,7 +86,10 @@ class RelayProcess:
 
     def start(self) -> None:
         """Begin to relay."""
-        pid = os.fork()
+        with warnings.catch_warnings():
+            # Python warns of any other thread: the command has none yet, and a test has only its own peers.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            pid = os.fork()
         if not pid:
             self._ours.close()
             _serve(self._relay, self._tap, self._theirs)
