@@ -46,7 +46,7 @@ HOT: Final = (
 )
 
 #: What of these stays interpreted: tables and layouts, which are made once when somebody looks at a body. Compiled, making
-#: them would be no faster, and the build would take half as long again.
+#: them would be no faster, and the build would take half as long again. And what writes a file once.
 COLD: Final = frozenset(
     (
         "dissect/s7/diagnostic_tables.py",
@@ -56,6 +56,7 @@ COLD: Final = frozenset(
         "dissect/s7/szl_modules.py",
         "dissect/s7/szl_records.py",
         "dissect/s7/szl_tables.py",
+        "dissect/wire/saving.py",
     )
 )
 

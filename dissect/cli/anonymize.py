@@ -11,7 +11,6 @@ from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
 from dissect.cli.run import complain, drive, write
 from dissect.cli.second_pass import check_files, name_of, written_whole
-from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.anonymize.account import Account, Choices
@@ -22,11 +21,11 @@ if TYPE_CHECKING:
 
 _EXIT_CODES = (
     "Exit code: 0 written, 2 wrong use, a file that cannot be read or written, or nothing to write, 3 a file is damaged or cut "
-    "off (what could be read was written), 5 standard output failed, 130 interrupted (nothing written)."
+    "off (what could be read was written), 5 the output failed (the disk is full), 130 interrupted (nothing written)."
 )
 
 
-def _key(ctx: click.Context, param: click.Parameter, value: str) -> Key:
+def _key(_ctx: click.Context, _param: click.Parameter, value: str) -> Key:
     from dissect.anonymize.key import random_key, read_key
 
     if value == "random":
@@ -34,8 +33,8 @@ def _key(ctx: click.Context, param: click.Parameter, value: str) -> Key:
     try:
         return read_key(value)
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise click.BadParameter(f"{printable(value)}: {printable(reason)}.", ctx, param) from None
+        why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise click.ClickException(f"--key {value}: {why}") from None
 
 
 @click.command("anonymize", epilog=_EXIT_CODES)
@@ -83,7 +82,7 @@ def command(
     shift_time: bool,
     format_: str,
     force: bool,
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
     """Write a capture that may be shown to others, and tell what it no longer holds.
 
@@ -104,10 +103,10 @@ def command(
     choices = Choices(values, keep_code, keep_others, shift_time)
     account = Account()
     addresses = AddressMap(key)
-    scd = carrier if isinstance(carrier, ScdCarrier) else None
+    scd = decoder if isinstance(decoder, ScdCarrier) else None
     rules = Rules(key, addresses, choices, ScdRules(key, addresses, choices, scd, account))
     survey = Survey(key, rules, account, scd)
-    run = Run((file,), survey, Options(carrier=scd))
+    run = Run((file,), survey, Options(decoder=scd))
     code = drive(run, (file,))
     if code == EXIT_INTERRUPTED:
         click.echo(f"s7dissect: interrupted, {name_of(output)} was not written", err=True)

@@ -13,8 +13,8 @@ from dissect.cli.options.scd import scd_options
 from dissect.cli.run import complain, drive, files_argument, write
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.reading import SessionReader, is_golden, load_golden
-from dissect.golden.saving import save_whole
 from dissect.golden.writing import EXTRAS, golden_lines
+from dissect.wire.saving import save
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _EXIT_CODES = (
     "Exit code: 0 written, 2 wrong use or a file that cannot be read or written, 3 a file is damaged or cut off (what could be "
-    "read was written), 5 standard output failed, 130 interrupted (nothing written)."
+    "read was written), 5 the output failed (the disk is full), 130 interrupted (nothing written)."
 )
 
 
@@ -54,7 +54,7 @@ def choices(known: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
     help=f"Keep what belongs to one recording as well: {', '.join(EXTRAS)}, with commas between.",
 )
 @scd_options
-def command(files: tuple[str, ...], output: str, extras: frozenset[str], carrier: PayloadDecoder | None) -> int:
+def command(files: tuple[str, ...], output: str, extras: frozenset[str], decoder: PayloadDecoder | None) -> int:
     """Write the session in a capture as text: one transaction after another, values by name, errors in words.
 
     The same session gives the same text whenever and wherever it was recorded: times, addresses, ports and reference numbers
@@ -62,7 +62,7 @@ def command(files: tuple[str, ...], output: str, extras: frozenset[str], carrier
     is written anew.
     """
     try:
-        session, code = _session(files, carrier)
+        session, code = _session(files, decoder)
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
     if code == EXIT_INTERRUPTED:
@@ -70,25 +70,25 @@ def command(files: tuple[str, ...], output: str, extras: frozenset[str], carrier
     if output == "-":
         write(golden_lines(session, extras))
     else:
-        save_whole(Path(output), "".join([f"{line}\n" for line in golden_lines(session, extras)]).encode())
+        save(output, "".join([f"{line}\n" for line in golden_lines(session, extras)]).encode())
     return code
 
 
-def _session(files: tuple[str, ...], carrier: PayloadDecoder | None) -> tuple[Session, int]:
+def _session(files: tuple[str, ...], decoder: PayloadDecoder | None) -> tuple[Session, int]:
     if len(files) == 1 and Path(files[0]).is_file() and is_golden(files[0]):
         return load_golden(files[0]), EXIT_OK
-    return read_capture(files, carrier)
+    return read_capture(files, decoder)
 
 
-def read_capture(files: tuple[str, ...], carrier: PayloadDecoder | None) -> tuple[Session, int]:
+def read_capture(files: tuple[str, ...], decoder: PayloadDecoder | None) -> tuple[Session, int]:
     """Read captures and return their session and the exit code so far; what was odd is told on stderr."""
     from dissect.engine.conversation import Options
     from dissect.session import Run
 
     reader = SessionReader(files[0])
-    run = Run(files, reader, Options(carrier=carrier))
+    run = Run(files, reader, Options(decoder=decoder))
     code = drive(run, files)
     complain(run, EXIT_DAMAGED if code == EXIT_INTERRUPTED else code)
     if code == EXIT_INTERRUPTED:
         click.echo("s7dissect: interrupted, nothing was written", err=True)
-    return reader.finish([f"{file.name}: {file.damage}" for file in run.files if file.damage]), code
+    return reader.finish([f"{file.name}: {file.loss}" for file in run.files if file.loss]), code

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from dissect.metrics.address import Address
     from dissect.source.packet import Reader
 
+#: As `dissect.source.live.opening` has them, which is imported only when something is opened.
+BUFFER_MIB: Final = 32
+MAX_BUFFER_MIB: Final = 1024
 #: How long a poll waits for something to happen, in seconds, and how much it takes.
 _WAIT_S: Final = 0.2
 _MOST: Final = 512
@@ -72,6 +75,13 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
     metavar="USER",
     help="As root: become USER once the interface is open (by default who called sudo, else nobody); root keeps all rights.",
 )
+@click.option(
+    "--buffer",
+    "buffer_mib",
+    type=click.IntRange(1, MAX_BUFFER_MIB),
+    metavar="MIB",
+    help=f"What the kernel holds while this program is late, 1 to {MAX_BUFFER_MIB} MiB (default {BUFFER_MIB}).",
+)
 @click.option("--plain", is_flag=True, help="A line an event, also on a terminal.")
 @click.option(
     "-T",
@@ -97,6 +107,7 @@ def command(
     expression: str,
     engine: str,
     user: str,
+    buffer_mib: int | None,
     plain: bool,
     format_: str | None,
     topics: tuple[str, ...],
@@ -108,7 +119,7 @@ def command(
     allow_remote: bool,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
     beside: Beside,
 ) -> int:
     """Watch a line: connections, transactions and findings as they come. Nothing is ever sent.
@@ -121,11 +132,11 @@ def command(
     from dissect.live.session import Session
 
     on_screens = not plain and format_ is None and sys.stdout.isatty() and _screens_will_do()
-    opener = _opener(file, interface, expression, engine, user, beside, on_screens)
+    opener = _opener(file, interface, expression, (engine, user, buffer_mib), beside, on_screens)
     with Scrape(metrics, allow_remote) as scrape:
         session = Session(
             lambda: _opened(opener, scrape),
-            Options(slow_ns, carrier=carrier, overdue_ns=overdue_ns, checksums=checksums),
+            Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns, checksums=checksums),
             companions=[*beside.companions(), *scrape.companions],
             limits=Limits(duration_ns, packets or 0),
             name=interface or ("stdin" if file == "-" else file or ""),
@@ -140,13 +151,19 @@ def command(
 
 
 def _opener(
-    file: str | None, interface: str | None, expression: str, engine: str, user: str, beside: Beside, on_screens: bool
+    file: str | None,
+    interface: str | None,
+    expression: str,
+    how: tuple[str, str, int | None],
+    beside: Beside,
+    on_screens: bool,
 ) -> Callable[[], Reader]:
-    """Return what opens the source that the arguments name."""
+    """Return what opens the source that the arguments name; ``how``: the engine, who to become, the size of the buffer."""
+    engine, user, buffer_mib = how
     if (file is None) == (interface is None):
         raise click.UsageError("Say what to watch: either -i INTERFACE, or a FILE, or - for standard input.")
-    if interface is None and (expression or engine != "auto" or user):
-        raise click.UsageError("-f, --engine and -Z belong to an interface (-i).")
+    if interface is None and (expression or engine != "auto" or user or buffer_mib is not None):
+        raise click.UsageError("-f, --engine, -Z and --buffer belong to an interface (-i).")
     if user:
         check_user(user, engine)
 
@@ -155,7 +172,7 @@ def _opener(
         from dissect.source.live.opening import open_live
 
         if interface is not None:
-            return open_interface(interface, expression, engine, user, beside, on_screens)
+            return open_interface(interface, expression, engine, user, beside, on_screens, buffer_mib or BUFFER_MIB)
         return open_live("-") if file == "-" else open_capture(file or "")
 
     return opened
@@ -213,14 +230,14 @@ def _summarise(session: Session, status: Status) -> None:
     for failure in session.run.failures:
         click.echo(f"s7dissect: {printable(failure)}", err=True)
     file = session.run.file
-    if file.damage:
-        click.echo(f"s7dissect: {printable(file.name)}: {printable(file.damage)}", err=True)
+    if file.loss:
+        click.echo(f"s7dissect: {printable(file.name)}: {printable(file.loss)}", err=True)
 
 
 def _code(session: Session, interrupted: bool) -> int:
     if interrupted:
         return EXIT_INTERRUPTED
-    if session.run.file.damage:
+    if session.run.file.loss:
         return EXIT_DAMAGED
     return EXIT_OUTPUT if session.run.failures else EXIT_OK
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import sys
-import threading
 from typing import TYPE_CHECKING, Final
 
 import click
@@ -22,14 +21,16 @@ if TYPE_CHECKING:
     from dissect.live.session import Event, Session
     from dissect.metrics.address import Address
     from dissect.proxy.capture_file import CaptureFile
-    from dissect.proxy.relay import Relay
+    from dissect.proxy.process import RelayProcess, RelayThread
     from dissect.proxy.source import RelayReader
 
 #: How long a poll waits for something to happen, in seconds, and how much it takes.
 _WAIT_S: Final = 0.2
 _MOST: Final = 512
-#: How soon the relay gets its turn while something is dissected, in seconds; Python's own is 5 ms.
+#: How soon what passed is taken in while something is dissected, in seconds; Python's own is 5 ms.
 _TURN_S: Final = 0.000_1
+#: How long the relay may take to end, in seconds.
+_PATIENCE_S: Final = 10.0
 
 _EXIT_CODES: Final = (
     "Exit code: 0 ended by SIGINT or SIGTERM (the summary is given), 1 a finding that --fail-on names, 2 wrong use, or it "
@@ -93,7 +94,7 @@ def command(
     slow_ns: int,
     overdue_ns: int,
     fail_on: frozenset[str],
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
     """Stand between a client and a PLC and tell what passes: for those who may not capture.
 
@@ -104,6 +105,7 @@ def command(
     from dissect.engine.observer import Options
     from dissect.live.session import Session
     from dissect.net.addresses import places_to_connect, places_to_listen
+    from dissect.proxy.process import RelayProcess, RelayThread, possible
     from dissect.proxy.relay import Relay
     from dissect.proxy.source import RelayReader
     from dissect.proxy.tap import Tap
@@ -117,11 +119,12 @@ def command(
     except OSError:
         relay.close()
         raise
-    reader = RelayReader(tap)
-    options = Options(slow_ns, carrier=carrier, overdue_ns=overdue_ns)
+    side: RelayThread | RelayProcess = RelayProcess(relay, tap) if possible() else RelayThread(relay, tap)
+    reader = RelayReader(side)
+    options = Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns)
     session = Session(lambda: reader, options, companions=companions, name="proxy")
-    lines = _Lines(session, relay, None if output == "-" else _shower(format_ == "jsonl", topics))
-    code = _Proxy(relay, reader, session, lines).run(to)
+    lines = _Lines(session, side, None if output == "-" else _shower(format_ == "jsonl", topics))
+    code = _Proxy(side, reader, session, lines).run(to)
     return gate(session.run, fail_on, code)
 
 
@@ -144,7 +147,7 @@ def _shower(as_json: bool, topics: tuple[str, ...]) -> Shower:
 class _Lines:
     """What is written: to standard output while that can be, and nothing that fails there stops the relay."""
 
-    def __init__(self, session: Session, relay: Relay, shower: Shower | None) -> None:
+    def __init__(self, session: Session, relay: RelayProcess | RelayThread, shower: Shower | None) -> None:
         self.code = EXIT_OK
         self._session = session
         self._relay = relay
@@ -200,15 +203,13 @@ class _Lines:
 
 
 class _Proxy:
-    """Relay, dissection and output side by side, each in a thread of its own, until a signal."""
+    """Relay, dissection and output side by side until a signal."""
 
-    def __init__(self, relay: Relay, reader: RelayReader, session: Session, lines: _Lines) -> None:
+    def __init__(self, relay: RelayProcess | RelayThread, reader: RelayReader, session: Session, lines: _Lines) -> None:
         self._relay = relay
         self._reader = reader
         self._session = session
         self._lines = lines
-        self._error: Exception | None = None
-        self._thread = threading.Thread(target=self._work, name="s7dissect-relay", daemon=True)
 
     def run(self, to: Address) -> int:
         """Relay and tell until a signal; return the exit code."""
@@ -216,8 +217,8 @@ class _Proxy:
         sys.setswitchinterval(_TURN_S)
         try:
             with Interruption(self._relay.stop):
+                self._relay.start()  # before there is any other thread
                 self._session.start()
-                self._thread.start()
                 where = ", ".join([str(place) for place in self._relay.listening])
                 _say(f"listening on {where}, relaying to {to}")
                 self._follow()
@@ -225,22 +226,17 @@ class _Proxy:
         finally:
             self._relay.stop()
             self._session.close()
-            self._thread.join()
+            self._relay.join(_PATIENCE_S)
             sys.setswitchinterval(turn)
         return self._code()
-
-    def _work(self) -> None:
-        try:
-            self._relay.run()
-        except Exception as error:  # noqa: BLE001 - a thread has nobody else who would hear it
-            self._error = error
-        self._reader.stop()
 
     def _follow(self) -> None:
         """Show what happens until nothing more does: the relay has ended, and all that passed is told."""
         told = False
         while True:
-            running, relaying = self._session.running, self._thread.is_alive()  # asked before: what comes last is taken
+            running, relaying = self._session.running, self._relay.is_alive()  # asked before: what comes last is taken
+            if not relaying:
+                self._reader.stop()
             self._lines.show(self._session.poll(_WAIT_S, _MOST))
             if running or self._session.waiting:
                 continue
@@ -249,15 +245,15 @@ class _Proxy:
             if not told:
                 told = True
                 _say(f"the dissection broke off: {self._session.error!r}; what passes is still relayed")
-            self._thread.join(_WAIT_S)
+            self._relay.join(_WAIT_S)
 
     def _code(self) -> int:
-        if self._error is not None:
-            _say(f"the relay broke off: {self._error!r}")
+        if self._relay.error:
+            _say(f"the relay broke off: {self._relay.error}")
             return EXIT_DAMAGED
         if self._session.error is not None:
             return EXIT_DAMAGED
-        return self._lines.code
+        return self._lines.code or (EXIT_OUTPUT if self._session.run.failures else EXIT_OK)
 
 
 def _say(text: str) -> None:

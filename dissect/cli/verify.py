@@ -6,13 +6,14 @@ from pathlib import Path
 
 import click
 
-from dissect.cli.main import EXIT_GATE, EXIT_OK, EXIT_USAGE
+from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK, EXIT_USAGE
 from dissect.cli.run import files_argument, format_option, write
 from dissect.wire.text import printable
 
 _EXIT_CODES = (
     "Exit code: 0 every difference is explained, 1 some is not, 2 wrong use, a file that cannot be read, or tshark or "
-    "pyshark is missing, 5 the output failed, 130 interrupted."
+    "pyshark is missing, 3 a file is damaged or cut off (what could be read is explained), 5 the output failed, "
+    "130 interrupted."
 )
 
 
@@ -44,11 +45,16 @@ def command(files: tuple[str, ...], format_: str, every: bool, reorder: bool, py
     try:
         verification = Verification(version(), every)
         for file in files:
-            lines = verification.take(file, compare(file, read_pyshark if pyshark else read_tshark, reorder))
+            comparison = compare(file, read_pyshark if pyshark else read_tshark, reorder)
+            if comparison.loss:
+                click.echo(f"s7dissect: {printable(file)}: {printable(comparison.loss)}", err=True)
+            lines = verification.take(file, comparison)
             if format_ == "text":
                 write(lines)
     except OracleError as error:
         click.echo(f"s7dissect: {printable(str(error))}", err=True)
         return EXIT_USAGE
     write([verification.as_json()] if format_ == "json" else verification.summary())
-    return EXIT_GATE if verification.unexplained else EXIT_OK
+    if verification.unexplained:
+        return EXIT_GATE
+    return EXIT_DAMAGED if any([comparison.loss for _, comparison in verification.files]) else EXIT_OK

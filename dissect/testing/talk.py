@@ -63,6 +63,7 @@ from dissect.testing.messages import (
     words,
     write,
 )
+from dissect.wire.saving import save
 
 CLIENT: Final = 0
 SERVER: Final = 1
@@ -222,7 +223,7 @@ class Talk:
         blocks += [packet_block(0, time_ns, frame, len(frame)) for time_ns, frame in self.frames()]
         told = b"".join(blocks)
         if path is not None:
-            Path(path).write_bytes(told)
+            save(path, told)
         return told
 
     def session(self) -> Session:

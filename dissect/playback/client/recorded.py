@@ -81,11 +81,11 @@ def load_recorded(path: str | Path, carrier: PayloadDecoder | None = None) -> Re
             raise ReplayError(str(error)) from None
         return Recorded(session, session.links)
     reader = OrderedReader(str(path))
-    run = Run([str(path)], reader, Options(carrier=carrier))
+    run = Run([str(path)], reader, Options(decoder=carrier))
     try:
         while run.step():
             pass
     except GoldenError as error:
         raise ReplayError(str(error)) from None
-    session = reader.finish([f"{file.name}: {file.damage}" for file in run.files if file.damage])
+    session = reader.finish([f"{file.name}: {file.loss}" for file in run.files if file.loss])
     return Recorded(session, reader.order, reader.spans)
