@@ -24,7 +24,7 @@ ENGINE := $(wildcard tests/wire tests/source tests/tcp tests/iso tests/s7 tests/
 export PYTHONSAFEPATH := 1
 export VENV
 
-.PHONY: demo test wheels lint types test-installed test-interpreted environment test-environment format coverage fuzz record clean
+.PHONY: demo test wheels container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz record clean
 .NOTPARALLEL:
 
 demo: environment
@@ -42,6 +42,7 @@ test-environment:
 	$(COMPILED) scripts/environment.sh test
 	scripts/install-nodes7.sh
 	scripts/install-tshark.sh
+	scripts/install-sandbox.sh
 
 lint:
 	$(BIN)/ruff check .
@@ -63,6 +64,10 @@ test-installed:
 
 test-interpreted:
 	S7DISSECT_EXPECT=interpreted PYTHONPATH=$(CURDIR) $(PYTEST) -n $(JOBS) --dist loadfile -m "not measured" $(ENGINE)
+
+# What docs/probe/Containerfile says, done in a temporary folder.
+container-steps: environment
+	$(BIN)/python scripts/container_steps.py
 
 format: test-environment
 	$(BIN)/ruff check --fix .

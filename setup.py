@@ -89,6 +89,7 @@ COLD: Final = (
     "dissect/transactions/accounts.py",
     "dissect/transactions/transfers.py",
     "dissect/wire/hexdump.py",
+    "dissect/wire/saving.py",
 )
 
 #: The commands that need the extensions; metadata and editable installs do not (a compiled copy would hide later edits).

@@ -114,8 +114,8 @@ class Run:
         file.damage = reader.damage
         file.rejected = reader.rejected
         file.notes = list(reader.notes)
-        if reader.damage:
-            self.pipeline.note_damage(f"{file.name}: {reader.damage}")
+        if file.loss:
+            self.pipeline.note_damage(f"{file.name}: {file.loss}")
         reader.close()
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
 import io
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -36,6 +38,12 @@ sys.path.append(str(ROOT))
 os.environ["PYTHONSAFEPATH"] = "1"
 if LOCATION.parent == ROOT:
     os.environ["PYTHONPATH"] = str(ROOT)
+
+
+# What would wait on this machine for its next start waits in a folder of the run instead.
+os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="s7dissect-state-")
+os.environ.pop("STATE_DIRECTORY", None)
+atexit.register(shutil.rmtree, os.environ["XDG_STATE_HOME"], ignore_errors=True)
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -408,7 +408,14 @@ def test_version_and_help_are_cheap(option: str) -> None:
     assert "click" in imported
     assert {name for name in imported if name.split(".")[0] in {"scapy", "rich", "msgspec", "pyshark"}} == set()
     ours = {name for name in imported if name.startswith("dissect")}
-    assert ours == {"dissect", "dissect.cli", "dissect.cli.main", "dissect.wire", "dissect.wire.build"}
+    assert ours == {
+        "dissect",
+        "dissect.cli",
+        "dissect.cli.main",
+        "dissect.wire",
+        "dissect.wire.build",
+        "dissect.wire.text",
+    }
 
 
 def python(*arguments: str) -> subprocess.CompletedProcess[str]:

@@ -16,7 +16,7 @@ from dissect.alerts.alert import Alert
 from dissect.scd.errors import shown
 from dissect.scd.reading import Table
 from dissect.wire.clock import Clock
-from dissect.wire.text import printable
+from dissect.wire.text import printable, reason
 
 _PLACEHOLDER: Final = re.compile(r"\{([A-Za-z_]+)\}")
 #: What may stand in arguments: what the user wrote, numbers, and addresses, which are made from octets. Never a text from the
@@ -56,7 +56,7 @@ class Command(Action):
                     start_new_session=True,
                 )
             except (OSError, ValueError) as error:
-                raise DeliveryError(f"{program}: {error}") from None
+                raise DeliveryError(f"{program}: {getattr(error, 'strerror', None) or error}") from None
             self._running.add(process)
         try:
             process.communicate(alert.as_json().encode("ascii") + b"\n", self._timeout)
@@ -65,7 +65,7 @@ class Command(Action):
             raise DeliveryError(f"{program}: took more than {self._timeout:g} s and was killed") from None
         except OSError as error:
             _kill(process)
-            raise DeliveryError(f"{program}: {error}") from None
+            raise DeliveryError(f"{program}: {reason(error)}") from None
         finally:
             with self._lock:
                 self._running.discard(process)
@@ -115,8 +115,8 @@ def filled(argument: str, alert: Alert) -> str:
     return _PLACEHOLDER.sub(lambda match: values[match[1]], argument)
 
 
-def command_of(table: Table, name: str, timeout: float, parallel: int) -> Command:
-    """Return the action of a table; raises `DictionaryError`."""
+def command_of(table: Table, name: str, timeout: float, parallel: int, trial: bool = False) -> Command:
+    """Return the action of a table; raises `DictionaryError`. For a ``trial`` the program need not be there."""
     arguments = table.items("command")
     if not 1 <= len(arguments) <= _MAX_ARGUMENTS:
         raise table.fail(
@@ -129,7 +129,7 @@ def command_of(table: Table, name: str, timeout: float, parallel: int) -> Comman
             if placeholder not in PLACEHOLDERS:
                 known = ", ".join([f"{{{one}}}" for one in PLACEHOLDERS])
                 raise table.fail("command", f"{{{placeholder}}} is no placeholder; these are: {known}")
-    program = shutil.which(arguments[0])
+    program = arguments[0] if trial else shutil.which(arguments[0])
     if program is None:
         raise table.fail("command", f"{shown(arguments[0])} is no program that can be run")
     return Command(name, (os.path.abspath(program), *arguments[1:]), timeout, parallel)  # noqa: PTH100 - links stay

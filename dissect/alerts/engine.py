@@ -64,7 +64,7 @@ class AlertEngine(Observer):
 
     @property
     def crowded(self) -> int:
-        """Alerts that are lost because too many different ones are remembered."""
+        """Alerts that are no longer remembered because there were too many different ones: they may be told again."""
         return self._cooldown.crowded
 
     @property

@@ -11,7 +11,6 @@ from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
 from dissect.cli.run import complain, drive, write
 from dissect.cli.second_pass import check_files, name_of, written_whole
-from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.anonymize.account import Account, Choices
@@ -22,11 +21,11 @@ if TYPE_CHECKING:
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, or nothing to write, 3 a damaged or truncated file "
-    "(what could be read was written), 5 the output could not be written, 130 interrupted (nothing written)."
+    "(what could be read was written), 5 the output could not be written (disk full), 130 interrupted (nothing written)."
 )
 
 
-def _key(ctx: click.Context, param: click.Parameter, value: str) -> Key:
+def _key(_ctx: click.Context, _param: click.Parameter, value: str) -> Key:
     from dissect.anonymize.key import random_key, read_key
 
     if value == "random":
@@ -34,8 +33,8 @@ def _key(ctx: click.Context, param: click.Parameter, value: str) -> Key:
     try:
         return read_key(value)
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise click.BadParameter(f"{printable(value)}: {printable(reason)}.", ctx, param) from None
+        why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise click.ClickException(f"--key {value}: {why}") from None
 
 
 @click.command("anonymize", epilog=_EXIT_CODES)

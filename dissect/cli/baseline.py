@@ -14,6 +14,7 @@ from dissect.cli.look import clock, write_lines
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK, EXIT_USAGE
 from dissect.cli.run import complain, drive, files_argument, format_option, write
 from dissect.session import CONTINUES_NS, Run
+from dissect.wire.saving import is_special, save
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -110,7 +111,12 @@ def _learn(files: Sequence[str], output: str | None, update: str | None) -> int:
     from dissect.baseline import Learner, baseline_toml, merged
 
     old = _baseline(update) if update is not None else None
-    if output is not None and os.path.lexists(output) and not (update is not None and _same(output, update)):
+    if (
+        output is not None
+        and os.path.lexists(output)
+        and not is_special(output)
+        and not (update is not None and _same(output, update))
+    ):
         raise click.UsageError(f"{printable(output)} exists; use --update, or choose another file")
     learner = Learner()
     run = _Run(files, learner, lambda _: learner.restart())
@@ -125,7 +131,7 @@ def _learn(files: Sequence[str], output: str | None, update: str | None) -> int:
     if output is None:
         write(text.splitlines())
     else:
-        _replace(Path(output), text)
+        save(output, text.encode())
     complain(run, code)
     if learner.left_out:
         click.echo(
@@ -136,20 +142,6 @@ def _learn(files: Sequence[str], output: str | None, update: str | None) -> int:
 
 def _same(one: str, other: str) -> bool:
     return Path(one).exists() and Path(one).samefile(other)
-
-
-def _replace(path: Path, text: str) -> None:
-    """Write a file whole or not at all: what was there before stays until the new one is complete."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with beside.open("x", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        beside.replace(path)
-    except OSError as error:
-        beside.unlink(missing_ok=True)
-        raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 # ---- compare --------------------------------------------------------------------------------------------------------
@@ -213,7 +205,7 @@ def _baseline(path: str) -> Baseline:
     try:
         return load_baseline(path)
     except BaselineError as error:
-        raise click.UsageError(str(error)) from None
+        raise click.ClickException(str(error)) from None
 
 
 def _rules(path: str) -> AlertRules:
@@ -226,8 +218,8 @@ def _rules(path: str) -> AlertRules:
     from dissect.alerts.states import TRANSACTIONS
 
     try:
-        loaded = load_rules(path)
+        loaded = load_rules(path, trial=True)
     except RuleError as error:
-        raise click.UsageError(str(error)) from None
+        raise click.ClickException(str(error)) from None
     tried = [dataclasses.replace(rule, of=TRANSACTIONS) if rule.when == SILENCE else rule for rule in loaded.rules]
     return dataclasses.replace(loaded, rules=tuple(tried))

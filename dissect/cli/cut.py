@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, or nothing to write, 3 a damaged or truncated file "
-    "(what could be read was written), 5 the output could not be written, 130 interrupted (nothing written)."
+    "(what could be read was written), 5 the output could not be written (disk full), 130 interrupted (nothing written)."
 )
 
 

@@ -13,8 +13,8 @@ from dissect.cli.options.scd import scd_options
 from dissect.cli.run import complain, drive, files_argument, write
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.reading import SessionReader, is_golden, load_golden
-from dissect.golden.saving import save_whole
 from dissect.golden.writing import EXTRAS, golden_lines
+from dissect.wire.saving import save
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, or an unreadable or unwritable file, 3 a damaged or truncated file (what could be read "
-    "was written), 5 the output could not be written, 130 interrupted (nothing written)."
+    "was written), 5 the output could not be written (disk full), 130 interrupted (nothing written)."
 )
 
 
@@ -67,7 +67,7 @@ def command(files: tuple[str, ...], output: str, extras: frozenset[str], decoder
     if output == "-":
         write(golden_lines(session, extras))
     else:
-        save_whole(Path(output), "".join([f"{line}\n" for line in golden_lines(session, extras)]).encode())
+        save(output, "".join([f"{line}\n" for line in golden_lines(session, extras)]).encode())
     return code
 
 
@@ -88,4 +88,4 @@ def read_capture(files: tuple[str, ...], decoder: PayloadDecoder | None) -> tupl
     complain(run, EXIT_DAMAGED if code == EXIT_INTERRUPTED else code)
     if code == EXIT_INTERRUPTED:
         click.echo("s7dissect: interrupted; nothing was written", err=True)
-    return reader.finish([f"{file.name}: {file.damage}" for file in run.files if file.damage]), code
+    return reader.finish([f"{file.name}: {file.loss}" for file in run.files if file.loss]), code

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 INTERFACES_SCHEMA: Final = "s7dissect.interfaces/1"
 
-_HEADINGS: Final = ("INTERFACE", "STATE", "LINK", "CAPTURE BY", "ADDRESSES")
+_HEADINGS: Final = ("INTERFACE", "STATE", "LINK", "CAPTURE WITH", "ADDRESSES")
 
 
 @click.command(
@@ -49,7 +49,7 @@ def _as_text(interfaces: list[NetworkInterface], states: list[EngineState]) -> I
 
     rows: list[tuple[str, ...]] = [_HEADINGS]
     for one in interfaces:
-        engines = ", ".join(engines_for(one, states)) or "nobody"
+        engines = ", ".join(engines_for(one, states)) or "-"
         cells = (one.name, one.state or "?", one.link_name or "?", engines, " ".join(one.addresses) or "-")
         rows.append(tuple([printable(cell) for cell in cells]))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import errno
 import importlib
+import io
 import os
 import sys
 from typing import Final, NoReturn
@@ -19,7 +20,7 @@ import click
 
 from dissect import __version__
 from dissect.wire.build import COMPILED
-from dissect.wire.text import printable
+from dissect.wire.text import printable, reason
 
 EXIT_OK: Final = 0
 EXIT_GATE: Final = 1
@@ -53,6 +54,9 @@ COMMANDS: Final = {
 _TIMED: Final = frozenset(("analyze", "transactions", "operations", "show", "baseline", "monitor", "proxy"))
 #: What people type that is no command, and what it means.
 _WORDS: Final = {"version": "--version"}
+
+#: What the system says when an output has no room, whatever its name is.
+_FULL: Final = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
 
 #: Set by the shell when it asks for completions.
 _COMPLETION: Final = "_S7DISSECT_COMPLETE"
@@ -163,7 +167,7 @@ def _run(arguments: list[str] | None) -> int:
         result = group.main(arguments, prog_name="s7dissect", complete_var=_COMPLETION, standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as exc:
-        exc.show()
+        _show(exc, sys.argv[1:] if arguments is None else arguments)
         return EXIT_USAGE
     except (click.Abort, KeyboardInterrupt):
         click.echo("s7dissect: interrupted", err=True)
@@ -180,11 +184,26 @@ def _run(arguments: list[str] | None) -> int:
 
         if not isinstance(exc, CaptureError):
             raise
-        click.echo(f"s7dissect: {exc}", err=True)
+        _say(str(exc))
         for line in getattr(exc, "advice", ()):
-            click.echo(f"    {line}", err=True)
+            click.echo(f"    {printable(line)}", err=True)
         return EXIT_USAGE
     return result if isinstance(result, int) else EXIT_OK
+
+
+def _say(text: str) -> None:
+    """Write one line to stderr. Names of files and words of the command line are in it, so it is escaped here."""
+    click.echo(f"s7dissect: {printable(text)}", err=True)
+
+
+def _show(exc: click.ClickException, arguments: list[str]) -> None:
+    """Write what click says of wrong use, with nothing in it that a name could do to a terminal."""
+    for word in arguments:
+        if not word.isprintable():  # click breaks its own lines; a name must not
+            vars(exc)["message"] = exc.message.replace(word, printable(word))
+    said = io.StringIO()
+    exc.show(file=said)
+    click.echo("\n".join([printable(line) for line in said.getvalue().rstrip("\n").split("\n")]), err=True)
 
 
 def _system_refused(exc: OSError) -> int:
@@ -193,11 +212,13 @@ def _system_refused(exc: OSError) -> int:
     A closed pipe is no fault of ours: whoever read it has seen enough.
     """
     if exc.filename is not None:
-        click.echo(f"s7dissect: {exc.filename}: {exc.strerror}", err=True)
-        return EXIT_USAGE
+        full = exc.errno in _FULL
+        name, why = os.fsdecode(exc.filename), exc.strerror or type(exc).__name__
+        _say(f"cannot write {name}: {why}" if full else f"{name}: {why}")
+        return EXIT_OUTPUT if full else EXIT_USAGE
     # Whatever is still buffered cannot be written either: let the interpreter flush it into nothing.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     if exc.errno == errno.EPIPE:
         return EXIT_OK
-    click.echo(f"s7dissect: cannot write the results: {exc.strerror or exc}", err=True)
+    _say(f"cannot write the results: {reason(exc)}")
     return EXIT_OUTPUT

@@ -38,6 +38,9 @@ if TYPE_CHECKING:
     from dissect.metrics.address import Address
     from dissect.source.packet import Reader
 
+#: As `dissect.source.live.opening` has them, which is imported only when something is opened.
+BUFFER_MIB: Final = 32
+MAX_BUFFER_MIB: Final = 1024
 #: How long a poll waits for something to happen, in seconds, and how much it takes.
 _WAIT_S: Final = 0.2
 _MOST: Final = 512
@@ -82,6 +85,13 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
     help="As root: become USER once the interface is open (default: the user who called sudo, otherwise nobody); root keeps "
     "all privileges.",
 )
+@click.option(
+    "--buffer",
+    "buffer_mib",
+    type=click.IntRange(1, MAX_BUFFER_MIB),
+    metavar="MIB",
+    help=f"Size of the kernel's capture buffer, 1 to {MAX_BUFFER_MIB} MiB (default {BUFFER_MIB}).",
+)
 @click.option("--plain", is_flag=True, help="One line per event, even on a terminal.")
 @click.option(
     "-T",
@@ -109,6 +119,7 @@ def command(
     expression: str,
     engine: str,
     user: str,
+    buffer_mib: int | None,
     plain: bool,
     format_: str | None,
     topics: tuple[str, ...],
@@ -133,7 +144,7 @@ def command(
     from dissect.live.session import Session
 
     on_screens = not plain and format_ is None and sys.stdout.isatty() and _screens_will_do()
-    opener = _opener(file, interface, expression, engine, user, beside, on_screens)
+    opener = _opener(file, interface, expression, (engine, user, buffer_mib), beside, on_screens)
     with Scrape(metrics, allow_remote) as scrape:
         session = Session(
             lambda: _opened(opener, scrape),
@@ -152,13 +163,19 @@ def command(
 
 
 def _opener(
-    file: str | None, interface: str | None, expression: str, engine: str, user: str, beside: Beside, on_screens: bool
+    file: str | None,
+    interface: str | None,
+    expression: str,
+    how: tuple[str, str, int | None],
+    beside: Beside,
+    on_screens: bool,
 ) -> Callable[[], Reader]:
-    """Return what opens the source that the arguments name."""
+    """Return what opens the source that the arguments name; ``how``: the engine, who to become, the size of the buffer."""
+    engine, user, buffer_mib = how
     if (file is None) == (interface is None):
         raise click.UsageError("Nothing to watch: give -i INTERFACE, a FILE, or - for standard input.")
-    if interface is None and (expression or engine != "auto" or user):
-        raise click.UsageError("-f, --engine and -Z need an interface (-i).")
+    if interface is None and (expression or engine != "auto" or user or buffer_mib is not None):
+        raise click.UsageError("-f, --engine, -Z and --buffer need an interface (-i).")
     if user:
         check_user(user, engine)
 
@@ -167,7 +184,7 @@ def _opener(
         from dissect.source.live.opening import open_live
 
         if interface is not None:
-            return open_interface(interface, expression, engine, user, beside, on_screens)
+            return open_interface(interface, expression, engine, user, beside, on_screens, buffer_mib or BUFFER_MIB)
         return open_live("-") if file == "-" else open_capture(file or "")
 
     return opened
@@ -221,14 +238,14 @@ def _summarise(session: Session, status: Status) -> None:
     for failure in session.run.failures:
         click.echo(f"s7dissect: {printable(failure)}", err=True)
     file = session.run.file
-    if file.damage:
-        click.echo(f"s7dissect: {printable(file.name)}: {printable(file.damage)}", err=True)
+    if file.loss:
+        click.echo(f"s7dissect: {printable(file.name)}: {printable(file.loss)}", err=True)
 
 
 def _code(session: Session, interrupted: bool) -> int:
     if interrupted:
         return EXIT_INTERRUPTED
-    if session.run.file.damage:
+    if session.run.file.loss:
         return EXIT_DAMAGED
     return EXIT_OUTPUT if session.run.failures else EXIT_OK
 

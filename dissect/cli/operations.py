@@ -17,8 +17,6 @@ from dissect.cli.run import (
     write,
 )
 from dissect.engine.observer import Observer, Options
-from dissect.report.operations import operation_json, operation_line
-from dissect.engine.conversation import Observer, Options
 from dissect.report.operations import operation_json, styled_operation
 from dissect.report.places import Places
 from dissect.report.styled import Line

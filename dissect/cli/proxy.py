@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import sys
-import threading
 from typing import TYPE_CHECKING, Final
 
 import click
@@ -33,14 +32,16 @@ if TYPE_CHECKING:
     from dissect.live.session import Event, Session
     from dissect.metrics.address import Address
     from dissect.proxy.capture_file import CaptureFile
-    from dissect.proxy.relay import Relay
+    from dissect.proxy.process import RelayProcess, RelayThread
     from dissect.proxy.source import RelayReader
 
 #: How long a poll waits for something to happen, in seconds, and how much it takes.
 _WAIT_S: Final = 0.2
 _MOST: Final = 512
-#: How soon the relay gets its turn while something is dissected, in seconds; Python's own is 5 ms.
+#: How soon what passed is taken in while something is dissected, in seconds; Python's own is 5 ms.
 _TURN_S: Final = 0.000_1
+#: How long the relay may take to end, in seconds.
+_PATIENCE_S: Final = 10.0
 
 _EXIT_CODES: Final = (
     "Exit code: 0 stopped by SIGINT or SIGTERM (with summary), 1 a finding that --fail-on names, 2 wrong use, or it cannot "
@@ -114,6 +115,7 @@ def command(
     from dissect.engine.observer import Options
     from dissect.live.session import Session
     from dissect.net.addresses import places_to_connect, places_to_listen
+    from dissect.proxy.process import RelayProcess, RelayThread, possible
     from dissect.proxy.relay import Relay
     from dissect.proxy.source import RelayReader
     from dissect.proxy.tap import Tap
@@ -127,11 +129,12 @@ def command(
     except OSError:
         relay.close()
         raise
-    reader = RelayReader(tap)
+    side: RelayThread | RelayProcess = RelayProcess(relay, tap) if possible() else RelayThread(relay, tap)
+    reader = RelayReader(side)
     options = Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns)
     session = Session(lambda: reader, options, companions=companions, name="proxy")
-    lines = _Lines(session, relay, None if output == "-" else new_shower(format_ == "jsonl", topics))
-    code = _Proxy(relay, reader, session, lines).run(to)
+    lines = _Lines(session, side, None if output == "-" else new_shower(format_ == "jsonl", topics))
+    code = _Proxy(side, reader, session, lines).run(to)
     return gate(session.run, fail_on, code)
 
 
@@ -146,7 +149,7 @@ def _capture_file(output: str, force: bool) -> CaptureFile:
 class _Lines:
     """What is written: to standard output while that can be, and nothing that fails there stops the relay."""
 
-    def __init__(self, session: Session, relay: Relay, shower: Shower | None) -> None:
+    def __init__(self, session: Session, relay: RelayProcess | RelayThread, shower: Shower | None) -> None:
         self.code = EXIT_OK
         self._session = session
         self._relay = relay
@@ -202,15 +205,13 @@ class _Lines:
 
 
 class _Proxy:
-    """Relay, dissection and output side by side, each in a thread of its own, until a signal."""
+    """Relay, dissection and output side by side until a signal."""
 
-    def __init__(self, relay: Relay, reader: RelayReader, session: Session, lines: _Lines) -> None:
+    def __init__(self, relay: RelayProcess | RelayThread, reader: RelayReader, session: Session, lines: _Lines) -> None:
         self._relay = relay
         self._reader = reader
         self._session = session
         self._lines = lines
-        self._error: Exception | None = None
-        self._thread = threading.Thread(target=self._work, name="s7dissect-relay", daemon=True)
 
     def run(self, to: Address) -> int:
         """Relay and tell until a signal; return the exit code."""
@@ -218,8 +219,8 @@ class _Proxy:
         sys.setswitchinterval(_TURN_S)
         try:
             with Interruption(self._relay.stop):
+                self._relay.start()  # before there is any other thread
                 self._session.start()
-                self._thread.start()
                 where = ", ".join([str(place) for place in self._relay.listening])
                 _say(f"listening on {where}, relaying to {to}")
                 self._follow()
@@ -227,22 +228,17 @@ class _Proxy:
         finally:
             self._relay.stop()
             self._session.close()
-            self._thread.join()
+            self._relay.join(_PATIENCE_S)
             sys.setswitchinterval(turn)
         return self._code()
-
-    def _work(self) -> None:
-        try:
-            self._relay.run()
-        except Exception as error:  # noqa: BLE001 - a thread has nobody else who would hear it
-            self._error = error
-        self._reader.stop()
 
     def _follow(self) -> None:
         """Show what happens until nothing more does: the relay has ended, and all that passed is told."""
         told = False
         while True:
-            running, relaying = self._session.running, self._thread.is_alive()  # asked before: what comes last is taken
+            running, relaying = self._session.running, self._relay.is_alive()  # asked before: what comes last is taken
+            if not relaying:
+                self._reader.stop()
             self._lines.show(self._session.poll(_WAIT_S, _MOST))
             if running or self._session.waiting:
                 continue
@@ -251,15 +247,15 @@ class _Proxy:
             if not told:
                 told = True
                 _say(f"the dissection failed: {self._session.error!r}; traffic is still relayed")
-            self._thread.join(_WAIT_S)
+            self._relay.join(_WAIT_S)
 
     def _code(self) -> int:
-        if self._error is not None:
-            _say(f"the relay failed: {self._error!r}")
+        if self._relay.error:
+            _say(f"the relay failed: {self._relay.error}")
             return EXIT_DAMAGED
         if self._session.error is not None:
             return EXIT_DAMAGED
-        return self._lines.code
+        return self._lines.code or (EXIT_OUTPUT if self._session.run.failures else EXIT_OK)
 
 
 def _say(text: str) -> None:

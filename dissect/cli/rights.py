@@ -29,7 +29,7 @@ def check_user(user: str, engine: str) -> None:
 
 
 def open_interface(
-    interface: str, expression: str, engine: str, user: str, beside: Beside, on_screens: bool
+    interface: str, expression: str, engine: str, user: str, beside: Beside, on_screens: bool, buffer_mib: int
 ) -> LiveReader:
     """Open an interface and give up all rights, as far as the engine allows that.
 
@@ -41,9 +41,9 @@ def open_interface(
     root = privileges.is_root()
     keeps = user == _ROOT
     become = privileges.heir(user) if root and not keeps else None
-    reader = _by_ring_first(interface, expression) if become is not None and engine == "auto" else None
+    reader = _by_ring_first(interface, expression, buffer_mib) if become is not None and engine == "auto" else None
     if reader is None:
-        reader = open_live(interface, expression, engine)
+        reader = open_live(interface, expression, engine, buffer_mib=buffer_mib)
     if keeps or reader.engine != "ring":
         if root and not keeps:
             _say(f"{reader.engine} and the dissection run as root; --engine ring drops all privileges")
@@ -65,13 +65,13 @@ def open_interface(
     return reader
 
 
-def _by_ring_first(interface: str, expression: str) -> LiveReader | None:
+def _by_ring_first(interface: str, expression: str, buffer_mib: int) -> LiveReader | None:
     """Open the ring, None where it cannot be: dumpcap may, or says why nobody can."""
     from dissect.source.live.opening import open_live
     from dissect.source.live.reader import LiveError
 
     try:
-        return open_live(interface, expression, "ring")
+        return open_live(interface, expression, "ring", buffer_mib=buffer_mib)
     except LiveError:
         return None
 

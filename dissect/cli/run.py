@@ -127,7 +127,7 @@ def drive(run: Run, files: Sequence[str], each: Callable[[], None] | None = None
     run.finish()
     if each is not None:
         each()
-    if code == EXIT_OK and any(file.damage for file in run.files):
+    if code == EXIT_OK and any(file.loss for file in run.files):
         code = EXIT_DAMAGED
     return code
 
@@ -135,8 +135,8 @@ def drive(run: Run, files: Sequence[str], each: Callable[[], None] | None = None
 def complain(run: Run, code: int) -> None:
     """Say on stderr what the results alone do not show: damaged files, an interruption."""
     for file in run.files:
-        if file.damage:
-            click.echo(f"s7dissect: {printable(file.name)}: {printable(file.damage)}", err=True)
+        if file.loss:
+            click.echo(f"s7dissect: {printable(file.name)}: {printable(file.loss)}", err=True)
     if code == EXIT_INTERRUPTED:
         click.echo("s7dissect: interrupted; the results cover what was read so far", err=True)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ from dissect.cli.look import write_lines, write_text
 from dissect.cli.main import EXIT_GATE, EXIT_OK
 from dissect.cli.run import format_option, write
 from dissect.report.styled import FAILED, Line
+from dissect.wire.saving import save
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
@@ -107,8 +107,8 @@ def compile_command(source: str, output: str, encoding: str, node: int | None) -
         sys.stdout.buffer.write(dictionary.octets)
         sys.stdout.buffer.flush()
         return EXIT_OK
-    _save(output, dictionary.octets)
-    write_text([f"{printable(output)}: {len(dictionary.octets)} octets", *_summary(dictionary)])
+    save(output, dictionary.octets)
+    write_text([f"{printable(output)}: {len(dictionary.octets)} bytes", *_summary(dictionary)])
     return EXIT_OK
 
 
@@ -118,21 +118,6 @@ def _source(path: str, encoding: str, node: int | None) -> tuple[Dictionary, tup
     if is_description(path) or encoding or node is not None:
         return open_dictionary(path, encoding, node)
     return compile_source(path), ()
-
-
-def _save(path: str, octets: bytes) -> None:
-    """Write a file whole or not at all."""
-    target = Path(path)
-    if target.exists() and not target.is_file():  # a device, a pipe
-        target.write_bytes(octets)
-        return
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(octets)
-        part.replace(target)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise OSError(error.errno, error.strerror, path) from None
 
 
 def _summary(od: Dictionary) -> Iterator[str]:

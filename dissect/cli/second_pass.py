@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +9,8 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from dissect.source.pcapng_writer import CAPTURE_MODE
+from dissect.wire.saving import Saving
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -39,27 +40,23 @@ def name_of(output: str) -> str:
 def written_whole(output: str, command: str = "") -> Iterator[PcapngWriter]:
     """Give a writer of ``output``; a regular file appears when all is written, and not at all when something fails."""
     from dissect import __version__
-    from dissect.recording.names import part_of
     from dissect.source.pcapng_writer import PcapngWriter
 
-    whole = output != "-" and (not Path(output).exists() or Path(output).is_file())
-    path = str(part_of(Path(f"{output}.{os.getpid()}"))) if whole else output
     application = f"s7dissect {__version__} {command}".rstrip()
-    try:
-        writer = PcapngWriter(path, application=application, batch=_BATCH, overwrite=not whole)
-    except OSError as error:
-        if error.filename is None:
-            raise
-        raise OSError(error.errno, error.strerror, output) from None  # not the name it has for the moment
-    try:
+    if output == "-":
+        writer = PcapngWriter("-", application=application, batch=_BATCH)
         yield writer
         writer.close()
-        if whole:
-            Path(path).replace(output)
-    except BaseException as error:
-        writer.abandon()
-        if whole:
-            Path(path).unlink(missing_ok=True)
-        if whole and isinstance(error, OSError) and error.filename == path:
+        return
+    with Saving(output, CAPTURE_MODE) as saving:
+        try:
+            writer = PcapngWriter(saving.path, application=application, batch=_BATCH)
+            try:
+                yield writer
+                writer.close()
+            finally:
+                writer.abandon()
+        except OSError as error:
+            if error.filename != saving.path:
+                raise
             raise OSError(error.errno, error.strerror, output) from None
-        raise

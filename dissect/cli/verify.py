@@ -7,13 +7,14 @@ from pathlib import Path
 import click
 
 from dissect.cli.look import write_text
-from dissect.cli.main import EXIT_GATE, EXIT_OK, EXIT_USAGE
+from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK, EXIT_USAGE
 from dissect.cli.run import files_argument, format_option, write
 from dissect.wire.text import printable
 
 _EXIT_CODES = (
     "Exit code: 0 all differences explained, 1 unexplained differences, 2 wrong use, an unreadable file, or tshark or pyshark "
-    "is missing, 5 the output could not be written, 130 interrupted."
+    "is missing, 3 a damaged or truncated file (what could be read was compared), 5 the output could not be written, "
+    "130 interrupted."
 )
 
 
@@ -43,7 +44,10 @@ def command(files: tuple[str, ...], format_: str, every: bool, reorder: bool, py
     try:
         verification = Verification(version(), every)
         for file in files:
-            lines = verification.take(file, compare(file, read_pyshark if pyshark else read_tshark, reorder))
+            comparison = compare(file, read_pyshark if pyshark else read_tshark, reorder)
+            if comparison.loss:
+                click.echo(f"s7dissect: {printable(file)}: {printable(comparison.loss)}", err=True)
+            lines = verification.take(file, comparison)
             if format_ == "text":
                 write_text(lines)
     except OracleError as error:
@@ -53,4 +57,6 @@ def command(files: tuple[str, ...], format_: str, every: bool, reorder: bool, py
         write([verification.as_json()])
     else:
         write_text(verification.summary())
-    return EXIT_GATE if verification.unexplained else EXIT_OK
+    if verification.unexplained:
+        return EXIT_GATE
+    return EXIT_DAMAGED if any([comparison.loss for _, comparison in verification.files]) else EXIT_OK

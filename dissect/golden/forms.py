@@ -31,6 +31,10 @@ from dissect.s7.tables import (
 )
 from dissect.wire.text import printable
 
+#: Octets of a PDU: the length that Setup communication negotiates has 16 bits.
+MAX_PDU: Final = 0xFFFF
+_HEADER: Final = 12
+
 _BYTES: Final = 0x04
 _BIT: Final = 0x03
 #: Head of a refused item: transport size and length.
@@ -49,7 +53,9 @@ _SETUP: Final = re.compile(r"PDU ([0-9]{1,5}), AmQ ([0-9]{1,5})/([0-9]{1,5})")
 
 
 def build_pdu(rosctr: int, parameters: bytes, data: bytes = b"", error: int = 0) -> bytes:
-    """Return a PDU with reference 0."""
+    """Return a PDU with reference 0. ValueError when it is larger than any PDU."""
+    if max(len(parameters), len(data), len(parameters) + len(data) + _HEADER) > MAX_PDU:
+        raise ValueError(f"a PDU of {len(parameters)} and {len(data)} octets: no PDU has more than {MAX_PDU}")
     head = struct.pack(">BBHHHH", PROTOCOL_ID, rosctr, 0, 0, len(parameters), len(data))
     if rosctr in {ACK, ACK_DATA}:
         head += error.to_bytes(2, "big")

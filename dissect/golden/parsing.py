@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
 from functools import partial
 from typing import Final, NamedTuple
@@ -27,6 +27,9 @@ from dissect.wire.text import printable
 
 #: What every golden of any version begins with.
 MAGIC: Final = "s7dissect golden "
+
+#: Characters of a line with its continuations: a PDU of 65,535 octets takes three each.
+MAX_LINE: Final = 512 * 1024
 
 _FACT: Final = 2
 _BLOCK: Final = 4
@@ -56,47 +59,68 @@ class Line(NamedTuple):
 
 def parse_golden(text: str, name: str = "golden") -> Session:
     """Return the session that a golden describes. Raises GoldenError, which says the line."""
-    lines = list(_lines(text))
-    if not lines or lines[0].text != FORMAT:
-        first = lines[0].text if lines else ""
-        if first.startswith(MAGIC):
-            message = f"{name}: format {first.removeprefix(MAGIC)!r} is not known here; this version reads {FORMAT!r}"
+    return read_golden(text.split("\n"), name)
+
+
+def read_golden(raw: Iterable[str], name: str) -> Session:
+    """Return the session that the lines of a golden describe, each without its end. Raises GoldenError, which says the line."""
+    lines = _lines(raw, name)
+    first = next(lines, None)
+    if first is None or first.text != FORMAT:
+        said = first.text if first is not None else ""
+        if said.startswith(MAGIC):
+            message = (
+                f"{name}: format {said.removeprefix(MAGIC)[:80]!r} is not known here; this version reads {FORMAT!r}"
+            )
         else:
             message = f"{name}: no golden: the first line is not {FORMAT!r}"
         raise GoldenError(message)
     reader = _Reader(Session(name))
-    at = 1
-    while at < len(lines):
-        begin = at
-        at += 1
-        while at < len(lines) and lines[at].depth > 0:
-            at += 1
+    for head, below in _blocks(lines):
         try:
-            reader.block(lines[begin], lines[begin + 1 : at])
+            reader.block(head, below)
         except _LineError as wrong:
             raise GoldenError(f"{name}: line {wrong.line.number}: {wrong}") from None
         except ValueError as error:
-            raise GoldenError(f"{name}: line {lines[begin].number}: {error}") from None
+            raise GoldenError(f"{name}: line {head.number}: {error}") from None
     return reader.finish()
 
 
-def _lines(text: str) -> Iterator[Line]:
-    """Yield the lines that say something, each joined with its continuations."""
-    held: Line | None = None
-    for number, raw in enumerate(text.split("\n"), 1):
+def _blocks(lines: Iterator[Line]) -> Iterator[tuple[Line, list[Line]]]:
+    """Yield each line that begins a block, and those that are indented below it."""
+    head: Line | None = None
+    below: list[Line] = []
+    for line in lines:
+        if head is not None and line.depth > 0:
+            below.append(line)
+            continue
+        if head is not None:
+            yield head, below
+        head, below = line, []
+    if head is not None:
+        yield head, below
+
+
+def _lines(raw_lines: Iterable[str], name: str) -> Iterator[Line]:
+    """Yield the lines that say something, each joined with its continuations. Raises GoldenError for one that is too long."""
+    number = depth = size = 0
+    held: list[str] = []
+    for count, raw in enumerate(raw_lines, 1):
         said = raw.partition("#")[0].rstrip()
         if not said:
             continue
         bare = said.lstrip(" ")
-        depth = len(said) - len(bare)
-        if depth >= _CONTINUED and held is not None:
-            held = Line(held.number, held.depth, f"{held.text} {bare}")
-            continue
-        if held is not None:
-            yield held
-        held = Line(number, depth, bare)
-    if held is not None:
-        yield held
+        indent = len(said) - len(bare)
+        if indent < _CONTINUED or not held:
+            if held:
+                yield Line(number, depth, " ".join(held))
+            number, depth, size, held = count, indent, 0, []
+        held.append(bare)
+        size += len(bare)
+        if size > MAX_LINE:
+            raise GoldenError(f"{name}: line {number}: longer than {MAX_LINE >> 10} KiB, so no line of a golden")
+    if held:
+        yield Line(number, depth, " ".join(held))
 
 
 class _LineError(Exception):

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, BinaryIO, Final
 
 from dissect.engine.observer import Observer, Options
 from dissect.engine.payload import PayloadDecoder
 from dissect.golden.exchange import PLUS, S7, SCD, Exchange
 from dissect.golden.model import GoldenError, Link, Session, Transaction
-from dissect.golden.parsing import MAGIC, parse_golden
+from dissect.golden.parsing import MAGIC, MAX_LINE, read_golden
 from dissect.golden.scd_lines import scd_lines
 from dissect.golden.writing import link_text
 from dissect.session import Run
@@ -23,7 +23,7 @@ from dissect.transactions.transaction import Transaction as Seen
 if TYPE_CHECKING:
     from dissect.iso.tsap import Tsap
 
-#: A golden is read whole; one larger than this is none.
+#: Octets of a golden; a larger one is refused.
 MAX_SIZE: Final = 1 << 30
 
 
@@ -150,16 +150,29 @@ def is_golden(path: str | os.PathLike[str]) -> bool:
 
 def load_golden(path: str | os.PathLike[str]) -> Session:
     """Read a golden. Raises GoldenError, which names file and line."""
-    file = Path(path)
+    name = os.fspath(path)
     try:
-        if file.stat().st_size > MAX_SIZE:
-            raise GoldenError(f"{path}: larger than {MAX_SIZE >> 20} MiB, so no golden")
-        text = file.read_bytes().decode("utf-8")
+        with Path(path).open("rb") as file:
+            return read_golden(_text_lines(file, name), name)
     except OSError as error:
         raise GoldenError(f"{path}: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise GoldenError(f"{path}: octet {error.start} is no UTF-8") from None
-    return parse_golden(text, os.fspath(path))
+
+
+def _text_lines(file: BinaryIO, name: str) -> Iterator[str]:
+    """Yield the lines of a golden without their ends, holding one at a time. Raises GoldenError for what is none."""
+    size = 0
+    while octets := file.readline(MAX_LINE + 1):
+        size += len(octets)
+        if size > MAX_SIZE:
+            raise GoldenError(f"{name}: larger than {MAX_SIZE >> 20} MiB, so no golden")
+        if len(octets) > MAX_LINE:
+            raise GoldenError(f"{name}: a line is longer than {MAX_LINE >> 10} KiB, so no golden")
+        if b"\0" in octets:
+            raise GoldenError(f"{name}: octet {size - len(octets) + octets.index(0)} is NUL, so no golden")
+        try:
+            yield octets.decode("utf-8").removesuffix("\n")
+        except UnicodeDecodeError as error:
+            raise GoldenError(f"{name}: octet {size - len(octets) + error.start} is no UTF-8") from None
 
 
 def read_session(
@@ -177,7 +190,7 @@ def read_session(
     while run.step() and reader.too_long is None:
         pass
     run.finish()
-    return reader.finish([f"{file.name}: {file.damage}" for file in run.files if file.damage])
+    return reader.finish([f"{file.name}: {file.loss}" for file in run.files if file.loss])
 
 
 __all__ = ["CaptureError", "SessionReader", "is_golden", "load_golden", "read_session"]

@@ -216,7 +216,7 @@ class MonitorApp(App[bool]):
             return f"PAUSED, {self.model.came - self._came_at_pause} new"
         if self._session.running:
             return "LIVE"
-        return "BROKEN OFF" if self._session.error is not None or self._session.run.file.damage else "ENDED"
+        return "BROKEN OFF" if self._session.error is not None or self._session.run.file.loss else "ENDED"
 
     def _tell_end(self) -> None:
         """Say once that nothing more will come; the screen stays."""
@@ -225,7 +225,7 @@ class MonitorApp(App[bool]):
         self._told_end = True
         self.show()
         error = self._session.error
-        why = str(error) or type(error).__name__ if error is not None else self._session.run.file.damage
+        why = str(error) or type(error).__name__ if error is not None else self._session.run.file.loss
         if why:
             self.foot.say(f"BROKEN OFF: {printable(why)}")
         elif not self.model.problems:

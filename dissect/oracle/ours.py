@@ -61,6 +61,8 @@ class Witness(Observer):
         run = Run([path], self, Options())
         while run.step():
             pass
+        #: What of the capture could not be read, empty when all of it was.
+        self.loss = run.files[0].loss
 
     def records(self, kind: str, numbers: Iterable[int]) -> list[Record]:
         """Return the facts of what was found, by its place in ``found``."""

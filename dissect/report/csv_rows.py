@@ -8,7 +8,7 @@ import json
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-from dissect.engine.conversation import Observer
+from dissect.engine.observer import Observer
 from dissect.report import words
 from dissect.report.jsonl import Choice
 from dissect.report.lines import reference

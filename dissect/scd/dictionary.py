@@ -10,7 +10,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from hashlib import sha256
-from pathlib import Path
 from types import MappingProxyType
 from typing import Final, overload
 
@@ -23,6 +22,7 @@ from dissect.scd.mapping import entries_of, place
 from dissect.scd.model import DEFTYPE, NULL, Object, Pdo, StructType, Variable
 from dissect.scd.records import Body, EnvelopeRecord
 from dissect.scd.types import STANDARD_NAMES, UINT64, SimpleType
+from dissect.wire.saving import save
 
 _ADDRESS: Final = re.compile(r"(0[xX][0-9a-fA-F]{1,4})(?:[:.]([0-9]{1,3}|0[xX][0-9a-fA-F]{1,2}))?")
 _PDO: Final = re.compile(r"([RTrt])(?:PDO\s*)?([0-9]{1,4})")
@@ -216,8 +216,8 @@ class Dictionary:
         return sha256(self.octets).digest()
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the compiled file."""
-        Path(path).write_bytes(self.octets)
+        """Write the compiled file, whole or not at all. Raises `OSError`."""
+        save(path, self.octets)
 
     def __repr__(self) -> str:
         return f"<Dictionary {self.name!r} {self.version} {len(self.objects)} objects>"

@@ -18,7 +18,6 @@ import os
 import struct
 from collections import deque
 from ipaddress import ip_address
-from pathlib import Path
 from typing import Final, Self
 
 from dissect.engine.observer import Observer, Options
@@ -64,6 +63,7 @@ from dissect.testing.messages import (
     words,
     write,
 )
+from dissect.wire.saving import save
 
 CLIENT: Final = 0
 SERVER: Final = 1
@@ -223,7 +223,7 @@ class Talk:
         blocks += [packet_block(0, time_ns, frame, len(frame)) for time_ns, frame in self.frames()]
         told = b"".join(blocks)
         if path is not None:
-            Path(path).write_bytes(told)
+            save(path, told)
         return told
 
     def session(self) -> Session:

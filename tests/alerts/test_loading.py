@@ -138,12 +138,23 @@ def test_actions() -> None:
         (ACTION + 'webhook = "file:///etc/passwd"\n', ACT + "webhook: 'file:///etc/passwd' is no address"),
         (ACTION + 'webhook = "http://127.0.0.1:x/"\n', ACT + "webhook: 'http://127.0.0.1:x/' is no address"),
         (ACTION + 'webhook = "http://127.0.0.1/\\r\\nX: y"\n', ACT + "webhook: "),
+        (ACTION + 'webhook = "http://127.0.0.1/"\nspool = "here"\n', ACT + "spool: 'here' is no absolute path"),
+        (FINDING + "burst = 0\n", RULE + "burst: 0 is outside 1 to 10000"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_told(tmp_path: Path, text: str, told: str) -> None:
     with pytest.raises(RuleError) as error:
         load_rules(saved(tmp_path, text))
     assert str(error.value).removeprefix(f"{tmp_path}/alerts.toml:")[: len(told)] == told
+
+
+def test_a_trial_needs_neither_programs_nor_sockets(tmp_path: Path) -> None:
+    tables = (('command = ["no-such-program"]', "is no program"), ('syslog = "/no/such/socket"', "there is no"))
+    for line, told in tables:
+        path = saved(tmp_path, f"{ACTION}{line}\n")
+        assert len(load_rules(path, trial=True).actions) == 1
+        with pytest.raises(RuleError, match=told):
+            load_rules(path)
 
 
 @given(

@@ -70,6 +70,6 @@ def test_all_of_it_is_found_in_traffic() -> None:
     talk.datagram(SERVER, plant.refuse("0x6000:4", -5))
     talk.datagram(CLIENT, plant.ask("0x6001:255"))
     talk.datagram(SERVER, plant.tell("0x6001:255", 7 | 5 << 8))
-    talk.pipeline.conversation.tell_findings()
+    talk.pipeline.exchange.report_findings()
     told = [finding for finding in talk.findings if finding.slug == "scd.other_dictionary"]
     assert [finding.frames for finding in told] == [[2], [4], [6], [8]]

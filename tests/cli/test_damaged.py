@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from pathlib import Path
 from random import Random
 
@@ -19,10 +20,12 @@ from dissect.report.places import Places
 from dissect.report.text import analysis_lines
 from dissect.source.files import open_capture
 from dissect.source.packet import PacketSink, SourceFile
+from tests.cli.support import run, simple
 from tests.properties.packets import Packet
 from tests.report.schemas import complaints
 from tests.report.support import OWN, UNSAFE, observed
 
+Capture = pytest.CaptureFixture[bytes]
 FILES = [SourceFile("damaged.pcap", 1)]
 PLACES = Places(FILES, False)
 #: Ethernet, IP and TCP headers, which are not what this is about.
@@ -106,3 +109,30 @@ def test_no_damage_silences_a_face(seed: int) -> None:
     small = [path for path in OWN if path.stat().st_size < 12_000]
     for path in rng.sample(small, 5):
         holds(damaged(rng, packets_of(path)))
+
+
+@pytest.fixture
+def rejected(tmp_path: Path) -> Path:
+    """A capture with a block that contradicts itself between two that are sound."""
+    path = simple(tmp_path / "rejected.pcapng")
+    octets = path.read_bytes()
+    bad = struct.pack("<III", 6, 12, 12)  # an Enhanced Packet Block with no room for a packet
+    path.write_bytes(octets + bad)
+    return path
+
+
+@pytest.mark.parametrize(
+    "call", ["analyze", "transactions", "operations", "show", "golden", "monitor", "baseline", "verify"]
+)
+def test_blocks_given_up_are_damage(capfdbinary: Capture, rejected: Path, call: str) -> None:
+    ran = run(capfdbinary, call, rejected)
+    assert ran.code == 3, ran
+    assert "rejected.pcapng: 1 damaged block skipped, the contents are missing\n" in ran.err
+
+
+def test_verify_on_a_cut_capture(capfdbinary: Capture, tmp_path: Path) -> None:
+    path = simple(tmp_path / "cut.pcapng")
+    path.write_bytes(path.read_bytes()[:-5])
+    ran = run(capfdbinary, "verify", path)
+    assert ran.code == 3, ran
+    assert "cut.pcapng: cut off" in ran.err

@@ -147,9 +147,8 @@ def test_an_unreadable_file(capfdbinary: pytest.CaptureFixture[bytes], tmp_path:
 
 def test_a_file_tshark_gives_up_on(capfdbinary: pytest.CaptureFixture[bytes]) -> None:
     ran = run(capfdbinary, "verify", ROOT / "captures" / "crafted" / "cut-pcap.pcap")
-    assert (ran.code, ran.out) == (2, "")
-    assert ran.err.startswith("s7dissect: tshark, reading ")
-    assert "cut short" in ran.err
+    assert ran.code == 3
+    assert "cut off" in ran.err
 
 
 @pytest.mark.parametrize("name", ["-", "."])

@@ -24,10 +24,8 @@ from dissect.baseline.writing import baseline_toml
 from dissect.bindings.engine import ScdCarrier
 from dissect.cli.baseline import _usual_rules
 from dissect.cli.show import _Pdus
-from dissect.cli.transactions import _Rows
-from dissect.engine.observer import Observer, Options
 from dissect.cli.transactions import _Lines
-from dissect.engine.conversation import Observer, Options
+from dissect.engine.observer import Observer, Options
 from dissect.engine.pipeline import Pipeline
 from dissect.golden.comparison import diff_sessions
 from dissect.golden.parsing import parse_golden

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dissect.report.slugs import slugs_of
+from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -50,6 +51,14 @@ def _kept(
     return kept
 
 
+def file_of(out: str) -> Path | None:
+    """Return the file that ``-w`` names, None where it names a folder: as with tshark, a name with an extension is a file."""
+    from pathlib import Path
+
+    path = Path(out)
+    return path if path.suffix and not path.is_dir() and not out.endswith("/") else None
+
+
 class Beside:
     """What goes along, as the options say. `companions` makes it; `watch` tells it the session."""
 
@@ -62,7 +71,14 @@ class Beside:
         baseline: str | None,
     ) -> None:
         if directory is None and (limits is not None or kept):
-            raise click.UsageError("-b and --keep-around need -w DIR, where files are written to.")
+            raise click.UsageError("-b and --keep-around need -w, where files are written to.")
+        if directory == "-":
+            raise click.UsageError("-w - would mix packets with the lines of events: name a file or a folder.")
+        file = file_of(directory) if directory is not None else None
+        if file is not None and kept:
+            raise click.UsageError(
+                f"--keep-around makes several files: name a folder for -w, not {printable(str(file))}."
+            )
         if baseline is not None and rules is None:
             raise click.UsageError("--baseline needs --alerts.")
         self._limits = limits
@@ -71,14 +87,20 @@ class Beside:
         self._baseline = baseline
         self._session: Session | None = None
         self._shown = False
-        #: Where files go, None for nowhere; and the folders on the way there that were made for it, the outermost first.
+        #: The only file that is written, or in whose place the files of a ring are; None where -w names a folder.
+        self._file = file
+        #: The folder that must stay writable, None for none; and what was made on the way there, the outermost first.
         self.directory = directory
+        if file is not None:
+            self.directory = str(file.parent) if limits is not None else None
         self.made: list[Path] = []
 
     def companions(self) -> list[Companion]:
         """Make what was asked for; whatever cannot be is told before anything is captured."""
         made: list[Companion] = []
-        if self.directory is not None:
+        if self._file is not None and self._limits is None:
+            made.append(self._one_file(self._file))
+        elif self.directory is not None:
             made += self._evidence(self.directory)
         if self._rules is not None:
             made.append(self._alerts(self._rules))
@@ -89,6 +111,22 @@ class Beside:
         self._session = session
         self._shown = on_screens
 
+    def _one_file(self, path: Path) -> Companion:
+        import platform
+
+        from dissect import __version__
+        from dissect.proxy.capture_file import CaptureFile
+        from dissect.source.pcapng_writer import PcapngWriter
+        from dissect.wire.saving import is_special
+
+        new = not is_special(path)
+        writer = PcapngWriter(
+            str(path), os_name=platform.platform(), application=f"s7dissect {__version__} monitor", batch=_BATCH
+        )
+        if new:
+            self.made.append(path)
+        return CaptureFile(writer)
+
     def _evidence(self, directory: str) -> list[Companion]:
         import platform
 
@@ -98,13 +136,12 @@ class Beside:
         from dissect.recording.ring_buffer import RingBuffer
         from dissect.source.live.privileges import missing
 
-        self.made = missing(directory)
+        self.made += missing(directory)
+        name = self._file.stem if self._file is not None else "s7dissect"
         program, system = f"s7dissect {__version__}", platform.platform()
         made: list[Companion] = []
         if self._limits is not None or not self._kept:
-            made.append(
-                RingCompanion(RingBuffer(directory, self._limits, application=program, os_name=system, batch=_BATCH))
-            )
+            made.append(RingCompanion(RingBuffer(directory, self._limits, name, program, os_name=system, batch=_BATCH)))
         for slugs, span_ns in self._kept:
             made.append(
                 KeeperCompanion(
@@ -120,12 +157,12 @@ class Beside:
         from dissect.baseline.loading import load_baseline
         from dissect.baseline.plant_file import PlantFileError
         from dissect.live.alerting import AlertCompanion
-        from dissect.wire.text import printable
 
         try:
             rules = load_rules(path)
             baseline = load_baseline(self._baseline) if self._baseline is not None else None
             dispatcher = Dispatcher(rules.actions, write=self._say, tell=self._say)
+            self.made += dispatcher.prepare()
             return AlertCompanion(AlertEngine(rules, baseline, dispatcher.submit), dispatcher)
         except PlantFileError as error:
             raise click.ClickException(printable(str(error))) from None
@@ -143,7 +180,13 @@ class Beside:
 def beside_options(command: Callable[..., int]) -> Callable[..., int]:
     """Add the options to a command, which is given the `Beside` that they make as ``beside``."""
 
-    @click.option("-w", "--write", "directory", metavar="DIR", help="Write every packet to pcapng files in DIR …")
+    @click.option(
+        "-w",
+        "--write",
+        "directory",
+        metavar="OUT",
+        help="Write every packet to this pcapng file, or where OUT has no extension or is a folder, to files in it …",
+    )
     @click.option(
         "-b",
         "--ring",
@@ -161,7 +204,7 @@ def beside_options(command: Callable[..., int]) -> Callable[..., int]:
         callback=_kept,
         metavar="FINDING TIME",
         help="Write the packets from TIME before to TIME after each FINDING (a severity, slug, or 'security.*') to a file of "
-        "their own in DIR; without -b only these are written.",
+        "their own in the folder of -w; without -b only these are written.",
     )
     @click.option("--alerts", "rules", type=_FILE, metavar="RULES", help="Load alert rules from this file.")
     @click.option(

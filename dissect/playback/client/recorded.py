@@ -88,5 +88,5 @@ def load_recorded(path: str | os.PathLike[str], carrier: PayloadDecoder | None =
             pass
     except GoldenError as error:
         raise ReplayError(str(error)) from None
-    session = reader.finish([f"{file.name}: {file.damage}" for file in run.files if file.damage])
+    session = reader.finish([f"{file.name}: {file.loss}" for file in run.files if file.loss])
     return Recorded(session, reader.order, reader.spans)

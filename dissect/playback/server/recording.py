@@ -172,7 +172,7 @@ def load_recording(path: str | os.PathLike[str], *more: str | os.PathLike[str]) 
     while run.step() and not reader.excess:
         pass
     run.finish()
-    return reader.finish([f"{file.name}: {file.damage}" for file in run.files if file.damage])
+    return reader.finish([f"{file.name}: {file.loss}" for file in run.files if file.loss])
 
 
 def _of_golden(session: Golden) -> Recording:
