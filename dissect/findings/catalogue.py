@@ -205,7 +205,7 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "The subscription is missing from the capture, or was cancelled before.", ""),
     # Security: events that are normal in some hands and an attack in others (reference 7.4).
     ("security.plc_stop", ERROR, SECURITY, "Somebody told a PLC to stop.",
-     "The process stands still when it was accepted. Find out who sits at that address.",
+     "The detail says whether the PLC accepted it; then the process has stopped. Identify the host at that address.",
      "operating_mode command_message"),
     ("security.plc_start", ERROR, SECURITY, "Somebody told a PLC to start.",
      "A restart sets outputs anew. Find out who sits at that address.", "operating_mode restart_shutdown"),

@@ -26,7 +26,8 @@ from dissect.s7.tables import (
     USERDATA,
 )
 from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import PUSH, UNANSWERED, Transaction
+from dissect.transactions.transaction import ANSWERED, PUSH, UNANSWERED, Transaction
+from dissect.wire.durations import duration_text
 from dissect.wire.octets import u16
 
 _MODE: Final = 0
@@ -138,7 +139,7 @@ class SecurityWatch:
     def _job(self, transaction: Transaction) -> None:
         function = transaction.function
         if function == PLC_STOP:
-            self._tell("security.plc_stop", transaction, "PLC stop")
+            self._tell("security.plc_stop", transaction, f"PLC stop{_accepted(transaction)}")
         elif function == PI_SERVICE:
             self._pi_service(transaction)
         elif function == REQUEST_DOWNLOAD:
@@ -150,7 +151,9 @@ class SecurityWatch:
         body = _asked(transaction)
         name = body.text("service") if body is not None else ""
         slug = _service_slug(name)
-        if slug:
+        if slug == "security.plc_start":
+            self._tell(slug, transaction, f"{_named(transaction)}{_accepted(transaction)}")
+        elif slug:
             self._tell(slug, transaction)
 
     def _userdata(self, transaction: Transaction, head: UserdataHead) -> None:
@@ -212,7 +215,7 @@ class SecurityWatch:
         connection.traits.pace_ns = int(now_ns)
         if 0 <= now_ns - since < _SECOND_NS and connection.traits.first("security.flood"):
             detail = (
-                f"{PACE} messages within {(now_ns - since) / 1e9:.2f} s from {connection.client} to {connection.server}"
+                f"{PACE} messages within {duration_text(int(now_ns - since))} from {connection.client} to {connection.server}"
             )
             self._judge.note("security.flood", connection.number, [frame], now_ns, detail)
 
@@ -263,7 +266,15 @@ def _named(transaction: Transaction) -> str:
     """Return the function and what its request is about."""
     body = _asked(transaction)
     notes = ", ".join(body.notes[:3]) if body is not None else ""
-    return f"{transaction.function_name} {notes}".rstrip()
+    name = transaction.function_name
+    if name.endswith(" SZL"):
+        notes = notes.removeprefix("SZL ")
+    return f"{name} {notes}".rstrip()
+
+
+def _accepted(transaction: Transaction) -> str:
+    """Say that a command was accepted; what else became of it says `_tell`."""
+    return ", accepted" if transaction.outcome == ANSWERED and not transaction.error_code else ""
 
 
 def _service_slug(name: str) -> str:

@@ -122,12 +122,9 @@ def _headers(packet: IbhPacket) -> int:
 
 
 def _malformed(facts: list[Malformed], base: int) -> Iterator[str]:
-    """Yield what a parser found wrong, its offsets counted as the tree counts them."""
+    """Yield what a parser found wrong, in the words of the other reports, and which octet of the tree that is."""
     for fact in facts:
-        moved = Malformed(
-            fact.layer, fact.reason, fact.field, fact.offset + base, fact.needed, fact.available, fact.limit
-        )
-        yield f"    MALFORMED  {moved}"
+        yield f"    MALFORMED  {fact}{f' (octet {fact.offset + base} here)' if base else ''}"
 
 
 def _octets(whole: bytes, hidden: Sequence[tuple[int, int]] = ()) -> Iterator[str]:

@@ -25,6 +25,7 @@ from dissect.transactions.transaction import (
     Transaction,
     TransactionError,
 )
+from dissect.wire.durations import duration_text
 from dissect.wire.text import printable, shortened
 
 #: Elements of an array, characters of a text and octets that are shown on a line.
@@ -46,31 +47,12 @@ REASONS: Final = {
     CONNECTION_EVICTED: "too many connections",
 }
 
-_NS_PER_S: Final = 1_000_000_000
-
 
 def duration(ns: int | None) -> str:
     """Return a duration in the unit that suits it, for example ``412 µs``, ``3.21 ms``, ``1.54 s``; ``-`` for none."""
     if ns is None:
         return "-"
-    size = abs(ns)
-    if 0 < size < 10_000:
-        return f"{ns / 1e3:.1f} µs"
-    if size < 999_500:
-        return f"{ns / 1e3:.0f} µs"
-    if size < 99_995_000:
-        return f"{ns / 1e6:.2f} ms"
-    if size < 999_500_000:
-        return f"{ns / 1e6:.0f} ms"
-    if size < 600 * _NS_PER_S:
-        return f"{ns / 1e9:.2f} s"
-    minutes, seconds = divmod(size // _NS_PER_S, 60)
-    hours, minutes = divmod(minutes, 60)
-    days, hours = divmod(hours, 24)
-    units = [(days, "d"), (hours, "h"), (minutes, "min"), (seconds, "s")]
-    first = next(index for index, (number, _) in enumerate(units) if number)
-    sign = "-" if ns < 0 else ""
-    return sign + " ".join([f"{number} {unit}" for number, unit in units[first:]])
+    return duration_text(ns)
 
 
 def size(octets: int) -> str:

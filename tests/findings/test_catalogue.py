@@ -737,7 +737,7 @@ def one_request_cut(talk: Talk) -> None:
     assert talk.findings == []
     talk.finish()
     assert [finding.detail for finding in talk.findings] == [
-        "Read Var DB1.DBW0: the server reset the connection 1.000 s later"
+        "Read Var DB1.DBW0: the server reset the connection 1.00 s later"
     ]
 
 
