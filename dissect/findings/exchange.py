@@ -19,6 +19,7 @@ from dissect.s7.tables import ACK, ACK_DATA, JOB, READ_VAR, ROSCTR, SETUP_COMMUN
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.connection import IBH, Connection
 from dissect.transactions.dialogue import BAD_DATA, Dialogue
+from dissect.transactions.subscriptions import follow
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import UNANSWERED, Transaction
 from dissect.wire.octets import u16
@@ -135,6 +136,8 @@ class Exchange:
 
     def done(self, transaction: Transaction) -> None:
         """A transaction is complete: judge it when it is odd, and tell it."""
+        if transaction.rosctr == USERDATA:
+            follow(transaction)
         if transaction.has_errors:
             transaction.connection.note_error(transaction.parameters, transaction.response_ns, transaction.error_code)
         if (

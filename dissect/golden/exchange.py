@@ -10,11 +10,11 @@ from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import DataItem
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import Setup
-from dissect.s7.tables import JOB, READ_VAR, RETURN_CODES, SUCCESS, WRITE_VAR
+from dissect.s7.tables import JOB, READ_VAR, RETURN_CODES, WRITE_VAR
 from dissect.s7.values import Value
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
-from dissect.transactions.transaction import ItemResult
+from dissect.transactions.results import ItemResult, has_items, read_results, userdata_results, write_results
 
 # What speaks in an exchange.
 S7: Final = "s7"
@@ -60,7 +60,7 @@ class ItemRecord:
     @property
     def refused(self) -> bool:
         """True when there is an answer and it is not success."""
-        return self.return_code not in {-1, SUCCESS}
+        return self._result.refused
 
     @property
     def error(self) -> str:
@@ -172,21 +172,21 @@ class Exchange:
     def _results(self) -> list[ItemResult]:
         asked, told = self.asked, self.told
         first = asked or told
-        if first is None or first.function not in {READ_VAR, WRITE_VAR} or (asked is not None and asked.rosctr != JOB):
+        if first is None:
+            return []
+        head = first.parameters.userdata
+        if head is not None and has_items(head):
+            asks = asked.parameters if asked is not None else None
+            tells = told.parameters if told is not None else None
+            return userdata_results(asks, self.request, tells, self.response, self._subscribed())
+        if first.function not in {READ_VAR, WRITE_VAR} or (asked is not None and asked.rosctr != JOB):
             return []
         items = asked.parameters.items if asked is not None else []
-        codes = told.return_codes() if told is not None and told.function == first.function else []
-        writes = first.function == WRITE_VAR
-        contents = (asked.data_items() if asked is not None else []) if writes else []
-        if not writes and told is not None:
-            contents = told.data_items()
-        results = []
-        for index in range(max(len(items), len(codes))):
-            code = codes[index] if index < len(codes) else -1
-            content = contents[index] if index < len(contents) else None
-            data = content.data if content is not None and (writes or code == SUCCESS) else None
-            results.append(ItemResult(items[index] if index < len(items) else None, code, data, content))
-        return results
+        fits = told is not None and told.function == first.function
+        if first.function == WRITE_VAR:
+            codes = told.return_codes() if told is not None and fits else []
+            return write_results(items, asked.data_items() if asked is not None else [], codes)
+        return read_results(items, told.data_items() if told is not None and fits else [])
 
     @property
     def setup(self) -> tuple[Setup | None, Setup | None]:

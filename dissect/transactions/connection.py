@@ -8,6 +8,7 @@ from mypy_extensions import i64
 
 from dissect.iso.cotp import Tpdu
 from dissect.iso.tsap import Tsap
+from dissect.s7.items import Item
 from dissect.s7.parameters import GROUP_PBC, Parameters, Setup
 from dissect.s7.tables import (
     DOWNLOAD_BLOCK,
@@ -108,6 +109,7 @@ class Connection:
         "setup_open",
         "setup_seen",
         "state",
+        "subscriptions",
         "tcp",
         "told",
         "tpdu_size",
@@ -163,6 +165,8 @@ class Connection:
         self.open_requests: list[OpenRequests] = [OpenRequests(), OpenRequests()]
         self.operations: OpenOperations = OpenOperations()
         self.traits: Traits = Traits()
+        #: What its cyclic and test jobs send, by job (`dissect.transactions.subscriptions`).
+        self.subscriptions: dict[int, list[Item]] = {}
         self.pdus: i64 = 0
         self.answered: i64 = 0
         self.unanswered: i64 = 0
