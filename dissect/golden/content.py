@@ -89,6 +89,10 @@ def answer_changes(a: Transaction, b: Transaction) -> Iterator[Change]:
     elif one.function == SETUP_COMMUNICATION and one.setup[1] is not None and other.setup[1] is not None:
         changes = list(_setup("granted", one.setup[1], other.setup[1]))
         yield from changes or _octets("negotiation", "answer", told, tells)
+    elif one.items and [item.label for item in one.items] == [item.label for item in other.items]:
+        changes = list(_items(one, other))
+        kind = "transport" if one.function in {READ_VAR, WRITE_VAR} else "contents"
+        yield from changes or _octets(kind, "answer", told, tells)
     elif one.items and one.function in {READ_VAR, WRITE_VAR}:
         changes = list(_items(one, other))
         yield from changes or _octets("transport", "answer", told, tells)
@@ -123,7 +127,7 @@ def _items(one: Exchange, other: Exchange) -> Iterator[Change]:
             old, new = item_state(was), item_state(is_)
             targets = (was.address, was.label)
             yield Change("codes", f"was {old}, is {new}", old, new, label, was.address, targets)
-        elif one.function == READ_VAR and was.data != is_.data:
+        elif one.function != WRITE_VAR and was.data != is_.data:
             yield _value(was, is_)
         elif one.function == READ_VAR and _head(was) != _head(is_):
             old, new = _head(was), _head(is_)

@@ -23,6 +23,7 @@ from dissect.transactions.transaction import (
     PUSH,
     REFERENCE_REUSED,
     TABLE_FULL,
+    UNCONFIRMED,
     Transaction,
     TransactionError,
 )
@@ -118,7 +119,7 @@ def octets(data: bytes) -> str:
     said = f" '{text}'" if text else ""
     if len(data) <= _SHOWN_OCTETS:
         return (data.hex(" ") or "(empty)") + said
-    return f"{data[:_SHOWN_OCTETS].hex(' ')} … {len(data)} bytes{said}"
+    return f"{data[:_SHOWN_OCTETS].hex(' ')} … {len(data)} octets{said}"
 
 
 def spelled(data: bytes) -> str:
@@ -164,7 +165,12 @@ def _content(result: ItemResult) -> str:
 def items(transaction: Transaction) -> list[str]:
     """Return every item with what became of it, in wire order; those that a push says are unchanged are counted."""
     results = list(enumerate(transaction.results(), 1))
-    said = [item(result, number) for number, result in results if not result.unchanged]
+    unsure = transaction.flags & UNCONFIRMED != 0
+    said = [
+        f"{item(result, number)}{': no return code' if unsure and result.return_code < 0 else ''}"
+        for number, result in results
+        if not result.unchanged
+    ]
     same = len(results) - len(said)
     return [*said, f"{same} unchanged"] if same else said
 
@@ -191,7 +197,8 @@ def _heads(transaction: Transaction) -> str:
         for part in pdu.body.parts
         if part.note and part.layout in {CYCLIC_REQUEST, CYCLIC_VALUES, TEST_BLOCK, TEST_HEAD}
     ]
-    return ", ".join(dict.fromkeys([shortened(note, _NOTE) for note in said]))
+    first = said[0] if said else ""
+    return ", ".join([shortened(note, _NOTE) for note in dict.fromkeys(said) if not first.startswith(f"{note},")])
 
 
 def notes(transaction: Transaction) -> str:

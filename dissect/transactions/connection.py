@@ -8,7 +8,6 @@ from mypy_extensions import i64
 
 from dissect.iso.cotp import Tpdu
 from dissect.iso.tsap import Tsap
-from dissect.s7.items import Item
 from dissect.s7.parameters import GROUP_PBC, Parameters, Setup
 from dissect.s7.tables import (
     DOWNLOAD_BLOCK,
@@ -27,6 +26,7 @@ from dissect.tcp.connection import Endpoint, TcpConnection
 from dissect.transactions.ending import Ending
 from dissect.transactions.operation import OpenOperations
 from dissect.transactions.pairing import OpenRequests
+from dissect.transactions.results import Subscription
 from dissect.transactions.traits import Traits
 
 # What is known of the protocol a TCP connection carries.
@@ -166,7 +166,7 @@ class Connection:
         self.operations: OpenOperations = OpenOperations()
         self.traits: Traits = Traits()
         #: What its cyclic and test jobs send, by job (`dissect.transactions.subscriptions`).
-        self.subscriptions: dict[int, list[Item]] = {}
+        self.subscriptions: dict[int, Subscription] = {}
         self.pdus: i64 = 0
         self.answered: i64 = 0
         self.unanswered: i64 = 0

@@ -75,6 +75,16 @@ class ItemResult:
         return decode_value(item.transport_size, data)
 
 
+class Subscription:
+    """What a job was asked to send: its items, and the PDU that named them."""
+
+    __slots__ = ("items", "request")
+
+    def __init__(self, head: UserdataHead, request: bytes) -> None:
+        self.items: list[Item] = requested_items(head, request)
+        self.request: bytes = request
+
+
 def read_results(items: list[Item], answers: list[DataItem]) -> list[ItemResult]:
     """Join the items of a read with the data items of its answer; a DBREAD item is one result for each of its areas."""
     results: list[ItemResult] = []

@@ -16,8 +16,8 @@ from dissect.transactions.results import (
     GROUP_CYCLIC,
     GROUP_TEST,
     UNCHANGED,
+    Subscription,
     has_items,
-    requested_items,
 )
 from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 
@@ -50,7 +50,7 @@ def follow(transaction: Transaction) -> None:
         job = head.sequence if changes or told is None else told.sequence
         key = _key(transaction, head, job)
         jobs.pop(key, None)
-        jobs[key] = requested_items(head, transaction.request_octets)
+        jobs[key] = Subscription(head, transaction.request_octets)
         while len(jobs) > MAX_JOBS:
             for oldest in jobs:
                 del jobs[oldest]

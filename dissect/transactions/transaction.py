@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64
 
 from dissect.s7.errors import ERROR_CODES
-from dissect.s7.items import DataItem, Item, parse_data_items
+from dissect.s7.items import DataItem, parse_data_items
 from dissect.s7.message import ACK_HEADER_SIZE, HEADER_SIZE, Pdu, parse_pdu
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, USERDATA, WRITE_VAR
@@ -16,7 +16,14 @@ from dissect.s7plus.parameters import PLUS, PlusParameters
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.carried import SCD, ScdMessage, ScdParameters
-from dissect.transactions.results import ItemResult, has_items, read_results, userdata_results, write_results
+from dissect.transactions.results import (
+    ItemResult,
+    Subscription,
+    has_items,
+    read_results,
+    userdata_results,
+    write_results,
+)
 
 if TYPE_CHECKING:
     from dissect.transactions.connection import Connection
@@ -147,7 +154,7 @@ class Transaction:
             None  # a request before it with the same reference, its answer not seen yet
         )
         self.earlier: Transaction | None = None  # an identical request with the same reference, still open
-        self.subscribed: list[Item] | None = None  # of a push: the items of the request that asked for it, if that is known
+        self.subscribed: Subscription | None = None  # of a push: what asked for it, where that is known
         self.carried: list[ScdMessage] | None = None  # SCD in the items or the block of an S7 transaction
 
     def __repr__(self) -> str:
@@ -276,7 +283,8 @@ class Transaction:
             if head is not None and has_items(head):
                 asked = self.parameters if self.request_size else None
                 told = self.response_parameters
-                return userdata_results(asked, self.request_octets, told, self.response_octets, self.subscribed)
+                wanted = self.subscribed.items if self.subscribed is not None else None
+                return userdata_results(asked, self.request_octets, told, self.response_octets, wanted)
         return []
 
     def answered_items(self) -> list[DataItem]:
