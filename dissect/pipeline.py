@@ -187,6 +187,8 @@ class Pipeline(Waiting):
         category = self._segment(side, seq, ack, flags, octets, missing)
         was_closed = side.tcp.closed
         if flags & RST:
+            if side.connection.state == FOREIGN:
+                seq = side.stream.next_seq  # its octets are not followed, so that nothing says what to expect
             if not side.tcp.note_reset(side.index, seq, self.frames, self.now_ns):
                 self._note_ignored(side, "reset")
                 return accounts.RESET_IGNORED

@@ -37,6 +37,7 @@ from dissect.report.lines import (
 )
 from dissect.report.places import Places
 from dissect.report.scd_tree import scd_tree_lines
+from dissect.report.tpdu_json import tpdu_json_line
 from dissect.report.tree import netlink_tree_lines, plus_tree_lines, tpdu_tree_lines, tree_lines
 from dissect.s7.hiding import without_secrets
 from dissect.s7.message import parse_pdu
@@ -70,8 +71,7 @@ def command(
 ) -> int:
     """Write one line for each PDU of S7comm and S7comm-plus: the packet that completed it, when (UTC), who to whom, what.
 
-    Text shows COTP connects, disconnects, errors, messages of other protocols and packet comments as well; -T jsonl writes
-    PDUs only. Values need the request and its answer: the transactions command tells them.
+    COTP connects, disconnects, errors and messages of other protocols are shown as well, in text packet comments too. Values need the request and its answer: the transactions command tells them.
 
     FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input.
     """
@@ -87,7 +87,7 @@ def command(
         if frame > most:
             click.echo(f"s7dissect: there is no packet {frame}: the last one is number {most}", err=True)
             return EXIT_USAGE
-        click.echo(f"s7dissect: packet {frame} completes no {'S7 PDU' if format_ == 'jsonl' else 'message'}", err=True)
+        click.echo(f"s7dissect: packet {frame} completes no message", err=True)
     return gate(run, fail_on, code)
 
 
@@ -98,7 +98,7 @@ class _Pdus(Observer):
         super().__init__()
         self._carrier = carrier
         self.wants_pdus = True
-        self.wants_tpdus = not as_jsonl
+        self.wants_tpdus = True
         self.found = False
         self._as_jsonl = as_jsonl
         self._frame = frame
@@ -137,6 +137,9 @@ class _Pdus(Observer):
             begins = side.assembler.parts is None and side.assembler.clear
             if not (begins and carried(tpdu)) or (self._carrier and self._carrier.claims_tsdus(side.connection)):
                 return
+        if self._as_jsonl:
+            self._lines.append(tpdu_json_line(tpdu, frame, time_ns, side.connection, int(side.index), self._places))
+            return
         self._lines.append(tpdu_line(tpdu, frame, time_ns, side.connection, side.index, self._clock, self._places))
         if self._verbose:
             self._lines.extend(tpdu_tree_lines(octets))
@@ -145,6 +148,8 @@ class _Pdus(Observer):
         """Remember the packet for the PDU in it; add the line of one that carries no part of one."""
         self._packet = octets
         if not self._wanted(frame):
+            return
+        if self._as_jsonl:
             return
         packet = parse_packet(octets)
         if packet.kind in {KIND_DATA, KIND_FRAGMENT} and packet.data:

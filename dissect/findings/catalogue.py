@@ -110,6 +110,8 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "Told once for each distinct request. Devices answer with an error, or read something else than was meant.", ""),
     ("s7.redundancy_id", NOTE, PROTOCOL, "The redundancy id of an S7 header is not 0.",
      "It is 0 in all known traffic and receivers ignore it; look at what the sender is.", ""),
+    ("s7.client_push", WARNING, PROTOCOL, "A client sent userdata of type push, which only PLCs send.",
+     "A fault of the client: its request must have type 1 (request). A PLC does not answer it, or refuses it.", ""),
     ("s7.ack_content", NOTE, PROTOCOL, "An Ack carries parameters or data.",
      "Devices send an Ack as a header alone; the sender is something else, or the packet was made by hand.", ""),
     ("session.data_before_setup", WARNING, NEGOTIATION, "S7 requests were sent before communication was set up.",

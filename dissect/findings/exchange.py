@@ -14,7 +14,7 @@ from dissect.findings.transaction_rules import judge_transaction, judge_unanswer
 from dissect.findings.watch import Watch
 from dissect.iso.upper import S7COMM, UPPER_NAMES
 from dissect.s7.message import header_size, parse_pdu, read_header
-from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, ParameterCache, Parameters
+from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, ParameterCache, Parameters, is_plc_push
 from dissect.s7.tables import ACK, ACK_DATA, JOB, READ_VAR, ROSCTR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.connection import IBH, Connection
@@ -90,10 +90,20 @@ class Exchange:
             elif kind == RESPONSE:
                 done = self.dialogue.answer(side, rosctr, pdu_ref, parameters, buf, at, size, data_at, frame, time_ns)
                 self._answered(done, frame, time_ns)
-            elif kind == PUSH:
+            elif kind == PUSH and not self._pushed_by_client(side, parameters, frame, time_ns):
                 self.done(self.dialogue.push(side, pdu_ref, parameters, buf, at, size, frame, time_ns))
+            elif kind == PUSH:  # it waits for an answer, whatever it calls itself
+                self._ask(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
             else:
                 self.unpaired += 1
+
+    def _pushed_by_client(self, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> bool:
+        """Tell whether the client sent what only PLCs send, and note it: it mistakes the type of its request."""
+        connection = side.connection
+        if not connection.client_known or side.index != connection.client_side or not is_plc_push(parameters):
+            return False
+        self.judge.note("s7.client_push", connection.number, [frame], time_ns, parameters.function_name)
+        return True
 
     def _first_pdu(self, connection: Connection, frame: i64, time_ns: i64) -> None:
         if connection.state != IBH:
@@ -267,8 +277,10 @@ class Exchange:
             if done is not None:
                 done.flags &= ~BAD_DATA  # that the PDU is damaged was told already
             self._answered(done, frame, time_ns)
-        elif kind == PUSH:
+        elif kind == PUSH and not self._pushed_by_client(side, parameters, frame, time_ns):
             self.done(self.dialogue.push(side, pdu_ref, parameters, octets, 0, len(octets), frame, time_ns))
+        elif kind == PUSH:
+            self._ask(side, rosctr, pdu_ref, parameters, octets, 0, len(octets), frame, time_ns)
         else:
             self.unpaired += 1
 

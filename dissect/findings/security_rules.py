@@ -66,6 +66,9 @@ _LOOKED_AT: Final = 100
 
 #: PDUs of one connection within a second that are a flood: no PLC answers so many.
 PACE: Final = 2048
+#: Variables that the finding of a modification or force names, and octets of each.
+_NAMED: Final = 8
+_NAMED_OCTETS: Final = 16
 _SECOND_NS: Final = 1_000_000_000
 
 #: Clients, servers and pairs of them that are remembered.
@@ -169,7 +172,7 @@ class SecurityWatch:
         if slug:
             if slug in _ONCE and not transaction.connection.traits.first(slug):
                 return
-            self._tell(slug, transaction)
+            self._tell(slug, transaction, _forced(transaction) if slug == "security.force" else "")
         elif group == _BLOCKS:
             self._inquiry(transaction, -subfunction)
         elif group == _CPU and subfunction == _READ_SZL:
@@ -214,9 +217,7 @@ class SecurityWatch:
         since = connection.traits.pace_ns or int(connection.tcp.first_ns)
         connection.traits.pace_ns = int(now_ns)
         if 0 <= now_ns - since < _SECOND_NS and connection.traits.first("security.flood"):
-            detail = (
-                f"{PACE} messages within {duration_text(int(now_ns - since))} from {connection.client} to {connection.server}"
-            )
+            detail = f"{PACE} messages within {duration_text(int(now_ns - since))} from {connection.client} to {connection.server}"
             self._judge.note("security.flood", connection.number, [frame], now_ns, detail)
 
     def _tell(self, slug: str, transaction: Transaction, what: str = "") -> None:
@@ -270,6 +271,24 @@ def _named(transaction: Transaction) -> str:
     if name.endswith(" SZL"):
         notes = notes.removeprefix("SZL ")
     return f"{name} {notes}".rstrip()
+
+
+def _forced(transaction: Transaction) -> str:
+    """Return the function, and which variables it sets to which value; empty where the request does not say it."""
+    results = transaction.results()
+    said: list[str] = []
+    for result in results[:_NAMED]:
+        name = result.item.label if result.item is not None else "?"
+        if result.data is None:
+            said.append(name)
+            continue
+        value = result.value
+        if value is None or isinstance(value, (list, str)):
+            said.append(f"{name} = {result.data[:_NAMED_OCTETS].hex(' ')}")
+        else:
+            said.append(f"{name} = {'true' if value is True else 'false' if value is False else value}")
+    more = f" and {len(results) - _NAMED} more" if len(results) > _NAMED else ""
+    return f"{transaction.function_name} {', '.join(said)}{more}" if said else ""
 
 
 def _accepted(transaction: Transaction) -> str:

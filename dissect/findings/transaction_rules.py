@@ -116,7 +116,9 @@ def _judge_flags(judge: Judge, transaction: Transaction) -> None:
         _detail_malformed(judge, transaction, transaction.response, transaction.response_frame, transaction.response_ns)
     if flags & REORDERED:
         ahead: int = transaction.request_ns - transaction.response_ns
-        _note(judge, "transaction.reordered", transaction, f"the answer stands {duration_text(ahead)} before the request")
+        _note(
+            judge, "transaction.reordered", transaction, f"the answer stands {duration_text(ahead)} before the request"
+        )
 
 
 def _judge_request(judge: Judge, transaction: Transaction) -> None:

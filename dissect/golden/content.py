@@ -12,6 +12,7 @@ from dissect.golden.keys import subject
 from dissect.golden.model import Transaction
 from dissect.golden.phrases import Change, code_text, item_state, octets_change, outcome, short, value_change
 from dissect.report import words
+from dissect.s7.blocks import BLOCK_COUNT, LISTED_BLOCK
 from dissect.s7.message import Pdu
 from dissect.s7.parameters import Setup
 from dissect.s7.tables import DATA_TRANSPORT_SIZES, READ_VAR, SETUP_COMMUNICATION, WRITE_VAR
@@ -98,7 +99,8 @@ def answer_changes(a: Transaction, b: Transaction) -> Iterator[Change]:
         yield from changes or _octets("transport", "answer", told, tells)
     else:
         changes = list(_fields("answer", told, tells, one))
-        yield from changes or _octets("contents", "answer", told, tells)
+        half = "answer" if not told.body.find(LISTED_BLOCK) else f"answer, {', '.join([short(note) for note in one.asks])}"
+        yield from changes or _octets("contents", half, told, tells)
 
 
 # ---- reads, writes, setups ------------------------------------------------------------------------------------------
@@ -173,6 +175,7 @@ def _fields(half: str, was: Pdu, is_: Pdu, exchange: Exchange) -> Iterator[Chang
 
 def _field(half: str, part: Part, was: FieldValue, is_: FieldValue, exchange: Exchange) -> Change:
     name = f"{part.layout.name}.{was.field.name.rstrip('_')}"
+    of = _block_type(part, exchange)
     old, new = _meaning(was), _meaning(is_)
     if old == new or (was.octets is not None and is_.octets is not None and not was.meaning):
         old, new = octets_change(was.octets or b"", is_.octets or b"")
@@ -181,7 +184,7 @@ def _field(half: str, part: Part, was: FieldValue, is_: FieldValue, exchange: Ex
     targets = (name, exchange.function_name)
     return Change(
         kind,
-        f"{half}, {part.layout.name}, {was.field.name.rstrip('_')}: was {old}, is {new}",
+        f"{half}, {part.layout.name}{of}, {was.field.name.rstrip('_')}: was {old}, is {new}",
         old,
         new,
         "",
@@ -190,9 +193,18 @@ def _field(half: str, part: Part, was: FieldValue, is_: FieldValue, exchange: Ex
     )
 
 
+def _block_type(part: Part, exchange: Exchange) -> str:
+    """Return which type of block an entry of a list of blocks is about, as `` DB``; empty for other parts."""
+    if part.layout is BLOCK_COUNT:
+        return f" {short(part.text('block_type'))}"
+    return f" {short(exchange.asks[0])}" if part.layout is LISTED_BLOCK and exchange.asks else ""
+
+
 def _meaning(value: FieldValue) -> str:
     if value.octets is not None:
         return short(value.meaning) if value.meaning else words.octets(value.octets)
+    if value.field.says is not None and value.meaning:
+        return value.meaning
     if value.field.codes is not None:
         digits = 2 * value.field.size
         return code_text(value.value, value.meaning or f"0x{value.value:0{digits}x}", digits)

@@ -182,6 +182,8 @@ def _meaning(value: FieldValue) -> str:
         return f"{said}  {shortened(meaning, _MEANING)}" if meaning else said
     mask, shift = field.bits if field.bits is not None else ((1 << 8 * field.size) - 1, 0)
     number = f"0x{value.value:0{max(1, ((mask >> shift).bit_length() + 3) // 4)}x}"
+    if field.says is not None:
+        return f"{number} {value.meaning}".rstrip()
     if field.codes is not None:
         return f"{number} {value.meaning or '(not in the tables)'}"
     return str(value.value) if field.decimal else number

@@ -42,6 +42,9 @@ _NOTE: Final = 100
 #: Functions that say what they are about by their items, or by what they negotiate.
 _TOLD_BY_ITEMS: Final = frozenset((READ_VAR, WRITE_VAR, SETUP_COMMUNICATION))
 
+#: Group and subfunction that lists the blocks of a type.
+_LIST_OF_TYPE: Final = (3, 2)
+
 REASONS: Final = {
     CONNECTION_CLOSED: "connection closed",
     CAPTURE_ENDED: "capture ends",
@@ -157,7 +160,9 @@ def _content(result: ItemResult) -> str:
     """Return what was read or written: the value, and octets as such, with the text they spell where they spell one."""
     assert result.data is not None
     decoded = result.value
-    if decoded is None or (isinstance(decoded, list) and result.item is not None and result.item.transport_size == BYTE):
+    if decoded is None or (
+        isinstance(decoded, list) and result.item is not None and result.item.transport_size == BYTE
+    ):
         return octets(result.data)
     return value(decoded)
 
@@ -211,7 +216,9 @@ def notes(transaction: Transaction) -> str:
         return ""
     asked, told = transaction.request, transaction.response
     said = [body_notes(pdu) for pdu in (asked, told) if pdu is not None]
-    return " → ".join([text for text in said if text])
+    head = transaction.parameters.userdata
+    listed = head is not None and (head.group, head.subfunction) == _LIST_OF_TYPE  # the answer only goes on: SFC 0 (AWL), …
+    return (" " if listed else " → ").join([text for text in said if text])
 
 
 def body_notes(pdu: Pdu) -> str:

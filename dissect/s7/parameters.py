@@ -175,6 +175,14 @@ class Parameters:
         return f"{self.function_name} {shown}{more}"
 
 
+def is_plc_push(parameters: Parameters) -> bool:
+    """Tell whether this is userdata of type push that only PLCs send: BSEND and USEND go either way."""
+    head = parameters.userdata
+    if head is None or parameters.function != CPU_SERVICES:
+        return False
+    return head.type == PUSH and head.group != GROUP_PBC and not head.usend
+
+
 def parse_parameters(octets: bytes, rosctr: i64) -> Parameters:
     """Read a parameter block of a PDU with this ROSCTR. Never raises; offsets in ``malformed`` are within the block."""
     parameters = Parameters(octets, rosctr)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import RESPONSE
+from dissect.s7.parameters import PUSH, RESPONSE, is_plc_push
 from dissect.s7.tables import JOB, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.server.answers import (
     WRONG_PDU_SIZE,
@@ -168,7 +168,9 @@ class Player:
 
     def _unmatched(self, asked: Pdu) -> Reply:
         head = asked.parameters.userdata
-        wants = asked.rosctr == JOB or (asked.rosctr == USERDATA and (head is None or head.type not in {0, RESPONSE}))
+        # A push from a client is a request that mistakes its type, unless it is what programs send each other.
+        told = head is not None and (head.type == RESPONSE or (head.type == PUSH and not is_plc_push(asked.parameters)))
+        wants = asked.rosctr == JOB or (asked.rosctr == USERDATA and not told)
         return Reply(refuse(asked) if wants else b"", "unmatched", lacking="nothing like it was recorded")
 
     # ---- items ------------------------------------------------------------------------------------------------------

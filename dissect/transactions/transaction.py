@@ -47,7 +47,10 @@ TABLE_FULL: Final = "table_full"
 CONNECTION_EVICTED: Final = "connection_evicted"
 #: Code of an error that is the lack of a return code.
 NO_CODE: Final = -1
-_NO_CODE_TEXTS: Final = ("No return code", "The answer has no return code for this item: whether it was written is not known.")
+_NO_CODE_TEXTS: Final = (
+    "No return code",
+    "The answer has no return code for this item: whether it was written is not known.",
+)
 #: Of `Transaction.flags`: the good answer to a write lacks return codes.
 UNCONFIRMED: Final = 2048
 #: One sentence for each reason.
@@ -79,7 +82,12 @@ class TransactionError:
 
     def as_dict(self) -> dict[str, object]:
         """Return the error as the JSON contract has it."""
-        return {"where": self.where, "code": self.code if self.code != NO_CODE else None, "name": self.name, "text": self.text}
+        return {
+            "where": self.where,
+            "code": self.code if self.code != NO_CODE else None,
+            "name": self.name,
+            "text": self.text,
+        }
 
 
 class Transaction:

@@ -112,7 +112,7 @@ def test_octets() -> None:
         (WORD, b"\x04\xd2", "DB10.DBW4 = 1234"),
         (WORD, 0x0A, "DB10.DBW4: Object does not exist"),
         (WORD, 0x77, "DB10.DBW4: 0x77"),
-        (BYTES, b"\x01\x02\x03\x04", "DB1.DBB0 x4 = [1, 2, 3, 4]"),
+        (BYTES, b"\x01\x02\x03\x04", "DB1.DBB0 x4 = 01 02 03 04"),
         (BYTES, 0x05, "DB1.DBB0 x4: Invalid address"),
         (CHARS, b"\x1b]0;x\x07" + bytes(34), "DB1.DBB0 x40 = '\\x1b]0;x\\x07" + "\\x00" * 26 + "'… (40 characters)"),
     ],
