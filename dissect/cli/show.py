@@ -71,7 +71,8 @@ def command(
 ) -> int:
     """Write one line for each PDU of S7comm and S7comm-plus: the packet that completed it, when (UTC), who to whom, what.
 
-    COTP connects, disconnects, errors and messages of other protocols are shown as well, in text packet comments too. Values need the request and its answer: the transactions command tells them.
+    COTP connects, disconnects, errors and messages of other protocols are shown as well, in text packet comments too.
+    Values need the request and its answer: the transactions command tells them.
 
     FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input.
     """

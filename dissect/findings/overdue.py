@@ -102,5 +102,6 @@ class OverdueWatch:
         if self._judge.wants("transaction.overdue", connection.number):
             frame: int = transaction.request_frame
             waits: int = now_ns - transaction.request_ns
-            detail = f"{transaction.parameters.subject}: asked {duration_text(int(waits))} ago in packet {frame}, still without answer"
+            ago = duration_text(int(waits))
+            detail = f"{transaction.parameters.subject}: asked {ago} ago in packet {frame}, still without answer"
             self._judge.detail("transaction.overdue", connection.number, [frame], now_ns, detail)

@@ -217,7 +217,8 @@ class SecurityWatch:
         since = connection.traits.pace_ns or int(connection.tcp.first_ns)
         connection.traits.pace_ns = int(now_ns)
         if 0 <= now_ns - since < _SECOND_NS and connection.traits.first("security.flood"):
-            detail = f"{PACE} messages within {duration_text(int(now_ns - since))} from {connection.client} to {connection.server}"
+            within = duration_text(int(now_ns - since))
+            detail = f"{PACE} messages within {within} from {connection.client} to {connection.server}"
             self._judge.note("security.flood", connection.number, [frame], now_ns, detail)
 
     def _tell(self, slug: str, transaction: Transaction, what: str = "") -> None:

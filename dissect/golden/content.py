@@ -99,7 +99,9 @@ def answer_changes(a: Transaction, b: Transaction) -> Iterator[Change]:
         yield from changes or _octets("transport", "answer", told, tells)
     else:
         changes = list(_fields("answer", told, tells, one))
-        half = "answer" if not told.body.find(LISTED_BLOCK) else f"answer, {', '.join([short(note) for note in one.asks])}"
+        half = (
+            "answer" if not told.body.find(LISTED_BLOCK) else f"answer, {', '.join([short(note) for note in one.asks])}"
+        )
         yield from changes or _octets("contents", half, told, tells)
 
 

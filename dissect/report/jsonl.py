@@ -273,7 +273,8 @@ def _errors(transaction: Transaction) -> str:
         return ""
     return ",".join(
         [
-            f'{{"where":"{error.where}","code":{"null" if error.code == NO_CODE else error.code},"name":{json_text(error.name)},"text":{json_text(error.text)}}}'
+            f'{{"where":"{error.where}","code":{"null" if error.code == NO_CODE else error.code}'
+            f',"name":{json_text(error.name)},"text":{json_text(error.text)}}}'
             for error in transaction.errors
         ]
     )

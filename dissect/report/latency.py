@@ -17,8 +17,9 @@ _BUCKETS: Final = 57 * _STEPS
 class Latencies:
     """Answer times in nanoseconds: count, minimum, maximum and quantiles.
 
-    Quantiles are exact up to `EXACT` answers (the value at rank ⌈q·n⌉; the median of an even count is the mean of the two in the
-    middle), and after that the lower end of a bucket whose width is at most 1/128 of it. Negative times (reordered captures) count as they are for the minimum and as 0 in buckets.
+    Quantiles are exact up to `EXACT` answers (the value at rank ⌈q·n⌉; the median of an even count is the mean of the two in
+    the middle), and after that the lower end of a bucket whose width is at most 1/128 of it. Negative times (reordered
+    captures) count as they are for the minimum and as 0 in buckets.
     """
 
     __slots__ = ("_buckets", "_recent", "count", "largest", "smallest")

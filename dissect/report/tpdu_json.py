@@ -1,4 +1,4 @@
-"""TPDUs that carry no S7 PDU as JSON lines of `show -T jsonl`: connects with their TSAPs, disconnects and errors with reasons."""
+"""TPDUs that carry no S7 PDU as lines of `show -T jsonl`: connects with their TSAPs, disconnects and errors with reasons."""
 
 from __future__ import annotations
 

@@ -217,7 +217,9 @@ def notes(transaction: Transaction) -> str:
     asked, told = transaction.request, transaction.response
     said = [body_notes(pdu) for pdu in (asked, told) if pdu is not None]
     head = transaction.parameters.userdata
-    listed = head is not None and (head.group, head.subfunction) == _LIST_OF_TYPE  # the answer only goes on: SFC 0 (AWL), …
+    listed = (
+        head is not None and (head.group, head.subfunction) == _LIST_OF_TYPE
+    )  # the answer only goes on: SFC 0 (AWL), …
     return (" " if listed else " → ").join([text for text in said if text])
 
 

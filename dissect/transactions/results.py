@@ -14,8 +14,8 @@ from dissect.s7.items import DATA_HEAD, DataItem, Item, parse_data_items, parse_
 from dissect.s7.message import HEADER_SIZE
 from dissect.s7.parameters import PUSH, REQUEST, Parameters, UserdataHead
 from dissect.s7.tables import SUCCESS
-from dissect.s7.watched_items import ADDRESS_SIZE, parse_test_items
 from dissect.s7.values import Value, decode_value
+from dissect.s7.watched_items import ADDRESS_SIZE, parse_test_items
 from dissect.wire.octets import u16
 
 GROUP_TEST: Final = 1

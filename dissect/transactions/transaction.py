@@ -68,7 +68,8 @@ class TransactionError:
     """One thing the answer says no to.
 
     ``where`` is ``header``, ``parameter``, ``return value`` or ``item N`` (N counts from 1); ``code`` is the number on the
-    wire, `NO_CODE` where the answer has none for a written item, ``name`` and ``text`` its name and sentence; ``address`` is the item's address where there is one.
+    wire, `NO_CODE` where the answer has none for a written item, ``name`` and ``text`` its name and sentence; ``address``
+    is the item's address where there is one.
     """
 
     __slots__ = ("address", "code", "name", "text", "where")

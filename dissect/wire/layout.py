@@ -49,8 +49,9 @@ class Field:
     ``size`` is in octets, `REST` for all that is left of the part. ``bits`` is (mask, shift) when the field is only a part of
     its octets; fields sharing octets follow each other and all but the first have ``shares=True``. ``wireshark`` is
     Wireshark's field name, empty where it has none. A field with ``means`` holds octets (a text, a time), not a number.
-    ``says`` tells a person what the number means where no table does. ``decimal``: a person reads its number as a count or a size. ``counts`` tells what a length field counts: one of the
-    constants above, the name of a layout whose parts after it are counted, or empty.
+    ``says`` tells a person what the number means where no table does. ``decimal``: a person reads its number as a count or a
+    size. ``counts`` tells what a length field counts: one of the constants above, the name of a layout whose parts after it
+    are counted, or empty.
     """
 
     __slots__ = ("bits", "codes", "counts", "decimal", "means", "name", "says", "shares", "size", "text", "wireshark")

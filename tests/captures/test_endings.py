@@ -39,8 +39,6 @@ def flags_of(path: Path) -> dict[frozenset[str], list[Flags]]:
     return found
 
 
-
-
 def held(path: Path) -> int:
     """Hold the endings of a capture to its flags; return how many ended by FIN or RST."""
     analysis = dissect.analyze(str(path))
@@ -76,6 +74,10 @@ def test_endings_of_our_captures(path: Path) -> None:
 
 
 def test_endings_of_the_public_captures(corpus: Path) -> None:
-    paths = [path for path in corpus.rglob("*.pcap*") if path.suffix in {".pcap", ".pcapng"} and path.stat().st_size < 2_000_000]
+    paths = [
+        path
+        for path in corpus.rglob("*.pcap*")
+        if path.suffix in {".pcap", ".pcapng"} and path.stat().st_size < 2_000_000
+    ]
     counts = {path.name: held(path) for path in sorted(paths)}
     assert sum(counts.values()) > 0

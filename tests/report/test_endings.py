@@ -6,7 +6,22 @@ from dissect.report.endings import ending_as_dict, phrase
 from dissect.report.places import Places
 from dissect.source.packet import SourceFile
 from dissect.transactions.connection import Connection
-from tests.transactions.talk import ACK, CLIENT, CONNECT, FIN, MS, RST, SECOND, SERVER, Talk, ack_data, dbw, read, refused, words
+from tests.transactions.talk import (
+    ACK,
+    CLIENT,
+    CONNECT,
+    FIN,
+    MS,
+    RST,
+    SECOND,
+    SERVER,
+    Talk,
+    ack_data,
+    dbw,
+    read,
+    refused,
+    words,
+)
 
 PLACES = Places([SourceFile("a.pcap", 1)], False)
 

@@ -226,8 +226,6 @@ def pushed_by_test(subfunction: int, number: int, data: bytes) -> bytes:
     return userdata(0, head(PUSH, TEST, subfunction, number, 0), payload(said))
 
 
-
-
 @pytest.mark.parametrize("subfunction", [8, 9])
 def test_what_is_modified_or_forced_to_which_value(subfunction: int) -> None:
     values = b"\x00\x09\x00\x04\x41\x33\x85\x1f" + b"\x00\x03\x00\x01\x01\x00"
