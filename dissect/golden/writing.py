@@ -211,14 +211,27 @@ def _half(name: str, exchange: Exchange) -> Iterator[str]:
             yield f"    parameters {hex_text(blocks.parameters)}"
         if blocks.data:
             yield f"    data {hex_text(blocks.data)}"
+    remarks = _item_remarks(name, exchange)
+    said = {item.label for item in exchange.items} if remarks and name == "request" else set()
     for note in _notes(exchange.asked if name == "request" else exchange.told):
-        yield f"    # {note}"
-    if name == "answer" and not _form(exchange):
-        remarks = [words.item(item.result, number) for number, item in enumerate(exchange.items, 1)]
-        for remark in remarks[:_NOTES]:
-            yield f"    # {remark}"
-        if len(remarks) > _NOTES:
-            yield f"    # and {len(remarks) - _NOTES} more"
+        if note not in said:
+            yield f"    # {note}"
+    for remark in remarks[:_NOTES]:
+        yield f"    # {remark}"
+    if len(remarks) > _NOTES:
+        yield f"    # and {len(remarks) - _NOTES} more"
+
+
+def _item_remarks(name: str, exchange: Exchange) -> list[str]:
+    """Return the items of userdata with their values: in a request those it writes, in an answer or push what it tells."""
+    pdu = exchange.asked if name == "request" else exchange.told
+    if pdu is None or pdu.rosctr != USERDATA:
+        return []
+    items = exchange.items
+    tells = any([item.return_code >= 0 for item in items])
+    if tells == (name == "request") or not any([tells or item.data is not None for item in items]):
+        return []
+    return [words.item(item.result, number) for number, item in enumerate(items, 1)]
 
 
 def _notes(pdu: Pdu | None) -> list[str]:
