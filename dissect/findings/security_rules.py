@@ -29,6 +29,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import ANSWERED, PUSH, UNANSWERED, Transaction
 from dissect.wire.durations import duration_text
 from dissect.wire.octets import u16
+from dissect.wire.text import titled
 
 _MODE: Final = 0
 _TEST: Final = 1
@@ -268,10 +269,7 @@ def _named(transaction: Transaction) -> str:
     """Return the function and what its request is about."""
     body = _asked(transaction)
     notes = ", ".join(body.notes[:3]) if body is not None else ""
-    name = transaction.function_name
-    if name.endswith(" SZL"):
-        notes = notes.removeprefix("SZL ")
-    return f"{name} {notes}".rstrip()
+    return titled(transaction.function_name, notes)
 
 
 def _forced(transaction: Transaction) -> str:
