@@ -83,7 +83,9 @@ def _lines(head: str, rest: list[str]) -> list[str]:
         if found := _REMARK.fullmatch(line):
             fact = _fact(head, found[1])
             lines += [f"# {fact}"] if fact else []
-        elif re.match(r"  (?:  )?[^ #]", line) and not line.startswith(("  scd ", "  job of ")):  # which tshark does not say
+        elif re.match(r"  (?:  )?[^ #]", line) and not line.startswith(
+            ("  scd ", "  job of ")
+        ):  # which tshark does not say
             said = re.sub(r"  # .*", "", line).strip()
             said = re.sub(r'= (".*")$', _text, re.sub(r'= (".*") (?=refused|as )', _text, said))
             lines.append(re.sub(r"(L?REAL)( x[0-9]+)? = (\[.*\]|[^\s<]\S*)", _octets, said))
