@@ -33,8 +33,7 @@ def explain(case: Case) -> str:
 def as_markdown() -> str:
     """Return the table the way docs/oracle.md shows it."""
     lines = ["| id | Wireshark | who is right, and why | reference |", "|---|---|---|---|"]
-    for entry in KNOWN:
-        lines.append(f"| `{entry.id}` | {entry.what} | {entry.side}. {entry.why} | {entry.reference} |")
+    lines += [f"| `{entry.id}` | {entry.what} | {entry.side}. {entry.why} | {entry.reference} |" for entry in KNOWN]
     return "\n".join(lines) + "\n"
 
 

@@ -50,12 +50,13 @@ def told(to: Player, ask: Ask) -> Pdu:
 def test_a_client_that_pushes_is_refused() -> None:
     """It mistakes the type of its request (pyS7); what programs send each other wants no answer."""
     plc = player(small())
-    pushed = pdu(7, b"\x00\x01\x12\x04\x11\x04\x01\x00", b"\xff\x09\x00\x04\x00\x11\x00\x00")
+    begin, payload = bytes.fromhex("3207 0000 0001 0008 0008 00 01 12 04 11"), bytes.fromhex("01 00 ff090004 00110000")
+    pushed = begin + b"\x04" + payload
     answer = parse_pdu(plc.reply(parse_pdu(pushed)).octets)
     head = answer.parameters.userdata
     assert head is not None
     assert (head.type, head.group, head.subfunction, head.error_code) == (2, 4, 1, 0x8104)
-    sent = pdu(7, b"\x00\x01\x12\x04\x11\x06\x01\x00", b"\xff\x09\x00\x04\x00\x11\x00\x00")
+    sent = begin + b"\x06" + payload
     assert plc.reply(parse_pdu(sent)).octets == b""
 
 
