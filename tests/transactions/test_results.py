@@ -6,6 +6,7 @@ import struct
 
 import pytest
 
+from dissect.findings.finding import Finding
 from dissect.transactions.results import UNCHANGED
 from dissect.transactions.subscriptions import MAX_JOBS
 from dissect.transactions.transaction import Transaction
@@ -80,7 +81,7 @@ def test_areas_that_do_not_fill_the_item_are_left_as_they_are(octets: str) -> No
     assert [finding.slug for finding in transaction_findings(octets)] == ["transaction.size_mismatch"]
 
 
-def transaction_findings(octets: str) -> list[object]:
+def transaction_findings(octets: str) -> list[Finding]:
     talk = Talk()
     talk.open()
     talk.ask(read(1, AREAS))
