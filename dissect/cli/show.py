@@ -37,6 +37,7 @@ from dissect.report.lines import (
 )
 from dissect.report.places import Places
 from dissect.report.scd_tree import scd_tree_lines
+from dissect.report.tpdu_json import tpdu_json_line
 from dissect.report.tree import netlink_tree_lines, plus_tree_lines, tpdu_tree_lines, tree_lines
 from dissect.s7.hiding import without_secrets
 from dissect.s7.message import parse_pdu
@@ -66,19 +67,19 @@ def command(
     verbose: bool,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
     """Write one line for each PDU of S7comm and S7comm-plus: the packet that completed it, when (UTC), who to whom, what.
 
-    Text shows COTP connects, disconnects, errors, messages of other protocols and packet comments as well; -T jsonl writes
-    PDUs only. Values need the request and its answer: the transactions command tells them.
+    COTP connects, disconnects, errors and messages of other protocols are shown as well, in text packet comments too.
+    Values need the request and its answer: the transactions command tells them.
 
     FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input.
     """
     if verbose and format_ != "text":
         raise click.UsageError("-V is for text: -T jsonl has the fields of every PDU anyway.")
-    shown = _Pdus(format_ == "jsonl", frame, verbose, carrier)
-    run = Run(files, shown, Options(carrier=carrier, checksums=checksums))
+    shown = _Pdus(format_ == "jsonl", frame, verbose, decoder)
+    run = Run(files, shown, Options(decoder=decoder, checksums=checksums))
     shown.begin(places_of(run, files))
     code = drive(run, files, lambda: write(shown.take()))
     complain(run, code)
@@ -87,18 +88,18 @@ def command(
         if frame > most:
             click.echo(f"s7dissect: there is no packet {frame}: the last one is number {most}", err=True)
             return EXIT_USAGE
-        click.echo(f"s7dissect: packet {frame} completes no {'S7 PDU' if format_ == 'jsonl' else 'message'}", err=True)
+        click.echo(f"s7dissect: packet {frame} completes no message", err=True)
     return gate(run, fail_on, code)
 
 
 class _Pdus(Observer):
     """Collects PDUs as lines."""
 
-    def __init__(self, as_jsonl: bool, frame: int | None, verbose: bool, carrier: PayloadDecoder | None) -> None:
+    def __init__(self, as_jsonl: bool, frame: int | None, verbose: bool, decoder: PayloadDecoder | None) -> None:
         super().__init__()
-        self._carrier = carrier
+        self._decoder = decoder
         self.wants_pdus = True
-        self.wants_tpdus = not as_jsonl
+        self.wants_tpdus = True
         self.found = False
         self._as_jsonl = as_jsonl
         self._frame = frame
@@ -135,8 +136,11 @@ class _Pdus(Observer):
         tpdu = parse_tpdu(octets[4:])
         if tpdu.type in {DT, ED}:
             begins = side.assembler.parts is None and side.assembler.clear
-            if not (begins and carried(tpdu)) or (self._carrier and self._carrier.claims_tsdus(side.connection)):
+            if not (begins and carried(tpdu)) or (self._decoder and self._decoder.claims_tsdus(side.connection)):
                 return
+        if self._as_jsonl:
+            self._lines.append(tpdu_json_line(tpdu, frame, time_ns, side.connection, int(side.index), self._places))
+            return
         self._lines.append(tpdu_line(tpdu, frame, time_ns, side.connection, side.index, self._clock, self._places))
         if self._verbose:
             self._lines.extend(tpdu_tree_lines(octets))
@@ -145,6 +149,8 @@ class _Pdus(Observer):
         """Remember the packet for the PDU in it; add the line of one that carries no part of one."""
         self._packet = octets
         if not self._wanted(frame):
+            return
+        if self._as_jsonl:
             return
         packet = parse_packet(octets)
         if packet.kind in {KIND_DATA, KIND_FRAGMENT} and packet.data:

@@ -32,6 +32,7 @@ from dissect.transactions.memory_limit import over_limit
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import CONNECTION_CLOSED, CONNECTION_EVICTED
 from dissect.wire.build import COMPILED
+from dissect.wire.durations import duration_text
 from dissect.wire.octets import u16, u32
 
 __all__ = ["Observer", "Options", "Pipeline"]
@@ -105,7 +106,7 @@ class Pipeline(Waiting):
     def _step_back(self, time_ns: i64) -> None:
         """The clock of the capture runs backwards: what waits must not wait until it has caught up."""
         if self.now_ns - time_ns > _DISORDER_NS:
-            self._note("capture.time_backwards", f"by {int(self.now_ns - time_ns) / 1e9:.6f} s")
+            self._note("capture.time_backwards", f"by {duration_text(int(self.now_ns - time_ns))}")
         if self._deadline_ns != FAR_FUTURE:
             self._deadline_ns = min(self._deadline_ns, time_ns + TICK_NS)
 
@@ -186,6 +187,8 @@ class Pipeline(Waiting):
         category = self._segment(side, seq, ack, flags, octets, missing)
         was_closed = side.tcp.closed
         if flags & RST:
+            if side.connection.state == FOREIGN:
+                seq = side.stream.next_seq  # its octets are not followed, so that nothing says what to expect
             if not side.tcp.note_reset(side.index, seq, self.frames, self.now_ns):
                 self._note_ignored(side, "reset")
                 return accounts.RESET_IGNORED
@@ -253,7 +256,7 @@ class Pipeline(Waiting):
             return accounts.OTHER_PROTOCOL
         if half.next_seq >= 0:
             ahead: i64 = (seq - half.next_seq) & stream.MASK
-            if side.tcp.ended == "reset" and half.held is None and ahead > _AFTER_RESET:
+            if side.tcp.reset_frame and half.held is None and ahead > _AFTER_RESET:
                 return accounts.AFTER_CLOSE
             if stream.FAR_AHEAD < ahead < stream.MASK - stream.FAR_AHEAD and connection.established:
                 if is_connect_request(octets):

@@ -14,11 +14,12 @@ from dissect.findings.session_rules import judge_grant, judge_header, judge_leng
 from dissect.findings.transaction_rules import judge_transaction, judge_unanswered
 from dissect.iso.upper import S7COMM, UPPER_NAMES
 from dissect.s7.message import header_size, parse_pdu, read_header
-from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, ParameterCache, Parameters
+from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, ParameterCache, Parameters, is_plc_push
 from dissect.s7.tables import ACK, ACK_DATA, JOB, READ_VAR, ROSCTR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.connection import IBH, Connection
 from dissect.transactions.dialogue import BAD_DATA, Dialogue
+from dissect.transactions.subscriptions import follow
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import UNANSWERED, Transaction
 from dissect.wire.octets import u16
@@ -89,10 +90,20 @@ class Exchange:
             elif kind == RESPONSE:
                 done = self.dialogue.answer(side, rosctr, pdu_ref, parameters, buf, at, size, data_at, frame, time_ns)
                 self._answered(done, frame, time_ns)
-            elif kind == PUSH:
+            elif kind == PUSH and not self._pushed_by_client(side, parameters, frame, time_ns):
                 self.done(self.dialogue.push(side, pdu_ref, parameters, buf, at, size, frame, time_ns))
+            elif kind == PUSH:  # it waits for an answer, whatever it calls itself
+                self._ask(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
             else:
                 self.unpaired += 1
+
+    def _pushed_by_client(self, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> bool:
+        """Tell whether the client sent what only PLCs send, and note it: it mistakes the type of its request."""
+        connection = side.connection
+        if not connection.client_known or side.index != connection.client_side or not is_plc_push(parameters):
+            return False
+        self.judge.note("s7.client_push", connection.number, [frame], time_ns, parameters.function_name)
+        return True
 
     def _first_pdu(self, connection: Connection, frame: i64, time_ns: i64) -> None:
         if connection.state != IBH:
@@ -135,6 +146,8 @@ class Exchange:
 
     def done(self, transaction: Transaction) -> None:
         """A transaction is complete: judge it when it is odd, and tell it."""
+        if transaction.rosctr == USERDATA:
+            follow(transaction)
         if transaction.has_errors:
             transaction.connection.note_error(transaction.parameters, transaction.response_ns, transaction.error_code)
         if (
@@ -264,8 +277,10 @@ class Exchange:
             if done is not None:
                 done.flags &= ~BAD_DATA  # that the PDU is damaged was told already
             self._answered(done, frame, time_ns)
-        elif kind == PUSH:
+        elif kind == PUSH and not self._pushed_by_client(side, parameters, frame, time_ns):
             self.done(self.dialogue.push(side, pdu_ref, parameters, octets, 0, len(octets), frame, time_ns))
+        elif kind == PUSH:
+            self._ask(side, rosctr, pdu_ref, parameters, octets, 0, len(octets), frame, time_ns)
         else:
             self.unpaired += 1
 

@@ -135,7 +135,8 @@ def _exchange(seen: Seen) -> Exchange:
     told = scd_lines(seen)
     if seen.is_scd:
         return Exchange(SCD, b"", b"", told, (bool(seen.request_frame), bool(seen.response_frame)))
-    return Exchange(PLUS if seen.is_plus else S7, seen.request_octets, seen.response_octets, told)
+    asked = seen.subscribed.request if seen.subscribed is not None else b""
+    return Exchange(PLUS if seen.is_plus else S7, seen.request_octets, seen.response_octets, told, subscribed=asked)
 
 
 def is_golden(path: str | Path) -> bool:
@@ -170,7 +171,7 @@ def read_session(path: str | Path, *more: str | Path, carrier: PayloadDecoder | 
     if not more and str(path) != "-" and Path(path).is_file() and is_golden(path):
         return load_golden(path)
     reader = SessionReader(str(path))
-    run = Run([str(path), *[str(other) for other in more]], reader, Options(carrier=carrier))
+    run = Run([str(path), *[str(other) for other in more]], reader, Options(decoder=carrier))
     while run.step() and reader.too_long is None:
         pass
     run.finish()
