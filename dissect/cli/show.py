@@ -41,6 +41,7 @@ from dissect.report.lines import (
 from dissect.report.places import Places
 from dissect.report.scd_tree import scd_tree_lines
 from dissect.report.styled import FAILED, HANG, PLAIN, TREE_HANG, Line
+from dissect.report.tpdu_json import tpdu_json_line
 from dissect.report.tree import netlink_tree_lines, plus_tree_lines, tpdu_tree_lines, tree_lines
 from dissect.s7.hiding import without_secrets
 from dissect.s7.message import Pdu, parse_pdu
@@ -77,9 +78,9 @@ def command(
 ) -> int:
     """List S7comm and S7comm-plus PDUs, one line each, or dissect them (-V).
 
-    A line gives the packet that completed the PDU, its time, source and destination, and its content. Text also shows COTP
-    connects, disconnects and errors, messages of other protocols and packet comments; -T jsonl writes PDUs only. To see
-    values, use the transactions command: they take the request and its answer.
+    A line gives the packet that completed the PDU, its time, source and destination, and its content. COTP connects,
+    disconnects and errors and messages of other protocols are listed as well, and in text packet comments. To see values, use
+    the transactions command: they take the request and its answer.
 
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input.
     """
@@ -98,7 +99,7 @@ def command(
         if frame > most:
             click.echo(f"s7dissect: no packet {frame}; the last one is {most}", err=True)
             return EXIT_USAGE
-        click.echo(f"s7dissect: packet {frame} completes no {'S7 PDU' if format_ == 'jsonl' else 'message'}", err=True)
+        click.echo(f"s7dissect: packet {frame} completes no message", err=True)
     return gate(run, fail_on, code)
 
 
@@ -109,7 +110,7 @@ class _Pdus(Observer):
         super().__init__()
         self._decoder = decoder
         self.wants_pdus = True
-        self.wants_tpdus = not as_jsonl
+        self.wants_tpdus = True
         self.found = False
         self._as_jsonl = as_jsonl
         self._frame = frame
@@ -148,6 +149,9 @@ class _Pdus(Observer):
             begins = side.assembler.parts is None and side.assembler.clear
             if not (begins and carried(tpdu)) or (self._decoder and self._decoder.claims_tsdus(side.connection)):
                 return
+        if self._as_jsonl:
+            self._add(tpdu_json_line(tpdu, frame, time_ns, side.connection, int(side.index), self._places))
+            return
         where = side.connection, side.index, self._clock, self._places
         self._add(tpdu_line(tpdu, frame, time_ns, *where), bool(tpdu.malformed))
         if self._verbose:
@@ -157,6 +161,8 @@ class _Pdus(Observer):
         """Remember the packet for the PDU in it; add the line of one that carries no part of one."""
         self._packet = octets
         if not self._wanted(frame):
+            return
+        if self._as_jsonl:
             return
         packet = parse_packet(octets)
         if packet.kind in {KIND_DATA, KIND_FRAGMENT} and packet.data:

@@ -17,6 +17,7 @@ from dissect.findings.transaction_rules import judge_transaction, judge_unanswer
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.transactions.dialogue import Dialogue
+from dissect.transactions.subscriptions import follow
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import UNANSWERED, Transaction
 
@@ -74,6 +75,8 @@ class Exchange:
 
     def done(self, transaction: Transaction) -> None:
         """A transaction is complete: judge it when it is odd, and report it."""
+        if transaction.rosctr == USERDATA:
+            follow(transaction)
         if transaction.has_errors:
             transaction.connection.note_error(transaction.parameters, transaction.response_ns, transaction.error_code)
         if (

@@ -17,6 +17,7 @@ from dissect.findings.reporter import Reporter
 from dissect.transactions.dialogue import Dialogue
 from dissect.transactions.table import MAX_CONNECTIONS, Side
 from dissect.transactions.transaction import Transaction
+from dissect.wire.durations import duration_text
 
 #: Sides looked at in one go, and open requests; the others have to wait for the next one.
 _SIDES_AT_ONCE: Final = 1024
@@ -101,5 +102,6 @@ class OverdueWatch:
         if self._judge.wants("transaction.overdue", connection.number):
             frame: int = transaction.request_frame
             waits: int = now_ns - transaction.request_ns
-            detail = f"{transaction.parameters.subject}: asked {waits / 1e9:.1f} s ago in packet {frame}, still without answer"
+            ago = duration_text(int(waits))
+            detail = f"{transaction.parameters.subject}: asked {ago} ago in packet {frame}, still without answer"
             self._judge.detail("transaction.overdue", connection.number, [frame], now_ns, detail)

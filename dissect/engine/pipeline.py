@@ -46,6 +46,7 @@ from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import ConnectionTable, Side, endpoints
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
 from dissect.wire.build import COMPILED
+from dissect.wire.durations import duration_text
 from dissect.wire.octets import u16, u32
 
 __all__ = ["Observer", "Options", "Pipeline"]
@@ -194,10 +195,11 @@ class Pipeline(PacketSink):
 
     def _step_back(self, time_ns: i64) -> None:
         """The clock of the capture runs backwards: what waits must not wait until it has caught up."""
-        if self.counters.now_ns - time_ns > _DISORDER_NS:
-            self.counters.note("capture.time_backwards", f"by {int(self.counters.now_ns - time_ns) / 1e9:.6f} s")
-        if self.timers.deadline_ns != FAR_FUTURE:
-            self.timers.deadline_ns = min(self.timers.deadline_ns, time_ns + TICK_NS)
+        counters, timers = self.counters, self.timers
+        if counters.now_ns - time_ns > _DISORDER_NS:
+            counters.note("capture.time_backwards", f"by {duration_text(int(counters.now_ns - time_ns))}")
+        if timers.deadline_ns != FAR_FUTURE:
+            timers.deadline_ns = min(timers.deadline_ns, time_ns + TICK_NS)
 
     def _packet(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
         if link_type != 1 or end - start < _FUSED_SIZE or self._checksums:
@@ -282,6 +284,8 @@ class Pipeline(PacketSink):
         category = self._segment(side, seq, ack, flags, octets, missing)
         was_closed = side.tcp.closed
         if flags & RST:
+            if side.connection.state == FOREIGN:
+                seq = side.stream.next_seq  # its octets are not followed, so that nothing says what to expect
             if not side.tcp.note_reset(side.index, seq, self.counters.frames, self.counters.now_ns):
                 self.counters.note_ignored(side, "reset")
                 return accounts.RESET_IGNORED
@@ -348,7 +352,7 @@ class Pipeline(PacketSink):
             return accounts.OTHER_PROTOCOL
         if half.next_seq >= 0:
             ahead: i64 = (seq - half.next_seq) & stream.MASK
-            if side.tcp.ended == "reset" and half.held is None and ahead > _AFTER_RESET:
+            if side.tcp.reset_frame and half.held is None and ahead > _AFTER_RESET:
                 return accounts.AFTER_CLOSE
             if stream.FAR_AHEAD < ahead < stream.MASK - stream.FAR_AHEAD and connection.established:
                 if is_connect_request(octets):

@@ -10,7 +10,7 @@ from dissect.findings.security_rules import PACE
 from dissect.findings.session_rules import judge_header, judge_length, judge_port, judge_request
 from dissect.iso.upper import S7COMM, UPPER_NAMES
 from dissect.s7.message import header_size, parse_pdu, read_header
-from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, ParameterCache, Parameters
+from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, ParameterCache, Parameters, is_plc_push
 from dissect.s7.tables import ACK, ACK_DATA, JOB, ROSCTR, SETUP_COMMUNICATION, USERDATA
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.connection import IBH, Connection
@@ -76,14 +76,41 @@ class S7(Protocol):
             if kind == REQUEST:
                 self._request(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
                 return
+            if kind == PUSH:
+                self._pushed(side, pdu_ref, parameters, buf, at, size, frame, time_ns)
+                return
             if kind != RESPONSE:
-                if kind == PUSH:
-                    exchange.done(exchange.dialogue.push(side, pdu_ref, parameters, buf, at, size, frame, time_ns))
-                else:
-                    self.unpaired += 1
+                self.unpaired += 1
                 return
         done = exchange.dialogue.answer(side, rosctr, pdu_ref, parameters, buf, at, size, data_at, frame, time_ns)
         exchange.completed(done, frame, time_ns)
+
+    def _pushed(
+        self,
+        side: Side,
+        pdu_ref: i64,
+        parameters: Parameters,
+        buf: bytes,
+        at: i64,
+        size: i64,
+        frame: i64,
+        time_ns: i64,
+    ) -> None:
+        """Take userdata of type push: an indication, or the request of a client that mistakes its type."""
+        exchange = self._exchange
+        if self._pushed_by_client(side, parameters, frame, time_ns):
+            # It waits for an answer, whatever it calls itself.
+            self._request(side, USERDATA, pdu_ref, parameters, buf, at, size, frame, time_ns)
+        else:
+            exchange.done(exchange.dialogue.push(side, pdu_ref, parameters, buf, at, size, frame, time_ns))
+
+    def _pushed_by_client(self, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> bool:
+        """Tell whether the client sent what only PLCs send, and note it: it mistakes the type of its request."""
+        connection = side.connection
+        if not connection.client_known or side.index != connection.client_side or not is_plc_push(parameters):
+            return False
+        self._exchange.reporter.note("s7.client_push", connection.number, [frame], time_ns, parameters.function_name)
+        return True
 
     def _first_pdu(self, connection: Connection, frame: i64, time_ns: i64) -> None:
         if connection.state != IBH:
@@ -163,7 +190,7 @@ class S7(Protocol):
                 done.flags &= ~BAD_DATA  # that the PDU is damaged was reported already
             exchange.completed(done, frame, time_ns)
         elif kind == PUSH:
-            exchange.done(exchange.dialogue.push(side, pdu_ref, parameters, octets, 0, size, frame, time_ns))
+            self._pushed(side, pdu_ref, parameters, octets, 0, size, frame, time_ns)
         else:
             self.unpaired += 1
 

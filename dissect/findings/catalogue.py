@@ -110,6 +110,8 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "Told once for each distinct request. Devices answer with an error, or read something else than was meant.", ""),
     ("s7.redundancy_id", NOTE, PROTOCOL, "The redundancy id of an S7 header is not 0.",
      "It is 0 in all known traffic and receivers ignore it; look at what the sender is.", ""),
+    ("s7.client_push", WARNING, PROTOCOL, "A client sent userdata of type push, which only PLCs send.",
+     "A fault of the client: its request must have type 1 (request). A PLC does not answer it, or refuses it.", ""),
     ("s7.ack_content", NOTE, PROTOCOL, "An Ack carries parameters or data.",
      "Devices send an Ack as a header alone; the sender is something else, or the packet was made by hand.", ""),
     ("session.data_before_setup", WARNING, NEGOTIATION, "S7 requests were sent before communication was set up.",
@@ -207,7 +209,7 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "The subscription is missing from the capture, or was cancelled before.", ""),
     # Security: events that are normal in some hands and an attack in others (reference 7.4).
     ("security.plc_stop", ERROR, SECURITY, "Somebody told a PLC to stop.",
-     "The process stands still when it was accepted. Find out who sits at that address.",
+     "The detail says whether the PLC accepted it; then the process has stopped. Identify the host at that address.",
      "operating_mode command_message"),
     ("security.plc_start", ERROR, SECURITY, "Somebody told a PLC to start.",
      "A restart sets outputs anew. Find out who sits at that address.", "operating_mode restart_shutdown"),

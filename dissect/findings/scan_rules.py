@@ -13,6 +13,7 @@ from mypy_extensions import i64
 
 from dissect.findings.reporter import Reporter
 from dissect.transactions.connection import Connection
+from dissect.wire.durations import duration_text
 
 WINDOW_NS: Final = 60_000_000_000
 #: Pairs of client and server that are remembered, and TSAPs of each.
@@ -83,7 +84,7 @@ class ScanWatch:
         tsaps = [".".join([f"{octet:02x}" for octet in octets]) for octets in list(pair.asked)[:_NAMED]]
         age: int = time_ns - pair.first_ns
         detail = (
-            f"{connection.client} asked {connection.server} for {len(pair.asked)} TSAPs within {age / 1e9:.1f} s,"
+            f"{connection.client} asked {connection.server} for {len(pair.asked)} TSAPs within {duration_text(int(age))},"
             f" {len(pair.refused)} of them refused: {', '.join(tsaps)}"
         )
         frames = list(pair.asked.values())[-_NAMED:]

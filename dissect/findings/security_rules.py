@@ -26,8 +26,10 @@ from dissect.s7.tables import (
     USERDATA,
 )
 from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import PUSH, UNANSWERED, Transaction
+from dissect.transactions.transaction import ANSWERED, PUSH, UNANSWERED, Transaction
+from dissect.wire.durations import duration_text
 from dissect.wire.octets import u16
+from dissect.wire.text import titled
 
 _MODE: Final = 0
 _TEST: Final = 1
@@ -65,6 +67,9 @@ _LOOKED_AT: Final = 100
 
 #: PDUs of one connection within a second that are a flood: no PLC answers so many.
 PACE: Final = 2048
+#: Variables that the finding of a modification or force names, and octets of each.
+_NAMED: Final = 8
+_NAMED_OCTETS: Final = 16
 _SECOND_NS: Final = 1_000_000_000
 
 #: Clients, servers and pairs of them that are remembered.
@@ -138,7 +143,7 @@ class SecurityWatch:
     def _job(self, transaction: Transaction) -> None:
         function = transaction.function
         if function == PLC_STOP:
-            self._tell("security.plc_stop", transaction, "PLC stop")
+            self._tell("security.plc_stop", transaction, f"PLC stop{_accepted(transaction)}")
         elif function == PI_SERVICE:
             self._pi_service(transaction)
         elif function == REQUEST_DOWNLOAD:
@@ -150,7 +155,9 @@ class SecurityWatch:
         body = _asked(transaction)
         name = body.text("service") if body is not None else ""
         slug = _service_slug(name)
-        if slug:
+        if slug == "security.plc_start":
+            self._tell(slug, transaction, f"{_named(transaction)}{_accepted(transaction)}")
+        elif slug:
             self._tell(slug, transaction)
 
     def _userdata(self, transaction: Transaction, head: UserdataHead) -> None:
@@ -166,7 +173,7 @@ class SecurityWatch:
         if slug:
             if slug in _ONCE and not transaction.connection.traits.first(slug):
                 return
-            self._tell(slug, transaction)
+            self._tell(slug, transaction, _forced(transaction) if slug == "security.force" else "")
         elif group == _BLOCKS:
             self._inquiry(transaction, -subfunction)
         elif group == _CPU and subfunction == _READ_SZL:
@@ -211,9 +218,8 @@ class SecurityWatch:
         since = connection.traits.pace_ns or int(connection.tcp.first_ns)
         connection.traits.pace_ns = int(now_ns)
         if 0 <= now_ns - since < _SECOND_NS and connection.traits.first("security.flood"):
-            detail = (
-                f"{PACE} messages within {(now_ns - since) / 1e9:.2f} s from {connection.client} to {connection.server}"
-            )
+            within = duration_text(int(now_ns - since))
+            detail = f"{PACE} messages within {within} from {connection.client} to {connection.server}"
             self._judge.note("security.flood", connection.number, [frame], now_ns, detail)
 
     def _tell(self, slug: str, transaction: Transaction, what: str = "") -> None:
@@ -263,7 +269,30 @@ def _named(transaction: Transaction) -> str:
     """Return the function and what its request is about."""
     body = _asked(transaction)
     notes = ", ".join(body.notes[:3]) if body is not None else ""
-    return f"{transaction.function_name} {notes}".rstrip()
+    return titled(transaction.function_name, notes)
+
+
+def _forced(transaction: Transaction) -> str:
+    """Return the function, and which variables it sets to which value; empty where the request does not say it."""
+    results = transaction.results()
+    said: list[str] = []
+    for result in results[:_NAMED]:
+        name = result.item.label if result.item is not None else "?"
+        if result.data is None:
+            said.append(name)
+            continue
+        value = result.value
+        if value is None or isinstance(value, (list, str)):
+            said.append(f"{name} = {result.data[:_NAMED_OCTETS].hex(' ')}")
+        else:
+            said.append(f"{name} = {'true' if value is True else 'false' if value is False else value}")
+    more = f" and {len(results) - _NAMED} more" if len(results) > _NAMED else ""
+    return f"{transaction.function_name} {', '.join(said)}{more}" if said else ""
+
+
+def _accepted(transaction: Transaction) -> str:
+    """Say that a command was accepted; what else became of it says `_tell`."""
+    return ", accepted" if transaction.outcome == ANSWERED and not transaction.error_code else ""
 
 
 def _service_slug(name: str) -> str:

@@ -33,6 +33,7 @@ from dissect.transactions.transaction import (
     UNANSWERED,
     Transaction,
 )
+from dissect.wire.durations import distance_text, duration_text
 
 #: The bit of `Connection.told` for transport sizes of answers; those below it belong to the other rules.
 _DATA_CODES: Final = 256
@@ -48,7 +49,7 @@ def judge_transaction(judge: Reporter, transaction: Transaction, slow_ns: i64) -
                 judge,
                 "transaction.slow",
                 transaction,
-                f"{latency / 1e6:.1f} ms, the limit is {int(slow_ns) / 1e6:g} ms",
+                f"{duration_text(latency)}, the limit is {duration_text(int(slow_ns))}",
             )
     elif transaction.outcome == ORPHAN and not transaction.flags & EXPECTED:
         _note(judge, "transaction.orphan", transaction, f"reference 0x{transaction.pdu_ref:04x}")
@@ -77,7 +78,7 @@ def _why(transaction: Transaction) -> str:
     if transaction.reason == CONNECTION_CLOSED and ending is not None:
         deed = ending.deed(connection)
         if deed:
-            return f"{deed} {int(ending.time_ns - transaction.request_ns) / 1e9:.3f} s later"
+            return f"{deed} {distance_text(int(transaction.request_ns - ending.time_ns))}"
     return REASON_TEXTS[transaction.reason]
 
 
@@ -115,7 +116,9 @@ def _judge_flags(judge: Reporter, transaction: Transaction) -> None:
         _detail_malformed(judge, transaction, transaction.response, transaction.response_frame, transaction.response_ns)
     if flags & REORDERED:
         ahead: int = transaction.request_ns - transaction.response_ns
-        _note(judge, "transaction.reordered", transaction, f"the answer stands {ahead / 1e6:.3f} ms before the request")
+        _note(
+            judge, "transaction.reordered", transaction, f"the answer stands {duration_text(ahead)} before the request"
+        )
 
 
 def _judge_request(judge: Reporter, transaction: Transaction) -> None:

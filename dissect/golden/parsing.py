@@ -45,6 +45,7 @@ _ENDS: Final = re.compile(r"ends ([a-z_]+)(?: by (client|server))?(?: (\".*\"))?
 _TIME: Final = re.compile(r"at ([0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2})\.([0-9]{9})Z")
 _LATENCY: Final = re.compile(r"latency (-?[0-9]{1,18}) ns")
 _REFERENCE: Final = re.compile(r"reference 0x([0-9a-f]{4})")
+_JOB: Final = re.compile(r"job of ([0-9]{1,9})")
 _HALF: Final = re.compile(r"(request|answer|says) (\S+)(?: (<[^>]*>))?")
 _ERROR: Final = re.compile(r"refused 0x([0-9a-f]{4})")
 
@@ -137,6 +138,7 @@ class _Reader:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._links: list[Link] = []
+        self._numbers: dict[int, Transaction] = {}  # of the connection at hand, by the numbers in the text
         self._known: dict[tuple[str, ...], _Draft] = {}  # blocks that were read, by their text: polling repeats them
 
     def block(self, head: Line, below: list[Line]) -> None:
@@ -150,6 +152,7 @@ class _Reader:
                 _read(line, partial(_link_fact, link))
             link.begun = link.begun and link.carrier != "udp"
             self._links.append(link)
+            self._numbers = {}
             return
         found = _HEAD.fullmatch(head.text)
         if found is None:
@@ -168,7 +171,13 @@ class _Reader:
             draft.made = draft.exchange()
             self._known[said] = draft
         assert draft.made is not None
-        exchange = self._session.share(draft.made)
+        exchange = draft.made
+        if draft.job:
+            source = self._numbers.get(draft.job)
+            if source is None:
+                raise _LineError(head, f"'job of {draft.job}', but no transaction {draft.job} stands before it here")
+            exchange = exchange.of(source.exchange.request)
+        exchange = self._session.share(exchange)
         outcome = draft.outcome or ("answered" if exchange.request_seen and exchange.response_seen else "")
         if not outcome:
             raise _LineError(
@@ -183,6 +192,7 @@ class _Reader:
             draft.pdu_ref,
         )
         link.transactions.append(transaction)
+        self._numbers[int(found[1])] = transaction
 
     def finish(self) -> Session:
         """Return the session, in the order of the text."""
@@ -268,6 +278,7 @@ class _Draft:
         self.time_ns: int | None = None
         self.latency_ns: int | None = None
         self.pdu_ref: int | None = None
+        self.job = 0  # of a push: the number of the transaction that asked for it
         self.made: Exchange | None = None  # once all lines are read
 
     def take(self, line: Line) -> None:
@@ -299,6 +310,8 @@ class _Draft:
         """Read what belongs to one recording; False when the line is none of it."""
         if found := _LATENCY.fullmatch(text):
             self.latency_ns = int(found[1])
+        elif found := _JOB.fullmatch(text):
+            self.job = int(found[1])
         elif found := _REFERENCE.fullmatch(text):
             self.pdu_ref = int(found[1], 16)
         elif found := _TIME.fullmatch(text):

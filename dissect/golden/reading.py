@@ -136,7 +136,8 @@ def _exchange(seen: Seen) -> Exchange:
     told = scd_lines(seen)
     if seen.is_scd:
         return Exchange(SCD, b"", b"", told, (bool(seen.request_frame), bool(seen.response_frame)))
-    return Exchange(PLUS if seen.is_plus else S7, seen.request_octets, seen.response_octets, told)
+    asked = seen.subscribed.request if seen.subscribed is not None else b""
+    return Exchange(PLUS if seen.is_plus else S7, seen.request_octets, seen.response_octets, told, subscribed=asked)
 
 
 def is_golden(path: str | os.PathLike[str]) -> bool:

@@ -24,7 +24,8 @@ from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.parameters import PLUS, PlusParameters
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
-from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
+from dissect.transactions.results import area_results
+from dissect.transactions.transaction import ANSWERED, NO_CODE, OUTCOMES, Transaction
 from dissect.wire.clock import Clock
 from dissect.wire.layout import FieldValue
 from dissect.wire.malformed import Malformed
@@ -91,7 +92,8 @@ def item_text(item: Item) -> str:
                 f'"area":{item.area},"db":{item.db},"start_bit":{item.start_bit}'
                 f',"transport_size":{item.transport_size},"count":{item.count}'
             )
-        item.fragment = f'{{"address":{json_text(item.address)},"syntax_id":{item.syntax_id},{text},"return_code":'
+        syntax = str(item.syntax_id) if item.syntax_id >= 0 else "null"
+        item.fragment = f'{{"address":{json_text(item.address)},"syntax_id":{syntax},{text},"return_code":'
     return item.fragment
 
 
@@ -237,6 +239,10 @@ class TransactionLines(Observer):
             if len(items) == len(answers):  # nearly always; each item meets its own answer without an object in between
                 parts: list[str] = []
                 for index, answer in enumerate(answers):
+                    if items[index].areas is not None:
+                        for area in area_results(items[index], answer):
+                            parts.append(_item(area.item, area.return_code, area.data))
+                        continue
                     good: bool = answer.return_code == SUCCESS
                     parts.append(_item(items[index], answer.return_code, answer.data if good else None))
                 return ",".join(parts)
@@ -265,7 +271,8 @@ def _errors(transaction: Transaction) -> str:
         return ""
     return ",".join(
         [
-            f'{{"where":"{error.where}","code":{error.code},"name":{json_text(error.name)},"text":{json_text(error.text)}}}'
+            f'{{"where":"{error.where}","code":{"null" if error.code == NO_CODE else error.code}'
+            f',"name":{json_text(error.name)},"text":{json_text(error.text)}}}'
             for error in transaction.errors
         ]
     )

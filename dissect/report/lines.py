@@ -22,7 +22,8 @@ from dissect.s7.tables import JOB, RETURN_CODES, SUCCESS
 from dissect.s7plus.message import PlusPdu
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.transaction import PUSH, ItemResult, Transaction
+from dissect.transactions.results import ItemResult
+from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.clock import Clock
 from dissect.wire.text import printable, shortened
 

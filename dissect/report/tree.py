@@ -122,12 +122,9 @@ def _headers(packet: IbhPacket) -> int:
 
 
 def _malformed(facts: list[Malformed], base: int) -> Iterator[str]:
-    """Yield what a parser found wrong, its offsets counted as the tree counts them."""
+    """Yield what a parser found wrong, in the words of the other reports, and which octet of the tree that is."""
     for fact in facts:
-        moved = Malformed(
-            fact.layer, fact.reason, fact.field, fact.offset + base, fact.needed, fact.available, fact.limit
-        )
-        yield f"    MALFORMED  {moved}"
+        yield f"    MALFORMED  {fact}{f' (octet {fact.offset + base} here)' if base else ''}"
 
 
 def _octets(whole: bytes, hidden: Sequence[tuple[int, int]] = ()) -> Iterator[str]:
@@ -185,6 +182,8 @@ def _meaning(value: FieldValue) -> str:
         return f"{said}  {shortened(meaning, _MEANING)}" if meaning else said
     mask, shift = field.bits if field.bits is not None else ((1 << 8 * field.size) - 1, 0)
     number = f"0x{value.value:0{max(1, ((mask >> shift).bit_length() + 3) // 4)}x}"
+    if field.says is not None:
+        return f"{number} {value.meaning}".rstrip()
     if field.codes is not None:
         return f"{number} {value.meaning or '(not in the tables)'}"
     return str(value.value) if field.decimal else number

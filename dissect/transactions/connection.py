@@ -26,6 +26,7 @@ from dissect.tcp.connection import Endpoint, TcpConnection
 from dissect.transactions.ending import Ending
 from dissect.transactions.operation import OpenOperations
 from dissect.transactions.pairing import OpenRequests
+from dissect.transactions.results import Subscription
 from dissect.transactions.traits import Traits
 
 # What is known of the protocol a TCP connection carries.
@@ -108,6 +109,7 @@ class Connection:
         "setup_open",
         "setup_seen",
         "state",
+        "subscriptions",
         "tcp",
         "told",
         "tpdu_size",
@@ -163,6 +165,8 @@ class Connection:
         self.open_requests: list[OpenRequests] = [OpenRequests(), OpenRequests()]
         self.operations: OpenOperations = OpenOperations()
         self.traits: Traits = Traits()
+        #: What its cyclic and test jobs send, by job (`dissect.transactions.subscriptions`).
+        self.subscriptions: dict[int, Subscription] = {}
         self.pdus: i64 = 0
         self.answered: i64 = 0
         self.unanswered: i64 = 0

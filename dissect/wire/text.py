@@ -51,6 +51,14 @@ def reason(error: BaseException) -> str:
     return printable(str(error) or type(error).__name__)
 
 
+def titled(name: str, about: str) -> str:
+    """Return a name and what it is about; a word that ends the one and begins the other stands once: ``read SZL 0x0011 …``."""
+    last = name.rpartition(" ")[2]
+    if last and about.startswith(f"{last} "):
+        about = about.removeprefix(last).lstrip()
+    return f"{name} {about}" if name and about else name or about
+
+
 def shortened(text: str, most: int) -> str:
     """Return ``text`` made `printable`, cut after ``most`` of its characters with a note of how many there are."""
     if len(text) <= most:

@@ -65,7 +65,7 @@ def only_looking(talk: Talk) -> None:
 def stop(talk: Talk) -> None:
     order(talk, events.stop(1), 0x29)
     talk.pipeline.exchange.report_findings()
-    assert talk.findings[-1].detail == "10.0.0.1:50000 to 10.0.0.2:102: PLC stop"
+    assert talk.findings[-1].detail == "10.0.0.1:50000 to 10.0.0.2:102: PLC stop, accepted"
 
 
 @speaks("security.plc_start")

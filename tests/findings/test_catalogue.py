@@ -109,6 +109,7 @@ def test_what_the_code_notes_is_the_catalogue() -> None:
     "s7.unknown_rosctr",
     "s7.redundancy_id",
     "s7.ack_content",
+    "s7.client_push",
     "internal.bug",
     "capture.dropped",
 )
@@ -595,6 +596,17 @@ def ack_content(talk: Talk) -> None:
     talk.tell(ack(1, 0x8104, b"\x04"))
 
 
+@speaks("s7.client_push")
+def client_push(talk: Talk) -> None:
+    """The client mistakes the type of its request: it asked, and not the PLC."""
+    talk.open()
+    talk.ask(userdata(5, head(0, 4, 1), b"\xff\x09\x00\x04\x00\x11\x00\x00"))
+    talk.tell(userdata(5, head(2, 4, 1, 0, 0x8104)))
+    assert [finding.slug for finding in talk.findings] == ["s7.client_push", "transaction.refused"]
+    asked = talk.transactions[-1]
+    assert (asked.asked_by, asked.request_frame, asked.outcome_name) == (CLIENT, 8, "answered")
+
+
 @speaks("s7.unknown_code")
 def unknown_code(talk: Talk) -> None:
     talk.open(8, 8)
@@ -737,7 +749,7 @@ def one_request_cut(talk: Talk) -> None:
     assert talk.findings == []
     talk.finish()
     assert [finding.detail for finding in talk.findings] == [
-        "Read Var DB1.DBW0: the server reset the connection 1.000 s later"
+        "Read Var DB1.DBW0: the server reset the connection 1.00 s later"
     ]
 
 

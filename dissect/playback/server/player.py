@@ -21,7 +21,7 @@ from dissect.playback.server.answers import (
 from dissect.playback.server.image import Image, holds
 from dissect.playback.server.model import Recording, Said, Script, Step
 from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import RESPONSE
+from dissect.s7.parameters import PUSH, RESPONSE, is_plc_push
 from dissect.s7.tables import JOB, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 
 #: What a request is answered with when its recorded answers are used up (`Stage`).
@@ -168,7 +168,9 @@ class Player:
 
     def _unmatched(self, asked: Pdu) -> Reply:
         head = asked.parameters.userdata
-        wants = asked.rosctr == JOB or (asked.rosctr == USERDATA and (head is None or head.type not in {0, RESPONSE}))
+        # A push from a client is a request that mistakes its type, unless it is what programs send each other.
+        told = head is not None and (head.type == RESPONSE or (head.type == PUSH and not is_plc_push(asked.parameters)))
+        wants = asked.rosctr == JOB or (asked.rosctr == USERDATA and not told)
         return Reply(refuse(asked) if wants else b"", "unmatched", lacking="nothing like it was recorded")
 
     # ---- items ------------------------------------------------------------------------------------------------------

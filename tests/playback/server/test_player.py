@@ -47,6 +47,19 @@ def told(to: Player, ask: Ask) -> Pdu:
     return parse_pdu(reply(to, ask).octets)
 
 
+def test_a_client_that_pushes_is_refused() -> None:
+    """It mistakes the type of its request (pyS7); what programs send each other wants no answer."""
+    plc = player(small())
+    begin, payload = bytes.fromhex("3207 0000 0001 0008 0008 00 01 12 04 11"), bytes.fromhex("01 00 ff090004 00110000")
+    pushed = begin + b"\x04" + payload
+    answer = parse_pdu(plc.reply(parse_pdu(pushed)).octets)
+    head = answer.parameters.userdata
+    assert head is not None
+    assert (head.type, head.group, head.subfunction, head.error_code) == (2, 4, 1, 0x8104)
+    sent = begin + b"\x06" + payload
+    assert plc.reply(parse_pdu(sent)).octets == b""
+
+
 def word(to: Player, address: str = "DB10.DBW4") -> int:
     return int.from_bytes(told(to, read(address)).data_items()[0].data, "big")
 
