@@ -130,7 +130,7 @@ def command(
     context: bool,
     plain: bool,
     force: bool,
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
     """Extract part of a capture to a pcapng file, with findings as comments on their packets.
 
@@ -150,7 +150,7 @@ def command(
     if context and not transaction:
         raise click.UsageError("--context needs --transaction.")
     selection = Selection(wanted, comments=not plain, context=context)
-    run = Run(files, selection, Options(carrier=carrier))
+    run = Run(files, selection, Options(decoder=decoder))
     code = drive(run, files)
     if code == EXIT_INTERRUPTED:
         click.echo(f"s7dissect: interrupted; {name_of(output)} was not written", err=True)

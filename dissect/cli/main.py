@@ -19,7 +19,6 @@ import click
 
 from dissect import __version__
 from dissect.wire.build import COMPILED
-from dissect.wire.text import printable
 
 EXIT_OK: Final = 0
 EXIT_GATE: Final = 1
@@ -119,6 +118,8 @@ class _Main(LazyGroup):
     def hint(self, name: str) -> str:
         """Return what may have been meant; a file is probably to be analyzed."""
         if os.path.exists(name):  # noqa: PTH110 - a name that no path can have is simply not there
+            from dissect.wire.text import printable  # late, as above
+
             return f" It is a file: s7dissect analyze {printable(name)}"
         return super().hint(name)
 

@@ -120,7 +120,7 @@ def command(
     allow_remote: bool,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
     beside: Beside,
 ) -> int:
     """Watch live S7 traffic: connections, transactions and findings as they occur. Nothing is ever sent.
@@ -137,7 +137,7 @@ def command(
     with Scrape(metrics, allow_remote) as scrape:
         session = Session(
             lambda: _opened(opener, scrape),
-            Options(slow_ns, carrier=carrier, overdue_ns=overdue_ns, checksums=checksums),
+            Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns, checksums=checksums),
             companions=[*beside.companions(), *scrape.companions],
             limits=Limits(duration_ns, packets or 0),
             name=interface or ("stdin" if file == "-" else file or ""),

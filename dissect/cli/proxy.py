@@ -104,7 +104,7 @@ def command(
     slow_ns: int,
     overdue_ns: int,
     fail_on: frozenset[str],
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
     """Relay TCP between clients and a PLC and report what passes; capture privileges are not needed.
 
@@ -128,7 +128,7 @@ def command(
         relay.close()
         raise
     reader = RelayReader(tap)
-    options = Options(slow_ns, carrier=carrier, overdue_ns=overdue_ns)
+    options = Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns)
     session = Session(lambda: reader, options, companions=companions, name="proxy")
     lines = _Lines(session, relay, None if output == "-" else new_shower(format_ == "jsonl", topics))
     code = _Proxy(relay, reader, session, lines).run(to)

@@ -73,7 +73,7 @@ def command(
     verbose: bool,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
     """List S7comm and S7comm-plus PDUs, one line each, or dissect them (-V).
 
@@ -85,8 +85,8 @@ def command(
     """
     if verbose and format_ != "text":
         raise click.UsageError("-V applies to text only; -T jsonl always includes the fields.")
-    shown = _Pdus(format_ == "jsonl", frame, verbose, carrier)
-    run = Run(files, shown, Options(carrier=carrier, checksums=checksums))
+    shown = _Pdus(format_ == "jsonl", frame, verbose, decoder)
+    run = Run(files, shown, Options(decoder=decoder, checksums=checksums))
     shown.begin(places_of(run, files))
     if format_ == "jsonl":
         code = drive(run, files, lambda: write([line.text for line in shown.take()]))
@@ -105,9 +105,9 @@ def command(
 class _Pdus(Observer):
     """Collects PDUs as lines."""
 
-    def __init__(self, as_jsonl: bool, frame: int | None, verbose: bool, carrier: PayloadDecoder | None) -> None:
+    def __init__(self, as_jsonl: bool, frame: int | None, verbose: bool, decoder: PayloadDecoder | None) -> None:
         super().__init__()
-        self._carrier = carrier
+        self._decoder = decoder
         self.wants_pdus = True
         self.wants_tpdus = not as_jsonl
         self.found = False
@@ -146,7 +146,7 @@ class _Pdus(Observer):
         tpdu = parse_tpdu(octets[4:])
         if tpdu.type in {DT, ED}:
             begins = side.assembler.parts is None and side.assembler.clear
-            if not (begins and carried(tpdu)) or (self._carrier and self._carrier.claims_tsdus(side.connection)):
+            if not (begins and carried(tpdu)) or (self._decoder and self._decoder.claims_tsdus(side.connection)):
                 return
         where = side.connection, side.index, self._clock, self._places
         self._add(tpdu_line(tpdu, frame, time_ns, *where), bool(tpdu.malformed))

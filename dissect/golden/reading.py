@@ -173,7 +173,7 @@ def read_session(
     if not more and os.fspath(path) != "-" and Path(path).is_file() and is_golden(path):
         return load_golden(path)
     reader = SessionReader(os.fspath(path))
-    run = Run([os.fspath(path), *[os.fspath(other) for other in more]], reader, Options(carrier=carrier))
+    run = Run([os.fspath(path), *[os.fspath(other) for other in more]], reader, Options(decoder=carrier))
     while run.step() and reader.too_long is None:
         pass
     run.finish()

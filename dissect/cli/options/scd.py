@@ -15,7 +15,7 @@ _FILE = click.Path(dir_okay=False)
 
 
 def scd_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Add ``--scd`` and ``--bind`` to a command, which is given the ``carrier`` they make, or None without them."""
+    """Add ``--scd`` and ``--bind`` to a command, which is given the ``decoder`` they make, or None without them."""
 
     @click.option(
         "--scd",
@@ -32,13 +32,13 @@ def scd_options(command: Callable[..., int]) -> Callable[..., int]:
         help="Where SCD is carried: a bindings file (needs --scd).",
     )
     @functools.wraps(command)
-    def with_carrier(*arguments: Any, scd: str | None, bind: str | None, **options: Any) -> int:
-        return command(*arguments, carrier=_carrier(scd, bind), **options)
+    def with_decoder(*arguments: Any, scd: str | None, bind: str | None, **options: Any) -> int:
+        return command(*arguments, decoder=_decoder(scd, bind), **options)
 
-    return with_carrier
+    return with_decoder
 
 
-def _carrier(scd: str | None, bind: str | None) -> PayloadDecoder | None:
+def _decoder(scd: str | None, bind: str | None) -> PayloadDecoder | None:
     if scd is None and bind is None:
         return None
     if scd is None or bind is None:

@@ -82,7 +82,7 @@ def load_recorded(path: str | os.PathLike[str], carrier: PayloadDecoder | None =
             raise ReplayError(str(error)) from None
         return Recorded(session, session.links)
     reader = OrderedReader(os.fspath(path))
-    run = Run([os.fspath(path)], reader, Options(carrier=carrier))
+    run = Run([os.fspath(path)], reader, Options(decoder=carrier))
     try:
         while run.step():
             pass
