@@ -123,6 +123,8 @@ class _Main(LazyGroup):
     def hint(self, name: str) -> str:
         """Return what may have been meant; a file is probably to be analyzed."""
         if os.path.exists(name):  # noqa: PTH110 - a name that no path can have is simply not there
+            from dissect.wire.text import printable  # late, as above
+
             return f" It is a file: s7dissect analyze {printable(name)}"
         return super().hint(name)
 
