@@ -14,10 +14,10 @@ from dissect.replay.kinds import CONTROL, kind_of
 from dissect.replay.plan import ASK, FOLLOWS_WITHHELD, HEAR, SERVE, Part, Step, Withheld, withheld
 from dissect.replay.renewal import Renewal
 from dissect.replay.settings import Asked, Shared
+from dissect.s7.build import with_reference
 from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, Pdu, parse_pdu
 from dissect.s7.parameters import REQUEST, RESPONSE
 from dissect.s7.tables import ACK, ACK_DATA, JOB, SETUP_COMMUNICATION, USERDATA
-from dissect.server.answers import with_reference
 from dissect.transactions.ending import DISCONNECT, FIN, RESET
 
 #: How long to wait for the other side's end after ours, in seconds.

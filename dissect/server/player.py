@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
+from dissect.s7.build import with_reference
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import RESPONSE
 from dissect.s7.tables import JOB, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
@@ -18,7 +19,6 @@ from dissect.server.answers import (
     grant,
     missing_item,
     refuse,
-    with_reference,
 )
 from dissect.server.book import LEVELS, Book, ItemAnswer, item_key, keys_of
 from dissect.server.image import Image, holds
