@@ -23,11 +23,7 @@ from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, Setup
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, USERDATA, WRITE_VAR
 
 WORD = st.integers(0, 0xFFFF)
-ITEMS = st.lists(
-    st.tuples(st.sampled_from((2, 4, 6, 8)), st.integers(1, 0xFFFF), WORD, st.integers(0, 0xFFFFFF)),
-    min_size=1,
-    max_size=5,
-)
+ITEM = st.tuples(st.sampled_from((2, 4, 6, 8)), st.integers(1, 0xFFFF), WORD, st.integers(0, 0xFFFFFF))
 
 
 @given(WORD, WORD, WORD, st.sampled_from((JOB, ACK_DATA)))
