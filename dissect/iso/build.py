@@ -35,12 +35,17 @@ def build_parameters(parameters: Iterable[tuple[int, bytes]]) -> bytes:
     return b"".join([bytes((code, len(value))) + value for code, value in parameters])
 
 
+def connect_size(parameters: Iterable[tuple[int, bytes]]) -> int:
+    """Return the octets of a CR or CC with these parameters, without its length indicator."""
+    return _CONNECT + sum([2 + len(value) for _, value in parameters])
+
+
 def build_connect(
     type_: int, dst_ref: int, src_ref: int, parameters: Iterable[tuple[int, bytes]], options: int = 0
 ) -> bytes:
     """Return a CR or CC (``type_``). Raises ValueError when it is larger than a header may be."""
     given = list(parameters)
-    size = _CONNECT + sum([2 + len(value) for _, value in given])
+    size = connect_size(given)
     if size > MAX_HEADER:
         raise ValueError(f"its parameters take {size} octets of a TPDU header, which has room for {MAX_HEADER}")
     return struct.pack(">BBHHB", size, type_ << 4, dst_ref, src_ref, options) + build_parameters(given)

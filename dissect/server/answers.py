@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from dissect.iso.build import LARGEST_TPDU, build_connect, build_dr, build_er, coded_size
+from dissect.iso.build import LARGEST_TPDU, MAX_HEADER, build_connect, connect_size, build_dr, build_er, coded_size
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZE, Tpdu, parse_tpdu
 from dissect.iso.tables import CC, DR_REASONS, ER_CAUSES
 from dissect.s7.build import (
@@ -69,7 +69,8 @@ def confirm(request: Tpdu, recorded: bytes) -> Confirmation:
             value = coded_size(granted)
         elif code == PREFERRED_SIZE and granted:
             value = (granted // 128).to_bytes(max(len(value), 1), "big")
-        granted_parameters.append((code, value))
+        if connect_size([*granted_parameters, (code, value)]) <= MAX_HEADER:  # TSAPs may leave no room for what is ours
+            granted_parameters.append((code, value))
     tpdu = build_connect(CC, max(request.field("src_ref"), 0), own, granted_parameters, options)
     return Confirmation(tpdu, parse_tpdu(tpdu).tpdu_size or LARGEST_TPDU)
 

@@ -51,6 +51,14 @@ def test_a_connection_is_confirmed_as_recorded_for_who_asks(asked: str, recorded
     assert told.tpdu_size == size
 
 
+@pytest.mark.parametrize("recorded", ["", "11d00001000100c0010ac1020100c2020102"])
+def test_a_request_whose_tsaps_fill_its_header_is_confirmed(recorded: str) -> None:
+    asked = cr("c178" + "41" * 0x78 + "c27c" + "42" * 0x7C)
+    assert len(asked) == 255
+    told = parse_tpdu(confirm(parse_tpdu(asked), bytes.fromhex(recorded)).tpdu)
+    assert (told.type, told.malformed, told.field("dst_ref")) == (CC, [], 7)
+
+
 @given(st.binary(max_size=60), st.binary(max_size=60))
 def test_any_request_can_be_confirmed(asked: bytes, recorded: bytes) -> None:
     told = confirm(parse_tpdu(bytes((6 + len(asked), 0xE0, 0, 0, 0, 7, 0)) + asked), recorded)
