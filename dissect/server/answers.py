@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from dissect.iso.build import LARGEST_TPDU, MAX_HEADER, build_connect, connect_size, build_dr, build_er, coded_size
+from dissect.iso.build import LARGEST_TPDU, MAX_HEADER, build_connect, build_dr, build_er, coded_size, connect_size
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZE, Tpdu, parse_tpdu
 from dissect.iso.tables import CC, DR_REASONS, ER_CAUSES
 from dissect.s7.build import (
