@@ -45,10 +45,12 @@ HOT: Final = (
     "dissect/report/latency.py",
 )
 
-#: What of these stays interpreted: tables and layouts, which are made once when somebody looks at a body. Compiled, making
-#: them would be no faster, and the build would take half as long again.
+#: What of these stays interpreted: builders, which no capture needs, and tables and layouts, which are made once when somebody
+#: looks at a body. Compiled, making them would be no faster, and the build would take half as long again.
 COLD: Final = frozenset(
     (
+        "dissect/iso/build.py",
+        "dissect/s7/build.py",
         "dissect/s7/diagnostic_tables.py",
         "dissect/s7/programmer_layouts.py",
         "dissect/s7/start_information.py",
