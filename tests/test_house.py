@@ -78,6 +78,7 @@ PURE_IMPORTS: Final = frozenset(
         "math",
         "mypy_extensions",
         "operator",
+        "re",
         "struct",
         "typing",
         "zlib",

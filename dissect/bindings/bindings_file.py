@@ -13,6 +13,7 @@ from dissect.bindings.binding import Binding, Bindings, Network
 from dissect.bindings.content_names import Content, find_content
 from dissect.bindings.place import AREAS, MAX_DB, MAX_OCTET, Place, in_blocks, parse_place
 from dissect.config import lines as config_lines
+from dissect.s7.address import MAX_DB, MAX_OCTET
 from dissect.scd.bounds import check_bounds
 from dissect.scd.codec import Codec
 from dissect.scd.dictionary import Dictionary

@@ -14,13 +14,13 @@ from dissect.golden.forms import (
     ItemLine,
     build_answer,
     build_request,
-    build_setup,
     parse_item_text,
     parse_setup,
 )
 from dissect.golden.model import GoldenError, Link, Session, Transaction
 from dissect.golden.values import hex_octets, unquoted
 from dissect.golden.writing import FORMAT, FORMS, OTHER_ROLE, pushed
+from dissect.s7.build import build_setup
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION
 from dissect.transactions.transaction import REASON_TEXTS
 from dissect.wire.text import printable

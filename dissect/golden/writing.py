@@ -16,7 +16,6 @@ from dissect.golden.forms import (
     ItemLine,
     build_answer,
     build_request,
-    build_setup,
     item_text,
     setup_text,
     usual_size,
@@ -25,6 +24,7 @@ from dissect.golden.model import Link, Session, Transaction
 from dissect.golden.values import hex_text, quoted
 from dissect.iso.tsap import Tsap
 from dissect.report import words
+from dissect.s7.build import build_setup
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import DataItem
 from dissect.s7.message import Pdu

@@ -15,7 +15,6 @@ the oldest request of the other side that is open; a request that is not answere
 from __future__ import annotations
 
 import os
-import struct
 from collections import deque
 from ipaddress import ip_address
 from typing import Final, Self
@@ -25,12 +24,13 @@ from dissect.engine.pipeline import Pipeline
 from dissect.golden.model import Session
 from dissect.golden.reading import SessionReader
 from dissect.golden.writing import golden_text
-from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, TPDU_SIZE
+from dissect.iso.build import build_connect, build_tpkt, build_tsdu, size_parameter
+from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP
 from dissect.iso.tables import CC, CR
-from dissect.playback.server.answers import data_tpdus, tpkt, with_reference
 from dissect.playback.server.model import Recording
 from dissect.playback.server.recording import RecordingReader
 from dissect.proxy.packets import ETHERNET, Conversation
+from dissect.s7.build import with_reference
 from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import PUSH
 from dissect.source.pcapng_writer import interface_block, packet_block, section_block
@@ -72,7 +72,6 @@ SERVER: Final = 1
 START_NS: Final = 1_767_225_600_000_000_000
 _MS: Final = 1_000_000
 _TPDU_OCTETS: Final = 1024
-_TPDU_CODE: Final = 10
 
 _OPEN: Final = "open"
 _SENT: Final = "sent"
@@ -120,11 +119,8 @@ class Talk:
         self._event(_OPEN, CLIENT)
         if begin:
             for type_, side, references in ((CR, CLIENT, (0, 1)), (CC, SERVER, (1, 1))):
-                variable = bytes((TPDU_SIZE, 1, _TPDU_CODE))
-                for code, tsap in ((CALLING_TSAP, calling), (CALLED_TSAP, called)):
-                    variable += bytes((code, len(tsap))) + tsap
-                fixed = struct.pack(">BHHB", type_ << 4, *references, 0)
-                self._event(_SENT, side, tpkt(bytes((len(fixed) + len(variable),)) + fixed + variable))
+                parameters = [size_parameter(_TPDU_OCTETS), (CALLING_TSAP, calling), (CALLED_TSAP, called)]
+                self._event(_SENT, side, build_tpkt(build_connect(type_, *references, parameters)))
             self._say(CLIENT, setup(pdu, *amq))
             self._say(SERVER, granted(pdu, *amq))
 
@@ -158,7 +154,7 @@ class Talk:
             asked = waiting[0]
             said = with_reference(message.build(parse_pdu(asked)), asked[4:6])
             waiting.popleft()
-        self._event(_SENT, side, data_tpdus(said, _TPDU_OCTETS))
+        self._event(_SENT, side, build_tsdu(said, _TPDU_OCTETS))
 
     def raw(self, side: int, octets: bytes) -> Self:
         """``side`` (`CLIENT` or `SERVER`) sends octets as they are, TPKT and all."""

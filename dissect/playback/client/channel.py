@@ -9,13 +9,13 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
+from dissect.iso.build import build_tpkt, build_tsdu
 from dissect.iso.cotp import Assembler, Tpdu, parse_tpdu
 from dissect.iso.tables import CC, DR, DT, ER
 from dissect.iso.tpkt import HEADER, Framer
 from dissect.net.addresses import Place
 from dissect.playback.client.record import Record, Talk
 from dissect.playback.client.watch import Watch
-from dissect.playback.server.answers import data_tpdus, tpkt
 
 #: Octets read at once, and octets of messages that wait to be looked at before no more are read: the server has to wait then.
 _PIECE: Final = 65_536
@@ -82,7 +82,7 @@ class Channel:
     def open(self, connect_request: bytes, until: float) -> bool:
         """Send the CR; True when it was confirmed before ``until`` (monotonic, seconds)."""
         asked = parse_tpdu(connect_request).tpdu_size
-        self._send(tpkt(connect_request))
+        self._send(build_tpkt(connect_request))
         while self._confirmation is None and not self.ended and self._read(until):
             pass
         confirmation = self._confirmation
@@ -94,11 +94,11 @@ class Channel:
 
     def send(self, tsdu: bytes) -> bool:
         """Send a TSDU, in as many DTs as the negotiated size takes; False when that cannot be done any more."""
-        return self._send(data_tpdus(tsdu, self._tpdu_size))
+        return self._send(build_tsdu(tsdu, self._tpdu_size))
 
     def send_tpdu(self, octets: bytes) -> bool:
         """Send a TPDU as it is; False when that cannot be done any more."""
-        return self._send(tpkt(octets))
+        return self._send(build_tpkt(octets))
 
     def receive(self, until: float) -> bytes | None:
         """Return the next TSDU; None when none came before ``until``, or none can come any more."""

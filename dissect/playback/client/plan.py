@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from dissect.golden.exchange import S7
-from dissect.golden.forms import build_setup
 from dissect.golden.keys import subject
 from dissect.golden.model import Link, Transaction
-from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZE
-from dissect.iso.tables import CR, DR, DR_REASONS
+from dissect.iso.build import build_connect, build_dr, size_parameter
+from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP
+from dissect.iso.tables import CR, DR_REASONS
 from dissect.playback.client.download import Download, find_downloads
 from dissect.playback.client.permissions import Permissions
 from dissect.playback.client.recorded import Recorded, ReplayError, Span
+from dissect.s7.build import build_setup
 from dissect.s7.parameters import Setup
 from dissect.s7.tables import JOB, SETUP_COMMUNICATION
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, FIN, RESET
@@ -40,7 +40,6 @@ FOLLOWS_WITHHELD: Final = "it belongs to a request that is withheld"
 CLIENT_PUSH: Final = "a message of the client that is no request"
 
 _NORMAL: Final = 0x80  # reason of a DR: ended by the user
-_MAX_HEADER: Final = 254  # octets that the length indicator of a TPDU can count
 #: How either end ends a connection, where the recording sees it.
 _ENDS: Final = {
     "client": frozenset((FIN, RESET, DISCONNECT)),
@@ -174,31 +173,21 @@ class Part:
 
     def connect_request(self, reference: int) -> bytes:
         """Return the CR. Raises `ReplayError` when it has no room for the TSAPs: a golden may say anything."""
-        parameters = []
-        if 128 <= self.tpdu_size <= 8192 and not self.tpdu_size & (self.tpdu_size - 1):
-            parameters.append((TPDU_SIZE, bytes((self.tpdu_size.bit_length() - 1,))))
-        elif self.tpdu_size == 65_531:
-            parameters.append((TPDU_SIZE, b"\x10"))
-        elif self.tpdu_size:
-            size = self.tpdu_size // 128
-            parameters.append((PREFERRED_SIZE, size.to_bytes(max((size.bit_length() + 7) // 8, 1), "big")))
+        parameters = [size_parameter(self.tpdu_size)] if self.tpdu_size else []
         tsaps = ((CALLING_TSAP, self.calling), (CALLED_TSAP, self.called))
         parameters += [(code, value) for code, value in tsaps if value is not None]
-        fixed = struct.pack(">BHHB", CR << 4, 0, reference, 0)
-        size = len(fixed) + sum([2 + len(value) for _, value in parameters])
-        if size > _MAX_HEADER:
+        try:
+            return build_connect(CR, 0, reference, parameters)
+        except ValueError as error:
             raise ReplayError(
-                f"connection {self.link.number}: its TSAPs and its TPDU size take {size} octets of a connect request, "
-                f"which has room for {_MAX_HEADER}"
-            )
-        variable = b"".join([bytes((code, len(value))) + value for code, value in parameters])
-        return bytes((size,)) + fixed + variable
+                f"connection {self.link.number}: its TSAPs and its TPDU size do not fit: {error}"
+            ) from None
 
     def disconnect_request(self, reference: int, theirs: int) -> bytes:
         """Return the DR with which the client ended the connection, its reason as it was recorded."""
         said = self.link.farewell.rpartition(": ")[2]
         reasons = [row.number for row in DR_REASONS if row.name == said]
-        return struct.pack(">BBHHB", 6, DR << 4, theirs, reference, reasons[0] if reasons else _NORMAL)
+        return build_dr(theirs, reference, reasons[0] if reasons else _NORMAL)
 
 
 def make_plan(

@@ -14,7 +14,7 @@ from dissect.playback.client.permissions import CONTROL, kind_of
 from dissect.playback.client.plan import ASK, FOLLOWS_WITHHELD, HEAR, SERVE, Part, Step, Withheld, withheld
 from dissect.playback.client.renewal import Renewal
 from dissect.playback.client.settings import Asked, Shared
-from dissect.playback.server.answers import with_reference
+from dissect.s7.build import with_reference
 from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, Pdu, parse_pdu
 from dissect.s7.parameters import REQUEST, RESPONSE
 from dissect.s7.tables import ACK, ACK_DATA, JOB, SETUP_COMMUNICATION, USERDATA

@@ -5,18 +5,17 @@ Bit by bit: only what was read or written in the recording is known, and only th
 
 from __future__ import annotations
 
-import struct
 from typing import Final
 
 from dissect.playback.server.answer_index import item_answers
 from dissect.playback.server.model import Recording
+from dissect.s7.build import build_data_item
 from dissect.s7.items import DATA_HEAD, Item
 from dissect.s7.message import parse_pdu
 from dissect.s7.tables import (
     ANSWER_TRANSPORT_SIZE,
     ELEMENT_OCTETS,
     JOB,
-    LENGTH_IN_BITS,
     NUMBERED_AREAS,
     READ_VAR,
     SUCCESS,
@@ -88,8 +87,7 @@ class Image:
             return None
         asked = int(item.transport_size)
         size = self._sizes.get(asked, ANSWER_TRANSPORT_SIZE.get(asked, _BYTES))
-        length = 1 if size == _BIT_DATA else len(data) * 8 if size in LENGTH_IN_BITS else len(data)
-        return struct.pack(">BBH", SUCCESS, size, length & 0xFFFF) + data
+        return build_data_item(SUCCESS, size, data)
 
     def get(self, item: Item) -> bytes | None:
         """Return the octets of an item, None when not all of them are known."""

@@ -16,10 +16,10 @@ from dissect.playback.server.answers import (
     grant,
     missing_item,
     refuse,
-    with_reference,
 )
 from dissect.playback.server.image import Image, holds
 from dissect.playback.server.model import Recording, Said, Script, Step
+from dissect.s7.build import with_reference
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import PUSH, RESPONSE, is_plc_push
 from dissect.s7.tables import JOB, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR

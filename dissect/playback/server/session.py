@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import struct
 from collections import deque
 from typing import Final, NamedTuple
 
+from dissect.iso.build import build_dc, build_tpkt, build_tsdu, with_dst_ref
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, Assembler, Tpdu, parse_tpdu
-from dissect.iso.tables import CC, CR, DC, DR, DT
+from dissect.iso.tables import CC, CR, DR, DT
 from dissect.iso.tpkt import HEADER, Framer
-from dissect.playback.server.answers import confirm, data_tpdus, farewell, refuse, to_reference, tpkt, with_reference
+from dissect.playback.server.answers import confirm, farewell, refuse
 from dissect.playback.server.faults import CUT, DELAY, DROP, REFUSE, SPLIT, WRONG_REF, Fault
 from dissect.playback.server.model import Said
 from dissect.playback.server.player import Player, Reply
 from dissect.playback.server.request_log import RequestLog
+from dissect.s7.build import with_reference
 from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, Pdu, parse_pdu
 from dissect.s7.parameters import RESPONSE
 from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA
@@ -91,7 +92,7 @@ class ClientSession:
         if tpdu.type == CR and self._player is None:
             self._connect(tpdu)
         elif tpdu.type == DR:
-            self._deeds.append(Deed(SEND, tpkt(struct.pack(">BBHH", 5, DC << 4, max(tpdu.field("src_ref"), 0), 1))))
+            self._deeds.append(Deed(SEND, build_tpkt(build_dc(max(tpdu.field("src_ref"), 0), 1))))
             self._end(CLOSE)
         elif tpdu.type == DT and self._player is not None and not tpdu.malformed:
             tsdu = self._assembler.push(tpdu.data, tpdu.field("eot") == 1)
@@ -111,7 +112,7 @@ class ClientSession:
         script = self._desk.stage.script_for(calling, called)
         if script.refused:
             if script.confirm:
-                self._deeds.append(Deed(SEND, tpkt(to_reference(script.confirm, self._reference))))
+                self._deeds.append(Deed(SEND, build_tpkt(with_dst_ref(script.confirm, self._reference))))
             self._end(ABORT if script.end == RESET else CLOSE)
             return
         self._player = Player(self._desk.stage, script)
@@ -119,7 +120,7 @@ class ClientSession:
             request, script.confirm if script.confirm and parse_tpdu(script.confirm).type == CC else b""
         )
         self._tpdu_size = confirmed.tpdu_size
-        self._deeds.append(Deed(SEND, tpkt(confirmed.tpdu)))
+        self._deeds.append(Deed(SEND, build_tpkt(confirmed.tpdu)))
 
     # ---- messages ---------------------------------------------------------------------------------------------------
 
@@ -147,7 +148,7 @@ class ClientSession:
             delay_s += by_kind[DELAY].value / 1000
         answer = b"" if DROP in by_kind else _spoilt(asked, reply, by_kind)
         if answer:
-            octets = data_tpdus(answer, self._tpdu_size)
+            octets = build_tsdu(answer, self._tpdu_size)
             self._deeds.append(Deed(SEND, octets, delay_s, SPLIT_SIZE if SPLIT in by_kind else 0))
         if reply.then and len(self._waiting) < _MAX_WAITING:
             self._waiting.extend(reply.then)
@@ -178,12 +179,12 @@ class ClientSession:
                     del self._jobs[next(iter(self._jobs))]
             elif reference is not None:
                 octets = with_reference(octets, reference)
-            self._deeds.append(Deed(SEND, data_tpdus(octets, self._tpdu_size), delay_s))
+            self._deeds.append(Deed(SEND, build_tsdu(octets, self._tpdu_size), delay_s))
         if self._end_how and self._asked <= 0 and not self.over:
             said_last = self._player.script.farewell if self._player is not None else b""
             said_last = said_last or farewell(self._end_how)
             if said_last:
-                self._deeds.append(Deed(SEND, tpkt(to_reference(said_last, self._reference)), last=True))
+                self._deeds.append(Deed(SEND, build_tpkt(with_dst_ref(said_last, self._reference)), last=True))
             self._end(ABORT if self._end_how == RESET else CLOSE, last=True)
 
 

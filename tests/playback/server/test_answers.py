@@ -6,10 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dissect.iso.build import build_tpkt, build_tsdu
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, Assembler, parse_tpdu
 from dissect.iso.tables import CC
 from dissect.iso.tpkt import Framer
-from dissect.playback.server.answers import confirm, data_tpdus, grant, refuse, tpkt
+from dissect.playback.server.answers import confirm, grant, refuse
 from dissect.s7.message import parse_pdu
 from dissect.testing.talk import error, setup
 
@@ -50,6 +51,14 @@ def test_a_connection_is_confirmed_as_recorded_for_who_asks(asked: str, recorded
     assert told.tpdu_size == size
 
 
+@pytest.mark.parametrize("recorded", ["", "11d00001000100c0010ac1020100c2020102"])
+def test_a_request_whose_tsaps_fill_its_header_is_confirmed(recorded: str) -> None:
+    asked = cr("c178" + "41" * 0x78 + "c27c" + "42" * 0x7C)
+    assert len(asked) == 255
+    told = parse_tpdu(confirm(parse_tpdu(asked), bytes.fromhex(recorded)).tpdu)
+    assert (told.type, told.malformed, told.field("dst_ref")) == (CC, [], 7)
+
+
 @given(st.binary(max_size=60), st.binary(max_size=60))
 def test_any_request_can_be_confirmed(asked: bytes, recorded: bytes) -> None:
     told = confirm(parse_tpdu(bytes((6 + len(asked), 0xE0, 0, 0, 0, 7, 0)) + asked), recorded)
@@ -62,7 +71,7 @@ def test_any_request_can_be_confirmed(asked: bytes, recorded: bytes) -> None:
 def test_a_message_goes_in_as_many_tpdus_as_it_takes(tsdu: bytes, size: int) -> None:
     framer, assembler = Framer(), Assembler()
     framer.synced = True
-    framer.push(data_tpdus(tsdu, size), 0, True)
+    framer.push(build_tsdu(tsdu, size), 0, True)
     assert all(len(packet) - 4 <= size for packet in framer.packets)
     joined = [assembler.push(packet[7:], packet[6] >= 0x80) for packet in framer.packets]
     assert joined[-1] == tsdu
@@ -89,4 +98,4 @@ def test_tsap_parameters_are_those_of_the_request() -> None:
     asked = parse_tpdu(cr("c0010a" + TSAPS))
     told = parse_tpdu(confirm(asked, b"").tpdu)
     assert [told.parameter(code) for code in (CALLING_TSAP, CALLED_TSAP)] == [b"\x01\x00", b"\x01\x02"]
-    assert tpkt(b"\x02\xf0\x80") == b"\x03\x00\x00\x07\x02\xf0\x80"
+    assert build_tpkt(b"\x02\xf0\x80") == b"\x03\x00\x00\x07\x02\xf0\x80"
