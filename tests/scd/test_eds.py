@@ -639,7 +639,9 @@ def test_an_eds_as_toml_can_be_edited() -> None:
 
 
 def test_every_wrong_section_is_reported() -> None:
-    text = "[FileInfo]\nA=1\n[1000]\nParameterName=a\nDataType=x\n[2000]\nDataType=5\n[2000sub1]\nA=1\n[1001sub1]\nA=1\n"
+    text = (
+        "[FileInfo]\nA=1\n[1000]\nParameterName=a\nDataType=x\n[2000]\nDataType=5\n[2000sub1]\nA=1\n[1001sub1]\nA=1\n"
+    )
     with pytest.raises(DictionaryError) as caught:
         import_eds(text.encode(), "x.eds")
     assert [str(error).split(": ")[:2] for error in (caught.value, *caught.value.others)] == [
