@@ -11,7 +11,7 @@ import msgspec
 
 from dissect.bindings.binding import Binding, Bindings, Network
 from dissect.bindings.content_names import Content, find_content
-from dissect.bindings.place import AREAS, MAX_DB, MAX_OCTET, Place, in_blocks, parse_place
+from dissect.bindings.place import AREAS, Place, in_blocks, parse_place
 from dissect.config import lines as config_lines
 from dissect.s7.address import MAX_DB, MAX_OCTET
 from dissect.scd.bounds import check_bounds

@@ -19,6 +19,7 @@ from dissect.bindings.engine import ScdCarrier
 from dissect.scd.codec import Codec
 from dissect.scd.loading import load
 from dissect.scd.messages import Message
+from dissect.scd.packing import LIMITS, Flags
 from dissect.scd.values import NetTime
 from dissect.source.files import open_capture
 from dissect.transactions.payloads import ScdMessage
@@ -53,6 +54,11 @@ def fitting(directory: Path) -> Path:
     return path
 
 
+def _flags(found: ScdMessage) -> Flags:
+    """What is flagged. Values of S7 items are scrambled octet by octet, so a content in one may leave the limits."""
+    return {name: keys for name, keys in found.message.flags.items() if name != LIMITS or not found.place}
+
+
 def told(path: Path, bindings: Path) -> list[tuple[object, ...]]:
     """Return what every transaction and message of SCD is, but for its values."""
     return [
@@ -64,7 +70,7 @@ def told(path: Path, bindings: Path) -> list[tuple[object, ...]]:
             event.latency_ns,
             [
                 (found.message.service, found.message.phase, found.message.numbers, list(found.message.values),
-                 found.message.error and found.message.error.code, found.message.flags, len(found.octets), found.place)
+                 found.message.error and found.message.error.code, _flags(found), len(found.octets), found.place)
                 for found in event.scd
             ],
         )
@@ -91,7 +97,11 @@ def test_a_plant_by_its_dictionary(values: str, tmp_path: Path) -> None:
     assert made.caveats == made.dropped == {}
     assert told(out, bindings) == told(PLANT, BINDINGS)
     slugs = [
-        sorted(one.slug for one in dissect.analyze(str(path), scd=DICTIONARY, bind=bind).findings)
+        sorted(
+            one.slug
+            for one in dissect.analyze(str(path), scd=DICTIONARY, bind=bind).findings
+            if one.slug != "scd.limits"  # of contents in S7 items, see `_flags`
+        )
         for path, bind in ((PLANT, BINDINGS), (out, bindings))
     ]
     assert slugs[0] == slugs[1]
