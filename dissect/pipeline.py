@@ -22,6 +22,7 @@ from mypy_extensions import i64
 from dissect.conversation import Observer, Options
 from dissect.findings.observer import LOOK_OCTETS
 from dissect.iso.recognition import is_connect_request
+from dissect.iso.tpkt import MIN_LENGTH, sound_length
 from dissect.tcp import stream
 from dissect.tcp.connection import ACK, FIN, RST, SYN
 from dissect.tcp.ip import UDP
@@ -211,7 +212,7 @@ class Pipeline(Waiting):
         self._finish(side, CONNECTION_CLOSED)
 
     def _reopen(self, side: Side, seq: i64, octets: bytes, missing: i64) -> i64:
-        """A connect request far from where the stream is: another connection, of which no SYN was captured."""
+        """A connect request far from where the stream is, or S7 after something else: another connection."""
         ack: i64 = side.last_ack
         self._give_way(side)
         fresh = self._open(side.key, side.tcp.vlan)
@@ -250,6 +251,8 @@ class Pipeline(Waiting):
         connection = side.connection
         half = side.stream
         if connection.state == FOREIGN:
+            if len(octets) > MIN_LENGTH and sound_length(octets, 0, len(octets)):
+                return self._reopen(side, seq, octets, missing)  # what was there before hides no S7 now
             return accounts.OTHER_PROTOCOL
         if half.next_seq >= 0:
             ahead: i64 = (seq - half.next_seq) & stream.MASK

@@ -64,6 +64,8 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "One side writes something else into the connection, or its framing is wrong. The next TPKT was searched for.", ""),
     ("tpkt.bad_length", ERROR, PROTOCOL, "A TPKT states a length that cannot hold a TPDU.",
      "The sender builds wrong TPKT headers; RFC 1006 asks for 7 to 65535.", ""),
+    ("tpkt.false_length", ERROR, PROTOCOL, "A TPKT length covers other complete TPKTs.",
+     "The sender states a wrong length, began anew inside a TPKT, or hides a PDU. The TPKTs inside were read as well.", ""),
     ("tpkt.unfinished", NOTE, PROTOCOL, "The capture or the connection ends inside a TPKT.",
      "The last packet of that side is not complete.", ""),
     ("cotp.malformed", ERROR, PROTOCOL, "A COTP TPDU contradicts itself.",

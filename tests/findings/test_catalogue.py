@@ -102,6 +102,7 @@ def test_what_the_code_notes_is_the_catalogue() -> None:
     "stream.evicted",
     "stream.half_open_evicted",
     "tpkt.bad_length",
+    "tpkt.false_length",
     "tpkt.reserved",
     "cotp.error",
     "cotp.malformed",
@@ -316,6 +317,12 @@ def in_pieces(talk: Talk) -> None:
 def bad_length(talk: Talk) -> None:
     talk.open()
     talk.packet(CLIENT, b"\x03\x00\x00\x05\x00" + dt(read(1, dbw(1, 0))))
+
+
+@speaks("tpkt.false_length")
+def false_length(talk: Talk) -> None:
+    talk.open()
+    talk.packet(CLIENT, b"\x03\x00\xff\xff\x02\xf0\x80" + dt(read(1, dbw(1, 0))))
 
 
 @speaks("tpkt.unfinished")

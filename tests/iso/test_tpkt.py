@@ -199,11 +199,11 @@ TPKTISH = st.lists(st.one_of(BITS, st.binary(min_size=1, max_size=4)), max_size=
 def test_any_octets(octets: bytes, cuts: list[int], synced: bool) -> None:
     made = framer(synced)
     packets = fed(made, cut_at(octets, cuts))
-    assert sum(map(len, packets)) == made.framed
-    place = 0
-    for packet in packets:  # they stand in the octets, one after the other
-        assert int.from_bytes(packet[2:4], "big") == len(packet) >= 7
-        place = octets.index(packet, place) + len(packet)
+    # Of one whose length lies, less may be told, or what is inside it as well.
+    assert sum(map(len, packets)) >= made.framed
+    for packet in packets:
+        assert int.from_bytes(packet[2:4], "big") >= len(packet) >= 7
+        assert packet in octets
 
 
 # ---- searching ------------------------------------------------------------------------------------------------------
@@ -225,10 +225,12 @@ RANDOM_DT: Final = bytes.fromhex("0300000b02f080") + b"\x99\x98\x97\x96"
         (READ + b"\x03\x00", YES),
         (READ + CR[:4], YES),
         (READ + CR, YES),
-        (READ + b"\x55", NO),
-        (READ + b"\x03\x55", NO),
-        (READ + b"\x03\x00\x00\x06", NO),
-        (READ + b"\x03\x00\x00\x10\x02\x99", NO),
+        (READ + b"\x55", YES),  # whatever follows: all its lengths agree
+        (READ + b"\x03\x00\x00\x06", YES),
+        (EMPTY_DT + b"\x55", NO),
+        (EMPTY_DT + b"\x03\x55", NO),
+        (EMPTY_DT + b"\x03\x00\x00\x06", NO),
+        (EMPTY_DT + b"\x03\x00\x00\x10\x02\x99", NO),
         (CR, YES),
         (EMPTY_DT, YES),
         (RANDOM_DT, NO),  # a DT has to carry a known protocol
@@ -272,7 +274,7 @@ def test_plausible_wants_four_octets(size: int) -> None:
 
 def test_a_segment_start_comes_first() -> None:
     """Inside the segment stands what looks just as right; where a segment starts a TPKT starts, too."""
-    inner = b"\x03\x00\x00\x2a\x02\xf0\x80" + READ + b"\x99" * 4  # a DT of an unknown protocol, a TPKT in it
+    inner = b"\x03\x00\x00\x12\x02\xf0\x80" + EMPTY_DT + b"\x99" * 4  # a DT of an unknown protocol, a TPKT in it
     made = framer(False)
     assert fed(made, [inner + READ]) == [inner, READ]
     made = framer(False)
