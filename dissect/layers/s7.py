@@ -160,7 +160,7 @@ def notes_of(body: Packet) -> str:
         pdu = parse_pdu(bytes(header))
     except (ValueError, struct.error):
         return ""
-    return joined([shortened(note, NOTE) for note in parse_body(pdu).notes])
+    return joined([shortened(note, NOTE) for note in body_to_show(pdu).notes])
 
 
 def parameters_left(pkt: Packet, rest: bytes) -> int:
