@@ -263,7 +263,10 @@ class Pipeline(Waiting):
                     return self._reopen(side, seq, octets, missing)
         what: i64 = stream.NEW
         conflicts: i64 = half.conflicts
+        peer = side.peer
         if octets:
+            if peer is not None and peer.stream.octets:
+                half.heard = True
             what = half.accept(seq, octets, self.frames, self.now_ns, side.last_ack)
         elif half.next_seq < 0:
             half.start(seq)
@@ -273,7 +276,7 @@ class Pipeline(Waiting):
             self._chunks(side)
             half.skip(missing, self.frames, self.now_ns)
             self._chunks(side, True)
-        elif half.ready:
+        elif half.ready or half.outside:
             self._chunks(side)
         if half.held is not None:
             self._wait(side)

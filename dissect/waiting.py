@@ -51,6 +51,8 @@ class Waiting(Datagrams):
         half = side.stream
         ready = half.ready
         half.ready = []
+        if half.outside:
+            self._note_outside(side)
         for chunk in ready:
             side.end_seq = chunk.end_seq
             side.last_ack = chunk.ack
@@ -69,6 +71,12 @@ class Waiting(Datagrams):
                 self.conversation.carried_octets(side, chunk.octets, chunk.frame, chunk.time_ns)
             else:
                 self.conversation.octets(side, chunk.octets, chunk.frame, chunk.time_ns)
+
+    def _note_outside(self, side: Side) -> None:
+        if side.connection.followed:
+            detail = f"{side.stream.outside} octets from {side.tcp.ends[side.index]}"
+            self._note("stream.outside_window", detail, side.connection.number)
+        side.stream.outside = 0
 
     # ---- what waits for time to pass --------------------------------------------------------------------------------
 
@@ -157,7 +165,7 @@ class Waiting(Datagrams):
     def _end(self, side: Side, peer: Side, reason: str) -> None:
         for end in (side, peer):
             end.stream.finish()
-            if end.stream.ready:
+            if end.stream.ready or end.stream.outside:
                 self._chunks(end)
             end.waiting = False
         connection = side.connection

@@ -43,6 +43,8 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "The capture lost packets or was filtered. What was in the hole is unknown; it is not the fault of the devices.", ""),
     ("stream.conflict", WARNING, PROTOCOL, "A retransmission carries other octets than the first copy.",
      "The first copy was kept. Look for a middlebox that rewrites traffic, or an attack.", "adversary_in_the_middle"),
+    ("stream.outside_window", WARNING, PROTOCOL, "TCP segments far outside the receive window were left out.",
+     "The receiver acknowledged less, so it ignored them as well: a middlebox, or an attempt to mislead analyzers.", ""),
     ("stream.bad_checksum", WARNING, PROTOCOL, "A packet has a wrong TCP or UDP checksum and was left out, as asked for.",
      "As its receiver did: it was damaged on the way, or is to deceive. In captures with changed addresses all are wrong.", ""),
     ("stream.reset_ignored", NOTE, PROTOCOL, "A TCP reset or FIN does not fit the connection and was not believed.",

@@ -75,7 +75,7 @@ def _in_service(octets: bytes) -> list[tuple[int, int]]:
         at = octets.find(secret, _ARGUMENTS_AT)
         if at >= 0:
             return [span for span in ((_ARGUMENTS_AT, at - 1), (at + len(secret), len(octets))) if span[0] < span[1]]
-    if any([row.encode() in octets for row in PI_SERVICES]):
+    if any([row.encode() in octets for row in PI_SERVICES]) or (name and not pdu.malformed and not body.malformed):
         return []
     return [(_ARGUMENTS_AT, len(octets))] if len(octets) > _ARGUMENTS_AT else []
 

@@ -52,7 +52,7 @@ from tests.transactions.talk import (
 
 PACKAGE: Final = Path(dissect.__file__).parent
 #: Rooms and modules that may judge.
-ENGINE: Final = frozenset(("findings", "bindings", "conversation.py", "gateway.py", "pipeline.py"))
+ENGINE: Final = frozenset(("findings", "bindings", "conversation.py", "gateway.py", "pipeline.py", "waiting.py"))
 #: Rooms whose findings are written in the source as "room.what".
 SLUG: Final = re.compile(
     r"(capture|ip|stream|tpkt|ibh|cotp|s7|session|transaction|function|security|scd|operation|internal)\.[a-z_0-9]+"
@@ -103,6 +103,7 @@ def test_what_the_code_notes_is_the_catalogue() -> None:
     "stream.half_open_evicted",
     "tpkt.bad_length",
     "tpkt.false_length",
+    "stream.outside_window",
     "tpkt.reserved",
     "cotp.error",
     "cotp.malformed",
@@ -317,6 +318,16 @@ def in_pieces(talk: Talk) -> None:
 def bad_length(talk: Talk) -> None:
     talk.open()
     talk.packet(CLIENT, b"\x03\x00\x00\x05\x00" + dt(read(1, dbw(1, 0))))
+
+
+@speaks("stream.outside_window")
+def outside_window(talk: Talk) -> None:
+    talk.open()
+    talk.acked[SERVER] = talk.seq[CLIENT]
+    talk.packet(CLIENT, dt(write(9, [dbw(1, 0)], written(4, b"\x00\x01"))), seq=talk.seq[CLIENT] + (1 << 30))
+    talk.packet(SERVER)
+    talk.close()
+    assert 5 not in [transaction.function for transaction in talk.transactions]
 
 
 @speaks("tpkt.false_length")
