@@ -271,7 +271,7 @@ class Conversation(PlusExchange):
         if connecting and tpdu.variable and is_rdp_connect(tpdu.variable):
             self._give_to_others(side, "rdp", frame, time_ns, identify_connect(tpdu.variable))
             return
-        if type_ == DT and (tpdu.malformed or (connection.class_ == 0 and octets[0] != 2)):
+        if type_ == DT and (tpdu.malformed or (octets[0] != 2 and self._is_class_0(connection, octets))):
             self._odd_data(side, tpdu, octets, frame, time_ns)
             return
         if tpdu.malformed:
@@ -296,6 +296,12 @@ class Conversation(PlusExchange):
                 self.scans.refused(connection, time_ns)
         elif type_ == ER:
             judge_error_tpdu(self.judge, side, tpdu, frame, time_ns)
+
+    def _is_class_0(self, connection: Connection, octets: bytes) -> bool:
+        """Tell whether a DT is one of class 0: by the connect confirm, and where that is missing, by what it holds."""
+        if connection.class_ >= 0:
+            return connection.class_ == 0
+        return len(octets) > 3 and octets[2] >= 0x80 and is_sound(octets, 3, len(octets))
 
     def _connect_request(self, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
         connection = side.connection

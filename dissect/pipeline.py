@@ -28,7 +28,7 @@ from dissect.tcp.connection import ACK, FIN, RST, SYN
 from dissect.tcp.ip import UDP
 from dissect.transactions import accounts
 from dissect.transactions.connection import FOREIGN, ISO, PROBING
-from dissect.transactions.holding import too_much
+from dissect.transactions.holding import Room
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import CONNECTION_CLOSED, CONNECTION_EVICTED
 from dissect.waiting import FAR_FUTURE, TICK_NS, Waiting
@@ -53,7 +53,7 @@ class Pipeline(Waiting):
     def __init__(self, observer: Observer, options: Options | None = None) -> None:
         chosen = options if options is not None else Options()
         super().__init__(observer, chosen)
-        self._memory: i64 = chosen.memory
+        self._room: Room = Room(chosen.memory)
         self._taken: i64 = 0  # octets captured since it was last looked what is kept of them
 
     # ---- packet → segment -------------------------------------------------------------------------------------------
@@ -63,6 +63,9 @@ class Pipeline(Waiting):
         self.frames += 1
         self._taken += end - start
         if self._taken >= LOOK_OCTETS:
+            self._taken = 0
+            self._room.begin(self.table.all_open())
+        if self._room.busy:
             self._make_room()
         if time_ns < self.now_ns:
             self._step_back(time_ns)
@@ -91,9 +94,8 @@ class Pipeline(Waiting):
             self.conversation.tell_findings()
 
     def _make_room(self) -> None:
-        """Connections that keep too much in sum have to leave, those that hold most first."""
-        self._taken = 0
-        for held, side in too_much(self.table.all_open(), self._memory):
+        """Connections that keep too much in sum have to leave, those that hold most first: a few with each packet."""
+        for held, side in self._room.step():
             self.table.evicted += 1
             self._evict(side, f"it held {held} octets")
 

@@ -142,7 +142,7 @@ class Connection:
         self.cr_seen: bool = False
         self.cr_ref: i64 = 0
         self.cr_class: i64 = 0
-        self.class_: i64 = 0  # chosen by the CC
+        self.class_: i64 = -1  # chosen by the CC, -1 while none was seen
         #: A DT of more octets is looked at closely: -1 for each one, until the connection is set up and after its end.
         self.dt_limit: i64 = -1 if tcp.known_start else NO_LIMIT
         self.told: i64 = 0  # what the rules have said of it (dissect.findings), in bits
