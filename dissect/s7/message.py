@@ -111,8 +111,10 @@ class Pdu:
 
     @property
     def body(self) -> Body:
-        """The parts behind the header (`dissect.s7.bodies`), cut anew at each access, no password in their notes. Never raises."""
-        from dissect.s7.hiding import body_to_show  # late: the tables of all structures come with it, few runs need them
+        """The parts behind the header (`dissect.s7.bodies`), cut anew at each access; notes hold no password. Never raises."""
+        from dissect.s7.hiding import (
+            body_to_show,  # late: the tables of all structures come with it, few runs need them
+        )
 
         return body_to_show(self)
 
