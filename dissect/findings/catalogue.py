@@ -35,6 +35,10 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
     ("capture.one_sided", WARNING, CAPTURE, "Only one direction of a connection was captured.",
      "Nothing can be paired here. Check the mirror port: it must copy both directions.", ""),
     # IP and TCP.
+    ("ip.bad_header", WARNING, PROTOCOL, "IP or TCP headers contradict themselves; these packets were left out.",
+     "Lengths or header fields are wrong: a faulty device or network card, or an attempt to mislead analyzers.", ""),
+    ("ip.fragment_invalid", WARNING, PROTOCOL, "IP fragments that cannot belong to any datagram were left out.",
+     "They reach beyond 65535 bytes or contradict each other: look for what sends them.", ""),
     ("ip.fragment_conflict", WARNING, PROTOCOL, "Overlapping IP fragments carry different octets.",
      "The first copy was kept. This is not normal traffic: look for a faulty device or an attack.", ""),
     ("ip.fragments_evicted", WARNING, CAPTURE, "Too many unfinished IP datagrams at once; the oldest were dropped.",

@@ -52,6 +52,8 @@ from tests.transactions.talk import (
 
 PACKAGE: Final = Path(dissect.__file__).parent
 #: Rooms and modules that may judge.
+#: An Ethernet and an IPv4 header, from 10.0.0.1 to 10.0.0.2 over TCP.
+IPV4: Final = bytes(12) + bytes.fromhex("0800 45000028 0001 0000 40060000 0a000001 0a000002")
 ENGINE: Final = frozenset(("findings", "bindings", "conversation.py", "gateway.py", "pipeline.py", "waiting.py"))
 #: Rooms whose findings are written in the source as "room.what".
 SLUG: Final = re.compile(
@@ -104,6 +106,8 @@ def test_what_the_code_notes_is_the_catalogue() -> None:
     "tpkt.bad_length",
     "tpkt.false_length",
     "stream.outside_window",
+    "ip.bad_header",
+    "ip.fragment_invalid",
     "tpkt.reserved",
     "cotp.error",
     "cotp.malformed",
@@ -318,6 +322,22 @@ def in_pieces(talk: Talk) -> None:
 def bad_length(talk: Talk) -> None:
     talk.open()
     talk.packet(CLIENT, b"\x03\x00\x00\x05\x00" + dt(read(1, dbw(1, 0))))
+
+
+@speaks("ip.bad_header")
+def bad_header(talk: Talk) -> None:
+    for _ in range(3):
+        talk.raw(IPV4[:14] + b"\x42" + IPV4[15:] + bytes(20))
+    assert talk.pipeline.conversation.judge.counts["ip.bad_header"] == 3
+    talk.pipeline.conversation.tell_findings()
+    assert talk.slugs() == ["ip.bad_header"]
+
+
+@speaks("ip.fragment_invalid")
+def beyond_64_kib(talk: Talk) -> None:
+    for _ in range(3):
+        talk.raw(IPV4[:20] + b"\x1f\xff" + IPV4[22:] + bytes(20))
+    assert talk.pipeline.conversation.judge.counts["ip.fragment_invalid"] == 3
 
 
 @speaks("stream.outside_window")
