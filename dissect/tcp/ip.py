@@ -208,6 +208,7 @@ class FragmentStore:
     ``conflicts`` counts datagrams whose fragments contradict each other, in their octets or in where the datagram ends;
     ``evicted`` counts datagrams dropped because the store was full, ``expired`` those that were not whole in time.
     ``protocol`` is that of the datagram `add` returned last.
+    """
 
     def __init__(self) -> None:
         # In order of arrival. (The first key of a plain dict takes longer to find the more were deleted before it.)
