@@ -21,6 +21,7 @@ from dissect.iso.recognition import HERE, OTHER, PROBES, WITHIN, raw_protocol, r
 from dissect.iso.tables import CC, CR, DR, DT, ER
 from dissect.iso.tpkt import BAD_VERSION, HIDING
 from dissect.iso.upper import (
+    RDP,
     S7COMM,
     S7COMM_PLUS,
     SCD,
@@ -359,6 +360,11 @@ class Conversation(PlusExchange):
         if not fresh and key in self._named:
             return
         identity = identify(upper, buf, at, at + size)
+        if upper == RDP and connection.pdus == 0:
+            self._give_to_others(
+                side, name, frame, time_ns, identity
+            )  # what it says besides TPKTs is no fault of framing
+            return
         if fresh:
             connection.protocol = name
             connection.identified_by = identity

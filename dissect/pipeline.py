@@ -272,7 +272,7 @@ class Pipeline(Waiting):
             what = half.accept(seq, octets, self.frames, self.now_ns, side.last_ack)
         elif half.next_seq < 0:
             half.start(seq)
-        if half.conflicts > conflicts:
+        if half.conflicts > conflicts and connection.followed:
             self._note("stream.conflict", f"{len(octets)} octets at {seq}", connection.number)
         if missing and half.held is None and half.next_seq == (seq + len(octets)) & stream.MASK:
             self._chunks(side)

@@ -54,6 +54,10 @@ class Waiting(Datagrams):
         if half.outside:
             self._note_outside(side)
         for chunk in ready:
+            if not chunk.hole and side.at_rest:
+                # What is whole in these octets was so when they came, whatever had to come before them.
+                chunk.frame = chunk.own_frame
+                chunk.time_ns = chunk.own_ns
             side.end_seq = chunk.end_seq
             side.last_ack = chunk.ack
             if chunk.hole:

@@ -59,12 +59,15 @@ class Chunk:
     """What comes out: octets in order (``hole`` is 0), or a hole of ``hole`` octets.
 
     ``end_seq`` is the sequence number after it; ``frame`` and ``time_ns`` are of the packet that made the octets available,
-    ``ack`` is the TCP acknowledgement that the last of them came with, -1 for none.
+    ``own_frame`` and ``own_ns`` of the one that brought them first, ``ack`` is the TCP acknowledgement that the last of them
+    came with, -1 for none.
     """
 
-    __slots__ = ("ack", "end_seq", "frame", "hole", "octets", "time_ns")
+    __slots__ = ("ack", "end_seq", "frame", "hole", "octets", "own_frame", "own_ns", "time_ns")
 
     def __init__(self, octets: bytes, hole: i64, end_seq: i64, ack: i64, frame: i64, time_ns: i64) -> None:
+        self.own_frame: i64 = frame
+        self.own_ns: i64 = time_ns
         self.ack: i64 = ack
         self.octets: bytes = octets
         self.hole: i64 = hole
@@ -300,6 +303,8 @@ class HalfStream:
                 time_ns = stretch.time_ns
             self.held_octets -= len(stretch.octets)
             self._pass(stretch.octets, stretch.ack, frame, time_ns)
+            self.ready[-1].own_frame = stretch.frame
+            self.ready[-1].own_ns = stretch.time_ns
             count += 1
         if count == len(held):
             self.held = None

@@ -83,6 +83,17 @@ class Side:
         self.garbage: bool = False  # inside a stretch that was already told
 
     @property
+    def at_rest(self) -> bool:
+        """True when the octets passed on so far end with whole messages: none is begun."""
+        if self.framer.buffered or self.framer.skip or not self.assembler.clear:
+            return False
+        if self.ibh is not None and self.ibh.buffered:
+            return False
+        if self.plus is not None and self.plus.parts is not None:
+            return False
+        return self.backlog is None
+
+    @property
     def captured(self) -> bool:
         """True when any packet of this side was captured."""
         return self.last_ack >= 0 or self.stream.start_seq >= 0
