@@ -263,6 +263,11 @@ class Pipeline(Waiting):
             if stream.FAR_AHEAD < ahead < stream.MASK - stream.FAR_AHEAD and connection.established:
                 if is_connect_request(octets):
                     return self._reopen(side, seq, octets, missing)
+        if half.next_seq < 0 and octets == b"\0" and not side.tcp.known_start:
+            # The probe of an idle connection: one octet that was sent before (RFC 1122 4.2.3.6), and begins no TPKT.
+            half.start(seq + 1)
+            side.probes += 1
+            return accounts.KEEP_ALIVE
         what: i64 = stream.NEW
         conflicts: i64 = half.conflicts
         peer = side.peer

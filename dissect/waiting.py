@@ -179,6 +179,9 @@ class Waiting(Datagrams):
             self.conversation.end(side, reason, self.frames, self.now_ns)
         elif connection.state == PROBING and connection.probed:
             self.conversation.end_unrecognised(side, self.frames, self.now_ns)
+        elif connection.state == PROBING and (side.probes or peer.probes) and self.conversation.on_102(side):
+            first, second = side.tcp.ends
+            self._note("session.idle", f"{first} and {second}, {int(side.tcp.packets)} packets")
 
     def finish(self) -> None:
         """The capture ends: every connection still open is closed, everything held is told."""

@@ -135,6 +135,8 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "The answering side negotiates wrongly; clients may fail on it.", ""),
     ("session.unusual_port", NOTE, PROTOCOL, "S7 communication on a port other than 102.",
      "Normal for gateways, NAT and laboratories; elsewhere find out who opened it.", ""),
+    ("session.idle", NOTE, PROTOCOL, "A connection on port 102 carried TCP keep-alive probes only.",
+     "It is open but idle: nothing of what it was used for was captured.", ""),
     ("session.foreign_on_102", NOTE, PROTOCOL, "Something other than S7comm and S7comm-plus speaks on port 102.",
      "It was named as far as it can be told, counted, and not decoded.", ""),
     ("session.cut", WARNING, NEGOTIATION, "A connection was cut before what was asked on it was answered.",

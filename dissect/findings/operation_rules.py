@@ -7,7 +7,8 @@ from typing import Final
 from dissect.findings.judge import Judge
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.layouts import DATA_HEAD
-from dissect.s7.szl import HEAD_ONLY, SZL_HEAD, extract
+from dissect.s7.szl import SZL_HEAD, extract
+from dissect.s7.szl_tables import HEAD_ONLY
 from dissect.s7.tables import SUCCESS
 from dissect.transactions.checks import NOT_LOADED, STRAY_PUSH
 from dissect.transactions.operation import (

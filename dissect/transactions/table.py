@@ -51,6 +51,7 @@ class Side:
         "missing",
         "peer",
         "plus",
+        "probes",
         "requests",
         "stream",
         "tcp",
@@ -74,6 +75,7 @@ class Side:
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
         self.end_seq: i64 = 0  # sequence number after the octets at hand
         self.requests: i64 = 0
+        self.probes: i64 = 0  # keep-alives before anything else was captured
         self.holes: i64 = 0
         self.missing: i64 = 0  # octets in holes
         self.hole_frame: i64 = 0  # packet at which the latest hole was given up

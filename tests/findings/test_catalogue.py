@@ -108,6 +108,7 @@ def test_what_the_code_notes_is_the_catalogue() -> None:
     "stream.outside_window",
     "ip.bad_header",
     "ip.fragment_invalid",
+    "session.idle",
     "tpkt.reserved",
     "cotp.error",
     "cotp.malformed",
@@ -338,6 +339,17 @@ def beyond_64_kib(talk: Talk) -> None:
     for _ in range(3):
         talk.raw(IPV4[:20] + b"\x1f\xff" + IPV4[22:] + bytes(20))
     assert talk.pipeline.conversation.judge.counts["ip.fragment_invalid"] == 3
+
+
+@speaks("session.idle")
+def keep_alive_probes(talk: Talk) -> None:
+    for _ in range(3):
+        talk.packet(CLIENT, b"\0", seq=talk.seq[CLIENT])
+        talk.packet(SERVER)
+    talk.finish()
+    assert talk.pipeline.octets.skipped == 0
+    assert talk.pipeline.packet_counts()["keep_alive"] == 3
+    assert talk.slugs() == ["session.idle"]
 
 
 @speaks("stream.outside_window")
