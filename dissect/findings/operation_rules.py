@@ -88,7 +88,7 @@ def judge_szl(judge: Judge, transaction: Transaction) -> None:
     size = len(payload) - SZL_HEAD.size
     if extract(szl_id) != HEAD_ONLY and length * count > size:
         detail = f"SZL 0x{szl_id:04x} states {count} records of {length} bytes, {size} bytes are there"
-        frames = [int(transaction.request_frame), int(transaction.response_frame)]
+        frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
         judge.note("s7.malformed", transaction.connection.number, frames, int(transaction.response_ns), detail)
 
 

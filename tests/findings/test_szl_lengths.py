@@ -37,3 +37,11 @@ def test_an_answer_whose_parts_stop_is_a_finding() -> None:
     talk.tell(userdata(1, more, b"\xff\x09" + struct.pack(">H", len(payload)) + payload))
     talk.close()
     assert "operation.unfinished" in talk.slugs()
+
+
+def test_an_answer_nobody_asked_for_names_one_packet() -> None:
+    talk = Talk()
+    talk.open()
+    frame = talk.tell(szl(28, 9, 28))
+    talk.close()
+    assert [one.frames for one in talk.findings if one.slug == "s7.malformed"] == [[frame]]
