@@ -287,6 +287,8 @@ class Pipeline(Waiting):
             self._chunks(side)
         if half.held is not None:
             self._wait(side)
+        if what == stream.KEEP_ALIVE and side.probes:
+            return accounts.KEEP_ALIVE
         if connection.state == FOREIGN or (connection.state == PROBING and half.held is None):
             return accounts.OTHER_PROTOCOL  # told by now, or still to be told: nothing of it was used
         if what == stream.NEW:
