@@ -53,7 +53,12 @@ from dissect.wire.clock import Clock
 @files_argument
 @format_option("text", "jsonl")
 @click.option(
-    "--frame", type=click.IntRange(min=1), metavar="N", help="Only what packet N completes (of each file, in several)."
+    "--frame",
+    "frames",
+    type=click.IntRange(min=1),
+    multiple=True,
+    metavar="N",
+    help="Only what packet N completes (of each file, in several). May be given several times.",
 )
 @click.option("-V", "--verbose", is_flag=True, help="With the field tree, octet ranges and a hex view.")
 @checksums_option
@@ -62,11 +67,11 @@ from dissect.wire.clock import Clock
 def command(
     files: tuple[str, ...],
     format_: str,
-    frame: int | None,
+    frames: tuple[int, ...],
     verbose: bool,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
     """Write one line for each PDU of S7comm and S7comm-plus: the packet that completed it, when (UTC), who to whom, what.
 
@@ -77,13 +82,15 @@ def command(
     """
     if verbose and format_ != "text":
         raise click.UsageError("-V is for text: -T jsonl has the fields of every PDU anyway.")
-    shown = _Pdus(format_ == "jsonl", frame, verbose, carrier)
-    run = Run(files, shown, Options(carrier=carrier, checksums=checksums))
+    shown = _Pdus(format_ == "jsonl", frozenset(frames), verbose, decoder)
+    run = Run(files, shown, Options(decoder=decoder, checksums=checksums))
     shown.begin(places_of(run, files))
     code = drive(run, files, lambda: write(shown.take()))
     complain(run, code)
-    if code == EXIT_OK and frame is not None and not shown.found:
-        most = max([int(file.packets) for file in run.files], default=0)
+    most = max([int(file.packets) for file in run.files], default=0)
+    for frame in dict.fromkeys(frames):
+        if code != EXIT_OK or frame in shown.found:
+            continue
         if frame > most:
             click.echo(f"s7dissect: there is no packet {frame}: the last one is number {most}", err=True)
             return EXIT_USAGE
@@ -94,14 +101,14 @@ def command(
 class _Pdus(Observer):
     """Collects PDUs as lines."""
 
-    def __init__(self, as_jsonl: bool, frame: int | None, verbose: bool, carrier: PayloadDecoder | None) -> None:
+    def __init__(self, as_jsonl: bool, frames: frozenset[int], verbose: bool, decoder: PayloadDecoder | None) -> None:
         super().__init__()
-        self._carrier = carrier
+        self._decoder = decoder
         self.wants_pdus = True
         self.wants_tpdus = not as_jsonl
-        self.found = False
+        self.found: set[int] = set()
         self._as_jsonl = as_jsonl
-        self._frame = frame
+        self._frames = frames
         self._verbose = verbose
         self._clock = Clock()
         self._pdus = PduLines()
@@ -119,12 +126,12 @@ class _Pdus(Observer):
         """Return the lines collected since the last call."""
         lines = self._lines
         self._lines = []
-        self.found = self.found or bool(lines)
         return lines
 
     def comment(self, frame: i64, text: str) -> None:
         """Add the line of a comment."""
         if not self._as_jsonl and self._wanted(frame):
+            self._find(frame)
             self._lines.append(comment_line(frame, text, self._places))
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
@@ -135,8 +142,9 @@ class _Pdus(Observer):
         tpdu = parse_tpdu(octets[4:])
         if tpdu.type in {DT, ED}:
             begins = side.assembler.parts is None and side.assembler.clear
-            if not (begins and carried(tpdu)) or (self._carrier and self._carrier.claims_tsdus(side.connection)):
+            if not (begins and carried(tpdu)) or (self._decoder and self._decoder.claims_tsdus(side.connection)):
                 return
+        self._find(frame)
         self._lines.append(tpdu_line(tpdu, frame, time_ns, side.connection, side.index, self._clock, self._places))
         if self._verbose:
             self._lines.extend(tpdu_tree_lines(octets))
@@ -151,6 +159,7 @@ class _Pdus(Observer):
             if not side.assembler.clear or not message_name(packet.data):
                 return
         where = side.connection, side.index, self._clock, self._places
+        self._find(frame)
         self._lines.append(netlink_line(packet, frame, time_ns, *where))
         if self._verbose:
             self._lines.extend(netlink_tree_lines(octets))
@@ -159,6 +168,7 @@ class _Pdus(Observer):
         """Add the line of an S7 PDU."""
         if not self._wanted(frame):
             return
+        self._find(frame)
         connection = side.connection
         if self._as_jsonl:
             pdu = parse_pdu(without_secrets(octets), frame, time_ns, connection.number, side.index, cut)
@@ -174,6 +184,7 @@ class _Pdus(Observer):
         """Add the line of an S7comm-plus PDU."""
         if not self._wanted(frame):
             return
+        self._find(frame)
         connection = side.connection
         pdu = parse_plus(octets, frame, time_ns, connection.number, side.index, cut)
         if self._as_jsonl:
@@ -196,6 +207,7 @@ class _Pdus(Observer):
                 self._scd(found, transaction.connection)
 
     def _scd(self, found: ScdMessage, connection: Connection) -> None:
+        self._find(found.frame)
         if self._as_jsonl:
             self._lines.append(self._pdus.scd_line(found, connection))
             return
@@ -203,5 +215,9 @@ class _Pdus(Observer):
         if self._verbose:
             self._lines.extend(scd_tree_lines(found))
 
+    def _find(self, frame: int) -> None:
+        if self._frames:
+            self.found.add(self._places.number(frame))
+
     def _wanted(self, frame: int) -> bool:
-        return self._frame is None or self._places.number(frame) == self._frame
+        return not self._frames or self._places.number(frame) in self._frames

@@ -52,7 +52,7 @@ def command(
     slow_ns: int | None,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
     """Write one line for each request and its answer.
 
@@ -64,7 +64,7 @@ def command(
     """
     choose = _choice(failed, slow_ns)
     # What is slow is a finding as well.
-    options = Options(carrier=carrier, checksums=checksums)
+    options = Options(decoder=decoder, checksums=checksums)
     if slow_ns is not None:
         options.slow_ns = slow_ns
     take: Callable[[], list[str]]
@@ -81,7 +81,28 @@ def command(
         take = rows.take
     code = drive(run, files, lambda: write(take()))
     complain(run, code)
+    if not run.pipeline.conversation.dialogue.count:
+        click.echo(f"s7dissect: no S7 transaction: {_instead(run)}", err=True)
     return gate(run, fail_on, code)
+
+
+def _instead(run: Run) -> str:
+    """Return what there was in captures without S7: packets, and connections by their protocol."""
+    pipeline = run.pipeline
+    ignored = pipeline.packet_counts()
+    said = [f"{pipeline.frames} packets"]
+    said += [f"{ignored[name]} {text}" for name, text in _NOT_S7.items() if ignored[name]]
+    if pipeline.conversation.connections:
+        said.append(f"{pipeline.conversation.connections} ISO-on-TCP or other connections without S7 messages")
+    return ", ".join(said)
+
+
+_NOT_S7 = {
+    "not_ip": "not IP",
+    "not_tcp": "not TCP",
+    "other_protocol": "of other protocols over TCP",
+    "link_type": "of an unsupported link type",
+}
 
 
 def _choice(failed: bool, slow_ns: int | None) -> Choice | None:

@@ -19,8 +19,20 @@ from dissect.iso.cotp import Tpdu, parse_tpdu
 from dissect.iso.foreign import identify, identify_connect
 from dissect.iso.recognition import HERE, OTHER, PROBES, WITHIN, raw_protocol, recognise
 from dissect.iso.tables import CC, CR, DR, DT, ER
-from dissect.iso.tpkt import BAD_VERSION
-from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, TLS, UNKNOWN, UPPER_NAMES, classify, is_rdp_connect
+from dissect.iso.tpkt import BAD_VERSION, HIDING
+from dissect.iso.upper import (
+    RDP,
+    S7COMM,
+    S7COMM_PLUS,
+    SCD,
+    TLS,
+    UNKNOWN,
+    UPPER_NAMES,
+    classify,
+    is_rdp_connect,
+    is_sound,
+    stated_size,
+)
 from dissect.tcp.stream import MASK
 from dissect.transactions.connection import CARRIED, FOREIGN, ISO, ISO_TSAP_PORT, Connection
 from dissect.transactions.ending import Ending
@@ -138,6 +150,8 @@ class Conversation(PlusExchange):
                 length: i64 = u16(octets, at + 2)
                 if length < 7 or at + length > end:
                     break
+                if octets[at + 4] != 2 or (length > 7 and stated_size(octets, at + 7, at + length) != length - 7):
+                    break  # not simply one S7 PDU: what else its length covers is for the framer to see
                 framer.framed += length
                 at += length
                 try:
@@ -180,6 +194,9 @@ class Conversation(PlusExchange):
                     detail = f"{skipped} octets from {who}, first 0x{fault.value:02x}"
                     self.judge.note("tpkt.garbage", number, [frame], time_ns, detail)
                 side.garbage = True
+            elif fault.kind == HIDING:
+                detail = f"length {fault.value} from {who}"
+                self.judge.note("tpkt.false_length", number, [frame], time_ns, detail)
             else:
                 self.judge.note("tpkt.bad_length", number, [frame], time_ns, f"length {fault.value} from {who}")
         side.framer.faults = []
@@ -202,24 +219,61 @@ class Conversation(PlusExchange):
             else:
                 self._fragment(side, buf[at + 7 : at + length], buf[at + 6] >= 0x80, frame, time_ns)
         else:
-            self._other_tpdu(side, parse_tpdu(buf[at + 4 : at + length]), frame, time_ns)
+            octets = buf[at + 4 : at + length]
+            self._other_tpdu(side, parse_tpdu(octets), octets, frame, time_ns)
 
     def _fragment(self, side: Side, data: bytes, eot: bool, frame: i64, time_ns: i64) -> None:
+        begun: bool = not side.assembler.clear
         overflows: i64 = side.assembler.overflows
         tsdu = side.assembler.push(data, eot)
         if side.assembler.overflows > overflows:
             who = side.tcp.ends[side.index]
             self.judge.note("cotp.tsdu_too_long", side.connection.number, [frame], time_ns, f"from {who}")
-        if tsdu is not None:
+        if begun and eot and is_sound(data, 0, len(data)):
+            self._end_of_parts(side, tsdu, data, "cotp.unfinished_tsdu", frame, time_ns)
+        elif tsdu is not None:
             self._tsdu(side, tsdu, 0, len(tsdu), frame, time_ns)
 
-    def _other_tpdu(self, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
-        """Any TPDU but the plain DT."""
+    def _end_of_parts(self, side: Side, tsdu: bytes | None, data: bytes, slug: str, frame: i64, time_ns: i64) -> None:
+        """The last part of a TSDU is a sound PDU by itself: it counts alone, unless the whole is sound as well."""
+        if tsdu is not None and is_sound(tsdu, 0, len(tsdu)):
+            self._tsdu(side, tsdu, 0, len(tsdu), frame, time_ns)
+            return
+        before: i64 = len(tsdu) - len(data) if tsdu is not None else 0
+        detail = f"from {side.tcp.ends[side.index]}: what follows it is a whole PDU"
+        self.judge.note(slug, side.connection.number, [frame], time_ns, detail)
+        if tsdu is not None and is_sound(tsdu, 0, before):
+            self._tsdu(side, tsdu, 0, before, frame, time_ns)  # only its end mark was missing
+        else:
+            side.assembler.dropped += before
+        self._tsdu(side, data, 0, len(data), frame, time_ns)
+
+    def _odd_data(self, side: Side, tpdu: Tpdu, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """A DT with a length indicator that its class does not have: it begins and ends nothing.
+
+        A PDU counts that is sound where class 0 has it, or else where the length indicator says.
+        """
+        size: i64 = len(octets)
+        what = str(tpdu.malformed[0]) if tpdu.malformed else f"length indicator {octets[0]}, class 0 has 2"
+        self.judge.note("cotp.malformed", side.connection.number, [frame], time_ns, f"DT: {what}")
+        if size > 3 and octets[2] >= 0x80 and is_sound(octets, 3, size):
+            self._tsdu(side, octets, 3, size - 3, frame, time_ns)
+        elif is_sound(tpdu.data, 0, len(tpdu.data)):
+            self._tsdu(side, tpdu.data, 0, len(tpdu.data), frame, time_ns)
+        else:
+            side.assembler.dropped += len(tpdu.data)
+
+    def _other_tpdu(self, side: Side, tpdu: Tpdu, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """Any TPDU but the plain DT; ``octets`` are all of it."""
         connection = side.connection
         type_: i64 = tpdu.type
         self.tpdus[type_ if 0 <= type_ < 16 else 16] += 1
-        if (type_ == CR or type_ == CC) and tpdu.variable and is_rdp_connect(tpdu.variable):
+        connecting: bool = (type_ == CR or type_ == CC) and not connection.established
+        if connecting and tpdu.variable and is_rdp_connect(tpdu.variable):
             self._give_to_others(side, "rdp", frame, time_ns, identify_connect(tpdu.variable))
+            return
+        if type_ == DT and (tpdu.malformed or (octets[0] != 2 and self._is_class_0(connection, octets))):
+            self._odd_data(side, tpdu, octets, frame, time_ns)
             return
         if tpdu.malformed:
             self.judge.note("cotp.malformed", connection.number, [frame], time_ns, f"{tpdu.name}: {tpdu.malformed[0]}")
@@ -235,13 +289,20 @@ class Conversation(PlusExchange):
             if not connection.cr_seen and not connection.mid_stream and seen:
                 self.judge.note("cotp.answer_without_request", connection.number, [frame], time_ns)
             judge_confirm(self.judge, side, tpdu, frame, time_ns)
-            connection.note_cc(side.index, tpdu)
+            if not (tpdu.malformed and connection.established):
+                connection.note_cc(side.index, tpdu)
         elif type_ == DR:
             judge_disconnect(self.judge, side, tpdu, frame, time_ns)
             if connection.refused:
                 self.scans.refused(connection, time_ns)
         elif type_ == ER:
             judge_error_tpdu(self.judge, side, tpdu, frame, time_ns)
+
+    def _is_class_0(self, connection: Connection, octets: bytes) -> bool:
+        """Tell whether a DT is one of class 0: by the connect confirm, and where that is missing, by what it holds."""
+        if connection.class_ >= 0:
+            return connection.class_ == 0
+        return len(octets) > 3 and octets[2] >= 0x80 and is_sound(octets, 3, len(octets))
 
     def _connect_request(self, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
         connection = side.connection
@@ -299,6 +360,11 @@ class Conversation(PlusExchange):
         if not fresh and key in self._named:
             return
         identity = identify(upper, buf, at, at + size)
+        if upper == RDP and connection.pdus == 0:
+            self._give_to_others(
+                side, name, frame, time_ns, identity
+            )  # what it says besides TPKTs is no fault of framing
+            return
         if fresh:
             connection.protocol = name
             connection.identified_by = identity

@@ -67,6 +67,7 @@ class Books(PacketSink):
         fragments.used = old.used
         fragments.dropped = old.dropped + old.waiting
         fragments.conflicts = old.conflicts
+        fragments.invalid = old.invalid
         fragments.evicted = old.evicted
         fragments.expired = old.expired
         self.fragments = fragments
@@ -92,6 +93,13 @@ class Books(PacketSink):
     def _note(self, slug: str, detail: str = "", connection: i64 = 0) -> None:
         """Count and, within the bounds, detail a finding about the packet at hand."""
         self._judge.note(slug, connection, [self.frames], self.now_ns, detail)
+
+    def _note_once(self, slug: str, detail: str) -> None:
+        """Count a finding about the packet at hand; only the first one is detailed."""
+        if slug in self._judge.counts:
+            self._judge.counts[slug] += 1
+        else:
+            self._note(slug, detail)
 
     def _note_cut(self, size: i64, wire_length: i64) -> None:
         self.cut_frames += 1
@@ -132,7 +140,12 @@ class Books(PacketSink):
         fragments = self.fragments
         conflicts: i64 = fragments.conflicts
         evicted: i64 = fragments.evicted
+        dropped: i64 = fragments.invalid
         found = find_segment(buf, start, end, link_type, fragments, self.now_ns, self.wants_udp, self._checksums)
+        if found.problem == "bad_header":
+            self._note_once("ip.bad_header", "first seen here")
+        if fragments.invalid > dropped:
+            self._note_once("ip.fragment_invalid", "first seen here")
         if fragments.conflicts > conflicts:
             what = "TCP or UDP" if self.wants_udp else "TCP"
             self._note("ip.fragment_conflict", f"in a datagram that holds {what}")

@@ -23,12 +23,13 @@ from dissect.engine.conversation import Observer, Options
 from dissect.engine.observer import LOOK_OCTETS
 from dissect.engine.timers import FAR_FUTURE, TICK_NS, Waiting
 from dissect.iso.recognition import is_connect_request
+from dissect.iso.tpkt import MIN_LENGTH, sound_length
 from dissect.tcp import stream
 from dissect.tcp.connection import ACK, FIN, RST, SYN
 from dissect.tcp.ip import UDP
 from dissect.transactions import accounts
 from dissect.transactions.connection import FOREIGN, ISO, PROBING
-from dissect.transactions.memory_limit import over_limit
+from dissect.transactions.memory_limit import Room
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import CONNECTION_CLOSED, CONNECTION_EVICTED
 from dissect.wire.build import COMPILED
@@ -52,7 +53,7 @@ class Pipeline(Waiting):
     def __init__(self, observer: Observer, options: Options | None = None) -> None:
         chosen = options if options is not None else Options()
         super().__init__(observer, chosen)
-        self._memory: i64 = chosen.memory
+        self._room: Room = Room(chosen.memory)
         self._taken: i64 = 0  # octets captured since it was last looked what is kept of them
 
     # ---- packet → segment -------------------------------------------------------------------------------------------
@@ -62,6 +63,9 @@ class Pipeline(Waiting):
         self.frames += 1
         self._taken += end - start
         if self._taken >= LOOK_OCTETS:
+            self._taken = 0
+            self._room.begin(self.table.all_open())
+        if self._room.busy:
             self._make_room()
         if time_ns < self.now_ns:
             self._step_back(time_ns)
@@ -90,9 +94,8 @@ class Pipeline(Waiting):
             self.conversation.tell_findings()
 
     def _make_room(self) -> None:
-        """Connections that keep too much in sum have to leave, those that hold most first."""
-        self._taken = 0
-        for held, side in over_limit(self.table.all_open(), self._memory):
+        """Connections that keep too much in sum have to leave, those that hold most first: a few with each packet."""
+        for held, side in self._room.step():
             self.table.evicted += 1
             self._evict(side, f"it held {held} octets")
 
@@ -211,7 +214,7 @@ class Pipeline(Waiting):
         self._finish(side, CONNECTION_CLOSED)
 
     def _reopen(self, side: Side, seq: i64, octets: bytes, missing: i64) -> i64:
-        """A connect request far from where the stream is: another connection, of which no SYN was captured."""
+        """A connect request far from where the stream is, or S7 after something else: another connection."""
         ack: i64 = side.last_ack
         self._give_way(side)
         fresh = self._open(side.key, side.tcp.vlan)
@@ -250,6 +253,8 @@ class Pipeline(Waiting):
         connection = side.connection
         half = side.stream
         if connection.state == FOREIGN:
+            if len(octets) > MIN_LENGTH and sound_length(octets, 0, len(octets)):
+                return self._reopen(side, seq, octets, missing)  # what was there before hides no S7 now
             return accounts.OTHER_PROTOCOL
         if half.next_seq >= 0:
             ahead: i64 = (seq - half.next_seq) & stream.MASK
@@ -258,22 +263,32 @@ class Pipeline(Waiting):
             if stream.FAR_AHEAD < ahead < stream.MASK - stream.FAR_AHEAD and connection.established:
                 if is_connect_request(octets):
                     return self._reopen(side, seq, octets, missing)
+        if half.next_seq < 0 and octets == b"\0" and not side.tcp.known_start:
+            # The probe of an idle connection: one octet that was sent before (RFC 1122 4.2.3.6), and begins no TPKT.
+            half.start(seq + 1)
+            side.probes += 1
+            return accounts.KEEP_ALIVE
         what: i64 = stream.NEW
         conflicts: i64 = half.conflicts
+        peer = side.peer
         if octets:
+            if peer is not None and peer.stream.octets:
+                half.heard = True
             what = half.accept(seq, octets, self.frames, self.now_ns, side.last_ack)
         elif half.next_seq < 0:
             half.start(seq)
-        if half.conflicts > conflicts:
+        if half.conflicts > conflicts and connection.followed:
             self._note("stream.conflict", f"{len(octets)} octets at {seq}", connection.number)
         if missing and half.held is None and half.next_seq == (seq + len(octets)) & stream.MASK:
             self._chunks(side)
             half.skip(missing, self.frames, self.now_ns)
             self._chunks(side, True)
-        elif half.ready:
+        elif half.ready or half.outside:
             self._chunks(side)
         if half.held is not None:
             self._wait(side)
+        if what == stream.KEEP_ALIVE and side.probes:
+            return accounts.KEEP_ALIVE
         if connection.state == FOREIGN or (connection.state == PROBING and half.held is None):
             return accounts.OTHER_PROTOCOL  # told by now, or still to be told: nothing of it was used
         if what == stream.NEW:

@@ -39,6 +39,11 @@ class PlusExchange(Exchange):
         if assembler is None:
             assembler = PlusAssembler()
             side.plus = assembler
+        if assembler.interrupted(tsdu):
+            who = side.tcp.ends[side.index]
+            detail = f"S7comm-plus PDU from {who}: another one begins before its end"
+            self.judge.note("s7.malformed", side.connection.number, [frame], time_ns, detail)
+            self.finish_plus(side, frame, time_ns)
         whole = assembler.push(tsdu)
         if whole is None:
             return

@@ -51,7 +51,13 @@ class Waiting(Datagrams):
         half = side.stream
         ready = half.ready
         half.ready = []
+        if half.outside:
+            self._note_outside(side)
         for chunk in ready:
+            if not chunk.hole and side.at_rest:
+                # What is whole in these octets was so when they came, whatever had to come before them.
+                chunk.frame = chunk.own_frame
+                chunk.time_ns = chunk.own_ns
             side.end_seq = chunk.end_seq
             side.last_ack = chunk.ack
             if chunk.hole:
@@ -69,6 +75,12 @@ class Waiting(Datagrams):
                 self.conversation.carried_octets(side, chunk.octets, chunk.frame, chunk.time_ns)
             else:
                 self.conversation.octets(side, chunk.octets, chunk.frame, chunk.time_ns)
+
+    def _note_outside(self, side: Side) -> None:
+        if side.connection.followed:
+            detail = f"{side.stream.outside} octets from {side.tcp.ends[side.index]}"
+            self._note("stream.outside_window", detail, side.connection.number)
+        side.stream.outside = 0
 
     # ---- what waits for time to pass --------------------------------------------------------------------------------
 
@@ -157,7 +169,7 @@ class Waiting(Datagrams):
     def _end(self, side: Side, peer: Side, reason: str) -> None:
         for end in (side, peer):
             end.stream.finish()
-            if end.stream.ready:
+            if end.stream.ready or end.stream.outside:
                 self._chunks(end)
             end.waiting = False
         connection = side.connection
@@ -167,6 +179,9 @@ class Waiting(Datagrams):
             self.conversation.end(side, reason, self.frames, self.now_ns)
         elif connection.state == PROBING and connection.probed:
             self.conversation.end_unrecognised(side, self.frames, self.now_ns)
+        elif connection.state == PROBING and (side.probes or peer.probes) and self.conversation.on_102(side):
+            first, second = side.tcp.ends
+            self._note("session.idle", f"{first} and {second}, {int(side.tcp.packets)} packets")
 
     def finish(self) -> None:
         """The capture ends: every connection still open is closed, everything held is told."""

@@ -102,6 +102,10 @@ class ItemResult:
         return decode_value(item.transport_size, data)
 
 
+#: Bit of `Transaction.flags`: the capture ended before the answer was due, so that nothing is wrong.
+STILL_OPEN: Final = 2048
+
+
 class Transaction:
     """A request and its answer.
 
@@ -235,8 +239,8 @@ class Transaction:
 
     @property
     def failed(self) -> bool:
-        """True when the answer says no to anything, or never came."""
-        return self.has_errors or self.outcome == UNANSWERED
+        """True when the answer says no to anything, or never came; not while it could still come (`STILL_OPEN`)."""
+        return self.has_errors or (self.outcome == UNANSWERED and not self.flags & STILL_OPEN)
 
     @property
     def request_octets(self) -> bytes:

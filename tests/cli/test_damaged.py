@@ -82,11 +82,11 @@ def holds(packets: list[Packet]) -> None:
         told = rows.take()
         assert len(told) == analysis.total + as_csv
         shown += told
-    pdus = _Pdus(True, None, False, None)
+    pdus = _Pdus(True, frozenset(), False, None)
     observed(pdus, packets)
     pdu_lines = pdus.take()
     assert len(pdu_lines) == pipeline.conversation.pdus
-    trees = _Pdus(False, None, True, None)
+    trees = _Pdus(False, frozenset(), True, None)
     observed(trees, packets)
     shown += trees.take()
     assert [line for line in (*shown, *transactions, *pdu_lines) if UNSAFE.search(line)] == []
