@@ -14,6 +14,8 @@ JOBS ?= auto
 COMPILED := $(if $(CI),S7DISSECT_COMPILED=1)
 # Seconds for each fuzz target.
 FUZZ_SECONDS ?= 60
+# Rounds of the property tests.
+ROUNDS ?= 20
 
 BIN := $(VENV)/bin
 PYTEST := $(BIN)/pytest
@@ -24,7 +26,7 @@ ENGINE := $(wildcard tests/wire tests/source tests/tcp tests/iso tests/s7 tests/
 export PYTHONSAFEPATH := 1
 export VENV
 
-.PHONY: demo test wheels container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz record clean
+.PHONY: demo test wheels container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz properties record clean
 .NOTPARALLEL:
 
 demo: environment
@@ -76,6 +78,15 @@ format: test-environment
 # Only interpreted code can be traced.
 coverage: test-environment
 	PYTHONPATH=$(CURDIR) $(PYTEST) -n $(JOBS) --dist loadfile -m "not measured" --cov --cov-report=term $(ENGINE)
+
+# Every property test with fresh seeds, round after round; a round that fails is repeated with SEED=the one it printed.
+properties: test-environment
+	@for round in $$(seq $(ROUNDS)); do \
+		seed=$${SEED:-$$(od -An -N4 -tu4 /dev/urandom | tr -d ' ')}; \
+		echo "round $$round of $(ROUNDS): --hypothesis-seed=$$seed"; \
+		CI= PYTHONPATH=$(CURDIR) $(PYTEST) -q -n $(JOBS) --dist loadfile -m "hypothesis and not measured" \
+			--hypothesis-seed=$$seed || exit 1; \
+	done
 
 # Every fuzz target for a while, one after the other (docs/fuzzing.md); only interpreted code shows atheris its branches.
 fuzz:

@@ -59,9 +59,11 @@ from dissect.transactions.transaction import Transaction
 @format_option("text", "jsonl")
 @click.option(
     "--frame",
+    "frames",
     type=click.IntRange(min=1),
+    multiple=True,
     metavar="N",
-    help="Only messages that packet N completes (packet N of each file).",
+    help="Only messages that packet N completes (packet N of each file). May be given several times.",
 )
 @click.option("-V", "--verbose", is_flag=True, help="Add the field tree with byte ranges and a hex dump.")
 @checksums_option
@@ -70,7 +72,7 @@ from dissect.transactions.transaction import Transaction
 def command(
     files: tuple[str, ...],
     format_: str,
-    frame: int | None,
+    frames: tuple[int, ...],
     verbose: bool,
     checksums: bool,
     fail_on: frozenset[str],
@@ -86,7 +88,7 @@ def command(
     """
     if verbose and format_ != "text":
         raise click.UsageError("-V applies to text only; -T jsonl always includes the fields.")
-    shown = _Pdus(format_ == "jsonl", frame, verbose, decoder)
+    shown = _Pdus(format_ == "jsonl", frozenset(frames), verbose, decoder)
     run = Run(files, shown, Options(decoder=decoder, checksums=checksums))
     shown.begin(places_of(run, files))
     if format_ == "jsonl":
@@ -94,8 +96,10 @@ def command(
     else:
         code = drive(run, files, lambda: write_lines(shown.take()))
     complain(run, code)
-    if code == EXIT_OK and frame is not None and not shown.found:
-        most = max([int(file.packets) for file in run.files], default=0)
+    most = max([int(file.packets) for file in run.files], default=0)
+    for frame in dict.fromkeys(frames):
+        if code != EXIT_OK or frame in shown.found:
+            continue
         if frame > most:
             click.echo(f"s7dissect: no packet {frame}; the last one is {most}", err=True)
             return EXIT_USAGE
@@ -106,14 +110,14 @@ def command(
 class _Pdus(Observer):
     """Collects PDUs as lines."""
 
-    def __init__(self, as_jsonl: bool, frame: int | None, verbose: bool, decoder: PayloadDecoder | None) -> None:
+    def __init__(self, as_jsonl: bool, frames: frozenset[int], verbose: bool, decoder: PayloadDecoder | None) -> None:
         super().__init__()
         self._decoder = decoder
         self.wants_pdus = True
         self.wants_tpdus = True
-        self.found = False
+        self.found: set[int] = set()
         self._as_jsonl = as_jsonl
-        self._frame = frame
+        self._frames = frames
         self._verbose = verbose
         self._clock = clock()
         self._pdus = PduLines()
@@ -131,12 +135,12 @@ class _Pdus(Observer):
         """Return the lines collected since the last call."""
         lines = self._lines
         self._lines = []
-        self.found = self.found or bool(lines)
         return lines
 
     def comment(self, frame: i64, text: str) -> None:
         """Add the line of a comment."""
         if not self._as_jsonl and self._wanted(frame):
+            self._find(frame)
             self._add(comment_line(frame, text, self._places))
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
@@ -149,6 +153,7 @@ class _Pdus(Observer):
             begins = side.assembler.parts is None and side.assembler.clear
             if not (begins and carried(tpdu)) or (self._decoder and self._decoder.claims_tsdus(side.connection)):
                 return
+        self._find(frame)
         if self._as_jsonl:
             self._add(tpdu_json_line(tpdu, frame, time_ns, side.connection, int(side.index), self._places))
             return
@@ -169,6 +174,7 @@ class _Pdus(Observer):
             if not side.assembler.clear or not message_name(packet.data):
                 return
         where = side.connection, side.index, self._clock, self._places
+        self._find(frame)
         self._add(netlink_line(packet, frame, time_ns, *where), bool(packet.malformed))
         if self._verbose:
             self._tree(netlink_tree_lines(octets))
@@ -177,6 +183,7 @@ class _Pdus(Observer):
         """Add the line of an S7 PDU."""
         if not self._wanted(frame):
             return
+        self._find(frame)
         connection = side.connection
         if self._as_jsonl:
             pdu = parse_pdu(without_secrets(octets), frame, time_ns, connection.number, side.index, cut)
@@ -192,6 +199,7 @@ class _Pdus(Observer):
         """Add the line of an S7comm-plus PDU."""
         if not self._wanted(frame):
             return
+        self._find(frame)
         connection = side.connection
         pdu = parse_plus(octets, frame, time_ns, connection.number, side.index, cut)
         if self._as_jsonl:
@@ -214,6 +222,7 @@ class _Pdus(Observer):
                 self._scd(found, transaction.connection)
 
     def _scd(self, found: ScdMessage, connection: Connection) -> None:
+        self._find(found.frame)
         if self._as_jsonl:
             self._add(self._pdus.scd_line(found, connection))
             return
@@ -227,8 +236,12 @@ class _Pdus(Observer):
     def _tree(self, lines: Iterable[str]) -> None:
         self._lines += [Line(text, PLAIN, TREE_HANG) for text in lines]
 
+    def _find(self, frame: int) -> None:
+        if self._frames:
+            self.found.add(self._places.number(frame))
+
     def _wanted(self, frame: int) -> bool:
-        return self._frame is None or self._places.number(frame) == self._frame
+        return not self._frames or self._places.number(frame) in self._frames
 
 
 def _says_no(pdu: Pdu) -> bool:

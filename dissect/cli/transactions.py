@@ -82,7 +82,28 @@ def command(
         told.places = places_of(run, files)
         code = drive(run, files, lambda: write_lines(told.take()))
     complain(run, code)
+    if not run.pipeline.exchange.dialogue.count:
+        click.echo(f"s7dissect: no S7 transaction: {_instead(run)}", err=True)
     return gate(run, fail_on, code)
+
+
+def _instead(run: Run) -> str:
+    """Return what there was in captures without S7: packets, and connections by their protocol."""
+    pipeline = run.pipeline
+    ignored = pipeline.counters.packet_counts()
+    said = [f"{pipeline.frames} packets"]
+    said += [f"{ignored[name]} {text}" for name, text in _NOT_S7.items() if ignored[name]]
+    if pipeline.connections.count:
+        said.append(f"{pipeline.connections.count} ISO-on-TCP or other connections without S7 messages")
+    return ", ".join(said)
+
+
+_NOT_S7 = {
+    "not_ip": "not IP",
+    "not_tcp": "not TCP",
+    "other_protocol": "of other protocols over TCP",
+    "link_type": "of an unsupported link type",
+}
 
 
 def _choice(failed: bool, slow_ns: int | None) -> Choice | None:

@@ -49,6 +49,7 @@ class Counters:
         fragments.used = old.used
         fragments.dropped = old.dropped + old.waiting
         fragments.conflicts = old.conflicts
+        fragments.invalid = old.invalid
         fragments.evicted = old.evicted
         fragments.expired = old.expired
         self.fragments = fragments
@@ -57,6 +58,13 @@ class Counters:
         """Add the octets of one direction of a connection that ended to the account."""
         self.octets.delivered += side.stream.octets
         side.protocol.add_up(side, self.octets)
+
+    def note_once(self, slug: str, detail: str) -> None:
+        """Count a finding about the packet at hand; only the first one is detailed."""
+        if slug in self._reporter.counts:
+            self._reporter.counts[slug] += 1
+        else:
+            self.note(slug, detail)
 
     def note_cut(self, size: i64, wire_length: i64) -> None:
         """The capture kept ``size`` of ``wire_length`` octets of the packet at hand."""
@@ -84,7 +92,12 @@ class Counters:
         fragments = self.fragments
         conflicts: i64 = fragments.conflicts
         evicted: i64 = fragments.evicted
+        dropped: i64 = fragments.invalid
         found = find_segment(buf, start, end, link_type, fragments, self.now_ns, udp, checksums)
+        if found.problem == "bad_header":
+            self.note_once("ip.bad_header", "first seen here")
+        if fragments.invalid > dropped:
+            self.note_once("ip.fragment_invalid", "first seen here")
         if fragments.conflicts > conflicts:
             self.note("ip.fragment_conflict", f"in a datagram that holds {'TCP or UDP' if udp else 'TCP'}")
         if fragments.evicted > evicted:

@@ -6,7 +6,7 @@ from mypy_extensions import i64
 
 from dissect.engine.exchange import Exchange
 from dissect.iso.foreign import identify
-from dissect.iso.upper import S7COMM_PLUS, TLS, UNKNOWN, UPPER_NAMES
+from dissect.iso.upper import RDP, S7COMM_PLUS, TLS, UNKNOWN, UPPER_NAMES
 from dissect.transactions.connection import FOREIGN, ISO_TSAP_PORT, Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
@@ -50,6 +50,9 @@ class Foreign(Protocol):
         if not fresh and key in self._named:
             return
         identity = identify(upper, buf, at, at + size)
+        if upper == RDP and connection.pdus == 0:
+            self.take(side, name, frame, time_ns, identity)  # what it says besides TPKTs is no fault of framing
+            return
         if fresh:
             connection.protocol = name
             connection.identified_by = identity

@@ -17,6 +17,7 @@ from dissect.ibh.tables import (
     KINDS,
     NETLINK_PORT,
 )
+from dissect.iso.upper import is_sound
 from dissect.transactions.accounts import OctetAccount
 from dissect.transactions.connection import IBH
 from dissect.transactions.protocol import Protocol
@@ -60,6 +61,10 @@ class IbhNetLink(Protocol):
                 detail = f"octets that begin no packet from {side.tcp.ends[side.index]}, first 0x{first:02x}"
                 self._exchange.reporter.note("ibh.malformed", side.connection.number, [frame], time_ns, detail)
             framer.faults = []
+        if framer.hiding:
+            detail = f"a length that covers other packets from {side.tcp.ends[side.index]}; they were read as well"
+            self._exchange.reporter.note("ibh.malformed", side.connection.number, [frame], time_ns, detail)
+            framer.hiding = 0
         packets = framer.packets
         framer.packets = []
         for packet in packets:
@@ -94,12 +99,15 @@ class IbhNetLink(Protocol):
 
     def _message(self, side: Side, packet: IbhPacket, frame: i64, time_ns: i64) -> None:
         assembler = side.assembler
+        begun: bool = not assembler.clear
         overflows: i64 = assembler.overflows
         message = assembler.push(packet.data, packet.kind == KIND_DATA)
         if assembler.overflows > overflows:
             detail = f"a message in parts from {side.tcp.ends[side.index]} grew past 65536 octets and was dropped"
             self._exchange.reporter.note("ibh.malformed", side.connection.number, [frame], time_ns, detail)
-        if message is not None:
+        if begun and packet.kind == KIND_DATA and is_sound(packet.data, 0, len(packet.data)):
+            self._messages.end_of_parts(side, message, packet.data, "ibh.unfinished", frame, time_ns)
+        elif message is not None:
             self._messages.message(side, message, 0, len(message), frame, time_ns)
 
     # ---- what is irregular ------------------------------------------------------------------------------------------

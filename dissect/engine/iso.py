@@ -18,9 +18,18 @@ from dissect.findings.transport_rules import judge_confirm, judge_data, judge_nu
 from dissect.iso.cotp import Tpdu, parse_tpdu
 from dissect.iso.foreign import identify_connect
 from dissect.iso.tables import CC, CR, DR, DT, ER, TPDU_TYPES
-from dissect.iso.tpkt import BAD_VERSION
-from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES, classify, is_rdp_connect
-from dissect.transactions.connection import FOREIGN, ISO
+from dissect.iso.tpkt import BAD_VERSION, HIDING
+from dissect.iso.upper import (
+    S7COMM,
+    S7COMM_PLUS,
+    SCD,
+    UPPER_NAMES,
+    classify,
+    is_rdp_connect,
+    is_sound,
+    stated_size,
+)
+from dissect.transactions.connection import FOREIGN, ISO, Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
 from dissect.wire.octets import u16
@@ -64,6 +73,8 @@ class IsoOnTcp(Protocol):
                 length: i64 = u16(buf, at + 2)
                 if length < 7 or at + length > end:
                     break
+                if buf[at + 4] != 2 or (length > 7 and stated_size(buf, at + 7, at + length) != length - 7):
+                    break  # not simply one S7 PDU: what else its length covers is for the framer to see
                 framer.framed += length
                 at += length
                 try:
@@ -107,6 +118,8 @@ class IsoOnTcp(Protocol):
                     detail = f"{skipped} octets from {who}, first 0x{fault.value:02x}"
                     reporter.note("tpkt.garbage", number, [frame], time_ns, detail)
                 side.garbage = True
+            elif fault.kind == HIDING:
+                reporter.note("tpkt.false_length", number, [frame], time_ns, f"length {fault.value} from {who}")
             else:
                 reporter.note("tpkt.bad_length", number, [frame], time_ns, f"length {fault.value} from {who}")
         side.framer.faults = []
@@ -130,25 +143,64 @@ class IsoOnTcp(Protocol):
             else:
                 self._fragment(side, buf[at + 7 : at + length], buf[at + 6] >= 0x80, frame, time_ns)
         else:
-            self._other_tpdu(side, parse_tpdu(buf[at + 4 : at + length]), frame, time_ns)
+            octets = buf[at + 4 : at + length]
+            self._other_tpdu(side, parse_tpdu(octets), octets, frame, time_ns)
 
     def _fragment(self, side: Side, data: bytes, eot: bool, frame: i64, time_ns: i64) -> None:
+        begun: bool = not side.assembler.clear
         overflows: i64 = side.assembler.overflows
         tsdu = side.assembler.push(data, eot)
         if side.assembler.overflows > overflows:
             who = side.tcp.ends[side.index]
             self._exchange.reporter.note("cotp.tsdu_too_long", side.connection.number, [frame], time_ns, f"from {who}")
-        if tsdu is not None:
+        if begun and eot and is_sound(data, 0, len(data)):
+            self.end_of_parts(side, tsdu, data, "cotp.unfinished_tsdu", frame, time_ns)
+        elif tsdu is not None:
             self._tsdu(side, tsdu, 0, len(tsdu), frame, time_ns)
 
-    def _other_tpdu(self, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
-        """Any TPDU but the plain DT."""
+    def end_of_parts(self, side: Side, tsdu: bytes | None, data: bytes, slug: str, frame: i64, time_ns: i64) -> None:
+        """The last part of a message is a sound PDU by itself: it counts alone, unless the whole is sound as well."""
+        if tsdu is not None and is_sound(tsdu, 0, len(tsdu)):
+            self._tsdu(side, tsdu, 0, len(tsdu), frame, time_ns)
+            return
+        before: i64 = 0
+        if tsdu is not None:
+            before = len(tsdu) - len(data)
+        detail = f"from {side.tcp.ends[side.index]}: what follows it is a whole PDU"
+        self._exchange.reporter.note(slug, side.connection.number, [frame], time_ns, detail)
+        if tsdu is not None and is_sound(tsdu, 0, before):
+            self._tsdu(side, tsdu, 0, before, frame, time_ns)  # only its end mark was missing
+        else:
+            side.assembler.dropped += before
+        self._tsdu(side, data, 0, len(data), frame, time_ns)
+
+    def _odd_data(self, side: Side, tpdu: Tpdu, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """A DT with a length indicator that its class does not have: it begins and ends nothing.
+
+        A PDU counts that is sound where class 0 has it, or else where the length indicator says.
+        """
+        size: i64 = len(octets)
+        what = str(tpdu.malformed[0]) if tpdu.malformed else f"length indicator {octets[0]}, class 0 has 2"
+        self._exchange.reporter.note("cotp.malformed", side.connection.number, [frame], time_ns, f"DT: {what}")
+        if size > 3 and octets[2] >= 0x80 and is_sound(octets, 3, size):
+            self._tsdu(side, octets, 3, size - 3, frame, time_ns)
+        elif is_sound(tpdu.data, 0, len(tpdu.data)):
+            self._tsdu(side, tpdu.data, 0, len(tpdu.data), frame, time_ns)
+        else:
+            side.assembler.dropped += len(tpdu.data)
+
+    def _other_tpdu(self, side: Side, tpdu: Tpdu, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """Any TPDU but the plain DT; ``octets`` are all of it."""
         reporter = self._exchange.reporter
         connection = side.connection
         type_: i64 = tpdu.type
         self.tpdus[type_ if 0 <= type_ < 16 else 16] += 1
-        if (type_ == CR or type_ == CC) and tpdu.variable and is_rdp_connect(tpdu.variable):
+        connecting: bool = (type_ == CR or type_ == CC) and not connection.established
+        if connecting and tpdu.variable and is_rdp_connect(tpdu.variable):
             self._connections.foreign.take(side, "rdp", frame, time_ns, identify_connect(tpdu.variable))
+            return
+        if type_ == DT and (tpdu.malformed or (octets[0] != 2 and _is_class_0(connection, octets))):
+            self._odd_data(side, tpdu, octets, frame, time_ns)
             return
         if tpdu.malformed:
             reporter.note("cotp.malformed", connection.number, [frame], time_ns, f"{tpdu.name}: {tpdu.malformed[0]}")
@@ -164,7 +216,8 @@ class IsoOnTcp(Protocol):
             if not connection.cr_seen and not connection.mid_stream and seen:
                 reporter.note("cotp.answer_without_request", connection.number, [frame], time_ns)
             judge_confirm(reporter, side, tpdu, frame, time_ns)
-            connection.note_cc(side.index, tpdu)
+            if not (tpdu.malformed and connection.established):
+                connection.note_cc(side.index, tpdu)
         elif type_ == DR:
             judge_disconnect(reporter, side, tpdu, frame, time_ns)
             if connection.refused:
@@ -282,3 +335,10 @@ class IsoOnTcp(Protocol):
             "tsdus": {name: count for name, count in named if count or name in _ALWAYS},
             "tpdus": tpdus,
         }
+
+
+def _is_class_0(connection: Connection, octets: bytes) -> bool:
+    """Tell whether a DT is one of class 0: by the connect confirm, and where that is missing, by what it holds."""
+    if connection.class_ >= 0:
+        return connection.class_ == 0
+    return len(octets) > 3 and octets[2] >= 0x80 and is_sound(octets, 3, len(octets))

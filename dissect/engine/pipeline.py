@@ -35,13 +35,14 @@ from dissect.engine.s7 import S7
 from dissect.engine.timers import FAR_FUTURE, TICK_NS, Timers
 from dissect.engine.udp import Datagrams
 from dissect.iso.recognition import is_connect_request
+from dissect.iso.tpkt import MIN_LENGTH, sound_length
 from dissect.source.packet import PacketSink
 from dissect.tcp import stream
 from dissect.tcp.connection import ACK, FIN, RST, SYN
 from dissect.tcp.ip import UDP
 from dissect.transactions import accounts
 from dissect.transactions.connection import FOREIGN, ISO, ISO_TSAP_PORT, PROBING
-from dissect.transactions.memory_limit import over_limit
+from dissect.transactions.memory_limit import Room
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import ConnectionTable, Side, endpoints
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
@@ -92,7 +93,7 @@ class Pipeline(PacketSink):
         self.table: ConnectionTable = ConnectionTable(self._recognition)
         self._strict: bool = chosen.strict
         self._checksums: bool = chosen.checksums
-        self._memory: i64 = chosen.memory
+        self._room: Room = Room(chosen.memory)
         self._taken: i64 = 0  # octets captured since it was last looked what is kept of them
 
     # ---- where it stands --------------------------------------------------------------------------------------------
@@ -152,6 +153,9 @@ class Pipeline(PacketSink):
         counters.frames += 1
         self._taken += end - start
         if self._taken >= LOOK_OCTETS:
+            self._taken = 0
+            self._room.begin(self.table.all_open())
+        if self._room.busy:
             self._make_room()
         if time_ns < counters.now_ns:
             self._step_back(time_ns)
@@ -181,9 +185,8 @@ class Pipeline(PacketSink):
             self.exchange.report_findings()
 
     def _make_room(self) -> None:
-        """Connections that keep too much in sum have to leave, those that hold most first."""
-        self._taken = 0
-        for held, side in over_limit(self.table.all_open(), self._memory):
+        """Connections that keep too much in sum have to leave, those that hold most first: a few with each packet."""
+        for held, side in self._room.step():
             self.table.evicted += 1
             self._evict(side, f"it held {held} octets")
 
@@ -310,7 +313,7 @@ class Pipeline(PacketSink):
         self._finish(side, CONNECTION_CLOSED)
 
     def _reopen(self, side: Side, seq: i64, octets: bytes, missing: i64) -> i64:
-        """A connect request far from where the stream is: another connection, of which no SYN was captured."""
+        """A connect request far from where the stream is, or S7 after something else: another connection."""
         ack: i64 = side.last_ack
         self._give_way(side)
         fresh = self._open(side.key, side.tcp.vlan)
@@ -349,6 +352,8 @@ class Pipeline(PacketSink):
         connection = side.connection
         half = side.stream
         if connection.state == FOREIGN:
+            if len(octets) > MIN_LENGTH and sound_length(octets, 0, len(octets)):
+                return self._reopen(side, seq, octets, missing)  # what was there before hides no S7 now
             return accounts.OTHER_PROTOCOL
         if half.next_seq >= 0:
             ahead: i64 = (seq - half.next_seq) & stream.MASK
@@ -357,22 +362,32 @@ class Pipeline(PacketSink):
             if stream.FAR_AHEAD < ahead < stream.MASK - stream.FAR_AHEAD and connection.established:
                 if is_connect_request(octets):
                     return self._reopen(side, seq, octets, missing)
+        if half.next_seq < 0 and octets == b"\0" and not side.tcp.known_start:
+            # The probe of an idle connection: one octet that was sent before (RFC 1122 4.2.3.6), and begins no TPKT.
+            half.start(seq + 1)
+            side.probes += 1
+            return accounts.KEEP_ALIVE
         what: i64 = stream.NEW
         conflicts: i64 = half.conflicts
+        peer = side.peer
         if octets:
+            if peer is not None and peer.stream.octets:
+                half.heard = True
             what = half.accept(seq, octets, self.counters.frames, self.counters.now_ns, side.last_ack)
         elif half.next_seq < 0:
             half.start(seq)
-        if half.conflicts > conflicts:
+        if half.conflicts > conflicts and connection.followed:
             self.counters.note("stream.conflict", f"{len(octets)} octets at {seq}", connection.number)
         if missing and half.held is None and half.next_seq == (seq + len(octets)) & stream.MASK:
             self.timers.chunks(side)
             half.skip(missing, self.counters.frames, self.counters.now_ns)
             self.timers.chunks(side, True)
-        elif half.ready:
+        elif half.ready or half.outside:
             self.timers.chunks(side)
         if half.held is not None:
             self.timers.wait(side)
+        if what == stream.KEEP_ALIVE and side.probes:
+            return accounts.KEEP_ALIVE
         if connection.state == FOREIGN or (connection.state == PROBING and half.held is None):
             return accounts.OTHER_PROTOCOL  # told by now, or still to be told: nothing of it was used
         if what == stream.NEW:
@@ -441,7 +456,7 @@ class Pipeline(PacketSink):
     def _end(self, side: Side, peer: Side, reason: str) -> None:
         for end in (side, peer):
             end.stream.finish()
-            if end.stream.ready:
+            if end.stream.ready or end.stream.outside:
                 self.timers.chunks(end)
             end.waiting = False
         connection = side.connection
@@ -451,6 +466,9 @@ class Pipeline(PacketSink):
             self.connections.end(side, reason, self.counters.frames, self.counters.now_ns)
         elif connection.state == PROBING and connection.probed:
             side.protocol.end(side, self.counters.frames, self.counters.now_ns)
+        elif connection.state == PROBING and (side.probes or peer.probes) and on_102(side):
+            first, second = side.tcp.ends
+            self.counters.note("session.idle", f"{first} and {second}, {int(side.tcp.packets)} packets")
 
     def finish(self) -> None:
         """The capture ends: every connection still open is closed, everything held is reported."""

@@ -44,7 +44,13 @@ class Timers:
         half = side.stream
         ready = half.ready
         half.ready = []
+        if half.outside:
+            self._note_outside(side)
         for chunk in ready:
+            if not chunk.hole and side.at_rest:
+                # What is whole in these octets was so when they came, whatever had to come before them.
+                chunk.frame = chunk.own_frame
+                chunk.time_ns = chunk.own_ns
             side.end_seq = chunk.end_seq
             side.last_ack = chunk.ack
             if chunk.hole:
@@ -57,6 +63,12 @@ class Timers:
                 side.protocol.gap(side, chunk.hole, cut, chunk.frame, chunk.time_ns)
             else:
                 side.protocol.feed(side, chunk.octets, 0, len(chunk.octets), chunk.frame, chunk.time_ns)
+
+    def _note_outside(self, side: Side) -> None:
+        if side.connection.followed:
+            detail = f"{side.stream.outside} octets from {side.tcp.ends[side.index]}"
+            self._counters.note("stream.outside_window", detail, side.connection.number)
+        side.stream.outside = 0
 
     # ---- what waits -------------------------------------------------------------------------------------------------
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dissect.engine.observer import Observer
-from dissect.findings.operation_rules import judge_operation, judge_strays
+from dissect.findings.operation_rules import judge_operation, judge_strays, judge_szl
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
 from dissect.transactions.connection import Connection
@@ -25,6 +25,7 @@ class Watch:
         if transaction.is_plus:
             return
         self.operations.take(transaction)
+        judge_szl(self._judge, transaction)
         if transaction.flags:
             judge_strays(self._judge, transaction)
         self.security.take(transaction)

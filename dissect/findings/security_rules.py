@@ -23,6 +23,7 @@ from dissect.s7.tables import (
     REQUEST_DOWNLOAD,
     RETURN_CODES,
     START_UPLOAD,
+    SUCCESS,
     USERDATA,
 )
 from dissect.transactions.connection import Connection
@@ -49,8 +50,9 @@ _NC_DOWNLOAD: Final = 0x01
 _NC_UPLOAD: Final = 0x06
 _STOP: Final = 0x00
 
-#: SZL lists that tell what a device is, apart from its state (reference 7.4): id lists, identification, capabilities.
-_TELLING: Final = frozenset((0x00, 0x11, 0x1C, 0x31, 0x32))
+#: SZL lists that tell what a device is, apart from its state (reference 7.4): id lists, identification. What it can do in
+#: communication (0x31, 0x32) panels ask at each start.
+_TELLING: Final = frozenset((0x00, 0x11, 0x1C))
 #: Inquiries on one connection that make it a reconnaissance, and distinct lists.
 _INQUIRIES: Final = 3
 _MANY_LISTS: Final = 10
@@ -108,7 +110,10 @@ class SecurityWatch:
             self._writers.clear()
             self._pairs.clear()
         first = self._writers.setdefault(server, client)
-        if first != client and (client, server) not in self._pairs:
+        if transaction.connection.mid_stream:
+            # Who was there when the capture began may have written long before.
+            self._pairs.add((client, server))
+        elif first != client and (client, server) not in self._pairs:
             self._pairs.add((client, server))
             self._tell("security.new_writer", transaction, f"until now only {first} wrote to {server}")
 
@@ -133,7 +138,9 @@ class SecurityWatch:
             return
         traits.refusals += 1
         codes = [result.return_code for result in transaction.results()]
-        if transaction.error_code in _PROTECTED_VARIABLES or _ACCESS_DENIED in codes:
+        # Where other items of it succeeded, it is these addresses that the device does not give.
+        denied = _ACCESS_DENIED in codes and SUCCESS not in codes
+        if transaction.error_code in _PROTECTED_VARIABLES or denied:
             what = transaction.parameters.subject
             name = "" if transaction.error_code else f": {RETURN_CODES.name(_ACCESS_DENIED)}"
             self._tell("security.protected", transaction, what + name)

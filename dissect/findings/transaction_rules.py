@@ -29,6 +29,7 @@ from dissect.transactions.transaction import (
     ORPHAN,
     PUSH,
     REASON_TEXTS,
+    STILL_OPEN,
     TABLE_FULL,
     UNANSWERED,
     Transaction,
@@ -63,6 +64,7 @@ def judge_unanswered(judge: Reporter, transaction: Transaction, now_ns: i64, slo
     if transaction.outcome != UNANSWERED or transaction.reason == HOLE or transaction.flags & EXPECTED:
         return
     if transaction.reason == CAPTURE_ENDED and now_ns - transaction.request_ns <= slow_ns:
+        transaction.flags |= STILL_OPEN
         return
     if transaction.reason == TABLE_FULL:
         judge.note(

@@ -26,8 +26,9 @@ from dissect.layers.fields import (
 )
 from dissect.layers.parts import PartsField, pieces_of
 from dissect.s7 import layouts, tables
-from dissect.s7.bodies import parse_body, parse_data_parts, parse_parameter_parts
+from dissect.s7.bodies import parse_data_parts, parse_parameter_parts
 from dissect.s7.errors import ERROR_CODES
+from dissect.s7.hiding import body_to_show
 from dissect.s7.message import PROTOCOL_ID, header_size, parse_pdu
 from dissect.s7.parameters import Parameters, parse_parameters
 from dissect.wire.layout import Layout
@@ -167,7 +168,7 @@ def notes_of(body: Packet) -> str:
         pdu = parse_pdu(bytes(header))
     except (ValueError, struct.error):
         return ""
-    return joined([shortened(note, NOTE) for note in parse_body(pdu).notes])
+    return joined([shortened(note, NOTE) for note in body_to_show(pdu).notes])
 
 
 def parameters_left(pkt: Packet, rest: bytes) -> int:

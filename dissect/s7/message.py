@@ -114,12 +114,12 @@ class Pdu:
 
     @property
     def body(self) -> Body:
-        """The parts behind the header (`dissect.s7.bodies`), cut anew at each access. Never raises."""
-        from dissect.s7.bodies import (
-            parse_body,  # late: the tables of all structures come with it, and few runs need them
+        """The parts behind the header (`dissect.s7.bodies`), cut anew at each access; notes hold no password. Never raises."""
+        from dissect.s7.hiding import (
+            body_to_show,  # late: the tables of all structures come with it, few runs need them
         )
 
-        return parse_body(self)
+        return body_to_show(self)
 
     def data_items(self, malformed: list[Malformed] | None = None) -> list[DataItem]:
         """Return the data items of a read answer or a write request, offsets within the PDU; empty for other PDUs."""

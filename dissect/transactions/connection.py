@@ -71,6 +71,7 @@ class Connection:
         "_setup_by",
         "answered",
         "bound",
+        "class_",
         "client_known",
         "client_side",
         "closed_reason",
@@ -143,6 +144,7 @@ class Connection:
         self.cr_seen: bool = False
         self.cr_ref: i64 = 0
         self.cr_class: i64 = 0
+        self.class_: i64 = -1  # chosen by the CC, -1 while none was seen
         #: A DT of more octets is looked at closely: -1 for each one, until the connection is set up and after its end.
         self.dt_limit: i64 = -1 if tcp.known_start else NO_LIMIT
         self.told: i64 = 0  # what the rules have said of it (dissect.findings), in bits
@@ -232,6 +234,7 @@ class Connection:
     def note_cc(self, side: i64, tpdu: Tpdu) -> None:
         """A connect confirm: the size that holds; the TSAPs when the CR was not captured."""
         self.set_client(1 - side)
+        self.class_ = max(0, tpdu.field("class_"))
         self.tpdu_size = tpdu.tpdu_size or 65531
         self.dt_limit = self.tpdu_size
         if self.tsap_calling is None:

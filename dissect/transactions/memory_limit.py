@@ -6,12 +6,18 @@ octets pass: a buffer cannot grow by more than what was captured, so that it is 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from typing import Final
 
 from mypy_extensions import i64
 
 from dissect.transactions.pairing import OpenRequests
 from dissect.transactions.table import Side
+
+#: Connections looked at, and given up, with one packet.
+LOOK_AT_ONCE: Final = 64
+LEAVE_AT_ONCE: Final = 4
+#: Powers of two that what one connection keeps is sorted by.
+_SIZES: Final = 32
 
 
 def held_octets(side: Side) -> int:
@@ -46,24 +52,65 @@ def _open(requests: OpenRequests) -> i64:
     return held
 
 
-def over_limit(sides: Iterable[Side], most: int) -> list[tuple[int, Side]]:
-    """Return those that hold most of more than ``most`` octets, as (octets, side), until half of ``most`` is left; else none.
+class Room:
+    """Makes room a little with each packet: a live line must not wait while thousands of connections are looked through.
 
-    ``sides`` is one side of each connection.
+    `begin` takes one side of each open connection. Each `step` then looks at `LOOK_AT_ONCE` of them; when all were looked at
+    and keep more than ``most`` octets in sum, each further step returns up to `LEAVE_AT_ONCE` that have to leave, the fullest
+    first (as far as powers of two tell), until half of ``most`` is left. ``busy`` is True until that is done; ``looks`` counts
+    the connections looked at.
     """
-    holders = [(held_octets(side), side) for side in sides]
-    total = sum([held for held, _ in holders])
-    gone: list[tuple[int, Side]] = []
-    if total <= most:
+
+    def __init__(self, most: int) -> None:
+        self.busy: bool = False
+        self.looks: i64 = 0
+        self._most: i64 = most
+        self._total: i64 = 0
+        self._sides: list[Side] = []
+        self._at: i64 = 0
+        self._by_size: list[list[Side]] = []
+
+    def begin(self, sides: list[Side]) -> None:
+        """Look through ``sides``, unless the last round is still under way."""
+        if not self.busy:
+            self.busy = True
+            self._sides = sides
+            self._at = 0
+            self._total = 0
+            self._by_size = [[] for _ in range(_SIZES)]
+
+    def step(self) -> list[tuple[int, Side]]:
+        """Do a bounded part of the work; return those that have to leave now, as (octets, side)."""
+        gone: list[tuple[int, Side]] = []
+        end: i64 = min(self._at + LOOK_AT_ONCE, len(self._sides))
+        if self._at < end:
+            for index in range(self._at, end):
+                self._look(self._sides[index])
+            self._at = end
+            if end == len(self._sides) and self._total <= self._most:
+                self._by_size = []  # there is room
+            return gone
+        while self._by_size and len(gone) < LEAVE_AT_ONCE:
+            fullest = self._by_size[-1]
+            if not fullest:
+                self._by_size.pop()
+                continue
+            side = fullest.pop()
+            if side.peer is None:
+                continue  # it ended meanwhile
+            held = held_octets(side)
+            gone.append((held, side))
+            self._total -= held
+            if self._total <= self._most // 2:
+                self._by_size = []
+        if not self._by_size:
+            self.busy = False
+            self._sides = []
         return gone
-    holders.sort(key=_first, reverse=True)
-    for held, side in holders:
-        if total <= most // 2:
-            break
-        gone.append((held, side))
-        total -= held
-    return gone
 
-
-def _first(holder: tuple[int, Side]) -> int:
-    return holder[0]
+    def _look(self, side: Side) -> None:
+        self.looks += 1
+        if side.peer is not None:
+            held: i64 = held_octets(side)
+            self._total += held
+            self._by_size[min(int(held).bit_length(), _SIZES - 1)].append(side)

@@ -52,6 +52,7 @@ class Side:
         "missing",
         "peer",
         "plus",
+        "probes",
         "protocol",
         "requests",
         "stream",
@@ -77,6 +78,7 @@ class Side:
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
         self.end_seq: i64 = 0  # sequence number after the octets at hand
         self.requests: i64 = 0
+        self.probes: i64 = 0  # keep-alives before anything else was captured
         self.holes: i64 = 0
         self.missing: i64 = 0  # octets in holes
         self.hole_frame: i64 = 0  # packet at which the latest hole was given up
@@ -91,6 +93,17 @@ class Side:
         if self.peer is not None:
             self.peer.protocol = protocol
         self.connection.state = protocol.state
+
+    @property
+    def at_rest(self) -> bool:
+        """True when the octets passed on so far end with whole messages: none is begun."""
+        if self.framer.buffered or self.framer.skip or not self.assembler.clear:
+            return False
+        if self.ibh is not None and self.ibh.buffered:
+            return False
+        if self.plus is not None and self.plus.parts is not None:
+            return False
+        return self.backlog is None
 
     @property
     def captured(self) -> bool:

@@ -94,6 +94,10 @@ class TransactionError:
         }
 
 
+#: Bit of `Transaction.flags`: the capture ended before the answer was due, so that nothing is wrong.
+STILL_OPEN: Final = 2048
+
+
 class Transaction:
     """A request and its answer.
 
@@ -229,8 +233,8 @@ class Transaction:
 
     @property
     def failed(self) -> bool:
-        """True when the answer says no to anything, or never came."""
-        return self.has_errors or self.outcome == UNANSWERED
+        """True when the answer says no to anything, or never came; not while it could still come (`STILL_OPEN`)."""
+        return self.has_errors or (self.outcome == UNANSWERED and not self.flags & STILL_OPEN)
 
     @property
     def request_octets(self) -> bytes:

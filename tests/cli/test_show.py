@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from dissect.iso.tables import DR_REASONS
-from tests.cli.support import halves, run
+from tests.cli.support import halves, run, simple
 from tests.properties import messages
 from tests.properties.messages import EMPTY_DT, Item, dt, fragments
 from tests.properties.packets import Talk, cut_to
@@ -179,3 +179,14 @@ def test_help_says_what_a_person_needs(capfdbinary: Capture) -> None:
     told = run(capfdbinary, "show", "--help").out
     for word in ("FILE", "UTC", "--frame N", "-V, --verbose", "jsonl", "Exit code:"):
         assert word in told
+
+
+def test_several_packets_may_be_named(capfdbinary: Capture, tmp_path: Path) -> None:
+    path = simple(tmp_path / "x.pcapng")
+    ran = run(capfdbinary, "show", "-T", "jsonl", "--frame", "8", "--frame", "6")
+    assert ran.code == 2  # no file
+    ran = run(capfdbinary, "show", "-T", "jsonl", "--frame", "8", "--frame", "6", path)
+    assert [json.loads(line)["frame"] for line in ran.out.splitlines()] == [6, 8]
+    ran = run(capfdbinary, "show", "-T", "jsonl", "--frame", "8", "--frame", "1", path)
+    assert [json.loads(line)["frame"] for line in ran.out.splitlines()] == [8]
+    assert ran.err == "s7dissect: packet 1 completes no S7 PDU\n"

@@ -851,3 +851,39 @@ def test_a_connection_of_an_address_with_itself_is_accounted_for() -> None:
     check_books(result.pipeline, result.record)
     assert [one.number for one in result.record.closed] == [1]
     assert result.outcomes == ["unanswered"]
+
+
+def far(talk: lines.Talk, ahead: int, size: int = 0) -> None:
+    """A write of the client far ahead of where it is; the server acknowledges what it has."""
+    talk.open()
+    octets = lines.dt(lines.write(9, [lines.dbw(1, 0)], lines.written(4, b"\x00\x01")))
+    for number in range(1 + size):
+        talk.packet(lines.CLIENT, octets, seq=talk.seq[lines.CLIENT] + ahead + number * len(octets))
+
+
+@pytest.mark.parametrize("ahead", [100_000, 1 << 20, 1 << 30])
+@pytest.mark.parametrize("more", [0, 1, 40])
+def test_what_is_far_outside_the_window_is_believed_only_when_acknowledged(ahead: int, more: int) -> None:
+    talk = lines.Talk()
+    far(talk, ahead, more)
+    talk.acked[lines.SERVER] = talk.seq[lines.CLIENT]
+    for number in range(20):  # the connection goes on where it was
+        talk.packet(lines.SERVER)
+        talk.ask(lines.read(10 + number, lines.dbw(1, 0)))
+        talk.acked[lines.SERVER] = talk.seq[lines.CLIENT]
+        talk.tell(lines.words(10 + number, 1))
+    talk.close()
+    assert {transaction.function for transaction in talk.transactions} == {4}
+    assert talk.outcomes() == ["answered"] * 20
+    assert talk.pipeline.counters.octets.missing == 0
+    assert "stream.outside_window" in talk.slugs()
+
+
+def test_what_is_far_ahead_and_acknowledged_counts() -> None:
+    talk = lines.Talk()
+    far(talk, 1 << 30)
+    talk.acked[lines.SERVER] = talk.seq[lines.CLIENT] + (1 << 30) + 36
+    talk.packet(lines.SERVER)
+    talk.close()
+    assert 5 in {transaction.function for transaction in talk.transactions}
+    assert "stream.outside_window" not in talk.slugs()

@@ -239,7 +239,7 @@ def clock_set(talk: Talk) -> None:
 @speaks("security.reconnaissance")
 def who_are_you(talk: Talk) -> None:
     talk.open()
-    for pdu_ref, szl_id in enumerate((0x0011, 0x001C, 0x0131, 0x0232), 1):
+    for pdu_ref, szl_id in enumerate((0x0011, 0x001C, 0x0111, 0x0232), 1):
         talk.ask(events.szl(pdu_ref, szl_id))
         talk.tell(events.no_szl(pdu_ref))
     talk.pipeline.exchange.report_findings()

@@ -51,7 +51,9 @@ from tests.transactions.talk import (
 )
 
 PACKAGE: Final = Path(dissect.__file__).parent
-#: Rooms and modules that may judge.
+#: An Ethernet and an IPv4 header, from 10.0.0.1 to 10.0.0.2 over TCP.
+IPV4: Final = bytes(12) + bytes.fromhex("0800 45000028 0001 0000 40060000 0a000001 0a000002")
+#: Rooms that may judge.
 ENGINE: Final = frozenset(("findings", "bindings", "engine"))
 #: Rooms whose findings are written in the source as "room.what".
 SLUG: Final = re.compile(
@@ -102,6 +104,11 @@ def test_what_the_code_notes_is_the_catalogue() -> None:
     "stream.evicted",
     "stream.half_open_evicted",
     "tpkt.bad_length",
+    "tpkt.false_length",
+    "stream.outside_window",
+    "ip.bad_header",
+    "ip.fragment_invalid",
+    "session.idle",
     "tpkt.reserved",
     "cotp.error",
     "cotp.malformed",
@@ -317,6 +324,49 @@ def in_pieces(talk: Talk) -> None:
 def bad_length(talk: Talk) -> None:
     talk.open()
     talk.packet(CLIENT, b"\x03\x00\x00\x05\x00" + dt(read(1, dbw(1, 0))))
+
+
+@speaks("ip.bad_header")
+def bad_header(talk: Talk) -> None:
+    for _ in range(3):
+        talk.raw(IPV4[:14] + b"\x42" + IPV4[15:] + bytes(20))
+    assert talk.pipeline.finding_counts["ip.bad_header"] == 3
+    talk.pipeline.exchange.report_findings()
+    assert talk.slugs() == ["ip.bad_header"]
+
+
+@speaks("ip.fragment_invalid")
+def beyond_64_kib(talk: Talk) -> None:
+    for _ in range(3):
+        talk.raw(IPV4[:20] + b"\x1f\xff" + IPV4[22:] + bytes(20))
+    assert talk.pipeline.finding_counts["ip.fragment_invalid"] == 3
+
+
+@speaks("session.idle")
+def keep_alive_probes(talk: Talk) -> None:
+    for _ in range(3):
+        talk.packet(CLIENT, b"\0", seq=talk.seq[CLIENT])
+        talk.packet(SERVER)
+    talk.finish()
+    assert talk.pipeline.counters.octets.skipped == 0
+    assert talk.pipeline.counters.packet_counts()["keep_alive"] == 3
+    assert talk.slugs() == ["session.idle"]
+
+
+@speaks("stream.outside_window")
+def outside_window(talk: Talk) -> None:
+    talk.open()
+    talk.acked[SERVER] = talk.seq[CLIENT]
+    talk.packet(CLIENT, dt(write(9, [dbw(1, 0)], written(4, b"\x00\x01"))), seq=talk.seq[CLIENT] + (1 << 30))
+    talk.packet(SERVER)
+    talk.close()
+    assert 5 not in [transaction.function for transaction in talk.transactions]
+
+
+@speaks("tpkt.false_length")
+def false_length(talk: Talk) -> None:
+    talk.open()
+    talk.packet(CLIENT, b"\x03\x00\xff\xff\x02\xf0\x80" + dt(read(1, dbw(1, 0))))
 
 
 @speaks("tpkt.unfinished")

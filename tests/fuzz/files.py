@@ -153,14 +153,14 @@ def _transactions(octets: bytes, way: Way) -> None:
 
 
 def _tree(octets: bytes, way: Way) -> None:
-    shown = _Pdus(False, None, True, way.carrier())
+    shown = _Pdus(False, frozenset(), True, way.carrier())
     shown.begin(Places([SourceFile("fuzz.pcap", 1)], False))
     drive(octets, shown, way.carrier(), way.other)
     check_lines([line.text for line in shown.take()])
 
 
 def _pdu_lines(octets: bytes, way: Way) -> None:
-    shown = _Pdus(True, None, False, way.carrier())
+    shown = _Pdus(True, frozenset(), False, way.carrier())
     shown.begin(Places([SourceFile("fuzz.pcap", 1)], True))
     drive(octets, shown, way.carrier(), way.other)
     for line in shown.take():

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import struct
-import time
 import tomllib
 import tracemalloc
 import zlib
@@ -252,21 +251,12 @@ def test_a_key_of_many_parts_is_refused_before_it_is_read(parts: int, part: str)
     assert (error.line, "parts" in error.detail) == (6, True)
 
 
-@pytest.mark.measured
 def test_looking_for_such_a_key_does_not_grow_faster_than_the_text() -> None:
     for form in ("a", ".", "a.", '"', "'", "a ", "\t", "a-"):
         few, many = (f"{OBJECT}unit = {form * size}\n{'a' * size}" for size in (5_000, 20_000))
         if form != "a.":
             assert long_key_line(few) == 0
-        assert_growth(
-            partial(seconds, long_key_line, few), partial(seconds, long_key_line, many), 8
-        )  # 16 by the square
-
-
-def seconds(work: Callable[[str], object], text: str) -> float:
-    start = time.process_time()
-    work(text)
-    return time.process_time() - start
+        assert_growth(partial(long_key_line, few), partial(long_key_line, many), 8)  # 16 by the square
 
 
 HUGE: Final = {
@@ -396,7 +386,6 @@ def test_defaults_of_some_elements_come_back() -> None:
     assert "R62" in str(toml_error(OBJECT + 'class = "ARRAY"\ntype = "uint8"\ncount = 4\nvalues = {0 = 7}\n'))
 
 
-@pytest.mark.measured
 def test_reading_a_source_does_not_grow_faster_than_the_source() -> None:
     """Lines of tables, missing values, names: each was once looked up from the beginning."""
 
@@ -409,8 +398,8 @@ def test_reading_a_source_does_not_grow_faster_than_the_source() -> None:
         with pytest.raises(DictionaryError, match="1 to 254 are possible"):
             parse_toml(text)
 
-    few, many = made(1000), made(4000)
-    assert_growth(partial(seconds, read, few), partial(seconds, read, many), 8)  # 16 by the square
+    few, many = made(300), made(1200)
+    assert_growth(partial(read, few), partial(read, many), 8)  # 16 by the square
 
 
 @pytest.mark.requirement("R64")
