@@ -45,12 +45,21 @@ if ! "$venv/bin/python" -c 'import pip' 2>/dev/null; then
 fi
 pip=("$venv/bin/python" -m pip --disable-pip-version-check --no-input -q)
 
+requirements() {
+  "$venv/bin/python" -c 'import tomllib
+with open("pyproject.toml", "rb") as file:
+    print("\n".join(tomllib.load(file)["project"]["dependencies"]))'
+}
+
 print=$(fingerprint)
 if [ "$(cat "$wheels/built" 2>/dev/null)" != "$print" ]; then
   echo "environment: building the package"
   # Never pack what an earlier build left behind.
   rm -rf build s7dissect.egg-info "$wheels"
   mkdir -p "$wheels"
+  # What the package needs comes meanwhile: a good part of the build keeps one processor busy. What fails here fails again below.
+  requirements >"$wheels/requirements.txt"
+  "${pip[@]}" install -r "$wheels/requirements.txt" </dev/null >"$wheels/requirements.log" 2>&1 &
   if ! "$venv/bin/python" -m pip --disable-pip-version-check --no-input -v wheel --no-deps --wheel-dir "$wheels" . \
     >"$wheels/build.log" 2>&1 </dev/null; then
     cat "$wheels/build.log" >&2
@@ -62,6 +71,7 @@ if [ "$(cat "$wheels/built" 2>/dev/null)" != "$print" ]; then
   echo "$print" >"$wheels/built"
 fi
 
+wait
 wheel=$(echo "$wheels"/*.whl)
 if [ ! -e "$wheels/installed-$extra" ]; then
   echo "environment: installing it${extra:+ with what the ${extra}s need}"

@@ -7,6 +7,7 @@ must pass on it. Prints one line per step; the exit code is 1 if a step failed.
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -51,9 +52,11 @@ def try_analyze() -> bool:
 def try_captures() -> bool:
     """Compare the golden session of every capture with the one beside it."""
     folder = ROOT / "captures" / "golden"
+    # SCD needs a dictionary, zstd an extra, and captures that are cut off are not compared.
+    unfit = re.compile("^(scd/|crafted/cut-|crafted/plain-zstd)")
     goldens = [
-        golden for golden in sorted(folder.rglob("*.s7.txt")) if golden.parent.name != "scd"
-    ]  # wants a dictionary
+        golden for golden in sorted(folder.rglob("*.s7.txt")) if not unfit.match(golden.relative_to(folder).as_posix())
+    ]
     wrong = []
     for golden in goldens:
         name = golden.relative_to(folder).as_posix().removesuffix(".s7.txt")
