@@ -102,6 +102,8 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "A length, count or type does not fit what is there; see the detail for the field.", ""),
     ("s7.plus_too_long", NOTE, PROTOCOL, "An S7comm-plus PDU in many frames is longer than what is kept of it.",
      "Its head was read and it was paired; what it carries past the first 8 MiB was only counted.", ""),
+    ("s7plus.malformed", WARNING, PROTOCOL, "The contents of an S7comm-plus PDU contradict themselves.",
+     "A count, a length or a type does not fit; what follows it is kept as bytes. A faulty client, or an unknown format.", ""),
     ("s7.unknown_rosctr", WARNING, PROTOCOL, "An S7 PDU has a kind (ROSCTR) that nobody knows.",
      "It was counted and left alone.", ""),
     ("s7.unknown_code", WARNING, PROTOCOL, "A function, area, syntax or transport size that nobody knows.",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7plus.ids import AREAS, block_name, id_name
+from dissect.s7plus.ids import AREAS, DATA_BLOCK, block_name, member_name, short_name
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.objects import PlusObject
 from dissect.s7plus.values import Member, Value
@@ -42,48 +42,46 @@ class Address:
 
     @property
     def label(self) -> str:
-        """The address as far as it tells without the type information of its block: ``DB3 LID 14``, ``MB100 x2``.
+        """The address as far as it tells without the type information of its block.
 
-        The checksum of a symbol follows in brackets, as it is what the device compares.
+        For example ``DB3 LID 14``, ``MW100``, ``CPUexecUnit.OperatingStateREQ``. The checksum of a symbol follows in
+        brackets, as it is what the device compares.
         """
         where = AREAS.get(self.area) or block_name(self.area)
         if not where:
-            return f"{id_name(self.area)} {id_name(self.sub_area)}{''.join([f'.{lid}' for lid in self.lids])}"
+            return ".".join([short_name(self.area), *[member_name(id_) for id_ in (self.sub_area, *self.lids)]])
         absolute = self._absolute()
         if absolute:
             return absolute
         path = ".".join([str(lid) for lid in self.lids])
         symbol = f" [CRC 0x{self.crc:08x}]" if self.crc else ""
-        held = "" if self.sub_area in _ACTUAL else f" {id_name(self.sub_area)}"
+        held = "" if self.sub_area in _ACTUAL else f" {member_name(self.sub_area)}"
         return f"{where}{held}{' LID ' + path if path else ''}{symbol}"
+
+    @property
+    def start_bit(self) -> int:
+        """Number of the first bit of an absolute address, -1 for a symbol or an attribute."""
+        lids = self.lids
+        if self.crc or len(lids) not in {3, 4} or lids[0] != _CLASSIC_BLOB:
+            return -1
+        if self.area not in AREAS and self.area >> 16 != DATA_BLOCK:
+            return -1
+        return 8 * lids[1] + (lids[3] if len(lids) == 4 else 0)
 
     def _absolute(self) -> str:
         """Return the address of octets or of a bit, empty when it is none: LIDs 3, offset, octets, for a bit its number."""
-        lids = self.lids
-        if self.crc or len(lids) not in {3, 4} or lids[0] != _CLASSIC_BLOB or self.area not in AREAS:
-            return self._absolute_block()
-        area = AREAS[self.area]
-        if len(lids) == 4:
-            return f"{area}{lids[1]}.{lids[3]}"
-        return _sized(area, "", lids[1], lids[2])
-
-    def _absolute_block(self) -> str:
-        block = block_name(self.area)
-        lids = self.lids
-        if self.crc or not block.startswith("DB") or len(lids) not in {3, 4} or lids[0] != _CLASSIC_BLOB:
+        if self.start_bit < 0:
             return ""
+        lids = self.lids
+        prefix = AREAS.get(self.area) or f"{block_name(self.area)}.DB"
         if len(lids) == 4:
-            return f"{block}.DBX{lids[1]}.{lids[3]}"
-        return _sized(f"{block}.DB", "", lids[1], lids[2])
+            return f"{prefix}{'' if self.area in AREAS else 'X'}{lids[1]}.{lids[3]}"
+        letter = _LETTERS.get(lids[2])
+        return f"{prefix}{letter}{lids[1]}" if letter is not None else f"{prefix}B{lids[1]} x{lids[2]}"
 
 
-def _sized(prefix: str, suffix: str, offset: int, octets: int) -> str:
-    letter = {1: "B", 2: "W", 4: "D"}.get(octets)
-    if letter is not None:
-        return f"{prefix}{letter}{offset}{suffix}"
-    return f"{prefix}B{offset}{suffix} x{octets}"
-
-
+#: Letters of addresses of one, two and four octets.
+_LETTERS: Final = {1: "B", 2: "W", 4: "D"}
 #: First LID of an address in octets, for everything that is not optimised.
 _CLASSIC_BLOB: Final = 3
 #: Attributes that hold the values the program works with, which nobody needs to be told.

@@ -38,6 +38,20 @@ def id_name(number: int) -> str:
     return str(number) if number < 0x10000 else f"0x{number:08x}"
 
 
+def short_name(number: int) -> str:
+    """Return what an id is called, without its number and what tables put around a name: ``CPUexecUnit``, ``DB3``, ``DAI``."""
+    row = IDS.get(number)
+    if row is None:
+        return id_name(number)
+    name = row.name.removeprefix("NativeObjects.the").removesuffix(".Class_Rid")
+    return name.removesuffix("_Rid").removesuffix("_Aid")
+
+
+def member_name(number: int) -> str:
+    """Return what an attribute or a member is called, without its class: ``OperatingState``, ``1845``."""
+    return short_name(number).rpartition(".")[2]
+
+
 def block_name(number: int) -> str:
     """Return the name of a block by the id of its object, for example ``DB3``; empty when it is none."""
     kind = BLOCK_KINDS.get(number >> 16)

@@ -128,7 +128,7 @@ def read_elements(walk: Walk) -> list[Element]:
             walk.at += 1
             id_ = walk.number(VLQ, "attribute")
             label = f"{id_name(id_)} = " if walk.shown else ""
-            elements.append(Attribute(id_, read_value(walk, ATTRIBUTE, start, label)))
+            elements.append(Attribute(id_, read_value(walk, ATTRIBUTE, start, label, id_)))
         elif tag == RELATION_TAG:
             walk.at += 1
             id_ = walk.number(VLQ, "relation")

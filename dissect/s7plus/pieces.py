@@ -137,7 +137,7 @@ def take_refusals(walk: Walk, found: Contents) -> None:
 
 def take_value(walk: Walk, found: Contents) -> None:
     """Read the one value there is. Raises `FormatError`."""
-    found.value = read_value(walk, layouts.VALUE, walk.at)
+    found.value = read_value(walk, layouts.VALUE, walk.at, "", found.ids[-1] if found.ids else 0)
 
 
 def take_objects(walk: Walk, found: Contents) -> None:

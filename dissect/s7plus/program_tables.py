@@ -245,3 +245,35 @@ SECTIONS: Final = CodeTable("S7comm-plus section", 1, [
     (6, "Retval", ""),
     (7, "Operand", ""),
 ])  # fmt: skip
+
+#: What a client asks of the CPU, attribute 2167. 1 and 3 were seen in captures; the others are from one source only.
+STATE_REQUESTS: Final = CodeTable("S7comm-plus operating state request", 1, [
+    (1, "STOP", "The CPU shall stop."),
+    (2, "reset retentive", "The CPU shall reset its retentive memory."),
+    (3, "RUN", "The CPU shall run."),
+    (4, "redundant RUN", "The CPU shall run, with its partner."),
+])  # fmt: skip
+
+#: What state the CPU is in, member 3486.
+OPERATING_STATES: Final = CodeTable("S7comm-plus operating state", 1, [
+    (4, "STOP", "The CPU does not run its program."),
+    (8, "RUN", "The CPU runs its program."),
+])  # fmt: skip
+
+#: What a session may do, attributes 1842 and 1843.
+PROTECTION_LEVELS: Final = CodeTable("S7comm-plus protection level", 1, [
+    (1, "full access", "Everything."),
+    (2, "read access", "Reading, and what panels do."),
+    (3, "HMI access", "What panels do."),
+    (4, "no access", "Nothing without a password."),
+])  # fmt: skip
+
+#: Attributes and members whose numbers have names.
+MEANINGS: Final[dict[int, CodeTable]] = {
+    299: ROLES,
+    1842: PROTECTION_LEVELS,
+    1843: PROTECTION_LEVELS,
+    2167: STATE_REQUESTS,
+    2523: LANGUAGES,
+    3486: OPERATING_STATES,
+}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dissect.s7plus.ids import id_name
 from dissect.s7plus.layouts import LIST_END, MEMBER, PACKED, PACKED_TWICE, ROW
-from dissect.s7plus.value_showing import value_text
+from dissect.s7plus.value_showing import value_said
 from dissect.s7plus.value_tables import (
     ADDRESS_ARRAY,
     ARRAY,
@@ -30,10 +30,11 @@ from dissect.wire.layout import Layout
 from dissect.wire.varint import VLQ
 
 
-def read_value(walk: Walk, layout: Layout, start: int, label: str = "") -> Value:
+def read_value(walk: Walk, layout: Layout, start: int, label: str = "", id_: int = 0) -> Value:
     """Read a value and cut a part of ``layout`` from ``start``, which is where what names the value begins.
 
-    ``label`` is the beginning of the part's note. Members of a structure follow as parts of their own. Raises `FormatError`.
+    ``label`` is the beginning of the part's note, ``id_`` the attribute or member it is the value of, 0 for another. Members
+    of a structure follow as parts of their own. Raises `FormatError`.
     """
     offset = walk.at
     flags = walk.u8("flags")
@@ -42,7 +43,7 @@ def read_value(walk: Walk, layout: Layout, start: int, label: str = "") -> Value
         value = Value(flags, type_, _read_struct(walk, flags, layout, start, label), offset, walk.at)
     else:
         value = Value(flags, type_, _read_content(walk, flags, type_), offset, walk.at)
-        walk.part(layout, start, f"{label}{value_text(value)}" if walk.shown else "")
+        walk.part(layout, start, f"{label}{value_said(value, id_)}" if walk.shown else "")
     return value
 
 
@@ -180,4 +181,4 @@ def read_members(walk: Walk) -> list[Member]:
             walk.part(LIST_END, at)
             walk.depth -= 1
             return members
-        members.append((id_, read_value(walk, MEMBER, at, f"{id_name(id_)} = " if walk.shown else "")))
+        members.append((id_, read_value(walk, MEMBER, at, f"{id_name(id_)} = " if walk.shown else "", id_)))

@@ -7,6 +7,7 @@ from typing import Final
 
 from dissect.s7.values import real_text
 from dissect.s7plus.ids import id_name
+from dissect.s7plus.program_tables import MEANINGS
 from dissect.s7plus.value_tables import AID, BIT_TYPES, FIXED_SIZES, NULL, REAL, RID, TIMESPAN, TIMESTAMP, WSTRING
 from dissect.s7plus.values import FLOAT, Blob, Member, Packed, Rows, Struct, Value
 from dissect.wire.clock import Clock
@@ -32,6 +33,14 @@ def value_text(value: Value) -> str:
     if value.type == NULL:
         return name
     return f"{name} {_content_text(value.type, content)}"
+
+
+def value_said(value: Value, id_: int) -> str:
+    """Return a value in few words, and what its number means where ``id_``, its attribute or member, is one that tells."""
+    codes = MEANINGS.get(id_)
+    content = value.content
+    row = codes.get(content) if codes is not None and isinstance(content, int) else None
+    return f"{value_text(value)} {row.name}" if row is not None else value_text(value)
 
 
 def _content_text(type_: int, content: object) -> str:

@@ -180,8 +180,8 @@ def test_a_pdu_that_is_too_long_is_paired_all_the_same() -> None:
     talk = begun()
     talk.ask(framed(asked(1)))
     talk.tell(framed(told(1), trailer=False))
-    for _ in range(MAX_PDU // 9_000 + 2):
-        talk.tell(*[framed(bytes(900), trailer=False)] * 10)
+    for _ in range(MAX_PDU // 60_000 + 2):
+        talk.tell(framed(bytes(60_000), trailer=False))
     talk.tell(framed(b"end"))
     talk.close()
     assert talk.outcomes() == ["answered"]

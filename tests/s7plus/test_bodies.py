@@ -79,8 +79,8 @@ def test_reading_attributes_of_an_object() -> None:
     found = whole(GET_MULTI_VARIABLES, body)
     assert (found.object_id, found.ids) == (52, [2167, 233])
     assert [address.label for address in found.addresses] == [
-        "52 NativeObjects.theCPUexecUnit_Rid 2167 CPUexecUnit.OperatingStateREQ",
-        "52 NativeObjects.theCPUexecUnit_Rid 233 ObjectVariableTypeName",
+        "CPUexecUnit.OperatingStateREQ",
+        "CPUexecUnit.ObjectVariableTypeName",
     ]
 
 
