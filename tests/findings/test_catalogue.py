@@ -59,7 +59,7 @@ PACKAGE: Final = Path(dissect.__file__).parent
 ENGINE: Final = frozenset(("findings", "bindings", "conversation.py", "gateway.py", "pipeline.py"))
 #: Rooms whose findings are written in the source as "room.what".
 SLUG: Final = re.compile(
-    r"(capture|ip|stream|tpkt|ibh|cotp|s7|session|transaction|function|security|scd|operation|internal)\.[a-z_0-9]+"
+    r"(capture|ip|stream|tpkt|ibh|cotp|s7|s7plus|session|transaction|function|security|scd|operation|internal)\.[a-z_0-9]+"
 )
 
 
@@ -558,9 +558,9 @@ def padded(talk: Talk) -> None:
 def plus_too_long(talk: Talk) -> None:
     talk.hello()
     talk.connect()
-    frame = b"\x72\x02\xea\x60" + bytes(60_000)
-    for _ in range(MAX_PDU // len(frame) + 1):
-        talk.ask(frame)
+    frame = b"\x72\x02\x03\x84" + bytes(900)
+    for _ in range(MAX_PDU // (60 * len(frame)) + 1):
+        talk.ask(*[frame] * 60)
     talk.ask(frame + b"\x72\x02\x00\x00")
 
 
@@ -569,9 +569,9 @@ def plus_just_fits(talk: Talk) -> None:
     """As long as it may be."""
     talk.hello()
     talk.connect()
-    frame = b"\x72\x02\xea\x60" + bytes(60_000)
-    for _ in range(MAX_PDU // len(frame) - 1):
-        talk.ask(frame)
+    frame = b"\x72\x02\x03\x84" + bytes(900)
+    for _ in range(MAX_PDU // (60 * len(frame)) - 1):
+        talk.ask(*[frame] * 60)
     talk.ask(frame + b"\x72\x02\x00\x00")
     assert talk.pipeline.conversation.plus_pdus == 1
 

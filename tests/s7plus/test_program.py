@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from dissect.s7plus.contents import Address
-from dissect.s7plus.objects import PlusObject
+from dissect.s7plus.objects import Element, PlusObject
 from dissect.s7plus.program import MAX_VARIABLES, Program, symbol
 from dissect.s7plus.variables import NameList, Variable, VariableList
 
@@ -15,8 +15,11 @@ def variable(lid: int, datatype: int = 5, kind: int = 8, crc: int = 0, numbers: 
 
 
 def type_of(rid: int, *pairs: tuple[str, Variable]) -> PlusObject:
-    lists = [VariableList(0, [[one for _, one in pairs]]), NameList([[name.encode() for name, _ in pairs]])]
-    return PlusObject(rid, 511, 0, 0, 0, list(lists))
+    lists: list[Element] = [
+        VariableList(0, [[one for _, one in pairs]]),
+        NameList([[name.encode() for name, _ in pairs]]),
+    ]
+    return PlusObject(rid, 511, 0, 0, 0, lists)
 
 
 TANK = type_of(
@@ -74,8 +77,8 @@ def test_a_type_that_is_sent_again_replaces_the_one_before() -> None:
 
 def test_lists_that_contradict_each_other_are_left_out() -> None:
     program = Program()
-    lists = [VariableList(0, [[variable(9)]]), NameList([[b"a", b"b"]])]
-    program.learn([PlusObject(0x92000003, 511, 0, 0, 0, list(lists)), PlusObject(0x92000003, 511, 0, 0, 0, [])])
+    lists: list[Element] = [VariableList(0, [[variable(9)]]), NameList([[b"a", b"b"]])]
+    program.learn([PlusObject(0x92000003, 511, 0, 0, 0, lists), PlusObject(0x92000003, 511, 0, 0, 0, [])])
     assert program.find(Address(0, 0x8A0E0003, ACTUAL, [9])) is None
 
 
