@@ -23,11 +23,14 @@ from dissect.s7plus.events import (
     WRITTEN,
     WRITTEN_OUTPUTS,
     Event,
+    subscription_of,
     take,
 )
 from dissect.s7plus.program import Program
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.transactions.connection import Connection
+from dissect.transactions.operation import OperationBook
+from dissect.transactions.plus_operations import PlusOperations
 from dissect.transactions.transaction import UNANSWERED, Transaction
 from dissect.wire.text import shortened
 
@@ -60,7 +63,8 @@ _TEXT: Final = 200
 class PlusWatch:
     """Judges S7comm-plus transactions. One for a whole analysis: the program of a CPU passes on any of its connections."""
 
-    def __init__(self, judge: Judge, security: SecurityWatch) -> None:
+    def __init__(self, judge: Judge, security: SecurityWatch, book: OperationBook) -> None:
+        self._operations = PlusOperations(book)
         self._judge = judge
         self._security = security
         self._cpus: dict[str, tuple[Program, Identity]] = {}
@@ -71,9 +75,12 @@ class PlusWatch:
         session = connection.plus
         if session is None:
             session = self._begin(connection)
+        if transaction.function < 0 and session.subscriptions:
+            self._operations.notified(subscription_of(transaction.response_octets), transaction)
         facts = take(session, transaction.function, transaction.request_octets, transaction.response_octets)
         if facts is not None:
             for event in facts.events:
+                self._operations.take(event, session, transaction)
                 self._tell(session, event, transaction)
             if facts.malformed:
                 frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
@@ -100,7 +107,9 @@ class PlusWatch:
         if kind == PASSWORD:
             self._security.password(transaction)
             return
-        slug = _SLUGS[kind]
+        slug = _SLUGS.get(kind, "")
+        if not slug:
+            return
         area = _AREAS.get(kind, 0)
         if area:
             self._wrote(session, slug, area, event, transaction)
@@ -121,6 +130,7 @@ class PlusWatch:
 
     def end(self, connection: Connection) -> None:
         """A connection is over: a client that explored and subscribed to nothing looked around."""
+        self._operations.end(connection)
         session = connection.plus
         if session is None or session.subscribed or session.explores < _EXPLORES:
             return

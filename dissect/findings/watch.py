@@ -20,12 +20,13 @@ class Watch:
         self._judge = judge
         self.operations = Operations()
         self.security = SecurityWatch(judge)
-        self.plus = PlusWatch(judge, self.security)
+        self.plus = PlusWatch(judge, self.security, self.operations)
 
     def take(self, transaction: Transaction) -> None:
         """Take a transaction that is no read or write."""
         if transaction.is_plus:
             self.plus.take(transaction)
+            self._tell()
             return
         self.operations.take(transaction)
         if transaction.flags:

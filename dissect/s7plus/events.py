@@ -20,7 +20,10 @@ from dissect.s7plus.session import (
     IDENTIFICATION,
     OPERATING_STATE,
     REFERENCE_LIST,
+    SERVER_SESSION,
+    SUBSCRIPTION,
     PlusSession,
+    reference_list_of,
 )
 from dissect.s7plus.summary import NAME, single_address
 from dissect.s7plus.tables import (
@@ -52,11 +55,16 @@ WRITTEN: Final = "write"
 WRITTEN_OUTPUTS: Final = "write outputs"
 PASSWORD: Final = "password"  # noqa: S105 - the name of a kind, no secret
 TEST_JOB: Final = "test job"
+SESSION: Final = "session"
+SUBSCRIBED: Final = "subscription"
+SUBSCRIBED_ALARMS: Final = "alarm subscription"
+DELETED: Final = "deleted object"
 
 _PROGRAM: Final = 3
 _ROOT: Final = 1
 _HARDWARE: Final = 2496
-_SESSION_CONTAINER: Final = 285
+_ALARM_SUBSCRIPTION: Final = 2662
+_CYCLE: Final = 1049
 _TEST_JOBS: Final = frozenset((2709, 2693))
 _STATE_REQUEST: Final = 2167
 _STATES: Final = {4: STOPPED, 8: RUNNING}
@@ -78,13 +86,17 @@ _INTEGRITY: Final = 33
 
 
 class Event:
-    """Something that matters: its kind, and what it is about. Text from the wire is not escaped."""
+    """Something that matters: its kind, what it is about, and the object it is about, 0 for none.
 
-    __slots__ = ("kind", "text")
+    Text from the wire is not escaped.
+    """
 
-    def __init__(self, kind: str, text: str) -> None:
+    __slots__ = ("kind", "object_id", "text")
+
+    def __init__(self, kind: str, text: str, object_id: int = 0) -> None:
         self.kind = kind
         self.text = text
+        self.object_id = object_id
 
 
 class Facts:
@@ -156,9 +168,10 @@ def _judge(
     elif function == DELETE_OBJECT:
         block = block_name(asked.object_id)
         if block:
-            facts.events.append(Event(CHANGED, f"delete {block}"))
-        if good:
+            facts.events.append(Event(CHANGED, f"delete {block}", asked.object_id))
+        elif good:
             session.unsubscribe(asked.object_id)
+            facts.events.append(Event(DELETED, "", asked.object_id))
     elif function == EXPLORE:
         session.explores += 1
         if told is not None and good:
@@ -172,20 +185,37 @@ def _judge(
 
 
 def _created(session: PlusSession, facts: Facts, asked: Contents, told: Contents | None, good: bool) -> None:
-    if asked.object_id == _SESSION_CONTAINER:
+    made = told.ids if told is not None and good else []
+    if any([one.class_id == SERVER_SESSION for one in asked.objects]):
         session.open_session(asked)
         if told is not None and good:
             session.session_opened(told)
+        facts.events.append(Event(SESSION, "", made[0] if made else 0))
     elif asked.object_id == _PROGRAM:
         facts.events.append(Event(CHANGED, f"load {_blocks(asked.objects)}"))
     for one in asked.objects:
         if asked.object_id == _ROOT and one.class_id == _HARDWARE:
             facts.events.append(Event(CHANGED, "load the hardware configuration"))
         elif one.class_id in _TEST_JOBS:
-            facts.events.append(Event(TEST_JOB, f"test job {one.text(NAME)}".rstrip()))
+            facts.events.append(Event(TEST_JOB, f"test job {one.text(NAME)}".rstrip(), made[0] if made else 0))
+        elif one.class_id == SUBSCRIPTION:
+            facts.events.append(_subscription(session, one, made[0] if made else 0))
     session.program.learn(asked.objects)
     if told is not None and good:
         session.subscribe(asked, told)
+
+
+def _subscription(session: PlusSession, one: PlusObject, id_: int) -> Event:
+    """Describe a subscription: its name, its cycle, and what is subscribed."""
+    alarms = any([inner.class_id == _ALARM_SUBSCRIPTION for inner in one.objects])
+    cycle = one.number(_CYCLE)
+    texts = [one.text(NAME), f"every {cycle} ms" if cycle > 0 else "on change"]
+    addresses = reference_list_of(one)
+    labels = [session.label(address) for address in addresses[:_NAMED]]
+    if len(addresses) > _NAMED:
+        labels.append(f"and {len(addresses) - _NAMED} more")
+    kind = SUBSCRIBED_ALARMS if alarms else SUBSCRIBED
+    return Event(kind, ", ".join([text for text in texts if text] + labels), id_)
 
 
 def _explored(session: PlusSession, facts: Facts, told: Contents) -> None:
@@ -227,9 +257,9 @@ def _write(session: PlusSession, facts: Facts, address: Address, value: Value | 
     if address.area not in AREAS and address.area >> 16 not in BLOCK_KINDS:
         return
     kind = WRITTEN_OUTPUTS if address.area in _OUTPUTS else WRITTEN
-    found = session.program.find(address)
-    label = f"{block_name(address.area) or AREAS.get(address.area, '')}.{found.path}" if found else address.label
-    facts.events.append(Event(kind, f"{label}{f' = {value_text(value)}' if value is not None else ''}"))
+    facts.events.append(
+        Event(kind, f"{session.label(address)}{f' = {value_text(value)}' if value is not None else ''}")
+    )
 
 
 def _one(session: PlusSession, facts: Facts, function: int, asked: Contents, told: Contents | None, good: bool) -> None:
@@ -279,9 +309,14 @@ def _state(session: PlusSession, facts: Facts, value: Value) -> None:
         facts.events.append(Event(_STATES[state], f"operating state {OPERATING_STATES.name(state)}"))
 
 
-def _notified(session: PlusSession, octets: bytes) -> Facts | None:
+def subscription_of(octets: bytes) -> int:
+    """Return the subscription of a notification, read in place; -1 when it is too short."""
     at = _HEADER + 1 + (_INTEGRITY if octets[1:2] == bytes((V3,)) else 0)
-    if at + 4 > len(octets) or u32(octets, at) not in session.states:
+    return int(u32(octets, at)) if at + 4 <= len(octets) else -1
+
+
+def _notified(session: PlusSession, octets: bytes) -> Facts | None:
+    if subscription_of(octets) not in session.states:
         return None
     facts = Facts()
     pdu, found = _read(octets, facts)

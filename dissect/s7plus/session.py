@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.s7plus.contents import Address, Contents
-from dissect.s7plus.objects import every_object
-from dissect.s7plus.program import Program
+from dissect.s7plus.objects import PlusObject, every_object
+from dissect.s7plus.program import Program, symbol
 from dissect.s7plus.program_tables import ROLES
 from dissect.s7plus.values import Blob, Struct, Value
 
@@ -94,6 +94,19 @@ class PlusSession:
     def role_name(self) -> str:
         """``engineering``, ``HMI``, or empty when nothing was said."""
         return ROLES.name(self.role) if self.role > 0 else ""
+
+    def label(self, address: Address) -> str:
+        """Return an address as a person writes it, with the names of the program where they are known."""
+        found = self.program.find(address)
+        return symbol(address, found) if found is not None else address.label
+
+    def describe(self) -> str:
+        """Return who the client is and which CPU answers, in a few words."""
+        client = [self.application or self.session_name, f"on {self.host}" if self.host else "", self.user]
+        role = f"({self.role_name})" if self.role_name else ""
+        cpu = " ".join([text for text in (self.identity.order_number, self.identity.firmware) if text])
+        who = " ".join([text for text in (*client, role) if text])
+        return f"{who}, CPU {cpu}" if cpu else who
 
     # ---- sessions ---------------------------------------------------------------------------------------------------
 
@@ -183,6 +196,15 @@ def _change(known: dict[int, Address], value: Value) -> None:
     for reference, address in fresh:
         if len(known) < MAX_ITEMS:
             known[reference] = address
+
+
+def reference_list_of(subscription: PlusObject) -> list[Address]:
+    """Return what the object of a subscription asks for."""
+    value = subscription.find(REFERENCE_LIST)
+    known: dict[int, Address] = {}
+    if value is not None:
+        _change(known, value)
+    return list(known.values())
 
 
 def parse_reference_list(numbers: list[int]) -> tuple[bool, list[int], list[tuple[int, Address]]]:
