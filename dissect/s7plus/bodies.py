@@ -56,7 +56,7 @@ from dissect.s7plus.tables import (
 )
 from dissect.s7plus.value_reading import read_members, read_value
 from dissect.s7plus.walk import FormatError, Walk
-from dissect.wire.varint import VLQ
+from dissect.wire.varint import VLQ, VLQ64, read_varint
 
 #: Reads the body of a function; what it leaves is the end of the PDU.
 Reader = Callable[[Walk, Contents], None]
@@ -81,9 +81,17 @@ def parse_contents(pdu: PlusPdu, shown: bool = True) -> Contents:
         _read(walk, found, pdu)
         walk.rest(found.malformed)
     except FormatError as fault:
-        walk.rest(found.malformed, fault, "snaplen" if pdu.cut else "tsdu")
+        walk.rest(found.malformed, None if _blank(pdu, size) else fault, "snaplen" if pdu.cut else "tsdu")
     found.parts = walk.parts
     return found
+
+
+def _blank(pdu: PlusPdu, start: int) -> bool:
+    """Tell whether contents are nothing but zeros: `s7dissect anonymize` leaves them, behind the return value it keeps."""
+    octets = pdu.data
+    if pdu.return_value >= 0:
+        _, start = read_varint(octets, start, len(octets), VLQ64)
+    return start < len(octets) and octets.count(0, start) == len(octets) - start
 
 
 def _read(walk: Walk, found: Contents, pdu: PlusPdu) -> None:

@@ -244,7 +244,10 @@ def test_a_notification_of_a_capture() -> None:
     assert [(reference, value.type_name) for reference, value in found.items] == [(25, "Real"), (27, "Real")]
 
 
-@pytest.mark.parametrize("body", [bytes(8), bytes(14) + b"\x92\0\0\0\1" + build_value(FIVE) + b"\0" + bytes(4)])
+@pytest.mark.parametrize(
+    "body",
+    [bodies.rid(7) + bytes(4), bodies.rid(7) + bytes(10) + b"\x92\0\0\0\1" + build_value(FIVE) + b"\0" + bytes(4)],
+)
 def test_notifications_of_version_1(body: bytes) -> None:
     found = parse_contents(parse_plus(framed(b"\x33" + body, 1)))
     assert (found.malformed, found.whole) == ([], True)
@@ -300,3 +303,12 @@ def test_a_structure_in_an_answer() -> None:
     value = Value(0, STRUCT, Struct(314, [(319, Value(0, WSTRING, "1;6ES7 215-1AG40-0XB0 ;V4.3"))]))
     found = whole(GET_VAR_SUBSTREAMED, b"\0\0" + build_value(value) + bodies.end(4), answer=True)
     assert "319 LID_SessionVersionSystemPAOMString = WString '1;6ES7 215-1AG40-0XB0 ;V4.3'" in found.notes
+
+
+@pytest.mark.parametrize(
+    ("function", "answer"),
+    [(SET_VARIABLE, False), (CREATE_OBJECT, False), (GET_MULTI_VARIABLES, True), (CREATE_OBJECT, True)],
+)
+def test_contents_that_were_made_anonymous_are_no_contents(function: int, answer: bool) -> None:
+    found = contents(function, (b"\0" if answer else b"") + bytes(50), answer=answer)
+    assert (found.malformed, found.whole, found.parts[-1].layout.name) == ([], False, "octets")
