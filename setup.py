@@ -56,6 +56,9 @@ COLD: Final = frozenset(
         "dissect/s7/szl_modules.py",
         "dissect/s7/szl_records.py",
         "dissect/s7/szl_tables.py",
+        "dissect/s7plus/id_tables.py",
+        "dissect/s7plus/program_tables.py",
+        "dissect/s7plus/return_tables.py",
     )
 )
 

@@ -147,7 +147,7 @@ class _Queue(Observer):
         self.events.append(connection)
 
 
-def _carrier(scd: str | Path | Dictionary | None, bind: str | Path | None) -> PayloadDecoder | None:
+def _decoder(scd: str | Path | Dictionary | None, bind: str | Path | None) -> PayloadDecoder | None:
     """Return what decodes SCD, None where nothing is asked for. ValueError when only one half is given."""
     if scd is None and bind is None:
         return None
@@ -176,7 +176,7 @@ def open(
     `dissect.bindings.BindingError` for a dictionary or a bindings file that is wrong.
     """
     queue = _Queue(pdus)
-    run = Run([path, *more], queue, Options(slow_ns, carrier=_carrier(scd, bind), checksums=checksums))
+    run = Run([path, *more], queue, Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums))
     while run.step():
         yield from queue.events
         queue.events = []
@@ -197,7 +197,7 @@ def analyze(
     Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding.
     """
     analysis = Analysis()
-    run = Run([path, *more], analysis, Options(slow_ns, carrier=_carrier(scd, bind), checksums=checksums))
+    run = Run([path, *more], analysis, Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums))
     while run.step():
         pass
     analysis.take(run.pipeline, run.files)

@@ -62,6 +62,7 @@ PURE: Final = frozenset(
         "iso",
         "ibh",
         "s7",
+        "s7plus",
         "transactions",
         "findings",
         "conversation",

@@ -46,7 +46,7 @@ def command(
     slow_ns: int,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
     """Tell what captures hold, how fast it went, what failed and why.
 
@@ -61,7 +61,7 @@ def command(
     from dissect.session import Run
 
     analysis = Analysis()
-    run = Run(files, analysis, Options(slow_ns, carrier=carrier, checksums=checksums))
+    run = Run(files, analysis, Options(slow_ns, decoder=decoder, checksums=checksums))
     code = drive(run, files)
     analysis.take(run.pipeline, run.files)
     if format_ == "json":

@@ -83,7 +83,7 @@ def command(
     shift_time: bool,
     format_: str,
     force: bool,
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
     """Write a capture that may be shown to others, and tell what it no longer holds.
 
@@ -104,10 +104,10 @@ def command(
     choices = Choices(values, keep_code, keep_others, shift_time)
     account = Account()
     addresses = AddressMap(key)
-    scd = carrier if isinstance(carrier, ScdCarrier) else None
+    scd = decoder if isinstance(decoder, ScdCarrier) else None
     rules = Rules(key, addresses, choices, ScdRules(key, addresses, choices, scd, account))
     survey = Survey(key, rules, account, scd)
-    run = Run((file,), survey, Options(carrier=scd))
+    run = Run((file,), survey, Options(decoder=scd))
     code = drive(run, (file,))
     if code == EXIT_INTERRUPTED:
         click.echo(f"s7dissect: interrupted, {name_of(output)} was not written", err=True)

@@ -128,7 +128,7 @@ def command(
     context: bool,
     plain: bool,
     force: bool,
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
     """Write a part of a capture to a pcapng file, with our findings as comments of the packets that show them.
 
@@ -148,7 +148,7 @@ def command(
     if context and not transaction:
         raise click.UsageError("--context belongs to --transaction: it adds what opens and closes their connections.")
     selection = Selection(wanted, comments=not plain, context=context)
-    run = Run(files, selection, Options(carrier=carrier))
+    run = Run(files, selection, Options(decoder=decoder))
     code = drive(run, files)
     if code == EXIT_INTERRUPTED:
         click.echo(f"s7dissect: interrupted, {name_of(output)} was not written", err=True)

@@ -63,7 +63,7 @@ def command(
     ignore: tuple[str, ...],
     latency: str | None,
     most: int,
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
     """Say what changed from A to B, each a capture or a golden (see `s7dissect golden`).
 
@@ -77,8 +77,8 @@ def command(
     if first == "-" and second == "-":
         raise click.UsageError("standard input can be one of the two, not both.")
     try:
-        a, code_a = _load(first, carrier)
-        b, code_b = _load(second, carrier)
+        a, code_a = _load(first, decoder)
+        b, code_b = _load(second, decoder)
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
     if EXIT_INTERRUPTED in {code_a, code_b}:
@@ -93,10 +93,10 @@ def command(
     return EXIT_GATE if shown or rest else EXIT_OK
 
 
-def _load(path: str, carrier: PayloadDecoder | None) -> tuple[Session, int]:
+def _load(path: str, decoder: PayloadDecoder | None) -> tuple[Session, int]:
     if path != "-" and Path(path).is_file() and is_golden(path):
         return load_golden(path), EXIT_OK
-    return read_capture((path,), carrier)
+    return read_capture((path,), decoder)
 
 
 def text_lines(_a: Session, _b: Session, shown: list[Difference], rest: int) -> Iterator[str]:

@@ -54,7 +54,7 @@ def choices(known: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
     help=f"Keep what belongs to one recording as well: {', '.join(EXTRAS)}, with commas between.",
 )
 @scd_options
-def command(files: tuple[str, ...], output: str, extras: frozenset[str], carrier: PayloadDecoder | None) -> int:
+def command(files: tuple[str, ...], output: str, extras: frozenset[str], decoder: PayloadDecoder | None) -> int:
     """Write the session in a capture as text: one transaction after another, values by name, errors in words.
 
     The same session gives the same text whenever and wherever it was recorded: times, addresses, ports and reference numbers
@@ -62,7 +62,7 @@ def command(files: tuple[str, ...], output: str, extras: frozenset[str], carrier
     is written anew.
     """
     try:
-        session, code = _session(files, carrier)
+        session, code = _session(files, decoder)
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
     if code == EXIT_INTERRUPTED:
@@ -74,19 +74,19 @@ def command(files: tuple[str, ...], output: str, extras: frozenset[str], carrier
     return code
 
 
-def _session(files: tuple[str, ...], carrier: PayloadDecoder | None) -> tuple[Session, int]:
+def _session(files: tuple[str, ...], decoder: PayloadDecoder | None) -> tuple[Session, int]:
     if len(files) == 1 and Path(files[0]).is_file() and is_golden(files[0]):
         return load_golden(files[0]), EXIT_OK
-    return read_capture(files, carrier)
+    return read_capture(files, decoder)
 
 
-def read_capture(files: tuple[str, ...], carrier: PayloadDecoder | None) -> tuple[Session, int]:
+def read_capture(files: tuple[str, ...], decoder: PayloadDecoder | None) -> tuple[Session, int]:
     """Read captures and return their session and the exit code so far; what was odd is told on stderr."""
     from dissect.engine.conversation import Options
     from dissect.session import Run
 
     reader = SessionReader(files[0])
-    run = Run(files, reader, Options(carrier=carrier))
+    run = Run(files, reader, Options(decoder=decoder))
     code = drive(run, files)
     complain(run, EXIT_DAMAGED if code == EXIT_INTERRUPTED else code)
     if code == EXIT_INTERRUPTED:

@@ -108,7 +108,7 @@ def command(
     allow_remote: bool,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
     beside: Beside,
 ) -> int:
     """Watch a line: connections, transactions and findings as they come. Nothing is ever sent.
@@ -125,7 +125,7 @@ def command(
     with Scrape(metrics, allow_remote) as scrape:
         session = Session(
             lambda: _opened(opener, scrape),
-            Options(slow_ns, carrier=carrier, overdue_ns=overdue_ns, checksums=checksums),
+            Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns, checksums=checksums),
             companions=[*beside.companions(), *scrape.companions],
             limits=Limits(duration_ns, packets or 0),
             name=interface or ("stdin" if file == "-" else file or ""),

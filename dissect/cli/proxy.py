@@ -93,7 +93,7 @@ def command(
     slow_ns: int,
     overdue_ns: int,
     fail_on: frozenset[str],
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
     """Stand between a client and a PLC and tell what passes: for those who may not capture.
 
@@ -118,7 +118,7 @@ def command(
         relay.close()
         raise
     reader = RelayReader(tap)
-    options = Options(slow_ns, carrier=carrier, overdue_ns=overdue_ns)
+    options = Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns)
     session = Session(lambda: reader, options, companions=companions, name="proxy")
     lines = _Lines(session, relay, None if output == "-" else _shower(format_ == "jsonl", topics))
     code = _Proxy(relay, reader, session, lines).run(to)

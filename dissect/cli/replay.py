@@ -138,7 +138,7 @@ def command(
     ignore: tuple[str, ...],
     latency: str | None,
     most: int,
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
     """Play the client's side of a capture or golden to a real server, and say where its answers are not the recorded ones.
 
@@ -169,7 +169,7 @@ def command(
     if dry_run and format_ != "text":
         raise click.UsageError("--dry-run says what would be sent as text: -T is for what comes of it.")
     _check_output(file, output)
-    recorded = load_recorded(file, carrier)
+    recorded = load_recorded(file, decoder)
     plan = make_plan(recorded, numbers, _place(tsap, rack, slot))
     if not one_by_one:
         expect_few(plan)
@@ -182,7 +182,7 @@ def command(
         write([printable(line) for line in plan_lines(plan, permissions)])
         return EXIT_OK
     settings = Settings(pace, timeout_s, pipelined, retries, one_by_one=one_by_one)
-    outcome = _replayed(recorded, plan, (target, allow_remote), (permissions, settings), (output, force), carrier)
+    outcome = _replayed(recorded, plan, (target, allow_remote), (permissions, settings), (output, force), decoder)
     outcome.expected.damage = recorded.session.damage
     return _report(outcome, options, format_, most)
 
@@ -208,14 +208,14 @@ def _replayed(
     where: tuple[Address, bool],
     how: tuple[Permissions, Settings],
     out: tuple[str | None, bool],
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> Outcome:
     from dissect.playback.client import places_of, replay
 
     places = places_of(*where)
     writer = _writer(*out) if out[0] is not None else None
     try:
-        return replay(recorded, plan, places, where[0], *how, writer, carrier)
+        return replay(recorded, plan, places, where[0], *how, writer, decoder)
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
 

@@ -66,7 +66,7 @@ def command(
     verbose: bool,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
     """Write one line for each PDU of S7comm and S7comm-plus: the packet that completed it, when (UTC), who to whom, what.
 
@@ -77,8 +77,8 @@ def command(
     """
     if verbose and format_ != "text":
         raise click.UsageError("-V is for text: -T jsonl has the fields of every PDU anyway.")
-    shown = _Pdus(format_ == "jsonl", frame, verbose, carrier)
-    run = Run(files, shown, Options(carrier=carrier, checksums=checksums))
+    shown = _Pdus(format_ == "jsonl", frame, verbose, decoder)
+    run = Run(files, shown, Options(decoder=decoder, checksums=checksums))
     shown.begin(places_of(run, files))
     code = drive(run, files, lambda: write(shown.take()))
     complain(run, code)
@@ -94,9 +94,9 @@ def command(
 class _Pdus(Observer):
     """Collects PDUs as lines."""
 
-    def __init__(self, as_jsonl: bool, frame: int | None, verbose: bool, carrier: PayloadDecoder | None) -> None:
+    def __init__(self, as_jsonl: bool, frame: int | None, verbose: bool, decoder: PayloadDecoder | None) -> None:
         super().__init__()
-        self._carrier = carrier
+        self._decoder = decoder
         self.wants_pdus = True
         self.wants_tpdus = not as_jsonl
         self.found = False
@@ -135,7 +135,7 @@ class _Pdus(Observer):
         tpdu = parse_tpdu(octets[4:])
         if tpdu.type in {DT, ED}:
             begins = side.assembler.parts is None and side.assembler.clear
-            if not (begins and carried(tpdu)) or (self._carrier and self._carrier.claims_tsdus(side.connection)):
+            if not (begins and carried(tpdu)) or (self._decoder and self._decoder.claims_tsdus(side.connection)):
                 return
         self._lines.append(tpdu_line(tpdu, frame, time_ns, side.connection, side.index, self._clock, self._places))
         if self._verbose:

@@ -52,7 +52,7 @@ def command(
     slow_ns: int | None,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: PayloadDecoder | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
     """Write one line for each request and its answer.
 
@@ -64,7 +64,7 @@ def command(
     """
     choose = _choice(failed, slow_ns)
     # What is slow is a finding as well.
-    options = Options(carrier=carrier, checksums=checksums)
+    options = Options(decoder=decoder, checksums=checksums)
     if slow_ns is not None:
         options.slow_ns = slow_ns
     take: Callable[[], list[str]]

@@ -170,7 +170,7 @@ def read_session(path: str | Path, *more: str | Path, carrier: PayloadDecoder | 
     if not more and str(path) != "-" and Path(path).is_file() and is_golden(path):
         return load_golden(path)
     reader = SessionReader(str(path))
-    run = Run([str(path), *[str(other) for other in more]], reader, Options(carrier=carrier))
+    run = Run([str(path), *[str(other) for other in more]], reader, Options(decoder=carrier))
     while run.step() and reader.too_long is None:
         pass
     run.finish()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.iso.tsap import Tsap
-from dissect.report.plus import plus_subject
+from dissect.report.plus import plus_item_texts, plus_subject
 from dissect.report.scd import scd_subject
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
@@ -153,11 +153,15 @@ def item(result: ItemResult, number: int) -> str:
 
 def items(transaction: Transaction) -> list[str]:
     """Return every item of a read or write with what became of it, in wire order."""
+    if transaction.is_plus:
+        return plus_item_texts(transaction)
     return [item(result, number) for number, result in enumerate(transaction.results(), 1)]
 
 
 def subject(transaction: Transaction) -> str:
     """Return what a transaction is about: all its items, the setup, or what request and answer say."""
+    if transaction.is_plus:
+        return plus_subject(transaction)
     said = ", ".join(items(transaction)) or _setup(transaction) or notes(transaction)
     if transaction.carried is not None:
         said = "; ".join([text for text in (said, scd_subject(transaction)) if text])

@@ -15,18 +15,18 @@ _FILE = click.Path(dir_okay=False)
 
 
 def scd_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Add ``--scd`` and ``--bind`` to a command, which is given the ``carrier`` they make, or None without them."""
+    """Add ``--scd`` and ``--bind`` to a command, which is given the ``decoder`` they make, or None without them."""
 
     @click.option("--scd", "scd", type=_FILE, metavar="DICT", help="Decode SCD by this dictionary (compiled or TOML) …")
     @click.option("--bind", "bind", type=_FILE, metavar="BINDINGS", help="… where this file says that it travels.")
     @functools.wraps(command)
-    def with_carrier(*arguments: Any, scd: str | None, bind: str | None, **options: Any) -> int:
-        return command(*arguments, carrier=_carrier(scd, bind), **options)
+    def with_decoder(*arguments: Any, scd: str | None, bind: str | None, **options: Any) -> int:
+        return command(*arguments, decoder=_decoder(scd, bind), **options)
 
-    return with_carrier
+    return with_decoder
 
 
-def _carrier(scd: str | None, bind: str | None) -> PayloadDecoder | None:
+def _decoder(scd: str | None, bind: str | None) -> PayloadDecoder | None:
     if scd is None and bind is None:
         return None
     if scd is None or bind is None:

@@ -26,7 +26,7 @@ class Record:
         self.trouble = ""
         self.links: dict[int, Link] = {}
         self._reader = OrderedReader(name)
-        self._pipeline = Pipeline(self._reader, Options(carrier=carrier))
+        self._pipeline = Pipeline(self._reader, Options(decoder=carrier))
         self._writer = writer
         self._count = 0
         self._frames = 0

@@ -81,7 +81,7 @@ def load_recorded(path: str | Path, carrier: PayloadDecoder | None = None) -> Re
             raise ReplayError(str(error)) from None
         return Recorded(session, session.links)
     reader = OrderedReader(str(path))
-    run = Run([str(path)], reader, Options(carrier=carrier))
+    run = Run([str(path)], reader, Options(decoder=carrier))
     try:
         while run.step():
             pass
