@@ -59,6 +59,7 @@ PURE: Final = frozenset(
         "iso",
         "ibh",
         "s7",
+        "s7plus",
         "transactions",
         "findings",
         "engine",

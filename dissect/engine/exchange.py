@@ -127,7 +127,7 @@ class Exchange:
         parameters = transaction.parameters
         function: i64 = parameters.function
         if function != READ_VAR and function != WRITE_VAR:
-            if transaction.rosctr <= USERDATA:  # S7comm
+            if transaction.rosctr <= USERDATA or transaction.is_plus:
                 self.watch.take(transaction)
         else:
             if parameters.written & ~transaction.connection.traits.written:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dissect.engine.observer import Observer
 from dissect.findings.operation_rules import judge_operation, judge_strays, judge_szl
+from dissect.findings.plus_rules import PlusWatch
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
 from dissect.transactions.connection import Connection
@@ -19,10 +20,13 @@ class Watch:
         self._judge = judge
         self.operations = Operations()
         self.security = SecurityWatch(judge)
+        self.plus = PlusWatch(judge, self.security, self.operations)
 
     def take(self, transaction: Transaction) -> None:
         """Take a transaction that is no read or write."""
         if transaction.is_plus:
+            self.plus.take(transaction)
+            self._tell()
             return
         self.operations.take(transaction)
         judge_szl(self._judge, transaction)
@@ -34,6 +38,7 @@ class Watch:
     def end(self, connection: Connection, reason: str) -> None:
         """A connection is over; ``reason`` is one of those of transactions."""
         self.operations.end(connection, reason)
+        self.plus.end(connection)
         self._tell()
 
     def _tell(self) -> None:

@@ -26,6 +26,7 @@ from dissect.s7.tables import (
     SUCCESS,
     USERDATA,
 )
+from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import ANSWERED, PUSH, UNANSWERED, Transaction
 from dissect.wire.durations import duration_text
@@ -99,12 +100,13 @@ class SecurityWatch:
             return
         items = transaction.parameters.subject
         if fresh & WRITTEN_IO:
-            self._tell("security.write_outputs", transaction, items)
+            self.tell("security.write_outputs", transaction, items)
         if fresh & WRITTEN_ELSEWHERE:
-            self._tell("security.write", transaction, items)
-        self._writer(transaction)
+            self.tell("security.write", transaction, items)
+        self.writer(transaction)
 
-    def _writer(self, transaction: Transaction) -> None:
+    def writer(self, transaction: Transaction) -> None:
+        """Take a write: a client other than the first that wrote to a PLC is told."""
         client, server = _ends(transaction)
         if len(self._writers) >= _MAX_REMEMBERED or len(self._pairs) >= _MAX_REMEMBERED:
             self._writers.clear()
@@ -115,21 +117,19 @@ class SecurityWatch:
             self._pairs.add((client, server))
         elif first != client and (client, server) not in self._pairs:
             self._pairs.add((client, server))
-            self._tell("security.new_writer", transaction, f"until now only {first} wrote to {server}")
+            self.tell("security.new_writer", transaction, f"until now only {first} wrote to {server}")
 
     # ---- everything else --------------------------------------------------------------------------------------------
 
     def take(self, transaction: Transaction) -> None:
         """Judge a transaction that is no read or write."""
-        if transaction.is_plus:
-            return
         head = transaction.parameters.userdata
         if head is not None and transaction.rosctr == USERDATA:
             self._userdata(transaction, head)
         elif transaction.request_frame:
             self._job(transaction)
         if transaction.error_code in _PROTECTED and transaction.connection.traits.first("security.protected"):
-            self._tell("security.protected", transaction, transaction.function_name)
+            self.tell("security.protected", transaction, transaction.function_name)
 
     def refused_items(self, transaction: Transaction) -> None:
         """Judge a read or write of which something was refused: is it protection? Looks at the first refusals only."""
@@ -143,35 +143,35 @@ class SecurityWatch:
         if transaction.error_code in _PROTECTED_VARIABLES or denied:
             what = transaction.parameters.subject
             name = "" if transaction.error_code else f": {RETURN_CODES.name(_ACCESS_DENIED)}"
-            self._tell("security.protected", transaction, what + name)
+            self.tell("security.protected", transaction, what + name)
         else:
             traits.told.discard("security.protected")
 
     def _job(self, transaction: Transaction) -> None:
         function = transaction.function
         if function == PLC_STOP:
-            self._tell("security.plc_stop", transaction, f"PLC stop{_accepted(transaction)}")
+            self.tell("security.plc_stop", transaction, f"PLC stop{_accepted(transaction)}")
         elif function == PI_SERVICE:
             self._pi_service(transaction)
         elif function == REQUEST_DOWNLOAD:
-            self._tell("security.program_change", transaction)
+            self.tell("security.program_change", transaction)
         elif function == START_UPLOAD:
-            self._tell("security.program_read", transaction)
+            self.tell("security.program_read", transaction)
 
     def _pi_service(self, transaction: Transaction) -> None:
         body = _asked(transaction)
         name = body.text("service") if body is not None else ""
         slug = _service_slug(name)
         if slug == "security.plc_start":
-            self._tell(slug, transaction, f"{_named(transaction)}{_accepted(transaction)}")
+            self.tell(slug, transaction, f"{_named(transaction)}{_accepted(transaction)}")
         elif slug:
-            self._tell(slug, transaction)
+            self.tell(slug, transaction)
 
     def _userdata(self, transaction: Transaction, head: UserdataHead) -> None:
         if transaction.outcome == PUSH:
             if head.group == _MODE:
                 slug = "security.stopped" if head.subfunction == _STOP else "security.mode_changed"
-                self._tell(slug, transaction, f"mode {head.subfunction_name}")
+                self.tell(slug, transaction, f"mode {head.subfunction_name}")
             return
         if not transaction.request_frame:
             return
@@ -180,7 +180,7 @@ class SecurityWatch:
         if slug:
             if slug in _ONCE and not transaction.connection.traits.first(slug):
                 return
-            self._tell(slug, transaction, _forced(transaction) if slug == "security.force" else "")
+            self.tell(slug, transaction, _forced(transaction) if slug == "security.force" else "")
         elif group == _BLOCKS:
             self._inquiry(transaction, -subfunction)
         elif group == _CPU and subfunction == _READ_SZL:
@@ -188,7 +188,7 @@ class SecurityWatch:
             if szl_id >= 0:
                 self._inquiry(transaction, szl_id)
         elif group == _SECURITY and subfunction == 1:
-            self._password(transaction)
+            self.password(transaction)
 
     def _inquiry(self, transaction: Transaction, inquiry: int) -> None:
         """Somebody asks what the device is, by SZL-ID or (negative) block function: said once, if it is no mere look."""
@@ -202,23 +202,24 @@ class SecurityWatch:
         if (traits.inquiries >= _INQUIRIES or len(traits.szl_ids) >= _MANY_LISTS) and traits.first(
             "security.reconnaissance"
         ):
-            self._tell(
+            self.tell(
                 "security.reconnaissance", transaction, f"{traits.inquiries} inquiries, now {_named(transaction)}"
             )
 
-    def _password(self, transaction: Transaction) -> None:
+    def password(self, transaction: Transaction) -> None:
+        """Take a password that was sent, and count those that were refused."""
         client, server = _ends(transaction)
         if not transaction.error_code:
             self._failures.pop((client, server), None)
-            self._tell("security.password", transaction, "accepted" if transaction.response_frame else "not answered")
+            self.tell("security.password", transaction, "accepted" if transaction.response_frame else "not answered")
             return
         if len(self._failures) >= _MAX_REMEMBERED:
             self._failures.clear()
         failures = self._failures.get((client, server), 0) + 1
         self._failures[client, server] = failures
-        self._tell("security.password_failed", transaction, f"attempt {failures}")
+        self.tell("security.password_failed", transaction, f"attempt {failures}")
         if failures == _GUESSES:
-            self._tell("security.password_guessing", transaction, f"{failures} wrong passwords in a row")
+            self.tell("security.password_guessing", transaction, f"{failures} wrong passwords in a row")
 
     def pace(self, connection: Connection, frame: int, now_ns: int) -> None:
         """Look at how long the latest `PACE` PDUs of a connection took; call it after each so many."""
@@ -229,7 +230,7 @@ class SecurityWatch:
             detail = f"{PACE} messages within {within} from {connection.client} to {connection.server}"
             self._judge.note("security.flood", connection.number, [frame], now_ns, detail)
 
-    def _tell(self, slug: str, transaction: Transaction, what: str = "") -> None:
+    def tell(self, slug: str, transaction: Transaction, what: str = "") -> None:
         """Note an event; unless ``what`` says it, it is what the request asks for."""
         number = transaction.connection.number
         if not self._judge.wants(slug, number):
@@ -243,7 +244,8 @@ class SecurityWatch:
             who = f"{asked} to {told}"
         result = ""
         if transaction.error_code:
-            result = f", refused: 0x{transaction.error_code:04x} {ERROR_CODES.name(transaction.error_code)}"
+            codes = PLUS_CODES if transaction.is_plus else ERROR_CODES
+            result = f", refused: 0x{transaction.error_code:04x} {codes.name(transaction.error_code)}"
         elif transaction.outcome == UNANSWERED:
             result = ", not answered"
         what = what or _named(transaction)

@@ -14,7 +14,8 @@ from dissect.report.jsonl import Choice
 from dissect.report.lines import reference
 from dissect.report.places import Places
 from dissect.s7.tables import RETURN_CODES, USERDATA
-from dissect.transactions.transaction import ItemResult, Transaction, TransactionError
+from dissect.transactions.results import ItemResult
+from dissect.transactions.transaction import Transaction, TransactionError
 from dissect.wire.clock import Clock
 from dissect.wire.text import cell
 

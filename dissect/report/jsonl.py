@@ -166,7 +166,7 @@ class TransactionLines(Observer):
             f',"pdu_ref":{reference},"rosctr":{rosctr},"function":{function_text(transaction.parameters)}'
             f',"request_frame":{frames},"request_time":{at},"latency_ns":{latency}'
             f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{self._setup(transaction)}{self._notes(transaction)}'
-            f',"items":[{self._items(transaction)}],"errors":[{_errors(transaction)}]{carried}}}'
+            f'{self._items(transaction)},"errors":[{_errors(transaction)}]{carried}}}'
         )
 
     def _places(self, asked: int, told: int, locate: Locate) -> str:
@@ -233,6 +233,12 @@ class TransactionLines(Observer):
         return found
 
     def _items(self, transaction: Transaction) -> str:
+        """Return the items; those of S7comm-plus stand in its notes already."""
+        if transaction.rosctr == PLUS:
+            return ""
+        return f',"items":[{self._s7_items(transaction)}]'
+
+    def _s7_items(self, transaction: Transaction) -> str:
         if transaction.outcome == ANSWERED and transaction.parameters.function == READ_VAR:
             items = transaction.parameters.items
             answers = transaction.answered_items()

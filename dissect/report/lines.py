@@ -12,13 +12,14 @@ from dissect.iso.tables import CC, CR, DR, DT, ED, ER
 from dissect.iso.upper import EMPTY, S7COMM, S7COMM_PLUS, UPPER_NAMES, classify, is_rdp_connect
 from dissect.report import words
 from dissect.report.places import Places
-from dissect.report.plus import plus_notes
+from dissect.report.plus import plus_notes, plus_summary
 from dissect.report.scd import scd_summary
 from dissect.report.styled import FAILED, HANG, PLAIN, Line
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
 from dissect.s7.tables import JOB, RETURN_CODES, SUCCESS
+from dissect.s7plus.hiding import shown_contents
 from dissect.s7plus.message import PlusPdu
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import ScdMessage
@@ -99,13 +100,18 @@ def plus_line(pdu: PlusPdu, connection: Connection, clock: Clock, places: Places
     parts = [f"S7comm-plus {pdu.kind:<12}"]
     if pdu.readable:
         parts.append(f"seq {pdu.sequence}")
-    parts += [text for text in (pdu.function_name, ", ".join(plus_notes(pdu))) if text]
+    found = shown_contents(pdu, shown=False)[0]
+    said = [", ".join(plus_notes(pdu)), ", ".join(plus_summary(pdu, found))]
+    parts += [text for text in (pdu.function_name, *said) if text]
     if pdu.frames > 1:
         parts.append(f"in {pdu.frames} frames")
     if pdu.cut:
         parts.append("CUT, its end is missing")
     if pdu.malformed:
         parts.append(f"MALFORMED {pdu.malformed[0]}")
+    elif found.malformed and not pdu.cut:
+        found.malformed[0].offset = pdu.place(found.malformed[0].offset)
+        parts.append(f"MALFORMED {found.malformed[0]}")
     return f"{_head(pdu.frame, pdu.time_ns, connection, pdu.side, clock, places)}  {'  '.join(parts)}"
 
 

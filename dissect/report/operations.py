@@ -8,8 +8,10 @@ from dissect.report import words
 from dissect.report.places import Places
 from dissect.report.styled import FAILED, HANG, PLAIN, Line
 from dissect.s7.errors import ERROR_CODES
+from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.operation import DONE, LONG_ANSWER, RUNNING, Operation
 from dissect.wire.clock import Clock
+from dissect.wire.codes import CodeTable
 from dissect.wire.text import shortened
 
 OPERATION_SCHEMA: Final = "s7dissect.operation/1"
@@ -25,6 +27,8 @@ NAMES: Final = {
     "messages": "messages",
     "test_job": "test job",
     "password": "password",
+    "session": "session",
+    "delete": "delete",
 }
 _SUBJECT: Final = 120
 
@@ -63,6 +67,11 @@ def _carried(operation: Operation) -> str:
     return ", ".join(parts)
 
 
+def _codes(operation: Operation) -> CodeTable:
+    """Return the table that an operation's error is in."""
+    return PLUS_CODES if operation.connection.plus is not None else ERROR_CODES
+
+
 def shouted(text: str) -> str:
     """Return a result the way it stands on a line: loud unless all is well."""
     return text if text in {DONE, RUNNING} else text.upper()
@@ -72,7 +81,7 @@ def result(operation: Operation) -> str:
     """Return what came of an operation, and why."""
     shout = shouted(operation.result)
     if operation.error_code:
-        return f"{shout} 0x{operation.error_code:04x} {ERROR_CODES.name(operation.error_code)}"
+        return f"{shout} 0x{operation.error_code:04x} {_codes(operation).name(operation.error_code)}"
     why = words.REASONS.get(operation.reason, operation.reason)
     odd = "; ".join([shortened(oddity.detail, _SUBJECT) for oddity in operation.oddities])
     told = ", ".join([text for text in (why, odd) if text])
@@ -99,7 +108,9 @@ def operation_json(operation: Operation, clock: Clock, places: Places) -> str:
         "duration_ns": operation.duration_ns,
         "result": operation.result,
         "reason": operation.reason or None,
-        "error": {"code": code, "name": ERROR_CODES.name(code), "text": ERROR_CODES.text(code)} if code else None,
+        "error": {"code": code, "name": _codes(operation).name(code), "text": _codes(operation).text(code)}
+        if code
+        else None,
         "transaction_count": operation.parts,
         "transactions": operation.transactions,
         "pushes": operation.pushes,

@@ -6,17 +6,32 @@ import json
 from typing import Final
 
 from dissect.iso.upper import S7COMM_PLUS, UPPER_NAMES
+from dissect.s7.tables import SUCCESS
+from dissect.s7plus.contents import Contents
+from dissect.s7plus.hiding import shown_contents, without_secrets
+from dissect.s7plus.ids import DATA_BLOCK
+from dissect.s7plus.items import REFUSED, Half, PlusItem, join_items
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.parameters import PlusParameters
+from dissect.s7plus.summary import summary
 from dissect.s7plus.tables import KEEP_ALIVE, NOTIFICATION, REQUEST, RETURN_CODES, SYSTEM_EVENT
 from dissect.transactions.connection import Connection
+from dissect.transactions.plus import plus_halves, plus_items
 from dissect.transactions.transaction import Transaction
+from dissect.wire.part import Part
 from dissect.wire.text import shortened
 
 #: Name of the protocol in JSON.
 PROTOCOL: Final = UPPER_NAMES[S7COMM_PLUS]
 
 _MESSAGE: Final = 100
+#: Characters of what a PDU is about, and items that a line names.
+_SUMMARY: Final = 200
+_ITEMS: Final = 20
+#: Areas as S7comm numbers them, by those of S7comm-plus.
+S7_AREAS: Final = {80: 0x81, 81: 0x82, 82: 0x83, 83: 0x1C, 84: 0x1D}
+DB_AREA: Final = 0x84
+
 _NO_FUNCTION: Final = {"code": None, "name": None}
 
 
@@ -42,12 +57,45 @@ def plus_notes(pdu: PlusPdu) -> list[str]:
     return said
 
 
+def plus_summary(pdu: PlusPdu, found: Contents) -> list[str]:
+    """Return what the contents of a PDU say, in a few words each, safe to show."""
+    return [shortened(text, _MESSAGE) for text in summary(pdu, found)]
+
+
 def plus_subject(transaction: Transaction) -> str:
     """Return what an S7comm-plus transaction is about: the session, or the subscription that tells it."""
-    asked = transaction.plus_request
-    told = transaction.plus_response if asked is None else None
-    pdu = asked if asked is not None else told
-    return ", ".join(plus_notes(pdu)) if pdu is not None else ""
+    asked, told = plus_halves(transaction)
+    half = asked if asked is not None else told
+    if half is None:
+        return ""
+    if half.pdu.opcode == NOTIFICATION:
+        said = plus_notes(half.pdu)
+    else:
+        said = ["wants no response"] if asked is not None and not asked.pdu.wants_response else []
+    items = join_items(asked, told, transaction.connection.plus)
+    if items:
+        return ", ".join(said + _some([item_text(item) for item in items]))
+    texts = [", ".join(summary(one.pdu, one.contents)) for one in (asked, told) if one is not None]
+    said += [" → ".join([shortened(text, _SUMMARY) for text in texts if text])]
+    return ", ".join([text for text in said if text]) or ", ".join(plus_notes(half.pdu))
+
+
+def item_text(item: PlusItem) -> str:
+    """Return an item with what became of it: ``DB3."tank".level = Int 5``, ``MW100: refused``; safe to show."""
+    label = shortened(item.label, _MESSAGE)
+    if item.return_code > 0:
+        return f"{label}: {'refused' if item.return_code == REFUSED else RETURN_CODES.name(item.return_code)}"
+    text = item.text
+    return f"{label} = {shortened(text, _MESSAGE)}" if text else label
+
+
+def plus_item_texts(transaction: Transaction) -> list[str]:
+    """Return every item with what became of it, in wire order."""
+    return [item_text(item) for item in plus_items(transaction)]
+
+
+def _some(texts: list[str]) -> list[str]:
+    return texts if len(texts) <= _ITEMS else [*texts[:_ITEMS], f"and {len(texts) - _ITEMS} more"]
 
 
 def plus_as_dict(pdu: PlusPdu) -> dict[str, object]:
@@ -75,16 +123,56 @@ def plus_as_dict(pdu: PlusPdu) -> dict[str, object]:
 
 def plus_json(transaction: Transaction) -> str:
     """Return the keys that only transactions of S7comm-plus have, behind a comma."""
-    asked, told = transaction.plus_request, transaction.plus_response
+    asked, told = plus_halves(transaction)
     values = {
-        "asks": plus_notes(asked) if asked is not None else [],
-        "tells": plus_notes(told) if told is not None else [],
-        "s7plus": {
-            "request": plus_as_dict(asked) if asked is not None else None,
-            "response": plus_as_dict(told) if told is not None else None,
-        },
+        "asks": _noted(asked),
+        "tells": _noted(told),
+        "s7plus": {"request": _half_as_dict(asked), "response": _half_as_dict(told)},
+        "items": [_item_as_dict(item) for item in join_items(asked, told, transaction.connection.plus)],
     }
     return "," + _json(values)[1:-1]
+
+
+def _noted(half: Half | None) -> list[str]:
+    return plus_notes(half.pdu) + summary(half.pdu, half.contents) if half is not None else []
+
+
+def _half_as_dict(half: Half | None) -> dict[str, object] | None:
+    if half is None:
+        return None
+    values = plus_as_dict(half.pdu)
+    if half.contents.integrity_id >= 0:
+        values["integrity_id"] = half.contents.integrity_id
+    return values
+
+
+def _item_as_dict(item: PlusItem) -> dict[str, object]:
+    """Return an item with the keys that those of S7comm have, and its own behind them.
+
+    Success is 255 there as well, so that one question finds refusals in both protocols.
+    """
+    address = item.address
+    value = item.value
+    db = address.area & 0xFFFF if address is not None and address.area >> 16 == DATA_BLOCK else None
+    area = None
+    if address is not None:
+        area = DB_AREA if db is not None else S7_AREAS.get(address.area)
+    return {
+        "address": item.label if address is not None else None,
+        "syntax_id": None,
+        "area": area,
+        "db": db if db is not None else (0 if area is not None else None),
+        "start_bit": address.start_bit if address is not None and address.start_bit >= 0 else None,
+        "transport_size": None,
+        "count": None,
+        "return_code": SUCCESS if item.return_code == 0 else (item.return_code if item.return_code > 0 else None),
+        "data": item.data.hex() if item.data is not None else None,
+        "value": item.json_value,
+        "number": item.number,
+        "type": value.type_name if value is not None else None,
+        "crc": f"0x{address.crc:08x}" if address is not None and address.crc else None,
+        "path": [address.area, address.sub_area, *address.lids] if address is not None else None,
+    }
 
 
 def plus_function_json(parameters: PlusParameters) -> str:
@@ -108,11 +196,40 @@ def plus_pdu_line(pdu: PlusPdu, time: str, connection: Connection, place: tuple[
     values["pdu_ref"] = pdu.sequence if pdu.readable else None
     values |= {"param_length": None, "data_length": None, "error_class": None, "error_code": None}
     values["function"] = {"code": pdu.function, "name": pdu.function_name} if pdu.function >= 0 else _NO_FUNCTION
-    values["s7plus"] = plus_as_dict(pdu)
-    values["octets"] = pdu.octets.hex()
+    found, hidden = shown_contents(pdu)
+    head = plus_as_dict(pdu)
+    if found.integrity_id >= 0:
+        head["integrity_id"] = found.integrity_id
+    values["s7plus"] = head
+    if found.parts:
+        values["parts"] = [_part_as_dict(part, pdu, hidden) for part in found.parts]
+    values["octets"] = without_secrets(pdu, hidden).hex()
     values["cut"] = pdu.cut
-    values["malformed"] = [fact.as_dict() for fact in pdu.malformed]
+    facts = [fact.as_dict() for fact in pdu.malformed]
+    values["malformed"] = facts + [fact.as_dict() | {"offset": pdu.place(fact.offset)} for fact in found.malformed]
     return _json(values)
+
+
+def _part_as_dict(part: Part, pdu: PlusPdu, hidden: list[tuple[int, int]]) -> dict[str, object]:
+    """Return a part with its fields, as those of S7 PDUs; ``depth`` is how many parts it stands inside of."""
+    fields: list[dict[str, object]] = []
+    for value in part.values:
+        offset = pdu.place(int(value.offset))
+        said: object = value.value if value.octets is None else value.octets.hex()
+        if value.octets is not None and any([begin <= offset < end for begin, end in hidden]):
+            said = bytes(len(value.octets)).hex()
+        size = int(value.end) - int(value.offset)
+        text = value.meaning or None
+        fields.append({"name": value.field.name, "offset": offset, "size": size, "value": said, "text": text})
+    return {
+        "name": part.layout.name,
+        "block": "data",
+        "depth": part.depth,
+        "offset": pdu.place(part.offset),
+        "size": part.end - part.offset,
+        "note": part.note or None,
+        "fields": fields,
+    }
 
 
 def _json(values: object) -> str:

@@ -18,10 +18,12 @@ from dissect.s7.errors import ERROR_CODES
 from dissect.s7.hiding import secret_spans, secret_spans_within
 from dissect.s7.message import Pdu
 from dissect.s7plus import layouts as s7plus
+from dissect.s7plus.contents import Contents
+from dissect.s7plus.hiding import HIDDEN, shown_contents
 from dissect.s7plus.message import PlusPdu, fixed_part
-from dissect.s7plus.tables import KEEP_ALIVE, RETURN_CODES, SYSTEM_EVENT
+from dissect.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
 from dissect.wire.hexdump import hexdump
-from dissect.wire.layout import FieldValue, Layout
+from dissect.wire.layout import REST, FieldValue, Layout
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import FILL, OCTETS
 from dissect.wire.text import printable, shortened
@@ -103,16 +105,34 @@ def plus_tree_lines(pdu: PlusPdu, packet: bytes) -> Iterator[str]:
     if layout is not None:
         yield from _layout(layout, whole[:end], at)
         at += layout.size
-    if pdu.return_value >= 0:
-        yield _field("", "return value", f"0x{pdu.return_value:x} {RETURN_CODES.name(pdu.return_code)}")
+    found, hidden = shown_contents(pdu)
     if pdu.frames > 1:
-        yield _field("", "data", f"{words.count(len(pdu.data), 'octet')} in {pdu.frames} frames")
+        yield _field("", "data", f"{words.count(len(pdu.data), 'byte')} in {pdu.frames} frames")
+    if found.parts:
+        yield from _plus_parts(pdu, found, base, hidden)
     elif at < end:
         yield _field(_range(at, end), "octets", words.octets(whole[at:end]))
     if pdu.whole and pdu.version not in {SYSTEM_EVENT, KEEP_ALIVE}:
         yield from _layout(s7plus.HEADER, whole, len(whole) - s7plus.HEADER.size, "S7comm-plus trailer")
     yield from _malformed(pdu.malformed, base)
-    yield from _octets(whole)
+    yield from _octets(whole, [(begin + base, stop + base) for begin, stop in hidden])
+
+
+def _plus_parts(pdu: PlusPdu, found: Contents, base: int, hidden: Sequence[tuple[int, int]]) -> Iterator[str]:
+    """Yield the contents of an S7comm-plus PDU; a part inside another one is indented under it."""
+    for part in found.parts:
+        indent = "  " * part.depth
+        yield f"    {indent}{part.layout.name}{f': {shortened(part.note, _NOTE)}' if part.note else ''}"
+        for value in part.values:
+            begin = pdu.place(int(value.offset))
+            stop = pdu.place(max(int(value.offset), int(value.end) - 1)) + 1
+            where = _range(begin + base, stop + base)
+            secret = value.octets is not None and any([low <= begin < high for low, high in hidden])
+            said = HIDDEN if secret else _meaning(value)
+            yield f"{indent}{_field(where, value.field.name.rstrip('_'), said)}"
+    for fact in found.malformed:
+        fact.offset = pdu.place(fact.offset)
+    yield from _malformed(found.malformed, base)
 
 
 def _netlink(packet: IbhPacket) -> Iterator[str]:
@@ -185,6 +205,8 @@ def _meaning(value: FieldValue) -> str:
         meaning = value.meaning
         said = words.octets(value.octets)
         return f"{said}  {shortened(meaning, _MEANING)}" if meaning else said
+    if field.size < REST:  # of variable size: its octets say nothing of how large it may be
+        return f"{value.value} {value.meaning}".rstrip()
     mask, shift = field.bits if field.bits is not None else ((1 << 8 * field.size) - 1, 0)
     number = f"0x{value.value:0{max(1, ((mask >> shift).bit_length() + 3) // 4)}x}"
     if field.says is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.iso.tsap import Tsap
-from dissect.report.plus import plus_subject
+from dissect.report.plus import plus_item_texts, plus_subject
 from dissect.report.scd import scd_subject
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
@@ -163,6 +163,8 @@ def _content(result: ItemResult) -> str:
 
 def items(transaction: Transaction) -> list[str]:
     """Return every item with what became of it, in wire order; those that a push says are unchanged are counted."""
+    if transaction.is_plus:
+        return plus_item_texts(transaction)
     results = list(enumerate(transaction.results(), 1))
     unsure = transaction.flags & UNCONFIRMED != 0
     said = [
@@ -176,6 +178,8 @@ def items(transaction: Transaction) -> list[str]:
 
 def subject(transaction: Transaction) -> str:
     """Return what a transaction is about: all its items, the setup, or what request and answer say."""
+    if transaction.is_plus:
+        return plus_subject(transaction)
     said = ", ".join(items(transaction)) or _setup(transaction) or notes(transaction)
     if transaction.rosctr == USERDATA and transaction.results():
         said = ": ".join([text for text in (_heads(transaction), said) if text])

@@ -17,8 +17,9 @@ from dissect.s7plus.message import is_beginning, parse_plus
 from dissect.s7plus.tables import FUNCTIONS, KEEP_ALIVE, NOTIFICATION, SYSTEM_EVENT
 from dissect.wire.octets import u16
 
-#: Octets of a PDU in several frames that are kept; what comes after them is counted only.
-MAX_PDU: Final = 65536
+#: Octets of a PDU in several frames that are kept; what comes after them is counted only. Downloads and answers to Explore take
+#: several hundred thousand.
+MAX_PDU: Final = 8 * 1024 * 1024
 _HEADER: Final = 4
 
 
@@ -33,11 +34,12 @@ def _begins(frame: bytes) -> bool:
 
 
 class PlusAssembler:
-    """Joins the frames of one direction. ``parts`` is None between PDUs; ``left_out`` counts octets past `MAX_PDU`."""
+    """Joins the frames of one direction. ``parts`` is None between PDUs; ``left_out`` counts octets past ``most``."""
 
-    __slots__ = ("left_out", "parts")
+    __slots__ = ("_most", "left_out", "parts")
 
-    def __init__(self) -> None:
+    def __init__(self, most: i64 = MAX_PDU) -> None:
+        self._most: i64 = most
         self.parts: bytearray | None = None
         self.left_out: i64 = 0  # of the PDU at hand
 
@@ -54,7 +56,7 @@ class PlusAssembler:
                 return tsdu
             self.parts = bytearray(tsdu)
             return None
-        if self.left_out or len(parts) + size > MAX_PDU:
+        if self.left_out or len(parts) + size > self._most:
             self.left_out += size
         else:
             parts += tsdu

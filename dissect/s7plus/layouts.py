@@ -7,10 +7,31 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7plus.tables import FUNCTIONS, OPCODES, VERSIONS
-from dissect.wire.layout import Field, Layout
+from dissect.s7plus.id_tables import IDS
+from dissect.s7plus.ids import id_means
+from dissect.s7plus.program_tables import DATATYPES, SECTIONS
+from dissect.s7plus.tables import FUNCTIONS, NOTIFIED, OPCODES, TAGS, VARIABLE_KINDS, VERSIONS
+from dissect.s7plus.value_tables import VALUE_FLAGS, VALUE_TYPES
+from dissect.wire.layout import REST, Field, Layout
+from dissect.wire.varint import VLQ, VLQ64
 
 _SOURCE: Final = "docs/s7plus.md"
+
+
+def little_means(octets: bytes) -> str | None:
+    """Return the number that octets hold, the lowest first."""
+    return str(int.from_bytes(octets, "little"))
+
+
+def little_hex_means(octets: bytes) -> str | None:
+    """Return a checksum that octets hold, the lowest first."""
+    return f"0x{int.from_bytes(octets, 'little'):08x}"
+
+
+def text_means(octets: bytes) -> str | None:
+    """Return a name in UTF-8 that a 0 ends."""
+    return octets.rstrip(b"\0").decode("utf-8", "replace")
+
 
 _BEGINNING: Final = [
     Field("protocol_id", 1, "Always 0x72."),
@@ -66,7 +87,11 @@ NOTIFICATION: Final = Layout(
         Field("unknown_1", 2, "0x0400 in captures."),
         Field("unknown_2", 2, "0 in captures."),
         Field("unknown_3", 2, "0 in captures."),
-        Field("credit_tick", 1, "Counts against the credit that the client granted."),
+        Field(
+            "credit_tick",
+            1,
+            "Counts against the credit of the client; of ids below 0x70000000 the sequence.",
+        ),
     ],
 )
 
@@ -80,3 +105,217 @@ EVENT: Final = Layout(
         Field("reserved_3", 4, "0."),
     ],
 )
+
+
+# ---- contents -------------------------------------------------------------------------------------------------------
+
+_ID: Final = Field("id", VLQ, "What it is.", codes=IDS)
+_VALUE: Final = [
+    Field("flags", 1, "Scalar, array, sparse array.", codes=VALUE_FLAGS),
+    Field("type", 1, "Type of the value, or of its elements.", codes=VALUE_TYPES),
+    Field("content", REST, "What flags and type make it."),
+]
+
+#: A value with nothing before it.
+VALUE: Final = Layout("value", _SOURCE, _VALUE)
+#: A member of a structure or of a list; of a structure ``content`` is what stands before its own members.
+MEMBER: Final = Layout("member", _SOURCE, [_ID, *_VALUE])
+#: The end of a list of members, items, keys or errors.
+LIST_END: Final = Layout("end of list", _SOURCE, [Field("end", 1, "0.")])
+#: An element of a sparse array of structures.
+ROW: Final = Layout(
+    "element", _SOURCE, [Field("key", VLQ, "Its key."), Field("structure", 4, "Id of the structure.", means=id_means)]
+)
+
+_PACKED: Final = [
+    Field("interface_time", 8, "When the interface of the type was changed last."),
+    Field("transport_flags", VLQ, "Flag 0x400: the count stands there twice."),
+    Field("length", VLQ, "Bytes of the structure."),
+]
+_PACKED_CONTENT: Final = Field("octets", REST, "The structure as the program holds it.")
+#: A structure of the program.
+PACKED: Final = Layout("packed structure", _SOURCE, [*_PACKED, _PACKED_CONTENT])
+PACKED_TWICE: Final = Layout(
+    "packed structure", _SOURCE, [*_PACKED, Field("length_again", VLQ, "The length that holds."), _PACKED_CONTENT]
+)
+
+_TAG: Final = Field("tag", 1, "What kind of element follows.", codes=TAGS)
+_OBJECT: Final = [
+    _TAG,
+    Field("rid", 4, "Id of the object.", means=id_means),
+    Field("class", VLQ, "Its class.", codes=IDS),
+    Field("class_flags", VLQ, "Flags of the class."),
+    Field("attribute", VLQ, "The attribute by which its parent holds it, 0 in captures.", codes=IDS),
+]
+OBJECT: Final = Layout("object", _SOURCE, _OBJECT)
+OBJECT_HELD: Final = Layout(
+    "object", _SOURCE, [*_OBJECT, Field("more", VLQ, "There where the attribute is not 0; meaning unknown.")]
+)
+OBJECT_END: Final = Layout("end of object", _SOURCE, [_TAG])
+ATTRIBUTE: Final = Layout("attribute", _SOURCE, [_TAG, _ID, *_VALUE])
+RELATION: Final = Layout("relation", _SOURCE, [_TAG, _ID, Field("rid", 4, "The other object.", means=id_means)])
+
+#: A list of variables and a list of their names begin with their tag; blocks with a length follow, the last has length 0.
+VARIABLE_LIST: Final = Layout("list of variables", _SOURCE, [_TAG])
+NAME_LIST: Final = Layout("list of names", _SOURCE, [_TAG])
+LIST_BLOCK: Final = Layout("block", _SOURCE, [Field("length", 2, "Bytes of the block, 0 behind the last.")])
+LIST_ID: Final = Layout("list head", _SOURCE, [Field("first", 4, "0x80000002 in captures, the low byte first.")])
+#: The four-byte numbers, and LID and CRC, have their lowest byte first.
+VARIABLE: Final = Layout(
+    "variable",
+    _SOURCE,
+    [
+        Field("lid", 4, "Id of the variable within its block, low byte first.", means=little_means),
+        Field("crc", 4, "Checksum of its symbol, low byte first.", means=little_hex_means),
+        Field("datatype", 1, "Type in the program.", codes=DATATYPES),
+        Field("kind", 2, "What the numbers at the end are.", codes=VARIABLE_KINDS, bits=(0xF000, 12)),
+        Field("hmi_visible", 2, "Panels may show it.", bits=(0x0800, 11), shares=True),
+        Field("hmi_read_only", 2, "Panels may not write it.", bits=(0x0400, 10), shares=True),
+        Field("hmi_accessible", 2, "Panels may reach it.", bits=(0x0200, 9), shares=True),
+        Field("optimised", 2, "It stands in the optimised part.", bits=(0x0080, 7), shares=True),
+        Field("section", 2, "The section that declares it.", codes=SECTIONS, bits=(0x0070, 4), shares=True),
+        Field("bit", 2, "Number of its bit.", bits=(0x0007, 0), shares=True),
+        Field("bit_offsets", 1, "Retain flag, and numbers of bits in either layout."),
+        Field("offset_1", 2, "Offset or length, low byte first.", means=little_means),
+        Field("offset_2", 2, "Offset, low byte first.", means=little_means),
+        Field("numbers", REST, "Bounds, offsets, ids, as the kind says; four bytes each, the low one first."),
+    ],
+)
+VARIABLE_NAME: Final = Layout(
+    "name",
+    _SOURCE,
+    [
+        Field("length", 1, "Bytes of the name, its end not counted."),
+        Field("name", REST, "The name and a 0.", means=text_means),
+    ],
+)
+TAG_DESCRIPTION: Final = Layout(
+    "tag description",
+    _SOURCE,
+    [
+        _TAG,
+        Field("kind", 1, "What stands at the end."),
+        Field("name_length", VLQ, "Bytes of the name."),
+        Field("octets", REST, "Name, type, LID, offsets."),
+    ],
+)
+
+# Bodies.
+OBJECT_ID: Final = Layout("object id", _SOURCE, [Field("rid", 4, "The object.", means=id_means)])
+OBJECT_ID_VLQ: Final = Layout("object id", _SOURCE, [Field("rid", VLQ, "The object.", codes=IDS)])
+RETURN_VALUE: Final = Layout("return value", _SOURCE, [Field("return_value", VLQ64, "64 bits: see the reference.")])
+COUNT: Final = Layout("count", _SOURCE, [Field("count", VLQ, "How many follow.")])
+COUNT_OCTET: Final = Layout("count", _SOURCE, [Field("count", 1, "How many follow.")])
+ITEM_COUNTS: Final = Layout(
+    "items",
+    _SOURCE,
+    [
+        Field("link", 4, "0, or the object whose attributes are meant.", means=id_means),
+        Field("item_count", VLQ, "Items."),
+        Field("field_count", VLQ, "Numbers that their addresses take in all."),
+    ],
+)
+ADDRESS: Final = Layout(
+    "address",
+    _SOURCE,
+    [
+        Field("crc", VLQ, "Checksum of the symbol, 0 for none."),
+        Field("area", VLQ, "The object or area."),
+        Field("id_count", VLQ, "Numbers that follow."),
+        Field("sub_area", VLQ, "The attribute that holds the variable.", codes=IDS),
+        Field("lids", REST, "The way to the variable within it."),
+    ],
+)
+ATTRIBUTE_ID: Final = Layout("attribute id", _SOURCE, [Field("id", VLQ, "The attribute.", codes=IDS)])
+NUMBER: Final = Layout("number", _SOURCE, [Field("number", VLQ, "Of something numbered before.")])
+ITEM_VALUE: Final = Layout("item", _SOURCE, [Field("number", VLQ, "Number of the item, from 1."), *_VALUE])
+ITEM_ERROR: Final = Layout(
+    "item error",
+    _SOURCE,
+    [Field("number", VLQ, "Number of the item, from 1."), Field("return_value", VLQ64, "Why it was refused.")],
+)
+QUALIFIER: Final = Layout("qualifier", _SOURCE, [Field("id", 4, "1256.", means=id_means)])
+RESERVED: Final = Layout("reserved", _SOURCE, [Field("octets", REST, "0 in captures; the meaning is not known.")])
+EXPLORE_HEAD: Final = Layout(
+    "explore",
+    _SOURCE,
+    [
+        Field("rid", 4, "Where to begin.", means=id_means),
+        Field("id", VLQ, "0 in captures.", codes=IDS),
+        Field("children", 1, "1: the objects below as well."),
+        Field("one", 1, "1 in captures."),
+        Field("parents", 1, "1: the objects above as well."),
+    ],
+)
+EXPLORE_GROUP: Final = Layout(
+    "group", _SOURCE, [Field("filters", 1, "1: a filter follows."), Field("id_count", 1, "Attributes that follow.")]
+)
+EXPLORE_FILTER: Final = Layout(
+    "filter",
+    _SOURCE,
+    [Field("type", 1, "0x17, a structure.", codes=VALUE_TYPES), Field("structure", 4, "Its id.", means=id_means)],
+)
+LINK_REQUEST: Final = Layout(
+    "link",
+    _SOURCE,
+    [
+        Field("rid", 4, "The object.", means=id_means),
+        Field("id", VLQ, "The relation.", codes=IDS),
+        Field("reserved", 2, "0."),
+    ],
+)
+SEQUENCE_TYPE: Final = Layout("sequence", _SOURCE, [Field("type", 1, "Kind of the sequence.")])
+SEQUENCE_KIND: Final = Layout("sequence kind", _SOURCE, [Field("kind", 2, "1: an object follows.")])
+INVOKE_HEAD: Final = Layout(
+    "call", _SOURCE, [Field("sub_session", 4, "0 in captures."), Field("method", 4, "The method.", means=id_means)]
+)
+PIECE: Final = Layout(
+    "stream piece", _SOURCE, [Field("length", VLQ, "Bytes of the piece."), Field("octets", REST, "The piece.")]
+)
+
+# Notifications.
+NOTIFICATION_HEAD: Final = Layout(
+    "notification head",
+    _SOURCE,
+    [Field("sequence", VLQ, "Counts notifications."), Field("changes", 1, "Counts changes of the subscription.")],
+)
+#: Of an S7-1200 with old firmware, whose sequence number stands where others have the credit.
+NOTIFICATION_HEAD_SHORT: Final = Layout(
+    "notification head", _SOURCE, [Field("changes", 1, "Counts changes of the subscription.")]
+)
+NOTIFICATION_HEAD_TIMED: Final = Layout(
+    "notification head",
+    _SOURCE,
+    [
+        Field("sequence", VLQ, "Counts notifications."),
+        Field("time", 8, "Microseconds since 1970."),
+        Field("changes", 1, "Counts changes of the subscription."),
+    ],
+)
+_KIND: Final = Field("kind", 1, "What follows.", codes=NOTIFIED)
+NOTIFIED_VALUE: Final = Layout(
+    "notified value", _SOURCE, [_KIND, Field("reference", 4, "Number of the item."), *_VALUE]
+)
+NOTIFIED_VALUE_VLQ: Final = Layout(
+    "notified value", _SOURCE, [_KIND, Field("reference", VLQ, "Number of the item."), *_VALUE]
+)
+NOTIFIED_PLAIN: Final = Layout("notified value", _SOURCE, [_KIND, *_VALUE])
+NOTIFIED_REFUSAL: Final = Layout("refused item", _SOURCE, [_KIND, Field("reference", 4, "Number of the item.")])
+NOTIFIED_KIND: Final = Layout("notified objects", _SOURCE, [_KIND])
+SECOND_PART: Final = Layout(
+    "second part", _SOURCE, [Field("id", 4, "What it belongs to.", means=id_means), Field("unknown", 2, "Not known.")]
+)
+
+# Ends.
+INTEGRITY_ID: Final = Layout(
+    "integrity id",
+    _SOURCE,
+    [Field("integrity_id", VLQ, "Of a response: that of its request plus the sequence number.")],
+)
+DIGEST: Final = Layout(
+    "digest", _SOURCE, [Field("digest_length", 1, "Bytes of the digest, 32."), Field("digest", REST, "The digest.")]
+)
+FILL: Final = Layout("fill", _SOURCE, [Field("fill", REST, "0.")])
+
+# System events with a value.
+EVENT_VALUE: Final = Layout("event value", _SOURCE, [Field("octets", REST, "A value in fixed sizes.")])

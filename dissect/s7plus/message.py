@@ -25,10 +25,14 @@ from dissect.s7plus.tables import (
 from dissect.wire.layout import Layout
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u32
+from dissect.wire.varint import VLQ, VLQ64, read_varint
 
 _HEADER: Final = 4
 #: Size of the digest in the integrity part of V3.
 DIGEST_SIZE: Final = 32
+#: Subscriptions of S7-1200 with old firmware have ids below this. Their notifications have no credit; a sequence number of one
+#: octet stands in its place.
+SHORT_HEADS: Final = 0x70000000
 _LAYER: Final = "s7plus"
 
 
@@ -48,6 +52,7 @@ class PlusPdu:
         "data",
         "data_offset",
         "frame",
+        "frame_starts",
         "frames",
         "function",
         "integrity",
@@ -76,6 +81,9 @@ class PlusPdu:
         self.cut = False
         self.version = -1
         self.frames = 0
+        self.frame_starts: dict[
+            int, int
+        ] = {}  # where frames but the first begin, within ``data`` and within ``octets``
         self.whole = False
         self.integrity = b""
         self.data = b""
@@ -122,6 +130,15 @@ class PlusPdu:
     def readable(self) -> bool:
         """True when opcode and sequence number are there, so that the PDU can be paired."""
         return self.opcode in (REQUEST, RESPONSE, RESPONSE2) and self.sequence >= 0
+
+    def place(self, at: int) -> int:
+        """Return where the octet ``at`` of ``data`` stands within ``octets``."""
+        start, begin = 0, self.data_offset
+        for taken, offset in self.frame_starts.items():
+            if taken > at:
+                break
+            start, begin = taken, offset
+        return begin + at - start
 
     def tell(self, reason: str, field: str, offset: int, needed: int, available: int) -> None:
         """Add a fault to ``malformed``."""
@@ -188,6 +205,7 @@ def _read_frames(pdu: PlusPdu, octets: bytes) -> None:
     parts: list[bytes] = []
     at = 0
     count = 0
+    taken = 0
     while at + _HEADER <= size and octets[at] == PROTOCOL_ID and octets[at + 1] == pdu.version:
         length = u16(octets, at + 2)
         start = at + _HEADER
@@ -202,7 +220,10 @@ def _read_frames(pdu: PlusPdu, octets: bytes) -> None:
         start = _read_integrity(pdu, octets, start, end, count == 0)
         if count == 0:
             pdu.data_offset = start
+        else:
+            pdu.frame_starts[taken] = start
         parts.append(octets[start:end])
+        taken += end - start
         count += 1
         at = end
     pdu.frames = count
@@ -255,7 +276,7 @@ def _read_head(pdu: PlusPdu) -> None:
     if pdu.opcode == REQUEST:
         pdu.session_id = u32(data, 9)
     elif pdu.function in FUNCTIONS:
-        pdu.return_value = read_vlq64(pdu.body)[0]
+        pdu.return_value = read_varint(pdu.body, 0, len(pdu.body), VLQ64)[0]
 
 
 def _read_notification(pdu: PlusPdu, data: bytes) -> None:
@@ -271,7 +292,10 @@ def _read_notification(pdu: PlusPdu, data: bytes) -> None:
         return
     pdu.credit_tick = data[fixed - 1]
     pdu.body = data[fixed:]
-    pdu.sequence = read_vlq32(pdu.body)[0]
+    if pdu.subscription_id < SHORT_HEADS:
+        pdu.sequence = pdu.credit_tick
+    else:
+        pdu.sequence = read_varint(pdu.body, 0, len(pdu.body), VLQ)[0]
 
 
 def fixed_part(pdu: PlusPdu) -> Layout | None:
@@ -283,31 +307,6 @@ def fixed_part(pdu: PlusPdu) -> Layout | None:
     if pdu.opcode == REQUEST:
         return layouts.REQUEST
     return layouts.RESPONSE if pdu.opcode in OPCODES else None
-
-
-def read_vlq32(octets: bytes) -> tuple[int, int]:
-    """Read a number of variable size from the front: seven bits an octet, the highest first, bit 7 says that more follow.
-
-    Returns (number, octets it takes), (-1, 0) when it does not end within its five octets.
-    """
-    value = 0
-    for index in range(min(5, len(octets))):
-        value = value << 7 | octets[index] & 0x7F
-        if octets[index] < 0x80:
-            return value & 0xFFFFFFFF, index + 1
-    return -1, 0
-
-
-def read_vlq64(octets: bytes) -> tuple[int, int]:
-    """Read such a number of up to 64 bits: the ninth octet holds eight of them. Returns as `read_vlq32` does."""
-    value = 0
-    for index in range(min(8, len(octets))):
-        value = value << 7 | octets[index] & 0x7F
-        if octets[index] < 0x80:
-            return value, index + 1
-    if len(octets) < 9:
-        return -1, 0
-    return value << 8 | octets[8], 9
 
 
 def is_beginning(pdu: PlusPdu) -> bool:

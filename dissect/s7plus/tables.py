@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.s7plus.return_tables import RETURN_CODES as RETURN_CODES  # noqa: PLC0414 - read from here like every other table
 from dissect.wire.codes import CodeTable
 
 PROTOCOL_ID: Final = 0x72
@@ -39,10 +40,19 @@ OPCODES: Final = CodeTable("S7comm-plus opcode", 2, [
 ])  # fmt: skip
 
 ERROR: Final = 0x04B1
+EXPLORE: Final = 0x04BB
 CREATE_OBJECT: Final = 0x04CA
+DELETE_OBJECT: Final = 0x04D4
 SET_VARIABLE: Final = 0x04F2
+GET_VARIABLE: Final = 0x04FC
+GET_LINK: Final = 0x0524
 SET_MULTI_VARIABLES: Final = 0x0542
 GET_MULTI_VARIABLES: Final = 0x054C
+BEGIN_SEQUENCE: Final = 0x0556
+END_SEQUENCE: Final = 0x0560
+INVOKE: Final = 0x056B
+SET_VAR_SUBSTREAMED: Final = 0x057C
+GET_VAR_SUBSTREAMED: Final = 0x0586
 ERROR_2: Final = 0x05A9
 INIT_SSL: Final = 0x05B3
 
@@ -51,44 +61,92 @@ ERRORS: Final = frozenset((ERROR, ERROR_2))
 
 FUNCTIONS: Final = CodeTable("S7comm-plus function", 4, [
     (ERROR, "Error", "Answers a request that could not be carried out."),
-    (0x04BB, "Explore", "Browses the objects of the device."),
+    (EXPLORE, "Explore", "Browses the objects of the device."),
     (CREATE_OBJECT, "CreateObject", "Creates an object: a session, a subscription, a block."),
-    (0x04D4, "DeleteObject", "Deletes an object, or ends a session."),
+    (DELETE_OBJECT, "DeleteObject", "Deletes an object, or ends a session."),
     (SET_VARIABLE, "SetVariable", "Writes one variable."),
-    (0x04FC, "GetVariable", "Reads one variable; old S7-1200 firmware."),
+    (GET_VARIABLE, "GetVariable", "Reads one variable; old S7-1200 firmware."),
     (0x0506, "AddLink", "Links objects."),
     (0x051A, "RemoveLink", "Removes a link between objects."),
-    (0x0524, "GetLink", "Reads the links of an object."),
+    (GET_LINK, "GetLink", "Reads the links of an object."),
     (SET_MULTI_VARIABLES, "SetMultiVariables", "Writes several variables."),
     (GET_MULTI_VARIABLES, "GetMultiVariables", "Reads several variables."),
-    (0x0556, "BeginSequence", "Begins a sequence of requests that belong together, as in a download."),
-    (0x0560, "EndSequence", "Ends it."),
-    (0x056B, "Invoke", "Calls a method of an object."),
-    (0x057C, "SetVarSubStreamed", "Writes a variable in a stream of frames."),
-    (0x0586, "GetVarSubStreamed", "Reads a variable as a stream."),
+    (BEGIN_SEQUENCE, "BeginSequence", "Begins a sequence of requests that belong together, as in a download."),
+    (END_SEQUENCE, "EndSequence", "Ends it."),
+    (INVOKE, "Invoke", "Calls a method of an object."),
+    (SET_VAR_SUBSTREAMED, "SetVarSubStreamed", "Writes a variable in a stream of frames."),
+    (GET_VAR_SUBSTREAMED, "GetVarSubStreamed", "Reads a variable as a stream."),
     (0x0590, "GetVariablesAddress", "Asks where variables are."),
     (0x059A, "Abort", "Breaks a request off."),
     (ERROR_2, "Error2", "Answers a request that could not be carried out."),
     (INIT_SSL, "InitSSL", "Asks that the connection goes on in TLS."),
 ])  # fmt: skip
 
+OBJECT_TAG: Final = 0xA1
+OBJECT_END_TAG: Final = 0xA2
+ATTRIBUTE_TAG: Final = 0xA3
+RELATION_TAG: Final = 0xA4
+TAG_DESCRIPTION_TAG: Final = 0xA7
+TAG_DESCRIPTION_END_TAG: Final = 0xA8
+VARIABLES_TAG: Final = 0xAB
+NAMES_TAG: Final = 0xAC
+
+TAGS: Final = CodeTable("S7comm-plus element", 2, [
+    (OBJECT_TAG, "object", "An object begins."),
+    (OBJECT_END_TAG, "end of object", "The object ends."),
+    (ATTRIBUTE_TAG, "attribute", "An attribute and its value."),
+    (RELATION_TAG, "relation", "A reference to another object."),
+    (TAG_DESCRIPTION_TAG, "tag description", "A variable of an S7-1200 with firmware 2."),
+    (TAG_DESCRIPTION_END_TAG, "end of tag description", "It ends."),
+    (VARIABLES_TAG, "list of variables", "Types and places of the variables of a block."),
+    (NAMES_TAG, "list of names", "Their names, in the same order."),
+])  # fmt: skip
+
+#: The upper four bits of a variable's attributes; beside each kind the count of numbers that end its entry.
+VARIABLE_KINDS: Final = CodeTable("S7comm-plus kind of variable", 1, [
+    (0, "array of FB instances", ""),
+    (1, "plain", ""),
+    (2, "string", ""),
+    (3, "array", ""),
+    (4, "array of several dimensions", ""),
+    (5, "structure", ""),
+    (6, "array of structures", ""),
+    (7, "array of structures of several dimensions", ""),
+    (8, "plain, both layouts", ""),
+    (9, "string, both layouts", ""),
+    (10, "array, both layouts", ""),
+    (11, "array of several dimensions, both layouts", ""),
+    (12, "structure, both layouts", ""),
+    (13, "array of structures, both layouts", ""),
+    (14, "array of structures of several dimensions, both layouts", ""),
+    (15, "FB instance", ""),
+])  # fmt: skip
+VARIABLE_NUMBERS: Final = (25, 0, 2, 4, 16, 7, 11, 23, 0, 2, 4, 16, 7, 11, 23, 9)
+
+VALUE_ITEM: Final = 0x92
+VALUE_ITEM_VLQ: Final = 0x9B
+UNKNOWN_ITEM: Final = 0x9C
+REFUSED_ITEM: Final = 0x13
+REFUSED_ITEM_3: Final = 0x03
+OBJECTS_ITEM: Final = 0x81
+PLAIN_VALUE_ITEM: Final = 0x83
+
+#: What begins an item of a notification.
+NOTIFIED: Final = CodeTable("S7comm-plus notified item", 2, [
+    (0x00, "end", "No item follows."),
+    (REFUSED_ITEM_3, "refused", "The item cannot be read."),
+    (REFUSED_ITEM, "refused", "The item cannot be read."),
+    (OBJECTS_ITEM, "objects", "Objects follow, as alarms."),
+    (PLAIN_VALUE_ITEM, "value", "A value follows; from one source only."),
+    (VALUE_ITEM, "value", "A value of the item."),
+    (VALUE_ITEM_VLQ, "value", "The same with a reference of variable size; two sources, in no capture."),
+    (UNKNOWN_ITEM, "unknown", "Four bytes of unknown meaning; two sources, in no capture."),
+])  # fmt: skip
+
 #: Bit of the transport flags: the sender wants no answer.
 NO_RESPONSE: Final = 0x40
 
 PARTIAL_ERROR: Final = 19
-
-#: The lower 16 bits of a return value; negative numbers (0x8000 and above) are refusals.
-RETURN_CODES: Final = CodeTable("S7comm-plus return value", 4, [
-    (0, "OK", "All is well."),
-    (17, "Message session pre-legitimated", "The session is open, a password may still be asked for."),
-    (PARTIAL_ERROR, "Service executed with partial error", "At least one of several variables or objects was refused."),
-    (22, "Service session delegitimated", "The session lost its rights."),
-    (0xFF01, "Invalid LID", "A variable was addressed by an id that the device does not know."),
-    (0xFF7A, "Service multi-ES not supported", "Several engineering stations at once are not supported."),
-    (0xFFEF, "Invalid CRC", "The checksum of a symbolic address does not fit the device's program."),
-    (0xFFF4, "Object not found", "The device has no such object."),
-])  # fmt: skip
-
 
 def refuses(code: int) -> bool:
     """Tell whether the lower 16 bits of a return value say no, to the whole request or to a part of it."""

@@ -27,6 +27,7 @@ from dissect.s7.tables import (
 )
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.parameters import PlusParameters
+from dissect.s7plus.refusals import refuses_items
 from dissect.s7plus.tables import ERRORS, refuses
 from dissect.transactions.payloads import ScdParameters
 from dissect.transactions.transaction import UNCONFIRMED, Transaction
@@ -93,9 +94,12 @@ def check_other_answer(transaction: Transaction) -> None:
         transaction.error_code = told.err
         transaction.has_errors = told.refused
         return
-    code: i64 = parse_plus(transaction.response_octets).return_code
+    pdu = parse_plus(transaction.response_octets)
+    code: i64 = pdu.return_code
     if refuses(code):
         transaction.error_code = code
+        transaction.has_errors = True
+    elif refuses_items(pdu):
         transaction.has_errors = True
 
 

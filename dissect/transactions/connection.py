@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
@@ -28,6 +28,9 @@ from dissect.transactions.operation import OpenOperations
 from dissect.transactions.pairing import OpenRequests
 from dissect.transactions.results import Subscription
 from dissect.transactions.traits import Traits
+
+if TYPE_CHECKING:
+    from dissect.s7plus.session import PlusSession
 
 # What is known of the protocol a TCP connection carries.
 PROBING: Final = 0
@@ -103,6 +106,7 @@ class Connection:
         "orphans",
         "pdu_length",
         "pdus",
+        "plus",
         "probed",
         "protocol",
         "refused",
@@ -132,6 +136,7 @@ class Connection:
         )  # number of the binding that a carrier found for its TSAPs or ports, -1 while nobody looked
         self.state: i64 = PROBING
         self.probed: i64 = 0  # segments with octets looked at while probing
+        self.plus: PlusSession | None = None  # what S7comm-plus told of client, CPU and subscriptions
         self.protocol: str = ""  # what the TSDUs speak, as far as one name does
         self.identified_by: str = ""  # of another protocol: the words that say what, and for whom
         self.client_side: i64 = 0

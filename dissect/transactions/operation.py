@@ -25,6 +25,8 @@ CYCLIC: Final = "cyclic"
 MESSAGES: Final = "messages"
 TEST_JOB: Final = "test_job"
 PASSWORD: Final = "password"  # noqa: S105 - the name of a kind, no secret
+SESSION: Final = "session"
+DELETE: Final = "delete"
 #: Every kind with a sentence.
 KINDS: Final[dict[str, str]] = {
     CONNECT: "A connection is set up: TCP, COTP and Setup communication.",
@@ -36,6 +38,8 @@ KINDS: Final[dict[str, str]] = {
     MESSAGES: "Messages of the PLC are subscribed to: modes, diagnostics, alarms.",
     TEST_JOB: "A test function of the programming device runs: monitor, modify, force, block status.",
     PASSWORD: "A password is sent to the PLC.",
+    SESSION: "A client opens a session of S7comm-plus, until it deletes it.",
+    DELETE: "A block is deleted from the PLC.",
 }
 
 # How an operation ended.

@@ -26,6 +26,7 @@ from dissect.transactions.operation import (
     PASSWORD,
     REFUSED,
     RUNNING,
+    SESSION,
     TEST_JOB,
     UNFINISHED,
     WRONG_SIZE,
@@ -56,7 +57,7 @@ _TEST_STOPS: Final = 0x0F
 _SEND_PASSWORD: Final = 0x01
 
 #: Kinds that run until somebody stops them.
-ENDLESS: Final = frozenset((CYCLIC, MESSAGES, TEST_JOB))
+ENDLESS: Final = frozenset((CYCLIC, MESSAGES, TEST_JOB, SESSION))
 _MAX_SUBJECT: Final = 200
 #: Where the header states the octets of the data block.
 _DATA_LENGTH_AT: Final = 8

@@ -346,6 +346,10 @@ class Transaction:
             errors.append(
                 TransactionError(where, self.error_code, codes.name(self.error_code), codes.text(self.error_code))
             )
+        if self.is_plus:
+            from dissect.transactions.plus import item_errors  # late: most runs never look
+
+            return errors + item_errors(self)
         written = self.flags & UNCONFIRMED != 0
         for number, result in enumerate(self.results(), 1):
             code = result.return_code

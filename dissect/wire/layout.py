@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Final
 
 from dissect.wire.codes import CodeTable
+from dissect.wire.varint import read_varint
 
 #: Size of a field that takes what is left of its part: a text or octets whose length stands elsewhere.
 REST: Final = -1
@@ -46,7 +47,8 @@ def latin(octets: bytes) -> str | None:
 class Field:
     """One field of a header or of another part of a message.
 
-    ``size`` is in octets, `REST` for all that is left of the part. ``bits`` is (mask, shift) when the field is only a part of
+    ``size`` is in octets, `REST` for all that is left of the part, or a kind of number of variable size
+    (dissect.wire.varint). ``bits`` is (mask, shift) when the field is only a part of
     its octets; fields sharing octets follow each other and all but the first have ``shares=True``. ``wireshark`` is
     Wireshark's field name, empty where it has none. A field with ``means`` holds octets (a text, a time), not a number.
     ``says`` tells a person what the number means where no table does. ``decimal``: a person reads its number as a count or a
@@ -123,7 +125,8 @@ class FieldValue:
 class Layout:
     """A fixed header, or a part with one field of open size at its end: its name, its source, its fields in wire order.
 
-    ``size`` is that of the fixed fields. ``open`` tells whether the last field takes the rest of the part.
+    ``size`` is that of the fixed fields; with numbers of variable size the part is larger. ``open`` tells whether the last
+    field takes the rest of the part.
     """
 
     __slots__ = ("fields", "name", "open", "size", "source")
@@ -132,7 +135,7 @@ class Layout:
         self.name = name
         self.source = source
         self.fields = fields
-        self.size = sum(field.size for field in fields if not field.shares and field.size != REST)
+        self.size = sum(field.size for field in fields if not field.shares and field.size > 0)
         self.open = bool(fields) and fields[-1].size == REST
 
     def read(self, octets: bytes, offset: int = 0, end: int = -1) -> list[FieldValue]:
@@ -143,6 +146,13 @@ class Layout:
         at = offset
         start = offset
         for field in self.fields:
+            if field.size < REST:
+                number, behind = read_varint(octets, at, end, field.size)
+                if behind < 0:
+                    break
+                values.append(FieldValue(field, at, behind, number))
+                at = behind
+                continue
             if not field.shares:
                 start = at
                 at = end if field.size == REST else at + field.size

@@ -26,16 +26,17 @@ class Part:
     """A part of a message: ``octets[offset:end]``, read as ``layout`` says.
 
     ``values`` are the fields that lie whole in it; ``note`` says in a few words what the part is about, where its parser
-    knows (``SZL 0x0011``); it is text from the wire and not escaped.
+    knows (``SZL 0x0011``); it is text from the wire and not escaped. ``depth`` is how many parts it stands inside of.
     """
 
-    __slots__ = ("_octets", "_values", "end", "layout", "note", "offset")
+    __slots__ = ("_octets", "_values", "depth", "end", "layout", "note", "offset")
 
     def __init__(self, layout: Layout, octets: bytes, offset: int, end: int) -> None:
         self.layout = layout
         self.offset = offset
         self.end = end
         self.note = ""
+        self.depth = 0
         self._octets = octets
         self._values: list[FieldValue] | None = None
 

@@ -9,6 +9,10 @@ import pytest
 
 import dissect
 from dissect.s7plus.assembly import MAX_PDU
+from dissect.s7plus.objects import PlusObject
+from dissect.s7plus.value_tables import INT
+from dissect.s7plus.values import Value
+from tests.s7plus import bodies
 from tests.s7plus.pdus import (
     CREATE_OBJECT,
     ERROR,
@@ -84,7 +88,8 @@ def test_what_has_no_other_half() -> None:
 
 def test_requests_that_want_no_response_and_notifications() -> None:
     talk = begun()
-    one_way = talk.ask(framed(asked(1, SET_VARIABLE, flags=0x74), 3))
+    credit = bodies.set_variable(0x70000E51, [1053], Value(0, INT, 5))
+    one_way = talk.ask(framed(asked(1, SET_VARIABLE, flags=0x74, body=credit), 3))
     push = talk.tell(framed(notified(), 3))
     late = talk.tell(framed(told(1, SET_VARIABLE, opcode=2), 3))
     talk.close()
@@ -109,7 +114,7 @@ def test_a_response_of_the_other_form_answers_too() -> None:
     [
         (b"\xff" * 8 + b"\xf4", 0xFFF4, "Object not found"),
         (b"\x13", 19, "Service executed with partial error"),
-        (b"\xff" * 8 + b"\x23", 0xFF23, "0xff23"),
+        (b"\xff" * 7 + b"\xfe\x20", 0xFE20, "0xfe20"),
     ],
 )
 @pytest.mark.parametrize("function", [GET_MULTI, ERROR])
@@ -126,8 +131,9 @@ def test_an_answer_that_says_no(body: bytes, code: int, name: str, function: int
 
 def test_a_warning_is_no_error() -> None:
     talk = begun()
-    talk.ask(framed(asked(1, CREATE_OBJECT)))
-    talk.tell(framed(told(1, CREATE_OBJECT, b"\x11")))
+    session = bodies.create_object(285, Value(0, INT, 5), PlusObject(211, 287, 0, 0, 0, []))
+    talk.ask(framed(asked(1, CREATE_OBJECT, body=session)))
+    talk.tell(framed(told(1, CREATE_OBJECT, b"\x11\1\x87\x07" + bodies.end(2))))
     talk.close()
     assert not talk.transactions[0].has_errors
     assert talk.findings == []
@@ -180,8 +186,8 @@ def test_a_pdu_that_is_too_long_is_paired_all_the_same() -> None:
     talk = begun()
     talk.ask(framed(asked(1)))
     talk.tell(framed(told(1), trailer=False))
-    for _ in range(MAX_PDU // 9_000 + 2):
-        talk.tell(*[framed(bytes(900), trailer=False)] * 10)
+    for _ in range(MAX_PDU // 54_000 + 2):
+        talk.tell(*[framed(bytes(900), trailer=False)] * 60)
     talk.tell(framed(b"end"))
     talk.close()
     assert talk.outcomes() == ["answered"]

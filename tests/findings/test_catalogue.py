@@ -13,12 +13,16 @@ import dissect
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.finding import KINDS, SEVERITIES
 from dissect.s7plus.assembly import MAX_PDU
+from dissect.s7plus.value_tables import DINT
+from dissect.s7plus.values import Value
 from dissect.tcp import ip
 from dissect.transactions.table import MAX_CONNECTIONS, MAX_HALF_OPEN
 from dissect.transactions.transaction import Transaction
 from tests.findings import operation_scenarios, scd_scenarios, security_scenarios
 from tests.findings.registry import SILENT, SPEAKS, silent, speaks
 from tests.ibh import packets as ibh
+from tests.s7plus import bodies
+from tests.s7plus import pdus as plus
 from tests.transactions.talk import (
     ACK,
     CLIENT,
@@ -57,7 +61,7 @@ IPV4: Final = bytes(12) + bytes.fromhex("0800 45000028 0001 0000 40060000 0a0000
 ENGINE: Final = frozenset(("findings", "bindings", "engine"))
 #: Rooms whose findings are written in the source as "room.what".
 SLUG: Final = re.compile(
-    r"(capture|ip|stream|tpkt|ibh|cotp|s7|session|transaction|function|security|scd|operation|internal)\.[a-z_0-9]+"
+    r"(capture|ip|stream|tpkt|ibh|cotp|s7|s7plus|session|transaction|function|security|scd|operation|internal)\.[a-z_0-9]+"
 )
 
 
@@ -606,8 +610,8 @@ def plus_too_long(talk: Talk) -> None:
     talk.hello()
     talk.connect()
     frame = b"\x72\x02\x03\x84" + bytes(900)
-    for _ in range(MAX_PDU // len(frame) + 1):
-        talk.ask(frame)
+    for _ in range(MAX_PDU // (60 * len(frame)) + 1):
+        talk.ask(*[frame] * 60)
     talk.ask(frame + b"\x72\x02\x00\x00")
 
 
@@ -617,10 +621,29 @@ def plus_just_fits(talk: Talk) -> None:
     talk.hello()
     talk.connect()
     frame = b"\x72\x02\x03\x84" + bytes(900)
-    for _ in range(MAX_PDU // len(frame) - 1):
-        talk.ask(frame)
+    for _ in range(MAX_PDU // (60 * len(frame)) - 1):
+        talk.ask(*[frame] * 60)
     talk.ask(frame + b"\x72\x02\x00\x00")
     assert talk.pipeline.plus.pdus == 1
+
+
+@speaks("s7plus.malformed")
+def plus_contents_that_lie(talk: Talk) -> None:
+    talk.hello()
+    talk.connect()
+    body = bodies.set_variable(52, [2167], Value(0x10, DINT, [1]))
+    talk.ask(plus.framed(plus.asked(1, plus.SET_VARIABLE, body=body.replace(b"\x10\x08\x01", b"\x10\x08\x7f")), 3))
+    talk.tell(plus.framed(plus.told(1, plus.SET_VARIABLE, b"\0" + bodies.end(1)), 3))
+
+
+@silent("s7plus.malformed")
+def plus_contents_as_they_should_be(talk: Talk) -> None:
+    talk.hello()
+    talk.connect()
+    talk.ask(
+        plus.framed(plus.asked(1, plus.SET_VARIABLE, body=bodies.set_variable(52, [1], Value(0x10, DINT, [1]))), 3)
+    )
+    talk.tell(plus.framed(plus.told(1, plus.SET_VARIABLE, b"\0" + bodies.end(1)), 3))
 
 
 @speaks("s7.unknown_rosctr")

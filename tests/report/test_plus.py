@@ -26,8 +26,11 @@ from tests.properties.messages import dt
 from tests.properties.packets import Talk
 from tests.report.schemas import complaints
 from tests.report.support import UNSAFE, analysed, begun, observed, read
+from tests.s7plus import bodies
 from tests.s7plus.pdus import (
+    CREATE_OBJECT,
     GET_MULTI,
+    INIT_SSL,
     KEEP_ALIVE,
     NOTIFICATION_V3,
     RESPONSE_V3,
@@ -38,6 +41,8 @@ from tests.s7plus.pdus import (
     notified,
     told,
 )
+from tests.s7plus.test_bodies import FIVE, LEVEL, LOST, WORD
+from tests.s7plus.test_objects import TYPE
 
 PLACES = Places([], False)
 
@@ -72,11 +77,16 @@ class Everything(Observer):
 def talk() -> Talk:
     """A request answered, one refused, one way, a notification, an event, a keep-alive, an S7 read."""
     talk = begun()
-    talk.send(0, dt(framed(asked(5)))).send(1, dt(framed(told(5))))
-    talk.send(0, dt(framed(asked(6), 3))).send(1, dt(framed(told(6, body=b"\xff" * 8 + b"\xf4"), 3)))
-    talk.send(0, dt(framed(asked(7, SET_VARIABLE, flags=0x74)))).send(1, dt(framed(notified())))
+    body = bodies.get_multi(LEVEL, WORD)
+    talk.send(0, dt(framed(asked(5, body=body))))
+    talk.send(1, dt(framed(told(5, body=bodies.multi_got([(1, FIVE)], [(2, LOST)])))))
+    talk.send(0, dt(framed(asked(6, body=body), 3)))
+    talk.send(1, dt(framed(told(6, body=b"\xff" * 8 + b"\xf4\0\0" + bodies.end(3)), 3)))
+    granted = bodies.set_variable(0x70000E51, [1053], FIVE)
+    talk.send(0, dt(framed(asked(7, SET_VARIABLE, flags=0x74, body=granted)))).send(1, dt(framed(notified())))
     talk.send(1, dt(event(99, b"LOG\x1bOUT"))).send(0, dt(KEEP_ALIVE))
-    talk.send(0, dt(framed(asked(8), trailer=False))).send(0, dt(framed(b"more"))).send(0, dt(framed(asked(9))[:-6]))
+    talk.send(0, dt(framed(asked(8, body=body[:20]), trailer=False))).send(0, dt(framed(body[20:])))
+    talk.send(0, dt(framed(asked(9))[:-6]))
     return read(talk, 1)
 
 
@@ -89,28 +99,31 @@ def found(talk: Talk) -> Everything:
 
 def test_lines(found: Everything) -> None:
     damaged = "MALFORMED s7plus: length at octet 2 claims 18 octets, the TSDU has 16"
+    credit = "0x70000e51.SubscriptionCreditLimit = Int 5"
+    wanted = "DB3 LID 14 [CRC 0xaabbccdd], MW100"
     assert found.lines == [
-        "S7comm-plus Request       seq 5  GetMultiVariables  session 0x00000386",
-        "S7comm-plus Response      seq 5  GetMultiVariables",
-        "S7comm-plus Request       seq 6  GetMultiVariables  session 0x00000386",
+        f"S7comm-plus Request       seq 5  GetMultiVariables  session 0x00000386  {wanted}",
+        "S7comm-plus Response      seq 5  GetMultiVariables  1: Int 5, 2: 0x8020ab0019d9fff4 Object not found",
+        f"S7comm-plus Request       seq 6  GetMultiVariables  session 0x00000386  {wanted}",
         "S7comm-plus Response      seq 6  GetMultiVariables  return value 0xfffffffffffffff4 Object not found",
-        "S7comm-plus Request       seq 7  SetVariable  session 0x00000386, wants no response",
+        f"S7comm-plus Request       seq 7  SetVariable  session 0x00000386, wants no response  {credit}",
         "S7comm-plus Notification  subscription 0x70000e51, number 5",
         "S7comm-plus system event  99 octets confirmed, LOG\\x1bOUT",
         "S7comm-plus keep-alive    number 7",
-        "S7comm-plus Request       seq 8  GetMultiVariables  session 0x00000386  in 2 frames",
+        f"S7comm-plus Request       seq 8  GetMultiVariables  session 0x00000386  {wanted}  in 2 frames",
         f"S7comm-plus Request       seq 9  GetMultiVariables  {damaged}",
     ]
 
 
 def test_transactions(found: Everything) -> None:
     plus = [line.partition("  S7comm-plus ")[2] for line in found.transactions if "S7comm-plus" in line]
+    level = "DB3 LID 14 [CRC 0xaabbccdd]"
     assert plus == [
-        "GetMultiVariables  session 0x00000386",
-        "GetMultiVariables  REFUSED 0xfff4 Object not found  session 0x00000386",
-        "SetVariable  one way  session 0x00000386, wants no response",
+        f"GetMultiVariables  {level} = Int 5, MW100: Object not found",
+        f"GetMultiVariables  REFUSED 0xfff4 Object not found  {level}: Object not found, MW100: Object not found",
+        "SetVariable  one way  wants no response, 0x70000e51.SubscriptionCreditLimit = Int 5",
         "notification  push  subscription 0x70000e51, number 5",
-        "GetMultiVariables  NO ANSWER (capture ends)  session 0x00000386",
+        f"GetMultiVariables  NO ANSWER (capture ends)  {level}, MW100",
         "GetMultiVariables  NO ANSWER (capture ends)",
     ]
     keys = ("pdu_ref", "rosctr", "function", "function_name", "outcome", "errors")
@@ -131,6 +144,45 @@ def test_transactions_in_json(found: Everything) -> None:
         {"code": SET_VARIABLE, "name": "SetVariable"},
         {"code": None, "name": None},
     ]
+    assert plus[0]["errors"] == [
+        {"where": "item 2", "code": 0xFFF4, "name": "Object not found", "text": "The device has no such object."}
+    ]
+    assert plus[0]["items"] == [
+        {
+            "address": "DB3 LID 14 [CRC 0xaabbccdd]",
+            "syntax_id": None,
+            "area": 0x84,
+            "db": 3,
+            "start_bit": None,
+            "transport_size": None,
+            "count": None,
+            "return_code": 255,
+            "data": "0005",
+            "value": 5,
+            "number": 1,
+            "type": "Int",
+            "crc": "0xaabbccdd",
+            "path": [0x8A0E0003, 2550, 14],
+        },
+        {
+            "address": "MW100",
+            "syntax_id": None,
+            "area": 0x83,
+            "db": 0,
+            "start_bit": 800,
+            "transport_size": None,
+            "count": None,
+            "return_code": 0xFFF4,
+            "data": None,
+            "value": None,
+            "number": 2,
+            "type": None,
+            "crc": None,
+            "path": [82, 3736, 3, 100, 2],
+        },
+    ]
+    assert plus[0]["s7plus"]["request"]["integrity_id"] == 9
+    assert [item["return_code"] for item in plus[4]["items"]] == [None, None]
     assert plus[1]["errors"] == [
         {"where": "return value", "code": 0xFFF4, "name": "Object not found", "text": "The device has no such object."}
     ]
@@ -151,7 +203,15 @@ def test_pdus_in_json(found: Everything) -> None:
     ]
     assert [line["pdu_ref"] for line in found.jsonl] == [5, 5, 6, 6, 7, None, None, None, 8, 9]
     assert found.jsonl[6]["s7plus"]["message"] == "LOG\x1bOUT"
-    assert bytes.fromhex(found.jsonl[8]["octets"]) == framed(asked(8), trailer=False) + framed(b"more")
+    octets = bytes.fromhex(found.jsonl[8]["octets"])
+    assert octets.count(b"\x72\x02\x00") == 3  # two frames and the trailer
+    parts = found.jsonl[8]["parts"]
+    assert [part["name"] for part in parts[:3]] == ["items", "address", "address"]
+    for part in parts:  # each stands where it says, also where a frame begins within it
+        for field in part["fields"]:
+            if isinstance(field["value"], str) and field["size"] == len(field["value"]) // 2 and field["offset"] > 60:
+                assert octets[field["offset"] : field["offset"] + field["size"]].hex() == field["value"]
+    assert found.jsonl[9]["malformed"]
 
 
 def test_the_analysis(talk: Talk) -> None:
@@ -171,7 +231,7 @@ def test_the_analysis(talk: Talk) -> None:
         ("0x04", None, "Read Var", 1, 0),
         ("0xf0", None, "Setup communication", 1, 0),
         ("0x04f2", "s7comm_plus", "S7comm-plus SetVariable", 1, 0),
-        ("0x054c", "s7comm_plus", "S7comm-plus GetMultiVariables", 4, 1),
+        ("0x054c", "s7comm_plus", "S7comm-plus GetMultiVariables", 4, 2),
         (None, "s7comm_plus", "S7comm-plus notification", 1, 0),
     ]
 
@@ -186,14 +246,23 @@ def test_unknown_functions_are_one_row(talk: Talk) -> None:
 
 
 @pytest.mark.parametrize(
-    "octets", [RESPONSE_V3, NOTIFICATION_V3, framed(asked(1, body=b"abc")), event(5, b"x"), KEEP_ALIVE]
+    "octets",
+    [
+        RESPONSE_V3,
+        NOTIFICATION_V3,
+        framed(asked(1, INIT_SSL, body=b"abc")),
+        framed(asked(1, body=bodies.get_multi(LEVEL, WORD)), 3),
+        framed(asked(1, CREATE_OBJECT, body=bodies.create_object(3, FIVE, TYPE, integrity_id=7)), 3),
+        event(5, b"x"),
+        KEEP_ALIVE,
+    ],
 )
 def test_a_tree_covers_every_octet(octets: bytes) -> None:
     packet = dt(octets)
     lines = list(plus_tree_lines(parse_plus(octets), packet))
     covered: set[int] = set()
     for line in lines[: lines.index("")]:
-        where = line[6:15].strip() if line.startswith("      ") else ""
+        where = "".join(line.split()[:1])
         if where and where.replace("-", "").isdigit():
             first, _, last = where.partition("-")
             covered |= set(range(int(first), int(last or first) + 1))
@@ -205,7 +274,7 @@ def test_a_tree_of_several_frames_and_of_a_part() -> None:
     joined = framed(told(5, body=bytes(100)), 3, trailer=False) + framed(b"more", 3)
     lines = list(plus_tree_lines(parse_plus(joined), b""))
     assert lines[0].startswith("    put together from several frames or fragments; octets count from")
-    assert any(line.split() == ["data", "114", "octets", "in", "2", "frames"] for line in lines)
+    assert any(line.split() == ["data", "114", "bytes", "in", "2", "frames"] for line in lines)
     assert "    S7comm-plus trailer" in lines
     cut = list(plus_tree_lines(parse_plus(framed(asked(1))[:-4], cut=True), b""))
     assert cut[0].startswith("    its end is missing")

@@ -3,7 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.s7plus.assembly import MAX_PDU, PlusAssembler
+from dissect.s7plus.assembly import PlusAssembler
 from dissect.s7plus.message import parse_plus
 from tests.s7plus.pdus import KEEP_ALIVE, asked, event, framed, told
 
@@ -37,13 +37,13 @@ def test_what_is_damaged_ends_what_is_open() -> None:
 
 
 def test_a_long_pdu_is_kept_in_part_and_the_rest_counted() -> None:
-    assembler = PlusAssembler()
+    assembler = PlusAssembler(65536)
     first, more, last = framed(told(1), trailer=False), framed(bytes(30_000), trailer=False), framed(b"end")
     assert assembler.push(first) is None
     for _ in range(9):
         assert assembler.push(more) is None
         assert assembler.parts is not None
-        assert len(assembler.parts) <= MAX_PDU
+        assert len(assembler.parts) <= 65536
     whole = assembler.push(last)
     assert whole == first + more + more
     assert assembler.left_out == 7 * len(more) + len(last)

@@ -13,8 +13,6 @@ from dissect.s7plus.message import (
     fixed_part,
     is_beginning,
     parse_plus,
-    read_vlq32,
-    read_vlq64,
 )
 from tests.s7plus.pdus import (
     GET_MULTI,
@@ -185,21 +183,11 @@ def test_the_parser_reads_what_the_layout_says(octets: bytes) -> None:
     assert head == {"protocol_id": 0x72, "version": pdu.version, "length": len(pdu.data)}
 
 
-@pytest.mark.parametrize(
-    ("octets", "small", "large"),
-    [
-        (b"", (-1, 0), (-1, 0)),
-        (b"\x7f", (127, 1), (127, 1)),
-        (b"\x8e\xc1\x51", (237777, 3), (237777, 3)),
-        (b"\x80\x80", (-1, 0), (-1, 0)),
-        (b"\x8f\xff\xff\xff\x7f", (0xFFFFFFFF, 5), (0xFFFFFFFF, 5)),
-        (b"\xff" * 9, (-1, 0), (2**64 - 1, 9)),
-        (b"\xff" * 8, (-1, 0), (-1, 0)),
-    ],
-)
-def test_numbers_of_variable_size(octets: bytes, small: tuple[int, int], large: tuple[int, int]) -> None:
-    assert read_vlq32(octets) == small
-    assert read_vlq64(octets) == large
+def test_where_the_octets_of_several_frames_stand() -> None:
+    pdu = parse_plus(framed(b"\x31abcd", 3, trailer=False) + framed(b"efgh", 3, trailer=False) + framed(b"ij", 3))
+    assert pdu.data == b"\x31abcdefghij"
+    assert pdu.frame_starts == {5: 79, 9: 120}
+    assert [pdu.octets[pdu.place(at)] for at in range(len(pdu.data))] == list(pdu.data)
 
 
 @pytest.mark.parametrize("octets", EXAMPLES)

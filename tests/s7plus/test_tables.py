@@ -10,7 +10,9 @@ from dissect.wire.codes import CodeTable
 def test_rows(table: CodeTable) -> None:
     rows = list(table)
     assert len({row.name for row in rows}) == len(rows)
-    assert all(row.name and row.text.endswith(".") for row in rows)
+    assert all(row.name for row in rows)
+    told = [row.text for row in rows if row.text or table is not RETURN_CODES]  # of most errors only the name is known
+    assert all(text.endswith(".") for text in told)
     assert all(0 <= row.number < 1 << 4 * table.digits for row in rows)
 
 

@@ -1,0 +1,142 @@
+"""S7comm-plus transactions as events of security, with the rules of S7comm; and what they tell of client and CPU.
+
+Which transaction means what is known to `dissect.s7plus.events`; here its facts become findings.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.findings.reporter import Reporter
+from dissect.findings.security_rules import SecurityWatch
+from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
+from dissect.s7plus.events import (
+    CHANGED,
+    PASSWORD,
+    READ_OUT,
+    RESET,
+    RUNNING,
+    START,
+    STOP,
+    STOPPED,
+    TEST_JOB,
+    WRITTEN,
+    WRITTEN_OUTPUTS,
+    Event,
+    subscription_of,
+    take,
+)
+from dissect.s7plus.program import Program
+from dissect.s7plus.session import Identity, PlusSession
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import OperationBook
+from dissect.transactions.plus_operations import PlusOperations
+from dissect.transactions.transaction import UNANSWERED, Transaction
+from dissect.wire.text import shortened
+
+_SLUGS: Final[dict[str, str]] = {
+    STOP: "security.plc_stop",
+    START: "security.plc_start",
+    RESET: "security.memory",
+    STOPPED: "security.stopped",
+    RUNNING: "security.mode_changed",
+    CHANGED: "security.program_change",
+    READ_OUT: "security.program_read",
+    TEST_JOB: "security.debug",
+    WRITTEN: "security.write",
+    WRITTEN_OUTPUTS: "security.write_outputs",
+}
+#: Said once for a connection.
+_ONCE: Final = frozenset((READ_OUT, TEST_JOB))
+_AREAS: Final[dict[str, int]] = {WRITTEN: WRITTEN_ELSEWHERE, WRITTEN_OUTPUTS: WRITTEN_IO}
+_ALL_WRITTEN: Final = WRITTEN_IO | WRITTEN_ELSEWHERE
+#: Return values that say that a client lacks the rights for a request: access denied.
+_PROTECTED: Final = frozenset((0xFF9C,))
+#: Explore requests of a connection without subscriptions that make it a reconnaissance.
+_EXPLORES: Final = 3
+#: CPUs that are remembered; the one that was met first leaves.
+MAX_CPUS: Final = 256
+#: Characters of what an event is about.
+_TEXT: Final = 200
+
+
+class PlusWatch:
+    """Judges S7comm-plus transactions. One for a whole analysis: the program of a CPU passes on any of its connections."""
+
+    def __init__(self, judge: Reporter, security: SecurityWatch, book: OperationBook) -> None:
+        self._operations = PlusOperations(book)
+        self._judge = judge
+        self._security = security
+        self._cpus: dict[str, tuple[Program, Identity]] = {}
+
+    def take(self, transaction: Transaction) -> None:
+        """Take a transaction of any function."""
+        connection = transaction.connection
+        session = connection.plus
+        if session is None:
+            session = self._begin(connection)
+        if transaction.function < 0 and session.subscriptions:
+            self._operations.notified(subscription_of(transaction.response_octets), transaction)
+        facts = take(session, transaction.function, transaction.request_octets, transaction.response_octets)
+        if facts is not None:
+            for event in facts.events:
+                self._operations.take(event, session, transaction)
+                self._tell(session, event, transaction)
+            if facts.malformed:
+                frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
+                detail = f"{transaction.function_name}: {facts.malformed[0]}"
+                time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
+                self._judge.note("s7plus.malformed", connection.number, frames, time_ns, detail)
+        if transaction.error_code in _PROTECTED and connection.traits.first("security.protected"):
+            self._security.tell("security.protected", transaction, transaction.function_name)
+
+    def _begin(self, connection: Connection) -> PlusSession:
+        host = str(connection.server.host)
+        known = self._cpus.get(host)
+        if known is None:
+            if len(self._cpus) >= MAX_CPUS:
+                del self._cpus[next(iter(self._cpus))]
+            known = (Program(), Identity())
+            self._cpus[host] = known
+        session = PlusSession(known[0], known[1])
+        connection.plus = session
+        return session
+
+    def _tell(self, session: PlusSession, event: Event, transaction: Transaction) -> None:
+        kind = event.kind
+        if kind == PASSWORD:
+            self._security.password(transaction)
+            return
+        slug = _SLUGS.get(kind, "")
+        if not slug:
+            return
+        area = _AREAS.get(kind, 0)
+        if area:
+            self._wrote(session, slug, area, event, transaction)
+        elif kind not in _ONCE or transaction.connection.traits.first(slug):
+            self._security.tell(slug, transaction, shortened(event.text, _TEXT))
+
+    def _wrote(self, session: PlusSession, slug: str, area: int, event: Event, transaction: Transaction) -> None:
+        """A write to areas of a kind that this connection did not write before; told unless it was refused."""
+        traits = transaction.connection.traits
+        if traits.written & area:
+            return
+        traits.written |= area
+        session.all_written = traits.written & _ALL_WRITTEN == _ALL_WRITTEN
+        if transaction.error_code or transaction.outcome == UNANSWERED:
+            return
+        self._security.tell(slug, transaction, shortened(event.text, _TEXT))
+        self._security.writer(transaction)
+
+    def end(self, connection: Connection) -> None:
+        """A connection is over: a client that explored and subscribed to nothing looked around."""
+        self._operations.end(connection)
+        session = connection.plus
+        if session is None or session.subscribed or session.explores < _EXPLORES:
+            return
+        if connection.traits.first("security.reconnaissance"):
+            tcp = connection.tcp
+            who = f"{connection.client} to {connection.server}"
+            detail = f"{who}: {session.explores} Explore requests and no subscription"
+            frames = [int(tcp.last_frame)]
+            self._judge.note("security.reconnaissance", connection.number, frames, tcp.last_ns, detail)

@@ -1,0 +1,114 @@
+"""Where secrets stand in a PDU: passwords and what could be turned back into them, so that nothing that is shown holds them.
+
+An answer to a challenge is the SHA-1 of the password, mixed with the challenge: whoever has both can try passwords. The
+others are hashes and keys that a download brings to the CPU. Every face reads contents through `shown_contents`.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.contents import Contents
+from dissect.s7plus.items import Half
+from dissect.s7plus.layouts import ATTRIBUTE, ITEM_VALUE, MEMBER, VALUE
+from dissect.s7plus.message import PlusPdu
+from dissect.s7plus.tables import REQUEST
+from dissect.s7plus.value_tables import STRUCT, WSTRING
+from dissect.s7plus.values import Blob, Member, Rows, Struct, Value
+from dissect.wire.part import Part
+
+#: Attributes and members whose value is not shown: the answer to a challenge (old and new form), a password of know-how
+#: protection, an encrypted key for a MAC, the passwords of a CPU, the data of its users.
+SECRETS: Final = frozenset((304, 1846, 3449, 1822, 7918, 7919, 7920, 7921, 8081))
+#: Those of them by which a client logs in.
+PASSWORDS: Final = frozenset((304, 1846))
+#: Stands in the place of a value that is hidden.
+HIDDEN: Final = "not shown"
+
+
+def shown_contents(pdu: PlusPdu, shown: bool = True) -> tuple[Contents, list[tuple[int, int]]]:
+    """Return the contents of a PDU without secrets, and (offset, end) of each secret within ``pdu.octets``.
+
+    With ``shown`` false there are no parts and no offsets. Never raises.
+    """
+    found = parse_contents(pdu, shown)
+    secret = _secret_items(found) if pdu.opcode == REQUEST else set()
+    named = pdu.opcode == REQUEST and bool(found.ids) and found.ids[-1] in SECRETS
+    spans: list[tuple[int, int]] = []
+    above = -1  # depth of the secret that the parts at hand stand in
+    for part in found.parts:
+        if above >= 0 and part.depth > above:
+            _hide(part, part.offset, part.end, pdu, spans)
+            continue
+        above = -1
+        if _is_secret(part, secret, named):
+            above = part.depth
+            content = part.find("content")
+            if content is not None:
+                _hide(part, int(content.offset), int(content.end), pdu, spans)
+    if found.value is not None and (named or _holds_secret(found.value)):
+        found.value = Value(0, WSTRING, HIDDEN)
+    found.items = [
+        (number, Value(0, WSTRING, HIDDEN) if number in secret or _holds_secret(value) else value)
+        for number, value in found.items
+    ]
+    return found, spans
+
+
+def shown_half(pdu: PlusPdu) -> Half:
+    """Return a PDU with its contents, without secrets and without parts."""
+    return Half(pdu, shown_contents(pdu, shown=False)[0])
+
+
+def _secret_items(found: Contents) -> set[int]:
+    """Return the numbers of the items that write a secret."""
+    return {
+        number
+        for number, address in enumerate(found.addresses, 1)
+        if (address.lids[-1] if address.lids else address.sub_area) in SECRETS
+    }
+
+
+def _holds_secret(value: Value) -> bool:
+    """Tell whether a secret stands anywhere inside a value."""
+    content = value.content
+    if isinstance(content, Value):
+        return _holds_secret(content)
+    if isinstance(content, Struct):
+        return _any_secret(content.members)
+    if isinstance(content, Blob):
+        return _any_secret(content.members)
+    if isinstance(content, Rows):
+        return any([_any_secret(row) for row in content.rows])
+    if value.type == STRUCT and isinstance(content, list):
+        return any([isinstance(one, Struct) and _any_secret(one.members) for _, one in content])
+    return False
+
+
+def _any_secret(members: list[Member]) -> bool:
+    return any([id_ in SECRETS or _holds_secret(value) for id_, value in members])
+
+
+def _is_secret(part: Part, items: set[int], named: bool) -> bool:
+    layout = part.layout
+    if layout is ATTRIBUTE or layout is MEMBER:
+        return part.number("id") in SECRETS
+    if layout is ITEM_VALUE:
+        return part.number("number") in items
+    return named and layout is VALUE
+
+
+def _hide(part: Part, begin: int, end: int, pdu: PlusPdu, spans: list[tuple[int, int]]) -> None:
+    name, equals, _ = part.note.partition(" = ")
+    part.note = f"{name} = {HIDDEN}" if equals else HIDDEN
+    if begin < end:
+        spans.append((pdu.place(begin), pdu.place(end - 1) + 1))
+
+
+def without_secrets(pdu: PlusPdu, spans: list[tuple[int, int]]) -> bytes:
+    """Return the octets of a PDU with zeros for secrets. The digests between the frames of a secret go with it."""
+    octets = pdu.octets
+    for begin, end in spans:
+        octets = b"".join((octets[:begin], bytes(end - begin), octets[end:]))
+    return octets

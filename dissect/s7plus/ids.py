@@ -1,0 +1,63 @@
+"""What the number of an object, a class, an attribute or an area says to a person (docs/s7plus.md)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.s7plus.id_tables import IDS
+
+# Kinds of blocks: the upper 16 bits of the id of their object.
+DATA_BLOCK: Final = 0x8A0E
+#: Upper 16 bits of the ids of blocks, and what engineers call the block.
+BLOCK_KINDS: Final[dict[int, str]] = {
+    DATA_BLOCK: "DB",
+    0x8A12: "FB",
+    0x8A13: "FC",
+    0x8A32: "OB",
+    0x89FD: "UDT",
+}
+#: Upper 8 bits of the ids of type information; the lower 16 bits are the number of the block.
+TYPE_KINDS: Final[dict[int, str]] = {0x91: "UDT", 0x92: "DB", 0x93: "FB", 0x94: "FC", 0x95: "OB"}
+#: Areas of the process image, of memory, of counters and timers.
+AREAS: Final[dict[int, str]] = {80: "I", 81: "Q", 82: "M", 83: "C", 84: "T"}
+
+
+def id_name(number: int) -> str:
+    """Return the name of an id with its number: ``233 ObjectVariableTypeName``, ``DB3``, ``0x70000e51``."""
+    block = block_name(number)
+    if block:
+        return block
+    row = IDS.get(number)
+    if row is not None:
+        return f"{number} {row.name}"
+    kind = TYPE_KINDS.get(number >> 24)
+    if kind is not None:
+        return f"type of {kind}{number & 0xFFFF} 0x{number:08x}"
+    if number >> 16 == 0x020A:
+        return f"String[{number & 0xFFFF}]"
+    return str(number) if number < 0x10000 else f"0x{number:08x}"
+
+
+def short_name(number: int) -> str:
+    """Return what an id is called, without its number and what tables put around a name: ``CPUexecUnit``, ``DB3``, ``DAI``."""
+    row = IDS.get(number)
+    if row is None:
+        return id_name(number)
+    name = row.name.removeprefix("NativeObjects.the").removesuffix(".Class_Rid")
+    return name.removesuffix("_Rid").removesuffix("_Aid")
+
+
+def member_name(number: int) -> str:
+    """Return what an attribute or a member is called, without its class: ``OperatingState``, ``1845``."""
+    return short_name(number).rpartition(".")[2]
+
+
+def block_name(number: int) -> str:
+    """Return the name of a block by the id of its object, for example ``DB3``; empty when it is none."""
+    kind = BLOCK_KINDS.get(number >> 16)
+    return f"{kind}{number & 0xFFFF}" if kind is not None else ""
+
+
+def id_means(octets: bytes) -> str | None:
+    """Return what four octets say that hold an id (`dissect.wire.layout.Means`)."""
+    return id_name(int.from_bytes(octets, "big"))

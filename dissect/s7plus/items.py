@@ -1,0 +1,171 @@
+"""The items of a transaction: address, value, and what became of it, whichever function carries them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.s7plus.contents import Address, Contents
+from dissect.s7plus.message import PlusPdu
+from dissect.s7plus.program import Found, symbol
+from dissect.s7plus.session import PlusSession
+from dissect.s7plus.summary import single_address
+from dissect.s7plus.tables import (
+    GET_MULTI_VARIABLES,
+    GET_VAR_SUBSTREAMED,
+    GET_VARIABLE,
+    NOTIFICATION,
+    SET_MULTI_VARIABLES,
+    SET_VAR_SUBSTREAMED,
+    SET_VARIABLE,
+)
+from dissect.s7plus.value_showing import as_json, value_said
+from dissect.s7plus.value_tables import UINT, USINT
+from dissect.s7plus.values import Value
+
+READS: Final = frozenset((GET_MULTI_VARIABLES, GET_VARIABLE, GET_VAR_SUBSTREAMED))
+WRITES: Final = frozenset((SET_MULTI_VARIABLES, SET_VARIABLE, SET_VAR_SUBSTREAMED))
+#: Of a notification: the CPU refuses an item, and says no more about why.
+REFUSED: Final = 0xFFFF
+
+#: Return values from here on refuse.
+_NEGATIVE: Final = 0x8000
+_STRING: Final = 19
+_WSTRING: Final = 62
+
+
+class PlusItem:
+    """One item. ``number`` counts from 1, in a notification it is the reference.
+
+    ``return_code`` is 0 when all is well, -1 when no answer says, else the lower 16 bits of a return value, or `REFUSED`.
+    ``found`` is what the program calls it, where that passed.
+    """
+
+    __slots__ = ("address", "data", "found", "number", "return_code", "value")
+
+    def __init__(self, number: int, address: Address | None, value: Value | None, return_code: int) -> None:
+        self.number = number
+        self.address = address
+        self.value = value
+        self.return_code = return_code
+        self.data: bytes | None = None
+        self.found: Found | None = None
+
+    @property
+    def label(self) -> str:
+        """The address as a person writes it; text from the wire, not escaped."""
+        address = self.address
+        if address is None:
+            return f"item {self.number}"
+        return symbol(address, self.found) if self.found is not None else address.label
+
+    @property
+    def text(self) -> str:
+        """The value in few words, empty when there is none."""
+        if self.value is None:
+            return ""
+        text = self._characters()
+        if text is not None:
+            return f"String '{text}'"
+        address = self.address
+        ids = [address.sub_area, *address.lids] if address is not None else [0]
+        return value_said(self.value, ids[-1])
+
+    @property
+    def json_value(self) -> object:
+        """The value as JSON-ready data, None when there is none."""
+        text = self._characters()
+        if text is not None:
+            return text
+        return as_json(self.value) if self.value is not None else None
+
+    def _characters(self) -> str | None:
+        """Return the characters of a variable that the program declares as a String or WString, and that looks like one."""
+        variable = self.found.variable if self.found is not None else None
+        value = self.value
+        if variable is None or value is None or not value.array or not isinstance(value.content, list):
+            return None
+        numbers = [number for number in value.content if isinstance(number, int)]
+        if len(numbers) < 2 or numbers[0] != len(numbers) - 2 or numbers[1] > numbers[0]:
+            return None
+        characters = numbers[2 : 2 + numbers[1]]
+        if variable.datatype == _STRING and value.type == USINT:
+            return bytes(characters).decode("latin-1")
+        if variable.datatype == _WSTRING and value.type == UINT:
+            return b"".join([number.to_bytes(2, "big") for number in characters]).decode("utf-16-be", "replace")
+        return None
+
+
+class Half:
+    """A request, a response or a notification with its contents."""
+
+    __slots__ = ("contents", "pdu")
+
+    def __init__(self, pdu: PlusPdu, contents: Contents) -> None:
+        self.pdu = pdu
+        self.contents = contents
+
+
+def join_items(asked: Half | None, told: Half | None, session: PlusSession | None) -> list[PlusItem]:
+    """Join the items of a request with those of its response; none for functions that neither read nor write."""
+    items: list[PlusItem] = []
+    if asked is None and told is not None and told.pdu.opcode == NOTIFICATION:
+        items = _notified(told, session)
+    elif asked is not None and asked.pdu.function in READS | WRITES:
+        items = _joined(asked, told if told is not None and told.pdu.function == asked.pdu.function else None)
+    if session is not None:
+        for item in items:
+            if item.address is not None:
+                item.found = session.program.find(item.address)
+    return items
+
+
+def _joined(asked: Half, told: Half | None) -> list[PlusItem]:
+    address = single_address(asked.contents)
+    whole = told.pdu.return_code if told is not None else -1
+    if 0 < whole < _NEGATIVE:
+        whole = 0  # it says something of the whole that is no refusal, or that some items were refused
+    writes = asked.pdu.function in WRITES
+    if address is not None:
+        item = PlusItem(1, address, asked.contents.value if writes else None, whole)
+        if writes:
+            item.data = _data(item.value, asked)
+        elif told is not None and whole == 0:
+            item.value = told.contents.value
+            item.data = _data(item.value, told)
+        return [item]
+    source = asked if writes else (told if whole == 0 else None)
+    values = dict(source.contents.items) if source is not None else {}
+    refusals = dict(told.contents.refusals) if told is not None else {}
+    items: list[PlusItem] = []
+    known = asked.contents.addresses
+    for number in sorted({*range(1, len(known) + 1), *values, *refusals}):
+        code = refusals[number] & 0xFFFF if number in refusals else whole
+        item = PlusItem(number, known[number - 1] if 0 < number <= len(known) else None, values.get(number), code)
+        if not writes and item.value is None and code == 0:
+            item.return_code = -1  # neither a value nor a refusal came
+        item.data = _data(item.value, source)
+        items.append(item)
+    return items
+
+
+def _notified(told: Half, session: PlusSession | None) -> list[PlusItem]:
+    subscription = told.pdu.subscription_id
+    items: list[PlusItem] = []
+    for reference, value in told.contents.items:
+        item = PlusItem(reference, _subscribed(session, subscription, reference), value, 0)
+        item.data = _data(value, told)
+        items.append(item)
+    for reference, _ in told.contents.refusals:
+        items.append(PlusItem(reference, _subscribed(session, subscription, reference), None, REFUSED))
+    return items
+
+
+def _subscribed(session: PlusSession | None, subscription: int, reference: int) -> Address | None:
+    return session.address_of(subscription, reference) if session is not None else None
+
+
+def _data(value: Value | None, half: Half | None) -> bytes | None:
+    """Return the octets of a value behind its flags and type."""
+    if value is None or half is None or value.end == 0:
+        return None
+    return half.pdu.data[value.offset + 2 : value.end]

@@ -1,0 +1,216 @@
+"""Objects: a class, attributes, relations to other objects, lists of variables, and objects inside (docs/s7plus.md)."""
+
+from __future__ import annotations
+
+from dissect.s7plus.ids import id_name
+from dissect.s7plus.layouts import ATTRIBUTE, OBJECT, OBJECT_END, OBJECT_HELD, RELATION
+from dissect.s7plus.tables import (
+    ATTRIBUTE_TAG,
+    NAMES_TAG,
+    OBJECT_END_TAG,
+    OBJECT_TAG,
+    RELATION_TAG,
+    TAG_DESCRIPTION_TAG,
+    VARIABLES_TAG,
+)
+from dissect.s7plus.value_reading import read_value
+from dissect.s7plus.values import Value, build_value
+from dissect.s7plus.variables import (
+    NameList,
+    TagDescription,
+    Variable,
+    VariableList,
+    build_names,
+    build_tag_description,
+    build_variables,
+    read_names,
+    read_tag_description,
+    read_variables,
+)
+from dissect.s7plus.walk import FormatError, Walk
+from dissect.wire.varint import VLQ, build_varint
+
+
+class Attribute:
+    """An attribute of an object: its id and its value."""
+
+    __slots__ = ("id", "value")
+
+    def __init__(self, id_: int, value: Value) -> None:
+        self.id = id_
+        self.value = value
+
+
+class Relation:
+    """A relation of an object: its id, and the id of the other object."""
+
+    __slots__ = ("id", "rid")
+
+    def __init__(self, id_: int, rid: int) -> None:
+        self.id = id_
+        self.rid = rid
+
+
+class PlusObject:
+    """An object. ``elements`` are what it holds, in wire order; ``attribute`` is 0 in captures, else ``more`` is there."""
+
+    __slots__ = ("attribute", "class_flags", "class_id", "elements", "end", "more", "offset", "rid")
+
+    def __init__(
+        self, rid: int, class_id: int, class_flags: int, attribute: int, more: int, elements: list[Element]
+    ) -> None:
+        self.rid = rid
+        self.class_id = class_id
+        self.class_flags = class_flags
+        self.attribute = attribute
+        self.more = more
+        self.elements = elements
+        self.offset = 0  # of its tag, and behind the tag that ends it
+        self.end = 0
+
+    def find(self, id_: int) -> Value | None:
+        """Return the value of an attribute, None when the object has none of this id."""
+        for element in self.elements:
+            if isinstance(element, Attribute) and element.id == id_:
+                return element.value
+        return None
+
+    def relation(self, id_: int) -> int:
+        """Return the id of the object that a relation leads to, 0 when there is no such relation."""
+        for element in self.elements:
+            if isinstance(element, Relation) and element.id == id_:
+                return element.rid
+        return 0
+
+    def text(self, id_: int) -> str:
+        """Return an attribute that is a text, empty when it is none."""
+        value = self.find(id_)
+        content = value.content if value is not None else None
+        if isinstance(content, bytes):
+            return content.decode("utf-8", "replace")
+        return content if isinstance(content, str) else ""
+
+    def number(self, id_: int) -> int:
+        """Return an attribute that is a number, -1 when it is none."""
+        value = self.find(id_)
+        content = value.content if value is not None else None
+        return int(content) if isinstance(content, int) else -1
+
+    @property
+    def objects(self) -> list[PlusObject]:
+        """The objects inside it."""
+        return [element for element in self.elements if isinstance(element, PlusObject)]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the variables it lists."""
+        return [name for element in self.elements if isinstance(element, NameList) for name in element.names]
+
+    @property
+    def variables(self) -> list[Variable]:
+        """Variables it lists, in the order of their names."""
+        return [
+            variable for element in self.elements if isinstance(element, VariableList) for variable in element.variables
+        ]
+
+
+#: What stands in an object.
+Element = Attribute | Relation | PlusObject | VariableList | NameList | TagDescription
+
+
+def read_elements(walk: Walk) -> list[Element]:
+    """Read elements one behind the other, up to an octet that is no tag of one. Raises `FormatError`."""
+    elements: list[Element] = []
+    while True:
+        tag = walk.peek()
+        start = walk.at
+        if tag == ATTRIBUTE_TAG:
+            walk.at += 1
+            id_ = walk.number(VLQ, "attribute")
+            label = f"{id_name(id_)} = " if walk.shown else ""
+            elements.append(Attribute(id_, read_value(walk, ATTRIBUTE, start, label, id_)))
+        elif tag == RELATION_TAG:
+            walk.at += 1
+            id_ = walk.number(VLQ, "relation")
+            rid = walk.fixed(4, "relation")
+            walk.part(RELATION, start, f"{id_name(id_)} → {id_name(rid)}" if walk.shown else "")
+            elements.append(Relation(id_, rid))
+        elif tag == OBJECT_TAG:
+            elements.append(_read_object(walk))
+        elif tag == VARIABLES_TAG:
+            walk.at += 1
+            elements.append(read_variables(walk))
+        elif tag == NAMES_TAG:
+            walk.at += 1
+            elements.append(read_names(walk))
+        elif tag == TAG_DESCRIPTION_TAG:
+            walk.at += 1
+            elements.append(read_tag_description(walk))
+        else:
+            return elements
+
+
+def _read_object(walk: Walk) -> PlusObject:
+    start = walk.at
+    walk.at += 1
+    rid = walk.fixed(4, "RID")
+    class_id = walk.number(VLQ, "class")
+    class_flags = walk.number(VLQ, "class flags")
+    attribute = walk.number(VLQ, "attribute")
+    more = walk.number(VLQ, "attribute") if attribute else 0
+    walk.part(OBJECT_HELD if attribute else OBJECT, start, f"{id_name(class_id)}, {id_name(rid)}" if walk.shown else "")
+    walk.enter("object")
+    found = PlusObject(rid, class_id, class_flags, attribute, more, read_elements(walk))
+    walk.depth -= 1
+    at = walk.at
+    tag = walk.u8("end of object")
+    if tag != OBJECT_END_TAG:
+        raise FormatError("unknown_type", "element", at, OBJECT_END_TAG, tag)
+    walk.part(OBJECT_END, at)
+    found.offset = start
+    found.end = walk.at
+    return found
+
+
+def objects_of(elements: list[Element]) -> list[PlusObject]:
+    """Return the objects among elements that stand in no object."""
+    return [element for element in elements if isinstance(element, PlusObject)]
+
+
+def every_object(objects: list[PlusObject]) -> list[PlusObject]:
+    """Return objects and all those inside them, each before those it holds."""
+    found: list[PlusObject] = []
+    for one in objects:
+        found.append(one)
+        found.extend(every_object(one.objects))
+    return found
+
+
+# ---- writing --------------------------------------------------------------------------------------------------------
+
+
+def build_elements(elements: list[Element]) -> bytes:
+    """Return elements one behind the other. Raises as `build_value` does."""
+    return b"".join([_build_element(element) for element in elements])
+
+
+def _build_element(element: Element) -> bytes:
+    if isinstance(element, Attribute):
+        return bytes((ATTRIBUTE_TAG,)) + build_varint(element.id, VLQ) + build_value(element.value)
+    if isinstance(element, Relation):
+        return bytes((RELATION_TAG,)) + build_varint(element.id, VLQ) + element.rid.to_bytes(4, "big")
+    if isinstance(element, VariableList):
+        return build_variables(element)
+    if isinstance(element, NameList):
+        return build_names(element)
+    if isinstance(element, TagDescription):
+        return build_tag_description(element)
+    return build_object(element)
+
+
+def build_object(found: PlusObject) -> bytes:
+    """Return an object with its tags. Raises as `build_value` does."""
+    head = bytes((OBJECT_TAG,)) + found.rid.to_bytes(4, "big")
+    numbers = [found.class_id, found.class_flags, found.attribute, *([found.more] if found.attribute else [])]
+    body = b"".join([build_varint(number, VLQ) for number in numbers]) + build_elements(found.elements)
+    return head + body + bytes((OBJECT_END_TAG,))

@@ -1,0 +1,152 @@
+"""Pieces that the bodies of several functions have: ids, counts, addresses, numbered values and refusals, the qualifier."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.s7plus import layouts
+from dissect.s7plus.contents import Address, Contents
+from dissect.s7plus.ids import id_name
+from dissect.s7plus.objects import objects_of, read_elements
+from dissect.s7plus.return_tables import RETURN_CODES
+from dissect.s7plus.value_reading import read_members, read_value
+from dissect.s7plus.walk import FormatError, Walk
+from dissect.wire.varint import VLQ, VLQ64
+
+_QUALIFIER: Final = b"\x00\x00\x04\xe8"
+
+
+def take_return_value(walk: Walk) -> int:
+    """Read a return value of 64 bits. Raises `FormatError`."""
+    at = walk.at
+    value = walk.number(VLQ64, "return value")
+    walk.part(layouts.RETURN_VALUE, at, return_note(value) if walk.shown else "")
+    return value
+
+
+def return_note(value: int) -> str:
+    """Return what a return value says in few words."""
+    return f"0x{value:x} {RETURN_CODES.name(value & 0xFFFF)}" if value else "0 OK"
+
+
+def take_object_id(walk: Walk, found: Contents) -> None:
+    """Read the id of the object that is meant. Raises `FormatError`."""
+    at = walk.at
+    found.object_id = walk.fixed(4, "object id")
+    walk.part(layouts.OBJECT_ID, at, id_name(found.object_id))
+
+
+def take_reserved(walk: Walk, size: int) -> None:
+    """Read octets without a known meaning. Raises `FormatError`."""
+    at = walk.at
+    walk.take(size, "reserved")
+    walk.part(layouts.RESERVED, at)
+
+
+def take_qualifier(walk: Walk) -> None:
+    """Read the qualifier, which was the same in every capture. Raises `FormatError`."""
+    at = walk.at
+    if walk.take(4, "qualifier") != _QUALIFIER:
+        raise FormatError("bad_value", "qualifier", at, 1256, int.from_bytes(walk.octets[at : at + 4], "big"))
+    walk.part(layouts.QUALIFIER, at)
+    read_members(walk)
+
+
+def take_count(walk: Walk) -> int:
+    """Read a count. Raises `FormatError`."""
+    at = walk.at
+    count = walk.counted(VLQ, "count")
+    walk.part(layouts.COUNT, at)
+    return count
+
+
+def take_ids(walk: Walk, found: Contents, count: int) -> None:
+    """Read so many ids of attributes. Raises `FormatError`."""
+    for _ in range(count):
+        at = walk.at
+        id_ = walk.number(VLQ, "attribute id")
+        found.ids.append(id_)
+        walk.part(layouts.ATTRIBUTE_ID, at, id_name(id_))
+
+
+def take_addresses(walk: Walk, found: Contents) -> int:
+    """Read the addresses of items: of variables, or attributes of one object. Returns how many items there are."""
+    at = walk.at
+    link = walk.fixed(4, "link")
+    count = walk.counted(VLQ, "item count")
+    fields = walk.counted(VLQ, "field count")
+    walk.part(layouts.ITEM_COUNTS, at, id_name(link) if link else "")
+    if link:
+        found.object_id = link
+        take_ids(walk, found, fields)
+        found.addresses = [Address(0, link, id_, []) for id_ in found.ids]
+        return count
+    before = walk.at
+    for _ in range(count):
+        found.addresses.append(_take_address(walk))
+    told = sum([4 + len(address.lids) for address in found.addresses])
+    if told != fields:
+        raise FormatError("count_mismatch", "field count", before, fields, told)
+    return count
+
+
+def _take_address(walk: Walk) -> Address:
+    at = walk.at
+    crc = walk.number(VLQ, "CRC")
+    area = walk.number(VLQ, "area")
+    count = walk.counted(VLQ, "id count")
+    if count == 0:
+        raise FormatError("length_below", "id count", walk.at - 1, 1, 0)
+    sub_area = walk.number(VLQ, "sub area")
+    address = Address(crc, area, sub_area, [walk.number(VLQ, "LID") for _ in range(count - 1)])
+    walk.part(layouts.ADDRESS, at, address.label if walk.shown else "")
+    return address
+
+
+def take_values(walk: Walk, found: Contents, count: int) -> None:
+    """Read as many numbers with values."""
+    for _ in range(count):
+        at = walk.at
+        number = walk.number(VLQ, "item")
+        found.items.append((number, read_value(walk, layouts.ITEM_VALUE, at, f"{number}: " if walk.shown else "")))
+
+
+def take_values_to_end(walk: Walk, found: Contents) -> None:
+    """Read numbers with values up to the number 0."""
+    while True:
+        at = walk.at
+        number = walk.number(VLQ, "item")
+        if number == 0:
+            walk.part(layouts.LIST_END, at)
+            return
+        found.items.append((number, read_value(walk, layouts.ITEM_VALUE, at, f"{number}: " if walk.shown else "")))
+
+
+def take_refusals(walk: Walk, found: Contents) -> None:
+    """Read numbers with return values up to the number 0. Raises `FormatError`."""
+    while True:
+        at = walk.at
+        number = walk.number(VLQ, "item")
+        if number == 0:
+            walk.part(layouts.LIST_END, at)
+            return
+        value = walk.number(VLQ64, "return value")
+        found.refusals.append((number, value))
+        walk.part(layouts.ITEM_ERROR, at, f"{number}: {return_note(value)}" if walk.shown else "")
+
+
+def take_value(walk: Walk, found: Contents) -> None:
+    """Read the one value there is. Raises `FormatError`."""
+    found.value = read_value(walk, layouts.VALUE, walk.at, "", found.ids[-1] if found.ids else 0)
+
+
+def take_objects(walk: Walk, found: Contents) -> None:
+    """Read objects, as many as there are. Raises `FormatError`."""
+    found.objects = objects_of(read_elements(walk))
+
+
+def take_integrity_id(walk: Walk, found: Contents) -> None:
+    """Read the integrity id where it stands within the body. Raises `FormatError`."""
+    at = walk.at
+    found.integrity_id = walk.number(VLQ, "integrity id")
+    walk.part(layouts.INTEGRITY_ID, at)

@@ -1,0 +1,230 @@
+"""What passed on a connection about its sessions: who the client is, which CPU answers, what is subscribed.
+
+Bounded throughout; nothing here raises.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.s7plus.contents import Address, Contents
+from dissect.s7plus.objects import PlusObject, every_object
+from dissect.s7plus.program import Program, symbol
+from dissect.s7plus.program_tables import ROLES
+from dissect.s7plus.values import Blob, Struct, Value
+
+# Classes and attributes.
+SUBSCRIPTION: Final = 1001
+SERVER_SESSION: Final = 287
+REFERENCE_LIST: Final = 1048
+_APPLICATION: Final = 297
+_HOST: Final = 298
+_ROLE: Final = 299
+_USER: Final = 296
+_CLIENT_ID: Final = 289
+_COMMENT: Final = 301
+_SESSION_VERSION: Final = 306
+_VERSION_TEXT: Final = 319
+#: Attribute with the identification record of a module (I&M0), and the object that stands for the CPU.
+IDENTIFICATION: Final = 3753
+CPU_PROXY: Final = 49
+CPU_EXEC_UNIT: Final = 52
+OPERATING_STATE: Final = 3486
+
+_NEW_LIST: Final = 0x80000000
+#: Subscriptions of a connection that are remembered, and items of one.
+MAX_SUBSCRIPTIONS: Final = 256
+MAX_ITEMS: Final = 4096
+#: The identification record: head, vendor, order number, serial number, hardware revision, software revision.
+_IM0_HEAD: Final = bytes.fromhex("002000380100")
+_IM0_SIZE: Final = 60
+
+
+class Identity:
+    """Order number, firmware and serial number of a CPU, empty where they did not pass; its latest operating state, else -1."""
+
+    __slots__ = ("firmware", "order_number", "serial_number", "state")
+
+    def __init__(self) -> None:
+        self.order_number = ""
+        self.firmware = ""
+        self.serial_number = ""
+        self.state = -1
+
+
+class PlusSession:
+    """What is known of one connection. Texts are from the wire and not escaped.
+
+    ``program`` and ``identity`` are shared by all connections of a CPU. ``states`` are the subscriptions that report its
+    operating state. ``all_written`` tells that no further write is worth looking at.
+    """
+
+    __slots__ = (
+        "all_written",
+        "application",
+        "client_id",
+        "explores",
+        "host",
+        "identity",
+        "program",
+        "role",
+        "session_name",
+        "states",
+        "subscribed",
+        "subscriptions",
+        "user",
+    )
+
+    def __init__(self, program: Program, identity: Identity) -> None:
+        self.program = program
+        self.identity = identity
+        self.application = ""
+        self.client_id = ""
+        self.host = ""
+        self.role = -1
+        self.user = ""
+        self.session_name = ""
+        self.explores = 0
+        self.subscribed = False
+        self.all_written = False
+        self.states: set[int] = set()
+        self.subscriptions: dict[int, dict[int, Address]] = {}
+
+    @property
+    def role_name(self) -> str:
+        """``engineering``, ``HMI``, or empty when nothing was said."""
+        return ROLES.name(self.role) if self.role > 0 else ""
+
+    def label(self, address: Address) -> str:
+        """Return an address as a person writes it, with the names of the program where they are known."""
+        found = self.program.find(address)
+        return symbol(address, found) if found is not None else address.label
+
+    def describe(self) -> str:
+        """Return who the client is and which CPU answers, in a few words."""
+        client = [self.application or self.session_name, f"on {self.host}" if self.host else "", self.user]
+        role = f"({self.role_name})" if self.role_name else ""
+        cpu = " ".join([text for text in (self.identity.order_number, self.identity.firmware) if text])
+        who = " ".join([text for text in (*client, role) if text])
+        return f"{who}, CPU {cpu}" if cpu else who
+
+    # ---- sessions ---------------------------------------------------------------------------------------------------
+
+    def open_session(self, asked: Contents) -> None:
+        """Take the request that opens a session: its object says who the client is."""
+        for one in asked.objects:
+            if one.class_id == SERVER_SESSION:
+                self.session_name = one.text(233)
+                self.application = one.text(_APPLICATION)
+                self.client_id = one.text(_CLIENT_ID)
+                self.host = one.text(_HOST)
+                self.user = one.text(_USER)
+                self.role = one.number(_ROLE)
+
+    def session_opened(self, told: Contents) -> None:
+        """Take the answer: its object says which CPU it is."""
+        for one in told.objects:
+            version = one.find(_SESSION_VERSION)
+            if version is not None:
+                self._identify(version)
+
+    def _identify(self, version: Value) -> None:
+        struct = version.content
+        text = struct.find(_VERSION_TEXT) if isinstance(struct, Struct) else None
+        # For example "1;6ES7 215-1AG40-0XB0 ;V4.3".
+        words = text.content.split(";") if text is not None and isinstance(text.content, str) else []
+        if len(words) == 3 and words[2].startswith("V"):
+            self.identity.order_number = words[1].strip()
+            self.identity.firmware = words[2].strip()
+
+    def identified(self, value: Value) -> None:
+        """Take the identification record of the CPU (I&M0, as IEC 61158-6-10 lays it out)."""
+        blob = value.content
+        octets = blob.octets if isinstance(blob, Blob) else b""
+        if len(octets) != _IM0_SIZE or not octets.startswith(_IM0_HEAD):
+            return
+        self.identity.order_number = octets[8:28].decode("latin-1").strip(" \0")
+        self.identity.serial_number = octets[28:44].decode("latin-1").strip(" \0")
+        prefix, major, minor, patch = octets[46:50]
+        self.identity.firmware = f"{chr(prefix)}{major}.{minor}.{patch}"
+
+    # ---- subscriptions ----------------------------------------------------------------------------------------------
+
+    def subscribe(self, asked: Contents, told: Contents) -> None:
+        """Take a request that makes subscriptions, and the answer with their ids, in the order of the objects."""
+        made = [one for one in every_object(asked.objects) if one.class_id == SUBSCRIPTION]
+        for one, id_ in zip(made, told.ids, strict=False):
+            self.unsubscribe(id_)
+            while len(self.subscriptions) >= MAX_SUBSCRIPTIONS:
+                self.unsubscribe(next(iter(self.subscriptions)))
+            self.subscribed = True
+            self.subscriptions[id_] = {}
+            value = one.find(REFERENCE_LIST)
+            if value is not None:
+                self.change(id_, value)
+
+    def change(self, id_: int, value: Value) -> None:
+        """Take a new reference list of a subscription."""
+        found = self.subscriptions.get(id_)
+        if found is None:
+            return
+        _change(found, value)
+        if any([address.lids[-1:] == [OPERATING_STATE] for address in found.values()]):
+            self.states.add(id_)
+        else:
+            self.states.discard(id_)
+
+    def unsubscribe(self, id_: int) -> None:
+        """Forget a subscription, if there is one."""
+        self.subscriptions.pop(id_, None)
+        self.states.discard(id_)
+
+    def address_of(self, subscription: int, reference: int) -> Address | None:
+        """Return what a reference in a notification stands for, None when its subscription did not pass."""
+        known = self.subscriptions.get(subscription)
+        return known.get(reference) if known is not None else None
+
+
+def _change(known: dict[int, Address], value: Value) -> None:
+    content = value.content
+    numbers = [one for one in content if isinstance(one, int)] if isinstance(content, list) else []
+    new, gone, fresh = parse_reference_list(numbers)
+    if new:
+        known.clear()
+    for reference in gone:
+        known.pop(reference, None)
+    for reference, address in fresh:
+        if len(known) < MAX_ITEMS:
+            known[reference] = address
+
+
+def reference_list_of(subscription: PlusObject) -> list[Address]:
+    """Return what the object of a subscription asks for."""
+    value = subscription.find(REFERENCE_LIST)
+    known: dict[int, Address] = {}
+    if value is not None:
+        _change(known, value)
+    return list(known.values())
+
+
+def parse_reference_list(numbers: list[int]) -> tuple[bool, list[int], list[tuple[int, Address]]]:
+    """Read a reference list: whether it is a new one, the references it takes away, those it adds with their addresses.
+
+    What does not fit ends the list.
+    """
+    if len(numbers) < 3:
+        return False, [], []
+    head, removed, added = numbers[:3]
+    gone = numbers[3 : 3 + removed]
+    at = 3 + removed
+    fresh: list[tuple[int, Address]] = []
+    while added and at + 6 <= len(numbers):
+        count = numbers[at] & 0xFFFF
+        reference, _, area, crc, sub_area = numbers[at + 1 : at + 6]
+        end = at + 5 + max(count, 1)
+        if end > len(numbers):
+            break
+        fresh.append((reference, Address(crc, area, sub_area, numbers[at + 6 : end])))
+        at = end
+        added -= 1
+    return bool(head & _NEW_LIST), gone, fresh

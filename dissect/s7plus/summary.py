@@ -1,0 +1,87 @@
+"""What a PDU is about, in few words: addresses with values, objects by class and name, what is called, deleted or refused.
+
+Text from the wire is not escaped.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.s7plus.contents import Address, Contents
+from dissect.s7plus.ids import short_name
+from dissect.s7plus.message import PlusPdu
+from dissect.s7plus.objects import PlusObject
+from dissect.s7plus.pieces import return_note
+from dissect.s7plus.tables import (
+    CREATE_OBJECT,
+    DELETE_OBJECT,
+    EXPLORE,
+    GET_LINK,
+    GET_MULTI_VARIABLES,
+    INVOKE,
+    NOTIFICATION,
+    REQUEST,
+    SET_MULTI_VARIABLES,
+)
+from dissect.s7plus.value_showing import value_said, value_text
+
+#: Attribute that holds the name of an object.
+NAME: Final = 233
+#: Things that are named; of more of them the number is told.
+_NAMED: Final = 8
+
+
+def summary(pdu: PlusPdu, found: Contents) -> list[str]:
+    """Return what a PDU is about: a few texts, none where its head says it all."""
+    if pdu.opcode == NOTIFICATION:
+        said = [f"{reference}: {value_text(value)}" for reference, value in found.items]
+        said += [f"{reference}: refused" for reference, _ in found.refusals]
+        return _some(said + [object_text(one) for one in found.objects])
+    if pdu.opcode == REQUEST:
+        return _some(_asked(pdu, found))
+    said = [f"{number}: {value_text(value)}" for number, value in found.items]
+    said += [f"{number}: {return_note(value)}" for number, value in found.refusals]
+    if found.value is not None:
+        said.append(value_text(found.value))
+    if pdu.function in {CREATE_OBJECT, GET_LINK}:
+        said += [short_name(id_) for id_ in found.ids]
+    return _some(said + [object_text(one) for one in found.objects])
+
+
+def _asked(pdu: PlusPdu, found: Contents) -> list[str]:
+    function = pdu.function
+    if function in {GET_MULTI_VARIABLES, SET_MULTI_VARIABLES}:
+        values = dict(found.items)
+        return [
+            f"{address.label}{f' = {value_text(values[number])}' if number in values else ''}"
+            for number, address in enumerate(found.addresses, 1)
+        ]
+    if function == CREATE_OBJECT:
+        return [f"in {short_name(found.object_id)}", *[object_text(one) for one in found.objects]]
+    if function == DELETE_OBJECT or function == EXPLORE:
+        return [short_name(found.object_id)]
+    if function == INVOKE:
+        return [short_name(found.method)]
+    address = single_address(found)
+    if address is None:
+        return [object_text(one) for one in found.objects]
+    written = f" = {value_said(found.value, found.ids[-1])}" if found.value is not None else ""
+    streamed = sum([end - begin for begin, end in found.pieces])
+    return [f"{address.label}{written}{f', {streamed} bytes streamed' if streamed else ''}"]
+
+
+def single_address(found: Contents) -> Address | None:
+    """Return what a request is about that names one object and the way to one of its attributes; None for any other."""
+    if found.object_id < 0 or not found.ids or found.addresses:
+        return None
+    return Address(0, found.object_id, found.ids[0], found.ids[1:])
+
+
+def object_text(found: PlusObject) -> str:
+    """Return the class, the id and the name of an object."""
+    name = found.text(NAME)
+    return f"{short_name(found.class_id)} {short_name(found.rid)}{f' {name!r}' if name else ''}"
+
+
+def _some(said: list[str]) -> list[str]:
+    return said if len(said) <= _NAMED else [*said[:_NAMED], f"and {len(said) - _NAMED} more"]

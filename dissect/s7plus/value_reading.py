@@ -1,0 +1,184 @@
+"""How values are read, and cut into parts (docs/s7plus.md). Everything here raises `FormatError` for what does not fit."""
+
+from __future__ import annotations
+
+from dissect.s7plus.ids import id_name
+from dissect.s7plus.layouts import LIST_END, MEMBER, PACKED, PACKED_TWICE, ROW
+from dissect.s7plus.value_showing import value_said
+from dissect.s7plus.value_tables import (
+    ADDRESS_ARRAY,
+    ARRAY,
+    BLOB,
+    BOOL,
+    FIXED_SIZES,
+    LREAL,
+    NULL,
+    PACKED_COUNT_TWICE,
+    REAL,
+    SIGNED_TYPES,
+    SPARSE_ARRAY,
+    STRUCT,
+    VALUE_TYPES,
+    VARIABLE_SIZES,
+    VARIANT,
+    WSTRING,
+    is_packed,
+)
+from dissect.s7plus.values import DOUBLE, FLOAT, Blob, Member, Packed, Rows, Struct, Value
+from dissect.s7plus.walk import FormatError, Walk
+from dissect.wire.layout import Layout
+from dissect.wire.varint import VLQ
+
+
+def read_value(walk: Walk, layout: Layout, start: int, label: str = "", id_: int = 0) -> Value:
+    """Read a value and cut a part of ``layout`` from ``start``, which is where what names the value begins.
+
+    ``label`` is the beginning of the part's note, ``id_`` the attribute or member it is the value of, 0 for another. Members
+    of a structure follow as parts of their own. Raises `FormatError`.
+    """
+    offset = walk.at
+    flags = walk.u8("flags")
+    type_ = walk.u8("type")
+    if type_ == STRUCT:
+        value = Value(flags, type_, _read_struct(walk, flags, layout, start, label), offset, walk.at)
+    else:
+        value = Value(flags, type_, _read_content(walk, flags, type_), offset, walk.at)
+        walk.part(layout, start, f"{label}{value_said(value, id_)}" if walk.shown else "")
+    return value
+
+
+def _read_content(walk: Walk, flags: int, type_: int) -> object:
+    if type_ not in VALUE_TYPES:
+        raise FormatError("unknown_type", "type", walk.at - 1, 0, type_)
+    if flags & SPARSE_ARRAY:
+        pairs: list[tuple[int, object]] = []
+        while True:
+            key = walk.number(VLQ, "key")
+            if key == 0:
+                return pairs
+            pairs.append((key, walk.number(VLQ, "variant") if type_ == VARIANT else _read_one(walk, type_)))
+    if flags & (ARRAY | ADDRESS_ARRAY):
+        count = walk.counted(VLQ, "count")
+        walk.spend(count, "count")
+        return [_read_one(walk, type_) for _ in range(count)]
+    return _read_one(walk, type_)
+
+
+def _read_one(walk: Walk, type_: int) -> object:
+    """Read one element without its flags and type."""
+    size = FIXED_SIZES.get(type_, 0)
+    if size:
+        octets = walk.take(size, VALUE_TYPES.name(type_))
+        if type_ == REAL:
+            single: float = FLOAT.unpack(octets)[0]
+            # A signalling NaN does not survive the way through a double, so its octets are kept.
+            return single if FLOAT.pack(single) == octets else octets
+        if type_ == LREAL:
+            double: float = DOUBLE.unpack(octets)[0]
+            return double
+        number = int.from_bytes(octets, "big", signed=type_ in SIGNED_TYPES)
+        return number != 0 if type_ == BOOL and number < 2 else number
+    kind = VARIABLE_SIZES.get(type_, 0)
+    if kind:
+        return walk.number(kind, VALUE_TYPES.name(type_))
+    if type_ == WSTRING:
+        octets = walk.take(walk.counted(VLQ, "length"), "text")
+        try:
+            return octets.decode("utf-8")
+        except UnicodeDecodeError:
+            return octets
+    if type_ == BLOB:
+        return _read_blob(walk)
+    if type_ == NULL:
+        return None
+    return _read_variant(walk)
+
+
+def _read_variant(walk: Walk) -> Value:
+    """Read a value inside a value; it stays within the part of the outer one."""
+    offset = walk.at
+    flags = walk.u8("flags")
+    type_ = walk.u8("type")
+    shown, walk.shown = walk.shown, False
+    walk.enter("variant")
+    if type_ == STRUCT:
+        content: object = _read_struct(walk, flags, MEMBER, offset, "")
+    else:
+        content = _read_content(walk, flags, type_)
+    walk.depth -= 1
+    walk.shown = shown
+    return Value(flags, type_, content, offset, walk.at)
+
+
+def _read_blob(walk: Walk) -> Blob:
+    root = walk.number(VLQ, "root")
+    if root <= 1:
+        return Blob(root, walk.take(walk.counted(VLQ, "length"), "blob"))
+    head = walk.take(8, "blob head")
+    kind = walk.u8("kind")
+    if kind == 0:
+        shown, walk.shown = walk.shown, False
+        members = read_members(walk)
+        walk.shown = shown
+        return Blob(root, b"", head, kind, members)
+    if kind not in {2, 3}:
+        raise FormatError("unknown_type", "blob kind", walk.at - 1, 0, kind)
+    return Blob(root, walk.take(walk.counted(VLQ, "length"), "blob"), head, kind)
+
+
+def _read_struct(walk: Walk, flags: int, layout: Layout, start: int, label: str) -> object:
+    """Read a structure behind its flags and type; the part ends where its members begin."""
+    if flags & SPARSE_ARRAY:
+        walk.part(layout, start, f"{label}sparse array of structures")
+        return _read_sparse_structs(walk)
+    id_ = walk.fixed(4, "structure")
+    note = f"{label}Struct {id_name(id_)}" if walk.shown else ""
+    if is_packed(id_):
+        walk.part(layout, start, note)
+        return _read_packed(walk, id_)
+    if not flags & (ARRAY | ADDRESS_ARRAY):
+        walk.part(layout, start, note)
+        return Struct(id_, read_members(walk))
+    count = walk.counted(VLQ, "count")
+    walk.part(layout, start, f"{note}, {count} elements")
+    return Rows(id_, [read_members(walk) for _ in range(count)])
+
+
+def _read_sparse_structs(walk: Walk) -> list[tuple[int, Struct]]:
+    pairs: list[tuple[int, Struct]] = []
+    while True:
+        at = walk.at
+        key = walk.number(VLQ, "key")
+        if key == 0:
+            walk.part(LIST_END, at)
+            return pairs
+        id_ = walk.fixed(4, "structure")
+        walk.part(ROW, at)
+        pairs.append((key, Struct(id_, read_members(walk))))
+
+
+def _read_packed(walk: Walk, id_: int) -> Packed:
+    at = walk.at
+    time = walk.fixed(8, "interface time")
+    flags = walk.number(VLQ, "transport flags")
+    count = walk.number(VLQ, "count")
+    twice = bool(flags & PACKED_COUNT_TWICE)
+    if twice:
+        count = walk.number(VLQ, "count")
+    octets = walk.take(count, "packed structure")
+    walk.part(PACKED_TWICE if twice else PACKED, at, f"{len(octets)} bytes")
+    return Packed(id_, time, flags, octets)
+
+
+def read_members(walk: Walk) -> list[Member]:
+    """Read a list of ids and values up to the id 0 that ends it. Raises `FormatError`."""
+    members: list[Member] = []
+    walk.enter("members")
+    while True:
+        at = walk.at
+        id_ = walk.number(VLQ, "member")
+        if id_ == 0:
+            walk.part(LIST_END, at)
+            walk.depth -= 1
+            return members
+        members.append((id_, read_value(walk, MEMBER, at, f"{id_name(id_)} = " if walk.shown else "", id_)))

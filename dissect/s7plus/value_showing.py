@@ -1,0 +1,131 @@
+"""What a value says: in few words for a person, and as JSON-ready data."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from dissect.s7.values import real_text
+from dissect.s7plus.ids import id_name
+from dissect.s7plus.program_tables import MEANINGS
+from dissect.s7plus.value_tables import AID, BIT_TYPES, FIXED_SIZES, NULL, REAL, RID, TIMESPAN, TIMESTAMP, WSTRING
+from dissect.s7plus.values import FLOAT, Blob, Member, Packed, Rows, Struct, Value
+from dissect.wire.clock import Clock
+
+#: Elements of an array, characters and octets that are shown.
+_SHOWN: Final = 8
+_SHOWN_TEXT: Final = 80
+_SHOWN_OCTETS: Final = 16
+
+
+def value_text(value: Value) -> str:
+    """Return a value in few words, its type before it: ``Int 5``, ``WString 'pump'``, ``USInt[256] 254, 5, 104 …``.
+
+    Text from the wire is not escaped.
+    """
+    content = value.content
+    name = value.type_name
+    if value.sparse and isinstance(content, list):
+        return f"{name}, sparse, {len(content)} elements"
+    if isinstance(content, list):
+        some = ", ".join([_content_text(value.type, element) for element in content[:_SHOWN]])
+        return f"{name}[{len(content)}] {some}{' …' if len(content) > _SHOWN else ''}".rstrip()
+    if value.type == NULL:
+        return name
+    return f"{name} {_content_text(value.type, content)}"
+
+
+def value_said(value: Value, id_: int) -> str:
+    """Return a value in few words, and what its number means where ``id_``, its attribute or member, is one that tells."""
+    codes = MEANINGS.get(id_)
+    content = value.content
+    row = codes.get(content) if codes is not None and isinstance(content, int) else None
+    return f"{value_text(value)} {row.name}" if row is not None else value_text(value)
+
+
+def _content_text(type_: int, content: object) -> str:
+    if isinstance(content, bool):
+        return "true" if content else "false"
+    if isinstance(content, int):
+        return _number_text(type_, content)
+    if isinstance(content, bytes) and type_ == WSTRING:
+        content = content.decode("utf-8", "replace")
+    if isinstance(content, str):
+        more = "…" if len(content) > _SHOWN_TEXT else ""
+        return f"'{content[:_SHOWN_TEXT]}'{more}"
+    if isinstance(content, bytes):
+        return octets_text(content)
+    if isinstance(content, float):
+        return real_text(FLOAT.pack(content)) if type_ == REAL else repr(content)
+    if isinstance(content, Blob):
+        return octets_text(content.octets)
+    if isinstance(content, Value):
+        return value_text(content)
+    if isinstance(content, Struct | Packed | Rows):
+        return id_name(content.id)
+    return "-"
+
+
+def _number_text(type_: int, number: int) -> str:
+    if type_ in BIT_TYPES:
+        return f"0x{number:0{2 * FIXED_SIZES[type_]}x}"
+    if type_ == RID or type_ == AID:
+        return id_name(number)
+    if type_ == TIMESTAMP:
+        return iso_time(number)
+    if type_ == TIMESPAN:
+        return f"{number} ns"
+    return str(number)
+
+
+def iso_time(time_ns: int) -> str:
+    """Return a time in nanoseconds since 1970 as ISO 8601, its number where it is none that a clock could show."""
+    return Clock().iso(time_ns) if 0 <= time_ns < 1 << 63 else str(time_ns)
+
+
+def octets_text(octets: bytes) -> str:
+    """Return the first octets in hexadecimal, and how many there are when they are more."""
+    if len(octets) <= _SHOWN_OCTETS:
+        return octets.hex(" ") or "(empty)"
+    return f"{octets[:_SHOWN_OCTETS].hex(' ')} … {len(octets)} bytes"
+
+
+def as_json(value: Value) -> object:
+    """Return the content of a value as JSON-ready data: numbers, texts, lists; octets in hexadecimal.
+
+    A structure is an object with its ``id`` and its ``members`` by their numbers. A number that JSON does not have (NaN,
+    infinity) is its text.
+    """
+    content = value.content
+    if value.sparse and isinstance(content, list):
+        return {str(key): _json_one(value.type, element) for key, element in content}
+    if isinstance(content, list):
+        return [_json_one(value.type, element) for element in content]
+    return _json_one(value.type, content)
+
+
+def _json_one(type_: int, content: object) -> object:
+    if isinstance(content, bytes) and type_ == WSTRING:
+        return content.decode("utf-8", "replace")
+    if isinstance(content, bytes):
+        return content.hex()
+    if isinstance(content, float):
+        number = float(real_text(FLOAT.pack(content))) if type_ == REAL else content
+        return number if math.isfinite(number) else repr(number)
+    if isinstance(content, Blob):
+        if content.root > 1 and content.kind == 0:
+            return {"root": content.root, "members": _json_members(content.members)}
+        return content.octets.hex()
+    if isinstance(content, Value):
+        return as_json(content)
+    if isinstance(content, Struct):
+        return {"id": content.id, "members": _json_members(content.members)}
+    if isinstance(content, Rows):
+        return {"id": content.id, "rows": [_json_members(row) for row in content.rows]}
+    if isinstance(content, Packed):
+        return {"id": content.id, "time": content.time, "octets": content.octets.hex()}
+    return content
+
+
+def _json_members(members: list[Member]) -> dict[str, object]:
+    return {str(id_): as_json(value) for id_, value in members}

@@ -1,0 +1,268 @@
+"""Lists of the variables of a block: what they are (0xAB), what they are called (0xAC), and the older form of both (0xA7).
+
+The numbers of the first list have their lowest octet first, unlike everything else (docs/s7plus.md).
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+from dissect.s7plus.layouts import (
+    LIST_BLOCK,
+    LIST_ID,
+    NAME_LIST,
+    TAG_DESCRIPTION,
+    VARIABLE,
+    VARIABLE_LIST,
+    VARIABLE_NAME,
+)
+from dissect.s7plus.program_tables import DATATYPES
+from dissect.s7plus.tables import (
+    NAMES_TAG,
+    TAG_DESCRIPTION_END_TAG,
+    TAG_DESCRIPTION_TAG,
+    VARIABLE_NUMBERS,
+    VARIABLES_TAG,
+)
+from dissect.s7plus.walk import FormatError, Walk
+from dissect.wire.varint import SIGNED, VLQ
+
+_HEAD: Final = struct.Struct("<IIB")
+_OFFSETS: Final = struct.Struct("<BHH")
+
+
+class Variable:
+    """A variable of a block: its LID, the CRC of its symbol, its type in the program, and where it stands.
+
+    ``attributes`` are 16 bits (`dissect.s7plus.layouts.VARIABLE`); ``numbers`` as many as its kind has.
+    """
+
+    __slots__ = ("attributes", "bit_offsets", "crc", "datatype", "lid", "numbers", "offset_1", "offset_2")
+
+    def __init__(
+        self,
+        lid: int,
+        crc: int,
+        datatype: int,
+        attributes: int,
+        bit_offsets: int,
+        offset_1: int,
+        offset_2: int,
+        numbers: list[int],
+    ) -> None:
+        self.lid = lid
+        self.crc = crc
+        self.datatype = datatype
+        self.attributes = attributes
+        self.bit_offsets = bit_offsets
+        self.offset_1 = offset_1
+        self.offset_2 = offset_2
+        self.numbers = numbers
+
+    @property
+    def kind(self) -> int:
+        """What its numbers are (`dissect.s7plus.tables.VARIABLE_KINDS`)."""
+        return self.attributes >> 12
+
+    @property
+    def datatype_name(self) -> str:
+        """Name of its type, that of the elements for an array."""
+        return DATATYPES.name(self.datatype)
+
+    @property
+    def lower_bound(self) -> int:
+        """Index of the first element of an array, 0 for anything else."""
+        if self.kind in {3, 10}:
+            return self.numbers[2] - (1 << 32 if self.numbers[2] >> 31 else 0)
+        return 0
+
+    @property
+    def type_id(self) -> int:
+        """Id of the type of a structure or an FB instance, 0 for anything else."""
+        return self.numbers[2] if self.kind in {5, 12} else 0
+
+
+class VariableList:
+    """The variables of a block, in blocks of octets as they were sent; ``first`` begins the first of these."""
+
+    __slots__ = ("blocks", "first")
+
+    def __init__(self, first: int, blocks: list[list[Variable]]) -> None:
+        self.first = first
+        self.blocks = blocks
+
+    @property
+    def variables(self) -> list[Variable]:
+        """All variables in order."""
+        return [variable for block in self.blocks for variable in block]
+
+
+class NameList:
+    """The names of the variables, in the same order."""
+
+    __slots__ = ("blocks",)
+
+    def __init__(self, blocks: list[list[bytes]]) -> None:
+        self.blocks = blocks
+
+    @property
+    def names(self) -> list[str]:
+        """All names in order."""
+        return [name.decode("utf-8", "replace") for block in self.blocks for name in block]
+
+
+class TagDescription:
+    """A variable of an S7-1200 with firmware 2: its LID, name and type; ``octets`` are all of it but its tags."""
+
+    __slots__ = ("datatype", "lid", "name", "octets")
+
+    def __init__(self, octets: bytes, name: str, datatype: int, lid: int) -> None:
+        self.octets = octets
+        self.name = name
+        self.datatype = datatype
+        self.lid = lid
+
+
+def read_variables(walk: Walk) -> VariableList:
+    """Read a list of variables behind its tag. Raises `FormatError`."""
+    walk.part(VARIABLE_LIST, walk.at - 1)
+    walk.enter("variables")
+    blocks: list[list[Variable]] = []
+    first = 0
+    while (end := _next_block(walk)) > 0:
+        if not blocks:
+            at = walk.at
+            first = walk.fixed(4, "first")
+            walk.part(LIST_ID, at)
+        block: list[Variable] = []
+        while walk.at < end:
+            block.append(_read_variable(walk, end))
+        blocks.append(block)
+    walk.depth -= 1
+    return VariableList(first, blocks)
+
+
+def _next_block(walk: Walk) -> int:
+    """Read the length of a block; return where it ends, 0 for the end of the list."""
+    at = walk.at
+    length = walk.fixed(2, "block length")
+    walk.part(LIST_BLOCK, at)
+    if length == 0:
+        return 0
+    if length > walk.left:
+        raise FormatError("length_beyond", "block length", at, length, walk.left)
+    return walk.at + length
+
+
+def _read_variable(walk: Walk, end: int) -> Variable:
+    at = walk.at
+    lid, crc, datatype = _HEAD.unpack(walk.take(9, "variable"))
+    attributes = walk.fixed(2, "variable")
+    bit_offsets, offset_1, offset_2 = _OFFSETS.unpack(walk.take(5, "variable"))
+    count = VARIABLE_NUMBERS[attributes >> 12]
+    numbers = list(struct.unpack(f"<{count}I", walk.take(4 * count, "variable")))
+    if walk.at > end:
+        raise FormatError("length_beyond", "variable", at, walk.at - at, end - at)
+    variable = Variable(lid, crc, datatype, attributes, bit_offsets, offset_1, offset_2, numbers)
+    if walk.shown:
+        walk.part(VARIABLE, at, f"LID {lid} {variable.datatype_name}")
+    return variable
+
+
+def read_names(walk: Walk) -> NameList:
+    """Read a list of names behind its tag. Raises `FormatError`."""
+    walk.part(NAME_LIST, walk.at - 1)
+    walk.enter("names")
+    blocks: list[list[bytes]] = []
+    while (end := _next_block(walk)) > 0:
+        block: list[bytes] = []
+        while walk.at < end:
+            at = walk.at
+            name = walk.take(walk.u8("name length") + 1, "name")
+            if walk.at > end or name[-1]:
+                raise FormatError("length_beyond", "name", at, walk.at - at, end - at)
+            block.append(name[:-1])
+            if walk.shown:
+                walk.part(VARIABLE_NAME, at, name[:-1].decode("utf-8", "replace"))
+        blocks.append(block)
+    walk.depth -= 1
+    return NameList(blocks)
+
+
+def read_tag_description(walk: Walk) -> TagDescription:
+    """Read an old description of a variable behind its tag, with the tag that ends it. Raises `FormatError`."""
+    start = walk.at
+    kind = walk.u8("kind")
+    name = walk.take(walk.counted(VLQ, "name length"), "name").decode("utf-8", "replace")
+    walk.take(2, "type")  # an octet of unknown meaning, and the type of the value
+    datatype = walk.number(VLQ, "datatype")
+    walk.take(4, "flags")
+    lid = walk.number(VLQ, "LID")
+    walk.number(VLQ, "length")
+    if kind & 0x0C:
+        walk.number(VLQ, "accessibility")
+        walk.number(VLQ, "section")
+    walk.number(VLQ, "offset")
+    walk.number(VLQ, "offset")
+    form = kind & 3
+    if form == 1:
+        _numbers(walk, 2)
+    elif form == 2:
+        walk.number(SIGNED, "lower bound")
+        _numbers(walk, 3)
+    elif form == 3:
+        _numbers(walk, 2)
+        for _ in range(walk.counted(VLQ, "dimensions")):
+            walk.number(SIGNED, "lower bound")
+            _numbers(walk, 1)
+    if kind & 0x08:
+        _numbers(walk, 2)
+    octets = walk.octets[start : walk.at]
+    if walk.u8("end of tag description") != TAG_DESCRIPTION_END_TAG:
+        raise FormatError(
+            "bad_value", "end of tag description", walk.at - 1, TAG_DESCRIPTION_END_TAG, walk.octets[walk.at - 1]
+        )
+    if walk.shown:
+        walk.part(TAG_DESCRIPTION, start - 1, f"LID {lid} {name} {DATATYPES.name(datatype)}")
+    return TagDescription(octets, name, datatype, lid)
+
+
+def _numbers(walk: Walk, count: int) -> None:
+    for _ in range(count):
+        walk.number(VLQ, "offset")
+
+
+# ---- writing --------------------------------------------------------------------------------------------------------
+
+
+def build_variables(found: VariableList) -> bytes:
+    """Return a list of variables with its tag. Raises struct.error for numbers that do not fit."""
+    blocks = [b"".join([_build_variable(variable) for variable in block]) for block in found.blocks]
+    if blocks:
+        blocks[0] = found.first.to_bytes(4, "big") + blocks[0]
+    return bytes((VARIABLES_TAG,)) + _build_blocks(blocks)
+
+
+def _build_variable(variable: Variable) -> bytes:
+    return (
+        _HEAD.pack(variable.lid, variable.crc, variable.datatype)
+        + variable.attributes.to_bytes(2, "big")
+        + _OFFSETS.pack(variable.bit_offsets, variable.offset_1, variable.offset_2)
+        + struct.pack(f"<{len(variable.numbers)}I", *variable.numbers)
+    )
+
+
+def build_names(found: NameList) -> bytes:
+    """Return a list of names with its tag. Raises ValueError for a name of more than 255 octets."""
+    blocks = [b"".join([bytes((len(name),)) + name + b"\0" for name in block]) for block in found.blocks]
+    return bytes((NAMES_TAG,)) + _build_blocks(blocks)
+
+
+def _build_blocks(blocks: list[bytes]) -> bytes:
+    return b"".join([len(block).to_bytes(2, "big") + block for block in blocks]) + b"\0\0"
+
+
+def build_tag_description(found: TagDescription) -> bytes:
+    """Return an old description of a variable with its tags."""
+    return bytes((TAG_DESCRIPTION_TAG,)) + found.octets + bytes((TAG_DESCRIPTION_END_TAG,))

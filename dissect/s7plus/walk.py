@@ -1,0 +1,129 @@
+"""How the contents of a PDU are walked over: one number, text or part after another, and one way to say what is wrong."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.wire.layout import Layout
+from dissect.wire.malformed import Malformed
+from dissect.wire.part import OCTETS, SURPLUS, Part
+from dissect.wire.varint import read_varint
+
+#: Levels of objects and values inside each other; the deepest in captures have seven.
+MAX_DEPTH: Final = 40
+#: Parts that are kept of one PDU; what comes after them is read, and shown as octets.
+MAX_PARTS: Final = 200_000
+
+
+class FormatError(Exception):
+    """Something does not fit; it never leaves this room. The arguments are those of `Malformed`."""
+
+    def __init__(self, reason: str, field: str, at: int, needed: int, available: int) -> None:
+        super().__init__(reason)
+        self.reason = reason
+        self.field = field
+        self.at = at
+        self.needed = needed
+        self.available = available
+
+
+class Walk:
+    """Walks over ``octets[at:end]`` and raises `FormatError` where they end too soon.
+
+    ``parts`` are cut only with ``shown``; ``shift`` is added to the offsets that are told. What a structure costs is counted in
+    ``budget``, so that elements without octets cannot be multiplied without end.
+    """
+
+    __slots__ = ("at", "budget", "depth", "end", "octets", "parts", "parts_end", "shown")
+
+    def __init__(self, octets: bytes, at: int, end: int, shown: bool) -> None:
+        self.octets = octets
+        self.at = at
+        self.end = min(end, len(octets))
+        self.shown = shown
+        self.parts: list[Part] = []
+        self.parts_end = at  # of the last part
+        self.depth = 0
+        self.budget = len(octets) + 1024
+
+    @property
+    def left(self) -> int:
+        """Octets that are still there."""
+        return self.end - self.at
+
+    def need(self, size: int, field: str) -> None:
+        """Raise `FormatError` unless ``size`` octets are there."""
+        if size > self.end - self.at:
+            raise FormatError("too_short", field, self.at, size, max(0, self.end - self.at))
+
+    def u8(self, field: str) -> int:
+        """Read one octet."""
+        self.need(1, field)
+        self.at += 1
+        return self.octets[self.at - 1]
+
+    def fixed(self, size: int, field: str) -> int:
+        """Read a number of ``size`` octets."""
+        return int.from_bytes(self.take(size, field), "big")
+
+    def take(self, size: int, field: str) -> bytes:
+        """Read ``size`` octets."""
+        self.need(size, field)
+        at = self.at
+        self.at = at + size
+        return self.octets[at : at + size]
+
+    def number(self, kind: int, field: str) -> int:
+        """Read a number of variable size (dissect.wire.varint)."""
+        value, end = read_varint(self.octets, self.at, self.end, kind)
+        if end < 0:
+            raise FormatError("too_short", field, self.at, max(1, self.left + 1), self.left)
+        self.at = end
+        return value
+
+    def counted(self, kind: int, field: str) -> int:
+        """Read a count of things that take one octet or more each."""
+        at = self.at
+        count = self.number(kind, field)
+        if count > self.left:
+            raise FormatError("length_beyond", field, at, count, self.left)
+        return count
+
+    def peek(self) -> int:
+        """Return the next octet, -1 at the end."""
+        return self.octets[self.at] if self.at < self.end else -1
+
+    def spend(self, cost: int, field: str) -> None:
+        """Count elements against the budget."""
+        self.budget -= cost
+        if self.budget < 0:
+            raise FormatError("count_mismatch", field, self.at, cost, 0)
+
+    def enter(self, field: str) -> None:
+        """Go one level down; the caller goes up again."""
+        self.depth += 1
+        if self.depth > MAX_DEPTH:
+            raise FormatError("bad_value", field, self.at, MAX_DEPTH, self.depth)
+
+    def part(self, layout: Layout, start: int, note: str = "", deeper: int = 0) -> None:
+        """Cut the part that begins at ``start`` and ends here."""
+        if not self.shown or len(self.parts) >= MAX_PARTS:
+            return
+        part = Part(layout, self.octets, start, self.at)
+        part.note = note
+        part.depth = self.depth + deeper
+        self.parts.append(part)
+        self.parts_end = self.at
+
+    def rest(self, malformed: list[Malformed], fault: FormatError | None = None, limit: str = "tsdu") -> None:
+        """Cut what is left of the walk as octets, and tell the fault that ended it."""
+        if fault is not None:
+            malformed.append(
+                Malformed("s7plus", fault.reason, fault.field, fault.at, fault.needed, fault.available, limit)
+            )
+        self.depth = 0
+        if self.parts_end < self.end and self.shown:
+            surplus = fault is not None and fault.reason == "trailing_octets"
+            part = Part(SURPLUS if surplus else OCTETS, self.octets, self.parts_end, self.end)
+            self.parts.append(part)
+        self.at = self.end

@@ -1,0 +1,89 @@
+"""Operations of S7comm-plus: sessions, subscriptions with their notifications, blocks loaded, read out and deleted, test jobs.
+
+Which transaction is which is known to `dissect.s7plus.events`.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.s7plus.events import (
+    CHANGED,
+    DELETED,
+    PASSWORD,
+    READ_OUT,
+    SESSION,
+    SUBSCRIBED,
+    SUBSCRIBED_ALARMS,
+    TEST_JOB,
+    Event,
+)
+from dissect.s7plus.session import PlusSession
+from dissect.transactions import operation as kinds
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import DONE, FAILED, REFUSED, Operation, OperationBook
+from dissect.transactions.transaction import ANSWERED, Transaction
+
+#: Kinds of operations by events that begin one.
+_KINDS: Final[dict[str, str]] = {
+    SESSION: kinds.SESSION,
+    SUBSCRIBED: kinds.CYCLIC,
+    SUBSCRIBED_ALARMS: kinds.MESSAGES,
+    TEST_JOB: kinds.TEST_JOB,
+    CHANGED: kinds.DOWNLOAD,
+    READ_OUT: kinds.UPLOAD,
+    PASSWORD: kinds.PASSWORD,
+}
+#: Those that go on until their object is deleted; the others are over with their transaction.
+_LASTING: Final = frozenset((SESSION, SUBSCRIBED, SUBSCRIBED_ALARMS, TEST_JOB))
+_DELETE: Final = "delete "
+_LOAD: Final = "load "
+_MAX_SUBJECT: Final = 200
+
+
+class PlusOperations:
+    """Follows the operations of all connections that speak S7comm-plus."""
+
+    def __init__(self, book: OperationBook) -> None:
+        self._book = book
+        self._open: dict[tuple[int, int], Operation] = {}  # by connection and object
+
+    def take(self, event: Event, session: PlusSession, transaction: Transaction) -> None:
+        """Take an event of a transaction: it may begin an operation, or end one."""
+        if event.kind == DELETED:
+            self._delete(event, transaction)
+            return
+        kind = _KINDS.get(event.kind, "")
+        subject = session.describe() if event.kind == SESSION else event.text
+        if event.kind == CHANGED:
+            kind = kinds.DELETE if subject.startswith(_DELETE) else kinds.DOWNLOAD
+            subject = subject.removeprefix(_DELETE).removeprefix(_LOAD)
+        if not kind:
+            return
+        operation = self._book.begin(kind, str(event.object_id), transaction, subject[:_MAX_SUBJECT])
+        if kind in {kinds.DOWNLOAD, kinds.UPLOAD}:
+            operation.octets = int(transaction.request_size if kind == kinds.DOWNLOAD else transaction.response_size)
+        if event.kind not in _LASTING or transaction.outcome != ANSWERED or transaction.error_code >= 0x8000:
+            self._book.settle(operation, transaction, DONE, REFUSED)
+        else:
+            self._open[int(transaction.connection.number), event.object_id] = operation
+
+    def _delete(self, event: Event, transaction: Transaction) -> None:
+        operation = self._open.pop((int(transaction.connection.number), event.object_id), None)
+        if operation is not None and not operation.result:
+            operation.add(transaction)
+            self._book.settle(operation, transaction, DONE, FAILED)
+
+    def notified(self, subscription: int, transaction: Transaction) -> None:
+        """Count a notification for its subscription."""
+        operation = self._open.get((int(transaction.connection.number), subscription))
+        if operation is not None and not operation.result:
+            operation.add(transaction)
+            operation.pushes += 1
+            operation.octets += int(transaction.response_size)
+
+    def end(self, connection: Connection) -> None:
+        """A connection is over: what is open there is closed by the book."""
+        number = int(connection.number)
+        for key in [key for key in self._open if key[0] == number]:
+            del self._open[key]

@@ -1,0 +1,63 @@
+"""Numbers of variable size (VLQ), as S7comm-plus writes them: seven bits an octet, the highest first (docs/s7plus.md).
+
+Bit 7 of an octet says that more follow. A 32-bit number takes at most five octets. A 64-bit number takes at most nine, and the
+ninth gives eight bits. Signed numbers are two's complement: bit 6 of the first octet is the sign.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+# Kinds of numbers; below `REST` of dissect.wire.layout, so that they may stand for the size of a field.
+VLQ: Final = -2
+VLQ64: Final = -3
+SIGNED: Final = -4
+SIGNED64: Final = -5
+
+#: Most octets of a number that takes seven bits from each.
+_LONGEST_32: Final = 5
+_LONGEST_64: Final = 8
+
+
+def read_varint(octets: bytes, at: int, end: int, kind: int) -> tuple[int, int]:
+    """Read the number at ``at``, before ``end`` and of a ``kind`` above. Returns (number, where it ends).
+
+    Returns (-1, -1) when it does not end before ``end`` or within the octets that its kind has. Bits beyond 32 of a short
+    kind are dropped, as receivers do.
+    """
+    wide = kind == VLQ64 or kind == SIGNED64
+    signed = kind == SIGNED or kind == SIGNED64
+    last = at + (_LONGEST_64 if wide else _LONGEST_32)
+    stop = min(last, end)
+    value = 0
+    if signed and at < end and octets[at] & 0x40:
+        value = -1  # its bits above the seven of the first octet are all set, bit 6 itself among those that are read
+    while at < stop:
+        octet = octets[at]
+        value = (value << 7) | (octet & 0x7F)
+        at += 1
+        if octet < 0x80:
+            return (value if wide or signed else value & 0xFFFFFFFF), at
+    if wide and at == last and at < end:
+        return (value << 8) | octets[at], at + 1
+    return -1, -1
+
+
+def build_varint(value: int, kind: int) -> bytes:
+    """Return the octets of ``value``, as few as there can be. Raises ValueError for one that its kind cannot hold."""
+    wide = kind == VLQ64 or kind == SIGNED64
+    signed = kind == SIGNED or kind == SIGNED64
+    bits = 64 if wide else 32
+    least, most = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if signed else (0, (1 << bits) - 1)
+    if not least <= value <= most:
+        raise ValueError(f"{value} does not fit into {bits} bits{', signed' if signed else ''}")
+    # Bits that must stand in it: of a signed number one more, the sign.
+    needed = (value if value >= 0 else ~value).bit_length() + (1 if signed else 0)
+    count = max(1, (needed + 6) // 7)
+    if count > _LONGEST_64:
+        head = value >> 8
+        groups = [(head >> shift) & 0x7F | 0x80 for shift in range(49, -1, -7)]
+        return bytes([*groups, value & 0xFF])
+    groups = [(value >> shift) & 0x7F | 0x80 for shift in range(7 * (count - 1), -1, -7)]
+    groups[-1] &= 0x7F
+    return bytes(groups)

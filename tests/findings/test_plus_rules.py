@@ -1,0 +1,259 @@
+"""S7comm-plus transactions as events of security: who stopped, loaded, read out, wrote, logged in, looked around."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import dissect
+from dissect.s7plus.contents import Address
+from dissect.s7plus.objects import Attribute, PlusObject, build_object
+from dissect.s7plus.tables import (
+    CREATE_OBJECT,
+    DELETE_OBJECT,
+    EXPLORE,
+    GET_MULTI_VARIABLES,
+    GET_VAR_SUBSTREAMED,
+    SET_MULTI_VARIABLES,
+    SET_VARIABLE,
+)
+from dissect.s7plus.value_tables import BLOB, BOOL, DINT, INT, UDINT, UINT, WSTRING
+from dissect.s7plus.values import Blob, Value, build_value
+from tests.s7plus import bodies
+from tests.s7plus.pdus import asked, framed, told
+from tests.s7plus.test_session import LIST, RECORD
+from tests.transactions.talk import Talk
+
+NOTHING = Value(0, UDINT, 0)
+DENIED = b"\xff" * 8 + b"\x9c"
+STATE = Address(0, 52, 2237, [3486])
+
+
+def begun(client_port: int = 50000) -> Talk:
+    talk = Talk(client_port) if client_port != 50000 else Talk()
+    talk.hello()
+    talk.connect()
+    return talk
+
+
+def do(talk: Talk, number: int, function: int, body: bytes, answer: bytes = b"\0", version: int = 3) -> None:
+    talk.ask(framed(asked(number, function, body=body), version))
+    talk.tell(framed(told(number, function, answer + bodies.end(9)), version))
+
+
+def block(rid: int, class_id: int, name: str, language: int) -> PlusObject:
+    texts = [Attribute(233, Value(0, WSTRING, name)), Attribute(2523, Value(0, UINT, language))]
+    return PlusObject(rid, class_id, 0, 0, 0, [*texts, Attribute(2533, Value(0, BLOB, Blob(0, b"code")))])
+
+
+def said(talk: Talk) -> list[tuple[str, str]]:
+    """Give slugs, and what the details say behind who and whom."""
+    talk.close()
+    return [(finding.slug, finding.detail.partition(": ")[2]) for finding in talk.findings]
+
+
+@pytest.mark.parametrize(
+    ("number", "slug", "text"),
+    [
+        (1, "security.plc_stop", "operating state request 1 STOP"),
+        (3, "security.plc_start", "operating state request 3 RUN"),
+        (2, "security.memory", "operating state request 2 reset retentive"),
+        (9, "security.plc_start", "operating state request 9 (unknown)"),
+    ],
+)
+@pytest.mark.parametrize("version", [1, 2, 3])
+def test_a_cpu_is_told_to_stop_or_to_run(number: int, slug: str, text: str, version: int) -> None:
+    talk = begun()
+    body = bodies.set_variable(52, [2167], Value(0, DINT, number), -1 if version == 1 else 9)
+    talk.ask(framed(asked(1, SET_VARIABLE, body=body), version))
+    talk.tell(framed(told(1, SET_VARIABLE, b"\0" + bodies.end()), version))
+    assert said(talk) == [(slug, text)]
+
+
+def test_an_order_that_wants_no_answer() -> None:
+    talk = begun()
+    body = bodies.set_variable(52, [2167], Value(0, DINT, 1))
+    talk.ask(framed(asked(1, SET_VARIABLE, flags=0x74, body=body), 3))
+    assert said(talk) == [("security.plc_stop", "operating state request 1 STOP")]
+
+
+def test_an_order_that_is_refused() -> None:
+    talk = begun()
+    do(talk, 1, SET_VARIABLE, bodies.set_variable(52, [2167], Value(0, DINT, 1)), DENIED)
+    assert said(talk) == [
+        ("transaction.refused", "0xff9c Service access denied"),
+        ("security.plc_stop", "operating state request 1 STOP, refused: 0xff9c Service access denied"),
+        ("security.protected", "S7comm-plus SetVariable, refused: 0xff9c Service access denied"),
+    ]
+
+
+def test_a_cpu_reports_that_it_stopped() -> None:
+    talk = begun()
+    for number, state in enumerate((8, 8, 4, 4, 8), 1):
+        do(
+            talk,
+            number,
+            GET_MULTI_VARIABLES,
+            bodies.get_multi(STATE),
+            b"\0\1" + build_value(Value(0, DINT, state)) + b"\0\0",
+        )
+    assert said(talk) == [
+        ("security.stopped", "operating state STOP"),
+        ("security.mode_changed", "operating state RUN"),
+    ]
+
+
+def test_a_subscription_reports_it() -> None:
+    talk = begun()
+    made = PlusObject(
+        211, 1001, 0, 0, 0,
+        [Attribute(1048, Value(0x20, UDINT, [0x80010000, 0, 1, 0x80150002, 4, 48, 52, 0, 2237, 3486]))],
+    )  # fmt: skip
+    do(
+        talk,
+        1,
+        CREATE_OBJECT,
+        bodies.create_object(285, NOTHING, made, integrity_id=1),
+        b"\0\1" + bodies.number(0x70008001),
+    )
+    for credit, state in ((1, 8), (2, 4)):
+        data = b"\x33" + bodies.rid(0x70008001) + b"\4\0\0\0\0\0" + bytes((credit, credit, 1))
+        talk.tell(framed(data + b"\x92\0\0\0\4" + build_value(Value(0, DINT, state)) + b"\0" + bytes(4), 3))
+    assert said(talk) == [("security.stopped", "operating state STOP")]
+
+
+def test_blocks_are_loaded_and_deleted() -> None:
+    talk = begun()
+    one = block(0x8A32_0001, 2647, "Main", 4)
+    do(talk, 1, CREATE_OBJECT, bodies.create_object(3, NOTHING, one, integrity_id=1), b"\0\0")
+    do(talk, 2, DELETE_OBJECT, bodies.delete_object(0x8A0E0003), b"\0" + bodies.rid(0x8A0E0003))
+    do(talk, 3, DELETE_OBJECT, bodies.delete_object(0x70400003), b"\0" + bodies.rid(0x70400003))
+    hardware = PlusObject(2, 2496, 0, 0, 0, [])
+    do(talk, 4, CREATE_OBJECT, bodies.create_object(1, NOTHING, hardware, integrity_id=1), b"\0\0")
+    assert said(talk) == [
+        ("security.program_change", "load OB1 'Main' (SCL)"),
+        ("security.program_change", "delete DB3"),
+        ("security.program_change", "load the hardware configuration"),
+    ]
+
+
+def explore(talk: Talk, number: int, answer: bytes = b"") -> None:
+    body = bodies.rid(3) + b"\0\1\1\0\0\0" + bodies.end(4) + b"\0"
+    talk.ask(framed(asked(number, EXPLORE, body=body), 3))
+    talk.tell(framed(told(number, EXPLORE, b"\0" + bodies.rid(3) + b"\x05" + answer + bodies.FILL), 3))
+
+
+def test_blocks_are_read_out_and_told_once() -> None:
+    talk = begun()
+    for number in (1, 2):
+        explore(talk, number, build_object(block(0x8A0E0003, 2574, "tank\x1b", 5)))
+    assert said(talk) == [("security.program_read", "DB3 'tank\\x1b' (DB)")]
+
+
+def test_a_client_that_explores_and_subscribes_to_nothing() -> None:
+    talk = begun()
+    for number in range(1, 4):
+        explore(talk, number)
+    assert said(talk) == [("security.reconnaissance", "3 Explore requests and no subscription")]
+
+
+def test_a_client_that_explores_for_its_subscription() -> None:
+    talk = begun()
+    for number in range(1, 4):
+        explore(talk, number)
+    made = PlusObject(211, 1001, 0, 0, 0, [Attribute(1048, Value(0x20, UDINT, list(LIST)))])
+    do(talk, 9, CREATE_OBJECT, bodies.create_object(285, NOTHING, made, integrity_id=1), b"\0\1\x87\x07")
+    assert said(talk) == []
+
+
+def test_writes_are_told_once_for_outputs_and_once_for_the_rest() -> None:
+    talk = begun()
+    output, flag = Address(0, 81, 3736, [3, 0, 1]), Address(0, 82, 3736, [3, 100, 2])
+    for number in (1, 2):
+        do(talk, number, SET_MULTI_VARIABLES, bodies.set_multi([(output, Value(0, BOOL, True))]), b"\0\0")
+        do(talk, number + 4, SET_MULTI_VARIABLES, bodies.set_multi([(flag, Value(0, INT, 5))]), b"\0\0")
+    assert said(talk) == [
+        ("security.write_outputs", "QB0 = Bool true"),
+        ("security.write", "MW100 = Int 5"),
+    ]
+
+
+def test_attributes_of_a_session_are_no_writes() -> None:
+    talk = begun()
+    body = bodies.set_multi([(Address(0, 0x386, 306, []), Value(0, INT, 5))])
+    do(talk, 1, SET_MULTI_VARIABLES, body, b"\0\0")
+    do(talk, 2, SET_VARIABLE, bodies.set_variable(0x70400001, [1053], Value(0, INT, 5)))
+    assert said(talk) == []
+
+
+def test_passwords() -> None:
+    talk = begun()
+    body = bodies.set_variable(0x386, [304], Value(0, BLOB, Blob(0, b"answer to a challenge")))
+    for number in range(1, 4):
+        do(talk, number, SET_VARIABLE, body, DENIED)
+    do(talk, 4, SET_VARIABLE, body)
+    found = [slug for slug, _ in said(talk) if slug.startswith("security.password")]
+    assert found == ["security.password_failed"] * 3 + ["security.password_guessing", "security.password"]
+    assert not [finding for finding in talk.findings if "challenge" in finding.detail]
+
+
+def test_a_refused_item_is_an_error_of_its_transaction() -> None:
+    talk = begun()
+    wanted = bodies.get_multi(Address(0, 82, 3736, [3, 100, 2]), Address(0, 82, 3736, [3, 102, 2]))
+    refusal = bodies.multi_got([(1, Value(0, INT, 5))], [(2, 2**64 - 255)])
+    talk.ask(framed(asked(1, GET_MULTI_VARIABLES, body=wanted), 3))
+    talk.tell(framed(told(1, GET_MULTI_VARIABLES, refusal), 3))
+    assert said(talk) == [("transaction.item_error", "0xff01 Invalid LID")]
+    (transaction,) = talk.transactions
+    assert [(error.where, error.code, error.address) for error in transaction.errors] == [("item 2", 0xFF01, "MW102")]
+
+
+def test_what_the_cpu_is() -> None:
+    talk = begun()
+    body = bodies.get_stream(49, [3753]) + bodies.end(1)
+    do(talk, 1, GET_VAR_SUBSTREAMED, body, b"\0\0" + build_value(Value(0, BLOB, Blob(0, RECORD))))
+    talk.close()
+    (connection,) = talk.connections
+    assert connection.plus is not None
+    assert (connection.plus.identity.order_number, connection.plus.identity.firmware) == (
+        "6ES7 215-1AG40-0XB0",
+        "V4.5.2",
+    )
+
+
+def test_reads_are_not_looked_into() -> None:
+    talk = begun()
+    talk.ask(framed(asked(1, GET_MULTI_VARIABLES, body=b"no contents at all"), 3))
+    talk.tell(framed(told(1, GET_MULTI_VARIABLES, b"\0no contents either" + bytes(4)), 3))
+    assert said(talk) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "slugs"),
+    [
+        ("online_stop_yeni_yeni.pcapng", {"security.plc_stop": 1, "security.stopped": 1}),
+        ("paket_start.pcapng", {"security.plc_start": 1, "security.mode_changed": 1}),
+        (
+            "s71200_GoOfline_HWCompileDownload.pcapng",
+            {
+                "security.plc_stop": 1,
+                "security.plc_start": 1,
+                "security.stopped": 1,
+                "security.mode_changed": 1,
+                "security.program_change": 1,
+            },
+        ),
+        ("S7-1200-Uploading-OB1-TIAV12.pcap", {"security.program_change": 1}),
+        ("yeni_onlineyapilmis_upload.pcapng", {"security.program_read": 1, "security.reconnaissance": 1}),
+        ("TEST.pcapng", {"security.write": 1, "security.write_outputs": 1}),
+        ("plc.pcap", {"security.program_change": 4, "security.reconnaissance": 3}),
+        ("S7-1511_db2_var1_HMI.pcap", {}),
+        ("stabil_haberlesme.pcapng", {}),
+    ],
+)
+def test_shared_captures(corpus: Path, name: str, slugs: dict[str, int]) -> None:
+    analysis = dissect.analyze(str(corpus / "s7plus" / name))
+    assert analysis.pipeline is not None
+    counts = analysis.pipeline.finding_counts
+    assert {slug: count for slug, count in counts.items() if slug.startswith(("security.", "s7plus."))} == slugs

@@ -1,0 +1,241 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dissect.s7plus.contents import Address
+from dissect.s7plus.hiding import HIDDEN, shown_contents, shown_half, without_secrets
+from dissect.s7plus.items import REFUSED, PlusItem, join_items
+from dissect.s7plus.message import parse_plus
+from dissect.s7plus.objects import Attribute, PlusObject
+from dissect.s7plus.program import Program
+from dissect.s7plus.refusals import refuses_items
+from dissect.s7plus.session import Identity, PlusSession
+from dissect.s7plus.summary import summary
+from dissect.s7plus.tables import (
+    CREATE_OBJECT,
+    DELETE_OBJECT,
+    EXPLORE,
+    GET_MULTI_VARIABLES,
+    GET_VAR_SUBSTREAMED,
+    SET_MULTI_VARIABLES,
+    SET_VARIABLE,
+)
+from dissect.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UINT, USINT, WSTRING
+from dissect.s7plus.values import Blob, Struct, Value, build_value
+from tests.s7plus import bodies
+from tests.s7plus.pdus import asked, framed, told
+from tests.s7plus.test_bodies import LEVEL, LOST, WORD
+from tests.s7plus.test_program import type_of, variable
+from tests.s7plus.test_session import LIST, subscribed
+
+FIVE = Value(0, INT, 5)
+
+
+def joined(
+    function: int, body: bytes = b"", answer: bytes = b"", one: PlusSession | None = None, answers: int = -1
+) -> list[PlusItem]:
+    request = shown_half(parse_plus(framed(asked(1, function, body=body), 3))) if body else None
+    code = function if answers < 0 else answers
+    response = shown_half(parse_plus(framed(told(1, code, answer), 3))) if answer else None
+    return join_items(request, response, one)
+
+
+def told_of(items: list[PlusItem]) -> list[tuple[str, str, int]]:
+    return [(item.label, item.text, item.return_code) for item in items]
+
+
+def test_a_read_of_several_variables() -> None:
+    body = bodies.get_multi(LEVEL, WORD)
+    items = joined(GET_MULTI_VARIABLES, body, bodies.multi_got([(1, FIVE)], [(2, LOST)]))
+    assert told_of(items) == [("DB3 LID 14 [CRC 0xaabbccdd]", "Int 5", 0), ("MW100", "", 0xFFF4)]
+    assert [item.data for item in items] == [b"\0\5", None]
+    assert told_of(joined(GET_MULTI_VARIABLES, body)) == [("DB3 LID 14 [CRC 0xaabbccdd]", "", -1), ("MW100", "", -1)]
+    assert [item.return_code for item in joined(GET_MULTI_VARIABLES, body, bodies.multi_got([(1, FIVE)], []))] == [
+        0,
+        -1,
+    ]
+    more = joined(GET_MULTI_VARIABLES, body, bodies.multi_got([(7, FIVE)], []))
+    assert [(item.number, item.label) for item in more] == [
+        (1, "DB3 LID 14 [CRC 0xaabbccdd]"),
+        (2, "MW100"),
+        (7, "item 7"),
+    ]
+
+
+def test_a_read_that_is_refused_as_a_whole() -> None:
+    answer = b"\xff" * 8 + b"\xf4\0\0" + bodies.end(3)
+    items = joined(GET_MULTI_VARIABLES, bodies.get_multi(LEVEL), answer)
+    assert [item.return_code for item in items] == [0xFFF4]
+    assert [
+        item.return_code for item in joined(GET_MULTI_VARIABLES, bodies.get_multi(LEVEL), answer, None, 0x04B1)
+    ] == [-1]
+
+
+def test_a_write_of_several_variables() -> None:
+    body = bodies.set_multi([(LEVEL, FIVE), (WORD, Value(0, UINT, 7))])
+    items = joined(SET_MULTI_VARIABLES, body, b"\x13\2" + b"\xff" * 8 + b"\xf4\0" + bodies.end(3))
+    assert told_of(items) == [("DB3 LID 14 [CRC 0xaabbccdd]", "Int 5", 0), ("MW100", "UInt 7", 0xFFF4)]
+
+
+def test_one_variable() -> None:
+    items = joined(SET_VARIABLE, bodies.set_variable(52, [2167], Value(0, DINT, 1)), b"\0" + bodies.end(3))
+    assert told_of(items) == [("CPUexecUnit.OperatingStateREQ", "DInt 1 STOP", 0)]
+    body = bodies.get_stream(52, [2237, 3486]) + bodies.end(3)
+    items = joined(GET_VAR_SUBSTREAMED, body, b"\0\0" + build_value(Value(0, DINT, 8)) + bodies.end(3))
+    assert told_of(items) == [("CPUexecUnit.DIS.OperatingState", "DInt 8 RUN", 0)]
+    assert items[0].json_value == 8
+    refused = joined(GET_VAR_SUBSTREAMED, body, b"\xff" * 8 + b"\xf4\0\0\0" + bodies.end(3))
+    assert told_of(refused) == [("CPUexecUnit.DIS.OperatingState", "", 0xFFF4)]
+
+
+def test_functions_without_items() -> None:
+    assert joined(DELETE_OBJECT, bodies.delete_object(5)) == []
+    assert joined(GET_MULTI_VARIABLES, answer=bodies.multi_got([(1, FIVE)], [])) == []
+    assert join_items(None, None, None) == []
+
+
+def test_a_notification_has_the_addresses_of_its_subscription() -> None:
+    one = PlusSession(Program(), Identity())
+    subscribed(one, 0x00000386, LIST)
+    data = b"\x33" + bodies.rid(0x386) + b"\4\0\0\0\0\0\1\1"
+    data += b"\x92\xff\xff\xff\xff" + build_value(FIVE) + b"\x13\xff\xff\xff\xfe\0" + bytes(4)
+    half = shown_half(parse_plus(framed(data, 2)))
+    assert told_of(join_items(None, half, one)) == [
+        ("M LID 10 [CRC 0xa1d977b6]", "Int 5", 0),
+        ("M LID 9 [CRC 0xac43db80]", "", REFUSED),
+    ]
+    assert told_of(join_items(None, half, None))[0] == ("item 4294967295", "Int 5", 0)
+
+
+@pytest.mark.parametrize(
+    ("datatype", "value", "text"),
+    [
+        (19, Value(0x10, USINT, [4, 2, 72, 86, 9, 9]), "HV"),
+        (62, Value(0x10, UINT, [3, 2, 0x48, 0x20AC, 9]), "H€"),
+        (19, Value(0x10, USINT, [4, 5, 72, 86, 9, 9]), None),  # more characters than its maximum
+        (19, Value(0x10, USINT, [5, 2, 72, 86, 9, 9]), None),  # not as long as it says
+        (19, Value(0x10, UINT, [3, 2, 0x48, 0x20AC, 9]), None),
+        (5, Value(0x10, USINT, [4, 2, 72, 86, 9, 9]), None),
+        (19, FIVE, None),
+    ],
+)
+def test_texts_as_the_program_means_them(datatype: int, value: Value, text: str | None) -> None:
+    one = PlusSession(Program(), Identity())
+    one.program.learn([type_of(0x92000003, ("name", variable(14, datatype)))])
+    address = Address(0, 0x8A0E0003, 2550, [14])
+    (item,) = joined(GET_MULTI_VARIABLES, bodies.get_multi(address), bodies.multi_got([(1, value)], []), one)
+    assert item.label == 'DB3."name"'
+    if text is None:
+        assert item.json_value in (value.content, 5)
+    else:
+        assert (item.json_value, item.text) == (text, f"String '{text}'")
+
+
+# ---- refusals -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("version", [1, 2, 3])
+@pytest.mark.parametrize("integrity_id", [-1, 0, 9, 300, 2**31])
+@pytest.mark.parametrize(
+    ("items", "refusals"),
+    [
+        ([], []),
+        ([(1, FIVE)], []),
+        ([(1, Value(0, DINT, 0))], []),
+        ([], [(1, LOST)]),
+        ([(1, FIVE)], [(2, LOST)]),
+        ([(1, FIVE)], [(2, 0xFFFFFFFFFFFFFF00)]),  # the last octet of its return value is 0
+        ([(1, FIVE)], [(2, 0xFFFFFFFFFFFFFE00), (3, 5)]),
+        ([(1, Value(0, BLOB, Blob(0, b"\xff" * 9 + b"\0")))], []),
+        ([(1, Value(0, BLOB, Blob(0, b"\xff" * 9)))], []),
+    ],
+)
+def test_refusals_are_found_without_reading_it_all(
+    items: list[tuple[int, Value]], refusals: list[tuple[int, int]], integrity_id: int, version: int
+) -> None:
+    if version == 1 and integrity_id >= 0:
+        integrity_id = -1
+    pdu = parse_plus(framed(told(1, GET_MULTI_VARIABLES, bodies.multi_got(items, refusals, integrity_id)), version))
+    assert refuses_items(pdu) == bool(refusals)
+    digest = bodies.multi_got(items, refusals, max(integrity_id, 0))[:-4] + b"\x20" + bytes(range(32))
+    assert refuses_items(parse_plus(framed(told(1, GET_MULTI_VARIABLES, digest), 2))) == bool(refusals)
+
+
+def test_refusals_of_a_write() -> None:
+    good = parse_plus(framed(told(1, SET_MULTI_VARIABLES, b"\0\0" + bodies.end(3)), 3))
+    bad = parse_plus(framed(told(1, SET_MULTI_VARIABLES, b"\0\1\5\0" + bodies.end(3)), 3))
+    assert (refuses_items(good), refuses_items(bad)) == (False, True)
+
+
+@given(st.binary(max_size=60), st.sampled_from([GET_MULTI_VARIABLES, SET_MULTI_VARIABLES, EXPLORE]))
+def test_refusals_never_raise(body: bytes, function: int) -> None:
+    refuses_items(parse_plus(framed(told(1, function, body), 3)))
+
+
+# ---- secrets --------------------------------------------------------------------------------------------------------
+
+PASSWORD = b"\xabSECRET-SECRET-20-OCT"
+
+
+def hidden(octets: bytes) -> str:
+    """Give everything that is shown of a PDU."""
+    pdu = parse_plus(octets)
+    found, spans = shown_contents(pdu)
+    assert PASSWORD in octets
+    assert spans
+    clean = without_secrets(pdu, spans)
+    assert PASSWORD not in clean
+    assert len(clean) == len(octets)
+    items = join_items(shown_half(pdu), None, None)
+    said = [*found.notes, *summary(pdu, found), *[f"{item.text} {item.json_value} {item.data!r}" for item in items]]
+    return "; ".join(said)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        asked(1, SET_VARIABLE, body=bodies.set_variable(0x386, [304], Value(0, BLOB, Blob(0, PASSWORD)))),
+        asked(1, SET_VARIABLE, body=bodies.set_variable(0x386, [1846], Value(0, BLOB, Blob(0, PASSWORD)))),
+        asked(
+            1,
+            SET_MULTI_VARIABLES,
+            body=bodies.set_multi([(WORD, FIVE), (Address(0, 0x386, 304, []), Value(0, BLOB, Blob(0, PASSWORD)))]),
+        ),
+        asked(
+            1,
+            SET_VARIABLE,
+            body=bodies.set_variable(50, [7], Value(0, STRUCT, Struct(9, [(7918, Value(0, BLOB, Blob(0, PASSWORD)))]))),
+        ),
+        asked(
+            1,
+            SET_VARIABLE,
+            body=bodies.set_variable(
+                50, [7918], Value(0, STRUCT, Struct(9, [(1, Value(0, BLOB, Blob(0, PASSWORD))), (2, FIVE)]))
+            ),
+        ),
+        asked(
+            1,
+            CREATE_OBJECT,
+            body=bodies.create_object(
+                1,
+                Value(0, USINT, 0),
+                PlusObject(1, 2, 0, 0, 0, [Attribute(3449, Value(0, WSTRING, PASSWORD))]),
+                integrity_id=1,
+            ),
+        ),
+    ],
+)
+@pytest.mark.parametrize("version", [2, 3])
+def test_what_could_be_turned_into_a_password_is_not_shown(data: bytes, version: int) -> None:
+    said = hidden(framed(data, version))
+    assert "SECRET" not in said
+    assert PASSWORD.hex(" ") not in said
+    assert HIDDEN in said
+
+
+def test_everything_else_is_shown() -> None:
+    pdu = parse_plus(framed(asked(1, SET_VARIABLE, body=bodies.set_variable(52, [2167], FIVE)), 3))
+    assert shown_contents(pdu)[1] == []
+    assert without_secrets(pdu, []) == pdu.octets

@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+import pytest
+
+from dissect.s7plus.contents import Address
+from dissect.s7plus.objects import Element, PlusObject
+from dissect.s7plus.program import MAX_VARIABLES, Program, symbol
+from dissect.s7plus.variables import NameList, Variable, VariableList
+
+ACTUAL = 2550
+
+
+def variable(lid: int, datatype: int = 5, kind: int = 8, crc: int = 0, numbers: tuple[int, ...] = ()) -> Variable:
+    return Variable(lid, crc, datatype, kind << 12, 0, 0, 0, list(numbers))
+
+
+def type_of(rid: int, *pairs: tuple[str, Variable]) -> PlusObject:
+    lists: list[Element] = [
+        VariableList(0, [[one for _, one in pairs]]),
+        NameList([[name.encode() for name, _ in pairs]]),
+    ]
+    return PlusObject(rid, 511, 0, 0, 0, lists)
+
+
+TANK = type_of(
+    0x92000003,
+    ("level", variable(9, crc=0xAABBCCDD)),
+    ("valve", variable(10, 17, 12, numbers=(0, 0, 0x91000007, 0, 0, 0, 0))),
+    ("history", variable(11, 5, 10, numbers=(0, 0, 0xFFFFFFFE, 8))),
+    ("pump", variable(12, 17, 12, numbers=(0, 0, 0x91000099, 0, 0, 0, 0))),
+)
+VALVE = type_of(
+    0x91000007, ("open", variable(1, 1)), ("inner", variable(2, 17, 5, numbers=(0, 0, 0x91000007, 0, 0, 0, 0)))
+)
+TAGS = type_of(0x90030000, ("lamp", variable(20, 1)))
+
+
+def named(address: Address) -> str:
+    program = Program()
+    program.learn([PlusObject(3, 2520, 0, 0, 0, [TANK, VALVE]), TAGS])
+    found = program.find(address)
+    return symbol(address, found) if found is not None else ""
+
+
+@pytest.mark.parametrize(
+    ("address", "name"),
+    [
+        (Address(0, 0x8A0E0003, ACTUAL, [9]), 'DB3."level"'),
+        (Address(0xAABBCCDD, 0x8A0E0003, ACTUAL, [9]), 'DB3."level"'),
+        (Address(0xAABBCCDE, 0x8A0E0003, ACTUAL, [9]), ""),  # the program has changed: the name is not used
+        (Address(0, 0x8A0E0003, ACTUAL, [10, 1]), 'DB3."valve".open'),
+        (Address(0, 0x8A0E0003, ACTUAL, [10, 2, 2, 1]), 'DB3."valve".inner.inner.open'),
+        (Address(0, 0x8A0E0003, ACTUAL, [10, 7]), 'DB3."valve" LID 7'),
+        (Address(0, 0x8A0E0003, ACTUAL, [11, 3]), 'DB3."history"[1]'),
+        (Address(0, 0x8A0E0003, ACTUAL, [12, 1]), 'DB3."pump" LID 1'),
+        (Address(0, 0x8A0E0003, ACTUAL, [13]), ""),
+        (Address(0, 0x8A0E0003, ACTUAL, []), ""),
+        (Address(0, 0x8A0E0004, ACTUAL, [9]), ""),
+        (Address(0, 82, 3736, [20]), 'M."lamp"'),
+        (Address(0, 81, 3736, [20]), ""),
+        (Address(0, 52, 2167, [20]), ""),
+    ],
+)
+def test_names(address: Address, name: str) -> None:
+    assert named(address) == name
+
+
+def test_a_type_that_is_sent_again_replaces_the_one_before() -> None:
+    program = Program()
+    address = Address(0, 0x8A0E0003, ACTUAL, [9])
+    program.learn([TANK])
+    program.learn([type_of(0x92000003, ("height", variable(9)))])
+    found = program.find(address)
+    assert found is not None
+    assert found.path == '"height"'
+
+
+def test_lists_that_contradict_each_other_are_left_out() -> None:
+    program = Program()
+    lists: list[Element] = [VariableList(0, [[variable(9)]]), NameList([[b"a", b"b"]])]
+    program.learn([PlusObject(0x92000003, 511, 0, 0, 0, lists), PlusObject(0x92000003, 511, 0, 0, 0, [])])
+    assert program.find(Address(0, 0x8A0E0003, ACTUAL, [9])) is None
+
+
+def test_what_is_remembered_is_bounded() -> None:
+    program = Program()
+    each = MAX_VARIABLES // 4
+    for number in range(1, 8):
+        program.learn([type_of(0x92000000 | number, *[(f"v{lid}", variable(lid)) for lid in range(1, each + 1)])])
+    kept = [number for number in range(1, 8) if program.find(Address(0, 0x8A0E0000 | number, ACTUAL, [1])) is not None]
+    assert kept == [4, 5, 6, 7]

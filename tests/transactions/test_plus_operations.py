@@ -1,0 +1,132 @@
+"""Operations of S7comm-plus: sessions, subscriptions, blocks loaded, read out and deleted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import dissect
+from dissect.s7plus.objects import Attribute, PlusObject, build_object
+from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, SET_VARIABLE
+from dissect.s7plus.value_tables import BLOB, INT, STRUCT, UDINT, WSTRING
+from dissect.s7plus.values import Blob, Struct, Value, build_value
+from tests.findings.test_plus_rules import DENIED, NOTHING, begun, block, do, explore
+from tests.s7plus import bodies
+from tests.s7plus.pdus import asked, framed, told
+from tests.s7plus.test_session import LIST, client
+from tests.transactions.talk import Talk
+
+LIST_ID = 0x70008001
+
+
+def told_of(talk: Talk) -> list[tuple[str, str, str, int, int]]:
+    talk.close()
+    return [(one.kind, one.subject, one.result, one.parts, one.pushes) for one in talk.operations]
+
+
+def log_in(talk: Talk) -> None:
+    """A panel opens session 0x387."""
+    request = bodies.create_object(285, NOTHING, client(name="Session_1", application="HMI RT OMS+", host="panel"))
+    talk.ask(framed(asked(1, CREATE_OBJECT, body=request), 1))
+    version = Value(0, STRUCT, Struct(314, [(319, Value(0, WSTRING, "1;6ES7 215-1AG40-0XB0 ;V4.3"))]))
+    answer = build_object(PlusObject(288, 287, 0, 0, 0, [Attribute(306, version)]))
+    talk.tell(framed(told(1, CREATE_OBJECT, b"\0\1\x87\x07" + answer + bodies.FILL), 1))
+
+
+def test_a_session() -> None:
+    talk = begun()
+    log_in(talk)
+    do(talk, 2, DELETE_OBJECT, bodies.delete_object(0x387), b"\0" + bodies.rid(0x387))
+    assert told_of(talk) == [("session", "HMI RT OMS+ on panel (HMI), CPU 6ES7 215-1AG40-0XB0 V4.3", "done", 2, 0)]
+
+
+def test_a_session_that_goes_on() -> None:
+    talk = begun()
+    log_in(talk)
+    assert [one[2] for one in told_of(talk)] == ["running"]
+
+
+def test_a_session_that_is_refused() -> None:
+    talk = begun()
+    request = bodies.create_object(285, NOTHING, client(name="Session_1"))
+    talk.ask(framed(asked(1, CREATE_OBJECT, body=request), 1))
+    talk.tell(framed(told(1, CREATE_OBJECT, b"\xff" * 8 + b"\x8f\0" + bodies.FILL), 1))
+    (operation,) = [one for one in told_of(talk) if one[0] == "session"]
+    assert operation[1:3] == ("Session_1 (HMI)", "refused")
+
+
+def subscribe(talk: Talk, *inside: PlusObject) -> None:
+    texts = [Attribute(233, Value(0, WSTRING, "Subscription_1")), Attribute(1049, Value(0, UDINT, 1000))]
+    made = PlusObject(211, 1001, 0, 0, 0, [*texts, Attribute(1048, Value(0x20, UDINT, list(LIST))), *inside])
+    do(
+        talk,
+        2,
+        CREATE_OBJECT,
+        bodies.create_object(285, NOTHING, made, integrity_id=1),
+        b"\0\1" + bodies.number(LIST_ID),
+    )
+
+
+def notify(talk: Talk, number: int, subscription: int = LIST_ID) -> None:
+    head = b"\x33" + bodies.rid(subscription) + b"\4\0\0\0\0\0" + bytes((number, number, 1))
+    talk.tell(framed(head + b"\x92\xff\xff\xff\xff" + build_value(Value(0, INT, 5)) + b"\0" + bytes(4), 3))
+
+
+def test_a_subscription_with_its_notifications() -> None:
+    talk = begun()
+    log_in(talk)
+    subscribe(talk)
+    for number in (1, 2, 3):
+        notify(talk, number)
+    do(talk, 9, DELETE_OBJECT, bodies.delete_object(LIST_ID), b"\0" + bodies.rid(LIST_ID))
+    notify(talk, 4)
+    assert told_of(talk)[0] == (
+        "cyclic",
+        "Subscription_1, every 1000 ms, M LID 9 [CRC 0xac43db80], M LID 10 [CRC 0xa1d977b6]",
+        "done",
+        5,
+        3,
+    )
+
+
+def test_a_subscription_to_alarms() -> None:
+    talk = begun()
+    subscribe(talk, PlusObject(211, 2662, 0, 0, 0, []))
+    assert [(one[0], one[2]) for one in told_of(talk)] == [("messages", "running")]
+
+
+def test_blocks() -> None:
+    talk = begun()
+    one = block(0x8A320001, 2647, "Main", 4)
+    do(talk, 1, CREATE_OBJECT, bodies.create_object(3, NOTHING, one, integrity_id=1), b"\0\0")
+    do(talk, 2, CREATE_OBJECT, bodies.create_object(3, NOTHING, one, integrity_id=1), DENIED + b"\0")
+    do(talk, 3, DELETE_OBJECT, bodies.delete_object(0x8A0E0003), b"\0" + bodies.rid(0x8A0E0003))
+    explore(talk, 4, build_object(one))
+    assert told_of(talk) == [
+        ("download", "OB1 'Main' (SCL)", "done", 1, 0),
+        ("download", "OB1 'Main' (SCL)", "refused", 1, 0),
+        ("delete", "DB3", "done", 1, 0),
+        ("upload", "OB1 'Main' (SCL)", "done", 1, 0),
+    ]
+    assert [one.error_code for one in talk.operations] == [0, 0xFF9C, 0, 0]
+
+
+def test_a_password() -> None:
+    talk = begun()
+    do(talk, 1, SET_VARIABLE, bodies.set_variable(0x386, [304], Value(0, BLOB, Blob(0, b"x" * 20))))
+    assert [(one[0], one[2]) for one in told_of(talk)] == [("password", "done")]
+
+
+@pytest.mark.parametrize(
+    ("name", "kinds"),
+    [
+        ("S7-1200-Uploading-OB1-TIAV12.pcap", {"download": 1, "session": 1}),
+        ("yeni_onlineyapilmis_upload.pcapng", {"upload": 1, "session": 2, "cyclic": 5, "messages": 1}),
+        ("plc.pcap", {"download": 4, "session": 3}),
+    ],
+)
+def test_shared_captures(corpus: Path, name: str, kinds: dict[str, int]) -> None:
+    analysis = dissect.analyze(str(corpus / "s7plus" / name))
+    counts = {kind: sum(results.values()) for kind, results in analysis.operations.items()}
+    assert {kind: count for kind, count in counts.items() if kind != "connect"} == kinds
