@@ -40,7 +40,7 @@ class Saving:
     the umask; one that is replaced keeps its own. Raises `OSError`, which names the output as the user did.
     """
 
-    def __init__(self, output: str | Path, mode: int = 0o666) -> None:
+    def __init__(self, output: str | os.PathLike[str], mode: int = 0o666) -> None:
         self.output = os.fspath(output)
         self.special = is_special(self.output)
         self._mode = mode
@@ -85,7 +85,7 @@ class Saving:
         Path(self.path).unlink(missing_ok=True)
 
 
-def save(output: str | Path, octets: bytes, mode: int = 0o666) -> None:
+def save(output: str | os.PathLike[str], octets: bytes, mode: int = 0o666) -> None:
     """Write ``octets`` to ``output`` as `Saving` does, to the disk before it takes its place. Raises `OSError`."""
     with Saving(output, mode) as saving:
         try:
