@@ -57,7 +57,8 @@ HOT: Final = (
 COLD: Final = (
     "dissect/*/tables.py",
     "dissect/*/*_tables.py",
-    "dissect/*/build.py",  # what no capture needs
+    "dissect/iso/build.py",  # what no capture needs
+    "dissect/s7/build.py",
     "dissect/iso/layouts.py",  # ibh/layouts.py derives from a compiled class, which interpreted classes may not
     "dissect/s7/layouts.py",
     "dissect/s7plus/layouts.py",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Final, Generic, TypeVar
 
 from dissect.alerts.actions import DeliveryError
@@ -80,7 +81,5 @@ class Complaints:
 
     def say(self, text: str) -> None:
         """Say something at once."""
-        try:
+        with suppress(DeliveryError, OSError, ValueError):  # no one is there to hear that no one hears
             self._tell(f"alerts: action {self._action}: {printable(text)}")
-        except (DeliveryError, OSError, ValueError):
-            pass  # nobody is there to hear that nobody hears

@@ -7,6 +7,7 @@ to, or when this process is gone.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import queue
 import signal
@@ -95,19 +96,15 @@ class RelayProcess:
             _serve(self._relay, self._tap, self._theirs)
         self._pid = pid
         self._theirs.close()
-        try:
+        with contextlib.suppress(OSError):
             os.nice(_LATER)  # what passes comes first
-        except OSError:
-            pass
         self._relay.close()  # the sockets are the other process's
         self._thread.start()
 
     def stop(self) -> None:
         """Ask it to end. May be called from any thread and from a signal handler, and twice."""
-        try:
+        with contextlib.suppress(OSError):  # it may have ended
             self._ours.send(b"\0")
-        except OSError:
-            pass  # it has ended
 
     def is_alive(self) -> bool:
         """Tell whether it relays, or has something to tell."""
@@ -199,10 +196,8 @@ def _serve(relay: Relay, tap: Tap, to: socket.socket) -> NoReturn:
 
 def _obey(relay: Relay, to: socket.socket) -> None:
     """Stop when the other process says so, or is gone."""
-    try:
+    with contextlib.suppress(OSError):
         to.recv(1)
-    except OSError:
-        pass
     relay.stop()
 
 

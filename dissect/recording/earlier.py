@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import stat
+from contextlib import suppress
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -55,10 +56,9 @@ def earlier_files(directory: Path, name: str) -> list[EarlierFile]:
 def lock(descriptor: int) -> None:
     """Hold a file that is being written, until it is closed. Where there are no locks nothing happens."""
     if fcntl is not None:
-        try:
+        # Without locks on this file system, files with .part there are judged by name and mark alone.
+        with suppress(OSError):
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            pass  # a file system without locks: files with .part there are judged by name and mark alone
 
 
 def _size(path: Path, mark: str) -> int:

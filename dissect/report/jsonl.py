@@ -246,8 +246,9 @@ class TransactionLines(Observer):
                 parts: list[str] = []
                 for index, answer in enumerate(answers):
                     if items[index].areas is not None:
-                        for area in area_results(items[index], answer):
-                            parts.append(_item(area.item, area.return_code, area.data))
+                        parts += [
+                            _item(one.item, one.return_code, one.data) for one in area_results(items[index], answer)
+                        ]
                         continue
                     good: bool = answer.return_code == SUCCESS
                     parts.append(_item(items[index], answer.return_code, answer.data if good else None))

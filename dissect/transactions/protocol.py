@@ -1,9 +1,9 @@
 """The seam of the engine: what reads the octets of a connection, or the messages that another protocol delivers.
 
-A TCP connection begins with a protocol that only looks (`dissect.engine.recognition`) and is given to the one that recognises it.
-Some protocols frame a stream (ISO-on-TCP, IBH-NetLink); they deliver whole messages to others of the same seam (S7comm,
-S7comm-plus). One object serves all connections, because a plant has thousands of them and each PDU passes here; what belongs to
-one direction of one connection is kept at its `Side`.
+A TCP connection begins with a protocol that only looks (`dissect.engine.recognition`) and is given to the one that
+recognises it. Some protocols frame a stream (ISO-on-TCP, IBH-NetLink); they deliver whole messages to others of the same
+seam (S7comm, S7comm-plus). One object serves all connections, because a plant has thousands of them and each PDU passes
+here; what belongs to one direction of one connection is kept at its `Side`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Protocol:
         """A connection is given to it; ``at_start``: what comes next of ``side`` begins a message."""
 
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
-        """Take the next ``size`` octets of a stream from ``at``, or a whole message; ``frame`` is the packet that completed it."""
+        """Take the next ``size`` octets of a stream from ``at``, or a whole message, which packet ``frame`` completed."""
 
     def cut(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
         """Take the beginning of a message whose rest the capture cut off; ten octets of it or more are there."""

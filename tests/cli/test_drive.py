@@ -26,7 +26,7 @@ import pytest
 
 from dissect.cli.look import write_lines
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE, group
-from dissect.report.styled import ClientSocket
+from dissect.report.styled import Line
 from tests.cli.support import halves, large, on_terminal, run, simple, started
 from tests.properties import messages
 from tests.properties.messages import Item, dt
@@ -500,7 +500,7 @@ def test_no_progress_goes_into_a_pipe(s7dissect: Command, tmp_path: Path) -> Non
 def test_every_style_has_a_colour(monkeypatch: pytest.MonkeyPatch, capfdbinary: Capture) -> None:
     monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
     monkeypatch.delenv("NO_COLOR", raising=False)
-    write_lines([ClientSocket("a", style) for style in ("heading", "error", "failed", "warning", "note", "dim", "")])
+    write_lines([Line("a", style) for style in ("heading", "error", "failed", "warning", "note", "dim", "")])
     assert len(set(capfdbinary.readouterr().out.splitlines())) == 7
 
 

@@ -99,7 +99,8 @@ def test_a_name_is_escaped_wherever_it_is_told(capfdbinary: Capture, tmp_path: P
         "WORD": EVIL,
     }
     words = []
-    for word in call:
+    for template in call:
+        word = template
         for key, value in files.items():
             word = word.replace(key, value)
         words.append(word)

@@ -13,7 +13,7 @@ from dissect.playback.server.model import Recording
 from dissect.playback.server.player import Stage
 from dissect.playback.server.recording import RecordingReader
 from dissect.playback.server.request_log import Desk
-from dissect.playback.server.session import Peer
+from dissect.playback.server.session import ClientSession
 from dissect.transactions.table import Side
 from tests.fuzz.checks import check_line, check_lines
 from tests.properties.messages import connect, dt
@@ -46,7 +46,7 @@ def check_served(recording: Recording, streams: list[list[bytes]], garbage: byte
     for memory in (False, True):
         desk = Desk(Stage(recording, memory=memory))
         for number, packets in enumerate([*asked, *streams], 1):
-            peer = Peer(number, desk)
+            peer = ClientSession(number, desk)
             said = Framer()
             said.synced = True
             for octets in [*packets, garbage]:

@@ -6,7 +6,7 @@ import pytest
 
 from dissect.baseline.loading import parse_baseline
 from dissect.golden.parsing import parse_golden
-from dissect.playback.server.session import Deed, Peer
+from dissect.playback.server.session import Deed, ClientSession
 from dissect.s7.message import parse_pdu
 from tests.fuzz import __main__ as runner
 from tests.fuzz import files, frames, inputs, pdus, played, scripts, streams
@@ -192,11 +192,11 @@ def test_what_a_server_says_that_is_no_tpkt_is_a_failure(monkeypatch: pytest.Mon
     recording = served.finish()
     played.check_served(recording, [], b"")
 
-    class Mumbling(Peer):
+    class Mumbling(ClientSession):
         def feed(self, octets: bytes) -> list[Deed]:
             return [deed._replace(octets=deed.octets[:-1]) for deed in super().feed(octets)]
 
-    monkeypatch.setattr("tests.fuzz.played.Peer", Mumbling)
+    monkeypatch.setattr("tests.fuzz.played.ClientSession", Mumbling)
     with pytest.raises(AssertionError):
         played.check_served(recording, [], b"")
 

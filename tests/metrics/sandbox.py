@@ -15,6 +15,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -118,10 +119,8 @@ def _enter(wanted: dict[str, Any]) -> None:
 
     for capability in range(_LAST_CAP + 1):
         if capability != _CAP_NET_RAW:
-            try:
+            with suppress(OSError):  # a kernel with fewer
                 prctl(_PR_CAPBSET_DROP, capability)
-            except OSError:
-                pass  # a kernel with fewer
     prctl(_PR_SET_KEEPCAPS, 1)
     os.setgroups([])
     os.setresgid(*[wanted["uid"]] * 3)

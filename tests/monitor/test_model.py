@@ -6,7 +6,7 @@ import pytest
 
 from dissect.live.session import PROBLEM, TRANSACTION, Event
 from dissect.monitor import model as model_module
-from dissect.monitor import wanted as wanted_module
+from dissect.monitor import filter as wanted_module
 from dissect.monitor.entries import Entry
 from dissect.monitor.filter import Wanted
 from dissect.monitor.lists import ConnectionList

@@ -2,7 +2,7 @@
 
 A client's connection is given a recorded one (`Stage.script_for`) and has a `Player` of its own, so that what one client
 hears does not depend on what others ask. A request is looked for in the recorded connection first, then in all of them, by
-how much it is like it (`dissect.playback.server.answer_index.LEVELS`); reads and writes that nothing is like are put together of recorded items.
+how much it is like it (`answer_index.LEVELS`); reads and writes that nothing is like are put together of recorded items.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ class Request(NamedTuple):
 
     ``number`` counts from 1 over all connections, setups included; ``connection`` counts those. ``function`` is the name,
     ``addresses`` are those of a read or write (text from the wire, not escaped), ``octets`` the PDU; of long ones the beginning
-    (`MAX_ADDRESSES`, `MAX_KEPT`). ``how`` says where the answer is from (`dissect.playback.server.player.Reply`), ``lacking`` what the
+    (`MAX_ADDRESSES`, `MAX_KEPT`). ``how`` says where the answer is from (`player.Reply`), ``lacking`` what the
     recording has nothing for, ``faults`` what was made wrong.
     """
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.playback.server import Recording, book, image
+from dissect.playback.server import Recording, answer_index, image
 from dissect.playback.server.image import Image, holds
 from dissect.playback.server.player import Stage
 from dissect.s7.items import Item
@@ -90,7 +90,7 @@ def test_pages_are_bounded_and_that_is_told(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_items_are_bounded_and_that_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(book, "MAX_ITEMS", 1)
+    monkeypatch.setattr(answer_index, "MAX_ITEMS", 1)
     talk = Talk()
     talk >> read("MW0") << words(1)
     talk >> read("MW2") << words(2)

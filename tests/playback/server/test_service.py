@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 from dissect.metrics.address import Address
-from dissect.playback.server import Recording, Server, ServerError, desk, service
-from dissect.playback.server import line as line_module
+from dissect.playback.server import Recording, Server, ServerError, request_log, service
+from dissect.playback.server import socket as line_module
 from dissect.playback.server.recording import RecordingReader
 from dissect.playback.server.service import places_to_serve
 from dissect.source.pcapng_writer import PcapngWriter
@@ -424,14 +424,14 @@ def test_who_does_not_read_is_not_read_from_and_in_the_end_dropped(monkeypatch: 
 
 
 def test_what_is_remembered_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(desk, "MAX_REQUESTS", 5)
-    monkeypatch.setattr(desk, "MAX_UNMATCHED", 3)
+    monkeypatch.setattr(request_log, "MAX_REQUESTS", 5)
+    monkeypatch.setattr(request_log, "MAX_UNMATCHED", 3)
     with Server(small()) as server, Plain(server) as client:
         for _ in range(8):
             client.ask(szl(0x7777))
         assert [one.number for one in server.requests] == [4, 5, 6, 7, 8]
         assert [one.number for one in server.unmatched] == [6, 7, 8]
-        assert (server.desk.total, server.desk.unmatched_total) == (8, 8)
+        assert (server.request_log.total, server.request_log.unmatched_total) == (8, 8)
 
 
 def test_an_empty_recording_has_nothing_to_serve() -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.finding import Finding
-from dissect.recording import keeper as keeper_module
+from dissect.recording import event_capture as keeper_module
 from dissect.recording.event_capture import EventCapture
 from dissect.recording.recent import PACKET_COST
 from dissect.source.files import open_capture
