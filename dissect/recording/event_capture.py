@@ -1,8 +1,9 @@
 """The packets around a finding, kept as a file of their own: those before it from memory, those after it as they come.
 
 Whoever runs the pipeline gives every packet to `EventCapture.frame` first and to the pipeline then, and every finding to
-`EventCapture.finding`; both count packets from 1, so that they mean the same by a number. A packet goes to the file when
-the next one comes, because what the pipeline finds in it is told in between; on a silent line `EventCapture.settle` writes it at once.
+`EventCapture.finding`; both count packets from 1, so that they mean the same by a number. A packet goes to the file when the
+next one comes, because what the pipeline finds in it is told in between; on a silent line `EventCapture.settle` writes it at
+once.
 """
 
 from __future__ import annotations

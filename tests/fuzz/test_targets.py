@@ -6,7 +6,7 @@ import pytest
 
 from dissect.baseline.loading import parse_baseline
 from dissect.golden.parsing import parse_golden
-from dissect.playback.server.session import Deed, ClientSession
+from dissect.playback.server.session import ClientSession, Deed
 from dissect.s7.message import parse_pdu
 from tests.fuzz import __main__ as runner
 from tests.fuzz import files, frames, inputs, pdus, played, scripts, streams
