@@ -32,7 +32,7 @@ export VENV
 demo: environment
 	$(BIN)/s7dissect analyze $(DEMO)
 
-test: test-environment lint types test-installed test-interpreted
+test: test-environment lint types test-installed test-interpreted container-steps
 
 wheels:
 	scripts/wheels.sh

@@ -237,7 +237,6 @@ def coverage_items(case: Case) -> None:
     case.count(item_errors=2 * len(errors))
     case.find("transaction.item_error", 2 * len(errors))
     case.find("s7.odd_address", 2)  # counters and timers of the 300 family read as octets
-    case.find("security.protected")
     case.find("security.write")
     talk.close()
 

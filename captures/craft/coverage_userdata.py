@@ -179,6 +179,7 @@ def coverage_userdata(case: Case) -> None:
     ):  # fmt: skip
         case.find(f"security.{slug}")
     case.find("security.clock_set", 2)
+    case.count(item_errors=1)  # a pushed job of which one variable is refused
     case.find("security.force", 3)  # modify variable, force, replace job
     case.find("security.mode_changed", len(USERDATA_SUBFUNCTIONS[0]) - 1)  # all but STOP
     talk.close()

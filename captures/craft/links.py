@@ -257,6 +257,7 @@ def ip_headers(case: Case) -> None:
     for side in (CLIENT, SERVER):
         case.put(talk.make(side, flags="A") + b"\x03\x00\x00\x07\x02\xf0")
     # Wrong: header length, total length, TCP offset, and a piece of TCP that is no header.
+    case.find("ip.bad_header", 6)
     good = talk.make(CLIENT, dt(read_bytes(0xBAD, 2)), seq=talk.seq[CLIENT])
     case.put(
         good[:14] + b"\x44" + good[15:],

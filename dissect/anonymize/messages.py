@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 from dissect.anonymize import account
@@ -28,12 +29,17 @@ _MAX_SERVICE: Final = 14
 _MAX_NETLINK: Final = 32
 
 
-def draft_tsdu(octets: bytes, rules: Rules, told: Account, begins: bool = True) -> RewritePlan:
-    """Return what becomes of a whole TSDU, or of what was captured of one. ``begins``: no S7comm-plus PDU is under way."""
+def draft_tsdu(
+    octets: bytes, rules: Rules, told: Account, begins: bool = True, codes: Sequence[int] = ()
+) -> RewritePlan:
+    """Return what becomes of a whole TSDU, or of what was captured of one.
+
+    ``begins``: no S7comm-plus PDU is under way. ``codes``: where return codes stand inside the values of an S7 PDU.
+    """
     draft = RewritePlan(octets, told)
     upper = classify(octets, 0, len(octets)) if octets else -1
     if upper == S7COMM:
-        _pdu(draft, rules)
+        _pdu(draft, rules, codes)
     elif upper == S7COMM_PLUS:
         _plus(draft, begins)
     else:
@@ -45,7 +51,7 @@ def draft_tsdu(octets: bytes, rules: Rules, told: Account, begins: bool = True) 
     return draft
 
 
-def _pdu(draft: RewritePlan, rules: Rules) -> None:
+def _pdu(draft: RewritePlan, rules: Rules, codes: Sequence[int]) -> None:
     octets = draft.octets
     pdu = parse_pdu(octets)
     if len(octets) < HEADER_SIZE:
@@ -55,7 +61,7 @@ def _pdu(draft: RewritePlan, rules: Rules) -> None:
     body = pdu.body
     head = min(pdu.header_size, len(octets))
     draft.keep(0, head)
-    rules.parts(draft, body.parts)
+    rules.parts(draft, body.parts, codes)
     end = max([part.end for part in body.parts], default=head)
     draft.zero(end, len(octets), account.UNKNOWN)
 

@@ -5,6 +5,7 @@ A field that the table does not have is set to zero, so that a structure that is
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 from dissect.anonymize import account
@@ -52,10 +53,12 @@ class Rules:
         self._key = key
         self._addresses = addresses
         self._choices = choices
+        self._codes: Sequence[int] = ()
         self._inside = choices.values != KEEP or (scd is not None and scd.described)
 
-    def parts(self, draft: RewritePlan, parts: list[Part]) -> None:
-        """Treat the parts of a message, which stand in order."""
+    def parts(self, draft: RewritePlan, parts: list[Part], codes: Sequence[int] = ()) -> None:
+        """Treat the parts of a message, which stand in order; at ``codes`` are return codes inside values, which stay."""
+        self._codes = codes
         transport_size = -1
         for part in parts:
             if part.layout is OCTETS or part.layout is SURPLUS:
@@ -121,6 +124,16 @@ class Rules:
             draft.zero(value.offset, value.end, account.CODE)
 
     def _value(self, draft: RewritePlan, begin: int, end: int, bit: bool) -> None:
+        for at in self._codes:
+            if begin <= at < end:
+                self._plain_value(draft, begin, at, bit)
+                draft.keep(at, at + 1)
+                begin = at + 1
+        self._plain_value(draft, begin, end, bit)
+
+    def _plain_value(self, draft: RewritePlan, begin: int, end: int, bit: bool) -> None:
+        if begin == end:
+            return
         octets = draft.octets[begin:end]
         made = self.scd.inside(octets) if self.scd is not None and self._inside else None
         if made is not None:

@@ -20,9 +20,14 @@ from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
 from dissect.iso.cotp import MAX_TSDU, parse_tpdu
 from dissect.iso.tables import DT
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, classify
+from dissect.s7.items import walk_areas
+from dissect.s7.message import HEADER_SIZE, parse_pdu
+from dissect.s7.message import PROTOCOL_ID as S7_PROTOCOL_ID
+from dissect.s7.tables import ACK_DATA, SUCCESS
 from dissect.s7plus.tables import KEEP_ALIVE, PROTOCOL_ID
 from dissect.tcp.connection import TcpConnection
 from dissect.transactions.connection import Connection
+from dissect.transactions.pairing import key_of
 from dissect.transactions.table import Side, reverse_key
 from dissect.wire.octets import u16
 
@@ -37,6 +42,8 @@ UDP: Final = b"udp"
 #: Parts of one message that are waited for.
 MAX_PARTS: Final = 8192
 _DT_HEAD: Final = 7
+#: Return code, transport size and length before the octets of a data item.
+_DATA_HEAD: Final = 4
 
 
 class _Part:
@@ -125,7 +132,7 @@ class Survey(Observer):
         if octets[4] == 2 and octets[5] == 0xF0:
             head = RewritePlan(octets, self._account)
             head.keep(0, _DT_HEAD)
-            self._part(track, message, _Part(head, start, start + _DT_HEAD, octets[_DT_HEAD:]), octets[6] >= 0x80)
+            self._part(side, track, message, _Part(head, start, start + _DT_HEAD, octets[_DT_HEAD:]), octets[6] >= 0x80)
             return
         tpdu = parse_tpdu(octets[4:])
         if tpdu.type != DT or tpdu.malformed:
@@ -134,7 +141,7 @@ class Survey(Observer):
             return
         size = len(octets) - len(tpdu.data)
         head = draft_tpdu(octets[:size], tpdu, self._key, self._account)
-        self._part(track, message, _Part(head, start, start + size, tpdu.data), tpdu.field("eot") == 1)
+        self._part(side, track, message, _Part(head, start, start + size, tpdu.data), tpdu.field("eot") == 1)
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """An S7 PDU that the capture cut: its TPKT was not told."""
@@ -159,9 +166,9 @@ class Survey(Observer):
         head = draft_netlink(packet, self._account)
         if packet.kind in (KIND_DATA, KIND_FRAGMENT):
             part = _Part(head, start, start + int(packet.data_at), packet.data)
-            self._part(track, message, part, packet.kind == KIND_DATA)
+            self._part(side, track, message, part, packet.kind == KIND_DATA)
         else:  # a receipt between two parts of a message comes behind the first
-            self._part(track, message, _Part(head, start, start + len(octets), b""), False)
+            self._part(side, track, message, _Part(head, start, start + len(octets), b""), False)
 
     # ---- messages ---------------------------------------------------------------------------------------------------
 
@@ -186,7 +193,7 @@ class Survey(Observer):
             message.plus = False
             self._flush(track, message)
 
-    def _part(self, track: Track, message: _Message, part: _Part, last: bool) -> None:
+    def _part(self, side: Side, track: Track, message: _Message, part: _Part, last: bool) -> None:
         """A part of a message; the data of one that is too long stay zeros."""
         if message.dropping or (not last and not part.data and not message.parts):
             _lay(track, part.head, part.head_at)
@@ -198,9 +205,9 @@ class Survey(Observer):
             self._flush(track, message)
             message.dropping = not last
         elif last:
-            self._whole(track, message)
+            self._whole(side, track, message)
 
-    def _whole(self, track: Track, message: _Message) -> None:
+    def _whole(self, side: Side, track: Track, message: _Message) -> None:
         """A message is whole: what becomes of it is cut as its parts were."""
         parts = message.parts
         octets = parts[0].data if len(parts) == 1 else b"".join([part.data for part in parts])
@@ -208,7 +215,7 @@ class Survey(Observer):
             self._tsdu = parts  # what becomes of it is said when it is told as SCD
             draft = RewritePlan(octets, self._account)
         else:
-            draft = draft_tsdu(octets, self._rules, self._account, not message.plus)
+            draft = draft_tsdu(octets, self._rules, self._account, not message.plus, _area_codes(side, octets))
         if len(octets) >= 4 and octets[0] == PROTOCOL_ID and octets[1] != KEEP_ALIVE:
             message.plus = octets[-4:] != octets[:2] + b"\0\0"
         message.parts = []
@@ -249,7 +256,7 @@ class Survey(Observer):
         data = len(packet) - len(octets)
         head = RewritePlan(packet, self._account)
         head.keep(0, data)
-        self._part(track, message, _Part(head, start, start + data, octets), True)
+        self._part(side, track, message, _Part(head, start, start + data, octets), True)
 
     # ---- SCD --------------------------------------------------------------------------------------------------------
 
@@ -362,6 +369,21 @@ class Units:
         self.track = track
         self.end = end
         self.drafts: list[RewritePlan] = []
+
+
+def _area_codes(side: Side, octets: bytes) -> list[int]:
+    """Return where return codes of areas stand in an answer of ``side``: the answer to a DBREAD item has one for each."""
+    if len(octets) < HEADER_SIZE or octets[0] != S7_PROTOCOL_ID or octets[1] != ACK_DATA:
+        return []
+    pdu = parse_pdu(octets)
+    asked = side.connection.open_requests[1 - side.index].table.get(key_of(ACK_DATA, pdu.pdu_ref))
+    if asked is None or all([item.areas is None for item in asked.parameters.items]):
+        return []
+    found: list[int] = []
+    for item, answer in zip(asked.parameters.items, pdu.data_items(), strict=False):
+        if item.areas is not None and answer.return_code == SUCCESS:
+            found += [answer.offset + _DATA_HEAD + area.offset for area in walk_areas(item.areas, answer.data)]
+    return found
 
 
 def _keys(tcp: TcpConnection, udp: bool) -> tuple[bytes, bytes]:

@@ -21,6 +21,8 @@ from dissect.wire.octets import u16
 #: several hundred thousand.
 MAX_PDU: Final = 8 * 1024 * 1024
 _HEADER: Final = 4
+#: What follows the subscription's id in every notification of V2 and V3 (reference S7comm-plus section 8).
+_AFTER_SUBSCRIPTION: Final = b"\x04\x00\x00\x00\x00\x00"
 
 
 def _begins(frame: bytes) -> bool:
@@ -29,7 +31,8 @@ def _begins(frame: bytes) -> bool:
     if not is_beginning(pdu):
         return False
     if pdu.opcode == NOTIFICATION:
-        return pdu.subscription_id > 0x70000000
+        # Compressed blobs go through all octets: the id alone is met by chance once in some hundred frames.
+        return pdu.subscription_id > 0x70000000 and pdu.data[5:11] == _AFTER_SUBSCRIPTION
     return pdu.function in FUNCTIONS and u16(pdu.data, 1) | u16(pdu.data, 5) == 0
 
 

@@ -105,7 +105,7 @@ def test_actions() -> None:
         (FINDING + 'severity = "bad"\n', RULE + "severity: 'bad' is none of error, warning, note"),
         (FINDING.replace('"error"', "[]"), RULE + "finding: is missing"),
         (FINDING.replace('"error"', "[3]"), RULE + "finding: 3 is no text"),
-        (FINDING.replace('"error"', '"transaction.slo"'), RULE + "finding: 'transaction.slo' is no severity"),
+        (FINDING.replace('"error"', '"transaction.slo"'), RULE + "finding: 'transaction.slo' is neither a severity"),
         (RATE.replace("above = 1", ""), RULE + "above: is missing, or below or above_learned"),
         (RATE + 'per = "connection"\n', RULE + "per: 'connection' is none of pair, all"),
         (RATE + 'window = "1ms"\n', RULE + "window: is less than 10ms"),

@@ -92,7 +92,7 @@ def numbers(path: Path, bindings: Path) -> list[object]:
 @pytest.mark.parametrize("values", [KEEP, MASK, SCRAMBLE])
 def test_a_plant_by_its_dictionary(values: str, tmp_path: Path) -> None:
     out, bindings = tmp_path / "out.pcapng", fitting(tmp_path)
-    made = anonymized(PLANT, out, Choices(values), decoder=carrier())
+    made = anonymized(PLANT, out, Choices(values), carrier=carrier())
     assert made.written == made.packets == len(frames(out))
     assert made.caveats == made.dropped == {}
     assert told(out, bindings) == told(PLANT, BINDINGS)
@@ -147,7 +147,7 @@ def test_pieces_of_a_datagram_and_of_a_stream(tmp_path: Path) -> None:
         piece[20:22] = bytes((more, at))
     cut = [Packet(bound.time_ns + at * MS, bytes(piece), len(piece)) for at, piece in enumerate((first, second))]
     source, out = saved(tmp_path / "in.pcapng", cut), tmp_path / "out.pcapng"
-    made = anonymized(source, out, decoder=carrier())
+    made = anonymized(source, out, carrier=carrier())
     assert (made.written, made.dropped) == (2, {})
     assert told(out, BINDINGS) == told(source, BINDINGS) != []
     assert not any(numbers(out, BINDINGS))
@@ -262,7 +262,7 @@ def test_a_stream_in_pieces_with_something_else_in_it(tmp_path: Path) -> None:
     for at in range(0, len(stream), 7):
         talk.send(1, stream[at : at + 7])
     source, out = saved(tmp_path / "in.pcapng", talk.close().packets()), tmp_path / "out.pcapng"
-    made = anonymized(source, out, decoder=carrier())
+    made = anonymized(source, out, carrier=carrier())
     assert made.written == made.packets
     assert made.masked["scd_values"] == (8, 32)
     written = b"".join(frame.octets[54:] for frame in frames(out))

@@ -13,6 +13,7 @@ from dissect.bindings.streams import MAX_PENDING, cut_stream, skip_hole
 from dissect.tcp.connection import Endpoint, TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import Backlog
+from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
 from tests.bindings import plant
 
@@ -24,7 +25,7 @@ ENDLESS = bytes.fromhex("DC0207004160000000F0")
 
 def a_side(*, synced: bool = False) -> Side:
     tcp = TcpConnection(Endpoint(b"\x0a\0\0\1", 1), Endpoint(b"\x0a\0\0\2", 2), 0, 1, 1)
-    side = Side(0, b"", tcp, Connection(1, tcp))
+    side = Side(0, b"", tcp, Connection(1, tcp), Protocol())
     side.backlog = Backlog()
     side.framer.synced = synced
     return side

@@ -189,4 +189,4 @@ def test_several_packets_may_be_named(capfdbinary: Capture, tmp_path: Path) -> N
     assert [json.loads(line)["frame"] for line in ran.out.splitlines()] == [6, 8]
     ran = run(capfdbinary, "show", "-T", "jsonl", "--frame", "8", "--frame", "1", path)
     assert [json.loads(line)["frame"] for line in ran.out.splitlines()] == [8]
-    assert ran.err == "s7dissect: packet 1 completes no S7 PDU\n"
+    assert ran.err == "s7dissect: packet 1 completes no message\n"

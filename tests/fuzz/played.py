@@ -12,7 +12,7 @@ from dissect.playback.client.recorded import Recorded
 from dissect.playback.server.model import Recording
 from dissect.playback.server.player import Stage
 from dissect.playback.server.recording import RecordingReader
-from dissect.playback.server.request_log import Desk
+from dissect.playback.server.request_log import RequestLog
 from dissect.playback.server.session import ClientSession
 from dissect.transactions.table import Side
 from tests.fuzz.checks import check_line, check_lines
@@ -44,7 +44,7 @@ def check_served(recording: Recording, streams: list[list[bytes]], garbage: byte
         for script in recording.scripts
     ]
     for memory in (False, True):
-        desk = Desk(Stage(recording, memory=memory))
+        desk = RequestLog(Stage(recording, memory=memory))
         for number, packets in enumerate([*asked, *streams], 1):
             peer = ClientSession(number, desk)
             said = Framer()

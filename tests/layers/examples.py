@@ -311,7 +311,7 @@ EXAMPLES: Final = [
         77,
         False,
         "0300002902f080320700001a00000c000c000112081283020100000000ff0900080001220500072205",
-        "S7 Userdata response block functions: list blocks of type ref=0x1a00 1, DB, 7, DB",
+        "S7 Userdata response block functions: list blocks of type ref=0x1a00 1 (DB), 7 (DB)",
     ),
     Example(
         78,

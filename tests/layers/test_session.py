@@ -133,13 +133,14 @@ def test_the_empty_dt_before_a_pdu_changes_nothing(tmp_path: Path) -> None:
 def test_a_fragment_that_looks_like_s7_is_none(tmp_path: Path) -> None:
     """The end of an S7comm-plus TSDU that happens to begin with 0x32 0x01."""
     talk = Talk().open()
-    talk.send("c", bytes(TPKT() / COTP_DT(eot=0) / Raw(b"\x72\x01\x00\x20")))
+    head = b"\x72\x01" + (len(READ) - 7).to_bytes(2, "big")
+    talk.send("c", bytes(TPKT() / COTP_DT(eot=0) / Raw(head)))
     end = TPKT() / COTP_DT() / Raw(READ[7:])
     assert S7 in TPKT(bytes(end))
     talk.send("c", bytes(end))
     _, last = seen(tmp_path, talk.packets)
     assert S7 not in last
-    assert bytes(last[S7Plus]) == b"\x72\x01\x00\x20" + READ[7:]
+    assert bytes(last[S7Plus]) == head + READ[7:]
 
 
 def test_a_pdu_that_the_capture_cut_comes_without_tpkt(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from dissect.recording.selection import Selection, Wanted
 from dissect.session import Run
 from dissect.source.files import open_capture
 from dissect.source.pcapng_writer import PcapngWriter
-from dissect.transactions.transaction import Transaction
+from dissect.transactions.transaction import PUSH, Transaction
 from tests.report.support import OWN, ROOT
 from tests.source.craft import Frame, drain
 
@@ -62,7 +62,12 @@ def told(event: Transaction) -> tuple[object, ...]:
         event.latency_ns,
         event.request_octets,
         event.response_octets,
-        [(result.item and result.item.label, int(result.return_code), result.data) for result in event.results()],
+        # What a push is about says the request that began its job, which need not be in the cut.
+        [
+            (result.item and result.item.label, int(result.return_code), result.data)
+            for result in event.results()
+            if event.outcome != PUSH
+        ],
         [(error.where, error.code) for error in event.errors],
     )
 

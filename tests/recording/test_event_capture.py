@@ -226,8 +226,8 @@ def test_times_before_and_after_are_not_negative(tmp_path: Path) -> None:
 
 CHILD = """
 import sys
-from dissect.recording.event_capture import Keeper
-keeper = Keeper(sys.argv[1], 50, 100)
+from dissect.recording.event_capture import EventCapture
+keeper = EventCapture(sys.argv[1], 50, 100)
 number = 0
 while True:
     octets = number.to_bytes(4, "big") + bytes(number % 3000)

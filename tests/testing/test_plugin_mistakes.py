@@ -63,7 +63,7 @@ def test_pump(s7_golden, s7_server, s7_record, tmp_path):
         ("s7_server('../test_pump.py')", "*Error: *test_pump.py: not a capture file *"),
         ("s7_server('pump', faults=['drop'])", "ValueError: 'drop' is no fault: say KIND:WHERE, *"),
         ("s7_record(to=None)", "TypeError: to=None: say where the PLC is: *"),
-        ("s7_record(to='127.0.0.1:x')", "*AddressError: '127.0.0.1:x' is no address: say HOST:PORT, *"),
+        ("s7_record(to='127.0.0.1:x')", "*AddressError: '127.0.0.1:x' is not an address: expected HOST:PORT, *"),
     ],
 )
 def test_a_mistake_is_told_at_its_line_and_not_inside_the_plugin(project: Project, mistake: str, told: str) -> None:

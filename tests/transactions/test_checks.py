@@ -17,7 +17,7 @@ from dissect.transactions.checks import (
     error_code,
     mismatch,
 )
-from dissect.transactions.transaction import Transaction
+from dissect.transactions.transaction import UNCONFIRMED, Transaction
 from tests.transactions.talk import (
     Talk,
     ack,
@@ -102,7 +102,7 @@ ASKED = read(1, dbw(1, 0), dbw(1, 2))
         (write(1, [dbw(1, 0)], written(4, b"\0\1")), ack_data(1, b"\x05\x01", b"\x05"), 0, True),
         (write(1, [dbw(1, 0)], written(4, b"\0\1")), ack_data(1, b"\x05\x02", b"\xff\xff"), COUNT_MISMATCH, False),
         (write(1, [dbw(1, 0)], written(4, b"\0\1")), ack_data(1, b"\x05\x01", b"\xff\xff"), BAD_DATA, False),
-        (write(1, [dbw(1, 0)], written(4, b"\0\1")), ack_data(1, b"\x05\x01", b""), BAD_DATA, False),
+        (write(1, [dbw(1, 0)], written(4, b"\0\1")), ack_data(1, b"\x05\x01", b""), BAD_DATA | UNCONFIRMED, True),
         (write(1, [dbw(1, 0)], written(4, b"\0\1")), ack_data(1, b"\x05\x01", b"", 0x8500), 0, True),
         (write(1, [dbw(1, 0)], written(4, b"\0\1")[:-1]), ack_data(1, b"\x05\x01", b"\xff"), BAD_REQUEST, False),
         (write(1, [dbw(1, 0)], written(4, b"\0\1") * 2), ack_data(1, b"\x05\x01", b"\xff"), BAD_REQUEST, False),

@@ -89,7 +89,7 @@ def row(result: ItemResult) -> Row:
             35,
             [("DB1.DBD0", 0xFF, "fffffffe", -2), ("DB1.DBB10", 0xFF, "616263", "abc"), ("C5", 0xFF, "0123", 123)],
         ),
-        (36, 37, [("DB68.DBB352 x2+DB72.DBB48", 0xFF, "ff0001ff7a", None)]),
+        (36, 37, [("DB68.DBB352", 0xFF, "0001", [0, 1]), ("DB72.DBB48", 0xFF, "7a", 0x7A)]),
         (40, 41, [("M2.0", 0xFF, "01", True)]),
         (42, 43, [("DB3.DBB5", 0xFF, "5a", 0x5A), ("DB3.DBW10", 0x05, "00640065", [100, 101])]),
     ],

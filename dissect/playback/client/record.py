@@ -22,11 +22,11 @@ class Record:
     Once it is finished, ``links`` are its connections by the packet that each began with: addresses may come again.
     """
 
-    def __init__(self, name: str, writer: PcapngWriter | None = None, carrier: PayloadDecoder | None = None) -> None:
+    def __init__(self, name: str, writer: PcapngWriter | None = None, decoder: PayloadDecoder | None = None) -> None:
         self.trouble = ""
         self.links: dict[int, Link] = {}
         self._reader = OrderedReader(name)
-        self._pipeline = Pipeline(self._reader, Options(decoder=carrier))
+        self._pipeline = Pipeline(self._reader, Options(decoder=decoder))
         self._writer = writer
         self._count = 0
         self._frames = 0

@@ -73,7 +73,7 @@ class Recorded:
         self.spans = {number: span for number, span in (spans or {}).items() if number in known}
 
 
-def load_recorded(path: str | os.PathLike[str], carrier: PayloadDecoder | None = None) -> Recorded:
+def load_recorded(path: str | os.PathLike[str], decoder: PayloadDecoder | None = None) -> Recorded:
     """Read a capture or a golden. Raises `CaptureError` for what is neither, or a golden that is wrong."""
     if os.fspath(path) != "-" and Path(path).is_file() and is_golden(path):
         try:
@@ -82,7 +82,7 @@ def load_recorded(path: str | os.PathLike[str], carrier: PayloadDecoder | None =
             raise ReplayError(str(error)) from None
         return Recorded(session, session.links)
     reader = OrderedReader(os.fspath(path))
-    run = Run([os.fspath(path)], reader, Options(decoder=carrier))
+    run = Run([os.fspath(path)], reader, Options(decoder=decoder))
     try:
         while run.step():
             pass

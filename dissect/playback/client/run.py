@@ -110,18 +110,18 @@ def replay(
     permissions: Permissions | None = None,
     settings: Settings | None = None,
     writer: PcapngWriter | None = None,
-    carrier: PayloadDecoder | None = None,
+    decoder: PayloadDecoder | None = None,
 ) -> Outcome:
     """Play the connections of ``plan`` (`make_plan`) to ``places`` (`places_of`), those together that were open together.
 
     Raises `ReplayError` when these are too many, before anything is sent.
 
-    Only reads are sent unless ``permissions`` say more. ``writer`` keeps what is exchanged, ``carrier`` decodes SCD in it.
+    Only reads are sent unless ``permissions`` say more. ``writer`` keeps what is exchanged, ``decoder`` decodes SCD in it.
     """
     settings = settings or Settings()
     if not settings.one_by_one:
         expect_few(plan)
-    record = Record(str(target), writer, carrier)
+    record = Record(str(target), writer, decoder)
     shared = Shared(permissions or Permissions(), settings, record)
     players = [Player(part, shared) for part in playable(plan)]
     try:

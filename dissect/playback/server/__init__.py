@@ -1,11 +1,11 @@
 """A PLC that says what a capture says: for clients that are to be tested without one (docs/serve.md).
 
-recording, script   what was asked and answered on each recorded connection, of a capture or a golden
-book, player         which recorded answer a request gets; reads and writes put together of recorded items
-image.Image          the memory of ``memory=True``
-faults, desk         what goes wrong on request; what was asked, and what nothing like was recorded of
-peer.Peer            one client, without its socket: TPKT, COTP, messages
-line, service        sockets, time, bounds: `Server`
+recording, model       what was asked and answered on each recorded connection, of a capture or a golden
+answer_index, player   which recorded answer a request gets; reads and writes put together of recorded items
+image.Image            the memory of ``memory=True``
+faults, request_log    what goes wrong on request; what was asked, and for which requests nothing was recorded
+session.ClientSession  one client, without its socket: TPKT, COTP, messages
+socket, service        sockets, time, bounds: `Server`
 """
 
 from dissect.playback.server.faults import Fault, parse_fault
