@@ -56,6 +56,8 @@ def _asked(pdu: PlusPdu, found: Contents) -> list[str]:
             f"{address.label}{f' = {value_text(values[number])}' if number in values else ''}"
             for number, address in enumerate(found.addresses, 1)
         ]
+    if found.object_id < 0:
+        return [object_text(one) for one in found.objects]
     if function == CREATE_OBJECT:
         return [f"in {short_name(found.object_id)}", *[object_text(one) for one in found.objects]]
     if function == DELETE_OBJECT or function == EXPLORE:

@@ -80,7 +80,9 @@ def test_crafting() -> None:
     assert bytes(request).hex() == "7201001231000005b30000000100000000340000000072010000"
     answer = S7Plus(version=1, content=[S7Plus_Response(function="InitSSL", sequence=1, body=b"\x00")])
     assert parse_plus(bytes(answer)).malformed == []
-    protected = S7Plus(version=3, digest=bytes(32), content=[S7Plus_Notification(subscription_id=0x70000007, body=b"\x05\x01")])
+    protected = S7Plus(
+        version=3, digest=bytes(32), content=[S7Plus_Notification(subscription_id=0x70000007, body=b"\x05\x01")]
+    )
     read = parse_plus(bytes(protected))
     assert (read.integrity, read.subscription_id, read.sequence, read.malformed) == (bytes(32), 0x70000007, 5, [])
     part = S7Plus(content=[Raw(b"more")], trailer=b"")
