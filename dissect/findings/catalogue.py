@@ -104,6 +104,8 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "Its head was read and it was paired; what it carries past the first 8 MiB was only counted.", ""),
     ("s7plus.malformed", WARNING, PROTOCOL, "The contents of an S7comm-plus PDU contradict themselves.",
      "A count, a length or a type does not fit; what follows it is kept as bytes. A faulty client, or an unknown format.", ""),
+    ("s7plus.notifications_lost", WARNING, FUNCTION, "S7comm-plus notifications are missing: their number leaps.",
+     "They were lost by the capture, or the PLC skipped them: values between were not reported.", ""),
     ("s7.unknown_rosctr", WARNING, PROTOCOL, "An S7 PDU has a kind (ROSCTR) that nobody knows.",
      "It was counted and left alone.", ""),
     ("s7.unknown_code", WARNING, PROTOCOL, "A function, area, syntax or transport size that nobody knows.",

@@ -9,9 +9,9 @@ from dissect.findings.observer import Observer, Options
 from dissect.findings.session_rules import judge_port
 from dissect.iso.upper import S7COMM_PLUS, UNKNOWN, UPPER_NAMES
 from dissect.s7plus.assembly import PlusAssembler
-from dissect.s7plus.message import PlusPdu, is_beginning, parse_plus
+from dissect.s7plus.message import SHORT_HEADS, PlusPdu, is_beginning, parse_plus
 from dissect.s7plus.parameters import PLUS, PlusParameterCache
-from dissect.s7plus.tables import NOTIFICATION, REQUEST, RESPONSE2
+from dissect.s7plus.tables import NOTIFICATION, REQUEST, RESPONSE2, V1
 from dissect.transactions.connection import Connection
 from dissect.transactions.table import Side
 
@@ -95,6 +95,7 @@ class PlusExchange(Exchange):
         parameters = self._plus_parameters.get(pdu.function)
         if pdu.opcode == NOTIFICATION:
             connection.set_client(1 - side.index)
+            self._count_notification(side, pdu, frame, time_ns)
             self.done(self.dialogue.push(side, 0, parameters, octets, 0, size, frame, time_ns))
             return
         sequence: i64 = pdu.sequence
@@ -114,3 +115,21 @@ class PlusExchange(Exchange):
                 return
             done = self.dialogue.answer(side, PLUS, sequence, parameters, octets, 0, size, 0, frame, time_ns)
         self._answered(done, frame, time_ns)
+
+    def _count_notification(self, side: Side, pdu: PlusPdu, frame: i64, time_ns: i64) -> None:
+        """Note missing notifications: those of a connection count up by one, whichever subscriptions they belong to.
+
+        Old S7-1200 count in one octet. What a hole of the capture swallowed was told with the hole.
+        """
+        plus = side.plus
+        if plus is None or pdu.sequence < 0 or pdu.version == V1:
+            return
+        before: i64 = plus.notified
+        number: i64 = pdu.sequence
+        plus.notified = number
+        expected: i64 = (before + 1) & (0xFF if pdu.subscription_id < SHORT_HEADS else 0xFFFFFFFF)
+        if before < 0 or number == expected or side.holes or number == 1:
+            return  # the first that is seen, the next one, or a session that begins anew
+        missing = f"number {number} follows {before}"
+        detail = f"{side.tcp.ends[side.index]}, subscription 0x{pdu.subscription_id:08x}: {missing}"
+        self.judge.note("s7plus.notifications_lost", side.connection.number, [frame], time_ns, detail)
