@@ -7,7 +7,7 @@ from typing import Final
 from dissect.wire.layout import Layout
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import OCTETS, SURPLUS, Part
-from dissect.wire.varint import read_varint
+from dissect.wire.varint import VLQ64, read_varint
 
 #: Levels of objects and values inside each other; the deepest in captures have seven.
 MAX_DEPTH: Final = 40
@@ -75,7 +75,11 @@ class Walk:
 
     def number(self, kind: int, field: str) -> int:
         """Read a number of variable size (dissect.wire.varint)."""
-        value, end = read_varint(self.octets, self.at, self.end, kind)
+        at = self.at
+        if kind >= VLQ64 and at < self.end and self.octets[at] < 0x80:
+            self.at = at + 1  # unsigned, of one octet, as most are
+            return self.octets[at]
+        value, end = read_varint(self.octets, at, self.end, kind)
         if end < 0:
             raise FormatError("too_short", field, self.at, max(1, self.left + 1), self.left)
         self.at = end
