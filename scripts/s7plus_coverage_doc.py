@@ -35,7 +35,7 @@ HEAD: Final = (
     "",
     "- *decoded as*: the structures that its PDUs are cut into, from the first byte behind the head to the last of the PDU",
     "- *seen*: PDUs, or occurrences, in the captures; `-` where there was none, so that it is known from sources only",
-    "- *compared*: responses whose integrity id is that of their request plus the sequence number, of those where both have one",
+    "- *compared*: responses whose integrity id is that of their request plus the sequence number, where both have one",
     "",
 )
 
@@ -130,7 +130,7 @@ def document(found: Census) -> str:
             lines.append(_function(found, row.number, f"`0x{row.number:04x}` {row.name}", opcode))
         if any([function == row.number and opcode == RESPONSE2 for function, opcode, _ in found.functions]):
             lines.append(_function(found, row.number, f"`0x{row.number:04x}` {row.name}", RESPONSE2))
-    lines.append(_function(found, -1, "–", NOTIFICATION))
+    lines.append(_function(found, -1, "none", NOTIFICATION))
     lines += ["", "## Value types", "", "| type | scalars | arrays | sparse arrays |", "|---|---|---|---|"]
     for row in VALUE_TYPES:
         counts = [_count(found.types[row.number, form]) for form in ("scalar", "array", "sparse")]

@@ -9,8 +9,7 @@ from typing import Final
 
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, Contents
-from dissect.s7plus.hiding import PASSWORDS
-from dissect.s7plus.ids import AREAS, BLOCK_KINDS, block_name, short_name
+from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, block_name, short_name
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.objects import PlusObject, every_object
 from dissect.s7plus.program import TYPE_INFO

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.s7plus.contents import Address, Contents
+from dissect.s7plus.ids import HIDDEN, SECRETS
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.program import Found, symbol
 from dissect.s7plus.session import PlusSession
@@ -19,7 +20,7 @@ from dissect.s7plus.tables import (
     SET_VARIABLE,
 )
 from dissect.s7plus.value_showing import as_json, value_said
-from dissect.s7plus.value_tables import UINT, USINT
+from dissect.s7plus.value_tables import UINT, USINT, WSTRING
 from dissect.s7plus.values import Value
 
 READS: Final = frozenset((GET_MULTI_VARIABLES, GET_VARIABLE, GET_VAR_SUBSTREAMED))
@@ -112,10 +113,14 @@ def join_items(asked: Half | None, told: Half | None, session: PlusSession | Non
         items = _notified(told, session)
     elif asked is not None and asked.pdu.function in READS | WRITES:
         items = _joined(asked, told if told is not None and told.pdu.function == asked.pdu.function else None)
-    if session is not None:
-        for item in items:
-            if item.address is not None:
-                item.found = session.program.find(item.address)
+    for item in items:
+        address = item.address
+        if address is None:
+            continue
+        if session is not None:
+            item.found = session.program.find(address)
+        if item.value is not None and (address.lids[-1] if address.lids else address.sub_area) in SECRETS:
+            item.value, item.data = Value(0, WSTRING, HIDDEN), None  # an answer to a read does not say so itself
     return items
 
 

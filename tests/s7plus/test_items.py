@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.s7plus.contents import Address
-from dissect.s7plus.hiding import HIDDEN, shown_contents, shown_half, without_secrets
+from dissect.s7plus.hiding import shown_contents, shown_half, without_secrets
+from dissect.s7plus.ids import HIDDEN
 from dissect.s7plus.items import REFUSED, PlusItem, join_items
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.objects import Attribute, PlusObject
@@ -239,3 +240,16 @@ def test_everything_else_is_shown() -> None:
     pdu = parse_plus(framed(asked(1, SET_VARIABLE, body=bodies.set_variable(52, [2167], FIVE)), 3))
     assert shown_contents(pdu)[1] == []
     assert without_secrets(pdu, []) == pdu.octets
+
+
+def test_a_password_that_is_read_back_is_not_shown() -> None:
+    body = bodies.get_stream(50, [7918]) + bodies.end(3)
+    (item,) = joined(
+        GET_VAR_SUBSTREAMED, body, b"\0\0" + build_value(Value(0, BLOB, Blob(0, PASSWORD))) + bodies.end(3)
+    )
+    assert (item.json_value, item.data, item.text) == (HIDDEN, None, f"WString '{HIDDEN}'")
+    address = Address(0, 50, 7919, [])
+    (item,) = joined(
+        GET_MULTI_VARIABLES, bodies.get_multi(address), bodies.multi_got([(1, Value(0, BLOB, Blob(0, PASSWORD)))], [])
+    )
+    assert (item.json_value, item.data) == (HIDDEN, None)
