@@ -10,6 +10,7 @@ from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.objects import PlusObject, build_object
+from dissect.s7plus.pieces import return_details
 from dissect.s7plus.tables import (
     BEGIN_SEQUENCE,
     CREATE_OBJECT,
@@ -312,3 +313,27 @@ def test_a_structure_in_an_answer() -> None:
 def test_contents_that_were_made_anonymous_are_no_contents(function: int, answer: bool) -> None:
     found = contents(function, (b"\0" if answer else b"") + bytes(50), answer=answer)
     assert (found.malformed, found.whole, found.parts[-1].layout.name) == ([], False, "octets")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0, "0 OK"),
+        (17, "0x11 Message session pre-legitimated"),
+        (
+            0xA6059400096DFF95,
+            "0xa6059400096dff95 Service not allowed; Service not allowed; from object management, line 2413",
+        ),
+        (
+            0xA03388000081FFE0,
+            "0xa03388000081ffe0 Invalid AID; Invalid attribute identifier; from object management, line 129",
+        ),
+        (
+            0x4000800000000011,
+            "0x4000800000000011 Message session pre-legitimated; from object management, line 0; details follow",
+        ),
+    ],
+)
+def test_what_a_return_value_says(value: int, text: str) -> None:
+    """Values of captures."""
+    assert return_details(value) == text

@@ -20,7 +20,9 @@ def test_rows(table: CodeTable) -> None:
     assert all(0 <= row.number < 1 << 4 * table.digits for row in rows)
 
 
-@pytest.mark.parametrize("table", [*MEANINGS.values(), IDS, DATATYPES, VALUE_TYPES, VALUE_FLAGS, TAGS, NOTIFIED, GENERIC_CODES, ORIGINS])
+@pytest.mark.parametrize(
+    "table", [*MEANINGS.values(), IDS, DATATYPES, VALUE_TYPES, VALUE_FLAGS, TAGS, NOTIFIED, GENERIC_CODES, ORIGINS]
+)
 def test_every_row_has_a_name(table: CodeTable) -> None:
     assert len(table) > 1
     assert all(row.name and (not row.text or row.text.endswith(".")) for row in table)
