@@ -100,8 +100,8 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
     # S7.
     ("s7.malformed", ERROR, PROTOCOL, "An S7 PDU contradicts itself.",
      "A length, count or type does not fit what is there; see the detail for the field.", ""),
-    ("s7.plus_too_long", NOTE, PROTOCOL, "An S7comm-plus PDU in many frames is longer than what is kept of it.",
-     "Its head was read and it was paired; what it carries past the first 8 MiB was only counted.", ""),
+    ("s7.plus_too_long", NOTE, PROTOCOL, "An S7comm-plus PDU is longer than what is kept of it, or holds too many values.",
+     "Its head was read and it was paired; past 8 MiB it was only counted, and with too many values it was not judged.", ""),
     ("s7plus.malformed", WARNING, PROTOCOL, "The contents of an S7comm-plus PDU contradict themselves.",
      "A count, a length or a type does not fit; what follows it is kept as bytes. A faulty client, or an unknown format.", ""),
     ("s7plus.notifications_lost", WARNING, FUNCTION, "S7comm-plus notifications are missing: their number leaps.",

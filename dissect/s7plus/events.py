@@ -40,6 +40,7 @@ from dissect.s7plus.tables import (
 )
 from dissect.s7plus.value_showing import value_text
 from dissect.s7plus.values import Value
+from dissect.s7plus.walk import MAX_WORK
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ, build_varint, read_varint
@@ -105,11 +106,15 @@ class Event:
 
 
 class Facts:
-    """What `take` found: events, and what is wrong with the contents, offsets counted from the beginning of the PDU."""
+    """What `take` found: events, and what is wrong with the contents, offsets counted from the beginning of the PDU.
 
-    __slots__ = ("events", "malformed")
+    ``exhausted`` tells of a PDU that takes more than `MAX_WORK`: what it holds is not known.
+    """
+
+    __slots__ = ("events", "exhausted", "malformed")
 
     def __init__(self) -> None:
+        self.exhausted = False
         self.events: list[Event] = []
         self.malformed: list[Malformed] = []
 
@@ -138,7 +143,8 @@ def take(session: PlusSession, function: int, request: bytes, response: bytes) -
 
 def _read(octets: bytes, facts: Facts) -> tuple[PlusPdu, Contents]:
     pdu = parse_plus(octets)
-    found = parse_contents(pdu, shown=False)
+    found = parse_contents(pdu, False, MAX_WORK)
+    facts.exhausted = facts.exhausted or found.exhausted
     if pdu.whole and not pdu.malformed:
         for fact in found.malformed:
             fact.offset = pdu.place(fact.offset)
@@ -212,7 +218,7 @@ def _created(session: PlusSession, facts: Facts, asked: Contents, told: Contents
             session.session_opened(told)
         facts.events.append(Event(SESSION, "", made[0] if made else 0))
     elif asked.object_id == _PROGRAM:
-        facts.events.append(Event(CHANGED, f"load {_blocks(asked.objects)}"))
+        facts.events.append(Event(CHANGED, f"load {_blocks(asked.objects) or 'objects that were not read'}"))
     for one in asked.objects:
         if asked.object_id == _ROOT and one.class_id == _HARDWARE:
             facts.events.append(Event(CHANGED, "load the hardware configuration"))

@@ -20,6 +20,7 @@ from dissect.s7plus.tables import (
 )
 from dissect.s7plus.value_tables import BLOB, BOOL, DINT, INT, UDINT, UINT, WSTRING
 from dissect.s7plus.values import Blob, Value, build_value
+from dissect.s7plus.walk import MAX_WORK
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
 from tests.s7plus.test_session import LIST, RECORD
@@ -227,6 +228,22 @@ def test_reads_are_not_looked_into() -> None:
     talk.ask(framed(asked(1, GET_MULTI_VARIABLES, body=b"no contents at all"), 3))
     talk.tell(framed(told(1, GET_MULTI_VARIABLES, b"\0no contents either" + bytes(4)), 3))
     assert said(talk) == []
+
+
+def test_a_pdu_with_too_many_values_is_told() -> None:
+    talk = begun()
+    many = Value(0x10, BOOL, [True] * (MAX_WORK + 1))
+    body = bodies.create_object(3, NOTHING, PlusObject(1, 2, 0, 0, 0, [Attribute(7, many)]), integrity_id=1)
+    data = asked(1, CREATE_OBJECT, body=body)
+    pieces = [framed(data[at : at + 900], 2, trailer=False) for at in range(0, len(data), 900)]
+    for at in range(0, len(pieces), 60):
+        talk.ask(*pieces[at : at + 60])
+    talk.ask(framed(b"\0", 2))
+    talk.tell(framed(told(1, CREATE_OBJECT, b"\0\0" + bodies.FILL), 2))
+    assert said(talk) == [
+        ("security.program_change", "load objects that were not read"),
+        ("s7.plus_too_long", "more than 100000 values"),
+    ]
 
 
 @pytest.mark.parametrize(
