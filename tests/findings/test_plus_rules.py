@@ -205,7 +205,7 @@ def test_names_of_a_cpu_are_known_on_all_its_connections() -> None:
     one, two = [transaction.connection for transaction in talk.transactions]
     assert one is two
     for number in range(MAX_CPUS + 1):
-        one.tcp.ends = (one.tcp.ends[0], Endpoint(number.to_bytes(4, "big"), 102))
+        one.tcp.ends = [one.tcp.ends[0], Endpoint(number.to_bytes(4, "big"), 102)]
         one.plus = None
         watch.take(talk.transactions[0])
     one.plus = None
@@ -213,7 +213,7 @@ def test_names_of_a_cpu_are_known_on_all_its_connections() -> None:
     assert one.plus is not None
     assert one.plus.label(Address(0, 0x8A0E0003, 2550, [14])) == 'DB3."level"'
     one.plus = None
-    one.tcp.ends = (one.tcp.ends[0], Endpoint(bytes(4), 102))
+    one.tcp.ends = [one.tcp.ends[0], Endpoint(bytes(4), 102)]
     watch.take(talk.transactions[1])  # of the first one, which was forgotten
     assert one.plus.label(Address(0, 0x8A0E0003, 2550, [14])) == "DB3 LID 14"
 
