@@ -1,26 +1,32 @@
 # make demo    a fresh machine: environment, install, analysis of a shipped capture, result on screen
 # make test    everything that has to hold, the engine both compiled and interpreted
 #
-# What is installed is a wheel in .venv, built from this tree; a run of pytest from there tests that wheel, and with
-# PYTHONPATH set to this folder the same tests run on the sources, interpreted. tests/conftest.py refuses a stale wheel.
+# make wheels  the files of a release for this machine, each built and tried (docs/release.md)
+#
+# What is installed is a wheel in .venv, built from this tree. A run of pytest from there tests the tree itself, interpreted,
+# and needs no rebuild; with S7DISSECT_EXPECT=compiled it tests that wheel, and tests/conftest.py refuses a stale one.
 
 VENV ?= .venv
 DEMO ?= captures/nodes7-poll-missing.pcapng
 # Processes that run tests side by side.
 JOBS ?= auto
+# In CI nothing falls back to interpreted.
+COMPILED := $(if $(CI),S7DISSECT_COMPILED=1)
 # Seconds for each fuzz target.
 FUZZ_SECONDS ?= 60
+# Rounds of the property tests.
+ROUNDS ?= 20
 
 BIN := $(VENV)/bin
 PYTEST := $(BIN)/pytest
 # The tests of the engine itself, which run on both builds.
 ENGINE := $(wildcard tests/wire tests/source tests/tcp tests/iso tests/s7 tests/transactions tests/findings \
-	tests/test_conversation.py tests/test_pipeline.py tests/test_session.py tests/report tests/properties)
+	tests/engine tests/test_session.py tests/report tests/properties)
 
 export PYTHONSAFEPATH := 1
 export VENV
 
-.PHONY: demo test lint types test-installed test-interpreted environment test-environment format coverage fuzz record clean
+.PHONY: demo test wheels container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz properties record clean
 .NOTPARALLEL:
 
 demo: environment
@@ -28,13 +34,17 @@ demo: environment
 
 test: test-environment lint types test-installed test-interpreted
 
+wheels:
+	scripts/wheels.sh
+
 environment:
-	scripts/environment.sh
+	$(COMPILED) scripts/environment.sh
 
 test-environment:
-	scripts/environment.sh test
+	$(COMPILED) scripts/environment.sh test
 	scripts/install-nodes7.sh
 	scripts/install-tshark.sh
+	scripts/install-sandbox.sh
 
 lint:
 	$(BIN)/ruff check .
@@ -47,7 +57,7 @@ types:
 test-installed:
 	@build=$$($(BIN)/s7dissect --version | sed 's/.*(\(.*\))/\1/'); \
 	if [ "$$build" != compiled ] && [ -n "$$CI" ]; then \
-		echo "make test: the wheel is not compiled; why stands in $(VENV)/s7dissect-wheel/build.log" >&2; exit 1; \
+		echo "make test: the wheel is not compiled; $(VENV)/s7dissect-wheel/build.log says why" >&2; exit 1; \
 	fi; \
 	export S7DISSECT_EXPECT=$$build S7DISSECT_WHEEL="$$(echo $(abspath $(VENV))/s7dissect-wheel/*.whl)"; \
 	set -ex; \
@@ -57,6 +67,10 @@ test-installed:
 test-interpreted:
 	S7DISSECT_EXPECT=interpreted PYTHONPATH=$(CURDIR) $(PYTEST) -n $(JOBS) --dist loadfile -m "not measured" $(ENGINE)
 
+# What docs/probe/Containerfile says, done in a temporary folder.
+container-steps: environment
+	$(BIN)/python scripts/container_steps.py
+
 format: test-environment
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
@@ -64,6 +78,15 @@ format: test-environment
 # Only interpreted code can be traced.
 coverage: test-environment
 	PYTHONPATH=$(CURDIR) $(PYTEST) -n $(JOBS) --dist loadfile -m "not measured" --cov --cov-report=term $(ENGINE)
+
+# Every property test with fresh seeds, round after round; a round that fails is repeated with SEED=the one it printed.
+properties: test-environment
+	@for round in $$(seq $(ROUNDS)); do \
+		seed=$${SEED:-$$(od -An -N4 -tu4 /dev/urandom | tr -d ' ')}; \
+		echo "round $$round of $(ROUNDS): --hypothesis-seed=$$seed"; \
+		CI= PYTHONPATH=$(CURDIR) $(PYTEST) -q -n $(JOBS) --dist loadfile -m "hypothesis and not measured" \
+			--hypothesis-seed=$$seed || exit 1; \
+	done
 
 # Every fuzz target for a while, one after the other (docs/fuzzing.md); only interpreted code shows atheris its branches.
 fuzz:
@@ -78,4 +101,4 @@ record:
 	env -u PYTHONSAFEPATH python3 captures/record/record.py $(NAMES)
 
 clean:
-	rm -rf $(VENV) build *.egg-info .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) build dist *.egg-info .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -1,8 +1,16 @@
 """Build the package: the hot modules compiled with mypyc where that is possible, interpreted where it is not.
 
-Everything declarative stands in pyproject.toml. A build that cannot compile is no failed build: it prints one line that says
-why, and the package runs the same source interpreted. ``S7DISSECT_INTERPRETED=1`` asks for that on purpose. (pip shows what a
-build prints only with ``-v``; ``s7dissect --version`` tells what was installed.)
+Everything declarative stands in pyproject.toml. Two variables of the environment choose the build:
+
+``S7DISSECT_COMPILED``
+    Not set: compile if that is possible here; if not, print one line that says why and install the same source, which runs
+    interpreted. ``1``: the same, but a build that cannot compile fails (CI and releases). ``0``: do not compile.
+
+``S7DISSECT_RELEASE``
+    Not set: compile fast, as a checkout wants it (one C file per module, side by side, optimized a little). ``1``: compile
+    for speed, as a published wheel wants it (one C file for the whole engine, optimized fully), which takes minutes.
+
+pip shows what a build prints only with ``-v``; ``s7dissect --version`` says which build is installed.
 """
 
 from __future__ import annotations
@@ -11,17 +19,19 @@ import os
 import shutil
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
+from setuptools.command.build_py import build_py
 
 # Only importable once setuptools has put its own copy in place.
 from distutils.ccompiler import new_compiler  # isort: skip
 from distutils.sysconfig import customize_compiler, get_python_inc  # isort: skip
 
-#: The modules on the way of every octet. They import the standard library, mypy_extensions and each other, nothing else.
+#: The modules on the way of every byte. They import the standard library, mypy_extensions and each other, nothing else.
 HOT: Final = (
     "dissect/wire/*.py",
     "dissect/source/packet.py",
@@ -34,47 +44,78 @@ HOT: Final = (
     "dissect/s7plus/*.py",
     "dissect/transactions/*.py",
     "dissect/findings/*.py",
-    "dissect/conversation.py",
-    "dissect/datagrams.py",
-    "dissect/waiting.py",
-    "dissect/gateway.py",
-    "dissect/pipeline.py",
+    "dissect/engine/*.py",
     "dissect/report/analysis.py",
     "dissect/report/json_text.py",
     "dissect/report/jsonl.py",
     "dissect/report/latency.py",
 )
 
-#: What of these stays interpreted: tables and layouts, which are made once when somebody looks at a body. Compiled, making
-#: them would be no faster, and the build would take half as long again.
-COLD: Final = frozenset(
-    (
-        "dissect/s7/diagnostic_tables.py",
-        "dissect/s7/programmer_layouts.py",
-        "dissect/s7/start_information.py",
-        "dissect/s7/szl_communication.py",
-        "dissect/s7/szl_modules.py",
-        "dissect/s7/szl_records.py",
-        "dissect/s7/szl_tables.py",
-        "dissect/s7plus/id_tables.py",
-        "dissect/s7plus/program_tables.py",
-        "dissect/s7plus/return_tables.py",
-    )
+#: What of these stays interpreted although it is imported by them: tables and layouts, which are made once and looked up
+#: in, and what parses acts that are rare on any line. Compiled, they would take a third of the build and save nothing that can
+#: be measured (docs/decisions/0002-one-source-compiled-by-mypyc.md says how to measure it).
+COLD: Final = (
+    "dissect/*/tables.py",
+    "dissect/*/*_tables.py",
+    "dissect/*/build.py",  # what no capture needs
+    "dissect/iso/layouts.py",  # ibh/layouts.py derives from a compiled class, which interpreted classes may not
+    "dissect/s7/layouts.py",
+    "dissect/s7plus/layouts.py",
+    "dissect/*/*_layouts.py",
+    "dissect/findings/catalogue.py",
+    "dissect/findings/mitre.py",
+    "dissect/findings/operation_rules.py",
+    "dissect/iso/foreign.py",
+    "dissect/s7/alarms.py",
+    "dissect/s7/block_names.py",
+    "dissect/s7/blocks.py",
+    "dissect/s7/clock.py",
+    "dissect/s7/control.py",
+    "dissect/s7/cyclic.py",
+    "dissect/s7/data_parts.py",
+    "dissect/s7/diagnostics.py",
+    "dissect/s7/errors.py",
+    "dissect/s7/hiding.py",
+    "dissect/s7/nc.py",
+    "dissect/s7/pbc.py",
+    "dissect/s7/programmer.py",
+    "dissect/s7/security.py",
+    "dissect/s7/services.py",
+    "dissect/s7/start_information.py",
+    "dissect/s7/syntaxes.py",
+    "dissect/s7/szl_communication.py",
+    "dissect/s7/szl_modules.py",
+    "dissect/s7/szl_records.py",
+    "dissect/s7/transfer.py",
+    "dissect/transactions/accounts.py",
+    "dissect/transactions/transfers.py",
+    "dissect/wire/hexdump.py",
+    "dissect/wire/saving.py",
 )
 
 #: The commands that need the extensions; metadata and editable installs do not (a compiled copy would hide later edits).
 BUILDING: Final = frozenset(("bdist", "bdist_wheel", "build", "build_ext", "install"))
 
+#: How many C compilers run side by side.
+JOBS: Final = os.cpu_count() or 1
 
-def say_interpreted(reason: str) -> None:
-    """Print the one line that tells that the engine is not compiled, and why."""
+#: The C files of a fast build: enough for the processors of a desk, and few, as each reads the same long headers.
+PARTS: Final = 8
+
+
+def interpreted(reason: str) -> list[Extension]:
+    """Return what is compiled when nothing is; say so and why, or end the build where it must not happen."""
+    if os.environ.get("S7DISSECT_COMPILED") == "1":
+        message = f"s7dissect: the engine cannot be compiled, and S7DISSECT_COMPILED=1 demands it: {reason}"
+        raise SystemExit(message)
     print(f"s7dissect: the engine is NOT compiled and runs interpreted, slower: {reason}", file=sys.stderr)
+    return []
 
 
 def hot_modules() -> list[str]:
     """Return the paths of the modules to compile; a package's ``__init__`` is never one of them."""
-    paths = (path for pattern in HOT for path in Path().glob(pattern))
-    return sorted(path.as_posix() for path in paths if path.name != "__init__.py" and path.as_posix() not in COLD)
+    hot, cold = ({path for pattern in patterns for path in Path().glob(pattern)} for patterns in (HOT, COLD))
+    return sorted(path.as_posix() for path in hot - cold if path.name != "__init__.py")
 
 
 def compiler_trouble() -> str:
@@ -94,15 +135,29 @@ def compiler_trouble() -> str:
     return ""
 
 
+def united(sources: list[str]) -> list[str]:
+    """Return C files that include the sources, in `PARTS` parts of about the same size, the same for every build."""
+    parts: list[list[str]] = [[] for _ in range(PARTS)]
+    sizes = [0] * PARTS
+    for source in sorted(sources, key=lambda name: (-Path(name).stat().st_size, name)):
+        smallest = sizes.index(min(sizes))
+        sizes[smallest] += Path(source).stat().st_size
+        parts[smallest].append(source)
+    files = [Path(sources[0]).with_name(f"part_{number}.c") for number in range(PARTS)]
+    for file, part in zip(files, parts, strict=True):
+        lines = [f'#include "{Path(source).relative_to(file.parent).as_posix()}"\n' for source in sorted(part)]
+        file.write_text("".join(lines), encoding="utf-8")
+    return [str(file) for file in files]
+
+
 def extensions() -> list[Extension]:
-    """Return the compiled form of the hot modules, empty (and told so) where there is no compiling them."""
-    if os.environ.get("S7DISSECT_INTERPRETED") == "1":
-        say_interpreted("asked for with S7DISSECT_INTERPRETED=1")
-        return []
+    """Return the compiled form of the hot modules, empty (and said so) where they cannot be compiled."""
+    if os.environ.get("S7DISSECT_COMPILED") == "0":
+        return interpreted("asked for with S7DISSECT_COMPILED=0")
     trouble = compiler_trouble()
     if trouble:
-        say_interpreted(trouble)
-        return []
+        return interpreted(trouble)
+    release = os.environ.get("S7DISSECT_RELEASE") == "1"
     try:
         from mypyc.build import mypycify
 
@@ -110,33 +165,66 @@ def extensions() -> list[Extension]:
             # No configuration file and no complaint about modules that are only looked at: what mypy demands of the code
             # is asked in the tests, with everything installed; a build needs the types alone.
             ["--config-file=", f"--cache-dir={os.devnull}", "--follow-imports=silent", *hot_modules()],
-            opt_level="3",
+            opt_level="3" if release else "1",
+            debug_level="0",
+            multi_file=not release,
             group_name="s7dissect",
         )
     except (Exception, SystemExit) as exc:  # noqa: BLE001 - mypycify ends the process when it rejects a module
-        say_interpreted(f"mypyc failed ({type(exc).__name__}: {exc}; what it said stands above)")
-        return []
+        return interpreted(f"mypyc failed ({type(exc).__name__}: {exc}; what it printed is above)")
     for extension in compiled:
         extension.optional = True
+        if len(extension.sources) > PARTS:
+            extension.sources = united(extension.sources)
         if new_compiler().compiler_type == "unix":
-            # The whole engine is one C file; without this its functions could be replaced from outside, so that none of
-            # them may be inlined into another.
+            # Without this the engine's functions could be replaced from outside, so that none of them may be inlined
+            # into another.
             extension.extra_compile_args.append("-fno-semantic-interposition")
     return compiled
 
 
 class AllOrNothing(build_ext):
-    """Builds every extension or leaves none behind: half an engine would not import."""
+    """Builds every extension, several side by side, or leaves none behind: half an engine would not import."""
 
     def build_extensions(self) -> None:
-        """Build; when one extension failed (setuptools has warned of it), remove the others and say so."""
+        """Build; if one extension failed (setuptools has warned of it), remove the others and say so."""
         outputs = {extension.name: Path(self.get_ext_fullpath(extension.name)) for extension in self.extensions}
+        if self.compiler.compiler_type == "unix":
+            self.parallel = JOBS
+            self.compiler.compile = SideBySide(self.compiler.compile)
         super().build_extensions()
         failed = [name for name, path in outputs.items() if not path.exists()]
         if failed:
             for path in outputs.values():
                 path.unlink(missing_ok=True)
-            say_interpreted(f"the C compiler failed on {', '.join(failed)}")
+            interpreted(f"the C compiler failed on {', '.join(failed)}")
+
+
+class SideBySide:
+    """A compiler's method ``compile`` that starts one process per source; setuptools compiles an extension's in turn."""
+
+    def __init__(self, compile_all: Any) -> None:
+        self.compile_all = compile_all
+
+    def __call__(self, sources: list[str], **options: Any) -> list[str]:
+        """Compile; the objects come in the order of the sources, so that the library is the same each time."""
+        with ThreadPoolExecutor(JOBS) as pool:
+            return [objects[0] for objects in pool.map(lambda source: self.compile_all([source], **options), sources)]
+
+
+class WithManual(build_py):
+    """Packs the pages of docs/ into the package, where `s7dissect help` finds them."""
+
+    def run(self) -> None:
+        """Build the package, then add the pages."""
+        super().run()
+        if self.editable_mode:
+            return  # the pages are found where they are
+        folder = Path(self.build_lib, "dissect", "help")
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        for page in sorted(Path("docs").glob("*.md")):
+            shutil.copyfile(page, folder / page.name)
 
 
 def build() -> None:
@@ -145,9 +233,10 @@ def build() -> None:
         # setuptools packs whatever an earlier build left here, modules that are gone or no longer compiled included.
         for stale in Path("build").glob("lib*"):
             shutil.rmtree(stale)
-        setup(ext_modules=extensions(), cmdclass={"build_ext": AllOrNothing})
+        setup(ext_modules=extensions(), cmdclass={"build_ext": AllOrNothing, "build_py": WithManual})
     else:
-        setup()
+        setup(cmdclass={"build_py": WithManual})
 
 
-build()
+if __name__ == "__main__":
+    build()

@@ -20,7 +20,7 @@ MS: Final = 1_000_000
 _SYN_OPTIONS: Final = bytes.fromhex("020405b401010402")
 
 
-class Draft:
+class RewritePlan:
     """A segment about to be sent; `build` makes the frame, once."""
 
     __slots__ = ("ack", "flags", "frame", "options", "payload", "sender", "seq", "time_ns", "units")
@@ -38,9 +38,9 @@ class Draft:
         self.options = b""
         self.frame = b""
 
-    def again(self, time_ns: int) -> Draft:
+    def again(self, time_ns: int) -> RewritePlan:
         """Return a copy sent at another time, which completes nothing."""
-        copy = Draft(time_ns, self.sender, self.flags, self.ack, self.payload)
+        copy = RewritePlan(time_ns, self.sender, self.flags, self.ack, self.payload)
         copy.seq = self.seq
         return copy
 
@@ -64,11 +64,13 @@ class Connection:
             sender.stamps = stamps
         self.senders[PLC].pad = pad
         self.senders[CLIENT].window = 64240
-        self.drafts: list[Draft] = []
+        self.drafts: list[RewritePlan] = []
 
-    def _put(self, time_ns: int, side: int, flags: int, payload: bytes = b"", units: tuple[Unit, ...] = ()) -> Draft:
+    def _put(
+        self, time_ns: int, side: int, flags: int, payload: bytes = b"", units: tuple[Unit, ...] = ()
+    ) -> RewritePlan:
         sender = self.senders[side]
-        draft = Draft(time_ns, sender, flags, self.senders[1 - side].seq, payload, units)
+        draft = RewritePlan(time_ns, sender, flags, self.senders[1 - side].seq, payload, units)
         sender.seq = (sender.seq + len(payload)) & 0xFFFFFFFF
         self.drafts.append(draft)
         return draft
@@ -76,9 +78,9 @@ class Connection:
     def open(self, time_ns: int, trip_ns: int) -> int:
         """Shake hands; return the time when it is done."""
         client, plc = self.senders
-        syn = Draft(time_ns, client, SYN, 0)
+        syn = RewritePlan(time_ns, client, SYN, 0)
         client.seq = (client.seq + 1) & 0xFFFFFFFF
-        both = Draft(time_ns + trip_ns, plc, SYN | ACK, client.seq)
+        both = RewritePlan(time_ns + trip_ns, plc, SYN | ACK, client.seq)
         plc.seq = (plc.seq + 1) & 0xFFFFFFFF
         syn.options = both.options = _SYN_OPTIONS
         self.drafts += (syn, both)
@@ -126,7 +128,7 @@ class Connection:
 
     def keep_alive(self, time_ns: int, side: int) -> int:
         """Send one octet of old data (with a zero in it, as most stacks do); the other side acknowledges."""
-        probe = Draft(time_ns, self.senders[side], ACK, self.senders[1 - side].seq, b"\x00")
+        probe = RewritePlan(time_ns, self.senders[side], ACK, self.senders[1 - side].seq, b"\x00")
         probe.seq = (probe.seq - 1) & 0xFFFFFFFF
         self.drafts.append(probe)
         return self.ack(time_ns + 300 * US, 1 - side)

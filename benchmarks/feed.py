@@ -16,7 +16,7 @@ from time import perf_counter_ns, thread_time_ns
 from typing import TYPE_CHECKING
 
 from benchmarks.streams import NAMES, SMALL, stream
-from dissect.pipeline import Pipeline
+from dissect.engine.pipeline import Pipeline
 from dissect.report.analysis import Analysis
 from dissect.wire.build import COMPILED
 
@@ -76,7 +76,7 @@ def feed(name: str, packets: int, size: int = SMALL) -> dict[str, object]:
     begun = thread_time_ns()
     pipeline.finish()
     end = thread_time_ns() - begun
-    counts = pipeline.packet_counts()
+    counts = pipeline.counters.packet_counts()
     return {
         "profile": name,
         "build": "compiled" if COMPILED else "interpreted",
@@ -88,7 +88,7 @@ def feed(name: str, packets: int, size: int = SMALL) -> dict[str, object]:
         "cpu_ns": {"half": half, "all": spent, "finish": end},
         "worst_ns": worst,
         "transactions": analysis.total,
-        "findings": sum(pipeline.conversation.judge.counts.values()),
+        "findings": sum(pipeline.finding_counts.values()),
     }
 
 

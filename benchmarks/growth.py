@@ -37,7 +37,9 @@ MOST_PACKET_MS = 50
 MOST_REPORT_MB = 10
 
 #: Finds the package first and these benchmarks after it, so that an installed package is not shadowed by the tree.
-_CHILD = "import sys, dissect.pipeline; sys.path.append({root!r}); from benchmarks.feed import main; sys.exit(main())"
+_CHILD = (
+    "import sys, dissect.engine.pipeline; sys.path.append({root!r}); from benchmarks.feed import main; sys.exit(main())"
+)
 
 Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
 

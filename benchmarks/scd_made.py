@@ -17,10 +17,11 @@ from typing import Any
 
 import msgspec
 
+from dissect.scd.check import raw_span
 from dissect.scd.dictionary import Dictionary
+from dissect.scd.layout import Key
 from dissect.scd.mapping import Entry, pack_entry
 from dissect.scd.model import Variable
-from dissect.scd.packing import Key
 from dissect.scd.plain import as_plain
 from dissect.scd.ranges import PDO_BASES
 from dissect.scd.records import (
@@ -114,6 +115,8 @@ def same(one: object, other: object) -> bool:
     """Whether two values are the same to the bit; NaN is the same as NaN."""
     if isinstance(one, float) and isinstance(other, float):
         return struct.pack("<d", one) == struct.pack("<d", other) or (one != one and other != other)  # noqa: PLR0124
+    if isinstance(one, NetTime) and isinstance(other, NetTime):  # of which scale is the dictionary's business
+        return one == other
     return type(one) is type(other) and one == other
 
 
@@ -183,8 +186,9 @@ class _Maker:
         dice = self.dice
         if kind.kind not in NUMERIC or self.flip(0.7):
             return None
-        numbers = sorted({dice.choice((dice.getrandbits(63), dice.randint(-9, 9))) for _ in range(dice.randrange(4))})
-        limits = sorted(dice.choice((dice.getrandbits(64), dice.uniform(-9, 9))) for _ in range(2))
+        least, most = raw_span(kind) or (-(1 << 63), (1 << 63) - 1)
+        numbers = sorted({dice.choice((dice.randint(least, most), least, most)) for _ in range(dice.randrange(4))})
+        limits = sorted(dice.choice((dice.randint(least, most), dice.uniform(least, most))) for _ in range(2))
         low, high = (limit if self.flip() else None for limit in limits)
         texts = [(number, self.name()) for number in numbers]
         return Traits("°C\t", dice.choice((1.0, -0.5, 1e300)), dice.choice((0.0, -0.5, 7.25)), low, high, texts)

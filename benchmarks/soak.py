@@ -47,9 +47,7 @@ PARTS: Final = ("rates", "hold", "delay", "silence", "day")
 LOADS: Final = (0, 20_000, 75_000, -1)
 _MARKS: Final = 20.0
 #: Finds the package first and these benchmarks after it.
-_DAY: Final = (
-    "import sys, dissect.pipeline; sys.path.append({root!r}); from benchmarks.soak_day import main; sys.exit(main())"
-)
+_DAY: Final = "import sys, dissect.engine.pipeline; sys.path.append({root!r}); from benchmarks.soak_day import main; sys.exit(main())"
 
 Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
 

@@ -22,7 +22,7 @@ from benchmarks.pdus import ACK_DATA, JOB, READ, answer, connect_tpdu, request, 
 from dissect.alerts.dispatcher import Dispatcher
 from dissect.alerts.engine import AlertEngine
 from dissect.alerts.loading import parse_rules
-from dissect.findings.observer import Observer, Options
+from dissect.engine.observer import Observer, Options
 from dissect.live.alerting import AlertCompanion
 from dissect.live.json_lines import JsonLines
 from dissect.live.run import Companion, LiveRun
@@ -262,7 +262,7 @@ def spend(hours: float, churn: int, busy_every: int) -> dict[str, object]:
         "hours": reader.second / 3600,
         "packets": reader.packets,
         "connections": day.opened + _POLLING + _UNANSWERED,
-        "transactions": run.pipeline.conversation.dialogue.count,
+        "transactions": run.pipeline.exchange.dialogue.count,
         "findings": told.findings,
         "alerts": alerts[0],
         "lines": told.lines,

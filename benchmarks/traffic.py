@@ -14,7 +14,7 @@ from benchmarks.station import Station
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from benchmarks.connection import Connection, Draft
+    from benchmarks.connection import Connection, RewritePlan
     from benchmarks.truth import Truth, Unit
 
 #: 2024-03-04 05:06:07 UTC: where made captures begin.
@@ -128,7 +128,7 @@ class Traffic:
             return max(delay, 0)
         return 0
 
-    def _swap(self, drafts: list[Draft]) -> int:
+    def _swap(self, drafts: list[RewritePlan]) -> int:
         """Capture a packet just after its follower instead of before it, whatever their directions, if they were close."""
         near = [at for at in range(len(drafts) - 1) if drafts[at + 1].time_ns - drafts[at].time_ns < _DISORDER_NS]
         if not near:
@@ -140,7 +140,7 @@ class Traffic:
         drafts[first], drafts[first + 1] = drafts[first + 1], drafts[first]
         return 0
 
-    def _duplicate(self, drafts: list[Draft]) -> int:
+    def _duplicate(self, drafts: list[RewritePlan]) -> int:
         """Deliver a packet twice, octet for octet, as a mirror of two ports does."""
         at = self._rng.randrange(len(drafts))
         copy = drafts[at].again(drafts[at].time_ns + self._rng.randrange(1, 6) * US)
@@ -148,7 +148,7 @@ class Traffic:
         drafts.insert(at + 1, copy)
         return 0
 
-    def _retransmit(self, drafts: list[Draft]) -> int:
+    def _retransmit(self, drafts: list[RewritePlan]) -> int:
         """Send a segment again after a timeout, with a part of its neighbour when that is of the same side."""
         full = [at for at, draft in enumerate(drafts) if draft.payload]
         if not full:
@@ -168,7 +168,7 @@ class Traffic:
         drafts.insert(behind, copy)
         return pause
 
-    def _lose(self, station: Station, drafts: list[Draft]) -> int:
+    def _lose(self, station: Station, drafts: list[RewritePlan]) -> int:
         """Let the capture miss a segment that the far end got."""
         full = [at for at, draft in enumerate(drafts) if draft.payload]
         if not full or station.since_loss < _QUIET:

@@ -20,15 +20,15 @@ _PUBLIC: Final = {
     "CaptureError": "dissect.source.packet",
     "Connection": "dissect.transactions.connection",
     "Finding": "dissect.findings.finding",
-    "Observer": "dissect.conversation",
+    "Observer": "dissect.engine.observer",
     "Operation": "dissect.transactions.operation",
-    "Options": "dissect.conversation",
+    "Options": "dissect.engine.observer",
     "Analysis": "dissect.report.analysis",
     "Pdu": "dissect.s7.message",
-    "Pipeline": "dissect.pipeline",
+    "Pipeline": "dissect.engine.pipeline",
     "PlusPdu": "dissect.s7plus.message",
     "Run": "dissect.session",
-    "ScdMessage": "dissect.transactions.carried",
+    "ScdMessage": "dissect.transactions.payloads",
     "Transaction": "dissect.transactions.transaction",
     "TransactionError": "dissect.transactions.transaction",
     "analyze": "dissect.session",
@@ -36,10 +36,10 @@ _PUBLIC: Final = {
 }
 
 if TYPE_CHECKING:
-    from dissect.conversation import Observer as Observer
-    from dissect.conversation import Options as Options
+    from dissect.engine.observer import Observer as Observer
+    from dissect.engine.observer import Options as Options
+    from dissect.engine.pipeline import Pipeline as Pipeline
     from dissect.findings.finding import Finding as Finding
-    from dissect.pipeline import Pipeline as Pipeline
     from dissect.report.analysis import Analysis as Analysis
     from dissect.s7.message import Pdu as Pdu
     from dissect.s7plus.message import PlusPdu as PlusPdu
@@ -47,9 +47,9 @@ if TYPE_CHECKING:
     from dissect.session import analyze as analyze
     from dissect.session import open as open
     from dissect.source.packet import CaptureError as CaptureError
-    from dissect.transactions.carried import ScdMessage as ScdMessage
     from dissect.transactions.connection import Connection as Connection
     from dissect.transactions.operation import Operation as Operation
+    from dissect.transactions.payloads import ScdMessage as ScdMessage
     from dissect.transactions.transaction import Transaction as Transaction
     from dissect.transactions.transaction import TransactionError as TransactionError
 else:
@@ -61,8 +61,24 @@ else:
             message = f"module {__name__!r} has no attribute {name!r}"
             raise AttributeError(message)
         value = getattr(importlib.import_module(home), name)
+        if isinstance(value, type) and not value.__doc__:
+            value.__doc__ = _written_doc(value.__module__, name)
         globals()[name] = value
         return value
+
+
+def _written_doc(home: str, name: str) -> str | None:
+    """Return the text of a class as it stands in the source of its module, which is installed too: mypyc leaves it out."""
+    import re
+    from inspect import cleandoc
+    from pathlib import Path
+
+    try:
+        source = Path(__file__).parent.joinpath(*home.split(".")[1:]).with_suffix(".py").read_text(encoding="utf-8")
+    except OSError:
+        return None
+    found = re.search(rf'^class {name}\b[^\n]*:\n    """(.*?)"""', source, re.MULTILINE | re.DOTALL)
+    return cleandoc(found[1]) if found else None
 
 
 def __dir__() -> list[str]:

@@ -6,24 +6,24 @@ more than `CONTINUES_NS` later, as the files of a ring buffer do) continues its 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
-from dissect.conversation import Observer, Options
-from dissect.findings.carrier import Carrier
+from dissect.engine.observer import Observer, Options
+from dissect.engine.payload import PayloadDecoder
+from dissect.engine.pipeline import Pipeline
 from dissect.findings.finding import Finding
-from dissect.pipeline import Pipeline
 from dissect.report.analysis import Analysis
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.source.files import open_capture
 from dissect.source.packet import PacketSink, Reader, SourceFile
-from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
+from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
 
@@ -57,8 +57,10 @@ class Run:
     Raises `CaptureError` from `step` when a file cannot be read at all.
     """
 
-    def __init__(self, paths: Sequence[str], observer: Observer, options: Options | None = None) -> None:
-        self._paths = list(paths)
+    def __init__(
+        self, paths: Sequence[str | os.PathLike[str]], observer: Observer, options: Options | None = None
+    ) -> None:
+        self._paths = [os.fspath(path) for path in paths]
         self._observer = observer
         self._options = options
         self._reader: Reader | None = None
@@ -112,8 +114,8 @@ class Run:
         file.damage = reader.damage
         file.rejected = reader.rejected
         file.notes = list(reader.notes)
-        if reader.damage:
-            self.pipeline.note_damage(f"{file.name}: {reader.damage}")
+        if file.loss:
+            self.pipeline.note_damage(f"{file.name}: {file.loss}")
         reader.close()
 
 
@@ -147,7 +149,9 @@ class _Queue(Observer):
         self.events.append(connection)
 
 
-def _carrier(scd: str | Path | Dictionary | None, bind: str | Path | None) -> Carrier | None:
+def _decoder(
+    scd: str | os.PathLike[str] | Dictionary | None, bind: str | os.PathLike[str] | None
+) -> PayloadDecoder | None:
     """Return what decodes SCD, None where nothing is asked for. ValueError when only one half is given."""
     if scd is None and bind is None:
         return None
@@ -159,12 +163,12 @@ def _carrier(scd: str | Path | Dictionary | None, bind: str | Path | None) -> Ca
 
 
 def open(
-    path: str,
-    *more: str,
+    path: str | os.PathLike[str],
+    *more: str | os.PathLike[str],
     pdus: bool = True,
     slow_ns: int = 1_000_000_000,
-    scd: str | Path | Dictionary | None = None,
-    bind: str | Path | None = None,
+    scd: str | os.PathLike[str] | Dictionary | None = None,
+    bind: str | os.PathLike[str] | None = None,
     checksums: bool = False,
 ) -> Iterator[Event]:
     """Iterate the events of one capture or several: PDUs, transactions, operations and findings, connections at their end.
@@ -176,7 +180,7 @@ def open(
     `dissect.bindings.BindingError` for a dictionary or a bindings file that is wrong.
     """
     queue = _Queue(pdus)
-    run = Run([path, *more], queue, Options(slow_ns, carrier=_carrier(scd, bind), checksums=checksums))
+    run = Run([path, *more], queue, Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums))
     while run.step():
         yield from queue.events
         queue.events = []
@@ -184,11 +188,11 @@ def open(
 
 
 def analyze(
-    path: str,
-    *more: str,
+    path: str | os.PathLike[str],
+    *more: str | os.PathLike[str],
     slow_ns: int = 1_000_000_000,
-    scd: str | Path | Dictionary | None = None,
-    bind: str | Path | None = None,
+    scd: str | os.PathLike[str] | Dictionary | None = None,
+    bind: str | os.PathLike[str] | None = None,
     checksums: bool = False,
 ) -> Analysis:
     """Fold one capture or several into an `Analysis`: connections, transactions by function, answer times, findings, loss.
@@ -197,7 +201,7 @@ def analyze(
     Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding.
     """
     analysis = Analysis()
-    run = Run([path, *more], analysis, Options(slow_ns, carrier=_carrier(scd, bind), checksums=checksums))
+    run = Run([path, *more], analysis, Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums))
     while run.step():
         pass
     analysis.take(run.pipeline, run.files)

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
-from dissect.conversation import Observer
+from dissect.engine.observer import Observer
 from dissect.iso import tables as iso
 from dissect.iso.cotp import parse_tpdu
 from dissect.layers import S7, TPKT

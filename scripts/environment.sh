@@ -27,8 +27,10 @@ fingerprint() {
   "$venv/bin/python" - <<'PROGRAM'
 import hashlib, os, pathlib, sys
 
-seen = hashlib.sha256(repr((sys.version, os.environ.get("CC"), os.environ.get("S7DISSECT_INTERPRETED"))).encode())
+switches = [os.environ.get(name) for name in ("CC", "CFLAGS", "S7DISSECT_COMPILED", "S7DISSECT_RELEASE")]
+seen = hashlib.sha256(repr((sys.version, switches)).encode())
 files = [path for path in pathlib.Path("dissect").rglob("*") if path.is_file() and path.suffix != ".pyc"]
+files += pathlib.Path("docs").glob("*.md")  # packed as the pages of `s7dissect help`
 for path in [*sorted(files), *map(pathlib.Path, ("setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"))]:
     seen.update(repr((str(path), path.read_bytes())).encode())
 print(seen.hexdigest())
@@ -43,23 +45,33 @@ if ! "$venv/bin/python" -c 'import pip' 2>/dev/null; then
 fi
 pip=("$venv/bin/python" -m pip --disable-pip-version-check --no-input -q)
 
+requirements() {
+  "$venv/bin/python" -c 'import tomllib
+with open("pyproject.toml", "rb") as file:
+    print("\n".join(tomllib.load(file)["project"]["dependencies"]))'
+}
+
 print=$(fingerprint)
 if [ "$(cat "$wheels/built" 2>/dev/null)" != "$print" ]; then
   echo "environment: building the package"
   # Never pack what an earlier build left behind.
   rm -rf build s7dissect.egg-info "$wheels"
   mkdir -p "$wheels"
+  # What the package needs comes meanwhile: a good part of the build keeps one processor busy. What fails here fails again below.
+  requirements >"$wheels/requirements.txt"
+  "${pip[@]}" install -r "$wheels/requirements.txt" </dev/null >"$wheels/requirements.log" 2>&1 &
   if ! "$venv/bin/python" -m pip --disable-pip-version-check --no-input -v wheel --no-deps --wheel-dir "$wheels" . \
     >"$wheels/build.log" 2>&1 </dev/null; then
     cat "$wheels/build.log" >&2
     exit 1
   fi
   # pip keeps to itself what the build said; what mypyc objected to, and the line that tells of the fallback, matter.
-  grep -E 's7dissect: the engine is NOT compiled|^ *dissect/[^ ]*\.py:[0-9]+: error' "$wheels/build.log" | sed 's/^ *//' || true
+  grep -E 's7dissect: the engine (is NOT|cannot be) compiled|^ *dissect/[^ ]*\.py:[0-9]+: error' "$wheels/build.log" | sed 's/^ *//' || true
   rm -rf build s7dissect.egg-info
   echo "$print" >"$wheels/built"
 fi
 
+wait
 wheel=$(echo "$wheels"/*.whl)
 if [ ! -e "$wheels/installed-$extra" ]; then
   echo "environment: installing it${extra:+ with what the ${extra}s need}"

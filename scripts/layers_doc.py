@@ -6,7 +6,10 @@ import re
 import sys
 from typing import Final
 
+from scapy.packet import Packet
+
 import dissect.layers
+from dissect.layers.part_tables import SECTIONS
 from dissect.layers.parts import CLASSES
 
 HEAD: Final = """\
@@ -18,17 +21,30 @@ named in *filled in* count something and may be left out. This page is made by `
 """
 
 
+def titled() -> dict[str, list[type[Packet]]]:
+    """Return the classes by the title they stand under: their section in the table, else their module's."""
+    sections = {row.name: title for title, rows in SECTIONS.items() for row in rows}
+    found: dict[str, list[type[Packet]]] = {}
+    for cls in CLASSES.values():
+        title = sections.get(cls.__name__)
+        if title is None:
+            title = re.split(r",? as Scapy|:", (sys.modules[cls.__module__].__doc__ or "").split("\n")[0])[0]
+        found.setdefault(title, []).append(cls)
+    return found
+
+
 def main() -> None:
-    """Print the page, one table a module."""
+    """Print the page, one table a section."""
+    sources = {cls: layout.source for layout, cls in CLASSES.items()}
     page = [HEAD]
-    modules: dict[str, list[str]] = {}
-    for layout, cls in sorted(CLASSES.items(), key=lambda item: item[1].__name__):
-        filled = [f"`{name}`" for name, default in cls().default_fields.items() if default is None and name != "fill"]
-        text = re.sub(r" ``[^.]* filled in when left out\.$", "", (cls.__doc__ or "").split("\n")[0]).replace("``", "`")
-        row = f"| `{cls.__name__}` | {text} | {layout.source} | {', '.join(filled)} |"
-        modules.setdefault(cls.__module__, []).append(row)
-    for name, rows in sorted(modules.items()):
-        title = re.split(r",? as Scapy|:", (sys.modules[name].__doc__ or "").split("\n")[0])[0]
+    for title, classes in sorted(titled().items()):
+        rows = []
+        for cls in sorted(classes, key=lambda cls: cls.__name__):
+            filled = [
+                f"`{name}`" for name, default in cls().default_fields.items() if default is None and name != "fill"
+            ]
+            text = re.sub(r" ``[^.]* filled in when left out\.$", "", (cls.__doc__ or "").split("\n")[0])
+            rows.append(f"| `{cls.__name__}` | {text.replace('``', '`')} | {sources[cls]} | {', '.join(filled)} |")
         page.append(
             f"\n## {title}\n\n| class | what | source | filled in |\n|---|---|---|---|\n" + "\n".join(rows) + "\n"
         )

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from dissect.conversation import Observer
+from dissect.engine.observer import Observer
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.id_tables import IDS

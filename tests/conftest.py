@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+import atexit
+import io
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final
+from typing import Final, TextIO
 
 import hypothesis
 import pytest
 
-import dissect
-from dissect.wire.build import COMPILED
-
 ROOT: Final = Path(__file__).resolve().parent.parent
+#: The build that has to be under test. Nobody asked for one: this tree, so that a change is tested as it stands.
+EXPECTED: Final = os.environ.get("S7DISSECT_EXPECT")
+if EXPECTED is None:
+    sys.path.insert(0, str(ROOT))
+
+import dissect  # noqa: E402 - which package that is was decided above
+from dissect.wire.build import COMPILED  # noqa: E402
+
+pytest_plugins: Final = ("dissect.testing.plugin",)
+
 LOCATION: Final = Path(dissect.__file__).resolve().parent
 MODE: Final = "compiled" if COMPILED else "interpreted"
 
@@ -29,11 +40,16 @@ if LOCATION.parent == ROOT:
     os.environ["PYTHONPATH"] = str(ROOT)
 
 
+# What would wait on this machine for its next start waits in a folder of the run instead.
+os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="s7dissect-state-")
+os.environ.pop("STATE_DIRECTORY", None)
+atexit.register(shutil.rmtree, os.environ["XDG_STATE_HOME"], ignore_errors=True)
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Refuse to test another build than the one asked for, or an installed package that is not this tree."""
-    expected = os.environ.get("S7DISSECT_EXPECT")
-    if expected is not None and expected != MODE:
-        message = f"S7DISSECT_EXPECT={expected}, but the package in {LOCATION} runs {MODE}"
+    if EXPECTED is not None and EXPECTED != MODE:
+        message = f"S7DISSECT_EXPECT={EXPECTED}, but the package in {LOCATION} runs {MODE}"
         raise pytest.UsageError(message)
     stale = _differing()
     if stale:
@@ -75,13 +91,46 @@ def _differing() -> list[str]:
     )
 
 
+def _output() -> TextIO:
+    """Return what can stand for standard output: a stream of text with a descriptor, into a file without a name."""
+    return io.TextIOWrapper(tempfile.TemporaryFile(), encoding="utf-8", newline="")
+
+
+def _written(stream: TextIO) -> bytes:
+    stream.flush()
+    stream.buffer.seek(0)
+    return stream.buffer.read()
+
+
 class Command:
-    """The command line, run as a process of its own the way a person runs it."""
+    """The command line: in this process, and as one of its own where standard input or output is what matters."""
 
     def __call__(
         self, *arguments: str | Path, stdin: bytes = b"", stdout: int | None = None
     ) -> subprocess.CompletedProcess[bytes]:
         """Run ``s7dissect`` with ``arguments``; ``stdout`` is a file descriptor to write to instead of being collected."""
+        if stdin or stdout is not None:
+            return self.process(*arguments, stdin=stdin, stdout=stdout)
+        from dissect.cli.main import main
+
+        with _output() as out, _output() as err:
+            standing = sys.stdout, sys.stderr
+            sys.stdout, sys.stderr = out, err
+            try:
+                main([str(argument) for argument in arguments])
+                code: object = "it returned"
+            except SystemExit as end:
+                code = end.code
+            finally:
+                sys.stdout, sys.stderr = standing
+            assert isinstance(code, int), code
+            written = [_written(stream) for stream in (out, err)]
+        return subprocess.CompletedProcess(arguments, code, *written)
+
+    def process(
+        self, *arguments: str | Path, stdin: bytes = b"", stdout: int | None = None
+    ) -> subprocess.CompletedProcess[bytes]:
+        """Run it as a process of its own, the way a person runs it."""
         return subprocess.run(
             [sys.executable, "-m", "dissect", *map(str, arguments)],
             input=stdin,

@@ -19,6 +19,7 @@ PACKAGE: Final = Path(__file__).resolve().parent.parent / "dissect"
 #: The way of a byte. A room imports itself and what stands before it.
 ORDER: Final = (
     "wire",
+    "config",
     "scd",
     "source",
     "tcp",
@@ -28,11 +29,7 @@ ORDER: Final = (
     "s7plus",
     "transactions",
     "findings",
-    "conversation",
-    "gateway",
-    "datagrams",
-    "waiting",
-    "pipeline",
+    "engine",
     "bindings",
     "report",
     "recording",
@@ -44,9 +41,9 @@ ORDER: Final = (
     "live",
     "monitor",
     "metrics",
+    "net",
     "proxy",
-    "server",
-    "replay",
+    "playback",
     "layers",
     "oracle",
     "testing",
@@ -65,11 +62,7 @@ PURE: Final = frozenset(
         "s7plus",
         "transactions",
         "findings",
-        "conversation",
-        "gateway",
-        "datagrams",
-        "waiting",
-        "pipeline",
+        "engine",
     )
 )
 PURE_IMPORTS: Final = frozenset(
@@ -86,6 +79,7 @@ PURE_IMPORTS: Final = frozenset(
         "math",
         "mypy_extensions",
         "operator",
+        "re",
         "struct",
         "typing",
         "zlib",
@@ -146,7 +140,8 @@ FOREIGN: Final = frozenset(
 )
 EMPTY_NAMES: Final = frozenset(("base", "common", "helpers", "manager", "misc", "util", "utils"))
 
-MAX_LINES: Final = 400
+#: A file past this is usually two things. Never cut one thing in two to stay below it.
+MAX_LINES: Final = 600
 #: Tables are as long as what they list.
 TABLES: Final = re.compile(r"(^|_)(tables|errors)\.py$")
 
@@ -246,9 +241,11 @@ def the_engine_is_pure(module: str, tree: ast.Module) -> list[str]:
 
 def nothing_runs_what_it_reads(module: str, tree: ast.Module) -> list[str]:
     wrong = [f"{module}:{line}: {name}" for line, name in imports(tree) if name.split(".")[0] in DANGEROUS_IMPORTS]
-    for node in ast.walk(tree):
-        if isinstance(node, ast.keyword) and node.arg == "shell":
-            wrong.append(f"{module}:{node.lineno}: a shell")
+    wrong += [
+        f"{module}:{node.lineno}: a shell"
+        for node in ast.walk(tree)
+        if isinstance(node, ast.keyword) and node.arg == "shell"
+    ]
     return wrong + [
         f"{module}:{line}: {name}()"
         for line, name, attribute in calls(tree)
@@ -328,7 +325,7 @@ def test_rule_holds(rule: Rule, modules: dict[str, ast.Module]) -> None:
         (packages_stay_in_their_room, "dissect.cli.show", "def late():\n    from scapy.all import rdpcap"),
         (packages_stay_in_their_room, "dissect.layers.s7", "import pyshark"),
         (the_engine_is_pure, "dissect.s7.message", "import time"),
-        (the_engine_is_pure, "dissect.pipeline", "from asyncio import sleep"),
+        (the_engine_is_pure, "dissect.engine.pipeline", "from asyncio import sleep"),
         (the_engine_is_pure, "dissect.findings.rules", "print('found')"),
         (the_engine_is_pure, "dissect.iso.tpkt", "octets = open('x').read()"),
         (the_engine_is_pure, "dissect.s7.values", "from datetime import datetime\nt = datetime.now()"),
@@ -398,7 +395,7 @@ def test_importing_is_cheap(statement: str) -> None:
         "asyncio",
         "logging",
         "dissect.session",
-        "dissect.pipeline",
+        "dissect.engine.pipeline",
         "dissect.s7",
     ]
     code = f"{statement}\nimport sys\nprint(*[name for name in {heavy!r} if name in sys.modules])"
@@ -413,7 +410,14 @@ def test_version_and_help_are_cheap(option: str) -> None:
     assert "click" in imported
     assert {name for name in imported if name.split(".")[0] in {"scapy", "rich", "msgspec", "pyshark"}} == set()
     ours = {name for name in imported if name.startswith("dissect")}
-    assert ours == {"dissect", "dissect.cli", "dissect.cli.main", "dissect.wire", "dissect.wire.build"}
+    assert ours == {
+        "dissect",
+        "dissect.cli",
+        "dissect.cli.main",
+        "dissect.wire",
+        "dissect.wire.build",
+        "dissect.wire.text",
+    }
 
 
 def python(*arguments: str) -> subprocess.CompletedProcess[str]:

@@ -16,11 +16,18 @@ import pytest
 import dissect
 
 ROOT: Final = Path(__file__).resolve().parent.parent
-SOURCES: Final = ("dissect", "setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE")
+SOURCES: Final = ("dissect", "setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "docs")
 
 #: What is compiled, said once more and independently of setup.py.
 HOT: Final = re.compile(
     r"dissect/((wire|tcp|iso|ibh|s7|s7plus|transactions|findings)/\w+|source/(packet|pcap|pcapng)|conversation|gateway|datagrams|pipeline|waiting|report/(analysis|json_text|jsonl|latency))\.py"
+)
+#: What of it is not: tables and layouts, and what parses acts that are rare on any line.
+COLD: Final = re.compile(
+    r"dissect/(.*/__init__|\w+/(\w+_)?tables|(iso|s7|s7plus)/layouts|\w+/\w+_layouts|findings/(catalogue|mitre|operation_rules)"
+    r"|iso/foreign|s7/(alarms|block_names|blocks|clock|control|cyclic|data_parts|diagnostics|errors|hiding|nc|pbc|programmer"
+    r"|security|services|start_information|syntaxes|szl_communication|szl_modules|szl_records|transfer)"
+    r"|transactions/(accounts|transfers)|wire/hexdump)\.py"
 )
 
 #: The namespace of another project that responders to incidents have installed too.
@@ -44,9 +51,8 @@ def run(*arguments: str | Path, **environment: str) -> str:
 
 
 def without_path() -> dict[str, str]:
-    return {
-        name: value for name, value in os.environ.items() if name not in {"PYTHONPATH", "S7DISSECT_INTERPRETED", "CC"}
-    }
+    chosen = {"PYTHONPATH", "S7DISSECT_COMPILED", "S7DISSECT_RELEASE", "CC"}
+    return {name: value for name, value in os.environ.items() if name not in chosen}
 
 
 def pip(*arguments: str | Path, **environment: str) -> str:
@@ -126,6 +132,8 @@ def test_wheel_holds_the_package_and_nothing_else(wheel: Path) -> None:
     assert "dissect/py.typed" in names
     schemas = {path.relative_to(ROOT).as_posix() for path in (ROOT / "dissect" / "schema").iterdir()}
     assert {name for name in names if name.endswith(".json")} == schemas
+    pages = {f"dissect/help/{path.name}" for path in (ROOT / "docs").glob("*.md")}
+    assert {name for name in names if name.endswith(".md")} == pages
     tops = {name.split("/")[0] for name in names if "/" in name}
     assert tops == {"dissect", f"s7dissect-{dissect.__version__}.dist-info"}
     assert {name for name in names if "/" not in name and not name.startswith("s7dissect__mypyc.")} == set()
@@ -137,9 +145,7 @@ def test_every_hot_module_is_compiled_and_keeps_its_source(wheel: Path) -> None:
     compiled = {
         re.sub(r"\.[^/]*\.so$", ".py", name) for name in contents(wheel) if name.endswith(".so") and "/" in name
     }
-    cold = set(re.findall(r'"(dissect/\w+/\w+\.py)",', (ROOT / "setup.py").read_text("utf-8").partition("COLD")[2]))
-    assert "dissect/s7/szl_tables.py" in cold  # tables and layouts, which only take time to compile
-    hot = {name for name in sources() if HOT.fullmatch(name) and not name.endswith("__init__.py")} - cold
+    hot = {name for name in sources() if HOT.fullmatch(name) and not COLD.fullmatch(name)}
     assert "dissect/wire/build.py" in hot
     assert compiled == hot
 
@@ -157,6 +163,16 @@ def test_without_a_compiler_the_build_says_why_in_one_line(interpreted_build: Pa
     lines = [line.strip() for line in log.splitlines() if "NOT compiled" in line]
     reason = "the C compiler 'false' is missing or does not find Python's headers"
     assert lines == [f"s7dissect: the engine is NOT compiled and runs interpreted, slower: {reason}"]
+
+
+def test_with_a_switch_a_build_that_cannot_compile_fails(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError) as caught:
+        build_wheel(tmp_path, CC="false", S7DISSECT_COMPILED="1")
+    reason = "the C compiler 'false' is missing or does not find Python's headers"
+    assert f"s7dissect: the engine cannot be compiled, and S7DISSECT_COMPILED=1 demands it: {reason}" in str(
+        caught.value
+    )
+    assert not list(tmp_path.glob("*.whl"))
 
 
 def test_without_a_compiler_it_runs_interpreted(interpreted_build: Path, dependencies: Path, tmp_path: Path) -> None:

@@ -14,13 +14,13 @@ import pytest
 import dissect
 from dissect import scd
 from dissect.bindings import BindingError
-from dissect.conversation import Options
+from dissect.engine.observer import Options
 from dissect.findings.finding import Finding
 from dissect.s7.message import Pdu
 from dissect.session import CONTINUES_NS, Run
 from dissect.source.packet import CaptureError
-from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import Connection
+from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.transaction import Transaction
 from tests.properties.books import Record, check_books, facts, told, true
 from tests.properties.messages import ACK_DATA, JOB, Item, connect, dt, read_answer, read_job, setup
@@ -254,7 +254,7 @@ def test_a_file_continues_within_a_minute(write: Files, gap_ns: int, continues: 
     assert len(analysis.connections) == (1 if continues else 2)
     # The tenth packet asks, the eleventh answers.
     assert analysis.unanswered == analysis.orphans == (0 if continues else 1)
-    assert analysis.pipeline.conversation.judge.counts.get("capture.time_backwards") is None
+    assert analysis.pipeline.finding_counts.get("capture.time_backwards") is None
 
 
 def test_unrelated_files_stand_for_themselves(write: Files) -> None:

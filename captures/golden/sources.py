@@ -28,7 +28,7 @@ class Source:
         carrier = None
         if self.capture == PLANT:
             carrier = load_carrier(str(PLANT.with_suffix(".toml")), str(PLANT.with_suffix(".bind.toml")))
-        return golden_text(read_session(self.capture, carrier=carrier))
+        return golden_text(read_session(self.capture, decoder=carrier))
 
 
 def _sources() -> dict[str, Source]:

@@ -49,6 +49,14 @@ class Alert:
     def __repr__(self) -> str:
         return f"Alert({self.rule.name!r}, {self.text!r}, repeated={self.repeated})"
 
+    @property
+    def kind(self) -> str:
+        """What kind of thing it is about, besides its rule: the slug of a finding, what is new, or nothing."""
+        found, new = self.detail.get("finding"), self.detail.get("new")
+        if isinstance(found, dict):
+            return str(found.get("slug", ""))
+        return str(new.get("kind", "")) if isinstance(new, dict) else ""
+
     def as_dict(self) -> dict[str, object]:
         """Return the alert, JSON-ready (docs/alerts.md)."""
         clock = Clock()
@@ -63,6 +71,7 @@ class Alert:
             "server": server,
             "connection": self.connection or None,
             "text": encodable(self.text),
+            "line": self.line(),
             "repeated": self.repeated,
             "since": clock.iso(self.since_ns) if self.since_ns else None,
             **self.detail,
@@ -81,6 +90,6 @@ class Alert:
             parts.append(f"repeated {words.count(self.repeated, 'time')}")
         return ", ".join(parts)
 
-    def line(self) -> str:
-        """Return the alert for a person, on one line."""
-        return f"{words.moment(Clock().iso(self.time_ns))} UTC  ALERT {self.severity}  {self.message()}"
+    def line(self, clock: Clock | None = None) -> str:
+        """Return the alert for a person, on one line; ``clock`` writes its time, by default in UTC."""
+        return f"{(clock or Clock()).moment(self.time_ns)}  ALERT {self.severity}  {self.message()}"

@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import threading
+from contextlib import suppress
 from typing import Final
 
 from dissect.alerts.actions import Action, DeliveryError
@@ -15,7 +16,7 @@ from dissect.alerts.alert import Alert
 from dissect.scd.errors import shown
 from dissect.scd.reading import Table
 from dissect.wire.clock import Clock
-from dissect.wire.text import printable
+from dissect.wire.text import printable, reason
 
 _PLACEHOLDER: Final = re.compile(r"\{([A-Za-z_]+)\}")
 #: What may stand in arguments: what the user wrote, numbers, and addresses, which are made from octets. Never a text from the
@@ -55,7 +56,7 @@ class Command(Action):
                     start_new_session=True,
                 )
             except (OSError, ValueError) as error:
-                raise DeliveryError(f"{program}: {error}") from None
+                raise DeliveryError(f"{program}: {getattr(error, 'strerror', None) or error}") from None
             self._running.add(process)
         try:
             process.communicate(alert.as_json().encode("ascii") + b"\n", self._timeout)
@@ -64,7 +65,7 @@ class Command(Action):
             raise DeliveryError(f"{program}: took more than {self._timeout:g} s and was killed") from None
         except OSError as error:
             _kill(process)
-            raise DeliveryError(f"{program}: {error}") from None
+            raise DeliveryError(f"{program}: {reason(error)}") from None
         finally:
             with self._lock:
                 self._running.discard(process)
@@ -82,20 +83,20 @@ class Command(Action):
 def _kill(process: subprocess.Popen[bytes]) -> None:
     _kill_group(process)
     if process.stdin is not None:
-        try:
+        with suppress(OSError):
             process.stdin.close()
-        except OSError:
-            pass
     process.wait()
 
 
 def _kill_group(process: subprocess.Popen[bytes]) -> None:
     """Kill a program and what it started: it leads a session of its own. One that is over has no group of its number."""
-    if process.poll() is None:
-        try:
-            os.killpg(process.pid, signal.SIGKILL)
-        except (OSError, ProcessLookupError):
-            pass
+    if process.poll() is not None:
+        return
+    if not hasattr(os, "killpg"):
+        process.kill()
+        return
+    with suppress(OSError):
+        os.killpg(process.pid, signal.SIGKILL)
 
 
 def filled(argument: str, alert: Alert) -> str:
@@ -114,8 +115,8 @@ def filled(argument: str, alert: Alert) -> str:
     return _PLACEHOLDER.sub(lambda match: values[match[1]], argument)
 
 
-def command_of(table: Table, name: str, timeout: float, parallel: int) -> Command:
-    """Return the action of a table; raises `DictionaryError`."""
+def command_of(table: Table, name: str, timeout: float, parallel: int, trial: bool = False) -> Command:
+    """Return the action of a table; raises `DictionaryError`. For a ``trial`` the program need not be there."""
     arguments = table.items("command")
     if not 1 <= len(arguments) <= _MAX_ARGUMENTS:
         raise table.fail(
@@ -128,7 +129,7 @@ def command_of(table: Table, name: str, timeout: float, parallel: int) -> Comman
             if placeholder not in PLACEHOLDERS:
                 known = ", ".join([f"{{{one}}}" for one in PLACEHOLDERS])
                 raise table.fail("command", f"{{{placeholder}}} is no placeholder; these are: {known}")
-    program = shutil.which(arguments[0])
+    program = arguments[0] if trial else shutil.which(arguments[0])
     if program is None:
         raise table.fail("command", f"{shown(arguments[0])} is no program that can be run")
     return Command(name, (os.path.abspath(program), *arguments[1:]), timeout, parallel)  # noqa: PTH100 - links stay

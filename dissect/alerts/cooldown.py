@@ -1,4 +1,8 @@
-"""How often a rule speaks: at once, then at most every cooldown, saying how often it would have spoken in between."""
+"""How often a rule speaks: at once, then at most every cooldown, saying how often it would have spoken in between.
+
+Many different things at once are bounded too: of one kind and severity a rule gives so many alerts a minute (`Rule.burst`), and
+then one that sums up the rest. So a flood of warnings cannot bury the error behind it.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +11,16 @@ from typing import Final
 
 from dissect.alerts.alert import Alert
 from dissect.alerts.rules import Rule
+from dissect.report import words
+from dissect.wire.clock import Clock
 
-#: Different things that are remembered; what comes beyond is counted and not told.
+#: Different things that are remembered; the oldest gives way to a new one.
 MAX_REMEMBERED: Final = 16384
 #: How often (capture time) what is remembered is gone through, and by how many entries that becomes rarer.
 _FLUSH_NS: Final = 1_000_000_000
 _MANY: Final = 1024
+#: The time in which a rule gives so many alerts (`Rule.burst`).
+BURST_NS: Final = 60_000_000_000
 
 #: Makes the alert once it is known that it will be told; gets the time.
 Make = Callable[[int], Alert]
@@ -33,21 +41,33 @@ class _Told:
         self.counted = False  # this time it holds was told, or counted
 
 
+class _Burst:
+    """What a rule gave of one kind and severity since ``since_ns``, and what it held back."""
+
+    __slots__ = ("given", "held", "last", "since_ns")
+
+    def __init__(self, since_ns: int) -> None:
+        self.since_ns = since_ns
+        self.given = 0
+        self.held = 0
+        self.last: Alert | None = None
+
+
 class Cooldown:
-    """Passes alerts on to ``tell``. ``crowded`` counts those that are lost because too many different ones are remembered."""
+    """Passes alerts on to ``tell``. ``crowded`` counts what was forgotten because too many different things are remembered."""
 
     def __init__(self, tell: Callable[[Alert], None]) -> None:
         self.crowded = 0
         self._tell = tell
         self._flush_ns = 0
         self._told: dict[tuple[Rule, Hashable], _Told] = {}
+        self._bursts: dict[tuple[Rule, str, str], _Burst] = {}
 
     def event(self, rule: Rule, about: Hashable, now_ns: int, make: Make) -> None:
         """Something happened that ``rule`` looks for; ``about`` tells alike things from others."""
         told = self._entry(rule, about, make)
-        if told is not None:
-            told.make = make
-            self._speak(rule, told, now_ns)
+        told.make = make
+        self._speak(rule, told, now_ns)
 
     def state(self, rule: Rule, about: Hashable, now_ns: int, make: Make | None) -> None:
         """A state that ``rule`` looks for holds, or not (``make`` is None)."""
@@ -57,8 +77,6 @@ class Cooldown:
                 known.since_ns = -1
             return
         told = self._entry(rule, about, make)
-        if told is None:
-            return
         told.make = make
         if told.since_ns < 0:
             told.since_ns = now_ns
@@ -89,6 +107,10 @@ class Cooldown:
                 self._say(told, now_ns)
             elif waited and not told.repeated and not rule.once and told.since_ns < 0:
                 del self._told[key]
+        for kind, burst in list(self._bursts.items()):
+            if over or now_ns - burst.since_ns >= BURST_NS:
+                del self._bursts[kind]
+                self._sum_up(burst, now_ns)
 
     def rewind(self, now_ns: int) -> None:
         """The clock went back: nothing was told later than now, and no state has held since then."""
@@ -97,14 +119,16 @@ class Cooldown:
             told.looked_ns = 0
             told.told_ns = min(told.told_ns, now_ns)
             told.since_ns = -1
+        for burst in self._bursts.values():
+            burst.since_ns = min(burst.since_ns, now_ns)
 
-    def _entry(self, rule: Rule, about: Hashable, make: Make) -> _Told | None:
+    def _entry(self, rule: Rule, about: Hashable, make: Make) -> _Told:
         key = (rule, about)
         told = self._told.get(key)
         if told is None:
             if len(self._told) >= MAX_REMEMBERED:
                 self.crowded += 1
-                return None
+                del self._told[next(iter(self._told))]
             told = self._told[key] = _Told(make)
         return told
 
@@ -122,4 +146,38 @@ class Cooldown:
         told.spoken = True
         told.told_ns = now_ns
         told.repeated = 0
+        self._give(alert, now_ns)
+
+    def _give(self, alert: Alert, now_ns: int) -> None:
+        """Tell an alert, or hold it back where its rule has given enough of its kind."""
+        rule = alert.rule
+        if not rule.burst:
+            self._tell(alert)
+            return
+        key = (rule, alert.severity, alert.kind)
+        burst = self._bursts.get(key)
+        if burst is None or now_ns - burst.since_ns >= BURST_NS:
+            if burst is not None:
+                self._sum_up(burst, now_ns)
+            burst = self._bursts[key] = _Burst(now_ns)
+        if burst.given < rule.burst:
+            burst.given += 1
+            self._tell(alert)
+        else:
+            burst.held += 1
+            burst.last = alert
+
+    def _sum_up(self, burst: _Burst, now_ns: int) -> None:
+        """Tell what was held back, in one alert."""
+        last = burst.last
+        if last is None:
+            return
+        what = f" ({last.kind})" if last.kind else ""
+        span = words.duration(max(now_ns - burst.since_ns, 1))
+        text = f"{words.count(burst.held, 'more alert')}{what} in {span}; the last: {last.text}"
+        summary: dict[str, object] = {"alerts": burst.held, "kind": last.kind, "since": Clock().iso(burst.since_ns)}
+        alert = Alert(
+            last.rule, now_ns, last.severity, last.pair, text, {"summary": summary, **last.detail}, last.connection
+        )
+        alert.repeated = burst.held
         self._tell(alert)

@@ -16,7 +16,7 @@ from dissect.alerts.states import StateWatch, state_watch
 from dissect.baseline.norms import Baseline
 from dissect.baseline.subjects import Pair, Pairs, moment
 from dissect.baseline.watch import BaselineWatch, Deviation
-from dissect.conversation import Observer
+from dissect.engine.observer import Observer
 from dissect.findings.finding import WARNING, Finding
 from dissect.report.contract import finding_as_dict
 from dissect.report.places import Places
@@ -64,7 +64,7 @@ class AlertEngine(Observer):
 
     @property
     def crowded(self) -> int:
-        """Alerts that are lost because too many different ones are remembered."""
+        """Alerts that are no longer remembered because there were too many different ones: they may be told again."""
         return self._cooldown.crowded
 
     @property

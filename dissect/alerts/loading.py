@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
 from ipaddress import ip_network
-from pathlib import Path
 from typing import Any, Final
 
 from dissect.alerts import states
@@ -35,6 +35,9 @@ from dissect.scd.reading import Table
 
 MAX_RULES: Final = 256
 MAX_ACTIONS: Final = 32
+#: Alerts of one kind that a rule gives a minute unless it says otherwise, and at most.
+BURST: Final = 20
+MAX_BURST: Final = 10_000
 
 _S: Final = 1_000_000_000
 _UNITS: Final = {"ms": 1_000_000, "s": _S, "min": 60 * _S, "h": 3600 * _S, "d": 86400 * _S}
@@ -50,16 +53,19 @@ class RuleError(PlantFileError):
     """A file of rules that cannot be used."""
 
 
-def load_rules(path: str | Path) -> AlertRules:
-    """Return the rules of a file. Raises `RuleError`, OSError where there is no reading the file."""
+def load_rules(path: str | os.PathLike[str], trial: bool = False) -> AlertRules:
+    """Return the rules of a file. Raises `RuleError`, OSError where there is no reading the file.
+
+    A ``trial`` delivers nothing: the programs and sockets of its actions need not be there.
+    """
     try:
-        return parse_rules(read_text(path), str(path))
+        return parse_rules(read_text(path), os.fspath(path), trial)
     except DictionaryError as error:  # what reads tables knows one error
-        raise RuleError(str(path), error.line, error.where, error.detail) from None
+        raise RuleError(os.fspath(path), error.line, error.where, error.detail) from None
 
 
-def parse_rules(text: str, path: str = "") -> AlertRules:
-    """Return the rules of a text. Raises `DictionaryError` with table, key and line."""
+def parse_rules(text: str, path: str = "", trial: bool = False) -> AlertRules:
+    """Return the rules of a text; ``trial`` as for `load_rules`. Raises `DictionaryError` with table, key and line."""
     file = PlantFile(text, ("rule", "action"), ("defaults",))
     hosts = names_of(file.top, "allow_hosts") or frozenset()
     file.top.done()
@@ -68,7 +74,7 @@ def parse_rules(text: str, path: str = "") -> AlertRules:
         name = _name(table)
         if name == STDERR or name in actions:
             raise table.fail("name", f"{shown(name)} is there already: give it another")
-        actions[name] = action_of(table, name, hosts, seconds(table, "timeout", 10.0))
+        actions[name] = action_of(table, name, hosts, seconds(table, "timeout", 10.0), trial)
         table.done()
     defaults = file.single("defaults") or Table({}, "[defaults]")
     usual = _usual(defaults, actions)
@@ -148,7 +154,14 @@ def _usual(table: Table, actions: dict[str, Action]) -> Rule:
     """Return what rules do that do not say otherwise."""
     usual = Rule("", FINDING)
     return Rule("", FINDING, cooldown_ns=_duration(table, "cooldown", usual.cooldown_ns),
-                actions=_actions(table, actions, usual.actions))  # fmt: skip
+                burst=_burst(table, BURST), actions=_actions(table, actions, usual.actions))  # fmt: skip
+
+
+def _burst(table: Table, usual: int) -> int:
+    burst: int = table.number("burst", usual)
+    if not 1 <= burst <= MAX_BURST:
+        raise table.fail("burst", f"{burst} is outside 1 to {MAX_BURST}")
+    return burst
 
 
 def _actions(table: Table, actions: dict[str, Action], usual: tuple[str, ...]) -> tuple[str, ...]:
@@ -184,7 +197,7 @@ def _rule(table: Table, usual: Rule, actions: dict[str, Action]) -> Rule:
     return Rule(
         name, when, client=_network(table, "client"), server=_network(table, "server"),
         cooldown_ns=_duration(table, "cooldown", usual.cooldown_ns), once=table.flag("once", False),
-        actions=_actions(table, actions, usual.actions), **values,
+        burst=_burst(table, usual.burst), actions=_actions(table, actions, usual.actions), **values,
     )  # fmt: skip
 
 

@@ -42,7 +42,8 @@ class Rule:
 
     ``slugs`` for findings; ``kinds`` for what is new; ``of`` names what is measured; ``above`` and ``below`` are a rate per
     second, an answer time in nanoseconds, or outcomes per minute; ``longer_ns`` a silence; ``learned`` is a factor over what
-    the baseline holds (0: none).
+    the baseline holds (0: none). ``burst`` is how many different alerts of one kind and severity it gives a minute before the
+    rest is summed up (0: no limit).
     """
 
     name: str
@@ -62,6 +63,7 @@ class Rule:
     for_ns: int = 0
     cooldown_ns: int = 60 * _S
     once: bool = False
+    burst: int = 0
     actions: tuple[str, ...] = (STDERR,)
 
     @property

@@ -16,6 +16,7 @@ from dissect.findings.finding import ERROR, NOTE
 from dissect.scd.errors import shown
 from dissect.scd.reading import Table
 from dissect.wire.clock import Clock
+from dissect.wire.text import reason
 
 #: The socket that Linux systems have.
 DEV_LOG: Final = "/dev/log"
@@ -57,7 +58,7 @@ class Syslog(Action):
         except (OSError, ValueError) as error:
             self.close()
             where = self._address if isinstance(self._address, str) else f"{self._address[0]}:{self._address[1]}"
-            raise DeliveryError(f"syslog {where}: {error}") from None
+            raise DeliveryError(f"syslog {where}: {reason(error)}") from None
 
     def close(self) -> None:
         """Close the socket."""
@@ -73,12 +74,12 @@ class Syslog(Action):
         return f"1 {time} {self._host} {_APP} {os.getpid()} {alert.rule.when} - {text}"
 
 
-def syslog_of(table: Table, name: str, hosts: frozenset[str]) -> Syslog:
-    """Return the action of a table; raises `DictionaryError`."""
+def syslog_of(table: Table, name: str, hosts: frozenset[str], trial: bool = False) -> Syslog:
+    """Return the action of a table; raises `DictionaryError`. For a ``trial`` the socket need not be there."""
     written = table.text("syslog")
     facility = table.choice("facility", _FACILITIES, "daemon")
     if written.startswith("/"):
-        if not is_there(written):
+        if not trial and not is_there(written):
             raise table.fail("syslog", f"there is no {shown(written)}")
         return Syslog(name, written, facility)
     place = split_host(written, 514)

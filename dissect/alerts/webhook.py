@@ -6,17 +6,19 @@ import urllib.error
 import urllib.request
 from email.message import Message
 from http.client import HTTPException
+from pathlib import Path
 from typing import IO, Final
 from urllib.parse import urlsplit
 
-from dissect.alerts.actions import Action, DeliveryError
-from dissect.alerts.alert import Alert
+from dissect.alerts.actions import DeliveryError, Posting, RefusedError
 from dissect.alerts.hosts import allowed
 from dissect.scd.errors import shown
 from dissect.scd.reading import Table
-from dissect.wire.text import printable
+from dissect.wire.text import printable, reason
 
 _SCHEMES: Final = ("http", "https")
+#: Answers that will not be another one later: the alert itself is refused (RFC 9110, 15.5).
+_REFUSED: Final = frozenset((400, 413, 414, 415, 422, 431))
 
 
 class _NoRedirect(urllib.request.HTTPRedirectHandler):
@@ -29,20 +31,22 @@ class _NoRedirect(urllib.request.HTTPRedirectHandler):
         return None
 
 
-class Webhook(Action):
-    """Posts each alert to ``url``, and takes any 2xx for delivered."""
+class Webhook(Posting):
+    """Posts each alert to ``url``, and takes any 2xx for delivered; what it calls malformed or too large is given up."""
 
-    def __init__(self, name: str, url: str, timeout: float = 10.0, parallel: int = 1) -> None:
-        super().__init__(name, parallel)
+    def __init__(
+        self, name: str, url: str, timeout: float = 10.0, parallel: int = 1, spool: Path | None = None
+    ) -> None:
+        super().__init__(name, parallel, spool)
         self._url = url
         self._timeout = timeout
         self._opener = urllib.request.build_opener(urllib.request.ProxyHandler({}), _NoRedirect())
 
-    def deliver(self, alert: Alert) -> None:
-        """Post the alert. Raises `DeliveryError`."""
+    def post(self, content: bytes) -> None:
+        """Post an alert as JSON. Raises `DeliveryError`, `RefusedError`."""
         request = urllib.request.Request(  # noqa: S310 - the scheme was looked at
             self._url,
-            alert.as_json().encode("ascii"),
+            content,
             {"Content-Type": "application/json", "User-Agent": "s7dissect"},
             method="POST",
         )
@@ -52,10 +56,12 @@ class Webhook(Action):
         except urllib.error.HTTPError as error:
             code = error.code
             error.close()
-            raise DeliveryError(f"{self._url}: HTTP {code}") from None
+            kind = RefusedError if code in _REFUSED else DeliveryError
+            raise kind(f"{self._url}: HTTP {code}") from None
         except (OSError, HTTPException, ValueError) as error:
-            reason = getattr(error, "reason", error)
-            raise DeliveryError(printable(f"{self._url}: {reason}")) from None
+            why = getattr(error, "reason", error)
+            said = reason(why) if isinstance(why, BaseException) else str(why)
+            raise DeliveryError(printable(f"{self._url}: {said}")) from None
 
 
 def webhook_of(table: Table, name: str, hosts: frozenset[str], timeout: float, parallel: int) -> Webhook:
@@ -79,4 +85,10 @@ def webhook_of(table: Table, name: str, hosts: frozenset[str], timeout: float, p
         raise table.fail("webhook", "holds a name or a password, which does not belong in an address")
     if not allowed(host, hosts):
         raise table.fail("webhook", f"{host} is not this machine: name it in allow_hosts at the top of the file")
-    return Webhook(name, url, timeout, parallel)
+    spool: Path | None = None
+    if table.has("spool"):
+        spool = Path(table.text("spool"))
+        if not spool.is_absolute():
+            raise table.fail("spool", f'{shown(str(spool))} is no absolute path such as "/var/lib/s7dissect/alerts"')
+    table.mark("spool")
+    return Webhook(name, url, timeout, parallel, spool)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import os
 import secrets
 from pathlib import Path
 from typing import Final
@@ -43,13 +44,12 @@ def random_key() -> Key:
     return Key(secrets.token_bytes(_SIZE))
 
 
-def read_key(path: str) -> Key:
+def read_key(path: str | os.PathLike[str]) -> Key:
     """Return the key in a file: all of its octets count. ValueError, for a person, when there are too few or too many."""
-    octets = Path(path).read_bytes() if Path(path).stat().st_size <= MAX_KEY else b""
-    if not octets and Path(path).stat().st_size:
-        raise ValueError(f"{path} holds more than {MAX_KEY} octets; a key is a small file")
+    with Path(path).open("rb") as file:
+        octets = file.read(MAX_KEY + 1)
+    if len(octets) > MAX_KEY:
+        raise ValueError(f"more than {MAX_KEY} bytes; a key is a small file")
     if len(octets) < MIN_KEY:
-        raise ValueError(
-            f"{path} holds {len(octets)} octets, a key needs {MIN_KEY} or more: head -c 32 /dev/urandom > {path}"
-        )
+        raise ValueError(f"{len(octets)} bytes, a key needs {MIN_KEY} or more: head -c 32 /dev/urandom > {path}")
     return Key(octets)

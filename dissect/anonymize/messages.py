@@ -6,8 +6,8 @@ from typing import Final
 
 from dissect.anonymize import account
 from dissect.anonymize.account import Account
-from dissect.anonymize.draft import Draft
 from dissect.anonymize.key import Key
+from dissect.anonymize.rewrite_plan import RewritePlan
 from dissect.anonymize.rules import Rules
 from dissect.anonymize.texts import replace_tsap
 from dissect.ibh.packet import HEADER as IBH_HEADER
@@ -28,9 +28,9 @@ _MAX_SERVICE: Final = 14
 _MAX_NETLINK: Final = 32
 
 
-def draft_tsdu(octets: bytes, rules: Rules, told: Account, begins: bool = True) -> Draft:
+def draft_tsdu(octets: bytes, rules: Rules, told: Account, begins: bool = True) -> RewritePlan:
     """Return what becomes of a whole TSDU, or of what was captured of one. ``begins``: no S7comm-plus PDU is under way."""
-    draft = Draft(octets, told)
+    draft = RewritePlan(octets, told)
     upper = classify(octets, 0, len(octets)) if octets else -1
     if upper == S7COMM:
         _pdu(draft, rules)
@@ -45,7 +45,7 @@ def draft_tsdu(octets: bytes, rules: Rules, told: Account, begins: bool = True) 
     return draft
 
 
-def _pdu(draft: Draft, rules: Rules) -> None:
+def _pdu(draft: RewritePlan, rules: Rules) -> None:
     octets = draft.octets
     pdu = parse_pdu(octets)
     if len(octets) < HEADER_SIZE:
@@ -60,7 +60,7 @@ def _pdu(draft: Draft, rules: Rules) -> None:
     draft.zero(end, len(octets), account.UNKNOWN)
 
 
-def _plus(draft: Draft, begins: bool) -> None:
+def _plus(draft: RewritePlan, begins: bool) -> None:
     """Keep of an S7comm-plus frame what pairs it: header, fixed part and return value; everything behind is a content."""
     octets = draft.octets
     pdu = parse_plus(octets, cut=True)
@@ -87,9 +87,9 @@ def _plus(draft: Draft, begins: bool) -> None:
     draft.keep(trailer, len(octets))
 
 
-def draft_tpdu(octets: bytes, tpdu: Tpdu, key: Key, told: Account) -> Draft:
+def draft_tpdu(octets: bytes, tpdu: Tpdu, key: Key, told: Account) -> RewritePlan:
     """Return what becomes of a TPKT whose TPDU is not data: its numbers stay, its TSAPs are replaced where they are texts."""
-    draft = Draft(octets, told)
+    draft = RewritePlan(octets, told)
     draft.keep(0, 4)
     end = 4
     for value in tpdu.fields:
@@ -114,10 +114,10 @@ def draft_tpdu(octets: bytes, tpdu: Tpdu, key: Key, told: Account) -> Draft:
     return draft
 
 
-def draft_netlink(packet: IbhPacket, told: Account) -> Draft:
+def draft_netlink(packet: IbhPacket, told: Account) -> RewritePlan:
     """Return what becomes of an IBH-NetLink packet around the data of a message that it may carry."""
     octets = packet.octets
-    draft = Draft(octets, told)
+    draft = RewritePlan(octets, told)
     end = min(IBH_HEADER, len(octets))
     draft.keep(0, end)
     if packet.data_at:

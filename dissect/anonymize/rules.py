@@ -10,8 +10,8 @@ from typing import Final
 from dissect.anonymize import account
 from dissect.anonymize.account import KEEP, SCRAMBLE, Choices
 from dissect.anonymize.addresses import AddressMap
-from dissect.anonymize.draft import Draft
 from dissect.anonymize.key import Key
+from dissect.anonymize.rewrite_plan import RewritePlan
 from dissect.anonymize.scd import ScdRules
 from dissect.anonymize.texts import replace_bit, replace_octets, replace_path, replace_text
 from dissect.s7.layouts import DATA_ITEM
@@ -54,7 +54,7 @@ class Rules:
         self._choices = choices
         self._inside = choices.values != KEEP or (scd is not None and scd.described)
 
-    def parts(self, draft: Draft, parts: list[Part]) -> None:
+    def parts(self, draft: RewritePlan, parts: list[Part]) -> None:
         """Treat the parts of a message, which stand in order."""
         transport_size = -1
         for part in parts:
@@ -75,7 +75,7 @@ class Rules:
             draft.zero(at, part.end, account.UNKNOWN)
             transport_size = part.number("transport_size") if part.layout is DATA_ITEM else -1
 
-    def _octets(self, draft: Draft, part: Part, value: FieldValue, transport_size: int) -> None:
+    def _octets(self, draft: RewritePlan, part: Part, value: FieldValue, transport_size: int) -> None:
         name = value.field.name
         octets = value.octets or b""
         key = self._key
@@ -86,7 +86,7 @@ class Rules:
                 draft.keep(value.offset, value.end)
             else:
                 draft.zero(value.offset, value.end, account.UNKNOWN)
-        elif name == "content" or name == "file_data":
+        elif name in {"content", "file_data"}:
             self._content(draft, value)
         elif name in _ADDRESSES:
             draft.put(value.offset, self._addresses.ip(octets), account.CONTENT_ADDRESSES)
@@ -104,7 +104,7 @@ class Rules:
         else:
             draft.zero(value.offset, value.end, account.PASSWORDS if name == "password" else account.UNKNOWN)
 
-    def _argument(self, draft: Draft, value: FieldValue, octets: bytes) -> None:
+    def _argument(self, draft: RewritePlan, value: FieldValue, octets: bytes) -> None:
         """The name of a service stays where it is known, an argument where it is one letter."""
         name = value.field.name
         known = octets.decode("latin-1") in PI_SERVICES if name == "service" else len(octets.strip(b" \0")) < 2
@@ -113,14 +113,14 @@ class Rules:
         else:
             draft.put(value.offset, replace_path(self._key, octets), account.ARGUMENTS)
 
-    def _content(self, draft: Draft, value: FieldValue) -> None:
+    def _content(self, draft: RewritePlan, value: FieldValue) -> None:
         if self._choices.keep_code:
             draft.keep(value.offset, value.end)
             draft.account.keep(account.CODE)
         else:
             draft.zero(value.offset, value.end, account.CODE)
 
-    def _value(self, draft: Draft, begin: int, end: int, bit: bool) -> None:
+    def _value(self, draft: RewritePlan, begin: int, end: int, bit: bool) -> None:
         octets = draft.octets[begin:end]
         made = self.scd.inside(octets) if self.scd is not None and self._inside else None
         if made is not None:

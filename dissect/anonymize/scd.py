@@ -7,22 +7,24 @@ right where it was, and differs from the right one by as much where it did not.
 
 from __future__ import annotations
 
+import math
 from ipaddress import ip_network
 from typing import TYPE_CHECKING, Final
 
 from dissect.anonymize import account
-from dissect.anonymize.account import KEEP, MASK, Account, Choices
+from dissect.anonymize.account import KEEP, MASK, SCRAMBLE, Account, Choices
 from dissect.anonymize.addresses import AddressMap
 from dissect.anonymize.key import Key
 from dissect.anonymize.texts import replace_octets, replace_text, replace_tsap
-from dissect.bindings.judging import CONF_ID
+from dissect.bindings.evidence import CONF_ID
 from dissect.iso.tsap import Tsap
 from dissect.scd.envelope import Envelope
 from dissect.scd.errors import E_CRC, E_LENGTH, E_PROTOCOL, E_SHORT, Error
 from dissect.scd.model import StructType, Variable
 from dissect.scd.ranges import is_mapping
+from dissect.scd.records import Traits
 from dissect.scd.types import SIZED, Kind, SimpleType
-from dissect.transactions.carried import ScdMessage
+from dissect.transactions.payloads import ScdMessage
 from dissect.wire.text import encodable
 
 if TYPE_CHECKING:
@@ -39,7 +41,7 @@ _EXPONENTS: Final = {32: 0xFF << 23, 64: 0x7FF << 52}
 _SECONDS: Final = (1 << 32) - 1
 
 #: (first bit, bits, type, what it is by the dictionary) of a value in the data of a message.
-_Slot = tuple[int, int, SimpleType, int | None]
+_Slot = tuple[int, int, SimpleType, int | None, Traits]
 
 
 class ScdRules:
@@ -136,7 +138,7 @@ class ScdRules:
             slots = []  # the dictionary does not have it
         number = int.from_bytes(data, "little")
         new = valued = 0
-        for offset, bits, kind, fixed in slots:
+        for offset, bits, kind, fixed, traits in slots:
             if not bits or offset + bits > 8 * len(data):
                 continue
             ones = (1 << bits) - 1
@@ -145,7 +147,8 @@ class ScdRules:
                 continue
             valued |= ones << offset
             old = number >> offset & ones
-            new |= (old if old == fixed else self._value(kind.kind, bits, old)) << offset
+            made = old if old == fixed else self._value(kind.kind, bits, old)
+            new |= (made if self._values != SCRAMBLE else _within(traits, kind.kind, bits, old, made)) << offset
         self._account.mask(account.UNKNOWN, (number & ~valued).to_bytes(len(data), "little").strip(b"\0"))
         return new.to_bytes(len(data), "little")
 
@@ -169,7 +172,9 @@ class ScdRules:
             if not message.pdo:
                 return []
             pdo = found.mapping or dictionary.pdo(message.pdo)
-            return [(row.offset, row.bits, row.variable.type, _known(row.variable)) for row in pdo.map]
+            return [
+                (row.offset, row.bits, row.variable.type, _known(row.variable), row.variable.traits) for row in pdo.map
+            ]
         holds = self._holds.get(found.binding, "messages")
         if holds == "struct":
             struct = dictionary.type(message.index)
@@ -179,7 +184,7 @@ class ScdRules:
             return _fields(whole.fields or (whole[0],))
         variable = dictionary.variable((message.index, message.sub))
         size = bits if variable.type.kind in SIZED else variable.bits  # a text may be shorter than its object
-        return [(0, size, variable.type, _known(variable))]
+        return [(0, size, variable.type, _known(variable), variable.traits)]
 
     def _value(self, kind: Kind, bits: int, old: int) -> int:
         """Return the bits in the place of a value."""
@@ -272,14 +277,27 @@ def bindings_of(bindings: Bindings, key: Key, addresses: AddressMap) -> list[dic
 
 
 def _fields(fields: tuple[Variable, ...]) -> list[_Slot]:
-    return [(field.offset, field.bits, field.type, _known(field)) for field in fields]
+    return [(field.offset, field.bits, field.type, _known(field), field.traits) for field in fields]
 
 
 def _known(variable: Variable) -> int | None:
     """Return the bits that the dictionary says itself: of reserved ones, and of a constant with a default."""
     if variable.reserved or variable.access != "const" or variable.default is None:
         return variable.fixed
-    return int.from_bytes(variable.encode(variable.default), "little")
+    return int.from_bytes(variable.encode(variable.default, limits=False), "little")
+
+
+def _within(traits: Traits, kind: Kind, bits: int, old: int, new: int) -> int:
+    """Return the bits of an integer that is inside of the dictionary's limits where the old one was."""
+    if kind not in (Kind.INT, Kind.UINT) or (traits.low is None and traits.high is None):
+        return new
+    sign = 1 << bits - 1 if kind is Kind.INT else 0
+    low = -sign if traits.low is None else math.ceil(traits.low)
+    high = (sign or 1 << bits) - 1 if traits.high is None else math.floor(traits.high)
+    before, after = ((number ^ sign) - sign for number in (old, new))
+    if not low <= before <= high or low <= after <= high:
+        return new
+    return (low + new % (high - low + 1)) & ((1 << bits) - 1)
 
 
 def _not_finite(old: int, exponent: int) -> int:

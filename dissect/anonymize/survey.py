@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64
 
 from dissect.anonymize.account import FULL, MANY, UNCERTAIN, Account
-from dissect.anonymize.draft import Draft
 from dissect.anonymize.key import Key
 from dissect.anonymize.messages import draft_netlink, draft_tpdu, draft_tsdu
+from dissect.anonymize.rewrite_plan import RewritePlan
 from dissect.anonymize.rules import Rules
 from dissect.anonymize.track import COST, Room, Track
-from dissect.findings.observer import Observer
+from dissect.engine.observer import Observer
 from dissect.ibh.packet import HEADER as IBH_HEADER
 from dissect.ibh.packet import parse_packet
 from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
@@ -28,7 +28,7 @@ from dissect.wire.octets import u16
 
 if TYPE_CHECKING:
     from dissect.bindings.engine import ScdCarrier
-    from dissect.transactions.carried import ScdMessage
+    from dissect.transactions.payloads import ScdMessage
 
 #: Directions remembered; the packets of those after them are written with zeros for contents.
 MAX_TRACKS: Final = 65_536
@@ -44,7 +44,7 @@ class _Part:
 
     __slots__ = ("data", "data_at", "head", "head_at")
 
-    def __init__(self, head: Draft, head_at: int, data_at: int, data: bytes) -> None:
+    def __init__(self, head: RewritePlan, head_at: int, data_at: int, data: bytes) -> None:
         self.head = head
         self.head_at = head_at
         self.data_at = data_at
@@ -123,7 +123,7 @@ class Survey(Observer):
         message.told = start + len(octets)
         message.claimed = self._carrier is not None and self._carrier.claims_tsdus(side.connection)
         if octets[4] == 2 and octets[5] == 0xF0:
-            head = Draft(octets, self._account)
+            head = RewritePlan(octets, self._account)
             head.keep(0, _DT_HEAD)
             self._part(track, message, _Part(head, start, start + _DT_HEAD, octets[_DT_HEAD:]), octets[6] >= 0x80)
             return
@@ -206,7 +206,7 @@ class Survey(Observer):
         octets = parts[0].data if len(parts) == 1 else b"".join([part.data for part in parts])
         if message.claimed and classify(octets, 0, len(octets)) not in (S7COMM, S7COMM_PLUS):
             self._tsdu = parts  # what becomes of it is said when it is told as SCD
-            draft = Draft(octets, self._account)
+            draft = RewritePlan(octets, self._account)
         else:
             draft = draft_tsdu(octets, self._rules, self._account, not message.plus)
         if len(octets) >= 4 and octets[0] == PROTOCOL_ID and octets[1] != KEEP_ALIVE:
@@ -247,7 +247,7 @@ class Survey(Observer):
             passed += int(gateway.framed) + int(gateway.skipped)
         start = passed + lost - len(packet)
         data = len(packet) - len(octets)
-        head = Draft(packet, self._account)
+        head = RewritePlan(packet, self._account)
         head.keep(0, data)
         self._part(track, message, _Part(head, start, start + data, octets), True)
 
@@ -257,7 +257,7 @@ class Survey(Observer):
         """An SCD message in a datagram, a stream or a TSDU: lay down what becomes of it there."""
         if self._rules.scd is None:
             return
-        draft = Draft(found.octets, self._account)
+        draft = RewritePlan(found.octets, self._account)
         draft.lay(self._rules.scd.message(found))
         at = int(found.offset)
         if side.connection.udp:
@@ -274,14 +274,14 @@ class Survey(Observer):
                 _lay(track, draft, part.data_at - begin + at, max(begin - at, 0), max(end - at, 0))
                 begin = end
 
-    def _in_datagram(self, frame: int, at: int, draft: Draft) -> None:
+    def _in_datagram(self, frame: int, at: int, draft: RewritePlan) -> None:
         if not self._room.take(len(draft.octets) + COST):
             self._account.warn(FULL)
             return
         new = b"".join([piece or draft.octets[begin:end] for begin, end, piece in draft.pieces])
         self._datagrams.setdefault(frame, []).append((at, new))
 
-    def _in_stream(self, side: Side, found: ScdMessage, draft: Draft) -> None:
+    def _in_stream(self, side: Side, found: ScdMessage, draft: RewritePlan) -> None:
         """Messages that are told together end where the stream was accounted for, or begin where the last one ended.
 
         The latter where something else stands behind them. Were the place a wrong one, no octet of the capture would be shown.
@@ -361,7 +361,7 @@ class Units:
     def __init__(self, track: Track, end: int) -> None:
         self.track = track
         self.end = end
-        self.drafts: list[Draft] = []
+        self.drafts: list[RewritePlan] = []
 
 
 def _keys(tcp: TcpConnection, udp: bool) -> tuple[bytes, bytes]:
@@ -375,7 +375,7 @@ def _keys(tcp: TcpConnection, udp: bool) -> tuple[bytes, bytes]:
     return key, reverse_key(key)
 
 
-def _lay(track: Track, draft: Draft, offset: int, begin: int = 0, end: int = -1) -> None:
+def _lay(track: Track, draft: RewritePlan, offset: int, begin: int = 0, end: int = -1) -> None:
     """Write what becomes of ``draft`` from ``begin`` to ``end`` into a track; position is ``offset`` more than the place."""
     if end < 0:
         end = len(draft.octets)

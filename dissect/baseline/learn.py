@@ -7,7 +7,7 @@ from typing import Final
 from dissect.baseline.measures import AnswerTimes, RateWindow
 from dissect.baseline.norms import Baseline, PairNorm
 from dissect.baseline.subjects import Pair, Pairs, Subjects, moment, tsaps
-from dissect.conversation import Observer
+from dissect.engine.observer import Observer
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import ANSWERED, Transaction
 from dissect.wire.clock import Clock

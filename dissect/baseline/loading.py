@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import os
 from typing import Final
 
 from dissect.baseline.norms import MAX_CAPTURES, NAME_KEYS, Baseline, PairNorm
@@ -23,12 +23,12 @@ class BaselineError(PlantFileError):
     """A baseline that cannot be used."""
 
 
-def load_baseline(path: str | Path) -> Baseline:
+def load_baseline(path: str | os.PathLike[str]) -> Baseline:
     """Return the baseline of a file. Raises `BaselineError`, OSError where there is no reading the file."""
     try:
         return parse_baseline(read_text(path))
     except DictionaryError as error:  # what reads tables knows one error
-        raise BaselineError(str(path), error.line, error.where, error.detail) from None
+        raise BaselineError(os.fspath(path), error.line, error.where, error.detail) from None
 
 
 def parse_baseline(text: str) -> Baseline:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Final
@@ -64,13 +65,13 @@ class PlantFile:
         ]
 
 
-def read_text(path: str | Path) -> str:
+def read_text(path: str | os.PathLike[str]) -> str:
     """Return the text of a file. Raises `DictionaryError` where it is too large or no UTF-8, OSError as the system does."""
     with Path(path).open("rb") as stream:
         octets = stream.read(MAX_FILE + 1)
     if len(octets) > MAX_FILE:
         raise DictionaryError("file", f"more than {MAX_FILE} octets")
-    return source_text(octets, str(path))
+    return source_text(octets, os.fspath(path))
 
 
 def address_of(table: Table, key: str) -> str:

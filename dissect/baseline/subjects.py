@@ -11,7 +11,7 @@ from dissect.s7.parameters import Parameters
 from dissect.s7.syntaxes import DB_READ, SYMBOL
 from dissect.s7.tables import AREA_LETTERS, DB_AREAS, READ_VAR, SYNTAX_IDS, WRITE_VAR
 from dissect.s7plus.parameters import PlusParameters
-from dissect.transactions import carried
+from dissect.transactions import payloads as carried
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 

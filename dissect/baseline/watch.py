@@ -88,12 +88,16 @@ class BaselineWatch:
         if norm.functions is not None and subject.function not in norm.functions:
             text = f"{client} never asked {server} for {subject.function} before"
             found.append(Deviation(FUNCTION, pair, subject.function, text))
-        for area in subject.reads:
-            if norm.reads is not None and area not in norm.reads:
-                found.append(Deviation(READ, pair, area, f"{client} never read {area} of {server} before"))
-        for area in subject.writes:
-            if norm.writes is not None and area not in norm.writes:
-                found.append(Deviation(WRITE, pair, area, f"{client} never wrote {area} of {server} before"))
+        found += [
+            Deviation(READ, pair, area, f"{client} never read {area} of {server} before")
+            for area in subject.reads
+            if norm.reads is not None and area not in norm.reads
+        ]
+        found += [
+            Deviation(WRITE, pair, area, f"{client} never wrote {area} of {server} before")
+            for area in subject.writes
+            if norm.writes is not None and area not in norm.writes
+        ]
         return found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import os
 from typing import TYPE_CHECKING
 
 from dissect.bindings.bindings_file import BindingError, load_bindings
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["BindingError", "load_bindings", "load_carrier"]
 
 
-def load_carrier(scd: str | Path | Dictionary, bind: str | Path) -> ScdCarrier:
+def load_carrier(scd: str | os.PathLike[str] | Dictionary, bind: str | os.PathLike[str]) -> ScdCarrier:
     """Return what decodes SCD by the dictionary ``scd`` (or its file) where the file ``bind`` says that it travels.
 
     Raises `DictionaryError`, `BindingError`, or OSError where there is no reading a file.
@@ -22,5 +22,5 @@ def load_carrier(scd: str | Path | Dictionary, bind: str | Path) -> ScdCarrier:
     from dissect.bindings.engine import ScdCarrier
     from dissect.scd.loading import load
 
-    dictionary = load(scd) if isinstance(scd, (str, Path)) else scd
+    dictionary = load(scd) if isinstance(scd, (str, os.PathLike)) else scd
     return ScdCarrier(dictionary, load_bindings(bind, dictionary))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from ipaddress import ip_network
 from pathlib import Path
 from typing import Any, Final
@@ -10,13 +11,15 @@ import msgspec
 
 from dissect.bindings.binding import Binding, Bindings, Network
 from dissect.bindings.content_names import Content, find_content
-from dissect.bindings.place import AREAS, MAX_DB, MAX_OCTET, Place, in_blocks, parse_place
+from dissect.bindings.place import AREAS, Place, in_blocks, parse_place
+from dissect.config import lines as config_lines
+from dissect.s7.address import MAX_DB, MAX_OCTET
 from dissect.scd.bounds import check_bounds
 from dissect.scd.codec import Codec
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.errors import DictionaryError, Error, shown
 from dissect.scd.reading import Table
-from dissect.scd.toml_tables import header_lines, parse_tables, source_text
+from dissect.scd.toml_tables import parse_tables, source_text
 from dissect.scd.types import MAX_OCTETS
 from dissect.wire.text import printable
 
@@ -46,35 +49,36 @@ class BindingError(Exception):
         return ": ".join(part for part in (printable(place), self.key, self.detail) if part)
 
 
-def load_bindings(path: str | Path, dictionary: Dictionary) -> Bindings:
+def load_bindings(path: str | os.PathLike[str], dictionary: Dictionary) -> Bindings:
     """Return the bindings of a file for a dictionary. Raises `BindingError`, OSError where there is no reading the file."""
     with Path(path).open("rb") as stream:
         octets = stream.read(MAX_FILE + 1)
     if len(octets) > MAX_FILE:
-        raise BindingError(str(path), 0, "file", f"more than {MAX_FILE} octets: these are no bindings")
+        raise BindingError(os.fspath(path), 0, "file", f"more than {MAX_FILE} octets: these are no bindings")
     try:
-        return _parse(source_text(octets, str(path)), dictionary)
+        return _parse(source_text(octets, os.fspath(path)), dictionary)
     except DictionaryError as error:  # what reads tables knows one error
-        raise BindingError(str(path), error.line, error.where, error.detail) from None
+        raise BindingError(os.fspath(path), error.line, error.where, error.detail) from None
 
 
 def _parse(text: str, dictionary: Dictionary) -> Bindings:
     """Return the bindings of a text; raises `DictionaryError` with table, key and line."""
     content = parse_tables(text)
+    lines = config_lines.Lines(text)
     for name, rows in content.items():
         if name != "binding":
-            raise DictionaryError(f"[{name}]", "bindings are written [[binding]], nothing else is here")
+            detail = "bindings are written [[binding]], nothing else is here"
+            raise DictionaryError(f"[{name}]", detail, line=lines.at(name))
         if not isinstance(rows, list):
-            raise DictionaryError("[binding]", "is written [[binding]]")
+            raise DictionaryError("[binding]", "is written [[binding]]", line=lines.at(name))
     rows = content.get("binding", [])
     if not 1 <= len(rows) <= MAX_BINDINGS:
         raise DictionaryError("[[binding]]", f"{len(rows)} of them, a file has 1 to {MAX_BINDINGS}")
-    lines = header_lines(text, content, ("binding",))
     reader = _Reader(dictionary)
     for number, row in enumerate(rows):
-        where, line = f"[[binding]] {number + 1}", lines.get(("binding", number), 0)
-        check_bounds(row, where, line)
-        reader.add(Table(row, where, line))
+        where, place = f"[[binding]] {number + 1}", config_lines.Place(lines, ("binding", number))
+        check_bounds(row, where, place.line())
+        reader.add(Table(row, where, place=place))
     return Bindings([binding for binding, _ in reader.rows])
 
 

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from difflib import get_close_matches
-from itertools import islice
 from typing import Final, NamedTuple
 
 from dissect.bindings.binding import Holds
+from dissect.config.hints import close_to
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.errors import E_INDEX, E_PDO_NUMBER, E_VALUE, Error, shown
 from dissect.scd.model import NULL, Object, StructType, Variable
 
 MESSAGES: Final = "messages"
-#: Names that are compared with one that is not there, and those that an error shows.
-_MOST_COMPARED: Final = 4096
-_MOST_SHOWN: Final = 3
+#: PDOs that an error names.
 _MOST_PDOS: Final = 16
-_LONGEST: Final = 200
 _WAYS: Final = f'write "{MESSAGES}", a PDO ("T1"), a struct or object by its name or index, or "object.field"'
 _PDO: Final = re.compile(r"[RTrt](?:PDO\s*)?[0-9]+")
 _INDEX: Final = re.compile(r"0[xX][0-9a-fA-F]{1,4}")
@@ -41,7 +37,8 @@ def find_content(dictionary: Dictionary, written: str) -> Content:
     if written == MESSAGES:
         return Content("messages")
     found = [content for content in (_pdo(dictionary, written), _struct(dictionary, written)) if content is not None]
-    if not (found and found[0].holds == "pdo" and written in dictionary.names and not _PDO.fullmatch(written)):
+    named = found and found[0].holds == "pdo" and dictionary.pdo(written).name == written
+    if not named:
         # A PDO has the name of its mapping object; whoever wants that one gives its index.
         thing = _object(dictionary, written)
         if thing is not None:
@@ -124,12 +121,7 @@ def _unknown(dictionary: Dictionary, written: str) -> Error:
         return Error(
             E_PDO_NUMBER, "", f"no PDO {shown(written) if len(written) > _MOST_PDOS else written} {within}{some}{more}"
         )
-    close = get_close_matches(
-        written[:_LONGEST], list(islice(_names(dictionary, written), _MOST_COMPARED)), _MOST_SHOWN
-    )
-    hint = f"; close to it: {', '.join(shown(name) for name in close)}" if close else ""
-    if not close:
-        hint = f"; {_WAYS}"
+    hint = close_to(written, _names(dictionary, written)) or f"; {_WAYS}"
     return Error(E_INDEX, "", f"no PDO, struct or object {shown(written)} {within}{hint}")
 
 

@@ -11,8 +11,8 @@ from dissect.scd.ranges import is_mapping
 if TYPE_CHECKING:
     from dissect.bindings.binding import Binding
     from dissect.scd.dictionary import Dictionary
+    from dissect.scd.layout import Key
     from dissect.scd.model import Pdo
-    from dissect.scd.packing import Key
     from dissect.scd.types import Value
     from dissect.tcp.connection import Endpoint
     from dissect.transactions.table import Side

@@ -1,6 +1,6 @@
 """SCD in traffic: what the bindings point at is decoded by the dictionary, paired and judged.
 
-`ScdCarrier` is hooked into the pipeline (`dissect.findings.carrier`). The way of a message:
+`ScdCarrier` is hooked into the pipeline (`dissect.engine.payload`). The way of a message:
 
     datagram / stream / tsdu / transaction → _unit → _take → dialogue (pairs) → transaction → judged, told
 
@@ -18,24 +18,26 @@ from dissect.bindings.devices import Device, Devices
 from dissect.bindings.judging import ScdJudge
 from dissect.bindings.place import in_blocks
 from dissect.bindings.streams import cut_stream, skip_hole
-from dissect.findings.carrier import Carrier
+from dissect.engine.payload import PayloadDecoder
 from dissect.iso.upper import SCD as UPPER_SCD
 from dissect.iso.upper import UPPER_NAMES
 from dissect.s7.parameters import GROUP_PBC
 from dissect.s7.tables import JOB, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
-from dissect.transactions.carried import SCD, ScdMessage, ScdParameters
 from dissect.transactions.multipart import Joiner
+from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from dissect.findings.exchange import Exchange
+    from dissect.engine.exchange import Exchange
     from dissect.scd.dictionary import Dictionary
     from dissect.scd.messages import Message
+    from dissect.scd.model import Pdo
     from dissect.transactions.connection import Connection
+    from dissect.transactions.results import ItemResult
     from dissect.transactions.table import Side
-    from dissect.transactions.transaction import ItemResult, Transaction
+    from dissect.transactions.transaction import Transaction
 
 #: `Connection.bound` once it is known that no binding is for its TSAPs.
 _NOT_BOUND: Final = -2
@@ -59,7 +61,7 @@ class BindingCount:
         self.cut = 0
 
 
-class ScdCarrier(Carrier):
+class ScdCarrier(PayloadDecoder):
     """Decodes SCD where the bindings say it travels.
 
     ``counts`` by name of the binding; ``unpaired`` are messages of no kind; ``skipped`` octets of streams that are in no
@@ -79,6 +81,7 @@ class ScdCarrier(Carrier):
         self._numbers = {id(binding): number for number, binding in enumerate(bindings.all)}
         self._functions: dict[str, int] = {}
         self._joiners: dict[int, Joiner] = {}
+        self._pdos: dict[str, Pdo] = {}
         self._exchange: Exchange
         self._judge: ScdJudge
 
@@ -86,7 +89,7 @@ class ScdCarrier(Carrier):
         """Remember where findings, observer and dialogue are."""
         self._exchange = exchange
         peers = frozenset(binding.name for binding in self.bindings.all if binding.device == "peer")
-        self._judge = ScdJudge(exchange.judge, self.devices, peers)
+        self._judge = ScdJudge(exchange.reporter, self.devices, peers)
 
     # ---- where SCD travels ------------------------------------------------------------------------------------------
 
@@ -184,8 +187,17 @@ class ScdCarrier(Carrier):
             if message.error is not None:
                 count.errors += 1
             elif message.pdo:
-                found.mapping = device.codec.pdo(message.pdo)
+                found.mapping = self._mapping(device, message.pdo)
             yield found
+
+    def _mapping(self, device: Device, pdo: str) -> Pdo:
+        """Return a PDO as the device maps it now; of the dictionary's own mappings each is looked for once."""
+        if device.codec is not self.devices.codec:
+            return device.codec.pdo(pdo)
+        found = self._pdos.get(pdo)
+        if found is None:
+            found = self._pdos[pdo] = device.codec.pdo(pdo)
+        return found
 
     def _pair(self, side: Side, found: ScdMessage, frame: int, time_ns: int) -> None:
         message = found.message
@@ -196,11 +208,11 @@ class ScdCarrier(Carrier):
         reference = _reference(message)
         exchange = self._exchange
         if message.phase == "request":
-            exchange.carried_request(side, reference, parameters, found.octets, frame, time_ns)
+            exchange.request(side, reference, parameters, found.octets, frame, time_ns)
         elif message.phase in {"response", "abort"}:
-            exchange.carried_answer(side, reference, parameters, found.octets, frame, time_ns)
+            exchange.response(side, reference, parameters, found.octets, frame, time_ns)
         else:
-            exchange.carried_push(side, reference, parameters, found.octets, frame, time_ns)
+            exchange.indication(side, reference, parameters, found.octets, frame, time_ns)
 
     def _parameters(self, found: ScdMessage) -> ScdParameters:
         message = found.message
@@ -307,6 +319,10 @@ class ScdCarrier(Carrier):
                     transaction, binding, bytes(chain.sent), 0, place, asked=True, accepted=accepted
                 )
                 return
+
+    def message_count(self) -> int:
+        """Return how many messages were found, by all bindings together."""
+        return sum([count.messages for count in self.counts.values()])
 
     def as_dict(self) -> dict[str, Any]:
         """Return what was found where, and by which dictionary (docs/json.md)."""

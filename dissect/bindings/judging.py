@@ -5,20 +5,21 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from dissect.bindings.devices import Device, Devices, is_rewritten
+from dissect.bindings.evidence import STRUCTURE_SUB, Evidence
 from dissect.scd.errors import E_CRC, E_INDEX, E_PDO_NUMBER, E_SUB, Error
-from dissect.scd.packing import ACCESS, NONFINITE, PAD, TIME_NS_RANGE, TRAILING, VERSION
+from dissect.scd.packing import ACCESS, ENCODING, LIMITS, NONFINITE, PAD, TIME_NS_RANGE, TRAILING, VERSION, limits_text
 from dissect.scd.wording import address_text, value_text
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.findings.judge import Judge
+    from dissect.findings.reporter import Reporter
+    from dissect.scd.layout import Key
     from dissect.scd.model import Pdo
-    from dissect.transactions.carried import ScdMessage
+    from dissect.scd.types import Value
+    from dissect.transactions.payloads import ScdMessage
     from dissect.transactions.table import Side
     from dissect.transactions.transaction import Transaction
 
-#: Where a device shows which dictionary it has: ConfId of "verify configuration" (reference 3.4).
-CONF_ID: Final = (0x1020, 3)
 #: A counter of PDOs is an octet.
 _COUNTER: Final = 256
 #: PDO counters followed at once for one connection, and for all of them.
@@ -33,6 +34,7 @@ _ODD: Final = {
     TIME_NS_RANGE: "nanoseconds of a second or more",
     PAD: "undefined bits that are not zero",
     VERSION: "another version of the mapping",
+    ENCODING: "a text that is none in the dictionary's encoding",
 }
 
 
@@ -43,14 +45,14 @@ class ScdJudge:
     were too many.
     """
 
-    def __init__(self, judge: Judge, devices: Devices, peers: frozenset[str]) -> None:
+    def __init__(self, judge: Reporter, devices: Devices, peers: frozenset[str]) -> None:
         self.forgotten = 0
         self._peers = peers
         self._kept = 0
         self._judge = judge
         self._devices = devices
         self._dictionary = devices.dictionary
-        self._conf_id = int.from_bytes(devices.dictionary.wire_id[:4], "little")
+        self._evidence = Evidence(devices.dictionary)
         self._counters: dict[int, dict[tuple[int, str], int]] = {}
 
     # ---- messages of their own --------------------------------------------------------------------------------------
@@ -83,6 +85,17 @@ class ScdJudge:
         odd = [text for flag, text in _ODD.items() if flag in message.flags]
         if odd:
             self._note("scd.odd_value", found, ", ".join(odd))
+        if LIMITS in message.flags and self._judge.wants("scd.limits", found.connection):
+            outside = [self._outside(key, message.values.get(key)) for key in message.flags[LIMITS][:_NAMED]]
+            self._note("scd.limits", found, ", ".join(text for text in outside if text) or "a value of it")
+
+    def _outside(self, key: Key, value: Value | None) -> str:
+        """Return "0x6000:4 Pump 1.speed = 4000, limits -3000..3000", its name for a field of a bare struct."""
+        if not isinstance(key, tuple) or value is None:
+            return str(key)
+        variable = self._dictionary.variable(key)
+        limits = limits_text(variable.traits.low, variable.traits.high)
+        return f"{address_text(key)} {printable(variable.label)} = {value_text(value)}, limits {limits}"
 
     def _count(self, side: Side, found: ScdMessage) -> None:
         """Follow the counter of a PDO; one that stands still is not in use."""
@@ -131,6 +144,10 @@ class ScdJudge:
         for found in transaction.scd:
             message = found.message
             device = self._device(transaction, found)
+            if message.err < 0 and message.service != "pdo":
+                detail = self._evidence.denied(message)
+                if detail:
+                    self._note("scd.other_dictionary", found, detail)
             if message.err > 0 and message.service != "pdo":
                 self._note("scd.status", found, f"{message.err} {self._dictionary.error_text(message.err)}")
             if message.service == "write" and message.phase == "request":
@@ -153,13 +170,16 @@ class ScdJudge:
             self._oddities(found)
         if not accepted:
             return
+        if self._evidence.keys.isdisjoint(message.values):  # most messages have neither a constant nor a structure
+            if message.sub != STRUCTURE_SUB:
+                return
         for key, value in message.values.items():
-            if not isinstance(key, tuple) or key[1] == 255:
+            if not isinstance(key, tuple):
                 continue
-            if key == CONF_ID and value not in {0, self._conf_id} and isinstance(value, int):
-                detail = f"{value:#010x}, that of {self._dictionary.name!r} is {self._conf_id:#010x}"
+            detail = self._evidence.shown(key, value)
+            if detail:
                 self._note("scd.other_dictionary", found, detail)
-            if self._dictionary.variable(key).access == "const":
+            if key in self._evidence.constants:
                 old = device.constant(key, value)
                 if old is not None:
                     detail = f"{address_text(key)} was {value_text(old)}, is {value_text(value)}"

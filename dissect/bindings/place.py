@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from typing import Final, NamedTuple
 
-from dissect.s7.address import address_text
+from dissect.s7.address import MAX_DB, MAX_OCTET, address_text, parse_address
 from dissect.s7.tables import DB_AREAS, LETTER_AREAS, NUMBERED_AREAS
 
-#: The highest octet that the 24 bits of an item's address reach, and the highest DB number.
-MAX_OCTET: Final = (1 << 21) - 1
-MAX_DB: Final = 0xFFFF
 #: Areas that consist of octets, by the letters people write.
 AREAS: Final = {
     **{letter: area for letter, area in LETTER_AREAS.items() if area not in NUMBERED_AREAS},
@@ -18,8 +14,6 @@ AREAS: Final = {
     "DI": 0x85,
 }
 _BYTE: Final = 0x02
-_IN_BLOCK: Final = re.compile(r"(DB|DI)([0-9]{1,5})\.\1[BWD]([0-9]{1,7})")
-_ELSEWHERE: Final = re.compile(r"([A-Z])[BWD]([0-9]{1,7})")
 
 
 class Place(NamedTuple):
@@ -35,16 +29,10 @@ class Place(NamedTuple):
 
 def parse_place(written: str) -> Place | None:
     """Return the place that ``written`` names, None where it is none. The width letter only says that octets are meant."""
-    text = written.strip().upper()
-    block = _IN_BLOCK.fullmatch(text)
-    other = _ELSEWHERE.fullmatch(text)
-    if block is not None:
-        place = Place(AREAS[block[1]], int(block[2]), int(block[3]))
-    elif other is not None and other[1] in AREAS:
-        place = Place(AREAS[other[1]], 0, int(other[2]))
-    else:
+    found = parse_address(written.strip().upper())
+    if found is None or found.width not in {"B", "W", "D"} or found.bit >= 0 or found.area not in AREAS.values():
         return None
-    return place if place.db <= MAX_DB and place.offset <= MAX_OCTET else None
+    return Place(found.area, found.db, found.number) if found.db <= MAX_DB and found.number <= MAX_OCTET else None
 
 
 def in_blocks(area: int) -> bool:

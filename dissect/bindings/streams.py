@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from dissect.bindings.binding import Binding
     from dissect.scd.envelope import Envelope
-    from dissect.transactions.carried import Backlog
+    from dissect.transactions.payloads import Backlog
     from dissect.transactions.table import Side
 
 #: Places of a stream that may be the begin of a message whose end is not there yet, while its begin is searched for.
@@ -85,10 +85,41 @@ def _cut_messages(side: Side, backlog: Backlog, envelope: Envelope, buffer: byte
             backlog.scan = at + 1
             continue
         if not size or at + size > len(buffer):
-            break
+            if not (envelope.has_crc and envelope.opening):
+                break
+            # Its size may lie: what begins in it and is right goes first.
+            inside, backlog.scan = _find_right(envelope, buffer, max(at + 1, int(backlog.scan)), len(buffer))
+            if inside < 0:
+                break
+            skipped += inside - at
+            at = inside
+            continue
+        if envelope.has_crc and not _is_message(envelope, buffer[at : at + size]):
+            # Its size may be as wrong as its checksum: what begins inside it and is right ends it.
+            inside, _ = _find_right(envelope, buffer, at + 1, at + size)
+            size = inside - at if inside >= 0 else size
+            side.framer.synced = False
+            backlog.scan = at + size
         units.append(buffer[at : at + size])
         at += size
     return units, at, skipped
+
+
+def _find_right(envelope: Envelope, buffer: bytes, at: int, stop: int) -> tuple[int, int]:
+    """Return where the first right message begins, -1 when none does before ``stop``, and the first place not settled yet."""
+    begin = _next(envelope, buffer, at)
+    settled = -1
+    looked = 0
+    while begin < stop and looked < MAX_PENDING:
+        size, error = envelope.frame(buffer, begin)
+        if error is None and (not size or begin + size > len(buffer)):
+            settled = begin if settled < 0 else settled
+        elif error is None:
+            if _is_message(envelope, buffer[begin : begin + size]):
+                return begin, begin
+        looked += error is None
+        begin = _next(envelope, buffer, begin + 1)
+    return -1, begin if settled < 0 else settled
 
 
 def _search(backlog: Backlog, envelope: Envelope, buffer: bytes) -> int:

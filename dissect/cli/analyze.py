@@ -1,4 +1,4 @@
-"""`s7dissect analyze`: what a capture holds, how fast it went, what failed and why."""
+"""`s7dissect analyze`: what a capture contains, how fast it was, what failed and why."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dissect.cli.carried import scd_options
-from dissect.cli.drive import (
+from dissect.cli.gate import fail_on_option, gate
+from dissect.cli.look import clock, write_lines
+from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.options.scd import scd_options
+from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
     complain,
@@ -16,13 +19,10 @@ from dissect.cli.drive import (
     format_option,
     nanoseconds,
     write,
-    write_report,
 )
-from dissect.cli.gate import fail_on_option, gate
-from dissect.cli.main import EXIT_INTERRUPTED
 
 if TYPE_CHECKING:
-    from dissect.findings.carrier import Carrier
+    from dissect.engine.payload import PayloadDecoder
 
 
 @click.command("analyze", epilog=EXIT_CODES)
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     default="1000",
     show_default=True,
     metavar="MS",
-    help="Answers that take longer than this many milliseconds are a finding.",
+    help="Report answers that take longer than this many milliseconds.",
 )
 @checksums_option
 @fail_on_option
@@ -46,22 +46,22 @@ def command(
     slow_ns: int,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: Carrier | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
-    """Tell what captures hold, how fast it went, what failed and why.
+    """Summarize captures: what they contain, how fast it was, what failed and why.
 
-    That is: connections, transactions by function with answer times, findings, failed and slowest transactions, and what is
-    missing from the capture.
+    The report lists connections, transactions by function with answer times, findings, failed and slowest transactions, and
+    what is missing from the capture.
 
-    FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input. Several files are read one after another: one
-    that goes on where the file before it ended, as those of a ring buffer do, continues its connections.
+    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. Several files are read in
+    order; one that continues where the previous one ended (a ring buffer) continues its connections.
     """
-    from dissect.conversation import Options
+    from dissect.engine.observer import Options
     from dissect.report.analysis import Analysis
     from dissect.session import Run
 
     analysis = Analysis()
-    run = Run(files, analysis, Options(slow_ns, carrier=carrier, checksums=checksums))
+    run = Run(files, analysis, Options(slow_ns, decoder=decoder, checksums=checksums))
     code = drive(run, files)
     analysis.take(run.pipeline, run.files)
     if format_ == "json":
@@ -71,6 +71,6 @@ def command(
     else:
         from dissect.report.text import analysis_lines
 
-        write_report(analysis_lines(analysis, code == EXIT_INTERRUPTED))
+        write_lines(analysis_lines(analysis, code == EXIT_INTERRUPTED, clock()))
     complain(run, code)
     return gate(run, fail_on, code)

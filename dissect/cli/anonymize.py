@@ -1,4 +1,4 @@
-"""`s7dissect anonymize`: a capture that may be shown to others, and an account of what it no longer tells."""
+"""`s7dissect anonymize`: a capture that can be shared, and an account of what was replaced in it."""
 
 from __future__ import annotations
 
@@ -7,26 +7,25 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dissect.cli.carried import scd_options
-from dissect.cli.drive import complain, drive, write
 from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.options.scd import scd_options
+from dissect.cli.run import complain, drive, write
 from dissect.cli.second_pass import check_files, name_of, written_whole
-from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.anonymize.account import Account, Choices
     from dissect.anonymize.addresses import AddressMap
     from dissect.anonymize.key import Key
     from dissect.anonymize.survey import Survey
-    from dissect.findings.carrier import Carrier
+    from dissect.engine.payload import PayloadDecoder
 
 _EXIT_CODES = (
-    "Exit code: 0 written, 2 wrong use, a file that cannot be read or written, or nothing to write, 3 a file is damaged or cut "
-    "off (what could be read was written), 5 standard output failed, 130 interrupted (nothing written)."
+    "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, or nothing to write, 3 a damaged or truncated file "
+    "(what could be read was written), 5 the output could not be written (disk full), 130 interrupted (nothing written)."
 )
 
 
-def _key(ctx: click.Context, param: click.Parameter, value: str) -> Key:
+def _key(_ctx: click.Context, _param: click.Parameter, value: str) -> Key:
     from dissect.anonymize.key import random_key, read_key
 
     if value == "random":
@@ -34,8 +33,8 @@ def _key(ctx: click.Context, param: click.Parameter, value: str) -> Key:
     try:
         return read_key(value)
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise click.BadParameter(f"{printable(value)}: {printable(reason)}.", ctx, param) from None
+        why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise click.ClickException(f"--key {value}: {why}") from None
 
 
 @click.command("anonymize", epilog=_EXIT_CODES)
@@ -49,29 +48,29 @@ def _key(ctx: click.Context, param: click.Parameter, value: str) -> Key:
     show_default=True,
     callback=_key,
     metavar="FILE|random",
-    help="Octets that all replacements depend on: the same key replaces the same by the same in other captures too. Keep it: "
-    "who has it can try guesses. A random one is never written down.",
+    help="Secret that determines all replacements: the same key gives the same replacements in other captures. Keep it "
+    "private: whoever has it can test guesses. A random key is not stored.",
 )
 @click.option(
     "--values",
     type=click.Choice(("mask", "scramble", "keep")),
     default="mask",
     show_default=True,
-    help="Values read, written and sent: zeros, others of the same size (the same for the same), or as they are.",
+    help="Process values: replace by zeros (mask) or by other values of the same size (scramble), or keep.",
 )
-@click.option(
-    "--keep-code", is_flag=True, help="Leave the contents of blocks and files in down- and uploads as they are."
-)
+@click.option("--keep-code", is_flag=True, help="Keep the contents of downloaded and uploaded blocks and files.")
 @click.option(
     "--keep-others",
     is_flag=True,
-    help="Write packets of other protocols too, with other addresses and zeros for contents, so that all packets keep their "
-    "numbers; else they are dropped.",
+    help="Also write packets of other protocols, with replaced addresses and zeroed contents, so that packet numbers stay the "
+    "same; by default they are dropped.",
 )
-@click.option("--shift-time", is_flag=True, help="Move all packets into the future, by a time that depends on the key.")
+@click.option(
+    "--shift-time", is_flag=True, help="Shift all times into the future, by an offset that the key determines."
+)
 @click.option("-T", "--format", "format_", type=click.Choice(("text", "json")), default="text", show_default=True,
-              help="How to tell what was changed and what was left.")  # fmt: skip
-@click.option("--force", is_flag=True, help="Overwrite OUT where it exists (never FILE).")
+              help="Format of the account of what was replaced.")  # fmt: skip
+@click.option("--force", is_flag=True, help="Overwrite OUT if it exists (never FILE).")
 @scd_options
 def command(
     file: str,
@@ -83,13 +82,14 @@ def command(
     shift_time: bool,
     format_: str,
     force: bool,
-    carrier: Carrier | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
-    """Write a capture that may be shown to others, and tell what it no longer holds.
+    """Write a copy of a capture that can be shared, and report what was replaced in it.
 
-    Addresses, TSAP texts, names, serial numbers, passwords and values become others of the same size; whatever is not
-    understood becomes zeros. Sizes, times, pairing, error codes and what is asked for stay, so that an analysis finds the same.
-    Checksums are right where they were. FILE is a pcap or pcapng file, also in gzip or zstd; it is read twice.
+    Addresses, TSAP texts, names, serial numbers, passwords and values are replaced by others of the same size; data that is
+    not understood becomes zeros. Sizes, times, pairing, error codes and requested addresses are kept, so an analysis gives the
+    same results. Correct checksums stay correct. FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; it is
+    read twice.
     """
     from dissect.anonymize.account import Account, Choices
     from dissect.anonymize.addresses import AddressMap
@@ -97,20 +97,20 @@ def command(
     from dissect.anonymize.scd import ScdRules, bindings_of
     from dissect.anonymize.survey import Survey
     from dissect.bindings.engine import ScdCarrier
-    from dissect.findings.observer import Options
+    from dissect.engine.observer import Options
     from dissect.session import Run
 
     check_files((file,), output, force)
     choices = Choices(values, keep_code, keep_others, shift_time)
     account = Account()
     addresses = AddressMap(key)
-    scd = carrier if isinstance(carrier, ScdCarrier) else None
+    scd = decoder if isinstance(decoder, ScdCarrier) else None
     rules = Rules(key, addresses, choices, ScdRules(key, addresses, choices, scd, account))
     survey = Survey(key, rules, account, scd)
-    run = Run((file,), survey, Options(carrier=scd))
+    run = Run((file,), survey, Options(decoder=scd))
     code = drive(run, (file,))
     if code == EXIT_INTERRUPTED:
-        click.echo(f"s7dissect: interrupted, {name_of(output)} was not written", err=True)
+        click.echo(f"s7dissect: interrupted; {name_of(output)} was not written", err=True)
         return code
     complain(run, code)
     survey.settle()
@@ -147,5 +147,5 @@ def _write(
         rewriter.finish()
         if not account.written:
             raise click.ClickException(
-                "no packet of the capture is of S7 communication; nothing was written (--keep-others writes the others)."
+                "the capture contains no S7 packets; nothing was written (--keep-others writes other packets)."
             )

@@ -1,4 +1,4 @@
-"""`s7dissect baseline`: learn what is normal from captures, or tell what in a capture is not."""
+"""`s7dissect baseline`: learn what is normal from captures, or report what is not."""
 
 from __future__ import annotations
 
@@ -10,43 +10,56 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dissect.cli.drive import complain, drive, files_argument, format_option, write
+from dissect.cli.look import clock, write_lines
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK, EXIT_USAGE
+from dissect.cli.run import complain, drive, files_argument, format_option, write
 from dissect.session import CONTINUES_NS, Run
+from dissect.wire.saving import is_special, save
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.alerts import Alert, AlertRules
     from dissect.baseline import Baseline
-    from dissect.conversation import Observer
+    from dissect.engine.observer import Observer
 
 _EXIT_CODES = (
-    "Exit code: 0 learned, or nothing new; 1 something is told by --against or --rules; 2 wrong use or a file that cannot be "
-    "read or written; 3 a capture is damaged or cut off (results given); 5 the output failed; 130 interrupted (results given)."
+    "Exit code: 0 success, or nothing new; 1 --against or --rules reported something; 2 wrong use, or an unreadable or "
+    "unwritable file; 3 a damaged or truncated capture; 5 the output could not be written; 130 interrupted. With 3 and 130 the "
+    "results cover what was read."
 )
 
 
 @click.command("baseline", epilog=_EXIT_CODES)
 @files_argument
 @click.option(
-    "-o", "--output", metavar="PLANT.toml", type=click.Path(), help="Where to write it; standard output if left out."
+    "-o",
+    "--output",
+    metavar="PLANT.toml",
+    type=click.Path(),
+    help="File to write the baseline to (default: standard output).",
 )
 @click.option(
-    "--update", metavar="OLD.toml", type=click.Path(), help="Add to this baseline; it may be the output as well."
+    "--update", metavar="OLD.toml", type=click.Path(), help="Extend this baseline; it may also be the output."
 )
 @click.option(
-    "--against", metavar="PLANT.toml", type=click.Path(), help="Learn nothing: tell what this baseline does not hold."
+    "--against",
+    metavar="PLANT.toml",
+    type=click.Path(),
+    help="Do not learn; report what this baseline does not contain.",
 )
 @click.option(
-    "--rules", metavar="ALERTS.toml", type=click.Path(), help="Tell what these alert rules say; no action is taken."
+    "--rules",
+    metavar="ALERTS.toml",
+    type=click.Path(),
+    help="Report alerts that these rules would raise; no action is executed.",
 )
 @click.option(
     "--rate-factor", type=click.FloatRange(0, 1e6), default=2.0, show_default=True,
-    help="--against: tell rates above so many times the learned; 0 for none.",
+    help="With --against: report rates above this multiple of the baseline; 0 disables.",
 )  # fmt: skip
 @click.option(
     "--silence-factor", type=click.FloatRange(0, 1e6), default=0.0, show_default=True,
-    help="--against: tell silences longer than so many times the learned; 0 for none.",
+    help="With --against: report gaps longer than this multiple of the baseline; 0 disables.",
 )  # fmt: skip
 @format_option("text", "jsonl")
 def command(
@@ -59,16 +72,16 @@ def command(
     silence_factor: float,
     format_: str,
 ) -> int:
-    """Learn from captures who asks whom, for what and how often, as a TOML file that you can read and edit.
+    """Learn from captures which client requests what from which server and how often, as a TOML file to read and edit.
 
-    With --against PLANT.toml nothing is learned: what the captures hold and the file does not is told, one line each, and the
-    exit code is 1 if there is anything. With --rules ALERTS.toml the rules of alerts are tried on captures.
+    With --against PLANT.toml, report what the captures contain and the baseline does not, one line each; the exit code is 1 if
+    there is any. With --rules ALERTS.toml, try alert rules on captures.
 
-    FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input.
+    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input.
     """
     if against is not None or rules is not None:
         if output is not None or update is not None:
-            raise click.UsageError("--output and --update learn, --against and --rules compare: not together")
+            raise click.UsageError("--output and --update cannot be combined with --against and --rules.")
         return _compare(files, against, rules, (rate_factor, silence_factor), format_ == "jsonl")
     return _learn(files, output, update)
 
@@ -98,8 +111,13 @@ def _learn(files: Sequence[str], output: str | None, update: str | None) -> int:
     from dissect.baseline import Learner, baseline_toml, merged
 
     old = _baseline(update) if update is not None else None
-    if output is not None and os.path.lexists(output) and not (update is not None and _same(output, update)):
-        raise click.UsageError(f"{printable(output)} is there already: --update it, or name another file")
+    if (
+        output is not None
+        and os.path.lexists(output)
+        and not is_special(output)
+        and not (update is not None and _same(output, update))
+    ):
+        raise click.UsageError(f"{printable(output)} exists; use --update, or choose another file")
     learner = Learner()
     run = _Run(files, learner, lambda _: learner.restart())
     code = drive(run, files)
@@ -107,35 +125,23 @@ def _learn(files: Sequence[str], output: str | None, update: str | None) -> int:
     learned = learner.baseline(names)
     if not learned.pairs:
         complain(run, code)
-        click.echo("s7dissect: nothing to learn: no S7 conversation in what was read", err=True)
+        click.echo("s7dissect: nothing to learn: the captures contain no S7 conversation", err=True)
         return EXIT_USAGE if code == EXIT_OK else code
     text = baseline_toml(learned if old is None else merged(old, learned))
     if output is None:
         write(text.splitlines())
     else:
-        _replace(Path(output), text)
+        save(output, text.encode())
     complain(run, code)
     if learner.left_out:
-        click.echo(f"s7dissect: not complete: {learner.left_out} times something did not fit and is left out", err=True)
+        click.echo(
+            f"s7dissect: the baseline is incomplete: {learner.left_out} entries did not fit and were left out", err=True
+        )
     return code
 
 
 def _same(one: str, other: str) -> bool:
     return Path(one).exists() and Path(one).samefile(other)
-
-
-def _replace(path: Path, text: str) -> None:
-    """Write a file whole or not at all: what was there before stays until the new one is complete."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with beside.open("x", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        beside.replace(path)
-    except OSError as error:
-        beside.unlink(missing_ok=True)
-        raise click.FileError(printable(str(path)), error.strerror or str(error)) from None
 
 
 # ---- compare --------------------------------------------------------------------------------------------------------
@@ -145,6 +151,7 @@ def _compare(
     files: Sequence[str], against: str | None, rules: str | None, factors: tuple[float, float], as_jsonl: bool
 ) -> int:
     from dissect.alerts import AlertEngine, RuleError
+    from dissect.report.styled import HANG, Line
 
     baseline = _baseline(against) if against is not None else None
     asked = _rules(rules) if rules is not None else _usual_rules(*factors)
@@ -154,8 +161,13 @@ def _compare(
     except RuleError as error:
         raise click.UsageError(f"{error} with --against") from None
 
+    times = clock()
+
     def show() -> None:
-        write([alert.as_json() if as_jsonl else alert.line() for alert in told])
+        if as_jsonl:
+            write([alert.as_json() for alert in told])
+        else:
+            write_lines([Line(alert.line(times), alert.severity, HANG) for alert in told])
         told.clear()
 
     run = _Run(files, engine, engine.restart)
@@ -164,8 +176,8 @@ def _compare(
     show()
     complain(run, code)
     if engine.crowded or engine.forgotten:
-        lost = f"{engine.crowded} alerts lost, {engine.forgotten} pairs or connections measured no more"
-        click.echo(f"s7dissect: too many different ones: {lost}", err=True)
+        lost = f"{engine.crowded} alerts lost, {engine.forgotten} pairs or connections no longer measured"
+        click.echo(f"s7dissect: too many different alerts: {lost}", err=True)
     return EXIT_GATE if engine.count and code in {EXIT_OK, EXIT_DAMAGED} else code
 
 
@@ -193,7 +205,7 @@ def _baseline(path: str) -> Baseline:
     try:
         return load_baseline(path)
     except BaselineError as error:
-        raise click.UsageError(str(error)) from None
+        raise click.ClickException(str(error)) from None
 
 
 def _rules(path: str) -> AlertRules:
@@ -206,8 +218,8 @@ def _rules(path: str) -> AlertRules:
     from dissect.alerts.states import TRANSACTIONS
 
     try:
-        loaded = load_rules(path)
+        loaded = load_rules(path, trial=True)
     except RuleError as error:
-        raise click.UsageError(str(error)) from None
+        raise click.ClickException(str(error)) from None
     tried = [dataclasses.replace(rule, of=TRANSACTIONS) if rule.when == SILENCE else rule for rule in loaded.rules]
     return dataclasses.replace(loaded, rules=tuple(tried))

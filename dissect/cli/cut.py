@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dissect.cli.carried import scd_options
-from dissect.cli.drive import complain, drive, files_argument
 from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.options.scd import scd_options
+from dissect.cli.run import complain, drive, files_argument
 from dissect.cli.second_pass import check_files, name_of, written_whole
 from dissect.report.slugs import slugs_of
 
 if TYPE_CHECKING:
-    from dissect.findings.carrier import Carrier
+    from dissect.engine.payload import PayloadDecoder
     from dissect.recording.cutter import Around, Cutter
     from dissect.recording.selection import Choice
     from dissect.recording.window import Window
 
 _EXIT_CODES = (
-    "Exit code: 0 written, 2 wrong use, a file that cannot be read or written, or nothing to write, 3 a file is damaged or cut "
-    "off (what could be read was written), 5 standard output failed, 130 interrupted (nothing written)."
+    "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, or nothing to write, 3 a damaged or truncated file "
+    "(what could be read was written), 5 the output could not be written (disk full), 130 interrupted (nothing written)."
 )
 
 
@@ -63,7 +63,7 @@ def _around(ctx: click.Context, param: click.Parameter, value: str | None) -> Ar
     found = _AROUND.fullmatch(value)
     if not found:
         raise click.BadParameter(
-            f"{value!r} is neither a number of packets nor a time such as 500ms or 2s.", ctx, param
+            f"expected a number of packets or a time such as 500ms or 2s, got {value!r}.", ctx, param
         )
     number = int(found[1])
     if found[2] is None:
@@ -80,10 +80,10 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
 @click.option(
     "-o", "--output", "output", required=True, metavar="OUT", help="The pcapng file to write; - is standard output."
 )
-@_numbers("--connection", "Packets of the connection that analyze lists as N, its TCP handshake and end included.")
+@_numbers("--connection", "Packets of connection N of the analyze report, including its TCP handshake and end.")
 @_numbers(
     "--transaction",
-    "Packets that carried the request or the answer of transaction N; where it got no answer, the end of its connection too.",
+    "Packets that carried the request or answer of transaction N; if unanswered, also those that ended its connection.",
 )
 @click.option(
     "--finding",
@@ -91,31 +91,33 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
     multiple=True,
     callback=_findings,
     metavar="WHAT",
-    help="Packets that show a finding: its slug, all that begin alike ('security.*'), a severity (that or worse), or its "
-    "number in the finding_details of analyze -T json, from 1.",
+    help="Packets of a finding: its slug, a pattern ('security.*'), a severity (or worse), or its number in "
+    "finding_details of analyze -T json, from 1.",
 )
 @click.option(
     "--time",
     "window",
     callback=_window,
     metavar="BEGIN..END",
-    help="Only packets of this time: HH:MM:SS or YYYY-MM-DDTHH:MM:SS in UTC, with or without a fraction, or seconds from the "
-    "first packet; either end may be left out.",
+    help="Only packets within this time range: HH:MM:SS or YYYY-MM-DDTHH:MM:SS in UTC, optionally with a fraction, or seconds "
+    "from the first packet; either end may be omitted.",
 )
 @click.option(
     "--around",
     callback=_around,
     metavar="N|MS",
-    help="With each packet N before it and after it, or those within a time such as 500ms or 2s, whatever they are.",
+    help="Also N packets before and after each, or all within a time such as 500ms or 2s.",
 )
 @click.option(
     "--context",
     is_flag=True,
-    help="With the packets of --transaction those that open and close its connection, and its Setup communication (TSAPs, "
-    "PDU length), so that OUT explains itself.",
+    help="With --transaction: also the packets that open and close its connection, and its Setup communication (TSAPs, PDU "
+    "length).",
 )
-@click.option("--no-comments", "plain", is_flag=True, help="Leave our findings out; comments of the capture stay.")
-@click.option("--force", is_flag=True, help="Overwrite OUT where it exists (never a FILE).")
+@click.option(
+    "--no-comments", "plain", is_flag=True, help="Do not add findings as comments; existing comments are kept."
+)
+@click.option("--force", is_flag=True, help="Overwrite OUT if it exists (never a FILE).")
 @scd_options
 def command(
     files: tuple[str, ...],
@@ -128,30 +130,30 @@ def command(
     context: bool,
     plain: bool,
     force: bool,
-    carrier: Carrier | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
-    """Write a part of a capture to a pcapng file, with our findings as comments of the packets that show them.
+    """Extract part of a capture to a pcapng file, with findings as comments on their packets.
 
-    --connection, --transaction and --finding may be given several times and together: a packet that any of them means is
-    written. --time narrows that. With none of them every packet is written. Packets stay in order, with their times
-    (nanoseconds), link types, interface names and comments.
+    --connection, --transaction and --finding may be repeated and combined: a packet that any of them selects is written.
+    --time narrows the selection. Without any of them, all packets are written. Packets keep their order, times (nanoseconds),
+    link types, interface names and comments.
 
-    FILE is a pcap or pcapng file, also in gzip or zstd. It is read twice, so it cannot be standard input. Several files are
-    read as one run, and go to one OUT.
+    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd. It is read twice, so it cannot be standard input.
+    Several files are read as one capture and written to one OUT.
     """
-    from dissect.findings.observer import Options
+    from dissect.engine.observer import Options
     from dissect.recording.selection import Selection, Wanted
     from dissect.session import Run
 
     check_files(files, output, force)
     wanted = Wanted(connection, transaction, *findings)
     if context and not transaction:
-        raise click.UsageError("--context belongs to --transaction: it adds what opens and closes their connections.")
+        raise click.UsageError("--context needs --transaction.")
     selection = Selection(wanted, comments=not plain, context=context)
-    run = Run(files, selection, Options(carrier=carrier))
+    run = Run(files, selection, Options(decoder=decoder))
     code = drive(run, files)
     if code == EXIT_INTERRUPTED:
-        click.echo(f"s7dissect: interrupted, {name_of(output)} was not written", err=True)
+        click.echo(f"s7dissect: interrupted; {name_of(output)} was not written", err=True)
         return code
     complain(run, code)
     if selection.missing:
@@ -160,7 +162,7 @@ def command(
     times = window.resolve(first_ns, last_ns) if window is not None else (-(2**63), 2**63)
     if selection.uncertain:
         click.echo(
-            f"s7dissect: of {selection.uncertain} messages only the packet that completed them is known, not those before",
+            f"s7dissect: of {selection.uncertain} messages only the last packet is known; earlier ones may be missing from OUT",
             err=True,
         )
     return _write(files, output, selection.choice(*times), around) or code
@@ -180,7 +182,7 @@ def _write(files: Sequence[str], output: str, choice: Choice, around: Around) ->
             finally:
                 reader.close()
         if not cutter.chosen:
-            raise click.ClickException("no packet of the capture is wanted; nothing was written.")
+            raise click.ClickException("no packet matches; nothing was written.")
     _tell(cutter, output, choice.context)
     return 0
 
@@ -197,7 +199,6 @@ def _tell(cutter: Cutter, output: str, context: int) -> None:
     )
     if cutter.shortened:
         click.echo(
-            f"s7dissect: {cutter.shortened} packets left memory before it was known whether they are near a wanted one; "
-            "some may be missing",
+            f"s7dissect: {cutter.shortened} packets left memory before --around could select them; some may be missing",
             err=True,
         )

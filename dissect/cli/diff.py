@@ -12,10 +12,11 @@ from xml.etree import ElementTree
 
 import click
 
-from dissect.cli.carried import scd_options
-from dissect.cli.drive import format_option, write
 from dissect.cli.golden import read_capture
+from dissect.cli.look import write_text
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
+from dissect.cli.options.scd import scd_options
+from dissect.cli.run import format_option, write
 from dissect.golden.comparison import differences
 from dissect.golden.difference import KINDS, Difference, DiffOptions
 from dissect.golden.model import GoldenError, Session
@@ -24,13 +25,13 @@ from dissect.report import words
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
-    from dissect.findings.carrier import Carrier
+    from dissect.engine.payload import PayloadDecoder
 
 DIFF_SCHEMA = "s7dissect.diff/1"
 
 _EXIT_CODES = (
-    "Exit code: 0 the same, 1 different, 2 wrong use, a file that cannot be read, or one that is damaged so that the "
-    "comparison is not to be relied on (it is given), 5 the output failed, 130 interrupted."
+    "Exit code: 0 no differences, 1 differences, 2 wrong use, an unreadable file, or a damaged one (differences are reported, "
+    "but unreliable), 5 the output could not be written, 130 interrupted."
 )
 _WIDTH = 76
 _IGNORABLE = "\n".join(
@@ -38,7 +39,7 @@ _IGNORABLE = "\n".join(
 )
 
 
-@click.command("diff", epilog=f"{_EXIT_CODES}\n\n\b\nWhat can be ignored:\n{_IGNORABLE}")
+@click.command("diff", epilog=f"{_EXIT_CODES}\n\n\b\nKinds of differences for --ignore:\n{_IGNORABLE}")
 @click.argument("first", metavar="A", type=click.Path())
 @click.argument("second", metavar="B", type=click.Path())
 @format_option("text", "json", "junit")
@@ -46,15 +47,22 @@ _IGNORABLE = "\n".join(
     "--ignore",
     multiple=True,
     metavar="WHAT",
-    help="Leave this unsaid: a name from the list below, or NAME:PATTERN with * and ?, such as 'values:DB10.*'; several with "
-    "commas between, or the option again.",
+    help="Ignore this kind of difference: a name from the list below, or NAME:PATTERN with * and ?, such as 'values:DB10.*'; "
+    "comma-separated or repeated.",
 )
 @click.option(
     "--latency",
     metavar="TOLERANCE",
-    help="Compare answer times as well; shifts up to 20%, 5ms or 20%,5ms are the same.",
+    help="Also compare answer times; shifts up to the tolerance (20%, 5ms or 20%,5ms) are ignored.",
 )
-@click.option("--max", "most", type=click.IntRange(min=0), default=100, show_default=True, help="Differences to write.")
+@click.option(
+    "--max",
+    "most",
+    type=click.IntRange(min=0),
+    default=100,
+    show_default=True,
+    help="Maximum number of differences.",
+)
 @scd_options
 def command(
     first: str,
@@ -63,22 +71,22 @@ def command(
     ignore: tuple[str, ...],
     latency: str | None,
     most: int,
-    carrier: Carrier | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
-    """Say what changed from A to B, each a capture or a golden (see `s7dissect golden`).
+    """Report what changed from A to B, each a capture or a golden (see `s7dissect golden`).
 
-    Transactions are matched by what is asked, not by where they stand, so that one request more or less is one difference.
-    Times, addresses and reference numbers are not compared, answer times only with --latency.
+    Transactions are matched by their request, not by their position, so one added or missing request is one difference.
+    Times, addresses and reference numbers are not compared; answer times only with --latency.
     """
     try:
         options = DiffOptions([part for text in ignore for part in text.split(",") if part], latency)
     except ValueError as error:
         raise click.UsageError(str(error)) from None
     if first == "-" and second == "-":
-        raise click.UsageError("standard input can be one of the two, not both.")
+        raise click.UsageError("only one of A and B can be standard input.")
     try:
-        a, code_a = _load(first, carrier)
-        b, code_b = _load(second, carrier)
+        a, code_a = _load(first, decoder)
+        b, code_b = _load(second, decoder)
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
     if EXIT_INTERRUPTED in {code_a, code_b}:
@@ -86,17 +94,19 @@ def command(
     found = differences(a, b, options)
     shown = list(islice(found, most))
     rest = sum([1 for _ in found])
-    writer = {"text": text_lines, "json": _json, "junit": junit_lines}[format_]
-    write(writer(a, b, shown, rest))
+    if format_ == "text":
+        write_text(text_lines(a, b, shown, rest))
+    else:
+        write((_json if format_ == "json" else junit_lines)(a, b, shown, rest))
     if code_a or code_b:
         return EXIT_USAGE
     return EXIT_GATE if shown or rest else EXIT_OK
 
 
-def _load(path: str, carrier: Carrier | None) -> tuple[Session, int]:
+def _load(path: str, decoder: PayloadDecoder | None) -> tuple[Session, int]:
     if path != "-" and Path(path).is_file() and is_golden(path):
         return load_golden(path), EXIT_OK
-    return read_capture((path,), carrier)
+    return read_capture((path,), decoder)
 
 
 def text_lines(_a: Session, _b: Session, shown: list[Difference], rest: int) -> Iterator[str]:

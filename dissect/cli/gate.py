@@ -34,8 +34,8 @@ fail_on_option: Final[Callable[[Any], Any]] = click.option(
     multiple=True,
     callback=_slugs,
     metavar="WHAT",
-    help="End with exit code 1 when there is a finding that is WHAT: note, warning or error (that or worse), a slug such as "
-    "transaction.slow, or all that begin alike, such as 'session.*'. May be given several times.",
+    help="Exit with code 1 on a finding that matches WHAT: a severity (note, warning or error, or worse), a slug such as "
+    "transaction.slow, or a pattern such as 'session.*'. Repeatable.",
 )
 
 
@@ -44,7 +44,7 @@ def gate(run: Run | LiveRun, fail_on: frozenset[str], code: int) -> int:
 
     A damaged file is told on stderr anyway, so a failed gate counts more; an interruption counts most.
     """
-    counts = run.pipeline.conversation.judge.counts
+    counts = run.pipeline.finding_counts
     found = [slug for slug in CATALOGUE if slug in fail_on and counts.get(slug)]
     if not found:
         return code

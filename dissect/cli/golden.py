@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dissect.cli.carried import scd_options
-from dissect.cli.drive import complain, drive, files_argument, write
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
+from dissect.cli.options.scd import scd_options
+from dissect.cli.run import complain, drive, files_argument, write
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.reading import SessionReader, is_golden, load_golden
-from dissect.golden.saving import save_whole
 from dissect.golden.writing import EXTRAS, golden_lines
+from dissect.wire.saving import save
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.findings.carrier import Carrier
+    from dissect.engine.payload import PayloadDecoder
 
 _EXIT_CODES = (
-    "Exit code: 0 written, 2 wrong use or a file that cannot be read or written, 3 a file is damaged or cut off (what could be "
-    "read was written), 5 standard output failed, 130 interrupted (nothing written)."
+    "Exit code: 0 success, 2 wrong use, or an unreadable or unwritable file, 3 a damaged or truncated file (what could be read "
+    "was written), 5 the output could not be written (disk full), 130 interrupted (nothing written)."
 )
 
 
@@ -34,7 +34,7 @@ def choices(known: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
         wanted = [name.strip() for name in value.split(",") if name.strip()]
         for name in wanted:
             if name not in names:
-                raise click.BadParameter(f"{name!r} is none of {', '.join(names)}.", ctx, param)
+                raise click.BadParameter(f"expected {', '.join(names)}, got {name!r}.", ctx, param)
         return frozenset(wanted)
 
     return chosen
@@ -42,27 +42,24 @@ def choices(known: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
 
 @click.command("golden", epilog=_EXIT_CODES)
 @files_argument
-@click.option(
-    "-o", "--output", "output", default="-", metavar="OUT", help="File to write; - is standard output (default)."
-)
+@click.option("-o", "--output", "output", default="-", metavar="OUT", help="File to write (default: standard output).")
 @click.option(
     "--with",
     "extras",
     default="",
     metavar="WHAT",
     callback=choices(EXTRAS),
-    help=f"Keep what belongs to one recording as well: {', '.join(EXTRAS)}, with commas between.",
+    help=f"Also include details that vary between recordings, comma-separated: {', '.join(EXTRAS)}.",
 )
 @scd_options
-def command(files: tuple[str, ...], output: str, extras: frozenset[str], carrier: Carrier | None) -> int:
-    """Write the session in a capture as text: one transaction after another, values by name, errors in words.
+def command(files: tuple[str, ...], output: str, extras: frozenset[str], decoder: PayloadDecoder | None) -> int:
+    """Write the session in a capture as text: one transaction after another, with values and errors in words.
 
     The same session gives the same text whenever and wherever it was recorded: times, addresses, ports and reference numbers
-    are left out, and connections stand in an order that only what is said on them decides. FILE may be such a text too, which
-    is written anew.
+    are left out, and connections are ordered by their content. FILE may also be such a text, which is then reformatted.
     """
     try:
-        session, code = _session(files, carrier)
+        session, code = _session(files, decoder)
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
     if code == EXIT_INTERRUPTED:
@@ -70,25 +67,25 @@ def command(files: tuple[str, ...], output: str, extras: frozenset[str], carrier
     if output == "-":
         write(golden_lines(session, extras))
     else:
-        save_whole(Path(output), "".join([f"{line}\n" for line in golden_lines(session, extras)]).encode())
+        save(output, "".join([f"{line}\n" for line in golden_lines(session, extras)]).encode())
     return code
 
 
-def _session(files: tuple[str, ...], carrier: Carrier | None) -> tuple[Session, int]:
+def _session(files: tuple[str, ...], decoder: PayloadDecoder | None) -> tuple[Session, int]:
     if len(files) == 1 and Path(files[0]).is_file() and is_golden(files[0]):
         return load_golden(files[0]), EXIT_OK
-    return read_capture(files, carrier)
+    return read_capture(files, decoder)
 
 
-def read_capture(files: tuple[str, ...], carrier: Carrier | None) -> tuple[Session, int]:
+def read_capture(files: tuple[str, ...], decoder: PayloadDecoder | None) -> tuple[Session, int]:
     """Read captures and return their session and the exit code so far; what was odd is told on stderr."""
-    from dissect.conversation import Options
+    from dissect.engine.observer import Options
     from dissect.session import Run
 
     reader = SessionReader(files[0])
-    run = Run(files, reader, Options(carrier=carrier))
+    run = Run(files, reader, Options(decoder=decoder))
     code = drive(run, files)
     complain(run, EXIT_DAMAGED if code == EXIT_INTERRUPTED else code)
     if code == EXIT_INTERRUPTED:
-        click.echo("s7dissect: interrupted, nothing was written", err=True)
-    return reader.finish([f"{file.name}: {file.damage}" for file in run.files if file.damage]), code
+        click.echo("s7dissect: interrupted; nothing was written", err=True)
+    return reader.finish([f"{file.name}: {file.loss}" for file in run.files if file.loss]), code

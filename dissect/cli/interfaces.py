@@ -1,4 +1,4 @@
-"""`s7dissect interfaces`: what can be captured here, by whom, and what to do where nothing can."""
+"""`s7dissect interfaces`: the network interfaces, what can capture on them, and what to do where nothing can."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from dissect.cli.drive import format_option, write
+from dissect.cli.look import write_text
 from dissect.cli.main import EXIT_OK
+from dissect.cli.run import format_option, write
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
@@ -18,24 +19,28 @@ if TYPE_CHECKING:
 
 INTERFACES_SCHEMA: Final = "s7dissect.interfaces/1"
 
-_HEADINGS: Final = ("INTERFACE", "STATE", "LINK", "CAPTURE BY", "ADDRESSES")
+_HEADINGS: Final = ("INTERFACE", "STATE", "LINK", "CAPTURE WITH", "ADDRESSES")
 
 
 @click.command(
-    "interfaces", epilog="Exit code: 0 told, also when nothing may be captured, 2 wrong use, 5 the output failed."
+    "interfaces",
+    epilog="Exit code: 0 success, also if nothing can capture, 2 wrong use, 5 the output could not be written.",
 )
 @format_option("text", "json")
 def command(format_: str) -> int:
-    """List the network interfaces: state, link type, addresses, and which engine may capture on each.
+    """List the network interfaces: state, link type, addresses, and which engine can capture on each.
 
-    dumpcap (of Wireshark) captures with rights of its own and is preferred; the ring is the kernel's own way and needs
-    CAP_NET_RAW. Where one of them may not capture, what to do about it follows the list.
+    dumpcap (part of Wireshark) has its own privileges and is preferred; the ring is the kernel's own interface and needs
+    CAP_NET_RAW. If one of them cannot capture, the remedy follows the list.
     """
     from dissect.source.live.opening import engine_states, listed
 
     interfaces = listed()
     states = engine_states()
-    write([_as_json(interfaces, states)] if format_ == "json" else _as_text(interfaces, states))
+    if format_ == "json":
+        write([_as_json(interfaces, states)])
+    else:
+        write_text(_as_text(interfaces, states))
     return EXIT_OK
 
 
@@ -44,14 +49,14 @@ def _as_text(interfaces: list[NetworkInterface], states: list[EngineState]) -> I
 
     rows: list[tuple[str, ...]] = [_HEADINGS]
     for one in interfaces:
-        engines = ", ".join(engines_for(one, states)) or "nobody"
+        engines = ", ".join(engines_for(one, states)) or "-"
         cells = (one.name, one.state or "?", one.link_name or "?", engines, " ".join(one.addresses) or "-")
         rows.append(tuple([printable(cell) for cell in cells]))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         yield "  ".join([cell.ljust(width) for cell, width in zip(row, widths, strict=True)]).rstrip()
     if not interfaces:
-        yield "there are none, or none that this user may see"
+        yield "no interfaces, or none visible to this user"
     for state in states:
         if state.reason:
             yield ""

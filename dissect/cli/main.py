@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import errno
 import importlib
+import io
 import os
 import sys
 from typing import Final, NoReturn
@@ -19,6 +20,7 @@ import click
 
 from dissect import __version__
 from dissect.wire.build import COMPILED
+from dissect.wire.text import printable, reason
 
 EXIT_OK: Final = 0
 EXIT_GATE: Final = 1
@@ -29,51 +31,123 @@ EXIT_INTERRUPTED: Final = 130
 
 #: Each command and the line that the list of commands shows for it, in the order of that list.
 COMMANDS: Final = {
-    "analyze": "What a capture holds, how fast it went, what failed and why.",
-    "transactions": "One line per request and answer, with items and latency.",
-    "operations": "One line per download, upload, subscription, password.",
-    "show": "One line per S7 PDU, or the fields and octets of one.",
-    "cut": "A part of a capture as pcapng, findings as comments.",
-    "anonymize": "A capture to be shown: addresses, names, values replaced.",
-    "baseline": "Learn what is normal, or tell what is not.",
-    "golden": "A capture as stable text, to be kept and compared.",
-    "diff": "What changed from one session to another, in words.",
-    "verify": "Our dissection beside Wireshark's, field by field.",
-    "monitor": "What happens on a line, while it happens.",
-    "interfaces": "What can be captured live here, and by whom.",
-    "proxy": "A TCP relay before a PLC that tells what passes.",
-    "serve": "A fake PLC that answers as a recorded one did.",
-    "replay": "The client's side of a session, to a real server.",
-    "scd": "Dictionaries of SCD, and values by them.",
-    "schema": "JSON Schemas of what these write for programs.",
+    "analyze": "Summarize a capture: connections, timing, errors, findings.",
+    "transactions": "List requests with their answers, values and latency.",
+    "operations": "List downloads, uploads, subscriptions, passwords.",
+    "show": "List S7 PDUs, or dissect them field by field.",
+    "cut": "Extract part of a capture, findings as packet comments.",
+    "anonymize": "Replace addresses, names and values for sharing.",
+    "baseline": "Learn what is normal, or report what is not.",
+    "golden": "Write a session as stable text to keep and compare.",
+    "diff": "Report what changed between two sessions.",
+    "verify": "Compare our dissection with Wireshark's.",
+    "monitor": "Watch live S7 traffic.",
+    "interfaces": "List interfaces and what can capture on them.",
+    "proxy": "TCP relay in front of a PLC that reports what passes.",
+    "serve": "Fake PLC that answers like a recorded one.",
+    "replay": "Play a recorded client to a server, check the answers.",
+    "scd": "SCD dictionaries: compile, check, decode, encode.",
+    "schema": "JSON Schemas of the machine-readable outputs.",
+    "help": "Show the manual page of a command or topic.",
 }
+#: Commands whose output shows times.
+_TIMED: Final = frozenset(("analyze", "transactions", "operations", "show", "baseline", "monitor", "proxy"))
+#: What people type that is no command, and what it means.
+_WORDS: Final = {"version": "--version"}
 
+#: What the system says when an output has no room, whatever its name is.
+_FULL: Final = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
 
 #: Set by the shell when it asks for completions.
 _COMPLETION: Final = "_S7DISSECT_COMPLETE"
 
 
 class LazyGroup(click.Group):
-    """A group that lists its commands from `COMMANDS` and imports one only to use it."""
+    """A group that lists its commands from a table and imports one only to use it.
+
+    Every command gets ``--color``, those that show times ``--local-time``, and its help the examples it has.
+    """
+
+    #: What precedes the names of the commands in `dissect.cli.examples`.
+    prefix = ""
+
+    def summaries(self) -> dict[str, str]:
+        """Return each command and its line in the list of commands."""
+        return COMMANDS
+
+    def load(self, name: str) -> click.Command:
+        """Import a command."""
+        command: click.Command = importlib.import_module(f"dissect.cli.{name}").command
+        return command
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names in the order of the table."""
-        return list(COMMANDS)
+        return list(self.summaries())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import and return the command, None when there is none of that name."""
-        if cmd_name not in COMMANDS:
+        if cmd_name not in self.summaries():
             return None
-        command: click.Command = importlib.import_module(f"dissect.cli.{cmd_name}").command
-        return command
+        return _equipped(self.load(cmd_name), self.prefix + cmd_name)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command; of a wrong name, say what may have been meant."""
+        name = args[0]
+        if name in self.summaries() or name.startswith("-") or ctx.resilient_parsing:
+            return super().resolve_command(ctx, args)
+        raise click.UsageError(f"No such command {name!r}.{self.hint(name)}", ctx)
+
+    def hint(self, name: str) -> str:
+        """Return what may have been meant by a name that no command has, as a further sentence."""
+        import difflib  # late: a run without this mistake does not need it
+
+        names = list(self.summaries())
+        near = [each for each in names if each.startswith(name)] or difflib.get_close_matches(name, names, n=2)
+        return f" Did you mean {' or '.join(near)}?" if near else ""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of commands without importing one."""
         with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+            formatter.write_dl(list(self.summaries().items()))
 
 
-@click.command(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+class _Main(LazyGroup):
+    """The whole command line: words that are used in the place of options, and a file in the place of a command."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Take ``s7dissect version`` for ``s7dissect --version``."""
+        return super().parse_args(ctx, [_WORDS.get(args[0], args[0]), *args[1:]] if args else args)
+
+    def hint(self, name: str) -> str:
+        """Return what may have been meant; a file is probably to be analyzed."""
+        if os.path.exists(name):  # noqa: PTH110 - a name that no path can have is simply not there
+            from dissect.wire.text import printable  # late, as above
+
+            return f" It is a file: s7dissect analyze {printable(name)}"
+        return super().hint(name)
+
+
+def _equipped(command: click.Command, path: str) -> click.Command:
+    """Give a command what all have, once: the options on how its output looks, and its examples."""
+    from dissect.cli.examples import examples_of
+    from dissect.cli.look import color_option, local_time_option
+
+    if any([parameter.name == "color" for parameter in command.params]):
+        return command
+    if path in _TIMED:
+        command.params.append(local_time_option())
+    command.params.append(color_option())
+    command.epilog = "\n\n".join([text for text in (examples_of(path), command.epilog) if text])
+    return command
+
+
+@click.command(
+    cls=_Main,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="s7dissect COMMAND --help shows the options of a command, s7dissect help COMMAND its manual page.",
+)
 @click.version_option(
     __version__, prog_name="s7dissect", message=f"%(prog)s %(version)s ({'compiled' if COMPILED else 'interpreted'})"
 )
@@ -89,13 +163,13 @@ def main(arguments: list[str] | None = None) -> NoReturn:
 def _run(arguments: list[str] | None) -> int:
     """Run one command and turn every expected end of it into an exit code and at most one line on stderr."""
     if sys.stdout is None:
-        click.echo("s7dissect: there is no standard output to write to", err=True)
+        click.echo("s7dissect: standard output is closed", err=True)
         return EXIT_OUTPUT
     try:
         result = group.main(arguments, prog_name="s7dissect", complete_var=_COMPLETION, standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as exc:
-        exc.show()
+        _show(exc, sys.argv[1:] if arguments is None else arguments)
         return EXIT_USAGE
     except (click.Abort, KeyboardInterrupt):
         click.echo("s7dissect: interrupted", err=True)
@@ -112,11 +186,26 @@ def _run(arguments: list[str] | None) -> int:
 
         if not isinstance(exc, CaptureError):
             raise
-        click.echo(f"s7dissect: {exc}", err=True)
+        _say(str(exc))
         for line in getattr(exc, "advice", ()):
-            click.echo(f"    {line}", err=True)
+            click.echo(f"    {printable(line)}", err=True)
         return EXIT_USAGE
     return result if isinstance(result, int) else EXIT_OK
+
+
+def _say(text: str) -> None:
+    """Write one line to stderr. Names of files and words of the command line are in it, so it is escaped here."""
+    click.echo(f"s7dissect: {printable(text)}", err=True)
+
+
+def _show(exc: click.ClickException, arguments: list[str]) -> None:
+    """Write what click says of wrong use, with nothing in it that a name could do to a terminal."""
+    for word in arguments:
+        if not word.isprintable():  # click breaks its own lines; a name must not
+            vars(exc)["message"] = exc.message.replace(word, printable(word))
+    said = io.StringIO()
+    exc.show(file=said)
+    click.echo("\n".join([printable(line) for line in said.getvalue().rstrip("\n").split("\n")]), err=True)
 
 
 def _system_refused(exc: OSError) -> int:
@@ -125,11 +214,13 @@ def _system_refused(exc: OSError) -> int:
     A closed pipe is no fault of ours: whoever read it has seen enough.
     """
     if exc.filename is not None:
-        click.echo(f"s7dissect: {exc.filename}: {exc.strerror}", err=True)
-        return EXIT_USAGE
+        full = exc.errno in _FULL
+        name, why = os.fsdecode(exc.filename), exc.strerror or type(exc).__name__
+        _say(f"cannot write {name}: {why}" if full else f"{name}: {why}")
+        return EXIT_OUTPUT if full else EXIT_USAGE
     # Whatever is still buffered cannot be written either: let the interpreter flush it into nothing.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     if exc.errno == errno.EPIPE:
         return EXIT_OK
-    click.echo(f"s7dissect: cannot write the results: {exc.strerror or exc}", err=True)
+    _say(f"cannot write the results: {reason(exc)}")
     return EXIT_OUTPUT

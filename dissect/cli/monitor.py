@@ -1,39 +1,53 @@
-"""`s7dissect monitor`: what happens on a line, while it happens."""
+"""`s7dissect monitor`: live S7 traffic, on screens or line by line."""
 
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from typing import TYPE_CHECKING, Final
 
 import click
 
-from dissect.cli.beside import beside_options
-from dissect.cli.carried import scd_options
-from dissect.cli.drive import checksums_option, write
 from dissect.cli.gate import fail_on_option, gate
+from dissect.cli.look import clock, coloured
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT
+from dissect.cli.options.monitor import beside_options
+from dissect.cli.options.scd import scd_options
 from dissect.cli.rights import check_user, open_interface
+from dissect.cli.run import checksums_option, write
 from dissect.cli.scrape import Scrape, allow_remote_option, metrics_option
-from dissect.cli.watching import Interruption, LostEvents, Shower, only_option, overdue_option, slow_option
+from dissect.cli.watching import (
+    Interruption,
+    LostEvents,
+    Shower,
+    new_shower,
+    only_option,
+    overdue_option,
+    slow_option,
+    write_events,
+)
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from dissect.cli.beside import Beside
-    from dissect.findings.carrier import Carrier
+    from dissect.cli.options.monitor import Beside
+    from dissect.engine.payload import PayloadDecoder
     from dissect.live.session import Session, Status
     from dissect.metrics.address import Address
     from dissect.source.packet import Reader
 
+#: As `dissect.source.live.opening` has them, which is imported only when something is opened.
+BUFFER_MIB: Final = 32
+MAX_BUFFER_MIB: Final = 1024
 #: How long a poll waits for something to happen, in seconds, and how much it takes.
 _WAIT_S: Final = 0.2
 _MOST: Final = 512
 
 _EXIT_CODES: Final = (
     "Exit code: 0 the source or --duration ended, 1 a finding that --fail-on names, 2 wrong use or a source that cannot be "
-    "opened, 3 the source broke off, 5 the output failed, 130 interrupted by SIGINT or SIGTERM (the summary is given)."
+    "opened, 3 the source failed, 5 the output could not be written, 130 interrupted by SIGINT or SIGTERM (with summary)."
 )
 
 
@@ -44,7 +58,7 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
     try:
         number = float(value)
     except ValueError:
-        raise click.BadParameter(f"{value!r} is not a number.", ctx, param) from None
+        raise click.BadParameter(f"expected seconds, got {value!r}.", ctx, param) from None
     if not 0 < number <= 1e9:
         raise click.BadParameter(f"{value} is not between 0 and 1000000000.", ctx, param)
     return int(number * 1e9)
@@ -52,39 +66,47 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
 
 @click.command("monitor", epilog=_EXIT_CODES)
 @click.argument("file", required=False, type=click.Path(), metavar="[FILE]")
+@click.option("-i", "--interface", "interface", metavar="NAME", help="Interface to watch (see `s7dissect interfaces`).")
 @click.option(
-    "-i", "--interface", "interface", metavar="NAME", help="Watch this interface; `s7dissect interfaces` lists them."
-)
-@click.option(
-    "-f", "--filter", "expression", default="", metavar="FILTER", help="Capture only this, for example 'tcp port 102'."
+    "-f", "--filter", "expression", default="", metavar="FILTER", help="Capture filter, for example 'tcp port 102'."
 )
 @click.option(
     "--engine",
     type=click.Choice(("auto", "dumpcap", "ring")),
     default="auto",
     show_default=True,
-    help="What captures; auto is dumpcap, and the kernel's ring where it may not; for root the ring first.",
+    help="Capture engine; auto is dumpcap, or else the kernel's ring; for root the ring first.",
 )
 @click.option(
     "-Z",
     "user",
     default="",
     metavar="USER",
-    help="As root: become USER once the interface is open (by default who called sudo, else nobody); root keeps all rights.",
+    help="As root: become USER once the interface is open (default: the user who called sudo, otherwise nobody); root keeps "
+    "all privileges.",
 )
-@click.option("--plain", is_flag=True, help="A line an event, also on a terminal.")
+@click.option(
+    "--buffer",
+    "buffer_mib",
+    type=click.IntRange(1, MAX_BUFFER_MIB),
+    metavar="MIB",
+    help=f"Size of the kernel's capture buffer, 1 to {MAX_BUFFER_MIB} MiB (default {BUFFER_MIB}).",
+)
+@click.option("--plain", is_flag=True, help="One line per event, even on a terminal.")
 @click.option(
     "-T",
     "--format",
     "format_",
     type=click.Choice(("text", "jsonl")),
-    help="What to write, a line an event; without it and on a terminal the screens are shown.",
+    help="Output format, one line per event. Without it, a terminal shows the screens.",
 )
 @only_option
 @slow_option
 @overdue_option
-@click.option("--duration", "duration_ns", callback=_seconds, metavar="S", help="End after so many seconds.")
-@click.option("-c", "--packets", type=click.IntRange(1), default=None, metavar="N", help="End after so many packets.")
+@click.option("--duration", "duration_ns", callback=_seconds, metavar="S", help="Stop after this many seconds.")
+@click.option(
+    "-c", "--packets", type=click.IntRange(1), default=None, metavar="N", help="Stop after this many packets."
+)
 @metrics_option
 @allow_remote_option
 @checksums_option
@@ -97,6 +119,7 @@ def command(
     expression: str,
     engine: str,
     user: str,
+    buffer_mib: int | None,
     plain: bool,
     format_: str | None,
     topics: tuple[str, ...],
@@ -108,24 +131,24 @@ def command(
     allow_remote: bool,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: Carrier | None,
+    decoder: PayloadDecoder | None,
     beside: Beside,
 ) -> int:
-    """Watch a line: connections, transactions and findings as they come. Nothing is ever sent.
+    """Watch live S7 traffic: connections, transactions and findings as they occur. Nothing is ever sent.
 
-    The line is an interface (-i), a capture that comes on standard input while it is made (-), as from
+    The source is an interface (-i), a capture in progress on standard input (-), for example from
     `ssh gateway tcpdump -U -w - tcp port 102`, or a FILE.
     """
-    from dissect.findings.observer import Options
+    from dissect.engine.observer import Options
     from dissect.live.run import Limits
     from dissect.live.session import Session
 
     on_screens = not plain and format_ is None and sys.stdout.isatty() and _screens_will_do()
-    opener = _opener(file, interface, expression, engine, user, beside, on_screens)
+    opener = _opener(file, interface, expression, (engine, user, buffer_mib), beside, on_screens)
     with Scrape(metrics, allow_remote) as scrape:
         session = Session(
             lambda: _opened(opener, scrape),
-            Options(slow_ns, carrier=carrier, overdue_ns=overdue_ns, checksums=checksums),
+            Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns, checksums=checksums),
             companions=[*beside.companions(), *scrape.companions],
             limits=Limits(duration_ns, packets or 0),
             name=interface or ("stdin" if file == "-" else file or ""),
@@ -140,13 +163,19 @@ def command(
 
 
 def _opener(
-    file: str | None, interface: str | None, expression: str, engine: str, user: str, beside: Beside, on_screens: bool
+    file: str | None,
+    interface: str | None,
+    expression: str,
+    how: tuple[str, str, int | None],
+    beside: Beside,
+    on_screens: bool,
 ) -> Callable[[], Reader]:
-    """Return what opens the source that the arguments name."""
+    """Return what opens the source that the arguments name; ``how``: the engine, who to become, the size of the buffer."""
+    engine, user, buffer_mib = how
     if (file is None) == (interface is None):
-        raise click.UsageError("Say what to watch: either -i INTERFACE, or a FILE, or - for standard input.")
-    if interface is None and (expression or engine != "auto" or user):
-        raise click.UsageError("-f, --engine and -Z belong to an interface (-i).")
+        raise click.UsageError("Nothing to watch: give -i INTERFACE, a FILE, or - for standard input.")
+    if interface is None and (expression or engine != "auto" or user or buffer_mib is not None):
+        raise click.UsageError("-f, --engine, -Z and --buffer need an interface (-i).")
     if user:
         check_user(user, engine)
 
@@ -155,7 +184,7 @@ def _opener(
         from dissect.source.live.opening import open_live
 
         if interface is not None:
-            return open_interface(interface, expression, engine, user, beside, on_screens)
+            return open_interface(interface, expression, engine, user, beside, on_screens, buffer_mib or BUFFER_MIB)
         return open_live("-") if file == "-" else open_capture(file or "")
 
     return opened
@@ -174,10 +203,8 @@ def _opened(opener: Callable[[], Reader], scrape: Scrape) -> Reader:
 def _in_lines(session: Session, as_json: bool, topics: tuple[str, ...]) -> int:
     """Write a line an event until the end; return the exit code."""
     from dissect.live.json_lines import JsonLines
-    from dissect.live.lines import PlainLines, kinds_of
 
-    kinds = kinds_of(topics)
-    shower: Shower = JsonLines(kinds) if as_json else PlainLines(kinds)
+    shower = new_shower(as_json, topics)
     with Interruption(session.stop) as interruption:
         try:
             session.start()
@@ -198,9 +225,7 @@ def _show(session: Session, shower: Shower) -> None:
     while True:
         running = session.running  # asked before: what it does last is taken then
         events = session.poll(_WAIT_S, _MOST)
-        lines = shower.lines(events) + lost.lines()
-        if lines:
-            write(lines)
+        write_events(shower, events, lost.lines())
         if not events and not running:
             return
 
@@ -213,14 +238,14 @@ def _summarise(session: Session, status: Status) -> None:
     for failure in session.run.failures:
         click.echo(f"s7dissect: {printable(failure)}", err=True)
     file = session.run.file
-    if file.damage:
-        click.echo(f"s7dissect: {printable(file.name)}: {printable(file.damage)}", err=True)
+    if file.loss:
+        click.echo(f"s7dissect: {printable(file.name)}: {printable(file.loss)}", err=True)
 
 
 def _code(session: Session, interrupted: bool) -> int:
     if interrupted:
         return EXIT_INTERRUPTED
-    if session.run.file.damage:
+    if session.run.file.loss:
         return EXIT_DAMAGED
     return EXIT_OUTPUT if session.run.failures else EXIT_OK
 
@@ -239,23 +264,25 @@ def _on_screens(session: Session, slow_ns: int) -> int:
     """Show the screens until they are left; return the exit code."""
     from dissect.monitor.terminal import NoKeyboardError, keyboard
 
+    if not coloured(True):
+        os.environ["NO_COLOR"] = "1"  # what draws the screens asks for it when it is imported
     try:
         run_app = importlib.import_module("dissect.monitor.app").run_app
     except ImportError as error:
         if (error.name or "").split(".")[0] not in {"textual", "dissect"}:
             raise
         raise click.ClickException(
-            "the screens need one more package: pip install 's7dissect[monitor]'; --plain shows a line an event without it"
+            "the screens need textual: pip install 's7dissect[monitor]', or use --plain"
         ) from None
     try:
         with keyboard():
             session.start()
             try:
-                interrupted = run_app(session, slow_ns)
+                interrupted = run_app(session, slow_ns, clock())
             finally:
                 session.close()
     except NoKeyboardError as error:
-        raise click.ClickException(f"the screens need a terminal for the keys ({error}); --plain needs none") from None
+        raise click.ClickException(f"the screens need a terminal for the keys ({error}); use --plain") from None
     if session.error is not None:
         raise session.error
     _summarise(session, session.status())

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 if TYPE_CHECKING:
-    from dissect.cli.beside import Beside
+    from dissect.cli.options.monitor import Beside
     from dissect.source.live.reader import LiveReader
 
 #: The user whom -Z names to keep everything.
@@ -25,13 +25,11 @@ def check_user(user: str, engine: str) -> None:
     if not is_root():
         raise click.UsageError("-Z USER: only root can become another user.")
     if engine == "dumpcap" and user != _ROOT:
-        raise click.UsageError(
-            "-Z USER: dumpcap keeps its rights, and so must whoever ends it; --engine ring does not."
-        )
+        raise click.UsageError("-Z USER needs --engine ring: dumpcap started as root can only be stopped by root.")
 
 
 def open_interface(
-    interface: str, expression: str, engine: str, user: str, beside: Beside, on_screens: bool
+    interface: str, expression: str, engine: str, user: str, beside: Beside, on_screens: bool, buffer_mib: int
 ) -> LiveReader:
     """Open an interface and give up all rights, as far as the engine allows that.
 
@@ -43,12 +41,12 @@ def open_interface(
     root = privileges.is_root()
     keeps = user == _ROOT
     become = privileges.heir(user) if root and not keeps else None
-    reader = _by_ring_first(interface, expression) if become is not None and engine == "auto" else None
+    reader = _by_ring_first(interface, expression, buffer_mib) if become is not None and engine == "auto" else None
     if reader is None:
-        reader = open_live(interface, expression, engine)
+        reader = open_live(interface, expression, engine, buffer_mib=buffer_mib)
     if keeps or reader.engine != "ring":
         if root and not keeps:
-            _say(f"{reader.engine} runs as root, and so does what reads the packets; --engine ring gives up all rights")
+            _say(f"{reader.engine} and the dissection run as root; --engine ring drops all privileges")
         return reader
     try:
         if become is not None:
@@ -63,17 +61,17 @@ def open_interface(
         reader.close()
         raise
     if become is not None:
-        _say(f"the interface is open; going on as {become}, without any rights")
+        _say(f"interface opened; now running as {become} without privileges")
     return reader
 
 
-def _by_ring_first(interface: str, expression: str) -> LiveReader | None:
+def _by_ring_first(interface: str, expression: str, buffer_mib: int) -> LiveReader | None:
     """Open the ring, None where it cannot be: dumpcap may, or says why nobody can."""
     from dissect.source.live.opening import open_live
     from dissect.source.live.reader import LiveError
 
     try:
-        return open_live(interface, expression, "ring")
+        return open_live(interface, expression, "ring", buffer_mib=buffer_mib)
     except LiveError:
         return None
 

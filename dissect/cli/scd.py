@@ -7,42 +7,33 @@ from typing import Any, Final
 
 import click
 
-from dissect.cli.main import EXIT_USAGE
+from dissect.cli.main import EXIT_USAGE, LazyGroup
 
 #: Each command, the module and the name of its click command, and the line the list of commands shows for it.
 _COMMANDS: Final = {
-    "compile": (
-        "dissect.cli.scd_files",
-        "compile_command",
-        "A source or device description into a compiled dictionary.",
-    ),
-    "dump": ("dissect.cli.scd_files", "dump_command", "A dictionary as TOML or JSON that compiles to the same octets."),
-    "check": ("dissect.cli.scd_files", "check_command", "Whether dictionaries keep the rules, and what is in them."),
-    "diff": ("dissect.cli.scd_files", "diff_command", "What two dictionaries differ in: names, or decoding."),
-    "decode": ("dissect.cli.scd_decode", "decode_command", "Octets into values: a PDO, a struct, a value, messages."),
-    "encode": ("dissect.cli.scd_encode", "encode_command", "Values into octets."),
+    "compile": ("dissect.cli.scd_files", "compile_command", "Compile a source or device description."),
+    "dump": ("dissect.cli.scd_files", "dump_command", "Write a dictionary as TOML or JSON."),
+    "check": ("dissect.cli.scd_files", "check_command", "Check dictionaries and list what they define."),
+    "diff": ("dissect.cli.scd_files", "diff_command", "Compare two dictionaries: names, or decoding."),
+    "decode": ("dissect.cli.scd_decode", "decode_command", "Bytes to values: PDO, struct, value, messages."),
+    "encode": ("dissect.cli.scd_encode", "encode_command", "Values to bytes."),
 }
 
 
-class _ScdGroup(click.Group):
+class _ScdGroup(LazyGroup):
     """Lists its commands from the table, and says on one line what is wrong with a dictionary or a value."""
 
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names in the order of the table."""
-        return list(_COMMANDS)
+    prefix = "scd "
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import and return the command, None when there is none of that name."""
-        if cmd_name not in _COMMANDS:
-            return None
-        module, name, _ = _COMMANDS[cmd_name]
-        command: click.Command = getattr(importlib.import_module(module), name)
+    def summaries(self) -> dict[str, str]:
+        """Return each command and its line in the list of commands."""
+        return {name: text for name, (_, _, text) in _COMMANDS.items()}
+
+    def load(self, name: str) -> click.Command:
+        """Import a command."""
+        module, attribute, _ = _COMMANDS[name]
+        command: click.Command = getattr(importlib.import_module(module), attribute)
         return command
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the list of commands without importing one."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, text) for name, (_, _, text) in _COMMANDS.items()])
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command; what the library refuses is the user's error."""
@@ -58,7 +49,7 @@ class _ScdGroup(click.Group):
 
 @click.command("scd", cls=_ScdGroup)
 def command() -> None:
-    """Dictionaries of SCD (Синхроком-Дата): compile, check and compare them, decode and encode by them.
+    """SCD dictionaries (Синхроком-Дата): compile, check and compare them, decode and encode with them.
 
-    Wherever a dictionary is asked for, the compiled file does, a TOML or JSON source, or an EDS, DCF, XDD or XDC file.
+    A dictionary is a compiled file, a TOML or JSON source, or an EDS, DCF, XDD or XDC file.
     """

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from dissect.cli.drive import format_option, write
+from dissect.cli.look import write_text
 from dissect.cli.main import EXIT_DAMAGED, EXIT_OK
-from dissect.cli.scd_files import as_json, columns, open_dictionary
+from dissect.cli.run import format_option, write
+from dissect.cli.scd_files import as_json, columns, node_option, open_dictionary
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
@@ -36,8 +37,8 @@ def selectors(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options that say what octets are."""
     for option in reversed(
         (
-            click.option("--pdo", metavar="T1", help="A PDO, by direction and number or by name."),
-            click.option("--type", "struct", metavar="NAME", help="A bare struct, by the name of its type."),
+            click.option("--pdo", metavar="T1", help="A PDO, by direction and number, or by name."),
+            click.option("--type", "struct", metavar="NAME", help="A struct, by the name of its type."),
             click.option("--object", "whole", metavar="NAME", help="A whole ARRAY or RECORD, by name or index."),
             click.option("--value", metavar="0x6001", help="One variable, as an SDO carries it, by address or name."),
         )
@@ -50,7 +51,7 @@ def only_one(**given: object) -> None:
     """Refuse anything but one selector."""
     names = [f"--{name}" for name in given]
     if sum(bool(value) for value in given.values()) != 1:
-        raise click.UsageError(f"Say what the octets are by one of {', '.join(names)}.")
+        raise click.UsageError(f"Give one of {', '.join(names)}.")
 
 
 def object_key(text: str) -> int | str:
@@ -60,30 +61,30 @@ def object_key(text: str) -> int | str:
 
 @click.command(
     "decode",
-    epilog="Exit code: 0 decoded, 2 wrong use, a dictionary that cannot be read or octets that cannot be decoded, 3 a message "
-    "is damaged (what can be read is given), 5 the output failed.",
+    epilog="Exit code: 0 success, 2 wrong use, an unreadable dictionary or undecodable bytes, 3 a damaged message (what can be "
+    "read is given), 5 the output could not be written.",
 )
 @dictionary_option
+@node_option
 @selectors
-@click.option("--message", is_flag=True, help="Messages in their envelope, one after the other.")
-@click.option("--raw", is_flag=True, help="FILE or - holds the octets themselves, not hexadecimal text.")
-@click.option("--strict-pad", is_flag=True, help="Flag undefined bits that are not zero.")
+@click.option("--message", is_flag=True, help="Messages in their envelope, one after another.")
+@click.option("--raw", is_flag=True, help="FILE or - contains raw bytes, not hexadecimal text.")
+@click.option("--strict-pad", is_flag=True, help="Flag undefined bits that are set.")
 @format_option("text", "json")
 @click.argument("data", nargs=-1, required=True, metavar="HEX...|FILE|-")
 def decode_command(
     path: str, pdo: str | None, struct: str | None, whole: str | None, value: str | None, message: bool, raw: bool,
-    strict_pad: bool, format_: str, data: tuple[str, ...],
+    strict_pad: bool, format_: str, node: int | None, data: tuple[str, ...],
 ) -> int:  # fmt: skip
-    """Decode octets: a PDO, a bare struct, a whole object, one value, or messages.
+    """Decode bytes: a PDO, a struct, a whole object, one value, or messages.
 
-    The octets are hexadecimal text in the arguments, in FILE or on standard input (-). Octets that cannot be decoded are exit
-    code 2; of messages what can be read is shown, and one that is damaged is exit code 3.
+    The bytes are hexadecimal text in the arguments, in FILE or on standard input (-).
     """
     only_one(pdo=pdo, type=struct, object=whole, value=value, message=message)
     octets = _payload(data, raw)
     from dissect.scd.codec import Codec
 
-    codec = Codec(open_dictionary(path)[0], strict_pad=strict_pad)
+    codec = Codec(open_dictionary(path, node=node)[0], strict_pad=strict_pad)
     if message:
         found = list(codec.parse_messages(octets))
         _tell(codec.dictionary, found, format_, b"")
@@ -115,7 +116,7 @@ def _payload(data: Sequence[str], raw: bool) -> bytes:
             return found
         if len(data) != 1 or not Path(data[0]).exists():
             shown = printable(" ".join(data))
-            raise click.UsageError(f"{shown}: neither hexadecimal octets (two digits each) nor a file.")
+            raise click.UsageError(f"{shown}: neither hexadecimal bytes (two digits each) nor a file.")
     if len(data) != 1:
         raise click.UsageError("--raw takes one FILE, or -.")
     if data[0] == "-":
@@ -124,12 +125,12 @@ def _payload(data: Sequence[str], raw: bool) -> bytes:
         with Path(data[0]).open("rb") as stream:
             octets = stream.read(_MOST + 1)
     if len(octets) > _MOST:
-        raise click.UsageError(f"{printable(data[0])}: more than {_MOST} octets.")
+        raise click.UsageError(f"{printable(data[0])}: more than {_MOST} bytes.")
     if raw:
         return octets
     found = _hex(octets.decode("ascii", "replace")) if octets.strip() else b""
     if found is None:
-        raise click.UsageError(f"{printable(data[0])}: no hexadecimal text; --raw takes the octets as they are.")
+        raise click.UsageError(f"{printable(data[0])}: not hexadecimal text; use --raw for raw bytes.")
     return found
 
 
@@ -167,7 +168,7 @@ def _tell(od: Dictionary, messages: Sequence[Message], format_: str, surplus: by
         if format_ == "json":
             write([as_json(_as_dict(od, message, found, surplus))])
         else:
-            write(
+            write_text(
                 [*_heading(od, message, surplus), *columns(_table(found))] if found else _heading(od, message, surplus)
             )
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from dissect.cli.drive import write
 from dissect.cli.main import EXIT_OK
+from dissect.cli.run import write
 from dissect.cli.scd_decode import dictionary_option, object_key, only_one, selectors
-from dissect.cli.scd_files import WRITING, open_dictionary
+from dissect.cli.scd_files import WRITING, node_option, open_dictionary
 
 if TYPE_CHECKING:
     from dissect.scd.codec import Codec
@@ -37,7 +37,7 @@ _NUMBERS: Final = ("tid", "err", "port", "src", "dst", "seq")
 
 def _numbers(command: Callable[..., Any]) -> Callable[..., Any]:
     for name in reversed(_NUMBERS):
-        command = click.option(f"--{name}", type=int, default=0, metavar="N", help=f"Of a message: its {name}.")(
+        command = click.option(f"--{name}", type=int, default=0, metavar="N", help=f"With --message: its {name}.")(
             command
         )
     return command
@@ -45,21 +45,24 @@ def _numbers(command: Callable[..., Any]) -> Callable[..., Any]:
 
 @click.command("encode", epilog=WRITING)
 @dictionary_option
+@node_option
 @selectors
-@click.option("--message", type=click.Choice(list(_KINDS)), help="A message in its envelope; of a PDO with --pdo.")
+@click.option("--message", type=click.Choice(list(_KINDS)), help="A message in its envelope; a PDO needs --pdo.")
 @_numbers
-@click.option("--partial", is_flag=True, help="What is not given is its default, or zero.")
-@click.option("--raw", is_flag=True, help="Write the octets themselves, not hexadecimal text.")
+@click.option("--partial", is_flag=True, help="Use the default, or zero, for values that are not given.")
+@click.option("--no-limits", is_flag=True, help="Also encode values outside the limits of the dictionary.")
+@click.option("--raw", is_flag=True, help="Write raw bytes instead of hexadecimal text.")
 @click.argument("values", nargs=-1, metavar="[VARIABLE=VALUE]...")
 def encode_command(
     path: str, pdo: str | None, struct: str | None, whole: str | None, value: str | None, message: str | None,
-    partial: bool, raw: bool, values: tuple[str, ...], **numbers: int,
+    partial: bool, no_limits: bool, raw: bool, node: int | None, values: tuple[str, ...], **numbers: int,
 ) -> int:  # fmt: skip
-    """Encode values, and write the octets as hexadecimal text.
+    """Encode values and write the bytes as hexadecimal text.
 
-    VARIABLE is an address (0x6000:1), a name ("Pump 1.run") or of a struct a field; VALUE is true or false, a number (also
-    0x…), what the dictionary calls it, a text, hexadecimal octets of a block, an address, a time in ISO 8601 or as
-    "seconds,nanoseconds". With --value, VALUE alone does. A message about one variable takes VARIABLE, or VARIABLE=VALUE.
+    VARIABLE is an address (0x6000:1), a name ("Pump 1.run") or a field of a struct; VALUE is true or false, a number (also
+    0x…, raw:2748, "1374 kPa" with its unit), a name from the dictionary, text, the hexadecimal bytes of a block, an address,
+    or a time in ISO 8601 or as "seconds,nanoseconds". With --value, give VALUE alone. A message about one variable takes
+    VARIABLE, or VARIABLE=VALUE.
     """
     from dissect.scd.codec import Codec
 
@@ -69,7 +72,7 @@ def encode_command(
             raise click.UsageError(f"--{next(name for name in _NUMBERS if numbers[name])} is of a message.")
     elif struct or whole or value or (message == "pdo") != bool(pdo):
         raise click.UsageError("--message goes with --pdo for `pdo` and with no other selector.")
-    codec = Codec(open_dictionary(path)[0])
+    codec = Codec(open_dictionary(path, node=node)[0], limits=not no_limits)
     if message is not None:
         octets = _message(codec, message, pdo, values, numbers, partial)
     elif pdo:
@@ -98,7 +101,7 @@ def _given(words: Sequence[str], find: Callable[[str], Variable]) -> list[tuple[
     for word in words:
         places = [at for at, char in enumerate(word) if char == "="]
         if not places:
-            raise click.UsageError(f"{word!r} is no VARIABLE=VALUE.")
+            raise click.UsageError(f"expected VARIABLE=VALUE, got {word!r}.")
         refused: Error | None = None
         for at in places:
             try:
@@ -117,7 +120,7 @@ def _given(words: Sequence[str], find: Callable[[str], Variable]) -> list[tuple[
 def _once(pairs: Sequence[tuple[Any, Value]]) -> dict[Any, Value]:
     values = dict(pairs)
     if len(values) != len(pairs):
-        raise click.UsageError("a variable is given twice.")
+        raise click.UsageError("a variable was given twice.")
     return values
 
 
@@ -155,7 +158,7 @@ def _value(codec: Codec, name: str, words: Sequence[str]) -> bytes:
     variable = codec.dictionary.variable(name)
     if len(words) != 1:
         raise click.UsageError("--value takes one VALUE.")
-    return variable.encode(parse_written(words[0].removeprefix(f"{name}="), variable))
+    return variable.encode(parse_written(words[0].removeprefix(f"{name}="), variable), limits=codec.limits)
 
 
 def _message(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -11,8 +10,11 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from dissect.cli.drive import format_option, write
+from dissect.cli.look import write_lines, write_text
 from dissect.cli.main import EXIT_GATE, EXIT_OK
+from dissect.cli.run import format_option, write
+from dissect.report.styled import FAILED, Line
+from dissect.wire.saving import save
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
@@ -33,21 +35,32 @@ _LEVELS: Final = {
 }
 #: What the help of a command that writes one thing ends with.
 WRITING: Final = (
-    "Exit code: 0 written, 2 wrong use, or what is given cannot be read or breaks a rule, 5 the output failed."
+    "Exit code: 0 success, 2 wrong use, or an input that is unreadable or invalid, 5 the output could not be written."
 )
 encoding_option = click.option(
-    "--encoding", default="", metavar="NAME", help="Of an EDS or DCF that is neither UTF-8 nor Latin-1, such as cp1251."
+    "--encoding",
+    default="",
+    metavar="NAME",
+    help="Encoding of an EDS or DCF other than UTF-8 and Latin-1, such as cp1251.",
+)
+
+#: The highest node id of POWERLINK; those of CANopen end at 127.
+_LAST_NODE: Final = 254
+node_option = click.option(
+    "--node", type=click.IntRange(1, _LAST_NODE), metavar="N", help="Node id, for an EDS whose values depend on it."
 )
 
 
-def open_dictionary(path: str, encoding: str = "") -> tuple[Dictionary, tuple[Note, ...]]:
+def open_dictionary(path: str, encoding: str = "", node: int | None = None) -> tuple[Dictionary, tuple[Note, ...]]:
     """Return the dictionary of a file of any kind, with the notes of an import; raises `DictionaryError`, OSError."""
     from dissect.scd.loading import import_file, is_description, load
 
     if is_description(path):
-        return import_file(path, encoding)
+        return import_file(path, encoding, node)
     if encoding:
-        raise click.UsageError("--encoding is for EDS and DCF files; every other one says its own or is UTF-8.")
+        raise click.UsageError("--encoding applies to EDS and DCF files only.")
+    if node is not None:
+        raise click.UsageError("--node applies to device descriptions (EDS, DCF, XDD, XDC) only.")
     return load(path), ()
 
 
@@ -76,49 +89,35 @@ def as_json(values: object) -> str:
 @click.argument("source", type=_FILE, metavar="SRC")
 @click.option("-o", "--output", required=True, metavar="OUT", help="The compiled file; - is standard output.")
 @encoding_option
-def compile_command(source: str, output: str, encoding: str) -> int:
+@node_option
+def compile_command(source: str, output: str, encoding: str, node: int | None) -> int:
     """Compile SRC: TOML or JSON, EDS or DCF (CANopen), XDD or XDC (POWERLINK, CANopen), by its suffix.
 
-    The same source always gives the same octets. What a device description says and SCD cannot keep is told on stderr.
+    The same source always gives the same bytes. What SCD cannot represent of a device description is reported on stderr.
     """
     from dissect.scd.errors import DictionaryError
 
     if output != "-" and Path(output).exists() and Path(source).exists() and Path(source).samefile(output):
-        raise click.UsageError("SRC and OUT are the same file.")
+        raise click.UsageError("SRC and OUT are the same file; choose another OUT.")
     if Path(source).suffix.lower() == ".scd":
         raise DictionaryError("file", "is compiled already; `dump` makes a source of it", path=source)
-    dictionary, notes = _source(source, encoding)
+    dictionary, notes = _source(source, encoding, node)
     tell_notes(source, notes)
     if output == "-":
         sys.stdout.buffer.write(dictionary.octets)
         sys.stdout.buffer.flush()
         return EXIT_OK
-    _save(output, dictionary.octets)
-    write([f"{printable(output)}: {len(dictionary.octets)} octets", *_summary(dictionary)])
+    save(output, dictionary.octets)
+    write_text([f"{printable(output)}: {len(dictionary.octets)} bytes", *_summary(dictionary)])
     return EXIT_OK
 
 
-def _source(path: str, encoding: str) -> tuple[Dictionary, tuple[Note, ...]]:
+def _source(path: str, encoding: str, node: int | None) -> tuple[Dictionary, tuple[Note, ...]]:
     from dissect.scd.loading import compile_source, is_description
 
-    if is_description(path) or encoding:
-        return open_dictionary(path, encoding)
+    if is_description(path) or encoding or node is not None:
+        return open_dictionary(path, encoding, node)
     return compile_source(path), ()
-
-
-def _save(path: str, octets: bytes) -> None:
-    """Write a file whole or not at all."""
-    target = Path(path)
-    if target.exists() and not target.is_file():  # a device, a pipe
-        target.write_bytes(octets)
-        return
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(octets)
-        part.replace(target)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise OSError(error.errno, error.strerror, path) from None
 
 
 def _summary(od: Dictionary) -> Iterator[str]:
@@ -135,14 +134,15 @@ def _summary(od: Dictionary) -> Iterator[str]:
 
 @click.command("dump", epilog=WRITING)
 @click.argument("file", type=_FILE, metavar="FILE")
-@click.option("--toml", "form", flag_value="toml", default="toml", help="As TOML, which is usual.")
-@click.option("--json", "form", flag_value="json", help="As JSON of the same shape.")
+@click.option("--toml", "form", flag_value="toml", default="toml", help="TOML (default).")
+@click.option("--json", "form", flag_value="json", help="JSON with the same structure.")
 @encoding_option
-def dump_command(file: str, form: str, encoding: str) -> int:
-    """Write a dictionary as a source that compiles to the same octets."""
+@node_option
+def dump_command(file: str, form: str, encoding: str, node: int | None) -> int:
+    """Write a dictionary as a source that compiles to the same bytes."""
     from dissect.scd.dump import dump_json, dump_toml
 
-    dictionary, notes = open_dictionary(file, encoding)
+    dictionary, notes = open_dictionary(file, encoding, node)
     tell_notes(file, notes)
     text = dump_json(dictionary) if form == "json" else dump_toml(dictionary)
     write([text.removesuffix("\n")])
@@ -154,32 +154,37 @@ def dump_command(file: str, form: str, encoding: str) -> int:
 
 @click.command(
     "check",
-    epilog="Exit code: 0 every dictionary keeps the rules, 1 one does not, 2 wrong use or a file that cannot be read, 5 the "
-    "output failed.",
+    epilog="Exit code: 0 all dictionaries are valid, 1 one is not, 2 wrong use or an unreadable file, 5 the output could not "
+    "be written.",
 )
 @click.argument("files", nargs=-1, required=True, type=_FILE, metavar="FILE...")
 @format_option("text", "json")
 @encoding_option
-def check_command(files: tuple[str, ...], format_: str, encoding: str) -> int:
-    """Check dictionaries of any kind, and show what is in them: PDOs with their sizes, identities.
+@node_option
+def check_command(files: tuple[str, ...], format_: str, encoding: str, node: int | None) -> int:
+    """Check dictionaries of any kind and list their contents: PDOs with their sizes, and identities.
 
-    For one that breaks a rule the place is told (line, index, octet), and the requirement of the text.
+    Every broken rule is reported with its place (line of the key, index, byte) and the requirement that it breaks.
     """
     from dissect.scd.errors import DictionaryError
 
     code = EXIT_OK
     for file in files:
         try:
-            dictionary, notes = open_dictionary(file, encoding)
+            dictionary, notes = open_dictionary(file, encoding, node)
         except DictionaryError as error:
             code = EXIT_GATE
-            write([as_json(_error_json(file, error))] if format_ == "json" else [printable(str(error))])
+            errors = (error, *error.others)
+            if format_ == "json":
+                write([as_json(_error_json(file, errors))])
+            else:
+                write_lines([Line(printable(str(one)), FAILED, 4) for one in errors])
             continue
         if format_ == "json":
             write([as_json(_check_json(file, dictionary, notes))])
         else:
-            write([f"{printable(file)}: keeps the rules", *_summary(dictionary), *_pdos(dictionary)])
-            write([f"  not kept: {printable(str(note))}" for note in notes])
+            write_text([f"{printable(file)}: valid", *_summary(dictionary), *_pdos(dictionary)])
+            write_text([f"  not kept: {printable(str(note))}" for note in notes])
     return code
 
 
@@ -210,12 +215,15 @@ def _check_json(file: str, od: Dictionary, notes: Sequence[Note]) -> dict[str, o
     }  # fmt: skip
 
 
-def _error_json(file: str, error: DictionaryError) -> dict[str, object]:
-    told = {
-        "code": error.code, "where": encodable(error.where), "detail": encodable(error.detail), "rule": error.rule or None,
-        "line": error.line or None, "index": error.index if error.index >= 0 else None,
-    }  # fmt: skip
-    return {"schema": _CHECK_SCHEMA, "file": encodable(file), "error": told}
+def _error_json(file: str, errors: Sequence[DictionaryError]) -> dict[str, object]:
+    told = [
+        {
+            "code": error.code, "where": encodable(error.where), "detail": encodable(error.detail),
+            "rule": error.rule or None, "line": error.line or None, "index": error.index if error.index >= 0 else None,
+        }
+        for error in errors
+    ]  # fmt: skip
+    return {"schema": _CHECK_SCHEMA, "file": encodable(file), "error": told[0], "errors": told}
 
 
 # ---- diff -----------------------------------------------------------------------------------------------------------
@@ -223,25 +231,27 @@ def _error_json(file: str, error: DictionaryError) -> dict[str, object]:
 
 @click.command(
     "diff",
-    epilog="Exit code: 0 the same octets, 1 only names, texts, units or limits differ, 2 they decode differently, and 2 "
-    "with a line on stderr for wrong use or a file that cannot be read, 5 the output failed.",
+    epilog="Exit code: 0 identical bytes, 1 only names, texts, units or limits differ, 2 they decode differently, or (with a "
+    "line on stderr) wrong use or an unreadable file, 5 the output could not be written.",
 )
 @click.argument("first", type=_FILE, metavar="A")
 @click.argument("second", type=_FILE, metavar="B")
 @format_option("text", "json")
 @encoding_option
-def diff_command(first: str, second: str, format_: str, encoding: str) -> int:
-    """Show what differs between two dictionaries, and whether it changes what octets mean ("wire")."""
+@node_option
+def diff_command(first: str, second: str, format_: str, encoding: str, node: int | None) -> int:
+    """Report how two dictionaries differ, and whether they decode differently ("wire")."""
     from dissect.scd.difference import compare
     from dissect.scd.loading import is_description
 
-    before, after = [open_dictionary(path, encoding if is_description(path) else "")[0] for path in (first, second)]
+    given = [(path, (encoding, node) if is_description(path) else ("", None)) for path in (first, second)]
+    before, after = [open_dictionary(path, *how)[0] for path, how in given]
     found = compare(before, after)
     if format_ == "json":
         write([as_json(_diff_json(found, before, after))])
     else:
-        write(columns([_change(change) for change in found.changes]))
-        write([f"{printable(first)} and {printable(second)}: {_LEVELS[found.level]}"])
+        write_text(columns([_change(change) for change in found.changes]))
+        write_text([f"{printable(first)} and {printable(second)}: {_LEVELS[found.level]}"])
     return _DIFFERENT[found.level]
 
 

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import click
 
-from dissect.cli.drive import write
 from dissect.cli.main import EXIT_OK
+from dissect.cli.run import write
 
 #: Where the schemas are, in the package: `NAME.schema.json`.
 FOLDER: Final = Path(__file__).resolve().parent.parent / "schema"
@@ -19,13 +19,12 @@ _URN: Final = "urn:s7dissect:schema:"
 _Schema = dict[str, Any]
 
 
-@click.command("schema", epilog="Exit code: 0 told, 2 wrong use, 5 the output failed.")
+@click.command("schema", epilog="Exit code: 0 success, 2 wrong use, 5 the output could not be written.")
 @click.argument("name", required=False, metavar="[NAME]")
 def command(name: str | None) -> int:
-    """List the JSON Schemas of the other commands' outputs, or write the one called NAME.
+    """List the JSON Schemas of the machine-readable outputs, or write the one called NAME.
 
-    NAME is one of the list, or what stands under "schema" in an output (s7dissect.analysis/1). What is written refers to
-    nothing outside of itself.
+    NAME is a name from the list, or the value of "schema" in an output (s7dissect.analysis/1). The schema is self-contained.
     """
     names = [path.name.removesuffix(_SUFFIX) for path in sorted(FOLDER.glob(f"*{_SUFFIX}"))]
     if name is None:
@@ -34,7 +33,7 @@ def command(name: str | None) -> int:
         return EXIT_OK
     found = [each for each in names if name in {each, _id(each)}]
     if not found:
-        raise click.UsageError(f"there is no schema {name!r}; there are {', '.join(names)}.")
+        raise click.UsageError(f"no schema {name!r}; available: {', '.join(names)}.")
     write([json.dumps(bundled(found[0]), indent=1)])
     return EXIT_OK
 

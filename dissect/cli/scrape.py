@@ -32,11 +32,11 @@ metrics_option: Final[Callable[[Any], Any]] = click.option(
     "--metrics",
     metavar="HOST:PORT",
     callback=metrics_address,
-    help="Let Prometheus fetch counters from http://HOST:PORT/metrics, for example 127.0.0.1:9102.",
+    help="Serve Prometheus metrics at http://HOST:PORT/metrics, for example 127.0.0.1:9102.",
 )
 #: ``--allow-remote``; the command's argument is called ``allow_remote``.
 allow_remote_option: Final[Callable[[Any], Any]] = click.option(
-    "--allow-remote", is_flag=True, help="Let --metrics be an address that other machines can reach."
+    "--allow-remote", is_flag=True, help="Allow a --metrics address that other machines can reach."
 )
 
 
@@ -66,7 +66,7 @@ class Scrape:
 
             self._metrics = Metrics()
             self._server = listen(self._metrics, address, allow_remote)
-            click.echo(f"s7dissect: metrics are at {self._server.url}", err=True)
+            click.echo(f"s7dissect: metrics at {self._server.url}", err=True)
 
     def __enter__(self) -> Self:
         return self

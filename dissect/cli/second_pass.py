@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +9,8 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from dissect.source.pcapng_writer import CAPTURE_MODE
+from dissect.wire.saving import Saving
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -23,9 +24,9 @@ def check_files(files: Sequence[str], output: str, force: bool) -> None:
     """Refuse what cannot be read twice, and an output that would destroy something."""
     for file in files:
         if file == "-" or (Path(file).exists() and not Path(file).is_file()):
-            raise click.UsageError(f"{printable(file)}: a capture is read twice here, so it has to be a file.")
+            raise click.UsageError(f"{printable(file)}: a regular file is needed, because it is read twice.")
         if output != "-" and Path(output).exists() and Path(file).exists() and Path(file).samefile(output):
-            raise click.UsageError(f"{printable(output)} is to be read and written; choose another name for OUT.")
+            raise click.UsageError(f"{printable(output)} is both input and output; choose another OUT.")
     if output != "-" and Path(output).is_file() and not force:
         raise click.UsageError(f"{printable(output)} exists; --force overwrites it.")
 
@@ -39,20 +40,23 @@ def name_of(output: str) -> str:
 def written_whole(output: str, command: str = "") -> Iterator[PcapngWriter]:
     """Give a writer of ``output``; a regular file appears when all is written, and not at all when something fails."""
     from dissect import __version__
-    from dissect.recording.names import part_of
     from dissect.source.pcapng_writer import PcapngWriter
 
-    whole = output != "-" and (not Path(output).exists() or Path(output).is_file())
-    path = str(part_of(Path(f"{output}.{os.getpid()}"))) if whole else output
     application = f"s7dissect {__version__} {command}".rstrip()
-    writer = PcapngWriter(path, application=application, batch=_BATCH, overwrite=not whole)
-    try:
+    if output == "-":
+        writer = PcapngWriter("-", application=application, batch=_BATCH)
         yield writer
         writer.close()
-        if whole:
-            Path(path).replace(output)
-    except BaseException:
-        writer.abandon()
-        if whole:
-            Path(path).unlink(missing_ok=True)
-        raise
+        return
+    with Saving(output, CAPTURE_MODE) as saving:
+        try:
+            writer = PcapngWriter(saving.path, application=application, batch=_BATCH)
+            try:
+                yield writer
+                writer.close()
+            finally:
+                writer.abandon()
+        except OSError as error:
+            if error.filename != saving.path:
+                raise
+            raise OSError(error.errno, error.strerror, output) from None

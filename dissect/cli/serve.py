@@ -1,4 +1,4 @@
-"""`s7dissect serve`: a fake PLC made of a capture."""
+"""`s7dissect serve`: a fake PLC made from a capture."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.metrics.address import Address
-    from dissect.server.faults import Fault
-    from dissect.server.service import Server
+    from dissect.playback.server.faults import Fault
+    from dissect.playback.server.service import Server
     from dissect.source.pcapng_writer import PcapngWriter
 
 #: How often problems are looked for, in seconds.
 _LOOK_S: Final = 0.1
 
 _EXIT_CODES: Final = (
-    "Exit code: 0 ended by SIGINT or SIGTERM, 1 a request came that nothing like was recorded of, 2 wrong use, a file that "
-    "cannot be served, or it cannot listen or write, 3 it broke off, 130 broken off by a second signal."
+    "Exit code: 0 stopped by SIGINT or SIGTERM, 1 a request had no recorded match, 2 wrong use, a file that cannot be served, "
+    "or it cannot listen or write, 3 the server failed, 130 a second signal."
 )
 
 
 def _listen(ctx: click.Context, param: click.Parameter, value: str) -> Address:
     from dissect.metrics.address import AddressError
-    from dissect.proxy.addresses import read_address
+    from dissect.net.addresses import read_address
 
     try:
         return read_address(value)
@@ -43,12 +43,12 @@ def _latency(ctx: click.Context, param: click.Parameter, value: str) -> float | 
     except ValueError:
         ms = -1
     if not 0 <= ms <= 3_600_000:
-        raise click.BadParameter(f"{value!r}: say recorded, none, or milliseconds up to 3600000.", ctx, param)
+        raise click.BadParameter(f"expected recorded, none, or milliseconds up to 3600000, got {value!r}.", ctx, param)
     return ms
 
 
 def _faults(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) -> list[Fault]:
-    from dissect.server.faults import parse_fault
+    from dissect.playback.server.faults import parse_fault
 
     try:
         return [parse_fault(value) for value in values]
@@ -64,17 +64,17 @@ def _faults(ctx: click.Context, param: click.Parameter, values: tuple[str, ...])
     default="127.0.0.1:10102",
     show_default=True,
     metavar="HOST:PORT",
-    help="Where clients connect to; port 0 lets the system choose one.",
+    help="Address for clients; port 0 selects a free one.",
 )
-@click.option("--allow-remote", is_flag=True, help="Let --listen be an address that other machines can reach.")
+@click.option("--allow-remote", is_flag=True, help="Allow a --listen address that other machines can reach.")
 @click.option(
     "--repeat",
     type=click.Choice(("last", "cycle")),
     default="last",
     show_default=True,
-    help="What follows when all recorded answers to a request were given: the last one, or the first again.",
+    help="After all recorded answers to a request: repeat the last one, or start over.",
 )
-@click.option("--memory", is_flag=True, help="Writes change what later reads return.")
+@click.option("--memory", is_flag=True, help="Let writes change what later reads return.")
 @click.option(
     "--latency",
     "latency_ms",
@@ -82,7 +82,7 @@ def _faults(ctx: click.Context, param: click.Parameter, values: tuple[str, ...])
     default="none",
     show_default=True,
     metavar="recorded|none|MS",
-    help="How long answers take.",
+    help="Delay of answers.",
 )
 @click.option(
     "--fault",
@@ -90,11 +90,11 @@ def _faults(ctx: click.Context, param: click.Parameter, values: tuple[str, ...])
     callback=_faults,
     multiple=True,
     metavar="KIND:WHERE",
-    help="What goes wrong: drop:N, delay:N:MS, refuse:N[:0xCODE], cut:N, wrong-ref:N, split:N; N counts requests from 1, or "
-    "is a pattern for a function or an address, such as 'DB10.*'. May be given several times.",
+    help="Inject a fault: drop:N, delay:N:MS, refuse:N[:0xCODE], cut:N, wrong-ref:N, split:N; N is the number of a "
+    "request, from 1, or a pattern for a function or an address, such as 'DB10.*'. Repeatable.",
 )
-@click.option("-w", "--write", "output", metavar="OUT", help="Write what passes to this pcapng file.")
-@click.option("--force", is_flag=True, help="Overwrite OUT where it exists.")
+@click.option("-w", "--write", "output", metavar="OUT", help="Write the traffic to this pcapng file.")
+@click.option("--force", is_flag=True, help="Overwrite OUT if it exists.")
 def command(
     files: tuple[str, ...],
     listen: Address,
@@ -106,20 +106,20 @@ def command(
     output: str | None,
     force: bool,
 ) -> int:
-    """Be the PLC of a recording: answer clients as it did.
+    """Act as the PLC of a recording: answer clients as it did.
 
-    A request that is like a recorded one gets its answer, the first time the first, then the second. What nothing like was
-    recorded of is refused and told, and makes the exit code 1. It ends with Ctrl-C or SIGTERM.
+    A request that matches a recorded one gets its recorded answer: the first time the first, then the second, and so on. A
+    request without a match is refused and reported, and makes the exit code 1. Stop it with Ctrl-C or SIGTERM.
     """
-    from dissect.server import Server, load_recording
-    from dissect.server.service import places_to_serve
+    from dissect.playback.server import Server, load_recording
+    from dissect.playback.server.service import places_to_serve
 
     places_to_serve(listen, allow_remote)  # before the file is read, which may take a while
     recording = load_recording(*files)
     for note in recording.notes:
         _say(note)
     if output == "-":
-        raise click.UsageError("-w - would mix the capture with what is told: say a file.")
+        raise click.UsageError("-w needs a file: standard output is used for messages.")
     server = Server(
         recording,
         listen.port,
@@ -158,7 +158,7 @@ def _serve(server: Server) -> int:
     heard = f"{count(int(server.connections), 'connection')}, {count(desk.total, 'request')}"
     _say(f"{heard}, {desk.unmatched_total} unmatched")
     if server.error is not None:
-        _say(f"it broke off: {server.error!r}")
+        _say(f"the server failed: {server.error!r}")
         return EXIT_DAMAGED
     return EXIT_GATE if desk.unmatched_total else EXIT_OK
 

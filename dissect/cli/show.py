@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import click
 from mypy_extensions import i64
 
-from dissect.cli.carried import scd_options
-from dissect.cli.drive import (
+from dissect.cli.gate import fail_on_option, gate
+from dissect.cli.look import clock, write_lines
+from dissect.cli.main import EXIT_OK, EXIT_USAGE
+from dissect.cli.options.scd import scd_options
+from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
     complain,
@@ -16,10 +21,8 @@ from dissect.cli.drive import (
     places_of,
     write,
 )
-from dissect.cli.gate import fail_on_option, gate
-from dissect.cli.main import EXIT_OK, EXIT_USAGE
-from dissect.conversation import Observer, Options
-from dissect.findings.carrier import Carrier
+from dissect.engine.observer import Observer, Options
+from dissect.engine.payload import PayloadDecoder
 from dissect.ibh.packet import parse_packet
 from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
 from dissect.iso.cotp import parse_tpdu
@@ -37,77 +40,90 @@ from dissect.report.lines import (
 )
 from dissect.report.places import Places
 from dissect.report.scd_tree import scd_tree_lines
+from dissect.report.styled import FAILED, HANG, PLAIN, TREE_HANG, Line
+from dissect.report.tpdu_json import tpdu_json_line
 from dissect.report.tree import netlink_tree_lines, plus_tree_lines, tpdu_tree_lines, tree_lines
 from dissect.s7.hiding import without_secrets
-from dissect.s7.message import parse_pdu
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.tables import JOB, SUCCESS
 from dissect.s7plus.message import parse_plus
 from dissect.session import Run
-from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import IBH, Connection
+from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
-from dissect.wire.clock import Clock
 
 
 @click.command("show", epilog=EXIT_CODES)
 @files_argument
 @format_option("text", "jsonl")
 @click.option(
-    "--frame", type=click.IntRange(min=1), metavar="N", help="Only what packet N completes (of each file, in several)."
+    "--frame",
+    "frames",
+    type=click.IntRange(min=1),
+    multiple=True,
+    metavar="N",
+    help="Only messages that packet N completes (packet N of each file). May be given several times.",
 )
-@click.option("-V", "--verbose", is_flag=True, help="With the field tree, octet ranges and a hex view.")
+@click.option("-V", "--verbose", is_flag=True, help="Add the field tree with byte ranges and a hex dump.")
 @checksums_option
 @fail_on_option
 @scd_options
 def command(
     files: tuple[str, ...],
     format_: str,
-    frame: int | None,
+    frames: tuple[int, ...],
     verbose: bool,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: Carrier | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
-    """Write one line for each PDU of S7comm and S7comm-plus: the packet that completed it, when (UTC), who to whom, what.
+    """List S7comm and S7comm-plus PDUs, one line each, or dissect them (-V).
 
-    Text shows COTP connects, disconnects, errors, messages of other protocols and packet comments as well; -T jsonl writes
-    PDUs only. Values need the request and its answer: the transactions command tells them.
+    A line gives the packet that completed the PDU, its time, source and destination, and its content. COTP connects,
+    disconnects and errors and messages of other protocols are listed as well, and in text packet comments. To see values, use
+    the transactions command: they take the request and its answer.
 
-    FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input.
+    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input.
     """
     if verbose and format_ != "text":
-        raise click.UsageError("-V is for text: -T jsonl has the fields of every PDU anyway.")
-    shown = _Pdus(format_ == "jsonl", frame, verbose, carrier)
-    run = Run(files, shown, Options(carrier=carrier, checksums=checksums))
+        raise click.UsageError("-V applies to text only; -T jsonl always includes the fields.")
+    shown = _Pdus(format_ == "jsonl", frozenset(frames), verbose, decoder)
+    run = Run(files, shown, Options(decoder=decoder, checksums=checksums))
     shown.begin(places_of(run, files))
-    code = drive(run, files, lambda: write(shown.take()))
+    if format_ == "jsonl":
+        code = drive(run, files, lambda: write([line.text for line in shown.take()]))
+    else:
+        code = drive(run, files, lambda: write_lines(shown.take()))
     complain(run, code)
-    if code == EXIT_OK and frame is not None and not shown.found:
-        most = max([int(file.packets) for file in run.files], default=0)
+    most = max([int(file.packets) for file in run.files], default=0)
+    for frame in dict.fromkeys(frames):
+        if code != EXIT_OK or frame in shown.found:
+            continue
         if frame > most:
-            click.echo(f"s7dissect: there is no packet {frame}: the last one is number {most}", err=True)
+            click.echo(f"s7dissect: no packet {frame}; the last one is {most}", err=True)
             return EXIT_USAGE
-        click.echo(f"s7dissect: packet {frame} completes no {'S7 PDU' if format_ == 'jsonl' else 'message'}", err=True)
+        click.echo(f"s7dissect: packet {frame} completes no message", err=True)
     return gate(run, fail_on, code)
 
 
 class _Pdus(Observer):
     """Collects PDUs as lines."""
 
-    def __init__(self, as_jsonl: bool, frame: int | None, verbose: bool, carrier: Carrier | None) -> None:
+    def __init__(self, as_jsonl: bool, frames: frozenset[int], verbose: bool, decoder: PayloadDecoder | None) -> None:
         super().__init__()
-        self._carrier = carrier
+        self._decoder = decoder
         self.wants_pdus = True
-        self.wants_tpdus = not as_jsonl
-        self.found = False
+        self.wants_tpdus = True
+        self.found: set[int] = set()
         self._as_jsonl = as_jsonl
-        self._frame = frame
+        self._frames = frames
         self._verbose = verbose
-        self._clock = Clock()
+        self._clock = clock()
         self._pdus = PduLines()
         self._places = Places([], False)
         self._packet = b""  # the TPKT or IBH-NetLink packet at hand
-        self._lines: list[str] = []
+        self._lines: list[Line] = []
 
     def begin(self, places: Places) -> None:
         """Name packets with ``places``."""
@@ -115,17 +131,17 @@ class _Pdus(Observer):
         if places.several:
             self._pdus.locate = places.locate
 
-    def take(self) -> list[str]:
+    def take(self) -> list[Line]:
         """Return the lines collected since the last call."""
         lines = self._lines
         self._lines = []
-        self.found = self.found or bool(lines)
         return lines
 
     def comment(self, frame: i64, text: str) -> None:
         """Add the line of a comment."""
         if not self._as_jsonl and self._wanted(frame):
-            self._lines.append(comment_line(frame, text, self._places))
+            self._find(frame)
+            self._add(comment_line(frame, text, self._places))
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Remember the TPKT for the PDU in it; add the line of one that carries no S7."""
@@ -135,54 +151,64 @@ class _Pdus(Observer):
         tpdu = parse_tpdu(octets[4:])
         if tpdu.type in {DT, ED}:
             begins = side.assembler.parts is None and side.assembler.clear
-            if not (begins and carried(tpdu)) or (self._carrier and self._carrier.claims_tsdus(side.connection)):
+            if not (begins and carried(tpdu)) or (self._decoder and self._decoder.claims_tsdus(side.connection)):
                 return
-        self._lines.append(tpdu_line(tpdu, frame, time_ns, side.connection, side.index, self._clock, self._places))
+        self._find(frame)
+        if self._as_jsonl:
+            self._add(tpdu_json_line(tpdu, frame, time_ns, side.connection, int(side.index), self._places))
+            return
+        where = side.connection, side.index, self._clock, self._places
+        self._add(tpdu_line(tpdu, frame, time_ns, *where), bool(tpdu.malformed))
         if self._verbose:
-            self._lines.extend(tpdu_tree_lines(octets))
+            self._tree(tpdu_tree_lines(octets))
 
     def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Remember the packet for the PDU in it; add the line of one that carries no part of one."""
         self._packet = octets
         if not self._wanted(frame):
             return
+        if self._as_jsonl:
+            return
         packet = parse_packet(octets)
         if packet.kind in {KIND_DATA, KIND_FRAGMENT} and packet.data:
             if not side.assembler.clear or not message_name(packet.data):
                 return
         where = side.connection, side.index, self._clock, self._places
-        self._lines.append(netlink_line(packet, frame, time_ns, *where))
+        self._find(frame)
+        self._add(netlink_line(packet, frame, time_ns, *where), bool(packet.malformed))
         if self._verbose:
-            self._lines.extend(netlink_tree_lines(octets))
+            self._tree(netlink_tree_lines(octets))
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7 PDU."""
         if not self._wanted(frame):
             return
+        self._find(frame)
         connection = side.connection
         if self._as_jsonl:
             pdu = parse_pdu(without_secrets(octets), frame, time_ns, connection.number, side.index, cut)
-            self._lines.append(self._pdus.line(pdu, connection))
+            self._add(self._pdus.line(pdu, connection))
             return
         pdu = parse_pdu(octets, frame, time_ns, connection.number, side.index, cut)
-        self._lines.append(pdu_line(pdu, connection, self._clock, self._places))
+        self._add(pdu_line(pdu, connection, self._clock, self._places), _says_no(pdu))
         if self._verbose:
             whole = self._packet if self._packet.endswith(octets) and not cut else b""
-            self._lines.extend(tree_lines(pdu, whole, connection.state == IBH))
+            self._tree(tree_lines(pdu, whole, connection.state == IBH))
 
     def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7comm-plus PDU."""
         if not self._wanted(frame):
             return
+        self._find(frame)
         connection = side.connection
         pdu = parse_plus(octets, frame, time_ns, connection.number, side.index, cut)
         if self._as_jsonl:
-            self._lines.append(self._pdus.plus_line(pdu, connection))
+            self._add(self._pdus.plus_line(pdu, connection))
             return
-        self._lines.append(plus_line(pdu, connection, self._clock, self._places))
+        self._add(plus_line(pdu, connection, self._clock, self._places), bool(pdu.malformed))
         if self._verbose:
             whole = self._packet if self._packet.endswith(octets) and not cut else b""
-            self._lines.extend(plus_tree_lines(pdu, whole))
+            self._tree(plus_tree_lines(pdu, whole))
 
     def scd(self, frame: i64, time_ns: i64, side: Side, found: ScdMessage) -> None:
         """Add the line of an SCD message of its own."""
@@ -196,12 +222,29 @@ class _Pdus(Observer):
                 self._scd(found, transaction.connection)
 
     def _scd(self, found: ScdMessage, connection: Connection) -> None:
+        self._find(found.frame)
         if self._as_jsonl:
-            self._lines.append(self._pdus.scd_line(found, connection))
+            self._add(self._pdus.scd_line(found, connection))
             return
-        self._lines.append(scd_line(found, connection, self._clock, self._places))
+        self._add(scd_line(found, connection, self._clock, self._places), found.message.error is not None)
         if self._verbose:
-            self._lines.extend(scd_tree_lines(found))
+            self._tree(scd_tree_lines(found))
+
+    def _add(self, text: str, failed: bool = False) -> None:
+        self._lines.append(Line(text, FAILED if failed else PLAIN, HANG))
+
+    def _tree(self, lines: Iterable[str]) -> None:
+        self._lines += [Line(text, PLAIN, TREE_HANG) for text in lines]
+
+    def _find(self, frame: int) -> None:
+        if self._frames:
+            self.found.add(self._places.number(frame))
 
     def _wanted(self, frame: int) -> bool:
-        return self._frame is None or self._places.number(frame) == self._frame
+        return not self._frames or self._places.number(frame) in self._frames
+
+
+def _says_no(pdu: Pdu) -> bool:
+    """Tell whether a PDU is damaged, or refuses something."""
+    refused = [code for code in pdu.return_codes() if code != SUCCESS] if pdu.rosctr != JOB else []
+    return bool(pdu.malformed or pdu.error_class > 0 or pdu.error_code > 0 or refused)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Callable
-
 import click
 
-from dissect.cli.carried import scd_options
-from dissect.cli.drive import (
+from dissect.cli.gate import fail_on_option, gate
+from dissect.cli.look import clock, write_lines
+from dissect.cli.options.scd import scd_options
+from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
     complain,
@@ -20,27 +18,27 @@ from dissect.cli.drive import (
     places_of,
     write,
 )
-from dissect.cli.gate import fail_on_option, gate
-from dissect.conversation import Observer, Options
-from dissect.findings.carrier import Carrier
+from dissect.engine.observer import Observer, Options
+from dissect.engine.payload import PayloadDecoder
+from dissect.report.csv_rows import CsvRows
 from dissect.report.jsonl import Choice, TransactionLines
-from dissect.report.lines import csv_columns, transaction_cells, transaction_line
+from dissect.report.lines import styled_transaction
 from dissect.report.places import Places
+from dissect.report.styled import Line
 from dissect.session import Run
 from dissect.transactions.transaction import Transaction
-from dissect.wire.clock import Clock
 
 
 @click.command("transactions", epilog=EXIT_CODES)
 @files_argument
 @format_option("text", "jsonl", "csv")
-@click.option("--failed", is_flag=True, help="Only transactions with errors or without answer.")
+@click.option("--failed", is_flag=True, help="Only transactions with errors or without an answer.")
 @click.option(
     "--slow",
     "slow_ns",
     callback=nanoseconds,
     metavar="MS",
-    help="Only transactions whose answer took longer than this many milliseconds; with --failed these as well.",
+    help="Only transactions answered later than this many milliseconds; with --failed, these as well.",
 )
 @checksums_option
 @fail_on_option
@@ -52,36 +50,60 @@ def command(
     slow_ns: int | None,
     checksums: bool,
     fail_on: frozenset[str],
-    carrier: Carrier | None,
+    decoder: PayloadDecoder | None,
 ) -> int:
-    """Write one line for each request and its answer.
+    """List requests with their answers, one line each.
 
-    It says when the request was sent (UTC), its number and packets, who asked whom, how long the answer took, the function,
-    and each item with its value or why it was refused. Messages that nobody asked for have a line too.
+    A line gives the time of the request, the number and packets of the transaction, client and server, the answer time, the
+    function, and each item with its value or the reason for its refusal. Unsolicited messages have a line too.
 
-    FILE is a pcap or pcapng file, also in gzip or zstd; - is standard input. A line comes when its transaction is complete,
-    so a request without answer stands where it was given up.
+    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. A line is written once its
+    transaction is complete, so an unanswered request appears where the wait for its answer ended.
     """
     choose = _choice(failed, slow_ns)
     # What is slow is a finding as well.
-    options = Options(carrier=carrier, checksums=checksums)
+    options = Options(decoder=decoder, checksums=checksums)
     if slow_ns is not None:
         options.slow_ns = slow_ns
-    take: Callable[[], list[str]]
     if format_ == "jsonl":
         lines = TransactionLines(choose)
         run = Run(files, lines, options)
         if len(files) > 1:
             lines.locate = places_of(run, files).locate
-        take = lines.take
-    else:
-        rows = _Rows(format_ == "csv", choose)
+        code = drive(run, files, lambda: write(lines.take()))
+    elif format_ == "csv":
+        rows = CsvRows(choose)
         run = Run(files, rows, options)
         rows.begin(places_of(run, files))
-        take = rows.take
-    code = drive(run, files, lambda: write(take()))
+        code = drive(run, files, lambda: write(rows.take()))
+    else:
+        told = _Lines(choose)
+        run = Run(files, told, options)
+        told.places = places_of(run, files)
+        code = drive(run, files, lambda: write_lines(told.take()))
     complain(run, code)
+    if not run.pipeline.exchange.dialogue.count:
+        click.echo(f"s7dissect: no S7 transaction: {_instead(run)}", err=True)
     return gate(run, fail_on, code)
+
+
+def _instead(run: Run) -> str:
+    """Return what there was in captures without S7: packets, and connections by their protocol."""
+    pipeline = run.pipeline
+    ignored = pipeline.counters.packet_counts()
+    said = [f"{pipeline.frames} packets"]
+    said += [f"{ignored[name]} {text}" for name, text in _NOT_S7.items() if ignored[name]]
+    if pipeline.connections.count:
+        said.append(f"{pipeline.connections.count} ISO-on-TCP or other connections without S7 messages")
+    return ", ".join(said)
+
+
+_NOT_S7 = {
+    "not_ip": "not IP",
+    "not_tcp": "not TCP",
+    "other_protocol": "of other protocols over TCP",
+    "link_type": "of an unsupported link type",
+}
 
 
 def _choice(failed: bool, slow_ns: int | None) -> Choice | None:
@@ -96,40 +118,23 @@ def _choice(failed: bool, slow_ns: int | None) -> Choice | None:
     return wanted
 
 
-class _Rows(Observer):
-    """Collects transactions as lines of text or CSV."""
+class _Lines(Observer):
+    """Collects transactions as lines of text."""
 
-    def __init__(self, as_csv: bool, choose: Choice | None) -> None:
+    def __init__(self, choose: Choice | None) -> None:
         super().__init__()
-        self._as_csv = as_csv
+        self.places = Places([], False)
         self._choose = choose
-        self._clock = Clock()
-        self._places = Places([], False)
-        self._rows: list[str] = []
-
-    def begin(self, places: Places) -> None:
-        """Name packets with ``places``; CSV begins with the names of its columns."""
-        self._places = places
-        if self._as_csv:
-            self._rows.append(_csv_line(csv_columns(places)))
+        self._clock = clock()
+        self._lines: list[Line] = []
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the line of a transaction."""
-        if self._choose is not None and not self._choose(transaction):
-            return
-        if self._as_csv:
-            self._rows.append(_csv_line(transaction_cells(transaction, self._clock, self._places)))
-        else:
-            self._rows.append(transaction_line(transaction, self._clock, self._places))
+        if self._choose is None or self._choose(transaction):
+            self._lines.append(styled_transaction(transaction, self._clock, self.places))
 
-    def take(self) -> list[str]:
+    def take(self) -> list[Line]:
         """Return the lines collected since the last call."""
-        rows = self._rows
-        self._rows = []
-        return rows
-
-
-def _csv_line(cells: list[str]) -> str:
-    buffer = io.StringIO()
-    csv.writer(buffer, lineterminator="").writerow(cells)
-    return buffer.getvalue()
+        lines = self._lines
+        self._lines = []
+        return lines

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import click
 
-from dissect.cli.drive import Signals, nanoseconds
+from dissect.cli.look import clock, write_lines
+from dissect.cli.run import Signals, nanoseconds, write
+from dissect.report.styled import HANG, Line
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from dissect.live.session import Event, Session
 
@@ -22,7 +24,7 @@ def _topics(ctx: click.Context, param: click.Parameter, value: str | None) -> tu
     topics = tuple([topic.strip() for topic in value.split(",")]) if value else ()
     for topic in topics:
         if topic not in _TOPICS:
-            raise click.BadParameter(f"{topic!r} is none of {', '.join(_TOPICS)}.", ctx, param)
+            raise click.BadParameter(f"expected {', '.join(_TOPICS)}, got {topic!r}.", ctx, param)
     return topics
 
 
@@ -32,7 +34,7 @@ only_option: Final[Callable[[Any], Any]] = click.option(
     "topics",
     callback=_topics,
     metavar="TOPICS",
-    help=f"Write only these, with commas between: {', '.join(_TOPICS)}.",
+    help=f"Only these kinds of lines, comma-separated: {', '.join(_TOPICS)}.",
 )
 
 
@@ -44,7 +46,7 @@ slow_option: Final[Callable[[Any], Any]] = click.option(
     default="1000",
     show_default=True,
     metavar="MS",
-    help="Answers later than this are a finding.",
+    help="Report answers that take longer than this many milliseconds.",
 )
 #: ``--overdue MS``; the command's argument is ``overdue_ns``.
 overdue_option: Final[Callable[[Any], Any]] = click.option(
@@ -54,7 +56,7 @@ overdue_option: Final[Callable[[Any], Any]] = click.option(
     default="2000",
     show_default=True,
     metavar="MS",
-    help="Requests without answer for longer than this are a finding at once; 0 for never.",
+    help="Report requests that have waited longer than this many milliseconds; 0 disables.",
 )
 
 
@@ -66,6 +68,25 @@ class Shower(Protocol):
 
     def lost(self, now_ns: int, counts: dict[str, int]) -> str:
         """Return the line that says how many events, by kind, were left out."""
+
+
+def new_shower(as_json: bool, topics: Iterable[str]) -> Shower:
+    """Return what makes lines of events, of ``topics`` only where there are any."""
+    from dissect.live.json_lines import JsonLines
+    from dissect.live.lines import PlainLines, kinds_of
+
+    kinds = kinds_of(topics)
+    return JsonLines(kinds) if as_json else PlainLines(kinds, clock())
+
+
+def write_events(shower: Shower, events: Sequence[Event], lost: Iterable[str]) -> None:
+    """Write the lines of events, and those about lost ones."""
+    from dissect.live.lines import PlainLines
+
+    if isinstance(shower, PlainLines):
+        write_lines([*shower.styled(events), *[Line(text, "warning", HANG) for text in lost]])
+    elif lines := [*shower.lines(events), *lost]:
+        write(lines)
 
 
 class LostEvents:

@@ -46,6 +46,9 @@ class Rule:
         self.advice = advice
         self.techniques = techniques
 
+    def __repr__(self) -> str:
+        return f"Rule({self.slug!r}, {self.severity!r})"
+
 
 class Finding:
     """A rule that applied once.

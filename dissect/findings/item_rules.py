@@ -10,7 +10,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.findings.judge import Judge
+from dissect.findings.reporter import Reporter
 from dissect.s7.items import Item
 from dissect.s7.parameters import GROUP_PBC, Parameters
 from dissect.s7.tables import (
@@ -37,7 +37,7 @@ _OWN_SIZE: Final = frozenset((0x1C, 0x1D))
 _NAMED: Final = 3
 
 
-def judge_parameters(judge: Judge, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> None:
+def judge_parameters(judge: Reporter, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> None:
     """Look at a parameter block that was not seen before."""
     parameters.unjudged = False
     if parameters.malformed:
@@ -54,7 +54,7 @@ def judge_parameters(judge: Judge, side: Side, parameters: Parameters, frame: i6
 
 
 def _note(
-    judge: Judge, slug: str, side: Side, parameters: Parameters, faults: list[str], frame: i64, time_ns: i64
+    judge: Reporter, slug: str, side: Side, parameters: Parameters, faults: list[str], frame: i64, time_ns: i64
 ) -> None:
     if faults:
         more = f" and {len(faults) - _NAMED} more" if len(faults) > _NAMED else ""

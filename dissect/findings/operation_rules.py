@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.findings.judge import Judge
+from dissect.findings.reporter import Reporter
 from dissect.s7.errors import ERROR_CODES
+from dissect.s7.layouts import DATA_HEAD
+from dissect.s7.szl import SZL_HEAD, extract
+from dissect.s7.szl_tables import HEAD_ONLY
+from dissect.s7.tables import SUCCESS
 from dissect.transactions.checks import NOT_LOADED, STRAY_PUSH
 from dissect.transactions.operation import (
     BEYOND_END,
@@ -13,6 +17,7 @@ from dissect.transactions.operation import (
     CUT_SHORT,
     DOWNLOAD,
     FAILED,
+    LONG_ANSWER,
     UNFINISHED,
     UPLOAD,
     WRONG_ID,
@@ -20,8 +25,15 @@ from dissect.transactions.operation import (
     Operation,
 )
 from dissect.transactions.transaction import CAPTURE_ENDED, HOLE, Transaction
+from dissect.wire.octets import u16
 
-_TRANSFERS: Final = frozenset((DOWNLOAD, UPLOAD, BSEND))
+_TRANSFERS: Final = frozenset((DOWNLOAD, UPLOAD, BSEND, LONG_ANSWER))
+#: An answer in parts that is longer than this does not end: no list of a device has so much.
+_ENDLESS_OCTETS: Final = 1 << 20
+#: At the end of the capture, a transfer whose last step is older than this stopped before.
+_STOPPED_NS: Final = 1_000_000_000
+_CPU: Final = 4
+_READ_SZL: Final = 1
 _ODDITIES: Final = {
     BEYOND_END: "operation.beyond_end",
     CUT_SHORT: "operation.cut_short",
@@ -30,7 +42,7 @@ _ODDITIES: Final = {
 }
 
 
-def judge_operation(judge: Judge, operation: Operation) -> None:
+def judge_operation(judge: Reporter, operation: Operation) -> None:
     """Note what is odd about an operation that is over.
 
     That a single request was refused or not answered is said of its transaction; here it counts what had begun before.
@@ -48,10 +60,39 @@ def judge_operation(judge: Judge, operation: Operation) -> None:
 
 def _ought_to_end(operation: Operation) -> bool:
     """Tell whether the end is missing for another reason than the capture's."""
-    return operation.reason not in {CAPTURE_ENDED, HOLE} and not operation.connection.tcp.has_holes
+    tcp = operation.connection.tcp
+    if operation.reason == HOLE or tcp.has_holes:
+        return False
+    if operation.reason != CAPTURE_ENDED:
+        return True
+    endless = operation.kind == LONG_ANSWER and operation.octets > _ENDLESS_OCTETS
+    return endless or tcp.last_ns - operation.end_ns > _STOPPED_NS
 
 
-def judge_strays(judge: Judge, transaction: Transaction) -> None:
+def judge_szl(judge: Reporter, transaction: Transaction) -> None:
+    """Note an SZL answer, whole in one PDU, whose records do not fill it as its head states."""
+    head = transaction.parameters.userdata
+    answer = transaction.response_parameters
+    told = answer.userdata if answer is not None else None
+    if head is None or told is None or head.group != _CPU or head.subfunction != _READ_SZL or transaction.has_errors:
+        return
+    if told.last_data_unit != 0 or told.data_unit_ref != 0 or told.error_code or head.data_unit_ref > 0:
+        return
+    response = transaction.response
+    if response is None:
+        return
+    payload = response.data[DATA_HEAD.size :]
+    if len(payload) < SZL_HEAD.size or response.data[0] != SUCCESS:
+        return
+    szl_id, length, count = u16(payload, 0), u16(payload, 4), u16(payload, 6)
+    size = len(payload) - SZL_HEAD.size
+    if extract(szl_id) != HEAD_ONLY and length * count > size:
+        detail = f"SZL 0x{szl_id:04x} states {count} records of {length} bytes, {size} bytes are there"
+        frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
+        judge.note("s7.malformed", transaction.connection.number, frames, int(transaction.response_ns), detail)
+
+
+def judge_strays(judge: Reporter, transaction: Transaction) -> None:
     """Note a push without a subscription, and the activation of a block that was not loaded."""
     connection = transaction.connection
     time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
@@ -64,7 +105,7 @@ def judge_strays(judge: Judge, transaction: Transaction) -> None:
         judge.note("operation.not_loaded", connection.number, [int(transaction.request_frame)], time_ns, notes)
 
 
-def _note(judge: Judge, slug: str, operation: Operation, what: str, frame: int) -> None:
+def _note(judge: Reporter, slug: str, operation: Operation, what: str, frame: int) -> None:
     number = operation.connection.number
     if judge.wants(slug, number):
         detail = f"{operation.kind.replace('_', ' ')} {operation.subject}: {what}"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.findings.judge import Judge
+from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
 from dissect.s7plus.events import (
@@ -64,7 +64,7 @@ _TEXT: Final = 200
 class PlusWatch:
     """Judges S7comm-plus transactions. One for a whole analysis: the program of a CPU passes on any of its connections."""
 
-    def __init__(self, judge: Judge, security: SecurityWatch, book: OperationBook) -> None:
+    def __init__(self, judge: Reporter, security: SecurityWatch, book: OperationBook) -> None:
         self._operations = PlusOperations(book)
         self._judge = judge
         self._security = security

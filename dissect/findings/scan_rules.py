@@ -11,8 +11,9 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.findings.judge import Judge
+from dissect.findings.reporter import Reporter
 from dissect.transactions.connection import Connection
+from dissect.wire.durations import duration_text
 
 WINDOW_NS: Final = 60_000_000_000
 #: Pairs of client and server that are remembered, and TSAPs of each.
@@ -40,8 +41,8 @@ class _Pair:
 class ScanWatch:
     """Looks at the connect requests of all connections. ``forgotten`` counts pairs that had to leave: there were too many."""
 
-    def __init__(self, judge: Judge) -> None:
-        self._judge: Judge = judge
+    def __init__(self, judge: Reporter) -> None:
+        self._judge: Reporter = judge
         self._pairs: OrderedDict[bytes, _Pair] = OrderedDict()
         self.forgotten: i64 = 0
 
@@ -83,7 +84,7 @@ class ScanWatch:
         tsaps = [".".join([f"{octet:02x}" for octet in octets]) for octets in list(pair.asked)[:_NAMED]]
         age: int = time_ns - pair.first_ns
         detail = (
-            f"{connection.client} asked {connection.server} for {len(pair.asked)} TSAPs within {age / 1e9:.1f} s,"
+            f"{connection.client} asked {connection.server} for {len(pair.asked)} TSAPs within {duration_text(int(age))},"
             f" {len(pair.refused)} of them refused: {', '.join(tsaps)}"
         )
         frames = list(pair.asked.values())[-_NAMED:]

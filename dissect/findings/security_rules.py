@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.findings.judge import Judge
+from dissect.findings.reporter import Reporter
 from dissect.s7.body import Body
 from dissect.s7.clock import SETTING
 from dissect.s7.errors import ERROR_CODES
@@ -23,12 +23,15 @@ from dissect.s7.tables import (
     REQUEST_DOWNLOAD,
     RETURN_CODES,
     START_UPLOAD,
+    SUCCESS,
     USERDATA,
 )
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import PUSH, UNANSWERED, Transaction
+from dissect.transactions.transaction import ANSWERED, PUSH, UNANSWERED, Transaction
+from dissect.wire.durations import duration_text
 from dissect.wire.octets import u16
+from dissect.wire.text import titled
 
 _MODE: Final = 0
 _TEST: Final = 1
@@ -48,8 +51,9 @@ _NC_DOWNLOAD: Final = 0x01
 _NC_UPLOAD: Final = 0x06
 _STOP: Final = 0x00
 
-#: SZL lists that tell what a device is, apart from its state (reference 7.4): id lists, identification, capabilities.
-_TELLING: Final = frozenset((0x00, 0x11, 0x1C, 0x31, 0x32))
+#: SZL lists that tell what a device is, apart from its state (reference 7.4): id lists, identification. What it can do in
+#: communication (0x31, 0x32) panels ask at each start.
+_TELLING: Final = frozenset((0x00, 0x11, 0x1C))
 #: Inquiries on one connection that make it a reconnaissance, and distinct lists.
 _INQUIRIES: Final = 3
 _MANY_LISTS: Final = 10
@@ -66,6 +70,9 @@ _LOOKED_AT: Final = 100
 
 #: PDUs of one connection within a second that are a flood: no PLC answers so many.
 PACE: Final = 2048
+#: Variables that the finding of a modification or force names, and octets of each.
+_NAMED: Final = 8
+_NAMED_OCTETS: Final = 16
 _SECOND_NS: Final = 1_000_000_000
 
 #: Clients, servers and pairs of them that are remembered.
@@ -75,7 +82,7 @@ _MAX_REMEMBERED: Final = 4096
 class SecurityWatch:
     """Judges transactions as events of security. One for a whole analysis: a new writer is one among several connections."""
 
-    def __init__(self, judge: Judge) -> None:
+    def __init__(self, judge: Reporter) -> None:
         self._judge = judge
         self._writers: dict[str, str] = {}  # server: the client that wrote first
         self._pairs: set[tuple[str, str]] = set()  # (client, server): writers that were told
@@ -105,7 +112,10 @@ class SecurityWatch:
             self._writers.clear()
             self._pairs.clear()
         first = self._writers.setdefault(server, client)
-        if first != client and (client, server) not in self._pairs:
+        if transaction.connection.mid_stream:
+            # Who was there when the capture began may have written long before.
+            self._pairs.add((client, server))
+        elif first != client and (client, server) not in self._pairs:
             self._pairs.add((client, server))
             self.tell("security.new_writer", transaction, f"until now only {first} wrote to {server}")
 
@@ -128,7 +138,9 @@ class SecurityWatch:
             return
         traits.refusals += 1
         codes = [result.return_code for result in transaction.results()]
-        if transaction.error_code in _PROTECTED_VARIABLES or _ACCESS_DENIED in codes:
+        # Where other items of it succeeded, it is these addresses that the device does not give.
+        denied = _ACCESS_DENIED in codes and SUCCESS not in codes
+        if transaction.error_code in _PROTECTED_VARIABLES or denied:
             what = transaction.parameters.subject
             name = "" if transaction.error_code else f": {RETURN_CODES.name(_ACCESS_DENIED)}"
             self.tell("security.protected", transaction, what + name)
@@ -138,7 +150,7 @@ class SecurityWatch:
     def _job(self, transaction: Transaction) -> None:
         function = transaction.function
         if function == PLC_STOP:
-            self.tell("security.plc_stop", transaction, "PLC stop")
+            self.tell("security.plc_stop", transaction, f"PLC stop{_accepted(transaction)}")
         elif function == PI_SERVICE:
             self._pi_service(transaction)
         elif function == REQUEST_DOWNLOAD:
@@ -150,7 +162,9 @@ class SecurityWatch:
         body = _asked(transaction)
         name = body.text("service") if body is not None else ""
         slug = _service_slug(name)
-        if slug:
+        if slug == "security.plc_start":
+            self.tell(slug, transaction, f"{_named(transaction)}{_accepted(transaction)}")
+        elif slug:
             self.tell(slug, transaction)
 
     def _userdata(self, transaction: Transaction, head: UserdataHead) -> None:
@@ -166,7 +180,7 @@ class SecurityWatch:
         if slug:
             if slug in _ONCE and not transaction.connection.traits.first(slug):
                 return
-            self.tell(slug, transaction)
+            self.tell(slug, transaction, _forced(transaction) if slug == "security.force" else "")
         elif group == _BLOCKS:
             self._inquiry(transaction, -subfunction)
         elif group == _CPU and subfunction == _READ_SZL:
@@ -212,9 +226,8 @@ class SecurityWatch:
         since = connection.traits.pace_ns or int(connection.tcp.first_ns)
         connection.traits.pace_ns = int(now_ns)
         if 0 <= now_ns - since < _SECOND_NS and connection.traits.first("security.flood"):
-            detail = (
-                f"{PACE} messages within {(now_ns - since) / 1e9:.2f} s from {connection.client} to {connection.server}"
-            )
+            within = duration_text(int(now_ns - since))
+            detail = f"{PACE} messages within {within} from {connection.client} to {connection.server}"
             self._judge.note("security.flood", connection.number, [frame], now_ns, detail)
 
     def tell(self, slug: str, transaction: Transaction, what: str = "") -> None:
@@ -265,7 +278,30 @@ def _named(transaction: Transaction) -> str:
     """Return the function and what its request is about."""
     body = _asked(transaction)
     notes = ", ".join(body.notes[:3]) if body is not None else ""
-    return f"{transaction.function_name} {notes}".rstrip()
+    return titled(transaction.function_name, notes)
+
+
+def _forced(transaction: Transaction) -> str:
+    """Return the function, and which variables it sets to which value; empty where the request does not say it."""
+    results = transaction.results()
+    said: list[str] = []
+    for result in results[:_NAMED]:
+        name = result.item.label if result.item is not None else "?"
+        if result.data is None:
+            said.append(name)
+            continue
+        value = result.value
+        if value is None or isinstance(value, (list, str)):
+            said.append(f"{name} = {result.data[:_NAMED_OCTETS].hex(' ')}")
+        else:
+            said.append(f"{name} = {'true' if value is True else 'false' if value is False else value}")
+    more = f" and {len(results) - _NAMED} more" if len(results) > _NAMED else ""
+    return f"{transaction.function_name} {', '.join(said)}{more}" if said else ""
+
+
+def _accepted(transaction: Transaction) -> str:
+    """Say that a command was accepted; what else became of it says `_tell`."""
+    return ", accepted" if transaction.outcome == ANSWERED and not transaction.error_code else ""
 
 
 def _service_slug(name: str) -> str:

@@ -6,7 +6,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.findings.judge import Judge
+from dissect.findings.reporter import Reporter
 from dissect.ibh.tables import NETLINK_PORT
 from dissect.iso.cotp import Tpdu
 from dissect.iso.tables import DR_REASONS, ER_CAUSES
@@ -18,6 +18,7 @@ from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, Ending
 from dissect.transactions.pairing import GIVEN_UP_NS
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
+from dissect.wire.durations import distance_text, duration_text
 
 #: The smallest PDU length a setup answer can mean: it has 20 octets itself, and no real device goes below 240.
 _MIN_PDU_LENGTH: Final = 64
@@ -33,7 +34,7 @@ _SEVERAL: Final = 2
 _NO_REASON: Final = frozenset((0x00, 0x80))
 
 
-def judge_request(judge: Judge, side: Side, parameters: Parameters, open_now: i64, frame: i64, time_ns: i64) -> None:
+def judge_request(judge: Reporter, side: Side, parameters: Parameters, open_now: i64, frame: i64, time_ns: i64) -> None:
     """A request before communication was set up, or one more than was granted."""
     connection = side.connection
     number = connection.number
@@ -60,7 +61,7 @@ def judge_request(judge: Judge, side: Side, parameters: Parameters, open_now: i6
             judge.note("session.too_many_jobs", number, [frame], time_ns, detail)
 
 
-def _judge_again(judge: Judge, connection: Connection, parameters: Parameters, frame: i64, time_ns: i64) -> None:
+def _judge_again(judge: Reporter, connection: Connection, parameters: Parameters, frame: i64, time_ns: i64) -> None:
     """Communication is set up once more on one connection."""
     asked = parameters.setup
     before = connection.setup_asked
@@ -71,7 +72,7 @@ def _judge_again(judge: Judge, connection: Connection, parameters: Parameters, f
 
 
 def judge_length(
-    judge: Judge, connection: Connection, parameters: Parameters, size: i64, frame: i64, time_ns: i64
+    judge: Reporter, connection: Connection, parameters: Parameters, size: i64, frame: i64, time_ns: i64
 ) -> None:
     """A PDU longer than was granted, or a read whose answer will be."""
     limit = connection.pdu_length
@@ -83,7 +84,9 @@ def judge_length(
         judge.note("session.read_too_long", connection.number, [frame], time_ns, detail)
 
 
-def judge_header(judge: Judge, side: Side, rosctr: i64, extra: i64, redundancy: i64, frame: i64, time_ns: i64) -> None:
+def judge_header(
+    judge: Reporter, side: Side, rosctr: i64, extra: i64, redundancy: i64, frame: i64, time_ns: i64
+) -> None:
     """An S7 header with a redundancy id (told once of each side), or an Ack with more than a header."""
     connection = side.connection
     who = connection.tcp.ends[side.index]
@@ -108,7 +111,7 @@ def _too_early(side: Side) -> bool:
     return peer.captured and peer.holes == 0 and peer.stream.held is None and not 0 < unseen < HALF_SPACE
 
 
-def judge_grant(judge: Judge, transaction: Transaction) -> None:
+def judge_grant(judge: Reporter, transaction: Transaction) -> None:
     """A setup answer that grants more than was asked, or too little to work with."""
     transaction.connection.setup_open = False
     granted = transaction.response_parameters.setup if transaction.response_parameters is not None else None
@@ -135,7 +138,7 @@ def judge_grant(judge: Judge, transaction: Transaction) -> None:
         )
 
 
-def judge_port(judge: Judge, connection: Connection, frame: i64, time_ns: i64) -> None:
+def judge_port(judge: Reporter, connection: Connection, frame: i64, time_ns: i64) -> None:
     """S7 communication with neither end on port 102, that of ISO-on-TCP; said once a connection."""
     ends = connection.tcp.ends
     usual = NETLINK_PORT if connection.state == IBH else ISO_TSAP_PORT
@@ -144,7 +147,7 @@ def judge_port(judge: Judge, connection: Connection, frame: i64, time_ns: i64) -
         judge.note("session.unusual_port", connection.number, [frame], time_ns, who)
 
 
-def judge_disconnect(judge: Judge, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
+def judge_disconnect(judge: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
     """A DR: a refusal when it answers a connect request, else the end of the connection."""
     connection = side.connection
     reason = DR_REASONS.name(tpdu.field("reason"))
@@ -166,7 +169,7 @@ def _is_leave(connection: Connection, side: Side, tpdu: Tpdu) -> bool:
     return leaves and not connection.open_requests[0].count and not connection.open_requests[1].count
 
 
-def judge_error_tpdu(judge: Judge, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
+def judge_error_tpdu(judge: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
     """An ER: something the other side sent was rejected."""
     cause = ER_CAUSES.name(tpdu.field("cause"))
     connection = side.connection
@@ -175,7 +178,7 @@ def judge_error_tpdu(judge: Judge, side: Side, tpdu: Tpdu, frame: i64, time_ns: 
     judge.note("cotp.error", connection.number, [frame], time_ns, cause)
 
 
-def judge_cut(judge: Judge, side: Side, ending: Ending) -> None:
+def judge_cut(judge: Reporter, side: Side, ending: Ending) -> None:
     """One side ended the connection with several requests open, or the connect request: one line for all of them.
 
     A single request has its line anyway, `transaction.unanswered`, which tells who cut it off.
@@ -193,15 +196,15 @@ def judge_cut(judge: Judge, side: Side, ending: Ending) -> None:
         if tsap is not None:
             said += f", called TSAP {tsap.describe()}"
     elif ending.oldest is not None:
-        age = int(ending.time_ns - ending.oldest_ns) / 1e9
-        said += f" with {ending.open_requests} requests open, the first is {ending.oldest.subject}, {age:.3f} s old"
+        age = duration_text(int(ending.time_ns - ending.oldest_ns))
+        said += f" with {ending.open_requests} requests open, the first is {ending.oldest.subject}, {age} old"
         if ending.last_answer is not None:
-            said += f"; last answer {int(ending.time_ns - ending.last_answer_ns) / 1e9:.3f} s before"
+            said += f"; last answer {distance_text(int(ending.time_ns - ending.last_answer_ns))}"
     frames = [frame for frame in (ending.oldest_frame, ending.frame) if frame]
     judge.note("session.cut", connection.number, [int(frame) for frame in frames], ending.time_ns, said)
 
 
-def judge_end(judge: Judge, side: Side, frame: i64, time_ns: i64) -> None:
+def judge_end(judge: Reporter, side: Side, frame: i64, time_ns: i64) -> None:
     """The connection is over: tell when only one side of it was captured."""
     connection = side.connection
     peer = side.peer

@@ -6,7 +6,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.findings.judge import Judge
+from dissect.findings.reporter import Reporter
 from dissect.s7.message import Pdu
 from dissect.s7.tables import ANSWER_TRANSPORT_SIZE, SUCCESS, TRANSPORT_SIZES
 from dissect.transactions.checks import (
@@ -29,16 +29,18 @@ from dissect.transactions.transaction import (
     ORPHAN,
     PUSH,
     REASON_TEXTS,
+    STILL_OPEN,
     TABLE_FULL,
     UNANSWERED,
     Transaction,
 )
+from dissect.wire.durations import distance_text, duration_text
 
 #: The bit of `Connection.told` for transport sizes of answers; those below it belong to the other rules.
 _DATA_CODES: Final = 256
 
 
-def judge_transaction(judge: Judge, transaction: Transaction, slow_ns: i64) -> None:
+def judge_transaction(judge: Reporter, transaction: Transaction, slow_ns: i64) -> None:
     """Note what is odd about a transaction that is not open any more. Call it for odd ones only: it is the slow path."""
     if transaction.outcome == ANSWERED:
         _judge_flags(judge, transaction)
@@ -48,7 +50,7 @@ def judge_transaction(judge: Judge, transaction: Transaction, slow_ns: i64) -> N
                 judge,
                 "transaction.slow",
                 transaction,
-                f"{latency / 1e6:.1f} ms, the limit is {int(slow_ns) / 1e6:g} ms",
+                f"{duration_text(latency)}, the limit is {duration_text(int(slow_ns))}",
             )
     elif transaction.outcome == ORPHAN and not transaction.flags & EXPECTED:
         _note(judge, "transaction.orphan", transaction, f"reference 0x{transaction.pdu_ref:04x}")
@@ -56,12 +58,13 @@ def judge_transaction(judge: Judge, transaction: Transaction, slow_ns: i64) -> N
         _judge_errors(judge, transaction)
 
 
-def judge_unanswered(judge: Judge, transaction: Transaction, now_ns: i64, slow_ns: i64) -> None:
+def judge_unanswered(judge: Reporter, transaction: Transaction, now_ns: i64, slow_ns: i64) -> None:
     """Note a request without answer, unless the capture is to blame or ends too soon to tell."""
     _judge_request(judge, transaction)
     if transaction.outcome != UNANSWERED or transaction.reason == HOLE or transaction.flags & EXPECTED:
         return
     if transaction.reason == CAPTURE_ENDED and now_ns - transaction.request_ns <= slow_ns:
+        transaction.flags |= STILL_OPEN
         return
     if transaction.reason == TABLE_FULL:
         judge.note(
@@ -77,7 +80,7 @@ def _why(transaction: Transaction) -> str:
     if transaction.reason == CONNECTION_CLOSED and ending is not None:
         deed = ending.deed(connection)
         if deed:
-            return f"{deed} {int(ending.time_ns - transaction.request_ns) / 1e9:.3f} s later"
+            return f"{deed} {distance_text(int(transaction.request_ns - ending.time_ns))}"
     return REASON_TEXTS[transaction.reason]
 
 
@@ -85,14 +88,14 @@ def _frames(transaction: Transaction) -> list[int]:
     return [frame for frame in (transaction.request_frame, transaction.response_frame) if frame]
 
 
-def _note(judge: Judge, slug: str, transaction: Transaction, what: str) -> None:
+def _note(judge: Reporter, slug: str, transaction: Transaction, what: str) -> None:
     number = transaction.connection.number
     if judge.wants(slug, number):
         time_ns = max(transaction.request_ns, transaction.response_ns)
         judge.detail(slug, number, _frames(transaction), time_ns, f"{transaction.parameters.subject}: {what}")
 
 
-def _judge_flags(judge: Judge, transaction: Transaction) -> None:
+def _judge_flags(judge: Reporter, transaction: Transaction) -> None:
     flags = transaction.flags
     if not flags:
         return
@@ -115,17 +118,19 @@ def _judge_flags(judge: Judge, transaction: Transaction) -> None:
         _detail_malformed(judge, transaction, transaction.response, transaction.response_frame, transaction.response_ns)
     if flags & REORDERED:
         ahead: int = transaction.request_ns - transaction.response_ns
-        _note(judge, "transaction.reordered", transaction, f"the answer stands {ahead / 1e6:.3f} ms before the request")
+        _note(
+            judge, "transaction.reordered", transaction, f"the answer stands {duration_text(ahead)} before the request"
+        )
 
 
-def _judge_request(judge: Judge, transaction: Transaction) -> None:
+def _judge_request(judge: Reporter, transaction: Transaction) -> None:
     if transaction.flags & WRITE_SIZE:
         _note(judge, "transaction.write_size", transaction, _written_sizes(transaction))
     if transaction.flags & BAD_REQUEST and judge.wants("s7.malformed", transaction.connection.number):
         _detail_malformed(judge, transaction, transaction.request, transaction.request_frame, transaction.request_ns)
 
 
-def _detail_malformed(judge: Judge, transaction: Transaction, pdu: Pdu | None, frame: int, time_ns: int) -> None:
+def _detail_malformed(judge: Reporter, transaction: Transaction, pdu: Pdu | None, frame: int, time_ns: int) -> None:
     if pdu is None:
         return
     what = str(pdu.malformed[0]) if pdu.malformed else "the data block does not fit the item count"
@@ -160,7 +165,7 @@ def _data_codes(transaction: Transaction) -> str:
     return "an item came with another transport size"
 
 
-def _judge_errors(judge: Judge, transaction: Transaction) -> None:
+def _judge_errors(judge: Reporter, transaction: Transaction) -> None:
     if transaction.is_scd:
         error = transaction.errors[0]
         _note(judge, "transaction.refused", transaction, f"{error.name} {error.code}: {error.text}")

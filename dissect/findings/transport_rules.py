@@ -6,7 +6,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.findings.judge import Judge
+from dissect.findings.reporter import Reporter
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, Tpdu
 from dissect.iso.tables import CC, CR, DR, DT, ER, TPDU_TYPES
 from dissect.iso.tsap import Tsap
@@ -23,7 +23,7 @@ _AFTER_END: Final = 16
 _LARGEST: Final = 65531
 
 
-def judge_data(judge: Judge, side: Side, size: i64, frame: i64, time_ns: i64) -> None:
+def judge_data(judge: Reporter, side: Side, size: i64, frame: i64, time_ns: i64) -> None:
     """A DT that is longer than `Connection.dt_limit`: too long, before the connection is set up, or after its end."""
     connection = side.connection
     if 0 < connection.tpdu_size < size:
@@ -44,7 +44,7 @@ def _watched(connection: Connection) -> bool:
     return connection.tpdu_size == 0 and connection.told & begun != begun
 
 
-def judge_order(judge: Judge, side: Side, type_: i64, frame: i64, time_ns: i64) -> None:
+def judge_order(judge: Reporter, side: Side, type_: i64, frame: i64, time_ns: i64) -> None:
     """Hold a TPDU to the order there is: connect request, confirm or refusal, data, and nothing after a disconnect."""
     connection = side.connection
     ended: i64 = _AFTER_END << side.index
@@ -70,7 +70,7 @@ def judge_order(judge: Judge, side: Side, type_: i64, frame: i64, time_ns: i64) 
         judge.note("cotp.bad_start", connection.number, [frame], time_ns, detail)
 
 
-def judge_number(judge: Judge, side: Side, number: i64, frame: i64, time_ns: i64) -> None:
+def judge_number(judge: Reporter, side: Side, number: i64, frame: i64, time_ns: i64) -> None:
     """A TPDU number other than 0, which class 0 does not have; told once of each side."""
     connection = side.connection
     told: i64 = _NUMBERED << side.index
@@ -80,7 +80,7 @@ def judge_number(judge: Judge, side: Side, number: i64, frame: i64, time_ns: i64
         judge.note("cotp.tpdu_nr", connection.number, [frame], time_ns, detail)
 
 
-def judge_confirm(judge: Judge, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
+def judge_confirm(judge: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
     """A connect confirm must fit its request: reference, class, TPDU size, TSAPs."""
     connection = side.connection
     if not connection.cr_seen or tpdu.malformed or connection.client_side == side.index:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from dissect.golden.forms import build_pdu
+from dissect.s7.build import build_pdu
 from dissect.s7.message import parse_pdu
 from dissect.s7.tables import ACK, ACK_DATA, ROSCTR, USERDATA
 

@@ -12,6 +12,7 @@ from dissect.golden.keys import subject
 from dissect.golden.model import Transaction
 from dissect.golden.phrases import Change, code_text, item_state, octets_change, outcome, short, value_change
 from dissect.report import words
+from dissect.s7.blocks import BLOCK_COUNT, LISTED_BLOCK
 from dissect.s7.message import Pdu
 from dissect.s7.parameters import Setup
 from dissect.s7.tables import DATA_TRANSPORT_SIZES, READ_VAR, SETUP_COMMUNICATION, WRITE_VAR
@@ -89,12 +90,19 @@ def answer_changes(a: Transaction, b: Transaction) -> Iterator[Change]:
     elif one.function == SETUP_COMMUNICATION and one.setup[1] is not None and other.setup[1] is not None:
         changes = list(_setup("granted", one.setup[1], other.setup[1]))
         yield from changes or _octets("negotiation", "answer", told, tells)
+    elif one.items and [item.label for item in one.items] == [item.label for item in other.items]:
+        changes = list(_items(one, other))
+        kind = "transport" if one.function in {READ_VAR, WRITE_VAR} else "contents"
+        yield from changes or _octets(kind, "answer", told, tells)
     elif one.items and one.function in {READ_VAR, WRITE_VAR}:
         changes = list(_items(one, other))
         yield from changes or _octets("transport", "answer", told, tells)
     else:
         changes = list(_fields("answer", told, tells, one))
-        yield from changes or _octets("contents", "answer", told, tells)
+        half = (
+            "answer" if not told.body.find(LISTED_BLOCK) else f"answer, {', '.join([short(note) for note in one.asks])}"
+        )
+        yield from changes or _octets("contents", half, told, tells)
 
 
 # ---- reads, writes, setups ------------------------------------------------------------------------------------------
@@ -123,7 +131,7 @@ def _items(one: Exchange, other: Exchange) -> Iterator[Change]:
             old, new = item_state(was), item_state(is_)
             targets = (was.address, was.label)
             yield Change("codes", f"was {old}, is {new}", old, new, label, was.address, targets)
-        elif one.function == READ_VAR and was.data != is_.data:
+        elif one.function != WRITE_VAR and was.data != is_.data:
             yield _value(was, is_)
         elif one.function == READ_VAR and _head(was) != _head(is_):
             old, new = _head(was), _head(is_)
@@ -169,6 +177,7 @@ def _fields(half: str, was: Pdu, is_: Pdu, exchange: Exchange) -> Iterator[Chang
 
 def _field(half: str, part: Part, was: FieldValue, is_: FieldValue, exchange: Exchange) -> Change:
     name = f"{part.layout.name}.{was.field.name.rstrip('_')}"
+    of = _block_type(part, exchange)
     old, new = _meaning(was), _meaning(is_)
     if old == new or (was.octets is not None and is_.octets is not None and not was.meaning):
         old, new = octets_change(was.octets or b"", is_.octets or b"")
@@ -177,7 +186,7 @@ def _field(half: str, part: Part, was: FieldValue, is_: FieldValue, exchange: Ex
     targets = (name, exchange.function_name)
     return Change(
         kind,
-        f"{half}, {part.layout.name}, {was.field.name.rstrip('_')}: was {old}, is {new}",
+        f"{half}, {part.layout.name}{of}, {was.field.name.rstrip('_')}: was {old}, is {new}",
         old,
         new,
         "",
@@ -186,9 +195,18 @@ def _field(half: str, part: Part, was: FieldValue, is_: FieldValue, exchange: Ex
     )
 
 
+def _block_type(part: Part, exchange: Exchange) -> str:
+    """Return which type of block an entry of a list of blocks is about, as `` DB``; empty for other parts."""
+    if part.layout is BLOCK_COUNT:
+        return f" {short(part.text('block_type'))}"
+    return f" {short(exchange.asks[0])}" if part.layout is LISTED_BLOCK and exchange.asks else ""
+
+
 def _meaning(value: FieldValue) -> str:
     if value.octets is not None:
         return short(value.meaning) if value.meaning else words.octets(value.octets)
+    if value.field.says is not None and value.meaning:
+        return value.meaning
     if value.field.codes is not None:
         digits = 2 * value.field.size
         return code_text(value.value, value.meaning or f"0x{value.value:0{digits}x}", digits)

@@ -7,14 +7,21 @@ from typing import Final
 
 from dissect.golden.masking import mask_plus, mask_s7
 from dissect.s7.errors import ERROR_CODES
-from dissect.s7.items import DataItem
+from dissect.s7.items import DataItem, Item
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import Setup
-from dissect.s7.tables import JOB, READ_VAR, RETURN_CODES, SUCCESS, WRITE_VAR
+from dissect.s7.tables import JOB, READ_VAR, RETURN_CODES, WRITE_VAR
 from dissect.s7.values import Value
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
-from dissect.transactions.transaction import ItemResult
+from dissect.transactions.results import (
+    ItemResult,
+    has_items,
+    read_results,
+    requested_items,
+    userdata_results,
+    write_results,
+)
 
 # What speaks in an exchange.
 S7: Final = "s7"
@@ -58,9 +65,14 @@ class ItemRecord:
         return self._result.answer
 
     @property
+    def result(self) -> ItemResult:
+        """The item with its answer, as a transaction has it."""
+        return self._result
+
+    @property
     def refused(self) -> bool:
         """True when there is an answer and it is not success."""
-        return self.return_code not in {-1, SUCCESS}
+        return self._result.refused
 
     @property
     def error(self) -> str:
@@ -72,7 +84,8 @@ class Exchange:
     """What is asked and what is told, without anything that belongs to one recording. Never changed once it is made.
 
     ``request`` and ``response`` are masked PDUs, empty where there is none; of SCD, whose meaning stands in a dictionary, they
-    are empty too, and ``scd`` has what was decoded, a line each, beginning with "request" or "answer".
+    are empty too, and ``scd`` has what was decoded, a line each, beginning with "request" or "answer". ``subscribed`` is the
+    masked request that asked for a push, empty for all else and where it is not known: the items of the push stand in it.
     """
 
     __slots__ = (
@@ -86,6 +99,7 @@ class Exchange:
         "response",
         "response_seen",
         "scd",
+        "subscribed",
     )
 
     def __init__(
@@ -95,9 +109,11 @@ class Exchange:
         response: bytes,
         scd: tuple[str, ...] = (),
         seen: tuple[bool, bool] = (False, False),
+        subscribed: bytes = b"",
     ) -> None:
         mask = mask_s7 if kind == S7 else mask_plus if kind == PLUS else bytes
         self.kind = kind
+        self.subscribed = mask(subscribed)
         self.request = mask(request)
         self.response = mask(response)
         self.request_seen = bool(request) or seen[0]
@@ -123,6 +139,11 @@ class Exchange:
             self._keep()
             self._response = parse_pdu(self.response)
         return self._response
+
+    def of(self, subscribed: bytes) -> Exchange:
+        """Return the same as a push that the request ``subscribed`` asked for."""
+        seen = self.request_seen, self.response_seen
+        return Exchange(self.kind, self.request, self.response, self.scd, seen, subscribed)
 
     def _keep(self) -> None:
         """Keep what is parsed of this one, and forget that of the one looked at longest ago."""
@@ -169,24 +190,29 @@ class Exchange:
             self._items = [ItemRecord(result, number) for number, result in enumerate(self._results(), 1)]
         return self._items
 
+    def _wanted(self) -> list[Item]:
+        """Return the items of the request that asked for a push."""
+        head = parse_pdu(self.subscribed).parameters.userdata if self.subscribed else None
+        return requested_items(head, self.subscribed) if head is not None else []
+
     def _results(self) -> list[ItemResult]:
         asked, told = self.asked, self.told
         first = asked or told
-        if first is None or first.function not in {READ_VAR, WRITE_VAR} or (asked is not None and asked.rosctr != JOB):
+        if first is None:
+            return []
+        head = first.parameters.userdata
+        if head is not None and has_items(head):
+            asks = asked.parameters if asked is not None else None
+            tells = told.parameters if told is not None else None
+            return userdata_results(asks, self.request, tells, self.response, self._wanted())
+        if first.function not in {READ_VAR, WRITE_VAR} or (asked is not None and asked.rosctr != JOB):
             return []
         items = asked.parameters.items if asked is not None else []
-        codes = told.return_codes() if told is not None and told.function == first.function else []
-        writes = first.function == WRITE_VAR
-        contents = (asked.data_items() if asked is not None else []) if writes else []
-        if not writes and told is not None:
-            contents = told.data_items()
-        results = []
-        for index in range(max(len(items), len(codes))):
-            code = codes[index] if index < len(codes) else -1
-            content = contents[index] if index < len(contents) else None
-            data = content.data if content is not None and (writes or code == SUCCESS) else None
-            results.append(ItemResult(items[index] if index < len(items) else None, code, data, content))
-        return results
+        fits = told is not None and told.function == first.function
+        if first.function == WRITE_VAR:
+            codes = told.return_codes() if told is not None and fits else []
+            return write_results(items, asked.data_items() if asked is not None else [], codes)
+        return read_results(items, told.data_items() if told is not None and fits else [])
 
     @property
     def setup(self) -> tuple[Setup | None, Setup | None]:

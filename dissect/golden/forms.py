@@ -1,38 +1,33 @@
 """Reads, writes and setups as a golden writes them, and the PDUs that these words stand for.
 
-Builders here make what devices send as a rule (reference 3.4, 3.5). The writer uses a form only where the PDU it stands for is
+They stand for what devices send as a rule (`dissect.s7.build`). The writer uses a form only where the PDU it stands for is
 the PDU that was captured, to the octet; anything else is written as blocks of octets (`dissect.golden.blocks`).
 """
 
 from __future__ import annotations
 
 import re
-import struct
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from dissect.golden.addresses import item_octets, named_item
 from dissect.golden.values import hex_octets, hex_text, shown_value, value_octets
-from dissect.s7.items import Item, item_fill, parse_item
-from dissect.s7.message import PROTOCOL_ID
+from dissect.s7.build import build_data_item, build_items, build_variables
+from dissect.s7.items import Item, parse_item
 from dissect.s7.parameters import Setup
 from dissect.s7.tables import (
-    ACK,
     ACK_DATA,
     ANSWER_TRANSPORT_SIZE,
     DATA_TRANSPORT_SIZES,
     JOB,
-    LENGTH_IN_BITS,
     READ_VAR,
     RETURN_CODES,
-    SETUP_COMMUNICATION,
     SUCCESS,
     WRITE_VAR,
 )
 from dissect.wire.text import printable
 
 _BYTES: Final = 0x04
-_BIT: Final = 0x03
 #: Head of a refused item: transport size and length.
 _REFUSED: Final = bytes(3)
 
@@ -46,20 +41,6 @@ _ITEM: Final = re.compile(
     r"(?: refused 0x(?P<code>[0-9a-f]{2})(?: head (?P<head><[^>]*>))?)?"
 )
 _SETUP: Final = re.compile(r"PDU ([0-9]{1,5}), AmQ ([0-9]{1,5})/([0-9]{1,5})")
-
-
-def build_pdu(rosctr: int, parameters: bytes, data: bytes = b"", error: int = 0) -> bytes:
-    """Return a PDU with reference 0."""
-    head = struct.pack(">BBHHHH", PROTOCOL_ID, rosctr, 0, 0, len(parameters), len(data))
-    if rosctr in {ACK, ACK_DATA}:
-        head += error.to_bytes(2, "big")
-    return head + parameters + data
-
-
-def build_setup(rosctr: int, setup: Setup) -> bytes:
-    """Return a Setup communication or its answer."""
-    sizes = struct.pack(">HHH", setup.max_amq_calling, setup.max_amq_called, setup.pdu_length)
-    return build_pdu(rosctr, bytes((SETUP_COMMUNICATION, 0)) + sizes)
 
 
 def setup_text(setup: Setup) -> str:
@@ -139,30 +120,17 @@ def parse_item_text(text: str) -> ItemLine:
 
 def build_request(function: int, lines: Sequence[ItemLine]) -> bytes:
     """Return the read or write that asks for the items."""
-    parameters = bytes((function, len(lines) & 0xFF)) + _padded([line.octets for line in lines])
-    if function == READ_VAR:
-        return build_pdu(JOB, parameters)
-    return build_pdu(JOB, parameters, _padded([_data_item(0, line.size, line.data or b"") for line in lines]))
+    data = [] if function == READ_VAR else [build_data_item(0, line.size, line.data or b"") for line in lines]
+    return build_variables(JOB, function, len(lines), build_items([line.octets for line in lines]), build_items(data))
 
 
 def build_answer(function: int, lines: Sequence[ItemLine]) -> bytes:
     """Return the answer with what became of the items; an item without a code was successful."""
     codes = [SUCCESS if line.code < 0 else line.code for line in lines]
-    parameters = bytes((function, len(lines) & 0xFF))
     if function == WRITE_VAR:
-        return build_pdu(ACK_DATA, parameters, bytes(codes))
+        return build_variables(ACK_DATA, function, len(lines), b"", bytes(codes))
     items = [
-        _data_item(code, line.size, line.data or b"") if code == SUCCESS else bytes((code,)) + line.head
+        build_data_item(code, line.size, line.data or b"") if code == SUCCESS else bytes((code,)) + line.head
         for code, line in zip(codes, lines, strict=True)
     ]
-    return build_pdu(ACK_DATA, parameters, _padded(items))
-
-
-def _data_item(code: int, size: int, data: bytes) -> bytes:
-    length = len(data) * 8 if size in LENGTH_IN_BITS and size != _BIT else len(data)
-    return struct.pack(">BBH", code, size, length & 0xFFFF) + data
-
-
-def _padded(pieces: Sequence[bytes]) -> bytes:
-    last = len(pieces) - 1
-    return b"".join([piece + bytes(int(item_fill(len(piece), at == last))) for at, piece in enumerate(pieces)])
+    return build_variables(ACK_DATA, function, len(lines), b"", build_items(items))

@@ -10,7 +10,7 @@ from dissect.golden.model import Transaction
 from dissect.golden.writing import FORMS
 from dissect.report import words
 from dissect.s7.tables import READ_VAR, WRITE_VAR
-from dissect.wire.text import printable, shortened
+from dissect.wire.text import printable, shortened, titled
 
 #: Items that a subject names, and characters of it.
 _NAMED: Final = 3
@@ -100,4 +100,4 @@ def subject(exchange: Exchange, address: str = "") -> str:
     if exchange.kind == SCD:
         return shortened(exchange.scd[0].partition(" ")[2], _LONG) if exchange.scd else "SCD"
     said = words.some_notes(exchange.asks[:1]) if exchange.asked is not None and not name else ""
-    return " ".join([part for part in (name or printable(exchange.function_name), said) if part])
+    return titled(name or printable(exchange.function_name), said)

@@ -149,7 +149,7 @@ class Session:
         self.name = name
         self.damage: list[str] = []  # what was wrong with the files it was read from
         self.links: list[Link] = []
-        self._exchanges: dict[tuple[str, bytes, bytes, tuple[str, ...], bool, bool], Exchange] = {}
+        self._exchanges: dict[tuple[str, bytes, bytes, tuple[str, ...], bool, bool, bytes], Exchange] = {}
         self._octets = 0
         self._total = 0
 
@@ -174,6 +174,7 @@ class Session:
             exchange.scd,
             exchange.request_seen,
             exchange.response_seen,
+            exchange.subscribed,
         )
         found = self._exchanges.get(key)
         if found is not None:

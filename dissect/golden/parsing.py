@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
 from functools import partial
 from typing import Final, NamedTuple
@@ -14,19 +14,22 @@ from dissect.golden.forms import (
     ItemLine,
     build_answer,
     build_request,
-    build_setup,
     parse_item_text,
     parse_setup,
 )
 from dissect.golden.model import GoldenError, Link, Session, Transaction
 from dissect.golden.values import hex_octets, unquoted
 from dissect.golden.writing import FORMAT, FORMS, OTHER_ROLE, pushed
+from dissect.s7.build import build_setup
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION
 from dissect.transactions.transaction import REASON_TEXTS
 from dissect.wire.text import printable
 
 #: What every golden of any version begins with.
 MAGIC: Final = "s7dissect golden "
+
+#: Characters of a line with its continuations: a PDU of 65,535 octets takes three each.
+MAX_LINE: Final = 512 * 1024
 
 _FACT: Final = 2
 _BLOCK: Final = 4
@@ -42,6 +45,7 @@ _ENDS: Final = re.compile(r"ends ([a-z_]+)(?: by (client|server))?(?: (\".*\"))?
 _TIME: Final = re.compile(r"at ([0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2})\.([0-9]{9})Z")
 _LATENCY: Final = re.compile(r"latency (-?[0-9]{1,18}) ns")
 _REFERENCE: Final = re.compile(r"reference 0x([0-9a-f]{4})")
+_JOB: Final = re.compile(r"job of ([0-9]{1,9})")
 _HALF: Final = re.compile(r"(request|answer|says) (\S+)(?: (<[^>]*>))?")
 _ERROR: Final = re.compile(r"refused 0x([0-9a-f]{4})")
 
@@ -56,47 +60,68 @@ class Line(NamedTuple):
 
 def parse_golden(text: str, name: str = "golden") -> Session:
     """Return the session that a golden describes. Raises GoldenError, which says the line."""
-    lines = list(_lines(text))
-    if not lines or lines[0].text != FORMAT:
-        first = lines[0].text if lines else ""
-        if first.startswith(MAGIC):
-            message = f"{name}: format {first.removeprefix(MAGIC)!r} is not known here; this version reads {FORMAT!r}"
+    return read_golden(text.split("\n"), name)
+
+
+def read_golden(raw: Iterable[str], name: str) -> Session:
+    """Return the session that the lines of a golden describe, each without its end. Raises GoldenError, which says the line."""
+    lines = _lines(raw, name)
+    first = next(lines, None)
+    if first is None or first.text != FORMAT:
+        said = first.text if first is not None else ""
+        if said.startswith(MAGIC):
+            message = (
+                f"{name}: format {said.removeprefix(MAGIC)[:80]!r} is not known here; this version reads {FORMAT!r}"
+            )
         else:
             message = f"{name}: no golden: the first line is not {FORMAT!r}"
         raise GoldenError(message)
     reader = _Reader(Session(name))
-    at = 1
-    while at < len(lines):
-        begin = at
-        at += 1
-        while at < len(lines) and lines[at].depth > 0:
-            at += 1
+    for head, below in _blocks(lines):
         try:
-            reader.block(lines[begin], lines[begin + 1 : at])
+            reader.block(head, below)
         except _LineError as wrong:
             raise GoldenError(f"{name}: line {wrong.line.number}: {wrong}") from None
         except ValueError as error:
-            raise GoldenError(f"{name}: line {lines[begin].number}: {error}") from None
+            raise GoldenError(f"{name}: line {head.number}: {error}") from None
     return reader.finish()
 
 
-def _lines(text: str) -> Iterator[Line]:
-    """Yield the lines that say something, each joined with its continuations."""
-    held: Line | None = None
-    for number, raw in enumerate(text.split("\n"), 1):
+def _blocks(lines: Iterator[Line]) -> Iterator[tuple[Line, list[Line]]]:
+    """Yield each line that begins a block, and those that are indented below it."""
+    head: Line | None = None
+    below: list[Line] = []
+    for line in lines:
+        if head is not None and line.depth > 0:
+            below.append(line)
+            continue
+        if head is not None:
+            yield head, below
+        head, below = line, []
+    if head is not None:
+        yield head, below
+
+
+def _lines(raw_lines: Iterable[str], name: str) -> Iterator[Line]:
+    """Yield the lines that say something, each joined with its continuations. Raises GoldenError for one that is too long."""
+    number = depth = size = 0
+    held: list[str] = []
+    for count, raw in enumerate(raw_lines, 1):
         said = raw.partition("#")[0].rstrip()
         if not said:
             continue
         bare = said.lstrip(" ")
-        depth = len(said) - len(bare)
-        if depth >= _CONTINUED and held is not None:
-            held = Line(held.number, held.depth, f"{held.text} {bare}")
-            continue
-        if held is not None:
-            yield held
-        held = Line(number, depth, bare)
-    if held is not None:
-        yield held
+        indent = len(said) - len(bare)
+        if indent < _CONTINUED or not held:
+            if held:
+                yield Line(number, depth, " ".join(held))
+            number, depth, size, held = count, indent, 0, []
+        held.append(bare)
+        size += len(bare)
+        if size > MAX_LINE:
+            raise GoldenError(f"{name}: line {number}: longer than {MAX_LINE >> 10} KiB, so no line of a golden")
+    if held:
+        yield Line(number, depth, " ".join(held))
 
 
 class _LineError(Exception):
@@ -113,6 +138,7 @@ class _Reader:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._links: list[Link] = []
+        self._numbers: dict[int, Transaction] = {}  # of the connection at hand, by the numbers in the text
         self._known: dict[tuple[str, ...], _Draft] = {}  # blocks that were read, by their text: polling repeats them
 
     def block(self, head: Line, below: list[Line]) -> None:
@@ -126,6 +152,7 @@ class _Reader:
                 _read(line, partial(_link_fact, link))
             link.begun = link.begun and link.carrier != "udp"
             self._links.append(link)
+            self._numbers = {}
             return
         found = _HEAD.fullmatch(head.text)
         if found is None:
@@ -144,7 +171,13 @@ class _Reader:
             draft.made = draft.exchange()
             self._known[said] = draft
         assert draft.made is not None
-        exchange = self._session.share(draft.made)
+        exchange = draft.made
+        if draft.job:
+            source = self._numbers.get(draft.job)
+            if source is None:
+                raise _LineError(head, f"'job of {draft.job}', but no transaction {draft.job} stands before it here")
+            exchange = exchange.of(source.exchange.request)
+        exchange = self._session.share(exchange)
         outcome = draft.outcome or ("answered" if exchange.request_seen and exchange.response_seen else "")
         if not outcome:
             raise _LineError(
@@ -159,6 +192,7 @@ class _Reader:
             draft.pdu_ref,
         )
         link.transactions.append(transaction)
+        self._numbers[int(found[1])] = transaction
 
     def finish(self) -> Session:
         """Return the session, in the order of the text."""
@@ -244,6 +278,7 @@ class _Draft:
         self.time_ns: int | None = None
         self.latency_ns: int | None = None
         self.pdu_ref: int | None = None
+        self.job = 0  # of a push: the number of the transaction that asked for it
         self.made: Exchange | None = None  # once all lines are read
 
     def take(self, line: Line) -> None:
@@ -275,6 +310,8 @@ class _Draft:
         """Read what belongs to one recording; False when the line is none of it."""
         if found := _LATENCY.fullmatch(text):
             self.latency_ns = int(found[1])
+        elif found := _JOB.fullmatch(text):
+            self.job = int(found[1])
         elif found := _REFERENCE.fullmatch(text):
             self.pdu_ref = int(found[1], 16)
         elif found := _TIME.fullmatch(text):

@@ -42,7 +42,11 @@ def item_state(item: ItemRecord) -> str:
     """Return what became of an item: its value, why it was refused, or that nothing was told."""
     if item.refused:
         return f"refused: {code_text(item.return_code, item.error)}"
-    return content(item) if item.data is not None else "without answer" if item.return_code < 0 else "good"
+    if item.result.unchanged:
+        return "unchanged"
+    if item.data is None:
+        return "without answer" if item.return_code < 0 else "good"
+    return content(item) if item.return_code >= 0 else f"{content(item)} without return code"
 
 
 def content(item: ItemRecord) -> str:
@@ -87,7 +91,12 @@ def _elements(old: Elements, new: Elements) -> tuple[str, str, str]:
     changed = [at for at in range(len(new)) if repr(old[at]) != repr(new[at])]
     said = [f"element {at} was {words.value(old[at])}, is {words.value(new[at])}" for at in changed[:_ELEMENTS]]
     more = f" and {len(changed) - _ELEMENTS} more of {len(new)}" if len(changed) > _ELEMENTS else ""
-    return "; ".join(said) + more, words.value(old), words.value(new)
+    was, is_ = words.value(old), words.value(new)
+    if was == is_:  # they differ behind what is shown of an array
+        was, is_ = (
+            ", ".join([f"element {at} = {words.value(each[at])}" for at in changed[:_ELEMENTS]]) for each in (old, new)
+        )
+    return "; ".join(said) + more, was, is_
 
 
 def octets_change(was: bytes, is_: bytes) -> tuple[str, str]:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, BinaryIO, Final
 
-from dissect.conversation import Observer, Options
-from dissect.findings.carrier import Carrier
+from dissect.engine.observer import Observer, Options
+from dissect.engine.payload import PayloadDecoder
 from dissect.golden.exchange import PLUS, S7, SCD, Exchange
 from dissect.golden.model import GoldenError, Link, Session, Transaction
-from dissect.golden.parsing import MAGIC, parse_golden
+from dissect.golden.parsing import MAGIC, MAX_LINE, read_golden
 from dissect.golden.scd_lines import scd_lines
 from dissect.golden.writing import link_text
 from dissect.session import Run
@@ -22,7 +23,7 @@ from dissect.transactions.transaction import Transaction as Seen
 if TYPE_CHECKING:
     from dissect.iso.tsap import Tsap
 
-#: A golden is read whole; one larger than this is none.
+#: Octets of a golden; a larger one is refused.
 MAX_SIZE: Final = 1 << 30
 
 
@@ -135,10 +136,11 @@ def _exchange(seen: Seen) -> Exchange:
     told = scd_lines(seen)
     if seen.is_scd:
         return Exchange(SCD, b"", b"", told, (bool(seen.request_frame), bool(seen.response_frame)))
-    return Exchange(PLUS if seen.is_plus else S7, seen.request_octets, seen.response_octets, told)
+    asked = seen.subscribed.request if seen.subscribed is not None else b""
+    return Exchange(PLUS if seen.is_plus else S7, seen.request_octets, seen.response_octets, told, subscribed=asked)
 
 
-def is_golden(path: str | Path) -> bool:
+def is_golden(path: str | os.PathLike[str]) -> bool:
     """Tell whether a file begins as a golden does; False for what cannot be read."""
     try:
         with Path(path).open("rb") as file:
@@ -147,34 +149,49 @@ def is_golden(path: str | Path) -> bool:
         return False
 
 
-def load_golden(path: str | Path) -> Session:
+def load_golden(path: str | os.PathLike[str]) -> Session:
     """Read a golden. Raises GoldenError, which names file and line."""
-    file = Path(path)
+    name = os.fspath(path)
     try:
-        if file.stat().st_size > MAX_SIZE:
-            raise GoldenError(f"{path}: larger than {MAX_SIZE >> 20} MiB, so no golden")
-        text = file.read_bytes().decode("utf-8")
+        with Path(path).open("rb") as file:
+            return read_golden(_text_lines(file, name), name)
     except OSError as error:
         raise GoldenError(f"{path}: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise GoldenError(f"{path}: octet {error.start} is no UTF-8") from None
-    return parse_golden(text, str(path))
 
 
-def read_session(path: str | Path, *more: str | Path, carrier: Carrier | None = None) -> Session:
+def _text_lines(file: BinaryIO, name: str) -> Iterator[str]:
+    """Yield the lines of a golden without their ends, holding one at a time. Raises GoldenError for what is none."""
+    size = 0
+    while octets := file.readline(MAX_LINE + 1):
+        size += len(octets)
+        if size > MAX_SIZE:
+            raise GoldenError(f"{name}: larger than {MAX_SIZE >> 20} MiB, so no golden")
+        if len(octets) > MAX_LINE:
+            raise GoldenError(f"{name}: a line is longer than {MAX_LINE >> 10} KiB, so no golden")
+        if b"\0" in octets:
+            raise GoldenError(f"{name}: octet {size - len(octets) + octets.index(0)} is NUL, so no golden")
+        try:
+            yield octets.decode("utf-8").removesuffix("\n")
+        except UnicodeDecodeError as error:
+            raise GoldenError(f"{name}: octet {size - len(octets) + error.start} is no UTF-8") from None
+
+
+def read_session(
+    path: str | os.PathLike[str], *more: str | os.PathLike[str], carrier: PayloadDecoder | None = None
+) -> Session:
     """Return the session of a capture (or of several, as `dissect.open` reads them) or of a golden; the content decides.
 
     ``carrier`` decodes SCD (`dissect.bindings.load_carrier`). Raises `CaptureError` for what is no capture and GoldenError for
     a golden that is wrong or a session that is too long. Damage inside a capture is told in ``damage``.
     """
-    if not more and str(path) != "-" and Path(path).is_file() and is_golden(path):
+    if not more and os.fspath(path) != "-" and Path(path).is_file() and is_golden(path):
         return load_golden(path)
-    reader = SessionReader(str(path))
-    run = Run([str(path), *[str(other) for other in more]], reader, Options(carrier=carrier))
+    reader = SessionReader(os.fspath(path))
+    run = Run([os.fspath(path), *[os.fspath(other) for other in more]], reader, Options(decoder=carrier))
     while run.step() and reader.too_long is None:
         pass
     run.finish()
-    return reader.finish([f"{file.name}: {file.damage}" for file in run.files if file.damage])
+    return reader.finish([f"{file.name}: {file.loss}" for file in run.files if file.loss])
 
 
 __all__ = ["CaptureError", "SessionReader", "is_golden", "load_golden", "read_session"]

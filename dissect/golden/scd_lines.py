@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dissect.transactions.carried import ScdMessage
+from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import printable
 

@@ -16,7 +16,6 @@ from dissect.golden.forms import (
     ItemLine,
     build_answer,
     build_request,
-    build_setup,
     item_text,
     setup_text,
     usual_size,
@@ -25,10 +24,11 @@ from dissect.golden.model import Link, Session, Transaction
 from dissect.golden.values import hex_text, quoted
 from dissect.iso.tsap import Tsap
 from dissect.report import words
+from dissect.s7.build import build_setup
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import DataItem
 from dissect.s7.message import Pdu
-from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION, SUCCESS, WRITE_VAR
+from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION, SUCCESS, USERDATA, WRITE_VAR
 from dissect.wire.clock import Clock
 from dissect.wire.text import printable
 
@@ -62,6 +62,7 @@ def golden_lines(session: Session, extras: Iterable[str] = ()) -> Iterator[str]:
     clock = Clock()
     yield FORMAT
     for link in session.links:
+        jobs: dict[bytes, int] = {}
         yield ""
         yield f"connection {link.number}"
         yield from _link_lines(link, "addresses" in wanted)
@@ -69,6 +70,7 @@ def golden_lines(session: Session, extras: Iterable[str] = ()) -> Iterator[str]:
             yield ""
             yield f"{transaction.number} {_head(transaction)}"
             yield from _outcome(transaction)
+            yield from _job(transaction, transaction.number, jobs)
             yield from _extra_lines(transaction, wanted, clock)
             yield from _said(transaction)
 
@@ -76,8 +78,9 @@ def golden_lines(session: Session, extras: Iterable[str] = ()) -> Iterator[str]:
 def link_text(link: Link) -> str:
     """Return everything of a connection but its number, as text: what connections are put in order by."""
     lines = list(_link_lines(link, False))
-    for transaction in link.transactions:
-        lines += [_head(transaction), *_outcome(transaction), *_said(transaction)]
+    jobs: dict[bytes, int] = {}
+    for place, transaction in enumerate(link.transactions, 1):
+        lines += [_head(transaction), *_outcome(transaction), *_job(transaction, place, jobs), *_said(transaction)]
     return "\n".join(lines)
 
 
@@ -139,6 +142,17 @@ def _outcome(transaction: Transaction) -> Iterator[str]:
         yield "  wants no answer"
 
 
+def _job(transaction: Transaction, number: int, jobs: dict[bytes, int]) -> Iterator[str]:
+    """Yield which transaction asked for a push; ``jobs`` are the latest on the connection by request, and kept here."""
+    exchange = transaction.exchange
+    if exchange.subscribed:
+        asked = jobs.get(exchange.subscribed)
+        if asked is not None:
+            yield f"  job of {asked}"
+    elif exchange.kind == S7 and exchange.items and exchange.asked is not None and exchange.asked.rosctr == USERDATA:
+        jobs[exchange.request] = number
+
+
 def _extra_lines(transaction: Transaction, wanted: frozenset[str], clock: Clock) -> Iterator[str]:
     if "time" in wanted and transaction.time_ns is not None:
         yield f"  at {clock.iso(transaction.time_ns)}"
@@ -197,8 +211,27 @@ def _half(name: str, exchange: Exchange) -> Iterator[str]:
             yield f"    parameters {hex_text(blocks.parameters)}"
         if blocks.data:
             yield f"    data {hex_text(blocks.data)}"
+    remarks = _item_remarks(name, exchange)
+    said = {item.label for item in exchange.items} if remarks and name == "request" else set()
     for note in _notes(exchange.asked if name == "request" else exchange.told):
-        yield f"    # {note}"
+        if note not in said:
+            yield f"    # {note}"
+    for remark in remarks[:_NOTES]:
+        yield f"    # {remark}"
+    if len(remarks) > _NOTES:
+        yield f"    # and {len(remarks) - _NOTES} more"
+
+
+def _item_remarks(name: str, exchange: Exchange) -> list[str]:
+    """Return the items of userdata with their values: in a request those it writes, in an answer or push what it tells."""
+    pdu = exchange.asked if name == "request" else exchange.told
+    if pdu is None or pdu.rosctr != USERDATA:
+        return []
+    items = exchange.items
+    tells = any([item.return_code >= 0 for item in items])
+    if tells == (name == "request") or not any([tells or item.data is not None for item in items]):
+        return []
+    return [words.item(item.result, number) for number, item in enumerate(items, 1)]
 
 
 def _notes(pdu: Pdu | None) -> list[str]:

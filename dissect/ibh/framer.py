@@ -1,7 +1,9 @@
 """Framing of one direction of an IBH-NetLink connection, and what tells that a connection is one (docs/ibh.md).
 
 A packet begins with two channel numbers and states its length in the third octet. Neither is strong evidence, so that out of
-step only a packet is believed whose flags are known and whose MPI header, if it has one, agrees with the first header.
+step only a packet is believed whose flags are known and whose MPI header, if it has one, agrees with the first header. In
+step a packet of any length counts, but where a certain one begins inside one that is not certain itself, the length was
+wrong and it ends there.
 """
 
 from __future__ import annotations
@@ -99,15 +101,40 @@ def judge_beginning(octets: bytes, at: i64, end: i64) -> i64:
     return YES if octets[at + HEADER + head - 1] == length - head else NO
 
 
+def _size(octets: bytes, at: i64, end: i64) -> i64:
+    """Return the size of the packet at ``at``, whose length must be there.
+
+    An MPI header may state less; that counts when what follows there looks like a packet.
+    """
+    size: i64 = HEADER + octets[at + _LENGTH_AT]
+    head: i64 = mpi_head(little(octets, at + 6)) if end - at >= HEADER else 0
+    if head and size >= HEADER + head and end - at >= HEADER + head:
+        stated: i64 = HEADER + head + octets[at + HEADER + head - 1]
+        if stated < size and at + stated < end and channels_fit(octets, at + stated, end):
+            return stated
+    return size
+
+
+def _find_certain(octets: bytes, at: i64, stop: i64, end: i64) -> i64:
+    """Return where a certain packet begins inside the one at ``at``, before ``stop``; -1 for none, or if that is certain."""
+    if judge_beginning(octets, at, end) != NO:
+        return -1
+    for place in range(at + 1, stop):
+        if judge_beginning(octets, place, end) == YES:
+            return place
+    return -1
+
+
 class PacketFramer:
     """Finds packets in the octets of one direction. ``packets`` collects whole ones (header included), in order.
 
     Every octet given is accounted for: ``framed`` (in whole packets and in those told as cut) + ``skipped`` + ``buffered``.
-    ``faults`` are first octets of what stood where a packet had to begin. ``ends`` says of each packet how many octets were
+    ``faults`` are first octets of what stood where a packet had to begin; ``hiding`` counts packets whose length covered
+    others. ``ends`` says of each packet how many octets were
     given up to its end; who takes the packets deletes one with each.
     """
 
-    __slots__ = ("_held", "cut_packet", "ends", "faults", "framed", "packets", "skip", "skipped", "synced")
+    __slots__ = ("_held", "cut_packet", "ends", "faults", "framed", "hiding", "packets", "skip", "skipped", "synced")
 
     def __init__(self) -> None:
         self._held: bytes = b""  # of a packet whose rest is to come; out of step, of what may become one
@@ -116,6 +143,7 @@ class PacketFramer:
         self.packets: list[bytes] = []
         self.ends: list[int] = []
         self.faults: list[int] = []
+        self.hiding: i64 = 0
         self.framed: i64 = 0
         self.skipped: i64 = 0
         self.cut_packet: bytes = b""
@@ -143,7 +171,11 @@ class PacketFramer:
         if at == len(octets):
             return
         if self._held:
-            octets = self._held + octets
+            if self.synced and at == 0 and self._begun_anew(octets):
+                self.hiding += 1
+                self.skipped += len(self._held)
+            else:
+                octets = self._held + octets
             self._held = b""
         elif not self.synced and at == 0:
             # A segment usually begins with a packet: there, less is enough.
@@ -160,9 +192,17 @@ class PacketFramer:
                 continue
             if end - at <= _LENGTH_AT:
                 break
-            size: i64 = HEADER + octets[at + _LENGTH_AT]
+            size: i64 = _size(octets, at, end)
+            inside: i64 = _find_certain(octets, at, min(end, at + size), end)
+            if inside >= 0:
+                self.hiding += 1
+                size = inside - at
             if at + size > end:
                 break
+            if size < HEADER:
+                self.skipped += size
+                at += size
+                continue
             self.packets.append(octets[at : at + size])
             self.framed += size
             self.ends.append(self.framed + self.skipped)
@@ -192,6 +232,16 @@ class PacketFramer:
         self.synced = 0 < size <= left
         self.skip = left - size if self.synced else 0
         return self.synced
+
+    def _begun_anew(self, octets: bytes) -> bool:
+        """Tell whether a segment begins with a certain packet, so that the rest of the one held back does not come."""
+        end: i64 = len(octets)
+        have: i64 = len(self._held)
+        if judge_beginning(octets, 0, end) != YES:
+            return False
+        if have <= _LENGTH_AT:
+            return True
+        return HEADER + octets[_LENGTH_AT] <= end
 
     def _search(self, octets: bytes, at: i64, end: i64) -> i64:
         """Return where the next packet certainly begins, being in step again, or the first place that may yet prove one."""

@@ -8,6 +8,10 @@ everything else, so the state here is what is left between segments:
   the synchronisation);
 * ``synced`` false: the next TPKT has to be searched for. What may be the beginning of one is kept until that is certain, so
   that small segments, in which no TPKT lies whole, do not cost more than the octets that were lost.
+
+A length field may lie, and what it covers then are sound TPKTs. So one that does not agree with what it holds never hides
+them: where a *sound* TPKT begins inside it (a class 0 DT with a PDU whose own lengths fill it exactly), it ends there. Where
+both readings agree with all lengths, both are told.
 """
 
 from __future__ import annotations
@@ -16,7 +20,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.iso.upper import MMS, RDP, S7COMM, S7COMM_PLUS, TLS, classify
+from dissect.iso.upper import MMS, RDP, S7COMM, S7COMM_PLUS, TLS, classify, is_sound, stated_size
 from dissect.wire.octets import u16
 
 HEADER: Final = 4
@@ -27,6 +31,11 @@ MAX_LENGTH: Final = 65535
 MAX_SOUGHT: Final = 4096
 #: Places looked at for that at once; of more, the latest count.
 _MAX_CANDIDATES: Final = 32
+
+#: What a class 0 DT that ends its TSDU begins with.
+_DT_EOT: Final = b"\x02\xf0\x80"
+#: With the header, the octets of a TPKT that tell whether its length agrees with the PDU in it.
+_TELLING: Final = 19
 
 _TPDU_CODES: Final = frozenset((0x1, 0x2, 0x5, 0x6, 0x7, 0x8, 0xC, 0xD, 0xE, 0xF))
 _DT: Final = 0xF0
@@ -39,6 +48,8 @@ UNDECIDED: Final = 2
 #: Faults of a TPKT header (`Framer.faults`).
 BAD_VERSION: Final = "version"
 BAD_LENGTH: Final = "length"
+#: A TPKT that covers sound ones: its length lies, or its sender began anew.
+HIDING: Final = "hiding"
 
 
 def plausible(octets: bytes, at: i64, end: i64) -> bool:
@@ -73,6 +84,8 @@ def judge_beginning(octets: bytes, at: i64, end: i64) -> i64:
     follower: i64 = at + length
     if follower > end:
         return UNDECIDED if length <= MAX_SOUGHT else NO
+    if sound_length(octets, at, end):
+        return YES  # whatever follows
     if octets[at + 5] & 0xF0 == _DT:
         data: i64 = at + 5 + octets[at + 4]
         if data < follower:
@@ -82,6 +95,47 @@ def judge_beginning(octets: bytes, at: i64, end: i64) -> i64:
     return YES if follower == end or _may_follow(octets, follower, end) else NO
 
 
+def sound_length(octets: bytes, at: i64, end: i64) -> i64:
+    """Return the length of a sound TPKT that begins at ``at`` and is there as a whole, 0 when none does."""
+    if end - at < MIN_LENGTH + HEADER or octets[at] != 3 or octets[at + 1] != 0:
+        return 0
+    length: i64 = u16(octets, at + 2)
+    if length <= MIN_LENGTH or at + length > end or octets[at + 4] != 2 or octets[at + 5] != _DT:
+        return 0
+    if octets[at + 6] != 0x80 or not is_sound(octets, at + MIN_LENGTH, at + length):
+        return 0
+    return length
+
+
+def find_sound(octets: bytes, at: i64, stop: i64, end: i64) -> i64:
+    """Return where the first sound TPKT of ``octets[at:end]`` begins, if before ``stop``; -1 for none."""
+    here: i64 = octets.find(_DT_EOT, at + HEADER)
+    while 0 <= here < stop + HEADER:
+        if sound_length(octets, here - HEADER, end):
+            return here - HEADER
+        here = octets.find(_DT_EOT, here + 1)
+    return -1
+
+
+def agrees(head: bytes, length: i64) -> bool:
+    """Tell whether the length of a TPKT agrees with what its first octets (``head``, header included) say of its content.
+
+    True as well while too few of them are there to tell.
+    """
+    size: i64 = len(head)
+    if size < HEADER + 2:
+        return True
+    if head[4] != 2 or head[5] != _DT:
+        return head[5] & 0xF0 != _DT and plausible(head, 0, size)
+    content: i64 = length - MIN_LENGTH
+    stated: i64 = stated_size(head, MIN_LENGTH, size)
+    if stated == 0:
+        return content == 0 or size < min(length, _TELLING)
+    if head[6] < 0x80:
+        return stated >= content  # the rest comes in the next DTs
+    return stated == content or (head[7] == 0x72 and stated + 4 == content)
+
+
 def _may_follow(octets: bytes, at: i64, end: i64) -> bool:
     """Tell whether the octets at ``at``, be they fewer than a header, fit the beginning of a TPKT."""
     if end - at >= HEADER:
@@ -89,8 +143,25 @@ def _may_follow(octets: bytes, at: i64, end: i64) -> bool:
     return octets[at] == 3 and (at + 1 == end or octets[at + 1] == 0)
 
 
+def _first_open(octets: bytes) -> i64:
+    """Return the first place in ``octets`` at which a sound TPKT may begin whose end is still to come."""
+    end: i64 = len(octets)
+    here: i64 = octets.find(_DT_EOT, HEADER)
+    while here >= 0:
+        at: i64 = here - HEADER
+        length: i64 = u16(octets, at + 2)
+        if octets[at] == 3 and octets[at + 1] == 0 and at + length > end and length <= MAX_SOUGHT:
+            if agrees(octets[at : at + _TELLING], length):
+                return at
+        here = octets.find(_DT_EOT, here + 1)
+    here = octets.find(b"\x03", max(0, end - MIN_LENGTH + 1))
+    while here >= 0 and not _may_follow(octets, here, end):
+        here = octets.find(b"\x03", here + 1)
+    return here if here >= 0 else end
+
+
 class Fault:
-    """A TPKT header that cannot be right: ``kind`` is `BAD_VERSION` or `BAD_LENGTH`, ``value`` what the field held."""
+    """A wrong TPKT header: ``kind`` is `BAD_VERSION`, `BAD_LENGTH` or `HIDING`, ``value`` what the field held."""
 
     __slots__ = ("kind", "value")
 
@@ -107,9 +178,12 @@ class Framer:
     """
 
     __slots__ = (
+        "_brief",
         "_candidates",
         "_need",
+        "_searched",
         "_sought",
+        "_tail",
         "cut_packet",
         "ends",
         "faults",
@@ -125,9 +199,14 @@ class Framer:
         self.ends: list[int] = []
         self.pending: bytearray | None = None
         self._need: i64 = 0  # size of the pending TPKT, 0 while its header is not complete
+        self._searched: i64 = 0  # octets of the pending TPKT in which no sound one begins
         self._sought: bytes = b""  # while searching: octets from the first on with which a TPKT may begin
         self._candidates: list[int] = []  # the places in them where one may begin, if its end comes to fit
+        self._tail: bytes = b""  # of the last TPKT, if it did not agree with its length: what may begin the next one
         self.skip: i64 = 0
+        self._brief: bool = (
+            False  # what is passed over are octets of a TPKT too short for a TPDU, unless one begins there
+        )
         self.synced: bool = False
         self.packets: list[bytes] = []
         self.faults: list[Fault] = []
@@ -161,12 +240,30 @@ class Framer:
         end: i64 = len(octets)
         while at < end:
             if self.skip:
-                step: i64 = min(self.skip, end - at)
-                self.skip -= step
-                self.skipped += step
-                at += step
+                at = self._pass(octets, at, end)
             elif self.pending is not None:
-                at = self._continue(octets, at, end)
+                found: i64 = self._seek(octets, at, end, at_segment_start and at == start)
+                if found >= 0:
+                    again = self._part(found)
+                else:
+                    at = self._continue(octets, at, end)
+                    again = self._sought
+                    self._sought = b""
+                if again:
+                    octets = again + octets[at:]
+                    at = 0
+                    fresh = 0
+                    end = len(octets)
+            elif self.synced and self._tail and octets[at] != 3:
+                # The TPKT before did not agree with its length, and it may have been too long.
+                self.faults.append(Fault(BAD_VERSION, octets[at]))
+                self.synced = False
+                self.framed -= len(self._tail)
+                octets = self._tail + octets[at:]
+                self._tail = b""
+                at = 0
+                fresh = 0
+                end = len(octets)
             elif not self.synced:
                 at = self._search(octets, at, max(at, fresh), end, at_segment_start and at <= fresh)
             else:
@@ -179,6 +276,7 @@ class Framer:
         otherwise its octets count as skipped.
         """
         self.cut_packet = b""
+        self._tail = b""
         if self.skip:
             self._pass_hole(self.skip, size)
             return self.synced
@@ -204,6 +302,8 @@ class Framer:
 
     def _pass_hole(self, left: i64, size: i64) -> None:
         """A hole of ``size`` where ``left`` octets of a TPKT were still to come."""
+        self._brief = False
+        self._tail = b""
         if size <= left:
             self.skip = left - size
             self.synced = True
@@ -224,28 +324,121 @@ class Framer:
         if length < MIN_LENGTH:
             return self._short(octets, at, end, length)
         if at + length <= end:
-            self.packets.append(octets[at : at + length])
-            self.framed += length
-            self.ends.append(self.framed + self.skipped)
+            if not sound_length(octets, at, end):
+                hidden: i64 = find_sound(octets, at + 1, at + length, end)
+                if hidden >= 0:
+                    self._end_early(octets[at:hidden], length)
+                    return hidden
+            self._add(octets[at : at + length])
             return at + length
+        if not agrees(octets[at : min(end, at + _TELLING)], length):
+            hidden = find_sound(octets, at + 1, end, end)
+            if hidden >= 0:
+                self._end_early(octets[at:hidden], length)
+                return hidden
         self._keep(octets, at, length)
         return end
 
+    def _add(self, packet: bytes) -> None:
+        self.packets.append(packet)
+        self.framed += len(packet)
+        self.ends.append(self.framed + self.skipped)
+        self._tail = b""
+        if not agrees(packet[:_TELLING], len(packet)):
+            self._tail = packet[max(1, _first_open(packet)) :]
+
+    def _end_early(self, octets: bytes, length: i64) -> None:
+        """A TPKT of ``length`` covers a sound one: what stands before that is all it holds."""
+        self.faults.append(Fault(HIDING, length))
+        if len(octets) < MIN_LENGTH:
+            self.skipped += len(octets)
+        else:
+            self._add(octets)
+
+    def _pass(self, octets: bytes, at: i64, end: i64) -> i64:
+        """Pass over the rest of a damaged TPKT, up to a sound one: then it was its length that was wrong."""
+        if self._brief and octets[at] == 3:
+            self.skip = 0
+            return at
+        step: i64 = min(self.skip, end - at)
+        found: i64 = find_sound(octets, at, at + step, end)
+        if found >= 0:
+            self.skip = 0
+            self.skipped += found - at
+            return found
+        self.skip -= step
+        self.skipped += step
+        return at + step
+
+    def _seek(self, octets: bytes, at: i64, end: i64, segment_start: bool) -> i64:
+        """Return how many octets of the pending TPKT and ``octets[at:]`` stand before a sound one that ends it, -1 for none.
+
+        Inside a TPKT that agrees with its length only the beginning of a segment is looked at, where a sender that gave up
+        begins anew: when the TPKT would end in the middle of what is sound there, it is over. When it would not, either
+        reading is possible, and what is inside is told as well.
+        """
+        pending = self.pending
+        assert pending is not None
+        have: i64 = len(pending)
+        begun: i64 = sound_length(octets, at, end) if segment_start else 0
+        head = bytes(pending[:_TELLING]) + octets[at : at + _TELLING]
+        if self._need == 0:
+            return have if begun and not plausible(head, 0, len(head)) else -1
+        if agrees(head[: min(_TELLING, have + end - at)], self._need):
+            left: i64 = self._need - have
+            if 0 < begun <= left:
+                self._tell_inside(octets, at, min(end, at + left))
+            elif begun and not _may_follow(octets, at + left, end):
+                return have
+            return -1
+        before: i64 = self._searched
+        tail = bytes(pending[before:]) + octets[at:end]
+        size: i64 = len(tail)
+        found: i64 = find_sound(tail, 0, min(size, self._need - before), size)
+        if found >= 0:
+            return before + found
+        self._searched = before + _first_open(tail)
+        return -1
+
+    def _tell_inside(self, octets: bytes, at: i64, end: i64) -> None:
+        """Tell the sound TPKTs at ``at`` besides the one that they may be the content of."""
+        pending = self.pending
+        assert pending is not None
+        self.faults.append(Fault(HIDING, self._need))
+        given: i64 = self.framed + self.skipped + len(pending) - at
+        length: i64 = sound_length(octets, at, end)
+        while length:
+            self.packets.append(octets[at : at + length])
+            at += length
+            self.ends.append(given + at)
+            length = sound_length(octets, at, end)
+
+    def _part(self, size: i64) -> bytes:
+        """End the pending TPKT after ``size`` octets; return what it holds beyond them."""
+        pending = self.pending
+        assert pending is not None
+        octets = bytes(pending)
+        self.pending = None
+        self.synced = True
+        self._end_early(octets[:size], self._need or len(octets))
+        return octets[size:]
+
     def _short(self, octets: bytes, at: i64, end: i64, length: i64) -> i64:
-        """A length of 4 to 6 holds no whole TPDU and is stepped over; below 4 nothing can be stepped over."""
+        """A length of 4 to 6 holds no whole TPDU and is stepped over, unless a TPKT begins in it; below 4 nothing can be."""
         self.faults.append(Fault(BAD_LENGTH, length))
         if length < HEADER:
             self.synced = False
             self.skipped += 1
             return at + 1
-        step: i64 = min(length, end - at)
-        self.skipped += step
-        self.skip = length - step
-        return at + step
+        self.skipped += HEADER
+        self.skip = length - HEADER
+        self._brief = True
+        return at + HEADER
 
     def _keep(self, octets: bytes, at: i64, need: i64) -> None:
         self.pending = bytearray(octets[at:])
         self._need = need
+        self._searched = 1
 
     def _continue(self, octets: bytes, at: i64, end: i64) -> i64:
         """Add to the TPKT begun. Linear: octets are appended once and looked at once."""
@@ -264,17 +457,15 @@ class Framer:
                 self.pending = None
                 self._short(header, 0, HEADER, length)
                 if length < HEADER:
-                    self.skipped += HEADER - 1  # the rest of the header went by with it
+                    self._sought = header[1:]
                 return at
             self._need = length
             have = HEADER
         take = min(self._need - have, end - at)
         pending += octets[at : at + take]
         if have + take == self._need:
-            self.packets.append(bytes(pending))
-            self.framed += self._need
-            self.ends.append(self.framed + self.skipped)
             self.pending = None
+            self._add(bytes(pending))
         return at + take
 
     def _search(self, octets: bytes, at: i64, fresh: i64, end: i64, segment_start: bool) -> i64:

@@ -26,6 +26,9 @@ class Tsap:
     def _is_text(self) -> bool:
         return len(self.octets) >= 2 and all([0x20 <= octet < 0x7F for octet in self.octets])
 
+    def __repr__(self) -> str:
+        return f"Tsap({str(self)!r})"
+
     def __str__(self) -> str:
         if self._is_text():
             return self.octets.decode("ascii")

@@ -6,6 +6,8 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.wire.octets import u16
+
 S7COMM: Final = 0
 S7COMM_PLUS: Final = 1
 MMS: Final = 2
@@ -47,8 +49,41 @@ def classify(octets: bytes, start: i64, end: i64) -> i64:
     return UNKNOWN
 
 
+def stated_size(octets: bytes, start: i64, end: i64) -> i64:
+    """Return how many octets the S7comm PDU or S7comm-plus frame at ``start`` says it has, 0 when its header is not there.
+
+    Of S7comm-plus that is without the trailer, which only the last frame of a PDU has.
+    """
+    size: i64 = end - start
+    if size < 4:
+        return 0
+    if octets[start] == 0x72:
+        return 4 + u16(octets, start + 2)
+    if octets[start] != 0x32 or size < 10:
+        return 0
+    rosctr: i64 = octets[start + 1]
+    head: i64 = 12 if rosctr == 2 or rosctr == 3 else 10
+    return head + u16(octets, start + 6) + u16(octets, start + 8)
+
+
+def is_sound(octets: bytes, start: i64, end: i64) -> bool:
+    """Tell whether ``octets[start:end]`` is one S7comm PDU or S7comm-plus frame that its own lengths fill exactly."""
+    upper: i64 = classify(octets, start, end)
+    if upper == S7COMM:
+        return stated_size(octets, start, end) == end - start
+    if upper != S7COMM_PLUS:
+        return False
+    stated: i64 = stated_size(octets, start, end)
+    if octets[start + 1] == 0xFF or stated == end - start:
+        return True
+    trailer: i64 = start + stated
+    return trailer + 4 == end and octets[trailer] == 0x72 and u16(octets, trailer + 2) == 0
+
+
 def is_rdp_connect(variable: bytes) -> bool:
     """Tell whether the variable part of a CR or CC is RDP's: a cookie text or a negotiation structure, no parameters."""
-    if variable.startswith(b"Cookie: "):
+    if (
+        variable.startswith(b"Cookie: ") or variable == b"\r\n"
+    ):  # a text without end, or without anything before its end
         return True
     return len(variable) >= 8 and variable[0] in (1, 2, 3) and variable[2] == 8 and variable[3] == 0

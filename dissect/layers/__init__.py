@@ -25,28 +25,7 @@ from __future__ import annotations
 
 import sys
 
-from dissect.layers import (
-    alarms,
-    blocks,
-    clock,
-    control,
-    cyclic,
-    nc,
-    pbc,
-    programmer,
-    security,
-    start_information,
-    syntaxes,
-    szl,
-    szl_communication,
-    szl_modules,
-    szl_records,
-    transfer,
-)
-from dissect.layers.alarms import *  # noqa: F403  # a class for each structure; its __all__ names them
-from dissect.layers.blocks import *  # noqa: F403
-from dissect.layers.clock import *  # noqa: F403
-from dissect.layers.control import *  # noqa: F403
+from dissect.layers import part_classes, syntaxes
 from dissect.layers.cotp import (
     COTP,
     COTP_AK,
@@ -68,15 +47,12 @@ from dissect.layers.cotp import (
     COTP_RJ_Extended,
     COTP_Unknown,
 )
-from dissect.layers.cyclic import *  # noqa: F403
 from dissect.layers.explore import show_in_scapy
 from dissect.layers.ibh import IBH, MPI, IBH_Rest, MPI_Long
-from dissect.layers.nc import *  # noqa: F403
 from dissect.layers.notation import at
 from dissect.layers.parameters import COTP_Parameter
-from dissect.layers.parts import S7_Content, S7_Fill, S7_FunctionOnly, S7_Octets, S7_Part, S7_ReturnCode, S7_Surplus
-from dissect.layers.pbc import *  # noqa: F403
-from dissect.layers.programmer import *  # noqa: F403
+from dissect.layers.part_classes import *  # noqa: F403  # a class for each structure; its __all__ names them
+from dissect.layers.parts import S7_Part
 from dissect.layers.s7 import S7, S7_Answer, S7_Body, S7_Data, S7_Function, S7_Job, S7_Setup
 from dissect.layers.s7plus import (
     S7Plus,
@@ -87,19 +63,12 @@ from dissect.layers.s7plus import (
     S7Plus_Response,
 )
 from dissect.layers.scd import SCD, bind_scd, unbind_scd
-from dissect.layers.security import *  # noqa: F403
+from dissect.layers.security import S7_Password
 from dissect.layers.session import S7Session
-from dissect.layers.start_information import *  # noqa: F403
 from dissect.layers.syntaxes import *  # noqa: F403
-from dissect.layers.szl import *  # noqa: F403
-from dissect.layers.szl_communication import *  # noqa: F403
-from dissect.layers.szl_modules import *  # noqa: F403
-from dissect.layers.szl_records import *  # noqa: F403
 from dissect.layers.tpkt import TPKT, TPKT_Rest, bind_port
-from dissect.layers.transfer import *  # noqa: F403
 from dissect.layers.userdata import (
     S7_USEND,
-    S7_DataHead,
     S7_ModeTransition,
     S7_Userdata,
     S7_UserdataExtended,
@@ -156,24 +125,18 @@ __all__ = [
     "S7_Answer",
     "S7_Any",
     "S7_Body",
-    "S7_Content",
     "S7_Data",
-    "S7_DataHead",
     "S7_DataItem",
-    "S7_Fill",
     "S7_Function",
-    "S7_FunctionOnly",
     "S7_Item",
     "S7_Job",
     "S7_ModeTransition",
-    "S7_Octets",
     "S7_OtherItem",
     "S7_Part",
+    "S7_Password",
     "S7_ReadVarAnswer",
     "S7_ReadVarRequest",
-    "S7_ReturnCode",
     "S7_Setup",
-    "S7_Surplus",
     "S7_Userdata",
     "S7_UserdataExtended",
     "S7_UserdataShort",
@@ -186,21 +149,7 @@ __all__ = [
     "bind_scd",
     "unbind_scd",
 ]
-__all__ += alarms.__all__
-__all__ += blocks.__all__
-__all__ += clock.__all__
-__all__ += control.__all__
-__all__ += cyclic.__all__
-__all__ += nc.__all__
-__all__ += pbc.__all__
-__all__ += programmer.__all__
-__all__ += security.__all__
-__all__ += start_information.__all__
+__all__ += part_classes.__all__
 __all__ += syntaxes.__all__
-__all__ += szl.__all__
-__all__ += szl_communication.__all__
-__all__ += szl_modules.__all__
-__all__ += szl_records.__all__
-__all__ += transfer.__all__
 
 show_in_scapy(sys.modules[__name__])

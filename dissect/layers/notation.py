@@ -1,24 +1,19 @@
-"""Items from addresses as people write them: the inverse of `dissect.s7.address`."""
+"""Items from addresses as people write them (`dissect.s7.address.parse_address`)."""
 
 from __future__ import annotations
 
-import re
 from typing import Final
 
 from dissect.layers.variables import S7_Any
-from dissect.s7.tables import LETTER_AREAS, TRANSPORT_SIZES
+from dissect.s7.address import MAX_DB, MAX_OCTET, parse_address
+from dissect.s7.tables import DB_AREAS, LETTER_AREAS, NUMBERED_AREAS, TRANSPORT_SIZES
 
 #: Transport size of a width letter. No letter is one bit.
 _WIDTHS: Final = {"": 0x01, "X": 0x01, "B": 0x02, "W": 0x04, "D": 0x06, "L": 0x0F}
-_BLOCKS: Final = {"DB": 0x84, "DI": 0x85}
-_COUNTER: Final = 0x1C
-_TIMER: Final = 0x1D
 _BIT: Final = 0x01
-
-_IN_BLOCK: Final = re.compile(r"(DB|DI)(\d+)\.(?:DB|DI)([XBWDL])(\d+)(?:\.([0-7]))?")
-_ELSEWHERE: Final = re.compile(r"([A-Z])([BWDL]?)(\d+)(?:\.([0-7]))?")
-_MAX_OCTET: Final = (1 << 21) - 1
 _MAX_WORD: Final = 65535
+#: Areas that are written without a colon.
+_AREAS: Final = DB_AREAS | frozenset(LETTER_AREAS.values())
 
 
 def at(address: str, count: int = 1, transport_size: str | int | None = None) -> S7_Any:
@@ -28,31 +23,19 @@ def at(address: str, count: int = 1, transport_size: str | int | None = None) ->
     DATE_AND_TIME); ``transport_size`` names another for the same place, for example ``"REAL"`` for ``DB1.DBD8``. Raises
     ValueError for what is no address.
     """
-    text = address.strip().upper()
-    block = _IN_BLOCK.fullmatch(text)
-    if block:
-        area, db, width = _BLOCKS[block[1]], int(block[2]), block[3]
-        octet, bit = int(block[4]), block[5]
-    else:
-        other = _ELSEWHERE.fullmatch(text)
-        if other is None or other[1] not in LETTER_AREAS:
-            raise _no_address(address, "write it as DB10.DBX4.1, DB10.DBW4, MW20, I0.0, T5 or C3")
-        area, db, width = LETTER_AREAS[other[1]], 0, other[2]
-        octet, bit = int(other[3]), other[4]
-        if area in (_COUNTER, _TIMER):
-            return _item(address, area, 0, _number(address, width, octet, bit), area, count, transport_size)
-    if octet > _MAX_OCTET or db > _MAX_WORD:
+    found = parse_address(address.strip().upper())
+    if found is None or found.area not in _AREAS or ":" in address:
+        raise _no_address(address, "write it as DB10.DBX4.1, DB10.DBW4, MW20, I0.0, T5 or C3")
+    if found.area in NUMBERED_AREAS:
+        if found.number > _MAX_WORD:
+            raise _no_address(address, "a counter or timer is a letter and a number")
+        return _item(address, found.area, 0, found.number, found.area, count, transport_size)
+    if found.number > MAX_OCTET or found.db > MAX_DB:
         raise _no_address(address, "its numbers do not fit the fields of an item")
-    size = _WIDTHS[width]
-    if (bit is None) == (size == _BIT):
+    size = _WIDTHS[found.width]
+    if (found.bit < 0) == (size == _BIT):
         raise _no_address(address, "a bit has a place after the dot, anything wider has none")
-    return _item(address, area, db, octet * 8 + int(bit or 0), size, count, transport_size)
-
-
-def _number(address: str, width: str, number: int, bit: str | None) -> int:
-    if width or bit is not None or number > _MAX_WORD:
-        raise _no_address(address, "a counter or timer is a letter and a number")
-    return number
+    return _item(address, found.area, found.db, found.field, size, count, transport_size)
 
 
 def _item(

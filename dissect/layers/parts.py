@@ -10,18 +10,16 @@ behind, or how many parts of one kind follow (`dissect.wire.layout.Field.counts`
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from itertools import takewhile
 from typing import Any, ClassVar, Final
 
 from scapy.packet import Packet, Raw
 
-from dissect.layers.fields import Piece, PiecesField, WireLayer, header_fields, scapy_name
-from dissect.s7.data_parts import CONTENT, RETURN_CODE
+from dissect.layers.fields import Piece, PiecesField, WireLayer, scapy_name
 from dissect.s7.items import item_fill
-from dissect.s7.layouts import FUNCTION
-from dissect.s7.tables import SUCCESS
 from dissect.wire.layout import COUNTS_BUT_LAST, COUNTS_PARTS, COUNTS_REST, Field, Layout
-from dissect.wire.part import FILL, OCTETS, SURPLUS, Part
+from dissect.wire.part import OCTETS, Part
 
 #: The class of each layout, and the layouts of parts that belong to it when they follow it directly.
 CLASSES: Final[dict[Layout, type[Packet]]] = {}
@@ -31,21 +29,29 @@ REPEATED: Final[set[Layout]] = set()
 
 
 class S7_Part(WireLayer):
-    """A part of a body. ``layout`` is what it is made of; the classes of parts set it.
+    """A part of a body; ``packet[S7_Part]`` finds any. Called itself it is an `S7_Octets`, as nothing says which part is meant.
 
-    ``counted`` names fields that count parts of the classes named, where no layout says so.
+    ``layout`` is what a part is made of; the classes of parts set it. ``counted`` names fields that count parts of the classes
+    named, and ``counting`` is what counts anything else, where no layout says so.
     """
 
     name = "S7 part"
+    match_subclass = True
     show_summary = False
     layout: ClassVar[Layout] = OCTETS
-    counted: ClassVar[dict[str, tuple[str, ...]]] = {}
+    counted: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    counting: ClassVar[Callable[[Field, list[Packet], list[int]], int] | None] = None
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         """Enter the class as that of its layout."""
         super().__init_subclass__(**kwargs)
         cls.least = cls.layout.size
         CLASSES[cls.layout] = cls
+
+    @classmethod
+    def dispatch_hook(cls, _pkt: bytes | None = None, *_args: Any, **_kwargs: Any) -> type[Packet]:
+        """Return the class of octets that nothing is known of (Scapy's interface)."""
+        return CLASSES[OCTETS]
 
     def post_build(self, pkt: bytes, pay: bytes) -> bytes:
         """Fill in what counts the rest of the part (Scapy's interface)."""
@@ -67,10 +73,11 @@ class S7_Part(WireLayer):
 
         Parts are counted up to the next one like this one, which counts for itself.
         """
+        counting = type(self).counting
+        if counting is not None:
+            return counting(field, behind, sizes)
         if field.counts == COUNTS_PARTS:
             return sum(sizes)
-        if field.counts == COUNTS_BUT_LAST:
-            return sum(sizes[:-1])
         if field.counts == COUNTS_BUT_LAST:
             return sum(sizes[:-1])
         names = self.counted.get(field.name, ())
@@ -79,7 +86,7 @@ class S7_Part(WireLayer):
         own = list(takewhile(lambda part: type(part) is not type(self), behind))
         if names:
             return sum(1 for part in own if any(cls.__name__ in names for cls in type(part).__mro__))
-        return sum(1 for part in own if layout_name(part) == field.counts)
+        return sum(1 for part in own if (layout := layout_of(part)) is not None and layout.name == field.counts)
 
     def _unset(self) -> list[tuple[Field, int]]:
         """Return the fields left out, each with where its octets end."""
@@ -108,60 +115,9 @@ class S7_Part(WireLayer):
         return str(self.name)
 
 
-def layout_name(packet: Packet) -> str:
-    """Return the name of the layout whose class a packet is, empty when it has none."""
-    for layout, cls in CLASSES.items():
-        if type(packet) is cls:
-            return layout.name
-    return ""
-
-
-class S7_Octets(S7_Part):
-    """Octets whose meaning is not known, or depends on something else than this message."""
-
-    name = "S7 octets"
-    layout = OCTETS
-    fields_desc = header_fields(OCTETS)
-
-
-class S7_Surplus(S7_Part):
-    """Octets that stand where nothing may follow."""
-
-    name = "S7 surplus octets"
-    layout = SURPLUS
-    fields_desc = header_fields(SURPLUS)
-
-
-class S7_Fill(S7_Part):
-    """The octet that makes an odd item even, where it does not belong to an item."""
-
-    name = "S7 fill"
-    layout = FILL
-    fields_desc = header_fields(FILL)
-
-
-class S7_Content(S7_Part):
-    """The content of a data item, where it does not belong to an item."""
-
-    name = "S7 content"
-    layout = CONTENT
-    fields_desc = header_fields(CONTENT)
-
-
-class S7_ReturnCode(S7_Part):
-    """A return code that stands for a whole item."""
-
-    name = "S7 return code"
-    layout = RETURN_CODE
-    fields_desc = header_fields(RETURN_CODE, {"return_code": SUCCESS})
-
-
-class S7_FunctionOnly(S7_Part):
-    """The function alone, as most good answers have it."""
-
-    name = "S7 function only"
-    layout = FUNCTION
-    fields_desc = header_fields(FUNCTION)
+def layout_of(packet: Packet) -> Layout | None:
+    """Return the layout whose class a packet is, None when it has none."""
+    return next((layout for layout, cls in CLASSES.items() if type(packet) is cls), None)
 
 
 def pieces_of(parts: list[Part], octets: bytes) -> list[Piece]:

@@ -11,7 +11,7 @@ import struct
 from collections.abc import Sequence
 from typing import Any, ClassVar, Final
 
-from scapy.fields import ConditionalField
+from scapy.fields import ConditionalField, RawVal
 from scapy.packet import Packet, Raw, bind_top_down
 
 from dissect.layers.fields import (
@@ -26,8 +26,9 @@ from dissect.layers.fields import (
 )
 from dissect.layers.parts import PartsField, pieces_of
 from dissect.s7 import layouts, tables
-from dissect.s7.bodies import parse_body, parse_data_parts, parse_parameter_parts
+from dissect.s7.bodies import parse_data_parts, parse_parameter_parts
 from dissect.s7.errors import ERROR_CODES
+from dissect.s7.hiding import body_to_show
 from dissect.s7.message import PROTOCOL_ID, header_size, parse_pdu
 from dissect.s7.parameters import Parameters, parse_parameters
 from dissect.wire.layout import Layout
@@ -51,6 +52,9 @@ class S7(WireLayer):
     """
 
     name = "S7"
+    __slots__ = ["body_sizes"]
+    #: Octets of the parameter block and of the data block that the body was just built with.
+    body_sizes: tuple[int, int]
     show_summary = False
     least = layouts.HEADER.size
     fields_desc = [
@@ -75,7 +79,7 @@ class S7(WireLayer):
         """Fill in the two lengths (Scapy's interface)."""
         parameters, data = 0, 0
         if isinstance(self.payload, S7_Body):
-            parameters, data = self.payload.block_sizes()
+            parameters, data = self.body_sizes
         elif type(self.payload) is Raw:
             parameters = len(self.payload.load)
         if self.getfieldval("param_length") is None:
@@ -91,9 +95,7 @@ class S7(WireLayer):
             return S7_Data if self.param_length == 0 and self.data_length else Raw
         body: type[S7_Body] | None
         if self.rosctr == tables.USERDATA:
-            parsed = parse_parameters(parameters, tables.USERDATA)
-            head = parse_parameter_parts(parameters, 0, len(parameters), parsed, [])[0]
-            body = USERDATA_BODIES.get(head.layout)
+            body = userdata_body(parameters)
         else:
             body = BODIES.get((self.rosctr in _ANSWERS, parameters[0]))
         if body is not None and len(parameters) >= body.least:
@@ -128,6 +130,12 @@ class S7(WireLayer):
         return " ".join(parts), [S7]
 
 
+def userdata_body(parameters: bytes) -> type[S7_Body] | None:
+    """Return the class of userdata with this parameter block (one octet at least), None where it is of no known form."""
+    parsed = parse_parameters(parameters, tables.USERDATA)
+    return USERDATA_BODIES.get(parse_parameter_parts(parameters, 0, len(parameters), parsed, [])[0].layout)
+
+
 def error_text(code: int) -> str:
     """Return an error code of the header or of userdata by number and name."""
     name = ERROR_CODES.name(code)
@@ -160,7 +168,7 @@ def notes_of(body: Packet) -> str:
         pdu = parse_pdu(bytes(header))
     except (ValueError, struct.error):
         return ""
-    return joined([shortened(note, NOTE) for note in parse_body(pdu).notes])
+    return joined([shortened(note, NOTE) for note in body_to_show(pdu).notes])
 
 
 def parameters_left(pkt: Packet, rest: bytes) -> int:
@@ -190,7 +198,8 @@ def body_fields(*parameters: ScapyField, data: Sequence[ScapyField] = ()) -> lis
 class S7_Body(WireLayer):
     """A body: ``data_fields`` names the fields of the data block, all others are the parameter block.
 
-    ``parameter_rest`` and ``data_rest`` keep octets of the blocks that stand where nothing is expected.
+    ``parameter_rest`` and ``data_rest`` keep octets of the blocks that stand where nothing is expected. Called itself it is an
+    `S7_Function`, as only a header says which body is meant.
     """
 
     name = "S7 body"
@@ -199,17 +208,40 @@ class S7_Body(WireLayer):
     #: ROSCTR of a body that is dissected by itself, without an S7 header under it.
     rosctr_alone: ClassVar[int] = tables.JOB
 
+    @classmethod
+    def dispatch_hook(cls, _pkt: bytes | None = None, *_args: Any, **_kwargs: Any) -> type[Packet]:
+        """Return the class that takes any body (Scapy's interface)."""
+        return S7_Function
+
     def responds_to(self, other: Packet) -> bool:
         """Tell whether this is the userdata response to the userdata request ``other`` (of the same PDU reference)."""
         return False
 
-    def block_sizes(self) -> tuple[int, int]:
-        """Return the octets of the parameter block and of the data block as they would be built."""
-        data = 0
-        for name in self.data_fields:
-            field, value = self.getfield_and_val(name)
-            data += len(field.addfield(self, b"", value))
-        return len(self.self_build()) - data, data
+    def self_build(self) -> bytes:
+        """Build both blocks, and tell the header their sizes (Scapy's interface).
+
+        The sizes are those of the octets just built: a second build would draw other values for what ``fuzz()`` left open.
+        """
+        octets = b""
+        if self.raw_packet_cache is not None:
+            octets = super().self_build()  # which looks whether the octets dissected still are those of the fields
+        if self.raw_packet_cache is not None:
+            parameters = len(octets) - sum([len(self._field_octets(b"", name)) for name in self.data_fields])
+        else:
+            octets, parameters = b"", 0
+            for field in self.fields_desc:
+                if field.name == self.data_fields[0]:
+                    parameters = len(octets)
+                octets = self._field_octets(octets, field.name)
+        if isinstance(self.underlayer, S7):
+            self.underlayer.body_sizes = parameters, len(octets) - parameters
+        return octets
+
+    def _field_octets(self, octets: bytes, name: str) -> bytes:
+        """Return ``octets`` with those of a field behind them."""
+        field, value = self.getfield_and_val(name)
+        built: bytes = octets + bytes(value) if isinstance(value, RawVal) else field.addfield(self, octets, value)
+        return built
 
     def describe(self) -> str:
         """Return what this body is, for the summary's beginning."""

@@ -7,9 +7,9 @@ different ports never mix. A datagram with several messages gives a chain.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from functools import lru_cache
-from pathlib import Path
 from types import new_class
 from typing import Any, ClassVar, Final, cast
 
@@ -95,12 +95,12 @@ class SCD(WireLayer):
         return packet
 
     @classmethod
-    def using(cls, dictionary: Dictionary | Codec | str | Path) -> type[SCD]:
+    def using(cls, dictionary: Dictionary | Codec | str | os.PathLike[str]) -> type[SCD]:
         """Return `SCD` by a dictionary, a codec, or the file of a dictionary, compiled or source.
 
         Raises `Error` for a dictionary that describes an envelope of its own, `DictionaryError` and OSError for a file.
         """
-        return _class_of(load(dictionary) if isinstance(dictionary, str | Path) else dictionary)
+        return _class_of(load(dictionary) if isinstance(dictionary, (str, os.PathLike)) else dictionary)
 
     @classmethod
     def pdo(
@@ -233,7 +233,7 @@ class SCD(WireLayer):
 @lru_cache(maxsize=_MOST_CLASSES)
 def _class_of(dictionary: Dictionary | Codec) -> type[SCD]:
     """Return the class of a dictionary. A leading ``_`` keeps it out of what Scapy lists."""
-    codec = dictionary if isinstance(dictionary, Codec) else Codec(dictionary)
+    codec = dictionary if isinstance(dictionary, Codec) else Codec(dictionary, limits=False)  # a tester sends anything
     if codec.envelope.record != DEFAULT:
         raise Error(
             E_DICTIONARY, codec.dictionary.name, "it describes an envelope of its own, the layer is the default one"
@@ -251,7 +251,9 @@ def _layer_of(dictionary: Dictionary | Codec) -> tuple[type[SCD], Codec]:
     return layer, layer.codec
 
 
-def bind_scd(port: int, transport: str = "udp", dictionary: Dictionary | Codec | str | Path | None = None) -> type[SCD]:
+def bind_scd(
+    port: int, transport: str = "udp", dictionary: Dictionary | Codec | str | os.PathLike[str] | None = None
+) -> type[SCD]:
     """Have Scapy look for messages to and from ``port``, before any layer of its own, and return the class it uses there.
 
     ``transport`` is "udp" or "tcp". Another dictionary bound to the port before is forgotten. Raises ValueError for no port or

@@ -18,9 +18,9 @@ from dissect.wire.text import printable, shortened
 if TYPE_CHECKING:
     from dissect.layers.scd import SCD
     from dissect.scd.dictionary import Dictionary
+    from dissect.scd.layout import Key
     from dissect.scd.messages import Message
     from dissect.scd.model import Variable
-    from dissect.scd.packing import Key
     from dissect.scd.types import Value
 
 ENVELOPE: Final = Envelope(DEFAULT)

@@ -6,8 +6,6 @@ from dissect.layers.fields import header_fields
 from dissect.layers.parts import S7_Part
 from dissect.s7 import security
 
-__all__ = ["S7_Password"]
-
 
 class S7_Password(S7_Part):
     """The password of a session, encoded; `of` encodes a text."""

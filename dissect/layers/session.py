@@ -6,7 +6,7 @@
     sniff(iface="eth0", session=S7Session, prn=lambda packet: packet.summary())
 
 Scapy's own TCP session takes Ethernet padding for payload, fills holes with zeros and knows no COTP fragments. Here each
-packet goes through `dissect.pipeline`, which recognises ISO-on-TCP on every port, and what comes out is one packet for each
+packet goes through `dissect.engine.pipeline`, which recognises ISO-on-TCP on every port, and what comes out is one packet for each
 whole TPKT, in the order of the stream: ``Ether / IP / TCP / TPKT / …``.
 """
 
@@ -23,12 +23,12 @@ from scapy.layers.l2 import Dot1Q, Ether
 from scapy.sessions import DefaultSession
 from scapy.utils import EDecimal
 
+from dissect.engine.pipeline import Observer, Pipeline
 from dissect.layers.cotp import COTP_DT
 from dissect.layers.ibh import IBH, MPI
 from dissect.layers.s7 import S7, is_s7
 from dissect.layers.s7plus import S7Plus
 from dissect.layers.tpkt import TPKT
-from dissect.pipeline import Observer, Pipeline
 from dissect.s7plus.message import parse_plus
 from dissect.tcp.ip import address_text
 

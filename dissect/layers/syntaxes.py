@@ -7,6 +7,7 @@ from collections.abc import Callable
 from scapy.packet import Packet
 
 from dissect.layers.fields import FillField, Piece, PiecesField, ScapyField, header_fields
+from dissect.layers.part_classes import S7_DBArea, S7_SymbolStep
 from dissect.layers.parts import CLASSES, JOINED, REPEATED, S7_Part
 from dissect.layers.variables import S7_Item
 from dissect.s7 import syntaxes
@@ -15,14 +16,12 @@ from dissect.wire.layout import Layout
 from dissect.wire.part import FILL
 
 __all__ = [
-    "S7_DBArea",
     "S7_DBReadItem",
     "S7_DriveItem",
     "S7_NCKItem",
     "S7_Symbol",
     "S7_SymbolInDB",
     "S7_SymbolInMemory",
-    "S7_SymbolStep",
 ]
 
 
@@ -40,22 +39,6 @@ def _carve(cls: type[S7_Part], head: int) -> Callable[[Packet, bytes], list[Piec
         return [(cls, s[at : at + step]) for at in range(0, end - step + 1, step)]
 
     return carve
-
-
-class S7_DBArea(S7_Part):
-    """An area of a data block in an `S7_DBReadItem`."""
-
-    name = "S7 DBREAD area"
-    layout = syntaxes.DB_AREA
-    fields_desc = header_fields(syntaxes.DB_AREA, {"area_size": 1, "db": 1})
-
-
-class S7_SymbolStep(S7_Part):
-    """A step on the way to a symbol."""
-
-    name = "S7 symbol step"
-    layout = syntaxes.SYMBOL_STEP
-    fields_desc = header_fields(syntaxes.SYMBOL_STEP)
 
 
 class S7_NCKItem(S7_Item):

@@ -2,51 +2,41 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
-from scapy.packet import Packet, bind_top_down
+from scapy.packet import Packet, Raw, bind_top_down
 
 from dissect.layers.fields import header_fields
-from dissect.layers.parts import PartsField, S7_Part
-from dissect.layers.s7 import S7, USERDATA_BODIES, S7_Body, body_fields, carve_data, error_text, notes_of
+from dissect.layers.parts import PartsField
+from dissect.layers.s7 import S7, USERDATA_BODIES, S7_Body, body_fields, carve_data, error_text, notes_of, userdata_body
 from dissect.s7 import layouts, pbc, tables
 from dissect.s7.items import SPECIFICATION
 from dissect.s7.syntaxes import PBC_R_ID
-from dissect.wire.layout import Field
 
 _REQUEST: Final = 1
 _RESPONSE: Final = 2
 _SHORT: Final = 0x11
 _EXTENDED: Final = 0x12
-#: Transport size of a payload, and return code of none.
-_OCTETS: Final = 0x09
-_NOTHING: Final = 0x0A
-
-
-class S7_DataHead(S7_Part):
-    """What precedes the payload of userdata. Left out, the three fields follow from the parts behind it.
-
-    With something behind it: success, octets, their number. Alone: no payload (return code 0x0A).
-    """
-
-    name = "S7 data head"
-    layout = layouts.DATA_HEAD
-    fields_desc = header_fields(layouts.DATA_HEAD, {"return_code": None, "transport_size": None})
-
-    def count_of(self, field: Field, behind: list[Packet], sizes: list[int]) -> int:
-        """Return what a field left out is: with a payload behind it, or without."""
-        if field.name == "length":
-            return sum(sizes)
-        codes = (tables.SUCCESS, _OCTETS) if sum(sizes) else (_NOTHING, 0)
-        return codes[field.name == "transport_size"]
 
 
 class S7_Userdata(S7_Body):
-    """Userdata: `S7_UserdataShort` or `S7_UserdataExtended`. ``data`` is an `S7_DataHead` and the parts of the payload."""
+    """Userdata: `S7_UserdataShort` or `S7_UserdataExtended`. ``data`` is an `S7_DataHead` and the parts of the payload.
+
+    ``S7_Userdata(octets)`` chooses by the parameter head; ``S7_Userdata()`` is an `S7_UserdataShort`.
+    """
 
     name = "S7 userdata"
+    match_subclass = True
     rosctr_alone = tables.USERDATA
     data_fields = ("data", "data_rest")
+
+    @classmethod
+    def dispatch_hook(cls, _pkt: bytes | None = None, *_args: Any, **_kwargs: Any) -> type[Packet]:
+        """Choose the class that the octets call for (Scapy's interface)."""
+        if not _pkt:
+            return S7_UserdataShort
+        known = userdata_body(bytes(_pkt))
+        return known if known is not None and issubclass(known, S7_Userdata) and len(_pkt) >= known.least else Raw
 
     def responds_to(self, other: Packet) -> bool:
         """Tell whether this is a response and ``other`` a request of the same group and subfunction."""

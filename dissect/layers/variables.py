@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
+from typing import Any, Final
 
 from scapy.fields import FieldLenField
-from scapy.packet import Packet, bind_top_down
+from scapy.packet import Packet, Raw, bind_top_down
 
 from dissect.layers.fields import (
     CodesField,
@@ -19,11 +19,13 @@ from dissect.layers.fields import (
     fill_number,
     header_fields,
 )
-from dissect.layers.parts import CLASSES, JOINED, S7_Surplus
+from dissect.layers.part_classes import S7_Surplus
+from dissect.layers.parts import CLASSES, JOINED
 from dissect.layers.s7 import BODIES, NOTE, S7, S7_Body, body_fields, carve_parameters, data_left, joined
 from dissect.s7 import layouts, tables
 from dissect.s7.data_parts import CONTENT
 from dissect.s7.items import DATA_HEAD, SPECIFICATION, data_size_within, item_fill, parse_item
+from dissect.s7.syntaxes import layout_of as layout_of_item
 from dissect.wire.part import FILL, OCTETS
 from dissect.wire.text import shortened
 
@@ -32,13 +34,30 @@ _BYTES: Final = 0x04
 
 
 class S7_Item(WireLayer):
-    """A request item, which names a variable: an `S7_Any`, or one of another syntax. ``length`` is filled in when left out.
+    """A request item, which names a variable. ``length`` is filled in when left out.
+
+    ``S7_Item(octets)`` gives the class that their syntax calls for; ``S7_Item()`` is an `S7_Any`.
 
     ``fill`` is the octet that makes an odd item even; None lets the list that holds the item decide.
     """
 
     name = "S7 item"
+    match_subclass = True
     fields_desc = [*header_fields(layouts.ITEM_HEAD, {"specification": SPECIFICATION, "length": None})]
+
+    @classmethod
+    def dispatch_hook(cls, _pkt: bytes | None = None, *_args: Any, **_kwargs: Any) -> type[Packet]:
+        """Choose the class of the item's syntax; without octets an `S7_Any` (Scapy's interface)."""
+        if not _pkt:
+            return S7_Any
+        if len(_pkt) < layouts.ITEM_HEAD.size:
+            return Raw
+        octets = bytes(_pkt[: _pkt[1] + 2])
+        if len(octets) >= layouts.ITEM_HEAD.size and parse_item(octets, 0).transport_size >= 0:
+            return S7_Any
+        layout = layout_of_item(octets)
+        known = CLASSES.get(layout) if layout is not None else None
+        return known if known is not None and issubclass(known, S7_Item) else S7_OtherItem
 
     def post_build(self, pkt: bytes, pay: bytes) -> bytes:
         """Fill in the length (Scapy's interface)."""

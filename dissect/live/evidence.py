@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dissect.findings.finding import Finding
 from dissect.live.run import Companion
-from dissect.recording.keeper import Keeper
+from dissect.recording.event_capture import EventCapture
 from dissect.recording.ring_buffer import RingBuffer
 from dissect.source.live.reader import Drops
 
@@ -39,7 +39,7 @@ class KeeperCompanion(Companion):
     name = "keeping packets around findings"
     wants_packets = True
 
-    def __init__(self, keeper: Keeper) -> None:
+    def __init__(self, keeper: EventCapture) -> None:
         super().__init__()
         self.keeper = keeper
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from dissect.engine.observer import Observer
 from dissect.findings.finding import Finding
-from dissect.findings.observer import Observer
-from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
+from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
 

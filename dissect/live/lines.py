@@ -11,8 +11,9 @@ from dissect.report import endings, words
 from dissect.report.lines import named, scd_line, transaction_line
 from dissect.report.operations import operation_line
 from dissect.report.places import Places
+from dissect.report.styled import FAILED, HANG, PLAIN, Line
 from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
+from dissect.transactions.operation import DONE, RUNNING, Operation
 from dissect.transactions.transaction import Transaction
 from dissect.wire.clock import Clock
 from dissect.wire.text import printable, shortened
@@ -36,16 +37,20 @@ def kinds_of(topics: Iterable[str]) -> frozenset[str]:
 
 
 class PlainLines:
-    """Events as lines; of ``kinds`` only."""
+    """Events as lines; of ``kinds`` only. ``clock`` writes times, by default in UTC."""
 
-    def __init__(self, kinds: Collection[str]) -> None:
+    def __init__(self, kinds: Collection[str], clock: Clock | None = None) -> None:
         self._kinds = kinds
-        self._clock = Clock()
+        self._clock = clock or Clock()
         self._places = Places([], False)
 
     def lines(self, events: Iterable[Event]) -> list[str]:
         """Return the lines of events, in their order."""
         return [self.line(event) for event in events if event.kind in self._kinds]
+
+    def styled(self, events: Iterable[Event]) -> list[Line]:
+        """Return the lines of events with their style, in their order."""
+        return [Line(self.line(event), _style(event), HANG) for event in events if event.kind in self._kinds]
 
     def line(self, event: Event) -> str:
         """Return one event as a line, whatever is wanted."""
@@ -56,7 +61,7 @@ class PlainLines:
             return operation_line(what, self._clock, self._places)
         if isinstance(what, tuple):
             return scd_line(what[0], what[1], self._clock, self._places)
-        begun = words.moment(self._clock.iso(event.time_ns))
+        begun = self._clock.moment(event.time_ns)
         if isinstance(what, Connection):
             return f"{begun}  {self._connection(event.kind, what)}"
         if isinstance(what, Finding):
@@ -66,7 +71,7 @@ class PlainLines:
     def lost(self, now_ns: int, counts: dict[str, int]) -> str:
         """Return the line that says how many events, by kind, were left out because the output was not taken in time."""
         said = ", ".join([words.count(number, kind.replace("_", " ")) for kind, number in sorted(counts.items())])
-        return f"{words.moment(self._clock.iso(now_ns))}  NOT SHOWN  {said}: this output is not taken fast enough"
+        return f"{self._clock.moment(now_ns)}  NOT SHOWN  {said}: this output is not taken fast enough"
 
     def _connection(self, kind: str, connection: Connection) -> str:
         arrow = "→" if connection.client_known else "↔"
@@ -90,6 +95,20 @@ class PlainLines:
         place = f"  {', '.join(where)}" if where else ""
         said = shortened(finding.detail, _DETAIL) if finding.detail else finding.rule.sentence
         return f"{finding.severity.upper()}  {finding.slug}{place}: {said}"
+
+
+def _style(event: Event) -> str:
+    what = event.what
+    if isinstance(what, Finding):
+        return what.severity
+    if isinstance(what, str):
+        return "warning"
+    failed = (
+        (isinstance(what, Transaction) and what.failed)
+        or (isinstance(what, Operation) and what.result not in {DONE, RUNNING})
+        or (isinstance(what, Connection) and bool(what.refused))
+    )
+    return FAILED if failed else PLAIN
 
 
 def summary_lines(status: Status, engine: str) -> list[str]:

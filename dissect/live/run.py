@@ -12,11 +12,12 @@ from typing import Final, NamedTuple
 
 from mypy_extensions import i64
 
-from dissect.findings.observer import Observer, Options
+from dissect.engine.observer import Observer, Options
+from dissect.engine.pipeline import Pipeline
 from dissect.live.fanout import Fanout
-from dissect.pipeline import Pipeline
 from dissect.source.live.reader import Drops, LiveReader
 from dissect.source.packet import PacketSink, Reader, SourceFile
+from dissect.wire.text import reason
 
 _SECOND: Final = 1_000_000_000
 #: How often lost packets are asked for, and companions are told the time, by the clock of this machine.
@@ -181,8 +182,8 @@ class LiveRun:
         file.damage = source.damage
         file.rejected = source.rejected
         file.notes = list(source.notes)
-        if source.damage:
-            self.pipeline.note_damage(f"{file.name}: {source.damage}")
+        if file.loss:
+            self.pipeline.note_damage(f"{file.name}: {file.loss}")
         self.pipeline.finish()
         for companion in self._companions:
             self._close(companion)
@@ -204,7 +205,7 @@ class LiveRun:
             self._look_at_drops()
         if now - self._renewed >= _RENEW_NS:
             self._renewed = now
-            self.pipeline.conversation.judge.renew()
+            self.pipeline.exchange.reporter.renew()
         for companion in self._companions:
             try:
                 companion.tick(self.now_ns, self.drops)
@@ -222,7 +223,7 @@ class LiveRun:
         ]
         if told:
             self.pipeline.note_dropped(", ".join(told))
-            self.pipeline.conversation.tell_findings()
+            self.pipeline.exchange.report_findings()
 
     # ---- the end ----------------------------------------------------------------------------------------------------
 
@@ -246,7 +247,7 @@ class LiveRun:
         """An observer failed: it is no companion any more."""
         name = observer.name if isinstance(observer, Companion) else type(observer).__name__
         if len(self.failures) < _MAX_FAILURES:
-            self.failures.append(f"{name} failed and is off: {str(error) or type(error).__name__}")
+            self.failures.append(f"{name} failed and is off: {reason(error)}")
         self._wanting = [one for one in self._wanting if one is not observer]
         if isinstance(observer, Companion) and observer in self._companions:
             self._companions = [one for one in self._companions if one is not observer]
@@ -257,4 +258,4 @@ class LiveRun:
             companion.close()
         except Exception as error:  # noqa: BLE001 - as above
             if not any([told.startswith(f"{companion.name} failed") for told in self.failures]):
-                self.failures.append(f"{companion.name} failed at the end: {str(error) or type(error).__name__}")
+                self.failures.append(f"{companion.name} failed at the end: {reason(error)}")

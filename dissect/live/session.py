@@ -19,14 +19,14 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
+from dissect.engine.observer import Observer, Options
 from dissect.findings.finding import Finding
-from dissect.findings.observer import Observer, Options
 from dissect.live.run import Companion, Limits, LiveRun
 from dissect.source.live.reader import Drops, LiveReader
 from dissect.source.packet import Reader
-from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
+from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import UNANSWERED, Transaction
 
@@ -140,7 +140,7 @@ class Session:
         self._max_events = max_events
         self._events: deque[Event] = deque()
         self._changed = threading.Condition()
-        self._collector = _Collector(options is not None and options.carrier is not None)
+        self._collector = _Collector(options is not None and options.decoder is not None)
         self._run: LiveRun | None = None
         self._thread: threading.Thread | None = None
         self._stop_asked = False
@@ -224,7 +224,6 @@ class Session:
     def status(self) -> Status:
         """Return how it stands now."""
         run, counts = self.run, self._collector
-        talk = run.pipeline.conversation
         return Status(
             now_ns=run.now_ns,
             packets=int(run.pipeline.frames),
@@ -232,11 +231,11 @@ class Session:
             drops=run.drops,
             connections=counts.opened,
             connections_open=counts.opened - counts.closed,
-            open_requests=int(talk.dialogue.open),
+            open_requests=int(run.pipeline.exchange.dialogue.open),
             transactions=counts.transactions,
             unanswered=counts.unanswered,
             with_errors=counts.with_errors,
-            findings=sum(talk.judge.counts.values()),
+            findings=sum(run.pipeline.finding_counts.values()),
             waiting_events=len(self._events),
             lost_events=sum(self.lost.values()),
         )

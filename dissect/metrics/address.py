@@ -38,7 +38,7 @@ def parse_address(text: str) -> Address:
     """Read ``HOST:PORT`` or ``[IPv6]:PORT``. Raises `AddressError`."""
     found = _ADDRESS.fullmatch(text)
     if found is None:
-        raise AddressError(f"{text!r} is no address: say HOST:PORT, for example {DEFAULT} or [::1]:9102")
+        raise AddressError(f"{text!r} is not an address: expected HOST:PORT, for example {DEFAULT} or [::1]:9102")
     port = int(found["port"])
     if port > 65535:
         raise AddressError(f"{text!r}: a port is at most 65535")
@@ -51,13 +51,13 @@ def resolve(address: Address, allow_remote: bool) -> Target:
         found = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     except (OSError, UnicodeError) as why:
         reason = why.strerror if isinstance(why, OSError) else "not a host name"
-        raise AddressError(f"{address}: {reason}: say a name or an address of this machine") from None
+        raise AddressError(f"{address}: {reason}: use a name or an address of this machine") from None
     family, _, _, _, where = found[0]
     host = str(where[0])
     if not allow_remote and not is_loopback(host):
         raise AddressError(
             f"{address} can be reached from other machines, and whoever reaches it may read the metrics: "
-            f"say {DEFAULT}, or add --allow-remote when that is meant"
+            f"use {DEFAULT}, or add --allow-remote if that is intended"
         )
     port = int(where[1])
     return Target(family, (host, port, int(where[2]), int(where[3])) if len(where) == 4 else (host, port))

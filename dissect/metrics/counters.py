@@ -13,9 +13,9 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.engine.pipeline import Pipeline
 from dissect.live.run import Companion
 from dissect.metrics.functions import OTHER, Functions
-from dissect.pipeline import Pipeline
 from dissect.s7.errors import ERROR_CLASSES, ERROR_CODES
 from dissect.s7.tables import RETURN_CODES
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES

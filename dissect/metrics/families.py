@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Final, NamedTuple
 
+from dissect.engine.pipeline import Pipeline
 from dissect.findings.catalogue import CATALOGUE
 from dissect.ibh.tables import KINDS
 from dissect.iso.tables import TPDU_TYPES
 from dissect.iso.upper import UPPER_NAMES
 from dissect.metrics.counters import SEPARATOR, Metrics
 from dissect.metrics.functions import OTHER
-from dissect.pipeline import Pipeline
 from dissect.s7.tables import ROSCTR
 from dissect.s7plus.tables import OPCODES
 from dissect.transactions import ending
@@ -184,18 +184,17 @@ def _connections(metrics: Metrics) -> dict[str, list[Sample]]:
 
 
 def _traffic(pipeline: Pipeline) -> dict[str, list[Sample]]:
-    talk = pipeline.conversation
     rosctrs = {row.number: row.name for row in ROSCTR}
     opcodes = {row.number: row.name for row in OPCODES}
     types = {row.number: row.name for row in TPDU_TYPES}
-    findings = talk.judge.counts.copy()
+    findings = pipeline.finding_counts.copy()
     return {
-        "tpdus": _named(talk.tpdus, types),
-        "tsdus": [Sample((name,), count) for name, count in zip(UPPER_NAMES, talk.tsdus.copy(), strict=True)],
-        "s7_pdus": _named(talk.rosctrs, rosctrs),
-        "s7plus_pdus": _named(talk.plus_opcodes, opcodes),
-        "ibh_packets": [Sample((kind,), count) for kind, count in zip(KINDS, talk.ibh_packets.copy(), strict=True)],
-        "open_requests": [Sample((), int(talk.dialogue.open))],
+        "tpdus": _named(pipeline.iso.tpdus, types),
+        "tsdus": [Sample((name,), count) for name, count in zip(UPPER_NAMES, pipeline.iso.tsdus.copy(), strict=True)],
+        "s7_pdus": _named(pipeline.s7.rosctrs, rosctrs),
+        "s7plus_pdus": _named(pipeline.plus.opcodes, opcodes),
+        "ibh_packets": [Sample((kind,), count) for kind, count in zip(KINDS, pipeline.ibh.packets.copy(), strict=True)],
+        "open_requests": [Sample((), int(pipeline.exchange.dialogue.open))],
         "findings": [Sample((slug, rule.severity), findings.get(slug, 0)) for slug, rule in CATALOGUE.items()],
     }
 
@@ -208,23 +207,22 @@ def _named(counts: list[int], names: dict[int, str]) -> list[Sample]:
 
 
 def _loss(pipeline: Pipeline) -> dict[str, list[Sample]]:
-    counts = pipeline.packet_counts()
+    counts = pipeline.counters.packet_counts()
     # What waits is counted a second time when its fate is known, so it is no counter.
     waiting = counts.pop(CATEGORIES[FRAGMENT_WAITING])
-    talk = pipeline.conversation
     evicted = {
         "connections": pipeline.table.evicted,
         "half_open_connections": pipeline.table.half_open_evicted,
-        "datagrams": pipeline.fragments.evicted + pipeline.fragments.expired,
-        "operations": talk.watch.operations.evicted,
-        "scan_pairs": talk.scans.forgotten,
+        "datagrams": pipeline.counters.fragments.evicted + pipeline.counters.fragments.expired,
+        "operations": pipeline.exchange.watch.operations.evicted,
+        "scan_pairs": pipeline.connections.scans.forgotten,
     }
     return {
         "packets": [Sample((category,), count) for category, count in counts.items()],
         "fragments_waiting": [Sample((), waiting)],
-        "packets_cut": [Sample((), int(pipeline.cut_frames))],
+        "packets_cut": [Sample((), int(pipeline.counters.cut_frames))],
         "last_packet_timestamp_seconds": _one(int(pipeline.now_ns), 1e9) if pipeline.frames else [],
-        "stream_holes": [Sample((), int(pipeline.octets.holes))],
-        "stream_missing_octets": [Sample((), int(pipeline.octets.missing))],
+        "stream_holes": [Sample((), int(pipeline.counters.octets.holes))],
+        "stream_missing_octets": [Sample((), int(pipeline.counters.octets.missing))],
         "evicted": [Sample((what,), int(count)) for what, count in evicted.items()],
     }

@@ -15,7 +15,7 @@ from dissect.s7.tables import FUNCTIONS, USERDATA_GROUPS, USERDATA_SUBFUNCTIONS
 from dissect.s7plus.parameters import PLUS, PlusParameters
 from dissect.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
 from dissect.s7plus.tables import NOTIFICATION, OPCODES
-from dissect.transactions.carried import SCD, ScdParameters
+from dissect.transactions.payloads import SCD, ScdParameters
 from dissect.transactions.transaction import OUTCOMES
 from dissect.wire.text import encodable
 

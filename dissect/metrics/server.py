@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler
 from socketserver import TCPServer, ThreadingMixIn
 from typing import TYPE_CHECKING, Any, Final
@@ -156,10 +157,8 @@ class _Listener(ThreadingMixIn, TCPServer):
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A client that is gone is no fault; anything else is one of ours, and the client is told."""
         if not isinstance(sys.exc_info()[1], OSError):
-            try:
+            with suppress(OSError):
                 request.sendall(_FAILED)
-            except OSError:
-                pass
 
     def end_clients(self) -> None:
         with self._lock:
@@ -168,10 +167,8 @@ class _Listener(ThreadingMixIn, TCPServer):
 
 
 def _end(client: socket.socket) -> None:
-    try:
+    with suppress(OSError):  # it went by itself
         client.shutdown(socket.SHUT_RDWR)
-    except OSError:
-        pass  # it went by itself
 
 
 class Server:

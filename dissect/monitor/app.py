@@ -10,6 +10,7 @@ import asyncio
 import signal
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import ClassVar, Final
 
@@ -18,16 +19,19 @@ from textual.binding import Binding, BindingType
 from textual.events import Resize
 from textual.widgets import Input
 
+from dissect.findings.finding import SEVERITIES
 from dissect.live.session import Session, Status
 from dissect.monitor import details
+from dissect.monitor.filter import FAILED, SLOW
+from dissect.monitor.lists import FindingFacts
 from dissect.monitor.model import Model
 from dissect.monitor.panes import ConnectionsPane, EntriesPane, FindingsPane, Pane
 from dissect.monitor.rows import PLACES, entry_line
 from dissect.monitor.saving import save
 from dissect.monitor.screens import HELP, Bar, PageScreen
-from dissect.monitor.wanted import FAILED, SLOW
 from dissect.report import words
-from dissect.report.text import HEADING, Line, connection_lines, finding_lines
+from dissect.report.styled import HEADING, Line
+from dissect.report.text import connection_lines, finding_lines
 from dissect.wire.clock import Clock
 from dissect.wire.text import printable, shortened
 
@@ -38,18 +42,19 @@ _QUIET_S: Final = 0.5
 _SAID_S: Final = 6
 #: Events that are taken at one look.
 _MOST: Final = 5000
-_SIGNALS: Final = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+#: What ends the screens in order; Windows knows no SIGHUP.
+_SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGINT", "SIGHUP") if hasattr(signal, name))
 _END_KEYS: Final = "q quit  / filter  Enter details  s save  ? help"
 _KEYS: Final = "q quit  p pause  f freeze  / filter  Enter details  s save  z zoom  ? help"
 
 
-def run_app(session: Session, slow_ns: int = 1_000_000_000) -> bool:
-    """Show ``session``, which was started, until somebody leaves; return whether that was by a signal or Ctrl+C."""
-    return bool(MonitorApp(session, slow_ns).run(mouse=False))
+def run_app(session: Session, slow_ns: int = 1_000_000_000, clock: Clock | None = None) -> bool:
+    """Show ``session``, which was started, until the user quits; return whether that was by a signal or Ctrl+C."""
+    return bool(MonitorApp(session, slow_ns, clock=clock).run(mouse=False))
 
 
 class MonitorApp(App[bool]):
-    """The main screen. An answer later than ``slow_ns`` is shown as slow; files go to ``directory``."""
+    """The main screen. An answer later than ``slow_ns`` is shown as slow; files go to ``directory``, ``clock`` writes times."""
 
     ENABLE_COMMAND_PALETTE = False
     CSS = """
@@ -73,7 +78,13 @@ class MonitorApp(App[bool]):
         Binding("escape", "leave_filter", show=False),
     ]
 
-    def __init__(self, session: Session, slow_ns: int = 1_000_000_000, directory: Path | None = None) -> None:
+    def __init__(
+        self,
+        session: Session,
+        slow_ns: int = 1_000_000_000,
+        directory: Path | None = None,
+        clock: Clock | None = None,
+    ) -> None:
         super().__init__(ansi_color=True)  # the terminal's own colours, and none with NO_COLOR
         self.model = Model(slow_ns)
         self.paused = False
@@ -81,13 +92,13 @@ class MonitorApp(App[bool]):
         self.head = Bar("head", reverse=True)
         self.foot = Bar("foot")
         self.connections = ConnectionsPane()
-        self.entries = EntriesPane()
-        self.findings = FindingsPane()
+        self.entries = EntriesPane(clock)
+        self.findings = FindingsPane(clock)
         self._panes: tuple[ConnectionsPane, EntriesPane, FindingsPane] = (self.connections, self.entries, self.findings)
         self._input = Input(placeholder="words, failed, slow, c12; Enter shows, Esc shows all")
         self._session = session
         self._directory = directory if directory is not None else Path()
-        self._clock = Clock()
+        self._clock = clock or Clock()
         self._came_at_pause = 0
         self._second = 0.0
         self._height = 24
@@ -107,7 +118,8 @@ class MonitorApp(App[bool]):
         """Begin to look at the events."""
         loop = asyncio.get_running_loop()
         for number in _SIGNALS:
-            loop.add_signal_handler(number, self.action_interrupt)
+            with suppress(NotImplementedError):  # on Windows an event loop takes no signals, and Ctrl+C is a key
+                loop.add_signal_handler(number, self.action_interrupt)
         self.entries.focus()
         self.foot.say(_KEYS)
         self.look()
@@ -116,7 +128,8 @@ class MonitorApp(App[bool]):
         """Leave the signals to others again."""
         loop = asyncio.get_running_loop()
         for number in _SIGNALS:
-            loop.remove_signal_handler(number)
+            with suppress(NotImplementedError):
+                loop.remove_signal_handler(number)
 
     def action_interrupt(self) -> None:
         """End because somebody outside wants it."""
@@ -153,10 +166,20 @@ class MonitorApp(App[bool]):
         left_out = f", {self.model.connections_left_out} not listed" if self.model.connections_left_out else ""
         title = f"CONNECTIONS {status.connections_open} open of {status.connections}{left_out}"
         self.connections.update_rows(facts, title)
-        found = self.model.findings(dict(self._session.run.pipeline.conversation.judge.counts))
-        self.findings.update_rows(found, f"FINDINGS {status.findings}" if status.findings else "FINDINGS none")
+        found = self.model.findings(dict(self._session.run.pipeline.finding_counts))
+        self.findings.update_rows(found, self._findings_title(status, found))
         self.entries.update_rows(self.model.entries, self._entries_title(status))
         self._arrange()
+
+    def _findings_title(self, status: Status, found: list[FindingFacts]) -> str:
+        """Say how many findings there are, the heaviest first."""
+        if not status.findings:
+            return "FINDINGS none"
+        weights = {
+            severity: sum([one.times for one in found if one.rule.severity == severity]) for severity in SEVERITIES
+        }
+        told = ", ".join([words.count(count, severity) for severity, count in weights.items() if count])
+        return f"FINDINGS {status.findings} ({told})"
 
     def _entries_title(self, status: Status) -> str:
         odd = [f"{status.unanswered} unanswered"] if status.unanswered else []
@@ -175,8 +198,11 @@ class MonitorApp(App[bool]):
     def _show_head(self, status: Status) -> None:
         session = self._session
         engine = f" ({session.engine})" if session.engine not in {"", "file"} else ""
-        time_of_day = self._clock.iso(status.now_ns)[11:19]
-        parts = [f"s7dissect {printable(session.run.file.name)}{engine}", f"{time_of_day} UTC"]
+        time_of_day = self._clock.time_of_day(status.now_ns)[:8]
+        parts = [
+            f"s7dissect {printable(session.run.file.name)}{engine}",
+            f"{time_of_day} {self._clock.zone(status.now_ns)}",
+        ]
         parts.append(words.count(status.packets, "packet"))
         if session.engine not in {"", "file"}:
             counted = [count for count in status.drops if count is not None]
@@ -190,7 +216,7 @@ class MonitorApp(App[bool]):
             return f"PAUSED, {self.model.came - self._came_at_pause} new"
         if self._session.running:
             return "LIVE"
-        return "BROKEN OFF" if self._session.error is not None or self._session.run.file.damage else "ENDED"
+        return "BROKEN OFF" if self._session.error is not None or self._session.run.file.loss else "ENDED"
 
     def _tell_end(self) -> None:
         """Say once that nothing more will come; the screen stays."""
@@ -199,7 +225,7 @@ class MonitorApp(App[bool]):
         self._told_end = True
         self.show()
         error = self._session.error
-        why = str(error) or type(error).__name__ if error is not None else self._session.run.file.damage
+        why = str(error) or type(error).__name__ if error is not None else self._session.run.file.loss
         if why:
             self.foot.say(f"BROKEN OFF: {printable(why)}")
         elif not self.model.problems:
@@ -216,10 +242,14 @@ class MonitorApp(App[bool]):
         """Give each pane its share of the height: the lists what they need, up to a quarter; what rolls by the rest."""
         room = max(self._height - 2, 3)
         quarter = max(room // 4, 3)
+        # All errors are seen, be it at the cost of what rolls by; a list that is longer says how many rows it hides.
+        share = {self.connections: quarter, self.findings: max(quarter, min(self.findings.errors + 1, room // 2))}
         for pane in self._panes:
             alone = self.zoomed and pane.has_focus
             pane.display = alone or not self.zoomed
-            pane.styles.height = "1fr" if pane is self.entries or alone else min(max(len(pane.rows) + 1, 2), quarter)
+            pane.styles.height = (
+                "1fr" if pane is self.entries or alone else min(max(len(pane.rows) + 1, 2), share[pane])
+            )
 
     def action_zoom(self) -> None:
         """Show the pane alone, or all of them."""
@@ -277,13 +307,13 @@ class MonitorApp(App[bool]):
     def on_pane_opened(self, event: Pane.Opened) -> None:
         """Show what is behind a row."""
         if event.pane is self.connections and (one := self.connections.selected) is not None:
-            self._open(f"Connection {one.key}", details.connection_details(one, self.model.entries))
+            self._open(f"Connection {one.key}", details.connection_details(one, self.model.entries, self._clock))
         elif event.pane is self.findings and (found := self.findings.selected) is not None:
             self._open(f"Finding {found.key}", details.finding_details(found))
         elif event.pane is self.entries and (entry := self.entries.selected) is not None:
             what = entry.what
             title = "SCD message" if isinstance(what, tuple) else f"{type(what).__name__} {what.number}"
-            self._open(title, details.entry_lines(entry))
+            self._open(title, details.entry_lines(entry, self._clock))
 
     def action_help(self) -> None:
         """Show the keys."""

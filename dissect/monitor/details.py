@@ -12,7 +12,8 @@ from dissect.monitor.rows import PLACES, entry_line
 from dissect.report import words
 from dissect.report.lines import pdu_line, plus_line
 from dissect.report.scd_tree import scd_tree_lines
-from dissect.report.text import DIM, HEADING, PLAIN, Line, connection_lines, finding_lines
+from dissect.report.styled import DIM, HEADING, PLAIN, Line
+from dissect.report.text import connection_lines, finding_lines
 from dissect.report.tree import plus_tree_lines, tree_lines
 from dissect.transactions.connection import IBH, Connection
 from dissect.transactions.operation import Operation
@@ -28,13 +29,12 @@ _LONG: Final = 1000
 _NOTES: Final = 200
 
 
-def entry_lines(entry: Entry) -> list[Line]:
-    """Return everything about an entry."""
-    return list(islice(_entry(entry), MAX_LINES))
+def entry_lines(entry: Entry, clock: Clock | None = None) -> list[Line]:
+    """Return everything about an entry; ``clock`` writes times."""
+    return list(islice(_entry(entry, clock or Clock()), MAX_LINES))
 
 
-def _entry(entry: Entry) -> Iterator[Line]:
-    clock = Clock()
+def _entry(entry: Entry, clock: Clock) -> Iterator[Line]:
     yield Line(shortened(entry_line(entry, clock), _LONG), HEADING, 4)
     what = entry.what
     if isinstance(what, tuple):
@@ -96,14 +96,14 @@ def _plain(lines: Iterable[str]) -> Iterator[Line]:
         yield Line(text.removeprefix("  "), PLAIN, 27)
 
 
-def connection_details(facts: ConnectionFacts, entries: Iterable[Entry]) -> list[Line]:
+def connection_details(facts: ConnectionFacts, entries: Iterable[Entry], clock: Clock | None = None) -> list[Line]:
     """Return everything about a connection, and the last of ``entries`` that are on it."""
-    clock = Clock()
+    clock = clock or Clock()
     lines = list(connection_lines(facts.connection, PLACES))
     if facts.waiting:
         lines.append(Line(f"     {words.count(facts.waiting, 'request')} open now", PLAIN, 5))
     if facts.failed and facts.connection.last_error is not None:
-        when = words.moment(clock.iso(facts.connection.last_error_ns))
+        when = clock.moment(facts.connection.last_error_ns)
         lines.append(
             Line(f"     last refusal {when}: {shortened(facts.connection.last_error.subject, _LONG)}", "error", 5)
         )

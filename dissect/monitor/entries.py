@@ -11,9 +11,9 @@ from typing import Final
 
 from dissect.ibh.packet import HEADER, LONG_HEAD, SHORT_HEAD, parse_packet
 from dissect.iso.cotp import parse_tpdu
-from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import IBH, Connection
 from dissect.transactions.operation import Operation
+from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.transaction import Transaction
 
 #: What an entry takes besides the octets of its PDUs.

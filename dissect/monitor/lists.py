@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.finding import SEVERITIES, Finding, Rule
-from dissect.monitor.pulse import SECONDS, Pulse
+from dissect.monitor.rate_history import SECONDS, RateHistory
 from dissect.transactions.connection import Connection
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, RESET, REUSED
 
@@ -64,7 +64,7 @@ class _Listed:
 
     def __init__(self, connection: Connection) -> None:
         self.connection = connection
-        self.pulse = Pulse()
+        self.pulse = RateHistory()
         self.latency_ns: int | None = None
 
 

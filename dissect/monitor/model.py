@@ -9,8 +9,8 @@ from typing import Final
 from dissect.findings.finding import Finding
 from dissect.live.session import Event
 from dissect.monitor.entries import Entry, Ring, What, detached
+from dissect.monitor.filter import Wanted, is_slow
 from dissect.monitor.lists import ConnectionFacts, ConnectionList, FindingFacts, FindingList
-from dissect.monitor.wanted import Wanted, is_slow
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 

@@ -13,11 +13,12 @@ from textual.binding import Binding, BindingType
 from textual.message import Message
 from textual.widget import Widget
 
+from dissect.findings.finding import ERROR
 from dissect.monitor import rows
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rows import Piece
-from dissect.report.text import Line
+from dissect.report.styled import Line
 from dissect.wire.clock import Clock
 
 Row = TypeVar("Row")
@@ -89,15 +90,29 @@ class Pane(Widget, Generic[Row], can_focus=True):
         """Draw the heading and as many rows as fit."""
         width, height = self.size.width, self.size.height
         room = max(height - 1, 0)
-        self._top = min(max(self._top, self.cursor - room + 1, 0), self.cursor, max(len(self.rows) - room, 0))
+        self._top = self._first(room)
         shown = self.rows[self._top : self._top + room]
         mark = "▶ " if self.has_focus else "  "
-        lines: list[Sequence[Piece]] = [[(self.heading(f"{mark}{self.title}", width), "")]]
+        hidden = self._hidden(len(shown))
+        lines: list[Sequence[Piece]] = [[(self.heading(f"{mark}{self.title}{hidden}", width), "")]]
         styles = ["bold reverse" if self.has_focus else "underline"]
         for at, row in enumerate(shown, self._top):
             lines.append(self.pieces(row, width))
             styles.append("reverse" if at == self.cursor and self.has_focus else "")
         return drawn(lines, styles, width)
+
+    def _first(self, room: int) -> int:
+        """Return the first row to show: the one on top, which weighs most, unless somebody reads further down."""
+        if not self.has_focus:
+            return 0
+        return min(max(self._top, self.cursor - room + 1, 0), self.cursor, max(len(self.rows) - room, 0))
+
+    def _hidden(self, shown: int) -> str:
+        """Return in words how many rows there is no room for."""
+        below = len(self.rows) - self._top - shown
+        parts = [f"{self._top} more above"] if self._top else []
+        parts += [f"{below} more below" if self._top else f"{below} more"] if below > 0 else []
+        return f"  ({', '.join(parts)})" if parts else ""
 
     def heading(self, title: str, width: int) -> str:
         """Return the heading."""
@@ -112,6 +127,8 @@ class Pane(Widget, Generic[Row], can_focus=True):
         raise NotImplementedError
 
     def _keep_cursor(self, before: Row | None) -> None:
+        if not self.has_focus and not self.cursor:
+            return  # nobody chose a row: the first stays the first, whatever comes before it
         if before is not None:
             key = self.key(before)
             for at, row in enumerate(self.rows):
@@ -168,11 +185,11 @@ class ConnectionsPane(Pane[ConnectionFacts]):
 
 
 class FindingsPane(Pane[FindingFacts]):
-    """The findings by their rules."""
+    """The findings by their rules; ``clock`` writes times."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Clock | None = None) -> None:
         super().__init__("findings")
-        self._clock = Clock()
+        self._clock = clock or Clock()
 
     def pieces(self, row: FindingFacts, width: int) -> list[Piece]:
         """Return the findings of a rule."""
@@ -182,6 +199,11 @@ class FindingsPane(Pane[FindingFacts]):
         """Return the slug."""
         return row.key
 
+    @property
+    def errors(self) -> int:
+        """How many of the rows are errors; they are the first."""
+        return len([row for row in self.rows if row.rule.severity == ERROR])
+
 
 class EntriesPane(Pane[Entry]):
     """What rolls by, the newest last.
@@ -189,10 +211,10 @@ class EntriesPane(Pane[Entry]):
     While the cursor is on the last row it stays there; moved away from it, the list is frozen.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Clock | None = None) -> None:
         super().__init__("transactions")
         self.frozen = False
-        self._clock = Clock()
+        self._clock = clock or Clock()
         self._latest: list[Entry] = []
 
     def update_rows(self, fresh: list[Entry], title: str) -> None:
@@ -206,6 +228,14 @@ class EntriesPane(Pane[Entry]):
         if not self.frozen:
             self.cursor = max(len(fresh) - 1, 0)
         self.refresh()
+
+    def _first(self, room: int) -> int:
+        """Return the first row to show: those that came last are seen, or the frozen ones around the cursor."""
+        return min(max(self._top, self.cursor - room + 1, 0), self.cursor, max(len(self.rows) - room, 0))
+
+    def _hidden(self, shown: int) -> str:
+        """Return nothing: what rolls by is counted in the title."""
+        return ""
 
     def freeze(self, frozen: bool) -> None:
         """Let the list stand still, or go on with what came since."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
@@ -11,7 +12,7 @@ from rich.cells import cell_len, set_cell_size
 from dissect.findings.finding import ERROR, WARNING, Finding
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
-from dissect.monitor.pulse import SECONDS, level
+from dissect.monitor.rate_history import SECONDS, level
 from dissect.report import words
 from dissect.report.lines import transaction_line
 from dissect.report.operations import NAMES, operation_line, result
@@ -36,6 +37,9 @@ ODD: Final = "yellow"
 STRONG: Final = "bold"
 #: How findings look, by their severity; the word stands beside it.
 SEVERITY: Final = {ERROR: BAD, WARNING: ODD}
+
+#: What the details of some findings begin with.
+_WHO_TO_WHOM: Final = re.compile(r"^\S+:\d+ to \S+:\d+: ")
 
 PLACES: Final = Places([], False)
 
@@ -163,7 +167,7 @@ def entry_row(entry: Entry, width: int, clock: Clock) -> list[Piece]:
     """
     what = entry.what
     mark, style = _mark(entry)
-    time = clock.iso(begun(entry)).partition("T")[2]
+    time = clock.time_of_day(begun(entry))
     number = f"c{entry.connection.number}"
     if width < WIDE:
         head = f"{mark} {time[:12]} {fit(number, 4)} {fit(_took(entry), 8, True)}  "
@@ -184,7 +188,7 @@ def entry_line(entry: Entry, clock: Clock) -> str:
     found, connection = what
     side = int(found.side)
     who = f"{connection.tcp.ends[side]} → {connection.tcp.ends[1 - side]}"
-    return f"{words.moment(clock.iso(entry.time_ns))}  {found.frame}  {who}  {scd_summary(found)}"
+    return f"{clock.moment(entry.time_ns)}  {found.frame}  {who}  {scd_summary(found)}"
 
 
 def begun(entry: Entry) -> int:
@@ -251,13 +255,14 @@ def finding_row(facts: FindingFacts, width: int, clock: Clock) -> list[Piece]:
     wide = width >= WIDE
     head = f"{fit(rule.severity, 7)} {fit(rule.slug, 34 if wide else 27)} {fit(times, 7 if wide else 5, True)} "
     last = facts.details[-1] if facts.details else None
-    said = rule.sentence if last is None else f"{clock.iso(last.time_ns)[11:19]} {_detail(last)}"
+    said = rule.sentence if last is None else f"{clock.time_of_day(last.time_ns)[:8]} {_detail(last, wide)}"
     return [(head, SEVERITY.get(rule.severity, PLAIN)), (fit(said, max(width - cell_len(head), 0)), PLAIN)]
 
 
-def _detail(finding: Finding) -> str:
+def _detail(finding: Finding, wide: bool) -> str:
     where = f"c{finding.connection} " if finding.connection else ""
-    return f"{where}{shortened(finding.detail, _LONG) if finding.detail else finding.rule.sentence}"
+    said = shortened(finding.detail, _LONG) if finding.detail else finding.rule.sentence
+    return where + (said if wide or not where else _WHO_TO_WHOM.sub("", said))  # the connection says who
 
 
 def joined(rows: Sequence[Piece]) -> str:

@@ -14,7 +14,7 @@ from textual.widget import Widget
 
 from dissect.monitor.panes import Page
 from dissect.monitor.rows import LEGEND, fit
-from dissect.report.text import HEADING, Line
+from dissect.report.styled import HEADING, Line
 
 
 class Bar(Widget):

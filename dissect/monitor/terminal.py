@@ -35,7 +35,7 @@ def keyboard() -> Iterator[None]:
         yield
         return
     try:
-        terminal = os.open(_TERMINAL, os.O_RDWR | os.O_CLOEXEC)
+        terminal = os.open(_TERMINAL, os.O_RDWR | getattr(os, "O_CLOEXEC", 0))
     except OSError as error:
         raise NoKeyboardError(f"{_TERMINAL}: {error.strerror or error}") from error
     piped = os.dup(0)

@@ -16,8 +16,9 @@ from dissect.oracle.grounds import Case, Evidence
 from dissect.oracle.known import explain
 from dissect.oracle.ours import Witness, take_joined
 from dissect.oracle.theirs import Frame
-from dissect.oracle.tshark import Reader, read_tshark
+from dissect.oracle.tshark import OracleError, Reader, read_tshark
 
+_GAVE_UP: Final = "Wireshark gave up where the capture is damaged"
 _WHOLE: Final = Place("", 0, grounds.WHOLE)
 _FRAME: Final = Place("", 0, grounds.FRAME)
 _OCTETS: Final = Place("", 0, grounds.OCTETS)
@@ -59,7 +60,8 @@ class Comparison:
 
     ``other`` counts the fields that Wireshark shows in bodies under names that no layout of ours has, ``again`` those of them
     whose octets stand in a field that is compared;
-    ``not_comparable`` the PDUs that Wireshark cannot be asked about, by the reason.
+    ``not_comparable`` the PDUs that Wireshark cannot be asked about, by the reason. ``loss`` says what of the capture could not
+    be read and so was not compared, empty when all of it was.
     """
 
     def __init__(self) -> None:
@@ -69,6 +71,7 @@ class Comparison:
         self.again: Counter[str] = Counter()
         self.differences: list[Difference] = []
         self.not_comparable: Counter[str] = Counter()
+        self.loss = ""
 
     @property
     def unexplained(self) -> list[Difference]:
@@ -87,6 +90,7 @@ class _Bench:
     def __init__(self, path: str, witness: Witness) -> None:
         self.result = Comparison()
         self.result.not_comparable += witness.not_comparable
+        self.result.loss = witness.loss
         self._evidence = Evidence(path, witness.found)
         self._lonely: dict[str, tuple[list[Record], list[tuple[Record, Frame]]]] = {
             facts.TPDU: ([], []),
@@ -203,7 +207,8 @@ def compare(path: str, read: Reader = read_tshark, reorder: bool = False) -> Com
     """Compare both dissections of a capture file; ``read`` asks Wireshark (`read_tshark` or `read_pyshark`).
 
     ``reorder`` is Wireshark's preference to put TCP segments in order before it looks at them. Raises OracleError when
-    Wireshark cannot be asked and CaptureError when the file cannot be read.
+    Wireshark cannot be asked and CaptureError when the file cannot be read. Where the capture is damaged Wireshark may give up,
+    before we do or after: what it showed until then is compared.
     """
     witness = Witness(path)
     bench = _Bench(path, witness)
@@ -211,11 +216,22 @@ def compare(path: str, read: Reader = read_tshark, reorder: bool = False) -> Com
     for kind, found in witness.found.items():
         for number, (frame_number, _) in enumerate(found):
             waiting[kind].setdefault(frame_number, []).append(number)
-    for frame in read(path, witness.ports, reorder):
-        for kind, numbers in waiting.items():
-            ours = witness.records(kind, numbers.pop(frame.number, []))
-            bench.packet(kind, ours, frame.tpdus if kind == facts.TPDU else frame.pdus, frame)
+    last = 0
+    gave_up = False
+    try:
+        for frame in read(path, witness.ports, reorder):
+            last = frame.number
+            for kind, numbers in waiting.items():
+                ours = witness.records(kind, numbers.pop(frame.number, []))
+                bench.packet(kind, ours, frame.tpdus if kind == facts.TPDU else frame.pdus, frame)
+    except OracleError:
+        if not witness.loss or not last:
+            raise
+        gave_up = True
     for kind, numbers in waiting.items():
-        for left in numbers.values():
-            bench.packet(kind, witness.records(kind, left), [], None)
+        for number, left in numbers.items():
+            if gave_up and number > last:
+                bench.result.not_comparable[_GAVE_UP] += len(left)
+            else:
+                bench.packet(kind, witness.records(kind, left), [], None)
     return bench.finish()

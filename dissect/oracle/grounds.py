@@ -173,6 +173,11 @@ def mode_transition(case: Case) -> bool:
     return case.ours is None and case.octets[1:2] == b"\x07" and case.octets[at : at + 1] == b"\x01"
 
 
+def parameter_of_ack(case: Case) -> bool:
+    """Whether only we show a field of the parameters of an Ack."""
+    return case.theirs is None and case.ours is not None and case.octets[1:2] == b"\x02"
+
+
 def usend(case: Case) -> bool:
     """Whether only one side shows a field of a PDU whose parameters have the syntax id of USEND."""
     at = s7.HEADER.size + 4

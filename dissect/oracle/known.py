@@ -33,8 +33,7 @@ def explain(case: Case) -> str:
 def as_markdown() -> str:
     """Return the table the way docs/oracle.md shows it."""
     lines = ["| id | Wireshark | who is right, and why | reference |", "|---|---|---|---|"]
-    for entry in KNOWN:
-        lines.append(f"| `{entry.id}` | {entry.what} | {entry.side}. {entry.why} | {entry.reference} |")
+    lines += [f"| `{entry.id}` | {entry.what} | {entry.side}. {entry.why} | {entry.reference} |" for entry in KNOWN]
     return "\n".join(lines) + "\n"
 
 
@@ -372,6 +371,15 @@ KNOWN: Final = (
         grounds.joined_over_a_gap,
     ),
     Known(
+        "parameter-of-an-ack",
+        OURS,
+        tuple(sorted(facts.NAMES[facts.IN_PARAMETERS])),
+        "Nothing is shown of the parameters of an Ack.",
+        "An Ack has none by rule, but what its header counts as parameters is there and is shown (`s7.ack_content`).",
+        "3.1",
+        grounds.parameter_of_ack,
+    ),
+    Known(
         "unfinished",
         OURS,
         (WHOLE, FRAME),
@@ -384,7 +392,7 @@ KNOWN: Final = (
         "shown-again",
         OURS,
         (WHOLE,),
-        "A segment that was sent again is dissected again (seen where it ends exactly at the wrap of the sequence number).",
+        "A segment that was sent again is dissected again, where Wireshark does not take it for a retransmission.",
         "An earlier segment brought every octet of it (shown on tshark's own sequence numbers): a PDU counts once.",
         "5.5",
         grounds.brought_before,

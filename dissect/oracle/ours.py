@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Final
 
-from dissect.conversation import Observer, Options
+from dissect.engine.observer import Observer, Options
 from dissect.iso import layouts as iso
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZE, Tpdu, parse_tpdu
 from dissect.oracle import facts
@@ -61,6 +61,8 @@ class Witness(Observer):
         run = Run([path], self, Options())
         while run.step():
             pass
+        #: What of the capture could not be read, empty when all of it was.
+        self.loss = run.files[0].loss
 
     def records(self, kind: str, numbers: Iterable[int]) -> list[Record]:
         """Return the facts of what was found, by its place in ``found``."""

@@ -1,15 +1,16 @@
-"""What passed the proxy as a capture file, written while it passes."""
+"""What passes as one capture file, written while it passes."""
 
 from __future__ import annotations
 
 from dissect.live.run import Companion
+from dissect.source.live.reader import Drops
 from dissect.source.pcapng_writer import PcapngWriter
 
 
 class CaptureFile(Companion):
     """Writes each packet to ``writer`` before it is analysed, and ends the file with the run.
 
-    A file that cannot be written any more (the disk is full) costs the file, neither the run nor the relay.
+    A file that can no longer be written (the disk is full) costs the file, neither the run nor the relay.
     """
 
     name = "the capture file"
@@ -22,6 +23,10 @@ class CaptureFile(Companion):
     def packet(self, time_ns: int, octets: bytes, wire_length: int, link_type: int, interface: str) -> None:
         """Write it."""
         self._writer.packet(time_ns, octets, wire_length, link_type, name=interface)
+
+    def tick(self, now_ns: int, drops: Drops) -> None:
+        """Write what is gathered."""
+        self._writer.flush()
 
     def close(self) -> None:
         """End the file."""

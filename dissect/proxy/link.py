@@ -10,6 +10,7 @@ from __future__ import annotations
 import errno
 import socket
 import struct
+from contextlib import suppress
 from typing import Final
 
 #: Octets that are read at once, and wait at most in one direction.
@@ -134,8 +135,6 @@ def trouble(one: socket.socket) -> int:
 
 def close_with_reset(one: socket.socket) -> None:
     """Close a connection so that its other end is told of a reset."""
-    try:
+    with suppress(OSError):  # it is broken already
         one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _AT_ONCE)
-    except OSError:
-        pass  # it is broken already
     one.close()

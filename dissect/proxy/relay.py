@@ -14,8 +14,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
-from dissect.proxy.addresses import Place, ProxyError, expect_no_circle
-from dissect.proxy.door import Door, Visitor
+from dissect.net.addresses import Place, ProxyError, expect_no_circle
+from dissect.net.listener import Accepted, Listener
 from dissect.proxy.link import End, Link, ResetError, close_with_reset, prepare, trouble
 from dissect.proxy.packets import endpoint_of
 from dissect.proxy.tap import REFUSED, UNANSWERED, Tap
@@ -45,7 +45,7 @@ class _Attempt:
 
     __slots__ = ("client", "client_name", "deadline", "number", "place", "refused", "rest", "server")
 
-    def __init__(self, number: int, client: Visitor, places: Sequence[Place]) -> None:
+    def __init__(self, number: int, client: Accepted, places: Sequence[Place]) -> None:
         self.number = number
         self.client = client.socket
         self.client_name = client.name
@@ -75,7 +75,7 @@ class Relay:
         self._links: set[Link] = set()
         self._attempts: set[_Attempt] = set()
         self._quiet: set[End] = set()  # ends that the selector does not watch now
-        self._door = Door(places, MAX_LINKS, self._note)
+        self._door = Listener(places, MAX_LINKS, self._note)
         self._selector = self._door.selector
         try:
             expect_no_circle(self.listening, self._targets)
@@ -122,7 +122,7 @@ class Relay:
         elif isinstance(what, _Attempt):
             if what in self._attempts:
                 self._connected(what)
-        elif isinstance(what, Visitor):
+        elif isinstance(what, Accepted):
             self._welcome(what)
 
     def _note(self, text: str) -> None:
@@ -130,7 +130,7 @@ class Relay:
 
     # ---- beginnings -------------------------------------------------------------------------------------------------
 
-    def _welcome(self, client: Visitor) -> None:
+    def _welcome(self, client: Accepted) -> None:
         self._numbers += 1
         attempt = _Attempt(self._numbers, client, self._targets)
         self._attempts.add(attempt)

@@ -6,7 +6,7 @@ import threading
 from typing import Final
 
 from dissect.proxy.packets import ETHERNET, Conversation
-from dissect.proxy.tap import CLOSED, GONE, OPENED, REFUSED, RESET, SENT, Passed, Tap
+from dissect.proxy.tap import CLOSED, GONE, OPENED, REFUSED, RESET, SENT, Passed, Tapped
 from dissect.source.live.reader import WAIT_MS, Drops, LiveReader
 from dissect.source.packet import PacketSink
 
@@ -22,7 +22,7 @@ class RelayReader(LiveReader):
     tells the tap is dropped then.
     """
 
-    def __init__(self, tap: Tap, link: str = "proxy", wait_ms: int = WAIT_MS) -> None:
+    def __init__(self, tap: Tapped, link: str = "proxy", wait_ms: int = WAIT_MS) -> None:
         super().__init__(link, "proxy", wait_ms)
         self._tap = tap
         self._stopping = threading.Event()

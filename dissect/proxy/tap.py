@@ -7,7 +7,7 @@ capture loses packets. The relay goes on as if nothing had happened.
 from __future__ import annotations
 
 import queue
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 from dissect.tcp.connection import Endpoint
 
@@ -42,6 +42,20 @@ class Passed(NamedTuple):
     octets: bytes = b""
     skipped: int = 0
     ends: tuple[Endpoint, Endpoint] | None = None
+
+
+class Tapped(Protocol):
+    """Where what passed is taken from: a `Tap`, or the end of one in another process. ``lost`` counts what was left out."""
+
+    @property
+    def lost(self) -> int:
+        """What was left out."""
+
+    def take(self, wait_s: float) -> Passed | None:
+        """Return what happened next, waiting for it up to ``wait_s``; None when nothing did."""
+
+    def shut(self) -> None:
+        """Nobody takes any more."""
 
 
 class Tap:

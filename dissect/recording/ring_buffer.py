@@ -2,11 +2,13 @@
 
 A file is called ``NAME_00001_20160208T145137Z.pcapng.part`` (its number, and the time of its first packet, UTC) while it is
 written, and loses ``.part`` when it is finished: so whoever copies ``*.pcapng`` copies whole files only. The ``.part`` that a
-kill leaves behind is readable up to the last packet written, and is not touched by the next run.
+kill leaves behind is readable up to the last packet written. Where the number of files is limited, those of earlier runs count,
+such a ``.part`` too (`dissect.recording.earlier`): the folder does not grow with each restart.
 """
 
 from __future__ import annotations
 
+import os
 import re
 from collections import deque
 from collections.abc import Iterable
@@ -16,12 +18,16 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.recording import names
+from dissect.recording.earlier import earlier_files, lock, mark_of
 from dissect.source.packet import PacketSink
 from dissect.source.pcapng_writer import PcapngWriter
 from dissect.wire.clock import Clock
 
 #: Finished files that a ring without an end remembers.
 _REMEMBERED: Final = 1000
+
+#: Octets by which a file may be larger than its limit: its last packet, and what ends it.
+_OVERSHOOT: Final = 512 * 1024
 
 #: Comments that wait for their packet.
 _MAX_COMMENTS: Final = 64
@@ -76,14 +82,15 @@ class RingBuffer(PacketSink):
     """Writes every packet to the files of a ring in ``directory``. An `OSError` names the file it is about.
 
     A file begins with its first packet, so a silent line leaves no empty ones; call `tick` when time passes without packets.
-    Only files that this ring made count for ``files`` and are removed. ``packets`` counts what was written, ``finished`` names
-    the files that are whole and there, the oldest first; ``removed`` counts those that had to go. After an error the file at
-    hand stays as it is, and the next packet begins another.
+    Only files that a ring of this name made in the folder, in this run or an earlier one, count for ``files`` and are removed;
+    with a limit of ``octets`` as well, all of them together take ``files`` times that much and 512 KiB for each. ``packets``
+    counts what was written, ``finished`` names the files of this run that are whole and there, the oldest first; ``removed``
+    counts those that had to go. After an error the file at hand stays as it is, and the next packet begins another.
     """
 
     def __init__(
         self,
-        directory: str,
+        directory: str | os.PathLike[str],
         limits: RingLimits | None = None,
         name: str = "s7dissect",
         application: str = "",
@@ -106,6 +113,13 @@ class RingBuffer(PacketSink):
         self._clock = Clock()
         self._comments: list[str] = []
         self._directory.mkdir(parents=True, exist_ok=True)
+        self._kept: deque[tuple[Path, int]] = deque()  # files that may have to go, with their octets, the oldest first
+        self._octets = 0
+        if self._limits.files:
+            for file in earlier_files(self._directory, self._name):
+                self._keep(file.path, file.octets)
+                self._number = max(self._number, file.number)
+            self._make_room(0)
 
     def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
         """Write a packet, to a new file when the one at hand is full or old."""
@@ -159,12 +173,13 @@ class RingBuffer(PacketSink):
         return names.part_of(self._path) if self._path is not None else None
 
     def _begin(self, time_ns: int) -> PcapngWriter:
-        while self._limits.files and len(self.finished) >= self._limits.files:
-            self._remove(self.finished.popleft())
+        if self._limits.files:
+            self._make_room(1)
         self._number += 1
         stem = f"{self._name}_{self._number:05d}_{names.time_word(time_ns, self._clock)}"
         path = names.unused(self._directory, stem)
-        writer = names.begin(path, self._about, batch=self._batch)
+        writer = names.begin(path, self._about, comment=mark_of(self._name), batch=self._batch)
+        lock(writer.fileno())
         self._path = path
         self._writer = writer
         self._since_ns = time_ns
@@ -177,17 +192,41 @@ class RingBuffer(PacketSink):
         self._path = None
         if writer is None or path is None:
             return
-        writer.close()
-        names.finish(path)
+        try:
+            writer.close()
+            names.finish(path)
+        except OSError:
+            self._keep(names.part_of(path), writer.octets)
+            raise
         self.finished.append(path)
+        self._keep(path, writer.octets)
 
     def _give_up(self) -> None:
         """Writing failed: leave the file at hand as it is, so that the next packet tries a new one."""
         if self._writer is not None:
             self._writer.abandon()
+            if self._path is not None:
+                self._keep(names.part_of(self._path), self._writer.octets)
         self._writer = None
         self._path = None
 
-    def _remove(self, path: Path) -> None:
-        path.unlink(missing_ok=True)
-        self.removed += 1
+    def _keep(self, path: Path, octets: int) -> None:
+        if self._limits.files:
+            self._kept.append((path, octets))
+            self._octets += octets
+
+    def _make_room(self, more: int) -> None:
+        """Remove the oldest files until there is room for so many more."""
+        limits = self._limits
+        most = limits.files * (limits.octets + _OVERSHOOT)
+        while self._kept:
+            crowded = len(self._kept) + more > limits.files
+            heavy = limits.octets and self._octets + more * limits.octets > most
+            if not crowded and not heavy:
+                return
+            path, octets = self._kept.popleft()
+            self._octets -= octets
+            if self.finished and self.finished[0] == path:
+                self.finished.popleft()
+            path.unlink(missing_ok=True)
+            self.removed += 1

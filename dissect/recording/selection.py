@@ -11,7 +11,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.conversation import Observer
+from dissect.engine.observer import Observer
 from dissect.findings.finding import Finding
 from dissect.ibh.packet import parse_packet
 from dissect.ibh.tables import KIND_CONFIRM, KIND_CONNECT, KIND_DISCONNECT, KIND_GO_AHEAD, KIND_SERVICE

@@ -7,9 +7,9 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.conversation import Observer
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Pipeline
 from dissect.findings.finding import Finding
-from dissect.pipeline import Pipeline
 from dissect.report.latency import Latencies
 from dissect.report.places import Places
 from dissect.s7.parameters import Parameters
@@ -62,6 +62,12 @@ class Analysis(Observer):
         self._slow_floor: i64 = -1
         self.pipeline: Pipeline | None = None
         self.files: list[SourceFile] = []
+
+    def __repr__(self) -> str:
+        return (
+            f"Analysis({len(self.connections)} connections, {self.total} transactions, {self.with_errors} with errors, "
+            f"{self.unanswered} unanswered)"
+        )
 
     def take(self, pipeline: Pipeline, files: list[SourceFile]) -> None:
         """Take over what the pipeline counted and the files that were read."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from dissect.pipeline import Pipeline
+from dissect.engine.pipeline import Pipeline
 from dissect.report import words
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 
@@ -32,7 +32,7 @@ _IGNORED: Final = {
 
 def completeness(pipeline: Pipeline) -> Iterator[tuple[str, str]]:
     """Yield sentences without a full stop, each with its style: plain or a warning."""
-    counts = pipeline.packet_counts()
+    counts = pipeline.counters.packet_counts()
     used = sum(counts[name] for name in CATEGORIES[:FIRST_IGNORED])
     repeated = counts["retransmission"] + counts["keep_alive"]
     again = f", {words.count(repeated, 'of them a repetition', 'of them repetitions')} on TCP level" if repeated else ""
@@ -40,9 +40,9 @@ def completeness(pipeline: Pipeline) -> Iterator[tuple[str, str]]:
     for name in CATEGORIES[FIRST_IGNORED:]:
         if counts[name]:
             yield f"{counts[name]} not used: {_IGNORED[name]}", _PLAIN
-    if pipeline.cut_frames:
-        yield f"{words.count(pipeline.cut_frames, 'packet')} cut by the capture (snaplen)", _WARNING
-    octets = pipeline.octets
+    if pipeline.counters.cut_frames:
+        yield f"{words.count(pipeline.counters.cut_frames, 'packet')} cut by the capture (snaplen)", _WARNING
+    octets = pipeline.counters.octets
     if octets.holes:
         holes = words.count(octets.holes, "hole")
         missing = words.count(octets.missing, "octet")
@@ -53,10 +53,10 @@ def completeness(pipeline: Pipeline) -> Iterator[tuple[str, str]]:
         yield f"{words.count(octets.skipped, 'octet')} skipped that belong to no message", _WARNING
     if octets.buffered:
         yield f"{words.count(octets.buffered, 'octet')} of unfinished messages at the end", _PLAIN
-    evicted = pipeline.conversation.watch.operations.evicted
+    evicted = pipeline.exchange.watch.operations.evicted
     if evicted:
         yield f"{words.count(evicted, 'operation')} followed no further: too many at once", _WARNING
-    forgotten = pipeline.conversation.scans.forgotten
+    forgotten = pipeline.connections.scans.forgotten
     if forgotten:
         pairs = words.count(forgotten, "pair")
         yield f"{pairs} of client and server no longer watched for TSAP scans: too many", _WARNING

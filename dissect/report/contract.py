@@ -5,12 +5,10 @@ from __future__ import annotations
 import json
 from typing import Final
 
+from dissect.engine.pipeline import Pipeline
 from dissect.findings.finding import SEVERITIES, Finding
-from dissect.ibh.tables import KINDS
-from dissect.iso.tables import TPDU_TYPES
 from dissect.iso.tsap import Tsap
 from dissect.iso.upper import SCD, UPPER_NAMES
-from dissect.pipeline import Pipeline
 from dissect.report import words
 from dissect.report.analysis import Analysis, FunctionStatistics
 from dissect.report.endings import ending_as_dict
@@ -20,8 +18,8 @@ from dissect.report.plus import PROTOCOL
 from dissect.s7plus.parameters import is_plus_key, names_function
 from dissect.source.packet import SourceFile
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
-from dissect.transactions.carried import is_scd_key
 from dissect.transactions.connection import Connection
+from dissect.transactions.payloads import is_scd_key
 from dissect.wire.clock import Clock
 from dissect.wire.text import encodable
 
@@ -37,7 +35,9 @@ def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str,
     pipeline = analysis.pipeline
     if pipeline is None:
         raise ValueError("this Analysis has not been filled by a run: call take() first, or use dissect.analyze()")
-    talk = pipeline.conversation
+    described: dict[str, object] = {}
+    for protocol in pipeline.protocols:
+        described.update(protocol.describe())
     clock = Clock()
     places = Places(analysis.files, len(analysis.files) > 1)
     lines = TransactionLines()
@@ -53,25 +53,8 @@ def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str,
         "packets": _packets(pipeline),
         "connections": [connection_as_dict(connection, places) for connection in connections],
         "connections_not_listed": analysis.connections_not_listed,
-        "tsdus": {name: count for name, count in zip(UPPER_NAMES, talk.tsdus, strict=True) if count or name in _ALWAYS},
-        "tpdus": _tpdus(talk.tpdus),
-        "ibh": {name: count for name, count in zip(KINDS, talk.ibh_packets, strict=True) if count},
-        "s7": {
-            "pdus": talk.pdus,
-            "cut": talk.cut_pdus,
-            "unpaired": talk.unpaired,
-            "rosctr": {str(code): count for code, count in enumerate(talk.rosctrs) if count},
-            "functions": {f"0x{code:02x}": count for code, count in enumerate(talk.functions) if count},
-        },
-        "s7plus": {
-            "pdus": talk.plus_pdus,
-            "cut": talk.plus_cut,
-            "unpaired": talk.plus_unpaired,
-            "versions": {f"0x{code:02x}": count for code, count in enumerate(talk.plus_versions) if count},
-            "opcodes": {f"0x{code:02x}": count for code, count in enumerate(talk.plus_opcodes) if count},
-            "functions": {f"0x{code:04x}": count for code, count in sorted(talk.plus_functions.items())},
-        },
-        "scd": talk.carrier.as_dict() if talk.carrier is not None else None,
+        **described,
+        "scd": described.get("scd"),
         "transactions": {
             "total": analysis.total,
             "answered": analysis.answered,
@@ -86,7 +69,7 @@ def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str,
         "functions": [_function(code, statistics) for code, statistics in sorted(analysis.functions.items())],
         "failed": [json.loads(lines.line(transaction)) for transaction in analysis.failed],
         "slowest": [json.loads(lines.line(transaction)) for transaction in analysis.slowest()],
-        "findings": dict(sorted(talk.judge.counts.items())),
+        "findings": dict(sorted(pipeline.finding_counts.items())),
         "finding_details": [finding_as_dict(finding, places) for finding in by_weight(analysis.findings)],
         "loss": _loss(pipeline),
     }
@@ -95,10 +78,6 @@ def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str,
 def analysis_as_json(analysis: Analysis, interrupted: bool = False) -> str:
     """Return an analysis as `analyze -T json` writes it: ASCII without control characters but the line feeds of its layout."""
     return json.dumps(analysis_as_dict(analysis, interrupted), indent=1).replace("\x7f", "\\u007f")
-
-
-#: TSDU counts that are there even when zero.
-_ALWAYS: Final = frozenset(("s7comm", "s7comm_plus", "mms", "tls", "unknown"))
 
 
 def _number(connection: Connection) -> int:
@@ -117,21 +96,14 @@ def _file(file: SourceFile) -> dict[str, object]:
 
 
 def _packets(pipeline: Pipeline) -> dict[str, object]:
-    counts = pipeline.packet_counts()
+    counts = pipeline.counters.packet_counts()
     used = {name: counts[name] for name in CATEGORIES[:FIRST_IGNORED] if counts[name]}
     ignored = {name: counts[name] for name in CATEGORIES[FIRST_IGNORED:] if counts[name]}
-    return {"read": pipeline.frames, "used": used, "ignored": ignored, "truncated": pipeline.cut_frames}
-
-
-def _tpdus(counts: list[int]) -> dict[str, int]:
-    named = {TPDU_TYPES.name(code): count for code, count in enumerate(counts[:16]) if count}
-    if counts[16]:
-        named["too_short"] = counts[16]
-    return named
+    return {"read": pipeline.frames, "used": used, "ignored": ignored, "truncated": pipeline.counters.cut_frames}
 
 
 def _loss(pipeline: Pipeline) -> dict[str, object]:
-    octets = pipeline.octets
+    octets = pipeline.counters.octets
     return {
         "gaps": octets.holes,
         "octets_missing": octets.missing,
@@ -139,10 +111,10 @@ def _loss(pipeline: Pipeline) -> dict[str, object]:
         "octets": octets.as_dict(),
         "connections_evicted": pipeline.table.evicted,
         "half_open_evicted": pipeline.table.half_open_evicted,
-        "datagrams_evicted": pipeline.fragments.evicted,
-        "datagrams_expired": pipeline.fragments.expired,
-        "operations_evicted": pipeline.conversation.watch.operations.evicted,
-        "scan_pairs_forgotten": pipeline.conversation.scans.forgotten,
+        "datagrams_evicted": pipeline.counters.fragments.evicted,
+        "datagrams_expired": pipeline.counters.fragments.expired,
+        "operations_evicted": pipeline.exchange.watch.operations.evicted,
+        "scan_pairs_forgotten": pipeline.connections.scans.forgotten,
     }
 
 

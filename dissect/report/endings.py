@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 from dissect.report import words
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, REUSED
 from dissect.wire.clock import Clock
+from dissect.wire.durations import distance_text
 
 if TYPE_CHECKING:
     from dissect.report.places import Places
@@ -39,6 +40,8 @@ def phrase(connection: Connection, places: Places) -> str:
     else:
         role = connection.role(ending.side)
         said = f"{'closed' if ending.how == FIN else 'reset'} by the {role} at {places.phrase([int(ending.frame)])}"
+    if ending is not None and ending.reset_frame:
+        said += f", reset by the {connection.role(ending.reset_side)} at {places.phrase([int(ending.reset_frame)])}"
     return f"{begun}{said}{_before(ending, places) if ending is not None else ''}"
 
 
@@ -57,9 +60,9 @@ def _before(ending: Ending, places: Places) -> str:
     elif ending.how in {FIN, DISCONNECT, OPEN}:
         return ""
     if ending.last_answer is not None:
-        ago = words.duration(int(ending.time_ns - ending.last_answer_ns))
+        ago = distance_text(int(ending.time_ns - ending.last_answer_ns))
         kind = "answer, a refusal," if ending.last_error_ns == ending.last_answer_ns else "answer"
-        parts += f"; last {kind} {ago} before"
+        parts += f"; last {kind} {ago}"
     return parts
 
 
@@ -76,6 +79,7 @@ def ending_as_dict(connection: Connection, places: Places) -> dict[str, object] 
         "role": connection.role(ending.side) if ending.side >= 0 else None,
         "frame": places.number(frame) if frame else None,
         "time": Clock().iso(ending.time_ns),
+        "reset": _reset(connection, ending, places),
         "silence_ns": ending.silence_ns,
         "connecting": ending.connecting,
         "open_requests": ending.open_requests,
@@ -86,6 +90,22 @@ def ending_as_dict(connection: Connection, places: Places) -> dict[str, object] 
     }
     if places.several:
         values["file"] = places.locate(frame)[0] if frame else None
+    return values
+
+
+def _reset(connection: Connection, ending: Ending, places: Places) -> dict[str, object] | None:
+    """Return the RST that came after the end had begun with something else, None when there was none."""
+    if not ending.reset_frame:
+        return None
+    frame = int(ending.reset_frame)
+    values: dict[str, object] = {
+        "by": str(connection.tcp.ends[ending.reset_side]),
+        "role": connection.role(ending.reset_side),
+        "frame": places.number(frame),
+        "time": Clock().iso(ending.reset_ns),
+    }
+    if places.several:
+        values["file"] = places.locate(frame)[0]
     return values
 
 

@@ -12,7 +12,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.conversation import Observer
+from dissect.engine.observer import Observer
 from dissect.report.json_text import SMALL, json_text, octets_value
 from dissect.report.plus import plus_function_json, plus_json, plus_pdu_line
 from dissect.report.scd import scd_function_json, scd_json, scd_line_json
@@ -22,9 +22,10 @@ from dissect.s7.parameters import Parameters, UserdataHead
 from dissect.s7.tables import FUNCTIONS, READ_VAR, ROSCTR, SETUP_COMMUNICATION, SUCCESS, USERDATA_TYPES, WRITE_VAR
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.parameters import PLUS, PlusParameters
-from dissect.transactions.carried import SCD, ScdMessage, ScdParameters
 from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
+from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
+from dissect.transactions.results import area_results
+from dissect.transactions.transaction import ANSWERED, NO_CODE, OUTCOMES, Transaction
 from dissect.wire.clock import Clock
 from dissect.wire.layout import FieldValue
 from dissect.wire.malformed import Malformed
@@ -91,7 +92,8 @@ def item_text(item: Item) -> str:
                 f'"area":{item.area},"db":{item.db},"start_bit":{item.start_bit}'
                 f',"transport_size":{item.transport_size},"count":{item.count}'
             )
-        item.fragment = f'{{"address":{json_text(item.address)},"syntax_id":{item.syntax_id},{text},"return_code":'
+        syntax = str(item.syntax_id) if item.syntax_id >= 0 else "null"
+        item.fragment = f'{{"address":{json_text(item.address)},"syntax_id":{syntax},{text},"return_code":'
     return item.fragment
 
 
@@ -237,18 +239,20 @@ class TransactionLines(Observer):
         return f',"items":[{self._s7_items(transaction)}]'
 
     def _s7_items(self, transaction: Transaction) -> str:
-        parts: list[str] = []
         if transaction.outcome == ANSWERED and transaction.parameters.function == READ_VAR:
             items = transaction.parameters.items
             answers = transaction.answered_items()
             if len(items) == len(answers):  # nearly always; each item meets its own answer without an object in between
+                parts: list[str] = []
                 for index, answer in enumerate(answers):
+                    if items[index].areas is not None:
+                        for area in area_results(items[index], answer):
+                            parts.append(_item(area.item, area.return_code, area.data))
+                        continue
                     good: bool = answer.return_code == SUCCESS
                     parts.append(_item(items[index], answer.return_code, answer.data if good else None))
                 return ",".join(parts)
-        for result in transaction.results():
-            parts.append(_item(result.item, result.return_code, result.data))
-        return ",".join(parts)
+        return ",".join([_item(result.item, result.return_code, result.data) for result in transaction.results()])
 
 
 def _scd_reference(transaction: Transaction) -> str:
@@ -273,7 +277,8 @@ def _errors(transaction: Transaction) -> str:
         return ""
     return ",".join(
         [
-            f'{{"where":"{error.where}","code":{error.code},"name":{json_text(error.name)},"text":{json_text(error.text)}}}'
+            f'{{"where":"{error.where}","code":{"null" if error.code == NO_CODE else error.code}'
+            f',"name":{json_text(error.name)},"text":{json_text(error.text)}}}'
             for error in transaction.errors
         ]
     )

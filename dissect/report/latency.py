@@ -17,8 +17,9 @@ _BUCKETS: Final = 57 * _STEPS
 class Latencies:
     """Answer times in nanoseconds: count, minimum, maximum and quantiles.
 
-    Quantiles are exact up to `EXACT` answers (the value at rank ⌈q·n⌉), and after that the lower end of a bucket whose width
-    is at most 1/128 of it. Negative times (reordered captures) count as they are for the minimum and as 0 in buckets.
+    Quantiles are exact up to `EXACT` answers (the value at rank ⌈q·n⌉; the median of an even count is the mean of the two in
+    the middle), and after that the lower end of a bucket whose width is at most 1/128 of it. Negative times (reordered
+    captures) count as they are for the minimum and as 0 in buckets.
     """
 
     __slots__ = ("_buckets", "_recent", "count", "largest", "smallest")
@@ -57,6 +58,8 @@ class Latencies:
         buckets = self._buckets
         if buckets is None:
             self._recent.sort()
+            if q == 0.5 and self.count % 2 == 0:
+                return (self._recent[rank - 1] + self._recent[rank]) // 2
             return self._recent[rank - 1]
         self._fold()
         seen = 0

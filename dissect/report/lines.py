@@ -1,4 +1,4 @@
-"""Transactions, PDUs and TPDUs for a person, one a line; transactions as CSV cells."""
+"""Transactions, PDUs and TPDUs for a person, one a line."""
 
 from __future__ import annotations
 
@@ -13,41 +13,20 @@ from dissect.iso.upper import EMPTY, S7COMM, S7COMM_PLUS, UPPER_NAMES, classify,
 from dissect.report import words
 from dissect.report.places import Places
 from dissect.report.plus import plus_notes, plus_summary
-from dissect.report.scd import scd_subject, scd_summary
+from dissect.report.scd import scd_summary
+from dissect.report.styled import FAILED, HANG, PLAIN, Line
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
-from dissect.s7.tables import JOB, RETURN_CODES, SUCCESS, USERDATA
+from dissect.s7.tables import JOB, RETURN_CODES, SUCCESS
 from dissect.s7plus.hiding import shown_contents
 from dissect.s7plus.message import PlusPdu
-from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import PUSH, ItemResult, Transaction
+from dissect.transactions.payloads import ScdMessage
+from dissect.transactions.results import ItemResult
+from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.clock import Clock
-from dissect.wire.text import cell, printable, shortened
-
-#: The columns of `transactions -T csv`; with several files `FILE_COLUMNS` stand behind ``response_frame``.
-CSV_COLUMNS: Final = [
-    "number",
-    "connection",
-    "asked_by",
-    "answered_by",
-    "pdu_ref",
-    "rosctr",
-    "function",
-    "function_name",
-    "request_frame",
-    "response_frame",
-    "request_time",
-    "response_time",
-    "latency_ns",
-    "outcome",
-    "reason",
-    "items",
-    "errors",
-]
-FILE_COLUMNS: Final = ["request_file", "response_file"]
-_FILES_AT: Final = CSV_COLUMNS.index("response_frame") + 1
+from dissect.wire.text import printable, shortened
 
 #: What people call the protocols that TSDUs speak; the names of `UPPER_NAMES` are for programs.
 PROTOCOLS: Final = {
@@ -77,56 +56,23 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> 
     parts = [part for part in (words.outcome(transaction), words.subject(transaction)) if part]
     said = f"  {'  '.join(parts)}" if parts else ""
     return (
-        f"{words.moment(clock.iso(begun))}  #{transaction.number:<5} {frames:<12} {asked} → {answered}"
+        f"{clock.moment(begun)}  #{transaction.number:<5} {frames:<12} {asked} → {answered}"
         f"  {words.duration(transaction.latency_ns):>8}  {transaction.function_name}{said}"
     )
 
 
-def csv_columns(places: Places) -> list[str]:
-    """Return the names of the columns."""
-    return _with_files(CSV_COLUMNS, FILE_COLUMNS) if places.several else list(CSV_COLUMNS)
+def styled_transaction(transaction: Transaction, clock: Clock, places: Places) -> Line:
+    """Return `transaction_line` with its style: what failed stands out."""
+    style = FAILED if transaction.failed else PLAIN
+    return Line(transaction_line(transaction, clock, places), style, HANG)
 
 
-def transaction_cells(transaction: Transaction, clock: Clock, places: Places) -> list[str]:
-    """Return one transaction as cells in the order of `csv_columns`, safe for spreadsheets."""
-    ends = transaction.connection.tcp.ends
-    latency = transaction.latency_ns
-    asked, told = int(transaction.request_frame), int(transaction.response_frame)
-    values: list[str] = [
-        str(transaction.number),
-        str(transaction.connection.number),
-        str(ends[transaction.asked_by]),
-        str(ends[1 - transaction.asked_by]),
-        _reference(transaction),
-        str(transaction.rosctr) if transaction.rosctr <= USERDATA else "",
-        str(transaction.function) if transaction.function >= 0 and not transaction.is_scd else "",
-        transaction.function_name,
-        str(places.number(asked)) if asked else "",
-        str(places.number(told)) if told else "",
-        clock.iso(transaction.request_ns) if asked else "",
-        clock.iso(transaction.response_ns) if told else "",
-        str(latency) if latency is not None else "",
-        transaction.outcome_name,
-        transaction.reason,
-        "; ".join([*words.items(transaction), *([scd_subject(transaction)] if transaction.scd else [])]),
-        "; ".join([f"{error.where}: {words.error_text(error)}" for error in transaction.errors]),
-    ]
-    if places.several:
-        names = [places.locate(frame)[0] if frame else "" for frame in (asked, told)]
-        values = _with_files(values, names)
-    return [cell(text) for text in values]
-
-
-def _reference(transaction: Transaction) -> str:
+def reference(transaction: Transaction) -> str:
     """Return the number by which request and answer belong together, empty where there is none."""
     if transaction.is_scd:
         message = transaction.scd[0].message
         return str(message.tid) if "tid" in message.numbers else ""
     return str(transaction.pdu_ref) if not transaction.is_plus or transaction.function >= 0 else ""
-
-
-def _with_files(values: list[str], names: list[str]) -> list[str]:
-    return [*values[:_FILES_AT], *names, *values[_FILES_AT:]]
 
 
 def pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places) -> str:
@@ -171,7 +117,7 @@ def plus_line(pdu: PlusPdu, connection: Connection, clock: Clock, places: Places
 
 def _head(frame: int, time_ns: int, connection: Connection, side: int, clock: Clock, places: Places) -> str:
     ends = connection.tcp.ends
-    return f"{places.mark(frame):>6}  {words.moment(clock.iso(time_ns))}  {ends[side]} → {ends[1 - side]}"
+    return f"{places.mark(frame):>6}  {clock.moment(time_ns)}  {ends[side]} → {ends[1 - side]}"
 
 
 def _body(pdu: Pdu) -> str:

@@ -6,6 +6,7 @@ from typing import Final
 
 from dissect.report import words
 from dissect.report.places import Places
+from dissect.report.styled import FAILED, HANG, PLAIN, Line
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.operation import DONE, LONG_ANSWER, RUNNING, Operation
@@ -43,10 +44,16 @@ def operation_line(operation: Operation, clock: Clock, places: Places) -> str:
     what = f"{what} → {told}" if told else what
     said = "  ".join([text for text in (what, _carried(operation), result(operation)) if text])
     return (
-        f"{words.moment(clock.iso(operation.begin_ns))}  #{operation.number:<4} {frames:<12}"
+        f"{clock.moment(operation.begin_ns)}  #{operation.number:<4} {frames:<12}"
         f" {ends[operation.asked_by]} → {ends[1 - operation.asked_by]}"
         f"  {words.duration(operation.duration_ns):>8}  {NAMES[operation.kind]}  {said}"
     )
+
+
+def styled_operation(operation: Operation, clock: Clock, places: Places) -> Line:
+    """Return `operation_line` with its style: what did not come to its end stands out."""
+    style = PLAIN if operation.result in {DONE, RUNNING} else FAILED
+    return Line(operation_line(operation, clock, places), style, HANG)
 
 
 def _carried(operation: Operation) -> str:

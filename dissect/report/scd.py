@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from dissect.iso.upper import SCD, UPPER_NAMES
-from dissect.transactions.carried import ScdMessage, ScdParameters
+from dissect.transactions.payloads import ScdMessage, ScdParameters
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import encodable, printable
 

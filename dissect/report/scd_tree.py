@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Final
 from dissect.report import words
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.envelope import DEFAULT, Envelope
-from dissect.transactions.carried import ScdMessage
+from dissect.transactions.payloads import ScdMessage
 from dissect.wire.hexdump import hexdump
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.scd.packing import Key
+    from dissect.scd.layout import Key
     from dissect.scd.records import EnvelopeField
 
 #: Fields that are shown as people write them; the others are hexadecimal.

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator, Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.finding import SEVERITIES, Finding, Rule
@@ -16,6 +15,7 @@ from dissect.report.completeness import completeness
 from dissect.report.lines import PROTOCOLS, named
 from dissect.report.operations import NAMES, shouted
 from dissect.report.places import Places
+from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.source.packet import SourceFile
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import CONNECT, RESULTS
@@ -33,33 +33,11 @@ _SLOWEST: Final = 5
 _NOTES: Final = 10
 _DETAIL_SIZE: Final = 400
 
-HEADING: Final = "heading"
-DIM: Final = "dim"
-#: Further styles are the severities; the default leaves a line plain.
-PLAIN: Final = ""
 
-
-class Line(NamedTuple):
-    """One line of the report: its text, what it weighs, and where its continuation begins if a terminal is too narrow."""
-
-    text: str
-    style: str = PLAIN
-    hang: int = 0
-
-    def wrapped(self, width: int) -> list[str]:
-        """Return the line as lines of at most ``width`` columns; a word that is longer stays whole."""
-        if len(self.text) <= width:
-            return [self.text]
-        indent = self.hang if self.hang <= width // 2 else len(self.text) - len(self.text.lstrip()) + 4
-        return textwrap.wrap(
-            self.text, width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False
-        )
-
-
-def analysis_lines(analysis: Analysis, interrupted: bool = False) -> Iterator[Line]:
-    """Yield the report line by line. ``interrupted`` says that reading was broken off."""
+def analysis_lines(analysis: Analysis, interrupted: bool = False, clock: Clock | None = None) -> Iterator[Line]:
+    """Yield the report line by line. ``interrupted`` says that reading was broken off, ``clock`` writes times."""
     places = Places(analysis.files, len(analysis.files) > 1)
-    yield from _files(analysis, places)
+    yield from _files(analysis, places, clock or Clock())
     if interrupted:
         yield Line("  INTERRUPTED: what follows covers what was read until then", "error")
     yield from _connections(analysis, places)
@@ -89,34 +67,28 @@ def table(rows: Sequence[Sequence[str]], right: frozenset[int]) -> Iterator[Line
 # ---- what was read --------------------------------------------------------------------------------------------------
 
 
-def _files(analysis: Analysis, places: Places) -> Iterator[Line]:
+def _files(analysis: Analysis, places: Places, clock: Clock) -> Iterator[Line]:
     for file in analysis.files:
         yield from _file(file)
     pipeline = analysis.pipeline
     if pipeline is None or not pipeline.frames:
         return
-    clock = Clock()
     first, last = int(pipeline.first_ns), int(pipeline.now_ns)
-    begun = f"  from {words.moment(clock.iso(first))} UTC"
+    begun = f"  from {clock.moment(first)}"
     if places.several or last < first:
-        yield Line(f"{begun} to {words.moment(clock.iso(last))} UTC, first to last packet read")
+        yield Line(f"{begun} to {clock.moment(last)}, first to last packet read")
     else:
         yield Line(f"{begun}, {words.duration(last - first)}")
-    talk = pipeline.conversation
     others = [
         f"{count} {PROTOCOLS[name]}"
-        for name, count in zip(UPPER_NAMES, talk.tsdus, strict=True)
+        for name, count in zip(UPPER_NAMES, pipeline.iso.tsdus, strict=True)
         if count and name not in {"s7comm", "s7comm_plus", "scd", "empty"}
     ]
-    said = f"  {words.count(talk.pdus, 'S7 PDU')}"
-    if talk.plus_pdus:
-        said += f", {words.count(talk.plus_pdus, 'S7comm-plus PDU')}"
-    if talk.carrier is not None:
-        messages = sum([row["messages"] for row in talk.carrier.as_dict()["bindings"]])
-        said += f", {words.count(messages, 'SCD message')}"
+    passed = [words.count(number, kind) for protocol in pipeline.protocols for number, kind in protocol.counted()]
+    said = f"  {', '.join(passed)}"
     yield Line(f"{said}; other messages: {', '.join(others)}" if others else said)
     packets = [
-        f"{count} {kind.replace('_', ' ')}" for kind, count in zip(KINDS, talk.ibh_packets, strict=True) if count
+        f"{count} {kind.replace('_', ' ')}" for kind, count in zip(KINDS, pipeline.ibh.packets, strict=True) if count
     ]
     if packets:
         yield Line(f"  IBH-NetLink packets: {', '.join(packets)}", PLAIN, 4)
@@ -243,7 +215,7 @@ def _transactions(analysis: Analysis) -> Iterator[Line]:
 
 def _scd(analysis: Analysis) -> Iterator[Line]:
     """What the bindings found."""
-    carrier = analysis.pipeline.conversation.carrier if analysis.pipeline is not None else None
+    carrier = analysis.pipeline.exchange.decoder if analysis.pipeline is not None else None
     found = carrier.as_dict() if carrier is not None else {}
     if not found:
         return
@@ -325,7 +297,7 @@ def _rows(transactions: Sequence[Transaction], places: Places) -> Iterator[Line]
 
 def _findings(analysis: Analysis, places: Places) -> Iterator[Line]:
     pipeline = analysis.pipeline
-    counts = pipeline.conversation.judge.counts if pipeline is not None else {}
+    counts = pipeline.finding_counts if pipeline is not None else {}
     if not counts:
         if analysis.total:
             yield Line("")

@@ -15,7 +15,7 @@ from dissect.s7 import layouts as s7
 from dissect.s7.bodies import parse_body
 from dissect.s7.data_parts import CONTENT, RETURN_CODE
 from dissect.s7.errors import ERROR_CODES
-from dissect.s7.hiding import secret_spans
+from dissect.s7.hiding import secret_spans, secret_spans_within
 from dissect.s7.message import Pdu
 from dissect.s7plus import layouts as s7plus
 from dissect.s7plus.contents import Contents
@@ -64,20 +64,25 @@ def tpdu_tree_lines(packet: bytes) -> Iterator[str]:
     """Yield the tree of a TPKT whose TPDU carries no S7 PDU, and the hex view below it."""
     yield from _packet(packet)
     data = parse_tpdu(packet[_TPKT_SIZE:]).data
+    hidden = secret_spans_within(packet)
     if data:
-        yield _field(_range(len(packet) - len(data), len(packet)), "user data", words.octets(data))
-    yield from _octets(packet)
+        said = "not shown" if hidden else words.octets(data)
+        yield _field(_range(len(packet) - len(data), len(packet)), "user data", said)
+    yield from _octets(packet, hidden)
 
 
 def netlink_tree_lines(octets: bytes) -> Iterator[str]:
     """Yield the tree of an IBH-NetLink packet that carries no S7 PDU, and the hex view below it."""
     packet = parse_packet(octets)
     yield from _netlink(packet)
+    hidden = secret_spans_within(octets)
     if packet.data:
-        yield _field(_range(packet.data_at, packet.data_at + len(packet.data)), "user data", words.octets(packet.data))
+        said = "not shown" if hidden else words.octets(packet.data)
+        yield _field(_range(packet.data_at, packet.data_at + len(packet.data)), "user data", said)
     elif len(octets) > _headers(packet):
-        yield _field(_range(_headers(packet), len(octets)), "octets", words.octets(octets[_headers(packet) :]))
-    yield from _octets(octets)
+        said = "not shown" if hidden else words.octets(octets[_headers(packet) :])
+        yield _field(_range(_headers(packet), len(octets)), "octets", said)
+    yield from _octets(octets, hidden)
 
 
 def plus_tree_lines(pdu: PlusPdu, packet: bytes) -> Iterator[str]:
@@ -143,12 +148,9 @@ def _headers(packet: IbhPacket) -> int:
 
 
 def _malformed(facts: list[Malformed], base: int) -> Iterator[str]:
-    """Yield what a parser found wrong, its offsets counted as the tree counts them."""
+    """Yield what a parser found wrong, in the words of the other reports, and which octet of the tree that is."""
     for fact in facts:
-        moved = Malformed(
-            fact.layer, fact.reason, fact.field, fact.offset + base, fact.needed, fact.available, fact.limit
-        )
-        yield f"    MALFORMED  {moved}"
+        yield f"    MALFORMED  {fact}{f' (octet {fact.offset + base} here)' if base else ''}"
 
 
 def _octets(whole: bytes, hidden: Sequence[tuple[int, int]] = ()) -> Iterator[str]:
@@ -208,6 +210,8 @@ def _meaning(value: FieldValue) -> str:
         return f"{value.value} {value.meaning}".rstrip()
     mask, shift = field.bits if field.bits is not None else ((1 << 8 * field.size) - 1, 0)
     number = f"0x{value.value:0{max(1, ((mask >> shift).bit_length() + 3) // 4)}x}"
+    if field.says is not None:
+        return f"{number} {value.meaning}".rstrip()
     if field.codes is not None:
         return f"{number} {value.meaning or '(not in the tables)'}"
     return str(value.value) if field.decimal else number
@@ -235,7 +239,8 @@ def _body(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> Iterator[st
             numbers[layout] += 1
             number = f" {numbers[layout]}" if counts[layout] > 1 or layout in _NUMBERED else ""
             name = f"{pdu.function_name} parameters" if layout is s7.VARIABLES_HEAD else _NAMES.get(layout, layout.name)
-            yield f"    {name}{number}{f': {shortened(part.note, _NOTE)}' if part.note else ''}"
+            secret = any([begin < part.end and part.offset < end for begin, end in hidden])
+            yield f"    {name}{number}{f': {shortened(part.note, _NOTE)}' if part.note and not secret else ''}"
         for value in part.values:
             said = head.subfunction_name if head is not None and value.field.name == "subfunction" else ""
             if any([begin < value.end and value.offset < end for begin, end in hidden]):

@@ -9,33 +9,41 @@ from dissect.report.plus import plus_item_texts, plus_subject
 from dissect.report.scd import scd_subject
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
-from dissect.s7.tables import READ_VAR, RETURN_CODES, SETUP_COMMUNICATION, SUCCESS, WRITE_VAR
-from dissect.s7.values import Value
+from dissect.s7.tables import READ_VAR, RETURN_CODES, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
+from dissect.s7.values import BYTE, Value
+from dissect.transactions.results import ItemResult
 from dissect.transactions.transaction import (
     ANSWERED,
     CAPTURE_ENDED,
     CONNECTION_CLOSED,
     CONNECTION_EVICTED,
     HOLE,
+    NO_CODE,
     ORPHAN,
     PUSH,
     REFERENCE_REUSED,
     TABLE_FULL,
-    ItemResult,
+    UNCONFIRMED,
     Transaction,
     TransactionError,
 )
+from dissect.wire.durations import duration_text
 from dissect.wire.text import printable, shortened
 
 #: Elements of an array, characters of a text and octets that are shown on a line.
 _SHOWN: Final = 8
 _SHOWN_TEXT: Final = 32
 _SHOWN_OCTETS: Final = 16
+#: Fewer characters than these may be a chance.
+_LEAST_TEXT: Final = 4
 #: Items or notes that a summary names, and characters of a note.
 _NAMED: Final = 3
 _NOTE: Final = 100
 #: Functions that say what they are about by their items, or by what they negotiate.
 _TOLD_BY_ITEMS: Final = frozenset((READ_VAR, WRITE_VAR, SETUP_COMMUNICATION))
+
+#: Group and subfunction that lists the blocks of a type.
+_LIST_OF_TYPE: Final = (3, 2)
 
 REASONS: Final = {
     CONNECTION_CLOSED: "connection closed",
@@ -46,31 +54,12 @@ REASONS: Final = {
     CONNECTION_EVICTED: "too many connections",
 }
 
-_NS_PER_S: Final = 1_000_000_000
-
 
 def duration(ns: int | None) -> str:
     """Return a duration in the unit that suits it, for example ``412 µs``, ``3.21 ms``, ``1.54 s``; ``-`` for none."""
     if ns is None:
         return "-"
-    size = abs(ns)
-    if 0 < size < 10_000:
-        return f"{ns / 1e3:.1f} µs"
-    if size < 999_500:
-        return f"{ns / 1e3:.0f} µs"
-    if size < 99_995_000:
-        return f"{ns / 1e6:.2f} ms"
-    if size < 999_500_000:
-        return f"{ns / 1e6:.0f} ms"
-    if size < 600 * _NS_PER_S:
-        return f"{ns / 1e9:.2f} s"
-    minutes, seconds = divmod(size // _NS_PER_S, 60)
-    hours, minutes = divmod(minutes, 60)
-    days, hours = divmod(hours, 24)
-    units = [(days, "d"), (hours, "h"), (minutes, "min"), (seconds, "s")]
-    first = next(index for index, (number, _) in enumerate(units) if number)
-    sign = "-" if ns < 0 else ""
-    return sign + " ".join([f"{number} {unit}" for number, unit in units[first:]])
+    return duration_text(ns)
 
 
 def size(octets: int) -> str:
@@ -84,12 +73,6 @@ def size(octets: int) -> str:
 def count(number: int, one: str, many: str = "") -> str:
     """Return a number with its noun: ``1 packet``, ``31 packets``."""
     return f"{number} {one if number == 1 else many or one + 's'}"
-
-
-def moment(iso: str) -> str:
-    """Return an ISO 8601 time for a person: a blank between date and time, and microseconds."""
-    day, _, time = iso.partition("T")
-    return f"{day} {time[:15]}"
 
 
 def vlans(key: int) -> list[int]:
@@ -128,10 +111,27 @@ def value(shown: Value) -> str:
 
 
 def octets(data: bytes) -> str:
-    """Return octets as hexadecimal on one line, cut after 16 with a note of how many there are."""
+    """Return octets as hexadecimal on one line, cut after 16 with a note of how many there are, and the text in them if any."""
+    text = spelled(data)
+    said = f" '{text}'" if text else ""
     if len(data) <= _SHOWN_OCTETS:
-        return data.hex(" ") or "(empty)"
-    return f"{data[:_SHOWN_OCTETS].hex(' ')} … {len(data)} octets"
+        return (data.hex(" ") or "(empty)") + said
+    return f"{data[:_SHOWN_OCTETS].hex(' ')} … {len(data)} octets{said}"
+
+
+def spelled(data: bytes) -> str:
+    """Return the text that octets spell, empty where they do not: ASCII that can be printed, NULs or blanks behind it.
+
+    An S7 STRING begins with its greatest and its present length.
+    """
+    if len(data) >= _LEAST_TEXT + 2 and data[1] <= data[0] and _LEAST_TEXT <= data[1] <= len(data) - 2:
+        content = data[2 : 2 + data[1]]
+    else:
+        content = data.rstrip(b"\0 ")
+    if len(content) < _LEAST_TEXT or not all([0x20 <= octet < 0x7F for octet in content]):
+        return ""
+    text = content.decode("ascii")
+    return printable(text if len(text) <= _SHOWN_TEXT else f"{text[:_SHOWN_TEXT]}…")
 
 
 def address(item: Item) -> str:
@@ -143,19 +143,37 @@ def item(result: ItemResult, number: int) -> str:
     """Return one item with what became of it: ``DB10.DBW4 = 1234``, ``DB99.DBW0: Object does not exist``."""
     asked = result.item
     name = f"item {number}" if asked is None else address(asked)
-    if result.return_code >= 0 and result.return_code != SUCCESS:
-        return f"{name}: {RETURN_CODES.name(result.return_code)}"
-    if result.data is None:
-        return name
+    if result.data is not None:
+        name += f" = {_content(result)}"
+    if result.unchanged:
+        return f"{name}: unchanged"
+    return f"{name}: {RETURN_CODES.name(result.return_code)}" if result.refused else name
+
+
+def _content(result: ItemResult) -> str:
+    """Return what was read or written: the value, and octets as such, with the text they spell where they spell one."""
+    assert result.data is not None
     decoded = result.value
-    return f"{name} = {value(decoded) if decoded is not None else octets(result.data)}"
+    if decoded is None or (
+        isinstance(decoded, list) and result.item is not None and result.item.transport_size == BYTE
+    ):
+        return octets(result.data)
+    return value(decoded)
 
 
 def items(transaction: Transaction) -> list[str]:
-    """Return every item of a read or write with what became of it, in wire order."""
+    """Return every item with what became of it, in wire order; those that a push says are unchanged are counted."""
     if transaction.is_plus:
         return plus_item_texts(transaction)
-    return [item(result, number) for number, result in enumerate(transaction.results(), 1)]
+    results = list(enumerate(transaction.results(), 1))
+    unsure = transaction.flags & UNCONFIRMED != 0
+    said = [
+        f"{item(result, number)}{': no return code' if unsure and result.return_code < 0 else ''}"
+        for number, result in results
+        if not result.unchanged
+    ]
+    same = len(results) - len(said)
+    return [*said, f"{same} unchanged"] if same else said
 
 
 def subject(transaction: Transaction) -> str:
@@ -163,9 +181,27 @@ def subject(transaction: Transaction) -> str:
     if transaction.is_plus:
         return plus_subject(transaction)
     said = ", ".join(items(transaction)) or _setup(transaction) or notes(transaction)
+    if transaction.rosctr == USERDATA and transaction.results():
+        said = ": ".join([text for text in (_heads(transaction), said) if text])
     if transaction.carried is not None:
         said = "; ".join([text for text in (said, scd_subject(transaction)) if text])
     return said
+
+
+def _heads(transaction: Transaction) -> str:
+    """Return what request and answer say in front of their items: interval, job number, block."""
+    from dissect.s7.cyclic import CYCLIC_REQUEST, CYCLIC_VALUES  # late: see `Pdu.body`
+    from dissect.s7.programmer_layouts import TEST_BLOCK, TEST_HEAD
+
+    said = [
+        part.note
+        for pdu in (transaction.request, transaction.response)
+        if pdu is not None
+        for part in pdu.body.parts
+        if part.note and part.layout in {CYCLIC_REQUEST, CYCLIC_VALUES, TEST_BLOCK, TEST_HEAD}
+    ]
+    first = said[0] if said else ""
+    return ", ".join([shortened(note, _NOTE) for note in dict.fromkeys(said) if not first.startswith(f"{note},")])
 
 
 def notes(transaction: Transaction) -> str:
@@ -178,6 +214,19 @@ def notes(transaction: Transaction) -> str:
         return ""
     asked, told = transaction.request, transaction.response
     said = [body_notes(pdu) for pdu in (asked, told) if pdu is not None]
+    head = transaction.parameters.userdata
+    listed = (
+        head is not None and (head.group, head.subfunction) == _LIST_OF_TYPE
+    )  # the answer only goes on: SFC 0 (AWL), …
+    return (" " if listed else " → ").join([text for text in said if text])
+
+
+def subject_whole(transaction: Transaction) -> str:
+    """Return what a transaction without items is about, nothing left out."""
+    if transaction.is_plus or transaction.is_scd or transaction.function in _TOLD_BY_ITEMS:
+        return subject(transaction)
+    asked, told = transaction.request, transaction.response
+    said = [", ".join([printable(note) for note in pdu.body.notes]) for pdu in (asked, told) if pdu is not None]
     return " → ".join([text for text in said if text])
 
 
@@ -196,7 +245,7 @@ def gist(transaction: Transaction) -> str:
     """Return what a transaction is about, as a summary: the items that failed, or else what was asked for, but never all."""
     results = transaction.results()
     numbered = list(enumerate(results, 1))
-    refused = [(number, result) for number, result in numbered if result.return_code not in {-1, SUCCESS}]
+    refused = [(number, result) for number, result in numbered if result.refused]
     if refused:
         some = [item(result, number) for number, result in refused[:_NAMED]]
         total = f"{len(refused)} of {count(len(results), 'item')} refused: " if len(results) > 1 else ""
@@ -223,6 +272,8 @@ def error_text(error: TransactionError) -> str:
     """Return an error: a code of S7 as it stands on the wire with its name, one of SCD with what it means."""
     if error.where == "message":
         return f"{error.name} {error.code}: {printable(error.text)}"
+    if error.code == NO_CODE:
+        return error.name
     code = f"0x{error.code:02x}" if error.where.startswith("item") else f"0x{error.code:04x}"
     return f"{code} {error.name}"
 

@@ -1,12 +1,16 @@
-"""S7 addresses the way people write them: ``DB10.DBX4.1``, ``DB10.DBW4``, ``MW20``, ``I0.0``, ``T5``, ``C3``."""
+"""S7 addresses the way people write them: ``DB10.DBX4.1``, ``DB10.DBW4``, ``MW20``, ``I0.0``, ``T5``, ``C3``.
+
+`address_text` writes them and `parse_address` reads them, so that what one makes the other takes.
+"""
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.tables import AREA_LETTERS, ELEMENT_OCTETS, NUMBERED_AREAS
+from dissect.s7.tables import AREA_LETTERS, DB_AREAS, ELEMENT_OCTETS, LETTER_AREAS, NUMBERED_AREAS
 
 _BIT: Final = 0x01
 _RECORD: Final = 0x01
@@ -19,6 +23,56 @@ _LETTERED: Final = frozenset((0x80, 0x81, 0x82, 0x83, 0x86, 0x87))
 _PLAIN: Final = frozenset((0x1C, 0x1D))
 #: Width letters of the DB family and of the others, by octets of an element.
 _WIDTHS: Final[dict[int, str]] = {1: "B", 2: "W", 4: "D", 8: "L"}
+#: The highest octet that the 24 bits of an item's address reach, and the highest number of a data block.
+MAX_OCTET: Final = (1 << 21) - 1
+MAX_DB: Final = 0xFFFF
+
+_AREAS: Final[dict[str, int]] = {letters: area for area, letters in AREA_LETTERS.items()}
+_IN_BLOCK: Final = re.compile(r"(DB|DI)([0-9]{1,8})\.\1([XBWDL])([0-9]{1,8})(?:\.([0-7]))?")
+_IN_RECORD: Final = re.compile(r"RECORD([0-9]{1,8})@([0-9]{1,8})")
+_NUMBERED: Final = re.compile(r"(C200|T200|[CTZ]):?([0-9]{1,8})")
+_ELSEWHERE: Final = re.compile(r"([A-Z])([BWDL]?)([0-9]{1,8})(?:\.([0-7]))?")
+_SPELT_OUT: Final = re.compile(r"(area0x[0-9a-f]{2}|[A-Z0-9]+):([XBWDL])([0-9]{1,8})(?:\.([0-7]))?")
+
+
+class Address:
+    """What an address names, before anything says whether an item can hold it.
+
+    ``number`` is the octet, or the number of a timer, counter or record; ``width`` is the letter X, B, W, D or L, empty where
+    none is written; ``bit`` is -1 where none is. ``field`` is the address as it stands in an item: octet times 8 plus bit, or
+    the number.
+    """
+
+    __slots__ = ("area", "bit", "db", "field", "number", "width")
+
+    def __init__(self, area: int, db: int, number: int, width: str = "", bit: int = -1) -> None:
+        self.area = area
+        self.db = db
+        self.number = number
+        self.width = width
+        self.bit = bit
+        plain = area in NUMBERED_AREAS or area == _RECORD
+        self.field = number if plain else number * 8 + max(bit, 0)
+
+
+def parse_address(text: str) -> Address | None:
+    """Return what ``text`` names, None where it is no address.
+
+    It takes all that `address_text` writes, and the German letters E, A and Z.
+    """
+    if found := _IN_BLOCK.fullmatch(text):
+        return Address(_DB if found[1] == "DB" else _DI, int(found[2]), int(found[4]), found[3], int(found[5] or -1))
+    if found := _IN_RECORD.fullmatch(text):
+        return Address(_RECORD, int(found[1]), int(found[2]))
+    if found := _NUMBERED.fullmatch(text):
+        return Address(_AREAS.get(found[1], LETTER_AREAS["Z"]), 0, int(found[2]))
+    if (found := _ELSEWHERE.fullmatch(text)) and LETTER_AREAS.get(found[1], 0x1C) not in NUMBERED_AREAS:
+        return Address(LETTER_AREAS[found[1]], 0, int(found[3]), found[2], int(found[4] or -1))
+    if found := _SPELT_OUT.fullmatch(text):
+        area = int(found[1][4:], 16) if found[1].startswith("area") else _AREAS.get(found[1], -1)
+        if area >= 0 and area not in DB_AREAS and area not in NUMBERED_AREAS:
+            return Address(area, 0, int(found[3]), found[2], int(found[4] or -1))
+    return None
 
 
 def address_text(area: i64, db: i64, address: i64, transport_size: i64) -> str:

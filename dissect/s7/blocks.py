@@ -142,7 +142,7 @@ def parse_list_of_type(cursor: Cursor, head: UserdataHead) -> None:
     while head.type == RESPONSE and cursor.left:
         part = cursor.take(LISTED_BLOCK)
         if part is not None:
-            part.note = f"{part.number('block_number')}, {BLOCK_LANGUAGES.name(part.number('language'))}"
+            part.note = f"{part.number('block_number')} ({BLOCK_LANGUAGES.name(part.number('language'))})"
 
 
 def parse_info(cursor: Cursor, head: UserdataHead) -> None:

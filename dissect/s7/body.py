@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dissect.s7.layouts import DATA_ITEM
 from dissect.wire.layout import Layout
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
@@ -50,5 +51,8 @@ class Body:
 
     @property
     def notes(self) -> list[str]:
-        """What the parts are about, in wire order; text from the wire, not escaped."""
-        return [part.note for part in self.parts if part.note]
+        """What the parts are about, in wire order; text from the wire, not escaped.
+
+        Values that follow their addresses repeat those only where a person looks at the parts, not here.
+        """
+        return [part.note for part in self.parts if part.note and part.layout is not DATA_ITEM]

@@ -1,7 +1,8 @@
-"""Where passwords stand in an S7 PDU, so that what is shown or kept as text leaves them out.
+"""Where passwords can stand in an S7 PDU, so that what is shown or kept as text leaves them out.
 
 A session password (userdata, security, reference section 4.11) is encoded in a way that hides nothing, and those of Sinumerik
-services (section 3.10) are plain text.
+services (section 3.10) are plain text. A length that lies must not show them, so no length is trusted: where the octets do
+not fit together, all that may be a password is hidden.
 """
 
 from __future__ import annotations
@@ -9,8 +10,11 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.s7.bodies import parse_body
-from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, parse_pdu
+from dissect.s7.body import Body
+from dissect.s7.control import PI_PASSWORD, PI_STRING
+from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, Pdu, parse_pdu
 from dissect.s7.security import PASSWORD
+from dissect.s7.services import PI_SERVICES, SECRET
 from dissect.s7.tables import JOB, PI_SERVICE, USERDATA
 
 #: Of a userdata PDU: the octets with type and group, and with the subfunction; and what they hold in a request.
@@ -19,25 +23,82 @@ _SUBFUNCTION_AT: Final = 16
 _SECURITY_REQUEST: Final = 0x45
 _FUNCTION_AT: Final = 10
 _DATA_HEAD: Final = 4
+#: The parameter of a request: a head of 8 octets, which states its own length, or of 12 where it has an error code.
+_HEAD_LENGTH_AT: Final = 13
+_HEADS: Final = frozenset((8, 12))
+_FIRST_HEAD: Final = 8
+#: The first argument of a service.
+_ARGUMENTS_AT: Final = 20
+
+_SECRET_SERVICES: Final = [name.encode() for name, service in PI_SERVICES.items() if SECRET in service.arguments]
 
 
 def secret_spans(octets: bytes) -> list[tuple[int, int]]:
-    """Return (offset, end) of each password in an S7 PDU, in their order. Never raises.
+    """Return (offset, end) of all that can be a password in an S7 PDU, in order. Never raises.
 
     Of a session password that is everything behind the data head, whatever the lengths say.
     """
-    if len(octets) <= _SUBFUNCTION_AT or octets[0] != PROTOCOL_ID:
+    size = len(octets)
+    if size <= _SUBFUNCTION_AT or octets[0] != PROTOCOL_ID:
         return []
     if octets[1] == USERDATA and octets[_GROUP_AT] == _SECURITY_REQUEST and octets[_SUBFUNCTION_AT] == PASSWORD:
-        begin = HEADER_SIZE + (octets[6] << 8) + octets[7] + _DATA_HEAD
-        return [(begin, len(octets))] if begin < len(octets) else []
+        head = (octets[6] << 8) + octets[7]
+        if head not in _HEADS or octets[_HEAD_LENGTH_AT] != head - 4:
+            head = _FIRST_HEAD
+        begin = HEADER_SIZE + head + _DATA_HEAD
+        return [(begin, size)] if begin < size else []
     if octets[1] == JOB and octets[_FUNCTION_AT] == PI_SERVICE:
-        spans: list[tuple[int, int]] = []
-        for part in parse_body(parse_pdu(octets)).parts:
+        return _in_service(octets)
+    return []
+
+
+def _in_service(octets: bytes) -> list[tuple[int, int]]:
+    """Return the passwords among the arguments of a service; all arguments where they are not simply those it has."""
+    pdu = parse_pdu(octets)
+    body = parse_body(pdu)
+    arguments = [part for part in body.parts if part.layout is PI_STRING or part.layout is PI_PASSWORD]
+    name = b""
+    for part in body.parts:
+        found = part.find("service")
+        if found is not None and found.octets is not None:
+            name = found.octets
+    service = PI_SERVICES.get(name.decode("latin-1"))
+    whole = not pdu.malformed and not body.malformed and service is not None
+    if whole and service is not None and (SECRET not in service.arguments or len(arguments) == service.count):
+        spans = []
+        for part in arguments:
             found = part.find("password")
             if found is not None and found.end > found.offset:
                 spans.append((int(found.offset), int(found.end)))
         return spans
+    for secret in _SECRET_SERVICES:
+        at = octets.find(secret, _ARGUMENTS_AT)
+        if at >= 0:
+            return [span for span in ((_ARGUMENTS_AT, at - 1), (at + len(secret), len(octets))) if span[0] < span[1]]
+    if any([row.encode() in octets for row in PI_SERVICES]) or (name and not pdu.malformed and not body.malformed):
+        return []
+    return [(_ARGUMENTS_AT, len(octets))] if len(octets) > _ARGUMENTS_AT else []
+
+
+def body_to_show(pdu: Pdu) -> Body:
+    """Return the parts of a PDU; those that may hold a password have no note."""
+    body = parse_body(pdu)
+    if pdu.rosctr == JOB and pdu.function == PI_SERVICE:
+        spans = secret_spans(pdu.octets)
+        for part in body.parts:
+            if part.layout is not PI_PASSWORD and any([begin < part.end and part.offset < end for begin, end in spans]):
+                part.note = ""
+    return body
+
+
+def secret_spans_within(octets: bytes) -> list[tuple[int, int]]:
+    """Return (offset, end) of all that can be a password when an S7 PDU may begin anywhere in ``octets``."""
+    at = octets.find(PROTOCOL_ID)
+    while at >= 0:
+        spans = secret_spans(octets[at:])
+        if spans:
+            return [(begin + at, end + at) for begin, end in spans]
+        at = octets.find(PROTOCOL_ID, at + 1)
     return []
 
 

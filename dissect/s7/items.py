@@ -7,7 +7,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7.address import address_text
-from dissect.s7.syntaxes import item_text
+from dissect.s7.syntaxes import DB_AREA, DB_READ, DB_READ_ITEM, item_text
 from dissect.s7.tables import ELEMENT_OCTETS, LENGTH_IN_BITS, S7ANY, SUCCESS
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u24
@@ -15,8 +15,14 @@ from dissect.wire.octets import u16, u24
 SPECIFICATION: Final = 0x12
 DATA_HEAD: Final = 4
 _BIT: Final = 0x01
+BYTE: Final = 0x02
+_DB: Final = 0x84
+#: Data transport size of octets.
+OCTET_STRING: Final = 0x09
 _RECORD: Final = 0x01
 _S7ANY_SIZE: Final = 12
+#: Octets of a data item that its representation shows.
+_SHOWN: Final = 16
 
 #: Kinds of areas that a write goes to: outputs and peripherals, which act at once, and everything else.
 WRITTEN_IO: Final = 1
@@ -39,11 +45,13 @@ class Item:
     are filled; for every other syntax they are -1 and ``address`` names the syntax.
     ``size`` is the count of octets a good answer carries, -1 when it cannot be known (a data record may be shorter than asked
     for, and devices differ in how they pack several bits).
+    ``areas`` are the areas of data blocks that one DBREAD item asks for, each as an item of octets of its own; None for others.
     """
 
     __slots__ = (
         "address",
         "area",
+        "areas",
         "count",
         "db",
         "fragment",
@@ -65,6 +73,7 @@ class Item:
         self.area: i64 = -1
         self.start_bit: i64 = -1
         self.size: i64 = -1
+        self.areas: list[Item] | None = None
         self.address: str = ""
         self.fragment: str = ""  # a report's cached text of the fields above; polling repeats the same items for hours
 
@@ -101,7 +110,51 @@ def parse_item(octets: bytes, offset: i64) -> Item:
         item.address = address_text(item.area, item.db, item.start_bit, item.transport_size)
     else:
         item.address = item_text(octets)
+        if item.syntax_id == DB_READ:
+            item.areas = _areas(octets, offset)
     return item
+
+
+def _areas(octets: bytes, offset: i64) -> list[Item] | None:
+    """Return the areas of a DBREAD item, None when its length does not fit their count (reference 3.5)."""
+    first: i64 = DB_READ_ITEM.size
+    step: i64 = DB_AREA.size
+    size: i64 = len(octets)
+    if size <= first or size != first + octets[first - 1] * step:
+        return None
+    areas: list[Item] = []
+    for at in range(first, size, step):
+        area = Item(octets[at : at + step], offset + at)
+        area.syntax_id = DB_READ
+        area.transport_size = BYTE
+        area.count = octets[at]
+        area.size = area.count
+        area.area = _DB
+        area.db = u16(octets, at + 1)
+        area.start_bit = 8 * u16(octets, at + 3)
+        area.address = address_text(_DB, area.db, area.start_bit, BYTE)
+        areas.append(area)
+    return areas
+
+
+def walk_areas(areas: list[Item], octets: bytes) -> list[DataItem]:
+    """Cut the answer to a DBREAD item into its areas: a return code each, and where that is success the octets (3.5).
+
+    Empty when they do not fill ``octets`` exactly: then nothing is known of any of them.
+    """
+    found: list[DataItem] = []
+    at: i64 = 0
+    end: i64 = len(octets)
+    for area in areas:
+        if at >= end:
+            return []
+        code: i64 = octets[at]
+        size: i64 = area.size if code == SUCCESS else 0
+        if at + 1 + size > end:
+            return []
+        found.append(DataItem(code, OCTET_STRING, size, octets[at + 1 : at + 1 + size], at))
+        at += 1 + size
+    return found if at == end else []
 
 
 def written_areas(items: list[Item]) -> i64:
@@ -174,6 +227,10 @@ class DataItem:
         self.length: i64 = length
         self.data: bytes = data
         self.offset: i64 = offset
+
+    def __repr__(self) -> str:
+        shown = self.data[:_SHOWN].hex(" ") + (" …" if len(self.data) > _SHOWN else "")
+        return f"DataItem(0x{self.return_code:02x}, {len(self.data)} bytes: {shown})"
 
 
 def parse_data_items(

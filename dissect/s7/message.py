@@ -77,6 +77,9 @@ class Pdu:
         self.parameters = Parameters(b"", 0)
         self.malformed: list[Malformed] = []
 
+    def __repr__(self) -> str:
+        return f"Pdu({self.rosctr_name}, {self.function_name or '-'}, ref {self.pdu_ref}, packet {self.frame})"
+
     @property
     def header_size(self) -> int:
         """Octets of the header, 10 or 12."""
@@ -111,12 +114,12 @@ class Pdu:
 
     @property
     def body(self) -> Body:
-        """The parts behind the header (`dissect.s7.bodies`), cut anew at each access. Never raises."""
-        from dissect.s7.bodies import (
-            parse_body,  # late: the tables of all structures come with it, and few runs need them
+        """The parts behind the header (`dissect.s7.bodies`), cut anew at each access; notes hold no password. Never raises."""
+        from dissect.s7.hiding import (
+            body_to_show,  # late: the tables of all structures come with it, few runs need them
         )
 
-        return parse_body(self)
+        return body_to_show(self)
 
     def data_items(self, malformed: list[Malformed] | None = None) -> list[DataItem]:
         """Return the data items of a read answer or a write request, offsets within the PDU; empty for other PDUs."""
@@ -148,10 +151,7 @@ class Pdu:
         head = self.parameters.userdata
         if head is not None and head.error_code:
             return True
-        for code in self.return_codes():
-            if code != SUCCESS:
-                return True
-        return False
+        return any(code != SUCCESS for code in self.return_codes())
 
 
 def parse_pdu(

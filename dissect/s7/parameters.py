@@ -40,6 +40,8 @@ _USEND: Final = 0x13
 _USEND_SIZE: Final = 10
 #: Group of BSEND and USEND.
 GROUP_PBC: Final = 6
+#: Groups whose pushes go either way: BSEND and USEND, and what is sent to and from a numerical control.
+_EITHER_WAY: Final = frozenset((GROUP_PBC, 0x20, 0x3F))
 
 
 class Setup:
@@ -51,6 +53,9 @@ class Setup:
         self.max_amq_calling = max_amq_calling
         self.max_amq_called = max_amq_called
         self.pdu_length = pdu_length
+
+    def __repr__(self) -> str:
+        return f"Setup({self.max_amq_calling}, {self.max_amq_called}, {self.pdu_length})"
 
     def as_dict(self) -> dict[str, object]:
         """Return the three values, JSON-ready."""
@@ -173,6 +178,14 @@ class Parameters:
         shown = ", ".join([item.address for item in items[:3]])
         more = f" and {len(items) - 3} more" if len(items) > 3 else ""
         return f"{self.function_name} {shown}{more}"
+
+
+def is_plc_push(parameters: Parameters) -> bool:
+    """Tell whether this is userdata of type push that only PLCs send: those of `_EITHER_WAY` go both ways."""
+    head = parameters.userdata
+    if head is None or parameters.function != CPU_SERVICES:
+        return False
+    return head.type == PUSH and head.group not in _EITHER_WAY and not head.usend
 
 
 def parse_parameters(octets: bytes, rosctr: i64) -> Parameters:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7.address import address_text
 from dissect.s7.data_parts import RETURN_CODE, take_data_items
 from dissect.s7.parameters import PUSH, REQUEST, UserdataHead
 from dissect.s7.programmer_layouts import (
@@ -52,6 +51,7 @@ from dissect.s7.programmer_layouts import (
 )
 from dissect.s7.start_information import OTHER_START, START_INFORMATION
 from dissect.s7.tables import USERDATA_SUBFUNCTIONS
+from dissect.s7.watched_items import parse_test_item
 from dissect.wire.part import Cursor, Part
 
 BLOCK_STATUS_JOB: Final = 0x01
@@ -74,13 +74,6 @@ BLOCK_STATUS_V2: Final = 0x13
 #: Subfunctions about jobs, not jobs themselves.
 JOB_COMMANDS: Final = frozenset((DISABLE_JOB, ENABLE_JOB, DELETE_JOB, READ_JOB_LIST, READ_JOB, REPLACE_JOB))
 
-#: Areas of `dissect.s7.tables.AREAS` by the high nibble of a test function's area.
-_AREAS: Final[dict[int, int]] = {0x0: 0x83, 0x1: 0x81, 0x2: 0x82, 0x3: 0x80, 0x7: 0x84}
-#: Transport sizes of request items by the low nibble: bit, octet, word, double word.
-_WIDTHS: Final[dict[int, int]] = {0: 0x01, 1: 0x02, 2: 0x04, 3: 0x06}
-_TIMER: Final = 0x54
-_COUNTER: Final = 0x64
-_PERIPHERAL: Final = 0x3
 _OPEN_DBS: Final = 2
 _OB: Final = 0x08
 
@@ -184,16 +177,9 @@ def _data(cursor: Cursor, type_: int, subfunction: int) -> None:
 
 def variable_text(part: Part) -> str:
     """Return the address of a variable of a test function, for example ``MW4``, ``DB10.DBW4 x3`` or ``T5``."""
-    area, octet, count = part.number("area"), part.number("octet"), part.number("count")
-    times = f" x{count}" if count > 1 else ""
-    if area in {_TIMER, _COUNTER}:
-        return f"{'T' if area == _TIMER else 'C'}{octet}{times}"
-    known = _AREAS.get(area >> 4)
-    width = _WIDTHS.get(area & 0x0F)
-    if known is None or width is None:
-        return f"area 0x{area:02x}, octet {octet}{times}"
-    text = address_text(known, part.number("db"), octet * 8 + max(part.number("bit"), 0), width)
-    return (f"PI{text[1:]}" if area >> 4 == _PERIPHERAL else text) + times
+    number = part.number("bit") if part.layout is TEST_BIT else part.number("count")
+    places = part.number("db").to_bytes(2, "big") + part.number("octet").to_bytes(2, "big")
+    return parse_test_item(bytes((part.number("area"), number)) + places, 0).label
 
 
 def _variables(cursor: Cursor, type_: int, subfunction: int) -> None:

@@ -30,6 +30,11 @@ class Service:
         self.meaning = meaning
         self.security = security
 
+    @property
+    def count(self) -> int:
+        """How many arguments it has, as far as each has a name."""
+        return len(self.arguments.split(", "))
+
     def argument(self, number: int) -> str:
         """Return the name of the argument with this number, counted from 0; empty where it has none of its own."""
         names = self.arguments.split(", ")

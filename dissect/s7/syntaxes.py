@@ -164,7 +164,8 @@ def take_item(cursor: Cursor, octets: bytes, note: str) -> None:
     """Cut an item that is not S7ANY; its ``octets``, head included, are those at the cursor."""
     end = cursor.at + len(octets)
     layout = layout_of(octets)
-    cursor.take(ITEM_HEAD if layout is None else layout, note=note)
+    areas = layout is DB_READ_ITEM and layout.size < len(octets)  # each of which says its own
+    cursor.take(ITEM_HEAD if layout is None else layout, note="" if areas else note)
     follows = DB_AREA if layout is DB_READ_ITEM else SYMBOL_STEP
     while layout is not None and cursor.at < end:
         at = cursor.at - end + len(octets)

@@ -15,6 +15,7 @@ from dissect.s7.parameters import REQUEST, RESPONSE, UserdataHead
 from dissect.s7.szl_communication import PROTECTION
 from dissect.s7.szl_modules import DP_MASTER, DP_MASTER_EXTENDED, MANY_STATIONS, MODULE_STATUS, STATIONS
 from dissect.s7.szl_records import (
+    BLANK,
     BLOCK_TYPE,
     CHARACTERISTIC,
     ETHERNET,
@@ -28,6 +29,7 @@ from dissect.s7.szl_records import (
     SZL_ID,
     record_layout,
     record_size,
+    version_text,
 )
 from dissect.s7.szl_tables import HEAD_ONLY, INDEXES, MODULE_CLASSES, SZL_IDS
 from dissect.wire.layout import Field, Layout
@@ -53,8 +55,6 @@ SZL_HEAD: Final = Layout(
     ],
 )
 
-#: Two blanks, where a device has no number.
-_BLANK: Final = 0x2020
 #: Lists of small records that say something only together; their records have no note.
 _PLAIN: Final = (SZL_ID, CHARACTERISTIC, RECORD)
 
@@ -215,11 +215,11 @@ def _identification(part: Part) -> str:
     number = part.text("order_number")
     version = part.number("version")
     release = part.number("release")
-    letter = chr(version >> 8) if version > 0 else ""
     told = _name(part, "index")
-    if letter in {"V", "A"} and release >= 0:
-        told += f" {letter}{version & 0xFF}.{release >> 8}.{release & 0xFF}"
-    elif release >= 0 and release != _BLANK:
+    major = version_text(version) if version > 0 else ""
+    if major and release >= 0:
+        told += f" {major}.{release >> 8}.{release & 0xFF}"
+    elif release >= 0 and release != BLANK:
         told += f" version {release}"
     return f"{number}, {told}" if number else told
 

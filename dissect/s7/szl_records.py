@@ -69,6 +69,22 @@ SZL_ID: Final = Layout(
     "SZL id of the module", _SECTION, [Field("listed_id", 2, "An id.", "s7comm.szl.0000.0000.szl_id", SZL_IDS)]
 )
 
+
+#: Two blanks, where a device has no number.
+BLANK: Final = 0x2020
+
+
+def version_text(value: int) -> str:
+    """Return the letter and the major version, for example ``V3``; empty where the number is another kind of version."""
+    letter = chr(value >> 8)
+    return f"{letter}{value & 0xFF}" if letter in {"V", "A"} else ""
+
+
+def release_text(value: int) -> str:
+    """Return minor version and patch, for example ``2.7``; empty for blanks."""
+    return f"{value >> 8}.{value & 0xFF}" if value != BLANK else ""
+
+
 IDENTIFICATION: Final = Layout(
     "module identification",
     _SECTION,
@@ -76,8 +92,14 @@ IDENTIFICATION: Final = Layout(
         Field("index", 2, "What it is about.", "s7comm.szl.xy11.0001.index", IDENTIFICATIONS),
         Field("order_number", 20, "Order number (MLFB), text.", "s7comm.szl.xy11.0001.anz", means=latin),
         Field("module_type", 2, "BGTyp.", "s7comm.szl.xy11.0001.bgtyp"),
-        Field("version", 2, "Ausbg: version.", "s7comm.szl.xy11.0001.ausbg"),
-        Field("release", 2, "Ausbe: release; minor version and patch of firmware.", "s7comm.szl.xy11.0001.ausbe"),
+        Field("version", 2, "Ausbg: version.", "s7comm.szl.xy11.0001.ausbg", says=version_text),
+        Field(
+            "release",
+            2,
+            "Ausbe: release; minor version and patch of firmware.",
+            "s7comm.szl.xy11.0001.ausbe",
+            says=release_text,
+        ),
     ],
 )
 

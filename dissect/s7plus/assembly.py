@@ -2,7 +2,9 @@
 
 A PDU that is too long for one frame goes on in the following frames of its direction, each in a TSDU of its own with the
 header ``72 version length``; only the last has the trailer ``72 version 00 00`` behind its data, and nothing else tells the
-first from the others. The octets of a joined PDU are those frames one behind the other, which is what `parse_plus` reads.
+first from the others. So what begins a PDU by all that its octets say (`is_beginning`), or has another version, goes on
+nothing: what was begun before is all there will be of it. The octets of a joined PDU are those frames one behind the
+other, which is what `parse_plus` reads.
 """
 
 from __future__ import annotations
@@ -11,13 +13,27 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
+from dissect.s7plus.message import is_beginning, parse_plus
+from dissect.s7plus.tables import FUNCTIONS, KEEP_ALIVE, NOTIFICATION, SYSTEM_EVENT
 from dissect.wire.octets import u16
 
 #: Octets of a PDU in several frames that are kept; what comes after them is counted only. Downloads and answers to Explore take
 #: several hundred thousand.
 MAX_PDU: Final = 8 * 1024 * 1024
 _HEADER: Final = 4
+#: What follows the subscription in every notification of the captures.
+_NOTIFICATION_FIXED: Final = bytes.fromhex("040000000000")
+
+
+def _begins(frame: bytes) -> bool:
+    """Tell whether a frame begins a PDU, so surely that it cannot go on one: opcode, zeros and known function are there."""
+    pdu = parse_plus(frame, cut=True)
+    if not is_beginning(pdu):
+        return False
+    if pdu.opcode == NOTIFICATION:
+        # Of any octets, one frame in some hundred begins with this opcode and such an id; the six that follow never differed.
+        return pdu.subscription_id > 0x70000000 and pdu.data[5:11] == _NOTIFICATION_FIXED
+    return pdu.function in FUNCTIONS and u16(pdu.data, 1) | u16(pdu.data, 5) == 0
 
 
 class PlusAssembler:
@@ -49,6 +65,13 @@ class PlusAssembler:
         else:
             parts += tsdu
         return self.finish() if ends else None
+
+    def interrupted(self, tsdu: bytes) -> bool:
+        """Tell whether ``tsdu`` begins another PDU while one is not finished; `finish` it first."""
+        parts = self.parts
+        if parts is None or len(tsdu) <= _HEADER or tsdu[1] == SYSTEM_EVENT or tsdu[1] == KEEP_ALIVE:
+            return False
+        return tsdu[1] != parts[1] or _begins(tsdu)
 
     def finish(self) -> bytes:
         """Return what there is of an unfinished PDU, empty for none; the next frame begins another."""

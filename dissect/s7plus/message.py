@@ -101,6 +101,9 @@ class PlusPdu:
         self.message = b""  # text of a system event
         self.malformed: list[Malformed] = []
 
+    def __repr__(self) -> str:
+        return f"PlusPdu({self.kind}, {self.function_name or '-'}, sequence {self.sequence}, packet {self.frame})"
+
     @property
     def kind(self) -> str:
         """``Request``, ``Response``, ``Notification``, ``system event``, ``keep-alive``, or the number of the opcode."""

@@ -9,15 +9,17 @@ from dissect.scd.model import ARRAY, DEFSTRUCT, NULL, PLAIN_TRAITS, RECORD, Obje
 from dissect.scd.plain import from_plain
 from dissect.scd.ranges import is_mapping
 from dissect.scd.records import Access, FieldRecord, ObjectRecord, Plain, StructRecord, TypeRecord
-from dissect.scd.types import STANDARD, UINT8, UINT16, Kind, SimpleType, Value, reserved
+from dissect.scd.types import STANDARD, UINT8, UINT16, Kind, SimpleType, Value, formed, reserved
 
 COUNT: Final = "count"
 
 
-def assemble_types(records: Iterable[TypeRecord]) -> dict[int, SimpleType]:
-    """Return the simple types by index, the standard ones included."""
+def assemble_types(
+    records: Iterable[TypeRecord], time_scale: str = "utc", encoding: str = "utf-8"
+) -> dict[int, SimpleType]:
+    """Return the simple types by index, the standard ones included, in the form the dictionary has them."""
     own = {row.index: SimpleType(row.index, row.name, Kind(row.kind), row.bits) for row in records}
-    return {**STANDARD, **own}
+    return {index: formed(kind, time_scale, encoding) for index, kind in {**STANDARD, **own}.items()}
 
 
 def type_of(code: int, bits: int, simple: Mapping[int, SimpleType]) -> SimpleType:

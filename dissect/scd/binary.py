@@ -21,10 +21,12 @@ import msgspec
 
 from dissect.scd.errors import DictionaryError
 from dissect.scd.records import Body, FieldRecord, ObjectRecord, Traits
+from dissect.scd.types import ENCODINGS
 
 MAGIC: Final = b"\x89SCD\r\n\x1a\n"
 MAJOR: Final = 1
-MINOR: Final = 0
+#: Minor version 1 has the encoding of strings behind the other fields; a dictionary in UTF-8 is still written as 0.
+MINOR: Final = 1
 HEADER_SIZE: Final = 64
 #: No dictionary is larger.
 MAX_FILE: Final = 64 << 20
@@ -37,12 +39,19 @@ _POSITION: Final = re.compile(r"\(byte (\d+)\)")
 
 def build_file(body: Body) -> bytes:
     """Return the compiled file of checked records; the same records always give the same octets."""
-    octets = _ENCODER.encode(body)
+    octets, minor = _content(body)
     size = HEADER_SIZE + len(octets)
     if size > MAX_FILE:
         raise DictionaryError("file", f"{size} octets, a dictionary has at most {MAX_FILE}")
-    header = _HEADER.pack(MAGIC, MAJOR, MINOR, HEADER_SIZE, size, zlib.crc32(octets), bytes(12), wire_id(body))
+    header = _HEADER.pack(MAGIC, MAJOR, minor, HEADER_SIZE, size, zlib.crc32(octets), bytes(12), wire_id(body))
     return header + octets
+
+
+def _content(body: Body) -> tuple[bytes, int]:
+    """Return the octets of the records, and the minor version whose fields they are."""
+    if body.encoding != ENCODINGS[0]:
+        return _ENCODER.encode(body), MINOR
+    return _ENCODER.encode(msgspec.structs.astuple(body)[:-1]), 0
 
 
 def parse_file(octets: bytes, path: str = "") -> Body:
@@ -81,7 +90,7 @@ def _parse(octets: bytes) -> Body:
     if minor <= MINOR and any(spare):
         raise DictionaryError("header, octet 20", "the reserved octets are not 0")
     body = _decode(content, header_size)
-    if minor <= MINOR and _ENCODER.encode(body) != content:
+    if minor <= MINOR and _content(body) != (bytes(content), minor):
         raise DictionaryError(
             "body", "not in the one form a dictionary has: fields too many, or numbers written longer"
         )
@@ -110,17 +119,16 @@ def _decode(content: memoryview, start: int) -> Body:
 
 def wire_id(body: Body) -> bytes:
     """Return SHA-256 over what decides decoding: all of the records but names, texts, units and limits."""
-    return sha256(
-        _ENCODER.encode(
-            (
-                body.time_scale,
-                [(row.index, row.kind, row.bits) for row in body.types],
-                [(row.index, [_field(field) for field in row.fields]) for row in body.structs],
-                [_object(row) for row in body.objects],
-                body.envelope,
-            )
-        )
-    ).digest()
+    deciding: tuple[object, ...] = (
+        body.time_scale,
+        [(row.index, row.kind, row.bits) for row in body.types],
+        [(row.index, [_field(field) for field in row.fields]) for row in body.structs],
+        [_object(row) for row in body.objects],
+        body.envelope,
+    )
+    if body.encoding != ENCODINGS[0]:
+        deciding += (body.encoding,)
+    return sha256(_ENCODER.encode(deciding)).digest()
 
 
 def _field(row: FieldRecord) -> tuple[object, ...]:

@@ -12,11 +12,11 @@ from typing import Final, Protocol
 from dissect.scd import ranges
 from dissect.scd.assembly import assemble_types
 from dissect.scd.envelope_rules import check_envelope
-from dissect.scd.errors import DictionaryError, Error, shown
+from dissect.scd.errors import DictionaryError, Error, Troubles, shown
 from dissect.scd.model import ARRAY, CLASSES, DOMAIN, NULL, RECORD, VAR
 from dissect.scd.plain import from_plain
-from dissect.scd.records import Body, FieldRecord, ObjectRecord, Plain, Traits, TypeRecord
-from dissect.scd.types import MAX_OCTETS, SIZED, STANDARD, STANDARD_NAMES, Kind, SimpleType, width_trouble
+from dissect.scd.records import Body, FieldRecord, ObjectRecord, Plain, StructRecord, Traits, TypeRecord
+from dissect.scd.types import ENCODINGS, MAX_OCTETS, SIZED, STANDARD, STANDARD_NAMES, Kind, SimpleType, width_trouble
 
 MAX_NAME: Final = 255
 MAX_TEXTS: Final = 4096
@@ -30,30 +30,59 @@ class _Entry(Protocol):
 
 
 def check_body(body: Body) -> None:
-    """Raise `DictionaryError` with the place and the rule for the first thing that breaks one."""
-    _ascend(body.types, "type")
-    _ascend(body.structs, "type")
-    _ascend(body.objects, "object")
-    _unique([*body.types, *body.structs], "type")
-    _unique(body.objects, "object")
+    """Raise `DictionaryError` with the place and the rule for the first thing that breaks one; it has the others too."""
+    troubles = Troubles()
+    for error in find_troubles(body):
+        with troubles:
+            raise error
+    troubles.done()
+
+
+def find_troubles(body: Body) -> list[DictionaryError]:
+    """Return everything in a body that breaks a rule, what follows from something else left out."""
+    troubles = Troubles()
+    if body.encoding not in ENCODINGS:
+        with troubles:
+            raise DictionaryError("dictionary", f"encoding {shown(body.encoding)} is none of {', '.join(ENCODINGS)}")
+    for rows, what in ((body.types, "type"), (body.structs, "type"), (body.objects, "object")):
+        with troubles:
+            _ascend(rows, what)
+    _unique([*body.types, *body.structs], "type", troubles)
+    _unique(body.objects, "object", troubles)
+    sound = []
     for row in body.types:
-        _check_type(row)
-    simple = assemble_types(body.types)
-    structs = {}
+        with troubles:
+            _check_type(row)
+            sound.append(row)
+    if len(sound) < len(body.types) or troubles.found:  # what is of such a type cannot be judged
+        return troubles.found
+    simple = assemble_types(sound, body.time_scale, body.encoding)
+    structs: dict[int, list[FieldRecord]] = {}
     for struct in body.structs:
-        where = _where("type", struct.index, struct.name)
-        if not ranges.own_complex_type(struct.index):
-            raise DictionaryError(
-                where, "a DEFSTRUCT stands at 0x20 to 0x5f or 0x80 to 0x9f, or there plus 0x40 for each device",
-                rule="R88, R89, R81", index=struct.index,
-            )  # fmt: skip
-        _check_fields(struct.fields, simple, where, struct.index)
         structs[struct.index] = struct.fields
+        with troubles:
+            _check_struct(struct, simple)
+    broken = {error.index for error in troubles.found}
     for obj in body.objects:
-        _Objects(obj, simple, structs).check()
+        if obj.type not in broken:
+            with troubles:
+                _Objects(obj, simple, structs).check()
     if body.envelope is not None:
-        check_envelope(body.envelope)
-    _check_errors(body.errors)
+        with troubles:
+            check_envelope(body.envelope)
+    with troubles:
+        _check_errors(body.errors)
+    return troubles.found
+
+
+def _check_struct(struct: StructRecord, simple: dict[int, SimpleType]) -> None:
+    where = _where("type", struct.index, struct.name)
+    if not ranges.own_complex_type(struct.index):
+        raise DictionaryError(
+            where, "a DEFSTRUCT stands at 0x20 to 0x5f or 0x80 to 0x9f, or there plus 0x40 for each device",
+            rule="R88, R89, R81", index=struct.index,
+        )  # fmt: skip
+    _check_fields(struct.fields, simple, where, struct.index)
 
 
 def _where(what: str, index: int, name: str) -> str:
@@ -73,20 +102,19 @@ def _ascend(rows: Iterable[_Entry], what: str) -> None:
         last = row.index
 
 
-def _unique(rows: Sequence[_Entry], what: str) -> None:
+def _unique(rows: Sequence[_Entry], what: str, troubles: Troubles) -> None:
     first: dict[str, int] = {}
     for row in rows:
         where = _where(what, row.index, row.name)
         trouble = _name_trouble(row.name)
+        rule = "R71"
+        if not trouble and first.setdefault(row.name, row.index) != row.index:
+            trouble = f"0x{first[row.name]:04x} is called the same; names have to differ"
+        if not trouble and what == "type" and row.name in STANDARD_NAMES:
+            trouble, rule = f"{row.name} is a type of the text", "R55"
         if trouble:
-            raise DictionaryError(where, trouble, rule="R71", index=row.index)
-        if first.setdefault(row.name, row.index) != row.index:
-            other = first[row.name]
-            raise DictionaryError(
-                where, f"0x{other:04x} is called the same; names have to differ", rule="R71", index=row.index
-            )
-        if what == "type" and row.name in STANDARD_NAMES:
-            raise DictionaryError(where, f"{row.name} is a type of the text", rule="R55", index=row.index)
+            with troubles:
+                raise DictionaryError(where, trouble, rule=rule, index=row.index)
 
 
 def _name_trouble(name: str) -> str:
@@ -120,9 +148,11 @@ def _check_fields(fields: Sequence[FieldRecord], simple: dict[int, SimpleType], 
         )
     names: set[str] = set()
     total = 0
+    troubles = Troubles()
     for number, field in enumerate(fields, 1):
         where = f"{owner}, field {number} {shown(field.name)}"
-        total += _check_field(field, simple, where, index)
+        with troubles:
+            total += _check_field(field, simple, where, index)
         if field.type:
             trouble = _name_trouble(field.name)
             if not trouble and "." in field.name:
@@ -130,8 +160,10 @@ def _check_fields(fields: Sequence[FieldRecord], simple: dict[int, SimpleType], 
             if not trouble and (field.name in names or field.name == "count"):
                 trouble = "the name is there twice, or is that of sub-index 0"
             if trouble:
-                raise DictionaryError(where, trouble, rule="R71", index=index)
+                with troubles:
+                    raise DictionaryError(where, trouble, rule="R71", index=index)
             names.add(field.name)
+    troubles.done()
     if total > 8 * MAX_OCTETS:
         raise DictionaryError(owner, f"{total} bits, a message has {8 * MAX_OCTETS}", rule="R50", index=index)
 
@@ -210,8 +242,32 @@ def _check_traits(traits: Traits | None, kind: SimpleType, where: str, index: in
         trouble = "unit, scale, limits and texts that say nothing"
     elif kind.kind not in (Kind.INT, Kind.UINT, Kind.REAL, Kind.BOOL):
         trouble = f"a {kind.name} has neither unit nor scale, limits or texts"
+    else:
+        trouble = _unreachable(traits, kind)
     if trouble:
         raise DictionaryError(where, trouble, rule="C36", index=index)
+
+
+def _unreachable(traits: Traits, kind: SimpleType) -> str:
+    """Return what is wrong with limits or texts for raw values that the type does not have, or an empty string."""
+    span = raw_span(kind)
+    if span is None:
+        return ""
+    low, high = span
+    for name, limit in (("low", traits.low), ("high", traits.high)):
+        if limit is not None and not low <= limit <= high:
+            return f"{name} {limit} is outside {low}..{high}, the raw values of a {kind.name}"
+    for number, text in traits.texts:
+        if not low <= number <= high:
+            return f"the text {shown(text)} is for {number}, outside {low}..{high}, the values of a {kind.name}"
+    return ""
+
+
+def raw_span(kind: SimpleType) -> tuple[int, int] | None:
+    """Return the lowest and highest number of an integer or Boolean type, None of another one."""
+    if kind.kind is Kind.INT:
+        return -(1 << kind.bits - 1), (1 << kind.bits - 1) - 1
+    return (0, (1 << kind.bits) - 1) if kind.kind in (Kind.UINT, Kind.BOOL) else None
 
 
 class _Objects:

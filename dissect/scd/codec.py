@@ -17,16 +17,16 @@ from dissect.scd.columns import decode_columns
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.envelope import DEFAULT, Envelope
 from dissect.scd.errors import E_COUNT, E_SHORT, E_TYPE, E_VALUE, Error
-from dissect.scd.messages import Message, build_message, parse_message
+from dissect.scd.layout import Key, Slot
+from dissect.scd.messages import Message, Phase, Service, build_message, parse_message
 from dissect.scd.model import Pdo, StructType, Variable
 from dissect.scd.objects import Objects
 from dissect.scd.packing import (
+    LIMITS,
     TRAILING,
     Flags,
-    Key,
     Octets,
     Packing,
-    Slot,
     decode_value,
     encode_value,
     flag,
@@ -55,13 +55,22 @@ class Decoded(msgspec.Struct, frozen=True):
 
 
 class Codec:
-    """Encodes and decodes by one dictionary. With ``strict_pad`` undefined bits that are not zero are flagged."""
+    """Encodes and decodes by one dictionary. With ``strict_pad`` undefined bits that are not zero are flagged.
 
-    def __init__(self, dictionary: Dictionary, *, strict_pad: bool = False) -> None:
+    Values outside the dictionary's limits are flagged when they are received and refused (E_RANGE) when they are to be sent;
+    without ``limits`` they are sent too, which is for tests of devices.
+    """
+
+    def __init__(self, dictionary: Dictionary, *, strict_pad: bool = False, limits: bool = True) -> None:
         self.dictionary: Final = dictionary
         self.strict_pad: Final = strict_pad
+        self.limits: Final = limits
         self._pdos: dict[str, Pdo] = {}
         self._packings: dict[str, Packing] = {}
+        self._variables: dict[tuple[int, int], tuple[Variable, Packing | None]] = {}
+        #: What messages have said before: kinds by kind, response and abort; PDOs by the index of their mapping object.
+        self.kinds: Final[dict[tuple[int | None, int | None, int | None], tuple[Service, Phase]]] = {}
+        self.mapped: Final[dict[int, tuple[str, Pdo]]] = {}
 
     @cached_property
     def envelope(self) -> Envelope:
@@ -76,6 +85,8 @@ class Codec:
 
     def pdo(self, key: str) -> Pdo:
         """Return the PDO "T1" or "R65", or of a name, with the mapping it has now; raises `Error` E_PDO_NUMBER."""
+        if key in self._pdos:
+            return self._pdos[key]
         found = self.dictionary.pdo(key)
         return self._pdos.get(f"{found.direction}{found.number}", found)
 
@@ -83,6 +94,7 @@ class Codec:
         """Use another mapping for a PDO from now on: what `Dictionary.with_mapping` made of a rewritten mapping object."""
         self._pdos[f"{pdo.direction}{pdo.number}"] = pdo
         self._packings.clear()
+        self.mapped.clear()
 
     def encode(self, pdo: str, values: Mapping[Any, object], *, partial: bool = False) -> bytes:
         """Return the payload of a PDO. ``values`` go by (index, sub), name or "object.field".
@@ -90,11 +102,16 @@ class Codec:
         A missing value is `Error` E_COUNT, with ``partial`` it is the variable's default or zero. A value that the PDO does
         not carry is E_COUNT too, except in `Objects`.
         """
-        packing = self._packing(pdo)
-        return packing.pack(self._collect(packing, values, partial=partial))
+        packing = self._packings.get(pdo) or self._packing(pdo)
+        octets = None
+        if type(values) is dict:
+            octets = packing.pack_known(values) if len(values) == len(packing.keys) else None
+        elif isinstance(values, Objects):
+            octets = packing.pack_known(values.known)
+        return packing.pack(self._collect(packing, values, partial=partial)) if octets is None else octets
 
     def decode(self, pdo: str, octets: Octets, objects: Objects | None = None) -> Decoded:
-        """Return the values of a PDO's payload and put them into ``objects`` (R15). Raises `Error` E_SHORT or E_UTF8.
+        """Return the values of a PDO's payload and put them into ``objects`` (R15). Raises `Error` E_SHORT.
 
         Octets after the payload are kept and flagged ``trailing``.
         """
@@ -153,7 +170,7 @@ class Codec:
         if self._asks_structure(key):
             return encode_value(UINT32, value, where=str(key))
         variable = self.dictionary.variable(key)
-        return variable.encode(value)
+        return variable.encode(value, limits=self.limits)
 
     def decode_value(self, key: str | tuple[int, int], octets: Octets, objects: Objects | None = None) -> Decoded:
         """Return one variable's value. Raises `Error` E_SHORT, E_LONG, E_LENGTH, E_UTF8, E_INDEX or E_SUB.
@@ -161,17 +178,40 @@ class Codec:
         Sub-index 255 is a number of 32 bits: the object's class in bits 0-7, its type in bits 8-23 (C33).
         """
         flags: Flags = {}
-        if isinstance(key, tuple) and self._asks_structure(key):
-            return Decoded({key: decode_value(UINT32, octets, flags, where=str(key))}, flags)
-        variable = self.dictionary.variable(key)
+        if isinstance(key, tuple):
+            if self._asks_structure(key):
+                return Decoded({key: decode_value(UINT32, octets, flags, where=str(key))}, flags)
+            self.variable(key)
+            variable, packing = self._variables[key]
+            if packing is not None and len(octets) == packing.size and objects is None and not self.strict_pad:
+                (found,) = packing.unpack(bytes(octets), flags)
+                return Decoded({key: found}, flags)
+        else:
+            variable = self.dictionary.variable(key)
         at = variable.address
         value = decode_value(
             variable.type, octets, flags, bits=variable.bits, key=at, where=variable.label, strict_pad=self.strict_pad
         )
+        if variable.outside(value):
+            flag(flags, LIMITS, at)
         decoded = Decoded({at: value}, flags)
         if objects is not None:
             objects.merge(decoded.values)
         return decoded
+
+    def variable(self, key: tuple[int, int]) -> Variable:
+        """Return the variable at an address, faster than the dictionary when it is asked for again; raises `Error`."""
+        known = self._variables.get(key)
+        if known is None:
+            variable = self.dictionary.variable(key)
+            packing = None
+            if variable.bits and variable.type.kind not in SIZED:
+                slot = _slot(variable.address, variable, variable.bits, 0)
+                packing = Packing([slot], variable.bits, variable.label)
+            if len(self._variables) >= _MOST_SPELLINGS:
+                self._variables.clear()
+            known = self._variables[key] = variable, packing
+        return known[0]
 
     def _asks_structure(self, key: str | tuple[int, int]) -> bool:
         return isinstance(key, tuple) and key[1] == _STRUCTURE_SUB and key[0] in self.dictionary.objects
@@ -226,11 +266,9 @@ class Codec:
         packing = self._packings.get(key)
         if packing is None:
             pdo = self.pdo(key)
-            slots = [
-                Slot(row.variable.address, row.variable.type, row.bits, row.offset, row.variable.label)
-                for row in pdo.map
-            ]
-            packing = self._remember(key, Packing(slots, pdo.bits, f"{pdo.direction}{pdo.number} {pdo.name}".rstrip()))
+            slots = [_slot(row.variable.address, row.variable, row.bits, row.offset) for row in pdo.map]
+            where = f"{pdo.direction}{pdo.number} {pdo.name}".rstrip()
+            packing = self._remember(key, Packing(slots, pdo.bits, where, enforce=self.limits))
         return packing
 
     def _struct(self, name: str | int) -> tuple[StructType, Packing]:
@@ -240,7 +278,7 @@ class Codec:
         key = f"type {found.index}"
         packing = self._packings.get(key)
         if packing is None:
-            packing = self._remember(key, _fields_packing(found.fields, found.bits, found.name, named=True))
+            packing = self._remember(key, self._fields(found.fields, found.bits, found.name, named=True))
         return found, packing
 
     def _object(self, key: int | str) -> Packing:
@@ -251,8 +289,12 @@ class Codec:
         packing = self._packings.get(known)
         if packing is None:
             fields = (obj.head,) if obj.single and obj.head is not None else obj.fields
-            packing = self._remember(known, _fields_packing(fields, obj.bits, obj.name, named=False))
+            packing = self._remember(known, self._fields(fields, obj.bits, obj.name, named=False))
         return packing
+
+    def _fields(self, fields: Sequence[Variable], bits: int, where: str, *, named: bool) -> Packing:
+        slots = [_slot(row.name if named else row.address, row, row.bits, row.offset) for row in fields]
+        return Packing(slots, bits, where, enforce=self.limits)
 
     def _remember(self, key: str, packing: Packing) -> Packing:
         if len(self._packings) >= _MOST_SPELLINGS:
@@ -276,11 +318,9 @@ class Codec:
         return _gather(packing, given, self.dictionary.variable, partial=partial)
 
 
-def _fields_packing(fields: Sequence[Variable], bits: int, where: str, *, named: bool) -> Packing:
-    slots = [
-        Slot(row.name if named else row.address, row.type, row.bits, row.offset, row.label, row.fixed) for row in fields
-    ]
-    return Packing(slots, bits, where)
+def _slot(key: Key, variable: Variable, bits: int, offset: int) -> Slot:
+    traits = variable.traits
+    return Slot(key, variable.type, bits, offset, variable.label, variable.fixed, traits.low, traits.high)
 
 
 def _gather(

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from dissect.scd.errors import E_SHORT, Error
-from dissect.scd.packing import Key, Octets, Packing, Slot
+from dissect.scd.layout import Key, Slot
+from dissect.scd.packing import Octets, Packing
 from dissect.scd.types import Kind
 
 if TYPE_CHECKING:

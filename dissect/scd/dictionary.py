@@ -5,11 +5,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from hashlib import sha256
-from pathlib import Path
 from types import MappingProxyType
 from typing import Final, overload
 
@@ -17,11 +17,12 @@ from dissect.scd import ranges
 from dissect.scd.assembly import assemble_object, assemble_struct, assemble_types, readout_object
 from dissect.scd.binary import build_file, wire_id
 from dissect.scd.check import check_body
-from dissect.scd.errors import E_INDEX, E_MAP, E_PDO_NUMBER, E_TYPE, ERROR_TEXTS, DictionaryError, Error
+from dissect.scd.errors import E_INDEX, E_MAP, E_PDO_NUMBER, E_TYPE, ERROR_TEXTS, DictionaryError, Error, Troubles
 from dissect.scd.mapping import entries_of, place
 from dissect.scd.model import DEFTYPE, NULL, Object, Pdo, StructType, Variable
 from dissect.scd.records import Body, EnvelopeRecord
 from dissect.scd.types import STANDARD_NAMES, UINT64, SimpleType
+from dissect.wire.saving import save
 
 _ADDRESS: Final = re.compile(r"(0[xX][0-9a-fA-F]{1,4})(?:[:.]([0-9]{1,3}|0[xX][0-9a-fA-F]{1,2}))?")
 _PDO: Final = re.compile(r"([RTrt])(?:PDO\s*)?([0-9]{1,4})")
@@ -40,8 +41,9 @@ class Dictionary:
         self.name: Final = body.name
         self.version: Final = body.version
         self.time_scale: Final = body.time_scale
+        self.encoding: Final = body.encoding
         self.envelope: Final[EnvelopeRecord | None] = body.envelope
-        simple = assemble_types(body.types)
+        simple = assemble_types(body.types, body.time_scale, body.encoding)
         structs = {record.index: assemble_struct(record, simple) for record in body.structs}
         types: dict[int, SimpleType | StructType] = {**simple, **structs}
         self.types: Final[Mapping[int, SimpleType | StructType]] = MappingProxyType(dict(sorted(types.items())))
@@ -67,16 +69,22 @@ class Dictionary:
     def _pdos(self, direction: str) -> dict[int, Pdo]:
         first = ranges.PDO_BASES[direction, "map"]
         pdos = {}
+        troubles = Troubles()
         for index, obj in self.objects.items():
             if first <= index < first + ranges.MAX_PDO and obj.object_class != NULL:
                 used = obj[0].default
                 count = used if isinstance(used, int) else 0
-                try:
-                    pdo = self.with_mapping(index, [_whole(field.default) for field in obj.fields[:count]])
-                except Error as error:
-                    raise DictionaryError(error.where, error.detail, rule="R103", code=E_MAP, index=index) from None
-                pdos[pdo.number] = pdo
+                with troubles:
+                    pdo = self._mapped(index, [_whole(field.default) for field in obj.fields[:count]])
+                    pdos[pdo.number] = pdo
+        troubles.done()
         return pdos
+
+    def _mapped(self, index: int, entries: Sequence[int]) -> Pdo:
+        try:
+            return self.with_mapping(index, entries)
+        except Error as error:
+            raise DictionaryError(error.where, error.detail, rule="R103", code=E_MAP, index=index) from None
 
     def with_mapping(self, index: int, entries: Sequence[int]) -> Pdo:
         """Return the PDO of the mapping object at ``index`` as it is with other ``entries`` (values of its elements).
@@ -92,7 +100,7 @@ class Dictionary:
         if len(entries) > len(obj.fields):
             raise Error(E_MAP, where, f"{len(entries)} entries, the object has {len(obj.fields)}")
         wide = obj.type is UINT64
-        mapped, bits = place(entries_of(entries, wide, where), direction, self._find, where, wide)
+        mapped, bits = place(entries_of(entries, wide, where), direction, self._find, where)
         comm = self.objects.get(ranges.pdo_index(direction, "comm", number))
         node, version = _communication(comm)
         return Pdo(direction, number, obj.name, obj, comm, mapped, bits, node, version)
@@ -170,17 +178,23 @@ class Dictionary:
         return self.types[index]
 
     def pdo(self, key: str) -> Pdo:
-        """Return a PDO by "T1", "R65", "TPDO 1" or its name; raises `Error` E_PDO_NUMBER."""
+        """Return a PDO by "T1", "R65", "TPDO 1" or its name, in this order; raises `Error` E_PDO_NUMBER."""
         match = _PDO.fullmatch(key)
         if match is not None:
             pdos = self.tpdo if match[1] in "Tt" else self.rpdo
             if int(match[2]) in pdos:
                 return pdos[int(match[2])]
-        else:
-            for pdo in (*self.tpdo.values(), *self.rpdo.values()):
-                if pdo.name == key:
-                    return pdo
+        for pdo in (*self.tpdo.values(), *self.rpdo.values()):
+            if pdo.name == key:
+                return pdo
         raise Error(E_PDO_NUMBER, key, f"the dictionary has no PDO {key!r}")
+
+    def pdo_at(self, index: int) -> Pdo | None:
+        """Return the PDO whose mapping object stands at ``index``, None where there is none."""
+        if not ranges.is_mapping(index):
+            return None
+        direction, _, number = ranges.pdo_of_index(index)
+        return (self.tpdo if direction == "T" else self.rpdo).get(number)
 
     def error_text(self, number: int) -> str:
         """Return what an ``scd_err_t`` means (R52): the dictionary's text, else what its sign says."""
@@ -201,9 +215,9 @@ class Dictionary:
         """SHA-256 of the compiled file (R18)."""
         return sha256(self.octets).digest()
 
-    def save(self, path: str | Path) -> None:
-        """Write the compiled file."""
-        Path(path).write_bytes(self.octets)
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the compiled file, whole or not at all. Raises `OSError`."""
+        save(path, self.octets)
 
     def __repr__(self) -> str:
         return f"<Dictionary {self.name!r} {self.version} {len(self.objects)} objects>"

@@ -81,7 +81,12 @@ def _entries(od: Dictionary) -> dict[str, _Flat]:
     """Return everything in a dictionary by place and key, in its order."""
     body = od.body
     entries: dict[str, _Flat] = {
-        "dictionary": {"name": body.name, "version": body.version, "time_scale": body.time_scale}
+        "dictionary": {
+            "name": body.name,
+            "version": body.version,
+            "time_scale": body.time_scale,
+            "encoding": body.encoding,
+        }
     }
     if body.envelope is not None:
         entries["envelope"] = _envelope(body.envelope)

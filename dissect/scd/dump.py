@@ -9,14 +9,19 @@ from typing import Any, Final
 import msgspec
 
 from dissect.scd.dictionary import Dictionary
+from dissect.scd.map_reading import GAP
+from dissect.scd.mapping import Entry, entries_of, pack_entry
 from dissect.scd.model import ARRAY, CLASSES, DOMAIN, NULL, RECORD
+from dissect.scd.ranges import is_mapping
 from dissect.scd.records import EnvelopeRecord, FieldRecord, ObjectRecord, Plain, Traits
-from dissect.scd.types import Kind, SimpleType
+from dissect.scd.types import UINT64, Kind, SimpleType
 from dissect.scd.values import MAC
 
 _TRAITS: Final = Traits()
+#: Stands for the key of a mapping object's values while they are written.
+_ENTRIES: Final = "entries of a mapping"
 #: Keys whose numbers are read in hexadecimal.
-_HEX: Final = frozenset(("index", "poly", "init", "xorout"))
+_HEX: Final = frozenset(("index", "poly", "init", "xorout", _ENTRIES))
 
 
 def dump_tables(od: Dictionary) -> dict[str, Any]:
@@ -25,6 +30,8 @@ def dump_tables(od: Dictionary) -> dict[str, Any]:
     head: dict[str, Any] = {"name": body.name, "version": body.version}
     if body.time_scale != "utc":
         head["time_scale"] = body.time_scale
+    if body.encoding != "utf-8":
+        head["encoding"] = body.encoding
     tables: dict[str, Any] = {"dictionary": head}
     if body.envelope is not None:
         tables["envelope"] = _envelope(body.envelope)
@@ -39,8 +46,12 @@ def dump_tables(od: Dictionary) -> dict[str, Any]:
         types.append({"index": struct.index, "name": struct.name, "fields": fields})
     if types:
         tables["type"] = types
-    if body.objects:
-        tables["object"] = [_object(row, od) for row in body.objects]
+    pdos = {row.index: table for row in body.objects if (table := _pdo(row, od)) is not None}
+    objects = [_object(row, od) for row in body.objects if row.index not in pdos]
+    if objects:
+        tables["object"] = objects
+    if pdos:
+        tables["pdo"] = list(pdos.values())
     return tables
 
 
@@ -55,7 +66,11 @@ def dump_toml(od: Dictionary) -> str:
     for name, content in dump_tables(od).items():
         for table in content if isinstance(content, list) else [content]:
             lines.append(f"[[{name}]]" if isinstance(content, list) else f"[{name}]")
-            lines.extend(f"{_key(key)} = {_toml(value, key)}" for key, value in table.items())
+            mapping = name == "object" and is_mapping(table["index"])
+            lines.extend(
+                f"{_key(key)} = {_toml(value, _ENTRIES if mapping and key == 'values' else key)}"
+                for key, value in table.items()
+            )
             lines.append("")
     return "\n".join(lines)
 
@@ -90,6 +105,51 @@ def _object(row: ObjectRecord, od: Dictionary) -> dict[str, Any]:
     elif row.values:
         table["default"] = _value(row.values[0], kind)
     return {**table, **_traits(row.traits)}
+
+
+def _pdo(row: ObjectRecord, od: Dictionary) -> dict[str, Any] | None:
+    """Return a mapping object as a [[pdo]] that names what it maps; None where its entries cannot be written so."""
+    if not is_mapping(row.index) or row.object_class != ARRAY or row.used != len(row.values) or row.traits is not None:
+        return None
+    wide = row.type == UINT64.index
+    values = [value for value in row.values if isinstance(value, int)]
+    pdo = od.pdo_at(row.index)
+    if pdo is None or row.mappable or row.count != max(len(values), 1):
+        return None
+    entries = entries_of(values, wide, "")
+    made: list[Any] = []
+    end = 0
+    for number, entry in enumerate(entries):
+        if entry.offset > end:
+            made.append({"reserved": entry.offset - end})
+        item = _map_item(entry, od)
+        again = Entry(*GAP, entry.offset, entry.bits) if isinstance(item, dict) and "reserved" in item else entry
+        last = number == len(entries) - 1
+        if item is None or pack_entry(again, wide) != values[number] or (wide and again is not entry and not last):
+            return None
+        made.append(item)
+        end = entry.offset + entry.bits
+    table: dict[str, Any] = {"dir": pdo.direction, "number": pdo.number, "name": row.name}
+    if not wide:
+        table["entries"] = "uint32"
+    if row.access != "rw":
+        table["access"] = row.access
+    if row.mandatory:
+        table["mandatory"] = True
+    return {**table, "map": made}
+
+
+def _map_item(entry: Entry, od: Dictionary) -> Any:
+    """Return an entry of a map: an address, a table where it has a size of its own, or a gap; None for what has no text."""
+    if not entry.target:
+        return {"reserved": entry.bits} if entry.bits else None
+    address = f"0x{entry.target:04x}:{entry.sub}"
+    variable = od.variable((entry.target, entry.sub))
+    if address in od.names or (entry.sub == 0 and not od.objects[entry.target].single):
+        return None
+    if variable.bits == entry.bits:
+        return address
+    return {"var": address, "size": entry.bits // 8} if entry.bits % 8 == 0 else None
 
 
 def _elements(values: list[Plain], kind: SimpleType) -> Any:
@@ -178,17 +238,22 @@ def _toml(value: Any, key: str = "") -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int):
-        return f"0x{value:04x}" if key in _HEX and value >= 0 else str(value)
+        digits = 16 if key == _ENTRIES and value >> 32 else 8 if key == _ENTRIES else 4
+        return f"0x{value:0{digits}x}" if key in _HEX and value >= 0 else str(value)
     if isinstance(value, float):
         return repr(value)
     if isinstance(value, str):
         return _shown(json.dumps(value, ensure_ascii=False), toml=True)
     if isinstance(value, list):
-        parts = [_toml(item) for item in value]
+        parts = [_toml(item, key if key == _ENTRIES else "") for item in value]
         if value and isinstance(value[0], dict):
             return "[\n" + "".join(f"  {part},\n" for part in parts) + "]"
         return f"[{', '.join(parts)}]"
-    return "{" + ", ".join(f"{_key(name)} = {_toml(item, name)}" for name, item in value.items()) + "}"
+    return (
+        "{"
+        + ", ".join(f"{_key(name)} = {_toml(item, key if key == _ENTRIES else name)}" for name, item in value.items())
+        + "}"
+    )
 
 
 def _shown(text: str, *, toml: bool) -> str:

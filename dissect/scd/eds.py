@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 from msgspec.structs import replace
 
-from dissect.scd.errors import DictionaryError
+from dissect.scd.errors import DictionaryError, Troubles
 from dissect.scd.foreign import Description, ForeignEntry, ForeignSub, Imported, Notes
 from dissect.scd.foreign_types import DOMAIN_TYPE
 from dissect.scd.model import ARRAY, CLASSES, DEFSTRUCT, DEFTYPE, DOMAIN, NULL, RECORD, VAR
 from dissect.scd.ranges import MAX_SUB
 from dissect.scd.translation import translate
-from dissect.scd.written import whole
+from dissect.scd.written import whole_octal
 
 if TYPE_CHECKING:
     from canopen.objectdictionary import ODVariable
@@ -37,17 +37,17 @@ _LAST_KNOWN: Final = 0x1B
 _STRUCTURE_SUB: Final = 0xFF
 
 
-def import_eds(octets: bytes, path: str, encoding: str = "") -> Imported:
+def import_eds(octets: bytes, path: str, encoding: str = "", node: int | None = None) -> Imported:
     """Return the dictionary of an EDS or DCF file, of a DCF with the values of its parameters.
 
-    Without ``encoding`` it is UTF-8 (or UTF-16 with a mark), else Latin-1. Raises `DictionaryError` with section and line.
+    ``node`` is the node id for values that depend on one, instead of that of the file. Without ``encoding`` it is UTF-8 (or
+    UTF-16 with a mark), else Latin-1. Raises `DictionaryError` with section and line.
     """
     notes = Notes()
     try:
-        return translate(_File(_text(octets, encoding, notes), path, notes).description(), notes)
+        return translate(_File(_text(octets, encoding, notes), path, notes).description(node), notes)
     except DictionaryError as error:
-        error.path = path
-        raise
+        raise error.of_file(path) from None
 
 
 def _text(octets: bytes, encoding: str, notes: Notes) -> str:
@@ -86,12 +86,12 @@ class _File:
         self._codes: dict[tuple[int, int], int] = {}
         self._mandatory = self._listed()
 
-    def description(self) -> Description:
-        """Return what the file describes."""
+    def description(self, node: int | None = None) -> Description:
+        """Return what the file describes, for a device of the node id ``node``."""
         if not self._objects:
             raise DictionaryError("file", "no object is described: a section such as [1000] with ParameterName")
         copy = self._copy()
-        node_id = self._node_id()
+        node_id = self._node_id() if node is None else node
         entries = self._entries(copy)
         return Description(self._product(), self._file_version(), node_id, entries)
 
@@ -117,7 +117,7 @@ class _File:
                 raise self._fail(section, key, "is missing")
             return default
         try:
-            return whole(text)
+            return whole_octal(text)
         except ValueError as error:
             raise self._fail(section, key, f"{text[:40]!r} {error}") from None
 
@@ -153,25 +153,41 @@ class _File:
         """Return the sections of objects, checked and in their order."""
         copy = _empty()
         copy.add_section("DeviceInfo")
+        troubles = Troubles()
         for index in sorted(self._objects):
             name = self._objects[index]
-            self._section(copy, name, f"{index:04X}", (index, 0))
+            with troubles:
+                self._section(copy, name, f"{index:04X}", (index, 0))
             if self._parser.has_section(f"{name}Name"):
-                self._number(f"{name}Name", "NrOfEntries")
-                copy.read_dict({f"{index:04X}Name": dict(self._parser.items(f"{name}Name"))})
+                count = self._number(f"{name}Name", "NrOfEntries")
+                names = {**dict(self._parser.items(f"{name}Name")), "NrOfEntries": str(count)}
+                copy.read_dict({f"{index:04X}Name": names})
         for name in self._named(_SUB):
-            match = _SUB.fullmatch(name)
-            assert match is not None
-            index, sub = int(match[1], 16), int(match[2], 16)
-            if index not in self._objects:
-                raise self._fail(name, "", f"belongs to no object: [{match[1]}] is missing", "R62")
-            if sub == _STRUCTURE_SUB:
-                continue
-            if (index, sub) in self._subs:
-                raise self._fail(name, "", f"the same as [{self._subs[index, sub]}]", "R62")
-            self._subs[index, sub] = name
-            self._section(copy, name, f"{index:04X}sub{sub:X}", (index, sub))
+            with troubles:
+                self._copy_sub(copy, name)
+        troubles.found.sort(key=lambda error: error.line)
+        troubles.done()
         return copy
+
+    def _copy_sub(self, copy: Parser, name: str) -> None:
+        """Copy the section of a sub-index, if it is one that can be; raises `DictionaryError`."""
+        match = _SUB.fullmatch(name)
+        assert match is not None
+        index, sub = int(match[1], 16), int(match[2], 16)
+        if index not in self._objects:
+            raise self._fail(name, "", f"belongs to no object: [{match[1]}] is missing", "R62")
+        if sub == _STRUCTURE_SUB:
+            return
+        if (index, sub) in self._subs:
+            raise self._fail(name, "", f"the same as [{self._subs[index, sub]}]", "R62")
+        self._subs[index, sub] = name
+        kind = self._number(self._objects[index], "ObjectType", VAR)
+        if kind not in (ARRAY, RECORD):
+            # python-canopen has no place for them: a type's are told with the type, a NULL object has no data.
+            if kind not in (DEFTYPE, DEFSTRUCT):
+                self._notes.add(f"sub-indices of a {CLASSES.get(kind, 'VAR')} are left out", index)
+            return
+        self._section(copy, name, f"{index:04X}sub{sub:X}", (index, sub))
 
     def _section(self, copy: Parser, name: str, wanted: str, address: tuple[int, int]) -> None:
         values = dict(self._parser.items(name))
@@ -186,7 +202,7 @@ class _File:
             code = self._number(name, "DataType", DOMAIN_TYPE if kind == DOMAIN else None)
             values["DataType"] = f"0x{self._known(code, address):X}"
             values.setdefault("AccessType", "")
-            self._number(name, "PDOMapping", 0)
+            values["PDOMapping"] = str(self._number(name, "PDOMapping", 0))
         copy.read_dict({wanted: values})
 
     def _known(self, code: int, address: tuple[int, int]) -> int:

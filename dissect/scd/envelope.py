@@ -85,6 +85,39 @@ class _Place(NamedTuple):
         return number << self.offset
 
 
+class _HeadPlan:
+    """How the numbers of a whole head are read at once: as one number, of which each field is some bits."""
+
+    def __init__(self, places: list[_Place]) -> None:
+        self._places = places
+        numbered = [place for place in places if place.field.role not in _UNNUMBERED]
+        self._big = any(place.field.big for place in numbered)
+        self._bits = [(place.field.role, place.offset, (1 << place.field.bits) - 1) for place in numbered]
+        self._signed = [(place.field.role, 1 << place.field.bits - 1) for place in numbered if place.field.signed]
+        fixed = [place for place in places if place.field.value is not None and place.field.role != "reserved"]
+        # A value that its field cannot hold is no signature; the slow way says so.
+        self._sound = all(0 <= (place.field.value or 0) < 1 << place.field.bits for place in fixed)
+        self._mask = sum(((1 << place.field.bits) - 1) << place.offset for place in fixed)
+        self._value = sum(place.write(place.field.value or 0) for place in fixed) if self._sound else -1
+
+    def numbers(self, head: bytes) -> dict[str, int]:
+        """Return the numbers of a whole head by role, in the order of its fields."""
+        if self._big:
+            found: dict[str, int] = {}
+            _read_all(self._places, head, found)
+            return found
+        bits = int.from_bytes(head, "little")
+        numbers: dict[str, int] = {role: bits >> offset & mask for role, offset, mask in self._bits}
+        for role, sign in self._signed:
+            if numbers[role] & sign:
+                numbers[role] -= sign << 1
+        return numbers
+
+    def signed_by(self, head: bytes) -> bool:
+        """Whether every field of a whole head that never changes is as it should be."""
+        return int.from_bytes(head, "little") & self._mask == self._value
+
+
 class Envelope:
     """An envelope ready to wrap and unwrap. Raises `Error` E_DICTIONARY for a description that cannot work."""
 
@@ -106,6 +139,8 @@ class Envelope:
             raise Error(E_DICTIONARY, "envelope", "there is one crc, of 16 bits")
         self._crc_size = 2 * len(crcs)
         self._crc = crc_function(record.crc) if crcs and record.crc else None
+        self._crc_place = next((place for place in self._head + self._tail if place.field.role == "crc"), None)
+        self._plan = _HeadPlan(self._head)
         self._covers_data = record.crc is not None and record.crc.covers == "data"
 
     @cached_property
@@ -143,7 +178,9 @@ class Envelope:
     def frame(self, octets: Octets, at: int = 0) -> tuple[int, Error | None]:
         """Return what `frame_size` does, and the error instead of raising it."""
         head = bytes(octets[at : at + self.head_size])
-        error = self._signature(head, self._head)
+        error = None
+        if len(head) < self.head_size or not self._plan.signed_by(head):
+            error = self._signature(head, self._head)
         if error is not None:
             return 0, error
         if self._size is None:
@@ -158,11 +195,10 @@ class Envelope:
         Without a size field the message reaches to the end of ``octets``.
         """
         head = bytes(octets[at : at + self.head_size])
-        numbers: dict[str, int] = {}
         if len(head) < self.head_size:
             detail = f"{len(head)} octets, the header has {self.head_size}"
-            return Wrapped(numbers, b"", 0, Error(E_SHORT, "envelope", detail))
-        _read_all(self._head, head, numbers)
+            return Wrapped({}, b"", 0, Error(E_SHORT, "envelope", detail))
+        numbers = self._plan.numbers(head)
         there = len(octets) - at
         total, error = (there, None) if self._size is None else self._total(head)
         if error is None and total > there:
@@ -177,9 +213,9 @@ class Envelope:
         tail_at = total - self.tail_size
         tail = message[tail_at:]
         _read_all(self._tail, tail, numbers)
-        error = (
-            self._signature(head, self._head) or self._signature(tail, self._tail) or self._checked(message, tail_at)
-        )
+        if not self._plan.signed_by(head):
+            error = self._signature(head, self._head)
+        error = error or self._signature(tail, self._tail) or self._checked(message, tail_at)
         return Wrapped(numbers, message[self.head_size : tail_at], total, error)
 
     def fields(self, message: bytes) -> Iterator[tuple[EnvelopeField, int, int]]:
@@ -215,8 +251,8 @@ class Envelope:
         tail = _write_all(self._tail, given, self.tail_size)
         if self._crc is None:
             return head + data + tail
-        place = next(place for place in self._head + self._tail if place.field.role == "crc")
-        before = place.offset // 8
+        assert self._crc_place is not None
+        before = self._crc_place.offset // 8
         part = head[:before] if self._crc_in_head else head + data + tail[:before]
         given["crc"] = self._crc(data if self._covers_data else part)
         head = _write_all(self._head, given, self.head_size)
@@ -259,12 +295,12 @@ class Envelope:
 
     def _checked(self, message: bytes, tail_at: int) -> Error | None:
         """Return the error when the checksum differs."""
-        if self._crc is None:
+        place = self._crc_place
+        if self._crc is None or place is None:
             return None
-        begin, places = (0, self._head) if self._crc_in_head else (tail_at, self._tail)
-        place = next(place for place in places if place.field.role == "crc")
-        found = place.read(message[begin : begin + (self.head_size if self._crc_in_head else self.tail_size)])
-        covered = message[self.head_size : tail_at] if self._covers_data else message[: begin + place.offset // 8]
+        at = (0 if self._crc_in_head else tail_at) + place.offset // 8
+        found = int.from_bytes(message[at : at + 2], "big" if place.field.big else "little")
+        covered = message[self.head_size : tail_at] if self._covers_data else message[:at]
         wanted = self._crc(covered)
         return None if found == wanted else Error(E_CRC, "envelope", f"{found:#06x} received, {wanted:#06x} computed")
 

@@ -6,8 +6,8 @@ Two things that are easily mixed up: a *code* such as ``E_RANGE`` says why this 
 
 from __future__ import annotations
 
-from types import MappingProxyType
-from typing import Final
+from types import MappingProxyType, TracebackType
+from typing import Final, Self
 
 E_ACCESS: Final = "E_ACCESS"
 E_COUNT: Final = "E_COUNT"
@@ -45,7 +45,7 @@ CODES: Final = MappingProxyType(
         E_SHORT: "octets are missing",
         E_SUB: "no sub-index of this number",
         E_TYPE: "no type of this index or name",
-        E_UTF8: "the string is no UTF-8",
+        E_UTF8: "the string is no text in its encoding",
         E_VALUE: "a value of another kind",
     }
 )
@@ -79,6 +79,8 @@ ERROR_TEXTS: Final = MappingProxyType(
 )
 
 
+#: Errors of one file that are kept.
+MOST_TROUBLES: Final = 1000
 #: The longest piece of somebody's data that an error shows.
 _MOST_SHOWN: Final = 100
 
@@ -114,7 +116,8 @@ class DictionaryError(Error):
 
     ``where`` is the place inside (an object, a key, an octet), ``rule`` the requirement broken ("R73", or empty where no
     number fits), ``path`` the file, ``line`` the line of a TOML source counted from 1 (0: unknown), ``index`` the index of
-    the entry concerned (-1: none).
+    the entry concerned (-1: none). ``others`` are the further errors of the same file; one that only follows from another,
+    as that a type is missing which could not be read, is a ``consequence`` and left out.
     """
 
     def __init__(
@@ -127,14 +130,51 @@ class DictionaryError(Error):
         index: int = -1,
         path: str = "",
         line: int = 0,
+        consequence: bool = False,
     ) -> None:
         super().__init__(code, where, detail)
+        self.others: tuple[DictionaryError, ...] = ()
+        self.consequence = consequence
         self.rule = rule
         self.index = index
         self.path = path
         self.line = line
 
+    def of_file(self, path: str) -> Self:
+        """Say which file it is about, also of the ``others``; return the error."""
+        self.path = path
+        for error in self.others:
+            error.path = path
+        return self
+
     def __str__(self) -> str:
         place = f"{self.path}:{self.line}" if self.line else self.path
         rule = f" ({self.rule})" if self.rule else ""
         return ": ".join(part for part in (place, self.where, self.detail) if part) + rule
+
+
+class Troubles:
+    """Collects the errors of a file, so that all are reported at once: ``with troubles:`` around each part that may fail."""
+
+    def __init__(self) -> None:
+        self.found: list[DictionaryError] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool:
+        if not isinstance(error, DictionaryError):
+            return False
+        room = max(MOST_TROUBLES - len(self.found), 0)
+        self.found += [one for one in (error, *error.others) if not one.consequence][:room]
+        error.others = ()
+        return True
+
+    def done(self) -> None:
+        """Raise the first error with the others, if there is one."""
+        if self.found:
+            first = self.found[0]
+            first.others = tuple(self.found[1:])
+            raise first

@@ -11,7 +11,7 @@ from dissect.scd.errors import Error
 from dissect.scd.plain import as_plain
 from dissect.scd.records import Plain, TypeRecord
 from dissect.scd.types import STANDARD, Kind, SimpleType
-from dissect.scd.written import whole, written_value
+from dissect.scd.written import is_octal, whole_octal, written_value
 
 VISIBLE_STRING: Final = 0x09
 OCTET_STRING: Final = 0x0A
@@ -94,10 +94,10 @@ class ForeignTypes:
 def whole_of_node(text: str, node_id: int | None) -> int:
     """Return a whole number, with ``$NODEID+`` as CANopen writes it; raises ValueError."""
     if not _NODE_ID.search(text):
-        return whole(text)
+        return whole_octal(text)
     if node_id is None:
-        raise ValueError("depends on the node id, which the file does not say")
-    return whole(_NODE_ID.sub("", text).strip().strip("+") or "0") + node_id
+        raise ValueError("depends on the node id, which the file does not say: give it (--node)")
+    return whole_octal(_NODE_ID.sub("", text).strip().strip("+") or "0") + node_id
 
 
 def parse_value(text: str, code: int, kind: SimpleType, bits: int, node_id: int | None) -> Plain:
@@ -106,13 +106,13 @@ def parse_value(text: str, code: int, kind: SimpleType, bits: int, node_id: int 
     if code == UNICODE_STRING:
         found = text.strip().encode("utf-16-le")
     elif code in _SIX_OCTETS:
-        number = whole(text)
+        number = whole_octal(text)
         if not 0 <= number < 1 << 48:
             raise ValueError("does not fit 48 bits")
         found = number.to_bytes(6, "little")
     elif kind.kind is Kind.STRING:
         found = text.rstrip("\0")
-    elif kind.kind in (Kind.INT, Kind.UINT) and "$" in text:
+    elif kind.kind in (Kind.INT, Kind.UINT) and ("$" in text or is_octal(text)):
         found = whole_of_node(text, node_id)
     else:
         found = written_value(text, kind)
@@ -124,7 +124,13 @@ def parse_value(text: str, code: int, kind: SimpleType, bits: int, node_id: int 
 
 def parse_limit(text: str, kind: SimpleType) -> float | int:
     """Return a limit of a number of the type; raises ValueError."""
-    found = written_value(text, kind)
-    if isinstance(found, (int, float)) and math.isfinite(found):
-        return found
-    raise ValueError("is no finite number")
+    octal = kind.kind is not Kind.REAL and is_octal(text)
+    found = whole_octal(text) if octal else written_value(text, kind)
+    if not isinstance(found, (int, float)) or not math.isfinite(found):
+        raise ValueError("is no finite number")
+    if kind.kind is not Kind.REAL:
+        try:
+            kind.check(found)
+        except Error as error:
+            raise ValueError(error.detail) from None
+    return found

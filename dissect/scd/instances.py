@@ -55,7 +55,7 @@ def expand(lists: Mapping[str, list[Table]]) -> dict[str, list[Table]]:
 
 def _shifted(kind: str, table: Table, device: int) -> Table:
     content = {key: _filled(value, device) for key, value in table.content.items() if key != "device"}
-    moved = Table(content, f"{table.where} for device {device}", table.line)
+    moved = Table(content, f"{table.where} for device {device}", table.line, table.place)
     try:
         if kind == "type":
             content["index"] = ranges.type_of_device(moved.number("index"), device)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -17,11 +18,11 @@ if TYPE_CHECKING:
 #: Suffixes of device descriptions: INI files of CANopen, XML files of POWERLINK and CANopen.
 INI_SUFFIXES: Final = (".eds", ".dcf")
 XML_SUFFIXES: Final = (".xdd", ".xdc")
-#: A parsed XML file takes many times its size.
-MAX_DESCRIPTION: Final = 16 << 20
+#: A parsed description takes about sixty times its size in memory; real ones have a few hundred KiB.
+MAX_DESCRIPTION: Final = 4 << 20
 
 
-def load(path: str | Path) -> Dictionary:
+def load(path: str | os.PathLike[str]) -> Dictionary:
     """Return the dictionary of a file, compiled, source or device description; nothing is kept of one that is wrong.
 
     Raises `DictionaryError` with the place, OSError where there is no reading the file.
@@ -30,8 +31,8 @@ def load(path: str | Path) -> Dictionary:
         return import_file(path).dictionary
     octets = _read(Path(path))
     if is_compiled(octets) or Path(path).suffix not in (".toml", ".json"):
-        return load_octets(octets, str(path))
-    return _from_source(octets, str(path))
+        return load_octets(octets, os.fspath(path))
+    return _from_source(octets, os.fspath(path))
 
 
 def load_octets(octets: bytes, path: str = "") -> Dictionary:
@@ -40,11 +41,10 @@ def load_octets(octets: bytes, path: str = "") -> Dictionary:
     try:
         return Dictionary(body)
     except DictionaryError as error:
-        error.path = path
-        raise
+        raise error.of_file(path) from None
 
 
-def compile_source(path: str | Path) -> Dictionary:
+def compile_source(path: str | os.PathLike[str]) -> Dictionary:
     """Return the dictionary of a source: TOML, or by its suffix JSON, EDS, DCF, XDD, XDC; `Dictionary.save` writes it.
 
     What a device description says and a dictionary cannot hold is dropped; `import_file` tells it.
@@ -53,32 +53,33 @@ def compile_source(path: str | Path) -> Dictionary:
     """
     if is_description(path):
         return import_file(path).dictionary
-    return _from_source(_read(Path(path)), str(path))
+    return _from_source(_read(Path(path)), os.fspath(path))
 
 
-def is_description(path: str | Path) -> bool:
+def is_description(path: str | os.PathLike[str]) -> bool:
     """Whether the suffix is that of an EDS, DCF, XDD or XDC file."""
     return Path(path).suffix.lower() in INI_SUFFIXES + XML_SUFFIXES
 
 
-def import_file(path: str | Path, encoding: str = "") -> Imported:
+def import_file(path: str | os.PathLike[str], encoding: str = "", node: int | None = None) -> Imported:
     """Return the dictionary of a device description (EDS, DCF, XDD, XDC by its suffix), and notes of what it does not keep.
 
     ``encoding`` is that of an EDS or DCF; without one it is UTF-8 or else Latin-1, which a note tells; XML says its own.
+    ``node`` is the node id for values that depend on one, 1 to 127 of CANopen, to 254 of POWERLINK.
     Raises `DictionaryError` with the place, also where the package that reads the format is missing, OSError.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in INI_SUFFIXES + XML_SUFFIXES:
         suffixes = ", ".join(INI_SUFFIXES + XML_SUFFIXES)
-        raise DictionaryError("file", f"{suffix or 'no suffix'!r} is none of {suffixes}", path=str(path))
+        raise DictionaryError("file", f"{suffix or 'no suffix'!r} is none of {suffixes}", path=os.fspath(path))
     octets = _read(Path(path), MAX_DESCRIPTION)
     if suffix in INI_SUFFIXES:
         from dissect.scd.eds import import_eds
 
-        return import_eds(octets, str(path), encoding)
+        return import_eds(octets, os.fspath(path), encoding, node)
     from dissect.scd.xdd import import_xdd
 
-    return import_xdd(octets, str(path))
+    return import_xdd(octets, os.fspath(path), node)
 
 
 def compile_text(text: str, path: str = "") -> Dictionary:
@@ -94,9 +95,9 @@ def _from_source(octets: bytes, path: str) -> Dictionary:
 def _read(path: Path, most: int = MAX_FILE) -> bytes:
     size = path.stat().st_size
     if size > most:
-        raise DictionaryError("file", f"{size} octets, a dictionary has at most {most}", path=str(path))
+        raise DictionaryError("file", f"{size} octets, a dictionary has at most {most}", path=os.fspath(path))
     with path.open("rb") as stream:
         octets = stream.read(most + 1)
     if len(octets) > most:
-        raise DictionaryError("file", f"more than {most} octets", path=str(path))
+        raise DictionaryError("file", f"more than {most} octets", path=os.fspath(path))
     return octets

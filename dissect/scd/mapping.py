@@ -1,7 +1,7 @@
 """The entries of mapping objects: which variable stands at which bits of a PDO (R103-R106, C49).
 
 Two forms, told apart by the type of the array's elements: UNSIGNED64 of POWERLINK, with an offset of its own, and
-UNSIGNED32 of CANopen, where one entry follows the other and a static type index is a gap.
+UNSIGNED32 of CANopen, where one entry follows the other. In both a static type index is a gap, as CANopen has it.
 """
 
 from __future__ import annotations
@@ -46,18 +46,16 @@ def entries_of(values: Iterable[int], wide: bool, where: str) -> list[Entry]:
                 raise Error(E_MAP, f"{where} entry {number}", "octet 3 of an entry is 0")
         else:
             entry = Entry(value >> 16, value >> 8 & 0xFF, end, value & 0xFF)
-            if is_static_type(entry.target):
-                entry = entry._replace(target=0, sub=0)
-            elif not entry.target:
-                raise Error(E_MAP, f"{where} entry {number}", "the index is 0")
+        if is_static_type(entry.target):
+            entry = entry._replace(target=0, sub=0)
+        elif not entry.target:
+            raise Error(E_MAP, f"{where} entry {number}", "the index is 0")
         end = entry.offset + entry.bits
         entries.append(entry)
     return entries
 
 
-def place(
-    entries: Iterable[Entry], direction: str, find: Find, where: str, wide: bool
-) -> tuple[tuple[Mapped, ...], int]:
+def place(entries: Iterable[Entry], direction: str, find: Find, where: str) -> tuple[tuple[Mapped, ...], int]:
     """Return the variables of a PDO with their places, and its length in bits; raises `Error` E_MAP for a wrong entry.
 
     ``find`` gives the variable of an index and a sub-index and raises `Error` where there is none.
@@ -71,7 +69,7 @@ def place(
         end = entry.offset + entry.bits
         if end > MAX_PDO_BITS:
             raise Error(E_MAP, spot, f"ends at bit {end}, a PDO has at most {MAX_PDO_BITS}")
-        if entry.target or wide:
+        if entry.target:
             mapped.append(Mapped(_variable(entry, direction, find, spot), entry.offset, entry.bits))
     return tuple(mapped), end
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Literal
 import msgspec
 
 from dissect.scd.errors import E_COUNT, E_INDEX, E_KIND, E_PDO_NUMBER, E_VALUE, Error
-from dissect.scd.packing import ACCESS, TRAILING, VERSION, Flags, Key, Octets, flag
+from dissect.scd.layout import Key
+from dissect.scd.packing import ACCESS, TRAILING, VERSION, Flags, Octets, flag
 from dissect.scd.ranges import is_mapping, pdo_of_index, section_of
 from dissect.scd.types import Value
 
@@ -62,7 +63,13 @@ def parse_message(codec: Codec, octets: Octets, at: int = 0) -> Message:
     if not numbers:
         return message
     try:
-        message.service, message.phase = _kind(codec, numbers)
+        kind = numbers.get("kind"), numbers.get("response"), numbers.get("abort")
+        known = codec.kinds.get(kind)
+        if known is None:
+            known = _kind(codec, numbers)
+            if kind[0] is not None:
+                codec.kinds[kind] = known
+        message.service, message.phase = known
         if message.error is None:
             _decode(codec, message)
     except Error as error:
@@ -135,8 +142,8 @@ def _decode(codec: Codec, message: Message) -> None:
     if expects:
         decoded = codec.decode_value((message.index, message.sub), message.data)
         message.values = decoded.values
-        for name, keys in decoded.flags.items():
-            message.flags[name] = keys
+        if decoded.flags:
+            message.flags.update(decoded.flags)
     elif message.data and not carries:
         flag(message.flags, TRAILING)
 
@@ -151,7 +158,7 @@ def _judge_access(codec: Codec, message: Message) -> None:
         allowed = message.service == "read"
     else:
         try:
-            variable = dictionary.variable(key)
+            variable = codec.variable(key)
         except Error:
             if message.phase == "abort":
                 return  # that there is no such object may be the very reason of the abort
@@ -162,14 +169,20 @@ def _judge_access(codec: Codec, message: Message) -> None:
 
 
 def _decode_pdo(codec: Codec, message: Message) -> None:
-    pdo = _find_pdo(codec, message.numbers)
-    message.pdo = f"{pdo.direction}{pdo.number}"
+    numbers = message.numbers
+    known = codec.mapped.get(numbers.get("index", -1)) if "pdo" not in numbers else None
+    if known is None:
+        pdo = _find_pdo(codec, numbers)
+        known = f"{pdo.direction}{pdo.number}", pdo
+        if "pdo" not in numbers:
+            codec.mapped[pdo.mapping.index] = known
+    message.pdo, pdo = known
     decoded = codec.decode(message.pdo, message.data)
     message.values = decoded.values
-    for name, keys in decoded.flags.items():
-        message.flags[name] = keys
+    if decoded.flags:
+        message.flags.update(decoded.flags)
     # In place of a sub-index a PDO carries the version of its mapping, 0 for none.
-    if "index" in message.numbers and message.sub and pdo.version and message.sub != pdo.version:
+    if "index" in numbers and message.sub and pdo.version and message.sub != pdo.version:
         flag(message.flags, VERSION)
 
 

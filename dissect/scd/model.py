@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from dissect.scd.errors import E_SUB, Error, shown
-from dissect.scd.packing import decode_value, encode_value
+from dissect.scd.packing import check_limits, decode_value, encode_value
 from dissect.scd.ranges import device_of_pdo
 from dissect.scd.records import Access, Traits
 from dissect.scd.types import Kind, SimpleType, Value
@@ -93,8 +93,17 @@ class Variable(msgspec.Struct, frozen=True, eq=False):
         """Return ``value`` in its Python form, or raise `Error` saying what is wrong with it."""
         return self.type.check(value, self.bits, self.label)
 
-    def encode(self, value: object) -> bytes:
-        """Return the octets of the value alone, as an SDO carries it (C56); raises `Error`."""
+    def outside(self, value: object) -> bool:
+        """Whether a raw value is a number outside the limits that the dictionary has for it."""
+        low, high = self.traits.low, self.traits.high
+        if not isinstance(value, (int, float)):
+            return False
+        return (low is not None and value < low) or (high is not None and value > high)
+
+    def encode(self, value: object, *, limits: bool = True) -> bytes:
+        """Return the octets of the value alone, as an SDO carries it (C56); raises `Error`, with ``limits`` for those too."""
+        if limits:
+            check_limits(self.check(value), self.traits.low, self.traits.high, self.label)
         return encode_value(self.type, value, bits=self.bits, where=self.label)
 
     def decode(self, octets: bytes | bytearray | memoryview) -> Value:

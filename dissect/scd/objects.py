@@ -7,8 +7,8 @@ from typing import Any, Final
 
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.errors import E_INDEX, Error
+from dissect.scd.layout import Key
 from dissect.scd.model import StructType, Variable
-from dissect.scd.packing import Key
 from dissect.scd.types import Value
 
 _NOTHING: Final = object()
@@ -53,6 +53,11 @@ class Objects(MutableMapping[Any, Value]):
 
     def __len__(self) -> int:
         return len(self._values)
+
+    @property
+    def known(self) -> Mapping[Key, Value]:
+        """The values by the keys that `__iter__` gives, without the other ways to write one."""
+        return self._values
 
     def named(self) -> dict[str, Value]:
         """Return the values by the full names of their variables."""

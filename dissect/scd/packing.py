@@ -11,21 +11,21 @@ from __future__ import annotations
 
 import struct
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from ipaddress import IPv4Address
-from math import isinf
+from math import inf, isinf
+from operator import itemgetter
 from typing import Any, Final, NamedTuple
 
 import bitstruct
 
-from dissect.scd.errors import E_COUNT, E_LENGTH, E_LONG, E_MAP, E_SHORT, E_UTF8, Error
-from dissect.scd.types import SIZED, Kind, SimpleType, Value
-from dissect.scd.values import MAC, Interval, NetTime
+from dissect.scd.errors import E_COUNT, E_LENGTH, E_LONG, E_RANGE, E_SHORT, E_UTF8, Error, shown
+from dissect.scd.layout import OCTETS, TIMES, Key, Slot, aligned, bit_format, check_places, struct_format
+from dissect.scd.types import NUMERIC, SIZED, Kind, SimpleType, Value
+from dissect.scd.values import MAC, Interval, NetTime, TaiTime
 
 Octets = bytes | bytearray | memoryview
-#: What names a variable: index and sub-index, or the name of a field of a struct.
-Key = tuple[int, int] | str
 #: What was noticed while decoding → the variables concerned (none: the message as a whole).
 Flags = dict[str, tuple[Key, ...]]
 
@@ -35,27 +35,19 @@ PAD: Final = "pad"
 TRAILING: Final = "trailing"
 ACCESS: Final = "access"
 VERSION: Final = "version"
+#: Octets that are no text in the dictionary's encoding; the value is the octets themselves.
+ENCODING: Final = "encoding"
+#: A value outside the limits that the dictionary has for it.
+LIMITS: Final = "limits"
 
 #: The one NaN that is sent (C17): Python's own is 7FC00000h and 7FF8000000000000h.
 _NAN: Final = float("nan")
 _SECOND: Final = 1_000_000_000
-_CODES: Final = {
-    (Kind.INT, 8): "b",
-    (Kind.INT, 16): "h",
-    (Kind.INT, 32): "i",
-    (Kind.INT, 64): "q",
-    (Kind.UINT, 8): "B",
-    (Kind.UINT, 16): "H",
-    (Kind.UINT, 32): "I",
-    (Kind.UINT, 64): "Q",
-    (Kind.REAL, 32): "f",
-    (Kind.REAL, 64): "d",
-    (Kind.NETTIME, 64): "ii",
-    (Kind.INTERVAL, 64): "ii",
-}
-_OCTETS: Final = frozenset((Kind.STRING, Kind.BLOCK, Kind.MAC, Kind.IP))
-_TIMES: Final = frozenset((Kind.NETTIME, Kind.INTERVAL))
-_BIT_CODES: Final = {Kind.BOOL: "b", Kind.INT: "s", Kind.UINT: "u", Kind.REAL: "f"}
+#: The largest number that a float32 holds.
+_FLOAT32_MAX: Final = float.fromhex("0x1.fffffep127")
+_FLOAT64_MAX: Final = float.fromhex("0x1.fffffffffffffp1023")
+#: Python's type of a number of each kind, int where it is none of these.
+_FORMS: Final[dict[Kind, type]] = {Kind.BOOL: bool, Kind.REAL: float}
 
 
 def bit_engine() -> Callable[[str], Any]:
@@ -74,30 +66,35 @@ def bit_engine() -> Callable[[str], Any]:
     return engine
 
 
-class Slot(NamedTuple):
-    """Where a variable stands: ``offset`` and ``bits`` in the sequence of bits; ``where`` names it in errors.
+class _Plan(NamedTuple):
+    """How numbers are packed without looking at each: ``take`` gives them in the order of the packer.
 
-    ``fixed`` is the defined value of reserved bits (R32), None for "any".
+    They have to be exactly of the Python types ``forms``. The packer itself refuses an integer that does not fit; what it does
+    not know is in ``spans``: position, lowest and highest value of reals, which may not be infinite, and of what has limits.
     """
 
-    key: Key
-    type: SimpleType
-    bits: int
-    offset: int
-    where: str
-    fixed: int | None = None
+    take: Callable[[Mapping[Any, Any]], tuple[Any, ...]]
+    forms: tuple[type, ...]
+    spans: list[tuple[int, float | int, float | int]]
 
 
 class Packing:
     """Values ↔ octets for variables at fixed places; ``size`` octets hold ``bits`` bits (R25).
 
-    Raises `Error` E_MAP when variables overlap, descend or have no width, or when one ends after ``bits``.
+    ``enforce``: a value outside the limits of its slot is not packed (E_RANGE). Raises `Error` E_MAP when variables overlap,
+    descend or have no width, or when one ends after ``bits``.
     """
 
     def __init__(
-        self, slots: Sequence[Slot], bits: int, where: str, compiler: Callable[[str], Any] | None = None
+        self,
+        slots: Sequence[Slot],
+        bits: int,
+        where: str,
+        compiler: Callable[[str], Any] | None = None,
+        *,
+        enforce: bool = True,
     ) -> None:
-        _check_places(slots, bits, where)
+        check_places(slots, bits, where)
         self.where = where
         self.bits = bits
         self.size = (bits + 7) // 8
@@ -107,26 +104,39 @@ class Packing:
         self._constant = sum((slot.fixed or 0) << slot.offset for slot in slots if slot.type.kind is Kind.RESERVED)
         valued = sum(((1 << slot.bits) - 1) << slot.offset for slot in self.slots)
         self._unvalued = ((1 << 8 * self.size) - 1) & ~valued
-        self.aligned = _aligned(self.slots)
+        self.aligned = aligned(self.slots)
         self._unpack: Callable[[bytes], tuple[Any, ...]]
         self._pack: Callable[..., bytes]
         if self.aligned:
-            packer = struct.Struct(_struct_format(self.slots, self.size))
+            packer = struct.Struct(struct_format(self.slots, self.size))
             self._unpack, self._pack = packer.unpack, packer.pack
         else:
-            bits_packer = (compiler or bit_engine())(_bit_format(self.slots, self.size))
+            bits_packer = (compiler or bit_engine())(bit_format(self.slots, self.size))
             self._unpack, self._pack = bits_packer.unpack, bits_packer.pack
         kinds = [slot.type.kind for slot in self.slots]
-        self._timed = not _TIMES.isdisjoint(kinds)
+        self._timed = not TIMES.isdisjoint(kinds)
         self._reals = [at for at, kind in enumerate(kinds) if kind is Kind.REAL]
         finishers = [_finisher(slot, reverse=not self.aligned) for slot in self.slots]
         self._finish = [(at, finish) for at, finish in enumerate(finishers) if finish is not None]
-        self._plain = self.aligned and not (self._timed or self._reals or self._finish)
+        # Where a text that is none becomes its octets: position, encoding, whether its octets are reversed.
+        self._texts = [
+            (at, slot.type.form or "utf-8", not self.aligned)
+            for at, slot in enumerate(self.slots)
+            if slot.type.kind is Kind.STRING
+        ]
+        self._limits = [
+            (at, -inf if slot.low is None else slot.low, inf if slot.high is None else slot.high)
+            for at, slot in enumerate(self.slots)
+            if slot.low is not None or slot.high is not None
+        ]
+        self._enforce = enforce
+        self._plan = self._planned()
+        self._plain = self.aligned and not (self._timed or self._reals or self._finish or self._texts or self._limits)
 
     def unpack(self, octets: bytes, flags: Flags, strict_pad: bool = False) -> Sequence[Value]:
         """Return the values in the first ``size`` of ``octets``, which must be there; what is noticed goes into ``flags``.
 
-        Raises `Error` E_UTF8 for a string that is none.
+        Octets that are no text in their encoding are given as they are, so that they cost no other value.
         """
         if len(octets) != self.size:
             octets = octets[: self.size]
@@ -138,13 +148,55 @@ class Packing:
         for at in self._reals:
             if isinf(raw[at]):
                 flag(flags, NONFINITE, self.keys[at])
-        if self._finish:
+        for at, low, high in self._limits:
+            if raw[at] < low or raw[at] > high:
+                flag(flags, LIMITS, self.keys[at])
+        if self._finish or self._texts:
             raw = list(raw)
             for at, finish in self._finish:
                 raw[at] = finish(raw[at])
+            for at, encoding, reverse in self._texts:
+                text = bytes(raw[at][::-1]) if reverse else raw[at]
+                try:
+                    raw[at] = text.rstrip(b"\0").decode(encoding)
+                except UnicodeDecodeError:
+                    raw[at] = text
+                    flag(flags, ENCODING, self.keys[at])
         if strict_pad and int.from_bytes(octets, "little") & self._unvalued != self._constant:
             flag(flags, PAD)
         return raw
+
+    def pack_known(self, given: Mapping[Any, Any]) -> bytes | None:
+        """Return the octets of numbers that fit, by their keys; None for anything that `pack` has to look at more closely.
+
+        More values than are packed may be there.
+        """
+        plan = self._plan
+        if plan is None:
+            return None
+        try:
+            values = plan.take(given)
+            if tuple(map(type, values)) != plan.forms:
+                return None
+            for at, low, high in plan.spans:
+                if not low <= values[at] <= high:
+                    return None
+            octets = self._pack(*values)
+        except (KeyError, OverflowError, struct.error, bitstruct.Error):
+            return None
+        if not self.aligned:
+            octets = octets[::-1]
+        return self._with_constant(octets) if self._constant else octets
+
+    def _planned(self) -> _Plan | None:
+        """Return what `pack_known` goes by; None where other things than numbers are packed."""
+        if not self.slots or any(slot.type.kind not in NUMERIC for slot in self.slots):
+            return None
+        slots = self.slots if self.aligned else self.slots[::-1]
+        keys = [slot.key for slot in slots]
+        take = itemgetter(*keys) if len(keys) > 1 else _one(keys[0])
+        spans = [(at, *span) for at, slot in enumerate(slots) if (span := _span(slot, self._enforce)) is not None]
+        return _Plan(take, tuple([_FORMS.get(slot.type.kind, int) for slot in slots]), spans)
 
     def pack(self, values: Sequence[object]) -> bytes:
         """Return the octets that carry ``values``, one for each of ``slots``; raises `Error` for what does not fit."""
@@ -153,31 +205,35 @@ class Packing:
         raw: list[Any] = []
         for slot, value in zip(self.slots, values, strict=True):
             checked = slot.type.check(value, slot.bits, slot.where)
+            if self._enforce and (slot.low is not None or slot.high is not None):
+                check_limits(checked, slot.low, slot.high, slot.where)
             kind = slot.type.kind
-            if kind in _TIMES:
+            if kind in TIMES:
                 raw += checked  # type: ignore[arg-type]  # both times are pairs
-            elif kind in _OCTETS:
-                raw.append(_field_octets(checked, slot.bits // 8, reverse=not self.aligned))
+            elif kind in OCTETS:
+                raw.append(_field_octets(checked, slot.bits // 8, slot.type.form, reverse=not self.aligned))
             elif kind is Kind.REAL and checked != checked:  # noqa: PLR0124 - NaN, of which one form is sent (C17)
                 raw.append(_NAN)
             else:
                 raw.append(checked)
         octets = self._pack(*raw) if self.aligned else self._pack(*reversed(raw))[::-1]
-        if self._constant:
-            octets = (int.from_bytes(octets, "little") | self._constant).to_bytes(self.size, "little")
-        return octets
+        return self._with_constant(octets) if self._constant else octets
+
+    def _with_constant(self, octets: bytes) -> bytes:
+        """Return the octets with the reserved bits that are defined (R32)."""
+        return (int.from_bytes(octets, "little") | self._constant).to_bytes(self.size, "little")
 
     def _join_times(self, raw: Sequence[Any], flags: Flags) -> list[Any]:
         joined: list[Any] = []
         take = iter(raw)
         for slot in self.slots:
             kind = slot.type.kind
-            if kind not in _TIMES:
+            if kind not in TIMES:
                 joined.append(next(take))
                 continue
             seconds, nanoseconds = next(take), next(take)
             if kind is Kind.NETTIME:
-                joined.append(NetTime(seconds, nanoseconds))
+                joined.append((TaiTime if slot.type.form else NetTime)(seconds, nanoseconds))
                 fine = 0 <= nanoseconds < _SECOND
             else:
                 joined.append(Interval(seconds, nanoseconds))
@@ -213,7 +269,7 @@ def decode_value(
         most = width // 8
         if width and (len(data) > most or (kind.kind is Kind.BLOCK and len(data) != most)):
             raise Error(E_LENGTH, where or kind.name, f"{len(data)} octets, {most} are declared")
-        return text_of(data, where or kind.name) if kind.kind is Kind.STRING else data
+        return text_of(data, where or kind.name, kind.form or "utf-8") if kind.kind is Kind.STRING else data
     packing = single(kind, width)
     if len(data) != packing.size:
         code = E_SHORT if len(data) < packing.size else E_LONG
@@ -232,7 +288,7 @@ def encode_value(kind: SimpleType, value: object, *, bits: int = 0, where: str =
     width = bits or kind.bits
     if kind.kind in SIZED:
         checked = kind.check(value, width, where)
-        return _field_octets(checked, width // 8, reverse=False)
+        return _field_octets(checked, width // 8, kind.form, reverse=False)
     packing = single(kind, width)
     return packing.pack([kind.check(value, width, where)])
 
@@ -243,75 +299,44 @@ def single(kind: SimpleType, bits: int) -> Packing:
     return Packing([Slot("", kind, bits, 0, kind.name)], bits, kind.name)
 
 
-def text_of(octets: bytes, where: str) -> str:
+def check_limits(value: object, low: float | None, high: float | None, where: str) -> None:
+    """Raise `Error` E_RANGE for a number outside the limits that a dictionary has for it; NaN is outside of none."""
+    if isinstance(value, (int, float)) and ((low is not None and value < low) or (high is not None and value > high)):
+        raise Error(E_RANGE, where, f"{shown(value)} is outside the limits of its raw value, {limits_text(low, high)}")
+
+
+def limits_text(low: float | None, high: float | None) -> str:
+    """Return limits for a person: "-3000..3000", "at least 0", "at most 100"."""
+    if low is None:
+        return f"at most {high}"
+    return f"at least {low}" if high is None else f"{low}..{high}"
+
+
+def text_of(octets: bytes, where: str, encoding: str = "utf-8") -> str:
     """Return a text without the U+0000 that fill its field up (C19); raises `Error` E_UTF8, the octets in its detail."""
     try:
-        return octets.rstrip(b"\0").decode()
+        return octets.rstrip(b"\0").decode(encoding)
     except UnicodeDecodeError as error:
-        raise Error(E_UTF8, where, f"{error.reason} at octet {error.start} of {octets.hex(' ')}") from None
+        detail = f"no {encoding.upper()}: {error.reason} at octet {error.start} of {octets.hex(' ')}"
+        raise Error(E_UTF8, where, detail) from None
 
 
-def _check_places(slots: Sequence[Slot], bits: int, where: str) -> None:
-    end = 0
-    for slot in slots:
-        if slot.bits <= 0 and slot.type.kind is not Kind.RESERVED:
-            raise Error(
-                E_MAP, slot.where, "a variable length needs a size: from the mapping, the struct or the message"
-            )
-        if slot.offset < end:
-            raise Error(E_MAP, slot.where, f"it begins at bit {slot.offset}, the one before ends at {end}")
-        end = slot.offset + slot.bits
-    if end > bits:
-        raise Error(E_MAP, where, f"the last variable ends at bit {end} of {bits}")
+def _span(slot: Slot, enforce: bool) -> tuple[float | int, float | int] | None:
+    """Return the lowest and highest number of a slot where the packer does not see to it, else None."""
+    low, high = (slot.low, slot.high) if enforce else (None, None)
+    if slot.type.kind is Kind.REAL:
+        most = _FLOAT32_MAX if slot.bits == 32 else _FLOAT64_MAX
+        return -most if low is None else max(low, -most), most if high is None else min(high, most)
+    return None if low is None and high is None else (-inf if low is None else low, inf if high is None else high)
 
 
-def _aligned(slots: Sequence[Slot]) -> bool:
-    """Whether struct can do it: every variable on whole octets of its own, in a width that struct knows."""
-    # When each begins with an octet, nothing else is in the octet of a Boolean.
-    return all(
-        slot.offset % 8 == 0
-        and (slot.type.kind in _OCTETS or slot.type.kind is Kind.BOOL or (slot.type.kind, slot.bits) in _CODES)
-        for slot in slots
-    )
+def _one(key: Key) -> Callable[[Mapping[Any, Any]], tuple[Any, ...]]:
+    return lambda given: (given[key],)
 
 
-def _struct_format(slots: Sequence[Slot], size: int) -> str:
-    codes, at = ["<"], 0
-    for slot in slots:
-        first = slot.offset // 8
-        width = (slot.bits + 7) // 8
-        if slot.type.kind is Kind.BOOL:
-            code = "B"
-        else:
-            code = f"{width}s" if slot.type.kind in _OCTETS else _CODES[slot.type.kind, slot.bits]
-        codes.append(f"{first - at}x" if first > at else "")
-        codes.append(code)
-        at = first + width
-    codes.append(f"{size - at}x" if size > at else "")
-    return "".join(codes)
-
-
-def _bit_format(slots: Sequence[Slot], size: int) -> str:
-    codes, end = [], 8 * size
-    for slot in reversed(slots):
-        after = slot.offset + slot.bits
-        if after < end:
-            codes.append(f"p{end - after}")
-        if slot.type.kind in _TIMES:
-            codes.append("s32s32")
-        elif slot.type.kind in _OCTETS:
-            codes.append(f"r{slot.bits}")
-        else:
-            codes.append(f"{_BIT_CODES[slot.type.kind]}{slot.bits}")
-        end = slot.offset
-    if end:
-        codes.append(f"p{end}")
-    return "".join(codes)
-
-
-def _field_octets(value: object, size: int, *, reverse: bool) -> bytes:
+def _field_octets(value: object, size: int, encoding: str, *, reverse: bool) -> bytes:
     if isinstance(value, str):
-        octets = value.encode().ljust(size, b"\0")
+        octets = value.encode(encoding or "utf-8").ljust(size, b"\0")
     elif isinstance(value, IPv4Address):
         octets = value.packed
     else:
@@ -322,9 +347,7 @@ def _field_octets(value: object, size: int, *, reverse: bool) -> bytes:
 
 def _finisher(slot: Slot, *, reverse: bool) -> Callable[[Any], Value] | None:
     """Return what makes a value of what struct (or with ``reverse``: bitstruct) read, None where that is the value."""
-    kind, where = slot.type.kind, slot.where
-    if kind is Kind.STRING:
-        return (lambda raw: text_of(raw[::-1], where)) if reverse else (lambda raw: text_of(raw, where))
+    kind = slot.type.kind
     if kind is Kind.MAC:
         return (lambda raw: MAC(raw[::-1])) if reverse else MAC
     if kind is Kind.IP:

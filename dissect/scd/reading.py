@@ -6,8 +6,10 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
+from dissect.config.hints import SURELY, close_names, close_to
+from dissect.config.lines import Place
 from dissect.scd.bounds import HIGHEST, LOWEST
-from dissect.scd.errors import DictionaryError, Error, shown
+from dissect.scd.errors import DictionaryError, Error, Troubles, shown
 from dissect.scd.plain import as_plain
 from dissect.scd.ranges import MAX_SUB
 from dissect.scd.records import Access, Counts, CrcRecord, EnvelopeField, EnvelopeRecord, FieldRecord, Plain, Traits
@@ -33,20 +35,37 @@ def whole_number(text: str) -> int | None:
 
 
 class Table:
-    """The keys of one table; ``where`` names it in errors, ``line`` is its line (0: unknown)."""
+    """The keys of one table; ``where`` names it in errors, ``line`` is its line (0: unknown), or ``place`` finds it."""
 
-    def __init__(self, content: object, where: str, line: int = 0) -> None:
+    def __init__(self, content: object, where: str, line: int = 0, place: Place | None = None) -> None:
         self.where = where
-        self.line = line
+        self.place = place
+        self._line = line
         if not isinstance(content, Mapping):
-            raise DictionaryError(where, f"{shown(content)} is no table", line=line)
+            raise DictionaryError(where, f"{shown(content)} is no table", line=self.line)
         self.content: Mapping[str, Any] = content
         self._asked: set[str] = set()
 
-    def fail(self, key: str, detail: str, rule: str = "") -> DictionaryError:
+    @property
+    def line(self) -> int:
+        """The line of the table, 0 where it is not known."""
+        return self._line or (0 if self.place is None else self.place.line())
+
+    def line_of(self, key: str) -> int:
+        """Return the line of a key of the table, that of the table where the key has none."""
+        return self.line if self.place is None else self.place.line(key) or self.line
+
+    def inside(self, content: object, where: str, key: str, number: int | None = None) -> Table:
+        """Return a table that is the value of a key of this one, or an element of it; raises `DictionaryError`."""
+        more: tuple[str | int, ...] = (key,) if number is None else (key, number)
+        place = None if self.place is None else self.place.inside(*more)
+        return Table(content, f"{self.where}, {where}", 0 if place else self.line, place)
+
+    def fail(self, key: str, detail: str, rule: str = "", *, consequence: bool = False) -> DictionaryError:
         """Return the error of a key."""
         name = key if key.isprintable() and len(key) <= _LONGEST_KEY else shown(key)
-        return DictionaryError(f"{self.where}, {name}", detail, rule=rule, line=self.line)
+        where = f"{self.where}, {name}"
+        return DictionaryError(where, detail, rule=rule, line=self.line_of(key), consequence=consequence)
 
     def has(self, key: str) -> bool:
         """Whether the key is there."""
@@ -57,16 +76,23 @@ class Table:
         self._asked.add(key)
 
     def done(self) -> None:
-        """Raise for keys that nothing asked for."""
+        """Raise for keys that nothing asked for, all of them at once."""
+        troubles = Troubles()
         for key in self.content:
             if key not in self._asked:
-                raise self.fail(str(key), "no such key here; these are: " + ", ".join(sorted(self._asked)))
+                free = [name for name in sorted(self._asked) if name not in self.content]
+                hint = close_to(str(key), free) or "; these are: " + ", ".join(sorted(self._asked))
+                with troubles:
+                    raise self.fail(str(key), f"no such key here{hint}")
+        troubles.done()
 
     def _get(self, key: str, default: object) -> object:
         self._asked.add(key)
         found = self.content.get(key, default)
         if found is _MISSING:
-            raise self.fail(key, "is missing")
+            written = close_names(key, [name for name in self.content if name not in self._asked], SURELY)
+            meant = f"; {shown(written[0])} is there: a slip of the pen?" if written else ""
+            raise self.fail(written[0] if written else key, f"{key} is missing{meant}" if written else "is missing")
         return found
 
     def text(self, key: str, default: object = _MISSING) -> str:
@@ -107,7 +133,8 @@ class Table:
         found = self._get(key, default)
         if isinstance(found, str) and found in choices:
             return found
-        raise self.fail(key, f"{shown(found)} is none of {', '.join(choices)}")
+        hint = close_to(found, choices) if isinstance(found, str) else ""
+        raise self.fail(key, f"{shown(found)} is none of {', '.join(choices)}{hint}")
 
     def items(self, key: str) -> list[Any]:
         """Return an array, empty where the key is missing."""
@@ -153,7 +180,7 @@ class Table:
         values: list[Plain] = [None] * len(fields)
         for name, value in found.items():
             if name not in numbers:
-                raise self.fail(key, f"no field {shown(name)}", "R70")
+                raise self.fail(key, f"no field {shown(name)}{close_to(name, numbers)}", "R70")
             number = numbers[name]
             kind = kinds[number]
             values[number] = self._plain(f"{key} {name}", value, kind, kind.bits or fields[number].bits)
@@ -171,7 +198,11 @@ class Table:
             value = kind.check(found, bits)
         except Error as error:
             raise DictionaryError(
-                f"{self.where}, {key}", error.detail, rule="R72", code=error.code, line=self.line
+                f"{self.where}, {key}",
+                error.detail,
+                rule="R72",
+                code=error.code,
+                line=self.line_of(key.partition(" ")[0]),
             ) from None
         return as_plain(value)
 
@@ -179,7 +210,7 @@ class Table:
 def traits_of(table: Table) -> Traits | None:
     """Return unit, scale, shift, limits and texts of a variable's table, None where there are none."""
     texts: list[tuple[int, str]] = []
-    found = Table(table.content.get("texts", {}), f"{table.where}, texts", table.line)
+    found = table.inside(table.content.get("texts", {}), "texts", "texts")
     for key in found.content:
         number = whole_number(key)
         if number is None:
@@ -201,49 +232,62 @@ def traits_of(table: Table) -> Traits | None:
 def fields_of(table: Table, type_of: Callable[[Table], SimpleType]) -> list[FieldRecord]:
     """Return the fields of a struct's or record's table; ``{reserved=6}`` is a gap, with ``fixed`` if its bits are defined."""
     fields = []
-    for number, item in enumerate(table.items("fields"), 1):
-        row = Table(item, f"{table.where}, field {number}", table.line)
-        if row.has("reserved"):
-            fixed = row.number("fixed") if row.has("fixed") else None
-            fields.append(FieldRecord("", 0, row.number("reserved"), fixed))
-        else:
-            name = row.text("name")
-            kind = type_of(row)
-            bits = 8 * row.number("size", 0)
-            mappable = row.flag("mappable", False) if row.has("mappable") else None
-            access: Access = row.choice("access", ("rw", "wo", "ro", "const")) if row.has("access") else ""
-            default = row.value("default", kind, kind.bits or bits)
-            fields.append(FieldRecord(name, kind.index, bits, None, access, mappable, default, traits_of(row)))
-        row.done()
+    troubles = Troubles()
+    for number, item in enumerate(table.items("fields")):
+        with troubles:
+            fields.append(_field_of(table.inside(item, f"field {number + 1}", "fields", number), type_of))
+    troubles.done()
     return fields
 
 
-def envelope_of(content: object, line: int) -> EnvelopeRecord | None:
+def _field_of(row: Table, type_of: Callable[[Table], SimpleType]) -> FieldRecord:
+    if row.has("reserved"):
+        fixed = row.number("fixed") if row.has("fixed") else None
+        field = FieldRecord("", 0, row.number("reserved"), fixed)
+    else:
+        name = row.text("name")
+        kind = type_of(row)
+        bits = 8 * row.number("size", 0)
+        mappable = row.flag("mappable", False) if row.has("mappable") else None
+        access: Access = row.choice("access", ("rw", "wo", "ro", "const")) if row.has("access") else ""
+        default = row.value("default", kind, kind.bits or bits)
+        field = FieldRecord(name, kind.index, bits, None, access, mappable, default, traits_of(row))
+    row.done()
+    return field
+
+
+def envelope_of(content: object, place: Place) -> EnvelopeRecord | None:
     """Return the described envelope, None where the source describes none."""
     if content is None:
         return None
-    table = Table(content, "envelope", line)
+    table = Table(content, "envelope", place=place)
     crc = None
     if table.has("crc"):
-        row = Table(table.content["crc"], "envelope, crc", line)
+        row = table.inside(table.content["crc"], "crc", "crc")
         crc = CrcRecord(
             row.number("poly", 0x1021), row.number("init", 0), row.flag("refin", False), row.flag("refout", False),
             row.number("xorout", 0), row.choice("covers", ("before", "data"), "before"),
         )  # fmt: skip
         row.done()
         table.mark("crc")
-    fields = [_envelope_field(item, number, line) for number, item in enumerate(table.items("fields"), 1)]
+    fields = []
     kinds = []
-    for number, item in enumerate(table.items("kinds"), 1):
-        row = Table(item, f"envelope, kind {number}", line)
-        kinds.append((row.number("value"), row.choice("service", ("read", "write", "pdo"))))
-        row.done()
-    table.done()
+    troubles = Troubles()
+    for number, item in enumerate(table.items("fields")):
+        with troubles:
+            fields.append(_envelope_field(table.inside(item, f"field {number + 1}", "fields", number)))
+    for number, item in enumerate(table.items("kinds")):
+        with troubles:
+            row = table.inside(item, f"kind {number + 1}", "kinds", number)
+            kinds.append((row.number("value"), row.choice("service", ("read", "write", "pdo"))))
+            row.done()
+    with troubles:
+        table.done()
+    troubles.done()
     return EnvelopeRecord(fields, sorted(kinds), crc)
 
 
-def _envelope_field(item: object, number: int, line: int) -> EnvelopeField:
-    row = Table(item, f"envelope, field {number}", line)
+def _envelope_field(row: Table) -> EnvelopeField:
     role = row.choice("role", _ROLE_NAMES)
     bits, signed = (1 if role in _ONE_BIT else 0), False
     if row.has("type"):
@@ -263,11 +307,11 @@ def _envelope_field(item: object, number: int, line: int) -> EnvelopeField:
     return field
 
 
-def errors_of(content: object, line: int) -> list[tuple[int, str]]:
+def errors_of(content: object, place: Place) -> list[tuple[int, str]]:
     """Return the texts of scd_err_t that replace the usual ones: {"-5" = "no such object"}."""
     if content is None:
         return []
-    table = Table(content, "errors", line)
+    table = Table(content, "errors", place=place)
     texts = []
     for key in table.content:
         number = whole_number(key)

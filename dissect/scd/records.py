@@ -120,7 +120,7 @@ class EnvelopeRecord(msgspec.Struct, array_like=True, frozen=True):
 
 
 class Body(msgspec.Struct, array_like=True, frozen=True):
-    """A whole dictionary: types, structs and objects ascend by index."""
+    """A whole dictionary: types, structs and objects ascend by index. ``encoding`` is that of its strings on the wire."""
 
     name: str
     version: str
@@ -130,3 +130,4 @@ class Body(msgspec.Struct, array_like=True, frozen=True):
     objects: list[ObjectRecord]
     envelope: EnvelopeRecord | None = None
     errors: list[tuple[int, str]] = []
+    encoding: str = "utf-8"

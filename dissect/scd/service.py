@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import os
 
 from dissect.scd.codec import Codec
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.errors import E_COUNT, E_DICTIONARY, E_VALUE, Error
+from dissect.scd.layout import Key
 from dissect.scd.model import Object, StructType
 from dissect.scd.objects import Objects
-from dissect.scd.packing import Key, Octets
+from dissect.scd.packing import Octets
 
 _codec: Codec | None = None
 
 
-def init(dictionary: str | Path | Dictionary) -> Codec:
+def init(dictionary: str | os.PathLike[str] | Dictionary) -> Codec:
     """Initialise the codec with a dictionary file (R10, R13) or a dictionary; raises `DictionaryError`, OSError."""
     global _codec  # noqa: PLW0603 - the text describes functions with a state of their own
     if not isinstance(dictionary, Dictionary):

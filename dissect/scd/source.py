@@ -6,31 +6,33 @@ Tables: [dictionary], [[type]], [[object]], [[pdo]], [[instance]], [envelope], [
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Mapping
-from typing import Any, Final, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, Literal, TypeVar
 
 import msgspec
 
+from dissect.config.hints import close_to
+from dissect.config.lines import Lines, Place
 from dissect.scd import ranges
 from dissect.scd.bounds import check_bounds
+from dissect.scd.check import find_troubles
 from dissect.scd.dictionary import Dictionary
-from dissect.scd.errors import DictionaryError, Error, shown
+from dissect.scd.errors import DictionaryError, Error, Troubles, shown
 from dissect.scd.instances import expand
-from dissect.scd.mapping import Entry, pack_entry
+from dissect.scd.map_reading import MapReader, kind_of
+from dissect.scd.mapping import pack_entry
 from dissect.scd.model import ARRAY, DOMAIN, NULL, RECORD
 from dissect.scd.reading import Table, envelope_of, errors_of, fields_of, traits_of
 from dissect.scd.records import Body, FieldRecord, ObjectClass, ObjectRecord, Plain, StructRecord, TypeRecord
-from dissect.scd.toml_tables import header_lines, parse_tables
-from dissect.scd.types import STANDARD, STANDARD_NAMES, Kind, SimpleType, reserved, width_trouble
+from dissect.scd.toml_tables import parse_tables
+from dissect.scd.types import ENCODINGS, STANDARD, STANDARD_NAMES, Kind, SimpleType, formed, width_trouble
 
 _LISTS: Final = ("type", "object", "pdo", "instance")
 _TABLES: Final = ("dictionary", "envelope", "errors")
 _CLASSES: Final[dict[str, ObjectClass]] = {"NULL": 0, "DOMAIN": 2, "VAR": 7, "ARRAY": 8, "RECORD": 9}
 _KINDS: Final = {kind.name.lower(): kind for kind in Kind if kind is not Kind.RESERVED}
+TimeScale = Literal["utc", "tai"]
 Row = TypeVar("Row", TypeRecord, StructRecord, ObjectRecord)
-#: Of a sub-index, zeros in front allowed.
-_MOST_DIGITS: Final = 9
 _UINT32_MAP: Final = 7
 _UINT64_MAP: Final = 27
 
@@ -38,7 +40,7 @@ _UINT64_MAP: Final = 27
 def parse_toml(text: str, path: str = "") -> Dictionary:
     """Return the dictionary of a TOML source; raises `DictionaryError` with ``path``, line, table and rule."""
     tables = parse_tables(text, path)
-    return _build(tables, path, header_lines(text, tables, _LISTS, _TABLES))
+    return _build(tables, path, Lines(text))
 
 
 def parse_json(text: str, path: str = "") -> Dictionary:
@@ -51,7 +53,7 @@ def parse_json(text: str, path: str = "") -> Dictionary:
         raise DictionaryError("JSON", str(error), path=path) from None
     if not isinstance(tables, dict):
         raise DictionaryError("JSON", "a dictionary is an object with the tables of a TOML source", path=path)
-    return _build(tables, path, {})
+    return _build(tables, path, Lines(""))
 
 
 def _no_key_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -61,93 +63,147 @@ def _no_key_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def _build(tables: Mapping[str, Any], path: str, lines: Mapping[tuple[str, int], int]) -> Dictionary:
+def _build(tables: Mapping[str, Any], path: str, lines: Lines) -> Dictionary:
+    """Return the dictionary; raises the first `DictionaryError`, with all others that were found."""
     reader = _Reader(tables, lines)
-    try:
+    troubles = Troubles()
+    with troubles:
         body = reader.body()
-        return Dictionary(body)
-    except DictionaryError as error:
+        broken = find_troubles(body)
+        for error in (*reader.troubles.found, *broken):
+            with troubles:
+                raise error
+        if not broken:  # what could be read keeps the rules, so its PDOs can be placed
+            made = Dictionary(body)
+            if not troubles.found:
+                return made
+    for error in troubles.found:
         error.path = path
         error.line = error.line or reader.line_of(error)
-        raise
+    troubles.found.sort(key=lambda error: error.line)
+    troubles.done()
+    raise DictionaryError("source", "cannot be read", path=path)
 
 
 class _Reader:
-    """Reads the tables of one source. What an index was written as is kept, so that a broken rule finds its line."""
+    """Reads the tables of one source. What an index was written as is kept, so that a broken rule finds its line.
 
-    def __init__(self, tables: Mapping[str, Any], lines: Mapping[tuple[str, int], int]) -> None:
+    ``troubles`` collects what is wrong with one table, field or entry after another. What such a table would have defined
+    is not missed a second time where others name it.
+    """
+
+    def __init__(self, tables: Mapping[str, Any], lines: Lines) -> None:
+        self.troubles = Troubles()
         self._tables = tables
         self._lines = lines
-        self._homes: dict[int, int] = {}
-        self._simple: dict[str, SimpleType] = {name: STANDARD[index] for name, index in STANDARD_NAMES.items()}
+        self._homes: dict[int, Table] = {}
+        self._simple: dict[str, SimpleType] = {}
         self._structs: dict[str, StructRecord] = {}
-        self._by_index: dict[int, SimpleType | StructRecord] = dict(STANDARD)
+        self._struct_tables: set[str | int] = set()
+        self._by_index: dict[int, SimpleType | StructRecord] = {}
         self._objects: dict[int, ObjectRecord] = {}
         self._names: dict[str, ObjectRecord] = {}
+        self._broken: set[str | int] = set()
+        self._map = MapReader(self._objects, self._names, self._by_index, self._broken)
 
     def line_of(self, error: DictionaryError) -> int:
         """Return the line of the table that wrote the entry an error is about, 0 where that is not known."""
         for name in _TABLES:
             if error.where.startswith(name):
-                return self._lines.get((name, 0), 0)
-        return self._homes.get(error.index, 0)
+                return self._lines.at(name)
+        home = self._homes.get(error.index)
+        return 0 if home is None else home.line
 
     def body(self) -> Body:
-        """Return the records, in their order."""
+        """Return the records of what could be read, in their order; the rest is in ``troubles``."""
         self._top_level()
         for name in _TABLES:
-            check_bounds(self._tables.get(name), f"[{name}]", self._lines.get((name, 0), 0))
+            check_bounds(self._tables.get(name), f"[{name}]", self._lines.at(name))
         for name in _LISTS:
             for number, row in enumerate(self._tables.get(name, ())):
-                check_bounds(row, f"[[{name}]] {number + 1}", self._lines.get((name, number), 0))
-        head = Table(self._tables.get("dictionary", {}), "[dictionary]", self._lines.get(("dictionary", 0), 0))
-        name, version = head.text("name"), head.text("version", "")
-        scale = head.choice("time_scale", ("utc", "tai"), "utc")
-        head.done()
-        lists = expand({name: self._list(name) for name in _LISTS})
+                check_bounds(row, f"[[{name}]] {number + 1}", self._lines.at(name, number))
+        name = version = ""
+        scale: TimeScale = "utc"
+        encoding = ENCODINGS[0]
+        with self.troubles:
+            head = Table(self._tables.get("dictionary", {}), "[dictionary]", place=Place(self._lines, ("dictionary",)))
+            version, encoding = head.text("version", ""), head.choice("encoding", ENCODINGS, ENCODINGS[0])
+            scale = head.choice("time_scale", ("utc", "tai"), "utc")
+            name = head.text("name")
+            head.done()
+        for kind in STANDARD.values():
+            self._by_index[kind.index] = formed(kind, scale, encoding)
+        self._simple.update({known: self._standard(index) for known, index in STANDARD_NAMES.items()})
+        lists = self._expanded()
+        types, structs = self._types(lists["type"], scale, encoding)
+        self._each(lists["object"], lambda table: self._add(table, self._object(table)))
+        self._each(lists["pdo"], self._pdo)
+        envelope, errors = None, []
+        with self.troubles:
+            envelope = envelope_of(self._tables.get("envelope"), Place(self._lines, ("envelope",)))
+        with self.troubles:
+            errors = errors_of(self._tables.get("errors"), Place(self._lines, ("errors",)))
+        return Body(
+            name, version, scale, _ascending(types), _ascending(structs), _ascending(self._objects), envelope, errors,
+            encoding,
+        )  # fmt: skip
+
+    def _standard(self, index: int) -> SimpleType:
+        found = self._by_index[index]
+        assert isinstance(found, SimpleType)
+        return found
+
+    def _expanded(self) -> dict[str, list[Table]]:
+        with self.troubles:
+            return expand({name: self._list(name) for name in _LISTS})
+        return {"type": [], "object": [], "pdo": []}
+
+    def _types(
+        self, tables: Sequence[Table], scale: TimeScale, encoding: str
+    ) -> tuple[dict[int, TypeRecord], dict[int, StructRecord]]:
         types: dict[int, TypeRecord] = {}
         structs: dict[int, StructRecord] = {}
-        for table in lists["type"]:
-            if not table.has("fields"):
-                self._place(table, types, self._type(table))
-        for table in lists["type"]:
-            if table.has("fields"):
-                self._place(table, structs, self._struct(table), types)
-        for table in lists["object"]:
-            self._add(table, self._object(table))
-        for table in lists["pdo"]:
-            self._pdo(table)
-        return Body(
-            name, version, scale, _ascending(types), _ascending(structs), _ascending(self._objects),
-            envelope_of(self._tables.get("envelope"), self._lines.get(("envelope", 0), 0)),
-            errors_of(self._tables.get("errors"), self._lines.get(("errors", 0), 0)),
-        )  # fmt: skip
+        composed = [table for table in tables if table.has("fields")]
+        for table in composed:
+            self._struct_tables.update(_called(table))
+        simple = [table for table in tables if not table.has("fields")]
+        self._each(simple, lambda table: self._place(table, types, self._type(table, scale, encoding)))
+        self._each(composed, lambda table: self._place(table, structs, self._struct(table), types))
+        return types, structs
+
+    def _each(self, tables: Sequence[Table], read: Callable[[Table], None]) -> None:
+        """Read every table; of one that is wrong its name and index are remembered."""
+        for table in tables:
+            with self.troubles:
+                read(table)
+                continue
+            self._broken.update(_called(table))
 
     def _top_level(self) -> None:
         for name, content in self._tables.items():
             if name not in (*_LISTS, *_TABLES):
-                raise DictionaryError(f"[{name}]", "no table of a dictionary: " + ", ".join((*_TABLES, *_LISTS)))
+                there = (*_TABLES, *_LISTS)
+                detail = f"no table of a dictionary: {', '.join(there)}{close_to(name, there)}"
+                raise DictionaryError(f"[{name}]", detail, line=self._lines.at(name))
             if not isinstance(content, list if name in _LISTS else dict):
-                raise DictionaryError(
-                    f"[{name}]", f"is written [[{name}]]" if name in _LISTS else f"is written [{name}]"
-                )
+                detail = f"is written [[{name}]]" if name in _LISTS else f"is written [{name}]"
+                raise DictionaryError(f"[{name}]", detail, line=self._lines.at(name))
 
     def _list(self, name: str) -> list[Table]:
         rows = self._tables.get(name, [])
         return [
-            Table(row, f"[[{name}]] {number + 1}", self._lines.get((name, number), 0))
+            Table(row, f"[[{name}]] {number + 1}", place=Place(self._lines, (name, number)))
             for number, row in enumerate(rows)
         ]
 
     def _place(self, table: Table, rows: dict[int, Row], row: Row, others: Mapping[int, object] | None = None) -> None:
         table.done()
         if row.index in rows or (others is not None and row.index in others):
-            first = self._homes.get(row.index, 0)
-            raise table.fail(
-                "index", f"0x{row.index:04x} is there already" + (f", line {first}" if first else ""), "R57"
-            )
+            home = self._homes.get(row.index)
+            first = f", line {home.line}" if home is not None and home.line else ""
+            raise table.fail("index", f"0x{row.index:04x} is there already{first}", "R57")
         rows[row.index] = row
-        self._homes[row.index] = table.line
+        self._homes[row.index] = table
 
     def _add(self, table: Table, row: ObjectRecord) -> None:
         if row.name in self._names:
@@ -155,13 +211,15 @@ class _Reader:
         self._place(table, self._objects, row)
         self._names[row.name] = row
 
-    def _type(self, table: Table) -> TypeRecord:
+    def _type(self, table: Table, scale: TimeScale, encoding: str) -> TypeRecord:
         index, name = table.number("index"), table.text("name")
         written = table.text("base")
         own = self._simple.get(written) if written in STANDARD_NAMES else None
         kind = own.kind if own is not None else _KINDS.get(written)
         if kind is None:
-            raise table.fail("base", f"{shown(written)} is no kind: {', '.join(_KINDS)}, or a type of the text", "R66")
+            hint = close_to(written, self._simple)
+            detail = f"{shown(written)} is no kind: {', '.join(_KINDS)}, or a type of the text{hint}"
+            raise table.fail("base", detail, "R66")
         bits = table.number("bits", -1) if not table.has("size") else 8 * table.number("size")
         if bits < 0:
             bits = own.bits if own is not None else _only_width(kind)
@@ -169,7 +227,7 @@ class _Reader:
         if trouble:
             raise table.fail("size" if table.has("size") else "bits", trouble, "R34, R37")
         row = TypeRecord(index, name, int(kind), bits)
-        self._simple.setdefault(name, SimpleType(index, name, kind, bits))
+        self._simple.setdefault(name, formed(SimpleType(index, name, kind, bits), scale, encoding))
         self._by_index.setdefault(index, self._simple[name])
         return row
 
@@ -181,9 +239,12 @@ class _Reader:
         return row
 
     def _field_type(self, table: Table) -> SimpleType:
+        written = table.name_or_number("type")
+        if written in self._struct_tables and written not in self._simple:  # wherever it stands, itself too
+            name = written if isinstance(written, str) else f"0x{written:04x}"
+            raise table.fail("type", f"{name} is no simple type: no records of records", "R73")
         found = self._any_type(table)
-        if isinstance(found, StructRecord):
-            raise table.fail("type", f"{found.name} is no simple type: no records of records", "R73")
+        assert isinstance(found, SimpleType)
         return found
 
     def _any_type(self, table: Table) -> SimpleType | StructRecord:
@@ -193,7 +254,9 @@ class _Reader:
         else:
             found = self._by_index.get(written)
         if found is None:
-            raise table.fail("type", f"no type {shown(written)}; [[type]] defines one", "R72")
+            hint = close_to(written, [*self._simple, *self._structs]) if isinstance(written, str) else ""
+            detail = f"no type {shown(written)}{hint or '; [[type]] defines one'}"
+            raise table.fail("type", detail, "R72", consequence=written in self._broken)
         return found
 
     def _object(self, table: Table) -> ObjectRecord:
@@ -234,20 +297,15 @@ class _Reader:
                 raise table.fail("type", f"{found.name} is simple; a RECORD is of a DEFSTRUCT", "R70, C34")
             row = msgspec.structs.replace(row, type=found.index)
             fields = found.fields
-        kinds = [self._kind_of(field) for field in fields]
+        kinds = [kind_of(field, self._by_index) for field in fields]
         return msgspec.structs.replace(row, values=_trimmed(table.field_values("values", fields, kinds)))
-
-    def _kind_of(self, field: FieldRecord) -> SimpleType:
-        found = self._by_index[field.type] if field.type else reserved(field.bits)
-        assert isinstance(found, SimpleType)
-        return found
 
     def _pdo(self, table: Table) -> None:
         direction = table.choice("dir", ("T", "R"))
         number = table.number("number")
         name = table.text("name", f"{direction}PDO {number}")
         wide = table.choice("entries", ("uint64", "uint32"), "uint64") == "uint64"
-        entries = self._entries(table, wide)
+        entries = self._map.entries(table, wide)
         access = table.choice("access", ("rw", "wo", "ro", "const"), "rw")
         mandatory = table.flag("mandatory", False)
         count = table.number("count", max(len(entries), 1))
@@ -272,60 +330,6 @@ class _Reader:
                 ObjectRecord(comm, RECORD, label, 0, 0, access, mandatory, False, values=settings, fields=fields),
             )
 
-    def _entries(self, table: Table, wide: bool) -> list[Entry]:
-        entries = []
-        offset = 0
-        for number, item in enumerate(table.items("map"), 1):
-            row = Table(item if isinstance(item, dict) else {"var": item}, f"{table.where}, map {number}", table.line)
-            if row.has("reserved"):
-                bits = row.number("reserved")
-                if not 1 <= bits <= 0xFFFF or (not wide and bits > 0xFF):
-                    raise row.fail("reserved", f"a gap of {bits} bits", "R103")
-                if not wide:
-                    entries.append(Entry(5, 0, offset, bits))
-            else:
-                target, sub, bits = self._target(row)
-                offset = row.number("offset", offset)
-                bits = 8 * row.number("size") if row.has("size") else bits
-                if not (0 <= offset <= 0xFFFF and 0 <= bits <= (0xFFFF if wide else 0xFF)):
-                    raise row.fail("var", f"{bits} bits at bit {offset} do not fit an entry", "R103")
-                entries.append(Entry(target, sub, offset, bits))
-            row.done()
-            offset += bits
-        return entries
-
-    def _target(self, row: Table) -> tuple[int, int, int]:
-        """Return index, sub-index and bits of the variable that an entry names."""
-        written = row.text("var")
-        match = re.fullmatch(r"(0[xX][0-9a-fA-F]{1,4})(?:[:.](\w+))?", written)
-        if match is not None and written not in self._names:
-            obj, field = self._objects.get(int(match[1], 16)), match[2] or "0"
-        elif written in self._names:
-            obj, field = self._names[written], "0"
-        else:
-            whole, _, field = written.rpartition(".")
-            obj = self._names.get(whole)
-        if obj is None:
-            raise row.fail("var", f"no object {shown(written)}", "R103")
-        sub, bits = self._sub(obj, field)
-        if sub < 0:
-            raise row.fail("var", f"{shown(obj.name)} has no sub-index {shown(field)}", "R103")
-        return obj.index, sub, bits
-
-    def _sub(self, obj: ObjectRecord, field: str) -> tuple[int, int]:
-        """Return the number and the bits of an object's sub-index, -1 where it has none such."""
-        struct = self._by_index.get(obj.type)
-        fields = obj.fields or (struct.fields if isinstance(struct, StructRecord) else [])
-        for position, row in enumerate(fields, 1):
-            if field in (str(position), row.name):
-                return position, self._kind_of(row).bits or row.bits
-        if isinstance(struct, SimpleType) and field.isdecimal() and len(field) <= _MOST_DIGITS:
-            last = obj.count if obj.object_class == ARRAY else 0
-            first = 1 if obj.object_class == ARRAY else 0
-            if first <= int(field) <= last:
-                return int(field), struct.bits or obj.bits
-        return -1, 0
-
 
 def _only_width(kind: Kind) -> int:
     """Return the bits of a kind that has one width, 0 for the others, which then break a rule or are open."""
@@ -343,3 +347,8 @@ def _trimmed(values: list[Plain]) -> list[Plain]:
     while size and values[size - 1] is None:
         size -= 1
     return values[:size]
+
+
+def _called(table: Table) -> list[str | int]:
+    """Return the name and the index that a table gives to what it defines, as far as they are written."""
+    return [found for key in ("name", "index") if isinstance(found := table.content.get(key), (str, int))]

@@ -7,22 +7,37 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
+from dissect.config.lines import Lines
 from dissect.scd.bounds import MAX_DEPTH, long_key_line, long_number_line
 from dissect.scd.errors import DictionaryError
-
-#: Lines of tables: by name and position among the [[tables]] of that name, 0 for a [table].
-Lines = Mapping[tuple[str, int], int]
 
 _AT_LINE: Final = re.compile(r" \(at line (\d+), column \d+\)$")
 
 
+#: Marks at the begin of a text that say how it is encoded (the longer ones first), as editors of Windows write them.
+_MARKS: Final = (
+    (b"\xef\xbb\xbf", "utf-8"),
+    (b"\xff\xfe\x00\x00", "utf-32-le"),
+    (b"\x00\x00\xfe\xff", "utf-32-be"),
+    (b"\xff\xfe", "utf-16-le"),
+    (b"\xfe\xff", "utf-16-be"),
+)
+
+
 def source_text(octets: bytes, path: str) -> str:
-    """Return the text of a source; raises `DictionaryError` with the line where it is no UTF-8."""
+    """Return the text of a source: UTF-8, or what a byte order mark says.
+
+    Raises `DictionaryError` with the line where it is not that.
+    """
+    mark, encoding = next((row for row in _MARKS if octets.startswith(row[0])), (b"", "utf-8"))
     try:
-        return octets.decode()
+        return octets[len(mark) :].decode(encoding)
     except UnicodeDecodeError as error:
-        line = octets.count(b"\n", 0, error.start) + 1
-        raise DictionaryError(f"octet {error.start}", f"no UTF-8: {error.reason}", path=path, line=line) from None
+        at = len(mark) + error.start
+        line = octets[len(mark) : at].decode(encoding, "ignore").count("\n") + 1
+        said = f"invalid {encoding.upper()}" + (", which its byte order mark says it is" if mark else "")
+        hint = "" if mark else "; save the file as UTF-8"
+        raise DictionaryError(f"octet {at}", f"{said}: {error.reason}{hint}", path=path, line=line) from None
 
 
 def parse_tables(text: str, path: str = "") -> dict[str, Any]:
@@ -45,23 +60,11 @@ def parse_tables(text: str, path: str = "") -> dict[str, Any]:
 def header_lines(
     text: str, content: Mapping[str, Any], lists: Iterable[str], tables: Iterable[str] = ()
 ) -> dict[tuple[str, int], int]:
-    """Return the lines of the [[lists]] and [tables] of a text whose tables are ``content``.
-
-    None for a name whose headers cannot be counted surely.
-    """
-    lines: dict[tuple[str, int], int] = {}
+    """Return the lines of the [[lists]] and [tables] of a text whose tables are ``content``, none for what is not there."""
+    known = Lines(text)
+    lines = {(name, 0): known.at(name) for name in tables if name in content}
     for name in lists:
-        pattern = re.compile(rf"^[ \t]*\[\[[ \t]*{name}[ \t]*\]\]", re.MULTILINE)
-        found, line, at = [], 1, 0
-        for match in pattern.finditer(text):
-            line += text.count("\n", at, match.start())
-            at = match.start()
-            found.append(line)
         rows = content.get(name)
-        if isinstance(rows, list) and len(rows) == len(found):
-            lines.update({(name, number): line for number, line in enumerate(found)})
-    for name in tables:
-        header = re.search(rf"^[ \t]*\[[ \t]*{name}[ \t]*\]", text, re.MULTILINE)
-        if header is not None:
-            lines[name, 0] = text.count("\n", 0, header.start()) + 1
+        if isinstance(rows, list):
+            lines.update({(name, number): known.at(name, number) for number in range(len(rows))})
     return lines

@@ -19,7 +19,7 @@ from dissect.scd.foreign_types import ForeignTypes, Translated, parse_limit, par
 from dissect.scd.model import ARRAY, DEFSTRUCT, DEFTYPE, DOMAIN, NULL, RECORD, VAR
 from dissect.scd.records import Access, Body, FieldRecord, ObjectRecord, Plain, StructRecord, Traits
 from dissect.scd.types import NUMERIC, SIZED, STANDARD, STANDARD_NAMES, Kind, SimpleType
-from dissect.scd.written import whole
+from dissect.scd.written import whole_octal
 
 #: Octets of a text in a record or array whose length no device description says.
 TEXT_OCTETS: Final = 255
@@ -98,7 +98,7 @@ class _Translator:
         try:
             for sub in range(1, max(entry.subs, default=0) + 1):
                 row = entry.subs[sub]
-                found = self._types.translate(whole(row.value or ""))
+                found = self._types.translate(whole_octal(row.value or ""))
                 if found is None or (found.type.kind in SIZED and not (found.type.bits or found.bits)):
                     raise ValueError
                 fields.append(FieldRecord(self._field_name(entry, row, fields), found.type.index, found.bits))

@@ -16,7 +16,7 @@ from typing import Final
 import msgspec
 
 from dissect.scd.errors import E_LENGTH, E_RANGE, E_UTF8, E_VALUE, Error, shown
-from dissect.scd.values import MAC, Interval, NetTime
+from dissect.scd.values import MAC, Interval, NetTime, TaiTime
 
 #: A decoded value. Void and Reserved have none.
 Value = bool | int | float | str | bytes | MAC | IPv4Address | NetTime | Interval
@@ -68,12 +68,17 @@ _WIDTHS: Final = MappingProxyType(
 
 
 class SimpleType(msgspec.Struct, frozen=True):
-    """A simple type (C35): index (0: has none), name, kind, bits (0 for a string or block whose length stands elsewhere)."""
+    """A simple type (C35): index (0: has none), name, kind, bits (0 for a string or block whose length stands elsewhere).
+
+    ``form`` is the encoding of a string that is not UTF-8, and "tai" of a network time that is not UTC: both are the
+    dictionary's choice, for all of its types.
+    """
 
     index: int
     name: str
     kind: Kind
     bits: int
+    form: str = ""
 
     @property
     def variable(self) -> bool:
@@ -86,6 +91,8 @@ class SimpleType(msgspec.Struct, frozen=True):
         ``bits`` is the width of the variable where the type leaves it open (0: any). Texts are taken for times (ISO 8601),
         MAC and IP addresses, pairs of integers for times.
         """
+        if self.form:
+            return _FORMED[self.kind](value, bits or self.bits, where or self.name, self.form)
         return _CHECKS[self.kind](value, bits or self.bits, where or self.name)
 
 
@@ -104,15 +111,27 @@ def width_trouble(kind: Kind, bits: int) -> str:
     return f"a type of kind {kind.name.lower()} has {allowed} bits, not {bits}"
 
 
+def _native(value: object) -> object:
+    """Return what a scalar of numpy stands for in Python; anything else as it is."""
+    item = getattr(value, "item", None)
+    return item() if callable(item) and getattr(value, "shape", None) == () else value
+
+
 def _bool(value: object, _bits: int, where: str) -> Value:
     if value is True or value is False:
         return value
+    native = _native(value)
+    if isinstance(native, bool):
+        return native
     raise Error(E_VALUE, where, f"{shown(value)} is neither true nor false")
 
 
 def _number(value: object, where: str) -> int:
     if isinstance(value, int) and not isinstance(value, bool):
         return int(value)
+    native = _native(value)
+    if isinstance(native, int) and not isinstance(native, bool):
+        return native
     raise Error(E_RANGE, where, f"{shown(value)} is no whole number")
 
 
@@ -132,6 +151,8 @@ def _uint(value: object, bits: int, where: str) -> Value:
 
 
 def _real(value: object, bits: int, where: str) -> Value:
+    if not isinstance(value, (int, float)):
+        value = _native(value)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise Error(E_RANGE, where, f"{shown(value)} is no number")
     try:
@@ -145,13 +166,13 @@ def _real(value: object, bits: int, where: str) -> Value:
     return number
 
 
-def _string(value: object, bits: int, where: str) -> Value:
+def _string(value: object, bits: int, where: str, encoding: str = "utf-8") -> Value:
     if not isinstance(value, str):
         raise Error(E_VALUE, where, f"{shown(value)} is no text")
     try:
-        size = len(value.encode())
+        size = len(value.encode(encoding))
     except UnicodeEncodeError:
-        raise Error(E_UTF8, where, f"{shown(value)} has no UTF-8 form") from None
+        raise Error(E_UTF8, where, f"{shown(value)} has no {encoding.upper()} form") from None
     if value.endswith("\0"):
         raise Error(E_VALUE, where, "a text cannot end in U+0000, which fills strings up")
     most = bits // 8 or MAX_OCTETS
@@ -170,6 +191,8 @@ def _block(value: object, bits: int, where: str) -> Value:
 
 
 def _two_fields(value: object, where: str, form: str) -> tuple[int, int]:
+    if not isinstance(value, (tuple, list)):
+        value = _native(value)
     if isinstance(value, (tuple, list)) and len(value) == 2:
         seconds, nanoseconds = _number(value[0], where), _number(value[1], where)
         if -_INT32 <= seconds < _INT32:
@@ -178,23 +201,29 @@ def _two_fields(value: object, where: str, form: str) -> tuple[int, int]:
     raise Error(E_VALUE, where, f"{shown(value)} is no {form}")
 
 
-def _nettime(value: object, _bits: int, where: str) -> Value:
+def _nettime(value: object, _bits: int, where: str, scale: str = "") -> Value:
+    time = TaiTime if scale else NetTime
     if isinstance(value, Interval):
         raise Error(E_VALUE, where, "an interval is no moment")
     if isinstance(value, str):
         try:
-            value = NetTime.from_isoformat(value)
+            value = time.from_isoformat(value)
         except (ValueError, OverflowError) as error:
             raise Error(E_VALUE, where, str(error)) from None
     seconds, nanoseconds = _two_fields(value, where, "time: seconds and nanoseconds, or ISO 8601")
     if 0 <= nanoseconds < _SECOND:
-        return NetTime(seconds, nanoseconds)
+        return time(seconds, nanoseconds)
     raise Error(E_RANGE, where, f"{shown(nanoseconds)} ns are outside 0..999999999")
 
 
 def _interval(value: object, _bits: int, where: str) -> Value:
     if isinstance(value, NetTime):
         raise Error(E_VALUE, where, "a moment is no interval")
+    if isinstance(value, str):
+        try:
+            value = Interval.from_isoformat(value)
+        except ValueError as error:
+            raise Error(E_VALUE, where, str(error)) from None
     seconds, nanoseconds = _two_fields(value, where, "interval: seconds and nanoseconds")
     if -_SECOND < nanoseconds < _SECOND:
         return Interval(seconds, nanoseconds)
@@ -238,6 +267,12 @@ _CHECKS: Final = MappingProxyType(
         Kind.IP: _ip,
     }
 )
+#: The same for kinds that a dictionary may have in another form.
+_FORMED: Final = MappingProxyType({Kind.STRING: _string, Kind.NETTIME: _nettime})
+#: `SimpleType.form` of a network time that counts leap seconds.
+TAI: Final = "tai"
+#: Encodings of strings that a dictionary may choose, UTF-8 being that of the text (R42).
+ENCODINGS: Final = ("utf-8", "cp1251", "cp866", "koi8-r", "latin-1")
 
 #: The base types of 3.1.19 (R55); the numbers of the text are decimal (C29).
 STANDARD: Final = MappingProxyType(
@@ -300,6 +335,13 @@ ALIASES: Final = MappingProxyType(
 )
 #: Every name of a standard type → its index.
 STANDARD_NAMES: Final = MappingProxyType({**{row.name: row.index for row in STANDARD.values()}, **ALIASES})
+
+
+def formed(kind: SimpleType, time_scale: str, encoding: str) -> SimpleType:
+    """Return a type in the form that a dictionary with this scale of time and encoding of strings has it."""
+    if kind.kind is Kind.STRING and encoding != ENCODINGS[0]:
+        return msgspec.structs.replace(kind, form=encoding)
+    return msgspec.structs.replace(kind, form=TAI) if kind.kind is Kind.NETTIME and time_scale == TAI else kind
 
 
 def reserved(bits: int) -> SimpleType:

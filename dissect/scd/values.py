@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import UTC, datetime, timedelta
 from typing import Final, NamedTuple, Self
 
@@ -9,6 +10,11 @@ from dissect.scd.errors import shown
 
 _SECOND: Final = 1_000_000_000
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+#: What stands behind a time of the TAI scale, for which ISO 8601 has no sign.
+_TAI: Final = "TAI"
+_DURATION: Final = re.compile(
+    r"([+-]?)P(?:([0-9]{1,10})D)?(?:T(?:([0-9]{1,10})H)?(?:([0-9]{1,10})M)?(?:([0-9]{1,10})(?:[.,]([0-9]{1,9}))?S)?)?"
+)
 
 
 class NetTime(NamedTuple):
@@ -33,22 +39,13 @@ class NetTime(NamedTuple):
     @classmethod
     def from_isoformat(cls, text: str) -> Self:
         """Return the time ``2015-10-18T00:00:00.123456789Z`` says; without an offset it is UTC. Raises ValueError."""
-        whole, point, rest = text.partition(".")
-        digits = rest[: len(rest) - len(rest.lstrip("0123456789"))]
-        if point and not 1 <= len(digits) <= 9:
-            raise ValueError(f"{shown(text)} does not have one to nine digits after the point")
-        try:
-            moment = datetime.fromisoformat(whole + rest[len(digits) :])
-        except ValueError:
-            raise ValueError(f"{shown(text)} is no moment such as 2015-10-18T00:00:00Z") from None
-        if moment.tzinfo is None:
-            moment = moment.replace(tzinfo=UTC)
-        return cls((moment - _EPOCH) // timedelta(seconds=1), int(digits.ljust(9, "0")))
+        if text.endswith(_TAI):
+            raise ValueError(f"{shown(text)} is a TAI time, and this dictionary has UTC times")
+        return cls(*_moment(text))
 
     def isoformat(self) -> str:
         """Return the ISO 8601 text in UTC, nine digits after the point."""
-        seconds, nanoseconds = divmod(self.total_ns, _SECOND)
-        return f"{_EPOCH + timedelta(seconds=seconds):%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}Z"
+        return f"{_iso(self.total_ns)}Z"
 
     def minus(self, earlier: NetTime) -> Interval:
         """Return the interval since ``earlier``: the difference of each field (R44)."""
@@ -56,6 +53,47 @@ class NetTime(NamedTuple):
 
     def __str__(self) -> str:
         return self.isoformat()
+
+
+class TaiTime(NetTime):
+    """Network time of a dictionary with ``time_scale = "tai"``: leap seconds are counted, so it is ahead of UTC (C21).
+
+    Which leap seconds there were is no business of a codec: the time is shown and taken as it is, marked ``TAI``.
+    """
+
+    __slots__ = ()
+
+    @classmethod
+    def from_isoformat(cls, text: str) -> Self:
+        """Return the time ``2015-10-18T00:00:36.5 TAI`` says. Raises ValueError, also for a time of UTC."""
+        bare = text.removesuffix(_TAI).rstrip()
+        if bare.endswith(("Z", "z")) or re.search(r"[+-]\d\d:?\d\d$", bare):
+            raise ValueError(f"{shown(text)} is a UTC time, and this dictionary has TAI times: 2015-10-18T00:00:36 TAI")
+        return cls(*_moment(bare))
+
+    def isoformat(self) -> str:
+        """Return the text on the TAI scale, nine digits after the point, ``TAI`` behind it."""
+        return f"{_iso(self.total_ns)} {_TAI}"
+
+
+def _moment(text: str) -> tuple[int, int]:
+    """Return seconds and nanoseconds since 1970 of an ISO 8601 text; raises ValueError."""
+    whole, point, rest = text.partition(".")
+    digits = rest[: len(rest) - len(rest.lstrip("0123456789"))]
+    if point and not 1 <= len(digits) <= 9:
+        raise ValueError(f"{shown(text)} does not have one to nine digits after the point")
+    try:
+        moment = datetime.fromisoformat(whole + rest[len(digits) :])
+    except ValueError:
+        raise ValueError(f"{shown(text)} is no moment such as 2015-10-18T00:00:00Z") from None
+    if moment.tzinfo is None:
+        moment = moment.replace(tzinfo=UTC)
+    return (moment - _EPOCH) // timedelta(seconds=1), int(digits.ljust(9, "0"))
+
+
+def _iso(total_ns: int) -> str:
+    seconds, nanoseconds = divmod(total_ns, _SECOND)
+    return f"{_EPOCH + timedelta(seconds=seconds):%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}"
 
 
 class Interval(NamedTuple):
@@ -74,6 +112,17 @@ class Interval(NamedTuple):
         """Return ``total_ns`` with the same sign in both fields (C22)."""
         seconds, nanoseconds = divmod(abs(total_ns), _SECOND)
         return cls(-seconds, -nanoseconds) if total_ns < 0 else cls(seconds, nanoseconds)
+
+    @classmethod
+    def from_isoformat(cls, text: str) -> Self:
+        """Return the interval of an ISO 8601 duration such as ``-PT1.5S`` or ``P1DT2H``. Raises ValueError."""
+        match = _DURATION.fullmatch(text.strip().upper())
+        if match is None or not any(match.group(2, 3, 4, 5)) or text.strip().upper().endswith("T"):
+            raise ValueError(f"{shown(text)} is no interval such as PT1.5S, or seconds and nanoseconds")
+        days, hours, minutes, seconds = [int(part or 0) for part in match.group(2, 3, 4, 5)]
+        whole = ((24 * days + hours) * 60 + minutes) * 60 + seconds
+        total_ns = whole * _SECOND + int((match[6] or "").ljust(9, "0"))
+        return cls.from_ns(-total_ns if match[1] == "-" else total_ns)
 
     def isoformat(self) -> str:
         """Return an ISO 8601 duration in seconds: ``PT1.500000000S``, ``-PT0.000000001S``."""

@@ -7,10 +7,10 @@ from typing import Final, NamedTuple
 
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.errors import Error
+from dissect.scd.layout import Key
 from dissect.scd.mapping import entries_of
 from dissect.scd.messages import Message
 from dissect.scd.model import StructType, Variable
-from dissect.scd.packing import Key
 from dissect.scd.ranges import is_mapping, pdo_of_index
 from dissect.scd.types import UINT64, Value
 from dissect.wire.text import printable, shortened
@@ -63,6 +63,8 @@ def _mapped(variable: Variable, value: Value) -> str:
         (entry,) = entries_of([value], wide, "")
     except Error:
         return "no entry of a mapping"
+    if not entry.target:
+        return f"a gap of {entry.bits} bits"
     at = f" from bit {entry.offset}" if wide else ""
     return f"{address_text((entry.target, entry.sub))}, {entry.bits} bits{at}"
 

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import math
 import re
 import struct
+from fractions import Fraction
 from ipaddress import AddressValueError, IPv4Address
 from typing import Final
 
-from dissect.scd.errors import E_VALUE, Error
+from dissect.scd.errors import E_RANGE, E_VALUE, Error
 from dissect.scd.model import Variable
 from dissect.scd.types import Kind, SimpleType, Value
 
 _WHOLE: Final = re.compile(r"[+-]?(0[xX][0-9a-fA-F]+|[0-9]+)")
+#: What says before a number that it is the one on the wire, or the one with scale and shift.
+RAW: Final = "raw:"
+PHYSICAL: Final = "phys:"
+_NUMBER: Final = re.compile(r"[+-]?[0-9]{1,40}(?:\.[0-9]{1,40})?(?:[eE][+-]?[0-9]{1,3})?")
+_BETWEEN_DIGITS: Final = re.compile(r"(?<=[0-9])\s+(?=[0-9])")
+_OCTAL: Final = re.compile(r"[+-]?0[0-9]{1,39}")
 _PAIR: Final = re.compile(r"\[?\s*([+-]?[0-9]{1,10})\s*[,;]\s*([+-]?[0-9]{1,10})\s*\]?")
 #: Digits of a number that anything here can hold.
 _MOST_DIGITS: Final = 40
@@ -23,6 +31,21 @@ def whole(text: str) -> int:
     if len(written) > _MOST_DIGITS or not _WHOLE.fullmatch(written):
         raise ValueError("is no whole number")
     return int(written, 16) if "x" in written.lower() else int(written)
+
+
+def is_octal(text: str) -> bool:
+    """Whether a number is written with a 0 in front, as octal ones are in device descriptions."""
+    return _OCTAL.fullmatch("".join(text.split())) is not None
+
+
+def whole_octal(text: str) -> int:
+    """Return a whole number as device descriptions write it: decimal, 0x… or, with a 0 in front, octal (CiA 306)."""
+    written = "".join(text.split())
+    if _OCTAL.fullmatch(written):
+        if "8" in written or "9" in written:
+            raise ValueError("begins with 0 like an octal number, and has an 8 or 9 in it")
+        return int(written, 8)
+    return whole(text)
 
 
 def written_value(text: str, kind: SimpleType) -> object:
@@ -52,14 +75,59 @@ def written_value(text: str, kind: SimpleType) -> object:
 
 
 def parse_written(text: str, variable: Variable) -> Value:
-    """Return a variable's value from a text, which may be what the dictionary calls the value; raises `Error`."""
+    """Return a variable's raw value from a text; raises `Error`.
+
+    The text may be what the dictionary calls the value, a physical value with its unit or ``phys:`` before it, or a raw value,
+    which ``raw:`` or 0x says surely. A bare number of a variable with scale or shift may be either, and is refused.
+    """
     for number, name in variable.traits.texts:
         if name == text:
             return variable.check(bool(number) if variable.type.kind is Kind.BOOL else number)
     try:
+        if variable.type.kind in (Kind.INT, Kind.UINT, Kind.REAL):
+            return variable.check(_raw_number(text.strip(), variable))
         return variable.check(written_value(text, variable.type))
     except ValueError as error:
         raise Error(E_VALUE, variable.label, f"{text[:60]!r} {error}") from None
+
+
+def _raw_number(written: str, variable: Variable) -> object:
+    """Return the raw value of a number written raw or physical; raises ValueError or `Error`."""
+    traits, kind = variable.traits, variable.type
+    if written.startswith(RAW):
+        return written_value(written.removeprefix(RAW), kind)
+    marked = written.startswith(PHYSICAL)
+    plain = _BETWEEN_DIGITS.sub("", written.removeprefix(PHYSICAL).lstrip())
+    number = _NUMBER.match(plain)
+    if number is None or plain.lower().lstrip("+-").startswith("0x"):
+        return written_value(written, kind)
+    unit = plain[number.end() :].strip()
+    if marked and unit[:1].isdecimal():
+        raise ValueError("is no number of at most 40 digits")
+    if unit[:1].isdecimal() or not (marked or unit):
+        if traits.scale != 1 or traits.shift:
+            physical = f"'{plain} {traits.unit}'" if traits.unit else f"{PHYSICAL}{plain}"
+            detail = f"{written} may be the raw or the physical value: write {RAW}{plain} or {physical}"
+            raise Error(E_VALUE, variable.label, detail)
+        return written_value(written, kind)
+    if unit and unit != traits.unit:
+        raise ValueError(
+            f"is in {unit[:40]!r}, the unit is {traits.unit!r}" if traits.unit else "has a unit, it has none"
+        )
+    return _from_physical(Fraction(number.group()), variable)
+
+
+def _from_physical(physical: Fraction, variable: Variable) -> int | float:
+    """Return the raw value of a physical one; raises `Error` E_RANGE where it lies between two that can be sent."""
+    scale, shift = Fraction(repr(variable.traits.scale)), Fraction(repr(variable.traits.shift))
+    raw = (physical - shift) / scale
+    if variable.type.kind is Kind.REAL:
+        return float(raw)
+    if raw.denominator != 1:
+        low, high = sorted([float(whole * scale + shift) for whole in (math.floor(raw), math.ceil(raw))])
+        detail = f"{float(physical):g} lies between two values that can be sent, {low:g} and {high:g}"
+        raise Error(E_RANGE, variable.label, f"{detail} {variable.unit}".rstrip())
+    return int(raw)
 
 
 def _number(written: str, kind: SimpleType) -> object:

@@ -40,14 +40,16 @@ _PARAMETER_ACCESS: Final = MappingProxyType(
 )  # fmt: skip
 
 
-def import_xdd(octets: bytes, path: str) -> Imported:
-    """Return the dictionary of an XDD or XDC file, of an XDC with its actual values; raises `DictionaryError`."""
+def import_xdd(octets: bytes, path: str, node: int | None = None) -> Imported:
+    """Return the dictionary of an XDD or XDC file, of an XDC with its actual values; raises `DictionaryError`.
+
+    ``node`` is the node id for values that depend on one.
+    """
     try:
         notes = Notes()
-        return translate(_description(_root(octets), PurePath(path).stem, notes), notes)
+        return translate(_description(_root(octets), PurePath(path).stem, notes, node), notes)
     except DictionaryError as error:
-        error.path = path
-        raise
+        raise error.of_file(path) from None
 
 
 def _root(octets: bytes) -> Element:
@@ -72,7 +74,7 @@ def _local(element: Element) -> str:
     return element.tag.rpartition("}")[2]
 
 
-def _description(root: Element, stem: str, notes: Notes) -> Description:
+def _description(root: Element, stem: str, notes: Notes, node: int | None) -> Description:
     name, version = "", ""
     parameters: dict[str, Element] = {}
     objects = []
@@ -95,7 +97,7 @@ def _description(root: Element, stem: str, notes: Notes) -> Description:
             where = f"Object {entry.index:04X}"
             raise DictionaryError(where, "the index is there twice", rule="R57", index=entry.index)
         entries[entry.index] = entry
-    return Description(name or stem, version, None, entries)
+    return Description(name or stem, version, node, entries)
 
 
 def _hex(element: Element, key: str, where: str, default: int | None = None) -> int:

@@ -6,6 +6,7 @@ bounded piece at a time. A compressed file inside a compressed file is not follo
 
 from __future__ import annotations
 
+import os
 import select
 import sys
 import zlib
@@ -43,13 +44,14 @@ _OTHER_MAGICS: Final = (
 )
 
 
-def open_capture(path: str) -> Reader:
+def open_capture(path: str | os.PathLike[str]) -> Reader:
     """Open the capture at ``path``, or on standard input when that is ``-``, and return its reader.
 
     What it holds is told by its first octets, never by its name: pcap or pcapng, plain or in gzip or zstd. Raises
     `CaptureError`, with one line for a person, when there is nothing to read: no such file, not a capture, nothing in
     it, or zstd without the package that reads it. Damage further on raises nothing; the reader tells it.
     """
+    path = os.fspath(path)
     source = _open_stdin() if path == "-" else _open_file(path)
     try:
         return find_reader(source, "standard input" if path == "-" else path)

@@ -70,3 +70,12 @@ class SourceFile:
         self.damage: str = ""
         self.rejected: i64 = 0
         self.notes: list[str] = []
+
+    @property
+    def loss(self) -> str:
+        """Say what of the file could not be read: damage, a cut, blocks given up. Empty when all of it was read."""
+        said = [self.damage] if self.damage else []
+        if self.rejected:
+            blocks = "1 damaged block" if self.rejected == 1 else f"{self.rejected} damaged blocks"
+            said.append(f"{blocks} skipped, the contents are missing")
+        return "; ".join(said)

@@ -23,6 +23,7 @@ from dissect.source.pcapng import (
     OPT_END,
     SECTION,
 )
+from dissect.wire.saving import is_special
 from dissect.wire.text import printable
 
 _STATISTICS: Final = 5
@@ -53,8 +54,8 @@ _U32: Final = struct.Struct("<I")
 _MASK: Final = 0xFFFFFFFF
 _MAX_COUNT: Final = 2**64 - 1
 
-#: How a person's file is opened: nobody else's business on a shared machine, captures hold passwords.
-_MODE: Final = 0o640
+#: Rights of a new capture file: nobody else's business on a shared machine, captures hold passwords.
+CAPTURE_MODE: Final = 0o640
 
 
 # ---- blocks ---------------------------------------------------------------------------------------------------------
@@ -67,6 +68,16 @@ def section_block(hardware: str = "", os_name: str = "", application: str = "", 
         if text:
             options.append((code, _cut(printable(text).encode())))
     return _block(SECTION, _SECTION_HEAD.pack(_BYTE_ORDER, 1, 0, -1) + _options(options))
+
+
+def section_mark(head: bytes) -> str:
+    """Return the comment of the section header that `section_block` wrote at the beginning of a file, empty for any other."""
+    fixed = 8 + _SECTION_HEAD.size
+    if len(head) < fixed + _OPTION.size or head[:4] != _U32.pack(SECTION) or head[8:12] != _U32.pack(_BYTE_ORDER):
+        return ""
+    code, size = _OPTION.unpack_from(head, fixed)
+    text = head[fixed + _OPTION.size : fixed + _OPTION.size + size]
+    return text.decode("utf-8", "replace") if code == OPT_COMMENT and len(text) == size else ""
 
 
 def interface_block(link_type: int, name: str = "", snaplen: int = 0) -> bytes:
@@ -193,7 +204,7 @@ class PcapngWriter:
 
     def __init__(
         self,
-        path: str,
+        path: str | os.PathLike[str],
         hardware: str = "",
         os_name: str = "",
         application: str = "",
@@ -201,8 +212,11 @@ class PcapngWriter:
         batch: int = 0,
         overwrite: bool = False,
     ) -> None:
-        """Create the file at ``path`` (FileExistsError when there is one, unless ``overwrite``); ``-`` is standard output."""
-        self.path = path
+        """Create the file at ``path`` (FileExistsError when there is one, unless ``overwrite``); ``-`` is standard output.
+
+        A device or a FIFO at ``path`` is written to.
+        """
+        self.path = path = os.fspath(path)
         self.packets = 0
         self.octets = 0
         self._batch = batch
@@ -214,8 +228,10 @@ class PcapngWriter:
         self._whole = 0  # octets of the file up to the last whole block
         self._failed = False
         if self._owned:
-            flags = os.O_WRONLY | os.O_CREAT | (os.O_TRUNC if overwrite else os.O_EXCL) | getattr(os, "O_BINARY", 0)
-            self._descriptor = os.open(path, flags | getattr(os, "O_CLOEXEC", 0), _MODE)
+            flags = os.O_WRONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
+            if not is_special(path):  # a device or a FIFO is written to; there is nothing in it to be overwritten
+                flags |= os.O_CREAT | (os.O_TRUNC if overwrite else os.O_EXCL)
+            self._descriptor = os.open(path, flags, CAPTURE_MODE)
         else:
             self._descriptor = 1
         try:
@@ -229,6 +245,10 @@ class PcapngWriter:
     def closed(self) -> bool:
         """True when nothing can be written any more."""
         return self._descriptor < 0
+
+    def fileno(self) -> int:
+        """Return the descriptor that is written to, -1 when it is closed."""
+        return self._descriptor
 
     def interface(self, link_type: int, name: str = "") -> int:
         """Return the number of the interface with this link type and name, which is described where it is new."""

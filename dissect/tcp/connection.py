@@ -32,6 +32,9 @@ class Endpoint:
         """The address without the port, as text."""
         return address_text(self.address)
 
+    def __repr__(self) -> str:
+        return f"Endpoint({str(self)!r})"
+
     def __str__(self) -> str:
         text = address_text(self.address)
         return f"[{text}]:{self.port}" if len(self.address) == 16 else f"{text}:{self.port}"
@@ -41,8 +44,9 @@ class TcpConnection:
     """The TCP facts of a connection. Sides are 0 and 1: side 0 sent the SYN, or the first packet when there was none.
 
     ``initiator`` is the side that sent the SYN, -1 when it was not captured. ``ended`` is empty while the connection is
-    open, then ``fin``, ``reset``, ``reused`` (a new connection took its addresses) or ``evicted``; ``ended_by`` is the side
-    that began to close, -1 when nobody did.
+    open, then ``fin``, ``reset``, ``reused`` (a new connection took its addresses) or ``evicted``: what came first.
+    ``ended_by`` is the side that began to close, -1 when nobody did. ``reset_by``, ``reset_frame`` and ``reset_ns`` are side,
+    packet and time of the first RST, which may follow a FIN (-1, 0 and 0 for none).
     """
 
     __slots__ = (
@@ -58,6 +62,9 @@ class TcpConnection:
         "last_frame",
         "last_ns",
         "packets",
+        "reset_by",
+        "reset_frame",
+        "reset_ns",
         "streams",
         "vlan",
     )
@@ -77,6 +84,9 @@ class TcpConnection:
         self.ended_by: i64 = -1
         self.ended_frame: i64 = 0
         self.ended_ns: i64 = 0
+        self.reset_by: i64 = -1
+        self.reset_frame: i64 = 0
+        self.reset_ns: i64 = 0
 
     @property
     def has_holes(self) -> bool:
@@ -124,12 +134,15 @@ class TcpConnection:
         """A RST was seen; False when its sequence number is far from what is expected, so that it is not believed."""
         if not self._fits(side, seq, _RESET_WINDOW):
             return False
-        if self.ended != "reset":
-            if not self.ended:
-                self.ended_by = side
-                self.ended_frame = frame
-                self.ended_ns = time_ns
-            self.ended = "reset" if not (self.fin_seen[0] and self.fin_seen[1]) else self.ended
+        if not self.ended:
+            self.ended = "reset"
+            self.ended_by = side
+            self.ended_frame = frame
+            self.ended_ns = time_ns
+        if self.reset_frame == 0:
+            self.reset_by = side
+            self.reset_frame = frame
+            self.reset_ns = time_ns
         self.fin_seen[0] = True
         self.fin_seen[1] = True
         return True

@@ -204,9 +204,10 @@ class _Datagram:
 class FragmentStore:
     """Holds the fragments of datagrams until they are whole; first copy wins.
 
-    ``waiting``, ``used`` and ``dropped`` count packets; ``conflicts`` counts datagrams whose fragments contradict each other,
-    in their octets or in where the datagram ends; ``evicted`` counts datagrams dropped because the store was full, ``expired``
-    those that were not whole in time. ``protocol`` is that of the datagram `add` returned last.
+    ``waiting``, ``used`` and ``dropped`` count packets, ``invalid`` those of the latter that can be part of no datagram;
+    ``conflicts`` counts datagrams whose fragments contradict each other, in their octets or in where the datagram ends;
+    ``evicted`` counts datagrams dropped because the store was full, ``expired`` those that were not whole in time.
+    ``protocol`` is that of the datagram `add` returned last.
     """
 
     def __init__(self) -> None:
@@ -217,6 +218,7 @@ class FragmentStore:
         self.waiting: i64 = 0
         self.used: i64 = 0
         self.dropped: i64 = 0
+        self.invalid: i64 = 0
         self.conflicts: i64 = 0
         self.evicted: i64 = 0
         self.expired: i64 = 0
@@ -234,6 +236,7 @@ class FragmentStore:
         end: i64 = offset + len(octets)
         if end > MAX_DATAGRAM_OCTETS or (more and len(octets) % 8 != 0):
             self.dropped += 1
+            self.invalid += 1
             return None
         datagram = self._datagrams.get(key)
         if datagram is None:

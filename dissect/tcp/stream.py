@@ -7,7 +7,8 @@ common case and costs one comparison, which the pipeline makes itself (`next_seq
 * a segment ahead of its turn is held, in order of position, until the octets before it arrive or are given up;
 * octets are given up (a hole) when the far end acknowledged them and a short grace has passed, because captures also show
   a segment after its own acknowledgement; else after `MAX_HELD` held segments; else after `HOLE_TIMEOUT_NS` of capture time;
-  else at the end of the stream. Nothing is ever filled in.
+  else at the end of the stream. Nothing is ever filled in;
+* a segment far ahead, where no window reaches, counts only when the far end acknowledges it; else it is dropped (`outside`).
 
 Positions are counted from the first octet seen, without wrap; sequence numbers wrap at 2**32.
 """
@@ -29,8 +30,10 @@ HOLE_TIMEOUT_NS: Final = 1_000_000_000
 #: After the far end acknowledged a missing octet: segments of the connection, or time, that it may still turn up in.
 ACK_GRACE_SEGMENTS: Final = 8
 ACK_GRACE_NS: Final = 50_000_000
-#: A segment further ahead than this is believed only when the far end acknowledges it or another follows it closely.
+#: Where nothing of the far end is seen: a segment further ahead than this is believed only when another follows it closely.
 FAR_AHEAD: Final = 1024 * 1024
+#: Where it is seen: a segment further ahead, than the largest window without scaling, counts only when it is acknowledged.
+WINDOW: Final = 65535
 
 #: What became of a segment's octets (`HalfStream.accept`).
 NEW: Final = 0
@@ -56,12 +59,15 @@ class Chunk:
     """What comes out: octets in order (``hole`` is 0), or a hole of ``hole`` octets.
 
     ``end_seq`` is the sequence number after it; ``frame`` and ``time_ns`` are of the packet that made the octets available,
-    ``ack`` is the TCP acknowledgement that the last of them came with, -1 for none.
+    ``own_frame`` and ``own_ns`` of the one that brought them first, ``ack`` is the TCP acknowledgement that the last of them
+    came with, -1 for none.
     """
 
-    __slots__ = ("ack", "end_seq", "frame", "hole", "octets", "time_ns")
+    __slots__ = ("ack", "end_seq", "frame", "hole", "octets", "own_frame", "own_ns", "time_ns")
 
     def __init__(self, octets: bytes, hole: i64, end_seq: i64, ack: i64, frame: i64, time_ns: i64) -> None:
+        self.own_frame: i64 = frame
+        self.own_ns: i64 = time_ns
         self.ack: i64 = ack
         self.octets: bytes = octets
         self.hole: i64 = hole
@@ -81,12 +87,14 @@ class HalfStream:
         "before",
         "before_at",
         "conflicts",
+        "heard",
         "held",
         "held_octets",
         "last",
         "last_at",
         "next_seq",
         "octets",
+        "outside",
         "position",
         "ready",
         "start_seq",
@@ -110,6 +118,8 @@ class HalfStream:
         self._acked_latest: i64 = -1
         self._acked_ns: i64 = 0
         self._acked_segments: i64 = 0
+        self.heard: bool = False  # the far end speaks as well, so that what it acknowledges can be seen
+        self.outside: i64 = 0  # octets that were not believed, until who reports them sets it back
 
     def start(self, seq: i64) -> None:
         """Begin at sequence number ``seq`` (the octet after a SYN, or the first one seen)."""
@@ -156,7 +166,7 @@ class HalfStream:
         new: bool = self._hold(at, octets, ack, frame, time_ns)
         self._drain(frame, time_ns)
         while self.held is not None and (len(self.held) >= MAX_HELD or self.held_octets > MAX_HELD_OCTETS):
-            self.give_up()
+            self._give_up_or_drop()
         return NEW if new else OLD
 
     def acknowledged(self, ack: i64, time_ns: i64) -> None:
@@ -198,7 +208,27 @@ class HalfStream:
         held = self.held
         if held is None:
             return False
-        return held[0].at - self.position <= FAR_AHEAD or (len(held) > 1 and held[1].at - held[0].at <= FAR_AHEAD)
+        return self._believed(held)
+
+    def _believed(self, held: list[Held]) -> bool:
+        """Tell whether the first stretch held may be where it says without a word of the far end."""
+        ahead: i64 = held[0].at - self.position
+        if self.heard:
+            return ahead <= WINDOW
+        return ahead <= FAR_AHEAD or (len(held) > 1 and held[1].at - held[0].at <= FAR_AHEAD)
+
+    def _give_up_or_drop(self) -> None:
+        """Declare the first hole, unless nothing speaks for what is behind it: then that is dropped."""
+        held = self.held
+        if held is None:
+            return
+        if self._acked_latest >= held[0].at or self._believed(held):
+            self.give_up()
+            return
+        for stretch in held:
+            self.outside += len(stretch.octets)
+        self.held = None
+        self.held_octets = 0
 
     def give_up(self) -> None:
         """Declare the first hole and pass on what waited behind it."""
@@ -219,7 +249,7 @@ class HalfStream:
     def finish(self) -> None:
         """The stream ends: give up every hole and pass on what is held."""
         while self.held is not None:
-            self.give_up()
+            self._give_up_or_drop()
         self.last = b""  # a connection may be remembered long after its end
         self.before = b""
 
@@ -273,6 +303,8 @@ class HalfStream:
                 time_ns = stretch.time_ns
             self.held_octets -= len(stretch.octets)
             self._pass(stretch.octets, stretch.ack, frame, time_ns)
+            self.ready[-1].own_frame = stretch.frame
+            self.ready[-1].own_ns = stretch.time_ns
             count += 1
         if count == len(held):
             self.held = None

@@ -91,12 +91,12 @@ def path_of(what: object, captures: CaptureFolder) -> Path:
     capture = getattr(what, "capture", None)
     if callable(capture):
         return Path(capture())
-    if isinstance(what, (str, Path)) or hasattr(what, "__fspath__"):
+    if isinstance(what, (str, os.PathLike)):
         return captures(what).path
     raise TypeError(f"{what!r} is no capture, no session and no path")
 
 
-def near(path: str | Path) -> str:
+def near(path: str | os.PathLike[str]) -> str:
     """Return a path as seen from the current folder, where it is below."""
     relative = os.path.relpath(path)
-    return str(path) if relative.startswith(os.pardir) else relative
+    return os.fspath(path) if relative.startswith(os.pardir) else relative

@@ -13,11 +13,11 @@ from dissect.golden.comparison import differences
 from dissect.golden.difference import DiffOptions
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.reading import load_golden, read_session
-from dissect.golden.saving import save_whole
 from dissect.golden.writing import golden_text
 from dissect.report import words
 from dissect.testing.captures import MISTAKES, CaptureFolder, near, path_of
-from dissect.testing.ledger import Ledger, folder_of, golden_of, stem_of
+from dissect.testing.golden_files import GoldenFiles, folder_of, golden_of, stem_of
+from dissect.wire.saving import save
 
 NONE: Final = "none"
 NEW: Final = "new"
@@ -38,7 +38,7 @@ class GoldenCheck:
 
     def __init__(
         self,
-        ledger: Ledger,
+        ledger: GoldenFiles,
         captures: CaptureFolder,
         test: tuple[str, Path],
         update: str,
@@ -112,7 +112,7 @@ class GoldenCheck:
             )
         path = self._ledger.goldens / place
         path.parent.mkdir(parents=True, exist_ok=True)
-        save_whole(path, golden_text(session, ("latency",) if timed else ()).encode())
+        save(path, golden_text(session, ("latency",) if timed else ()).encode())
         kept.add(place)
         return ""
 

@@ -6,7 +6,6 @@ puts them in. What a user writes wrongly raises ValueError.
 
 from __future__ import annotations
 
-import re
 import struct
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -15,31 +14,27 @@ from typing import Final
 from dissect.golden.forms import (
     ItemLine,
     build_answer,
-    build_pdu,
     build_request,
-    build_setup,
     parse_item_text,
     usual_size,
 )
 from dissect.golden.values import value_octets
+from dissect.playback.server.answers import NOT_AVAILABLE, refuse
+from dissect.s7.address import parse_address
+from dissect.s7.build import build_payload, build_pdu, build_setup, build_userdata_head
 from dissect.s7.items import Item
 from dissect.s7.message import HEADER_SIZE, Pdu
 from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, Setup
 from dissect.s7.tables import ACK_DATA, JOB, OBJECT_DOES_NOT_EXIST, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
-from dissect.server.answers import NOT_AVAILABLE, refuse
 
 #: What an element of an item may be.
 Scalar = bool | int | float | str
 
-_NO_PAYLOAD: Final = bytes((OBJECT_DOES_NOT_EXIST, 0, 0, 0))
-_OCTET_STRING: Final = 0x09
 _CPU_FUNCTIONS: Final = 4
 _READ_SZL: Final = 1
 #: The type that goes with the width letter of an address, where none is said.
-_TYPES: Final = {"X": "BIT", "B": "BYTE", "W": "WORD", "D": "DWORD", "T": "TIMER", "C": "COUNTER"}
-_ADDRESS: Final = re.compile(
-    r"(?:DB|DI)[0-9]+\.D[BI](?P<db>[XBWD])[0-9]|(?P<other>[TC])[0-9]|[PIQMLV](?P<letter>[BWD]?)[0-9]"
-)
+_TYPES: Final = {"": "BIT", "X": "BIT", "B": "BYTE", "W": "WORD", "D": "DWORD"}
+_NUMBERED: Final = {0x1C: "COUNTER", 0x1D: "TIMER", 0x1E: "COUNTER", 0x1F: "TIMER"}
 
 
 class Ask:
@@ -73,10 +68,10 @@ class _Octets(Tell):
 def _line(text: str) -> ItemLine:
     """Read ``DB10.DBW4``, ``DB10.DBD4 REAL x3`` or ``DB10.DBW4 INT = 5``; the type may be left out where the letter says it."""
     address, _, rest = text.strip().partition(" ")
-    found = _ADDRESS.match(address)
-    if found and (not rest or rest[0] in "=x"):
-        width = found["db"] or found["other"] or found["letter"] or "X"
-        rest = f"{_TYPES[width]} {rest}".rstrip()
+    found = parse_address(address)
+    if found is not None and (not rest or rest[0] in "=x"):
+        kind = _NUMBERED.get(found.area) or _TYPES.get(found.width, "")
+        rest = f"{kind} {rest}".strip()
     return parse_item_text(f"{address} {rest}".rstrip())
 
 
@@ -108,8 +103,8 @@ def job(parameters: bytes, data: bytes = b"") -> Ask:
 
 def userdata(group: int, subfunction: int, payload: bytes = b"", sequence: int = 0) -> Ask:
     """Ask by userdata; without ``payload`` the data are the four octets that say there is none."""
-    head = bytes((0, 1, 0x12, 4, 0x11, REQUEST << 6 | group & 0x3F, subfunction, sequence))
-    return Ask(build_pdu(USERDATA, head, _payload(payload)))
+    head = build_userdata_head(REQUEST, group, subfunction, sequence, extended=False)
+    return Ask(build_pdu(USERDATA, head, build_payload(payload)))
 
 
 def szl(szl_id: int, index: int = 0) -> Ask:
@@ -119,17 +114,12 @@ def szl(szl_id: int, index: int = 0) -> Ask:
 
 def push(group: int, subfunction: int, payload: bytes) -> Ask:
     """Say something that wants no answer: cyclic data, a message."""
-    head = bytes((0, 1, 0x12, 8, 0x12, PUSH << 6 | group & 0x3F, subfunction, 0, 0, 0, 0, 0))
-    return Ask(build_pdu(USERDATA, head, _payload(payload)))
+    return Ask(build_pdu(USERDATA, build_userdata_head(PUSH, group, subfunction), build_payload(payload)))
 
 
 def pdu(octets: bytes) -> Ask:
     """Send a PDU as it is, but for its reference."""
     return Ask(octets)
-
-
-def _payload(payload: bytes) -> bytes:
-    return struct.pack(">BBH", SUCCESS, _OCTET_STRING, len(payload)) + payload if payload else _NO_PAYLOAD
 
 
 # ---- answers --------------------------------------------------------------------------------------------------------
@@ -205,11 +195,8 @@ class _Userdata(Tell):
         head = asked.parameters.userdata
         if head is None:
             raise ValueError(f"{asked.function_name} is no userdata")
-        kind = RESPONSE << 6 | head.group
-        parameters = struct.pack(
-            ">BBBBBBBBBBH", 0, 1, 0x12, 8, 0x12, kind, head.subfunction, head.sequence, 0, 0, self._code
-        )
-        return build_pdu(USERDATA, parameters, _payload(self._payload))
+        parameters = build_userdata_head(RESPONSE, head.group, head.subfunction, head.sequence, error=self._code)
+        return build_pdu(USERDATA, parameters, build_payload(self._payload))
 
 
 def _text(element: Scalar) -> str:

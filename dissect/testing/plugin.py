@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import pytest
 
-from dissect.testing.ledger import Ledger
+from dissect.testing.golden_files import GoldenFiles
 
 if TYPE_CHECKING:
     from dissect.testing.captures import CaptureFolder
@@ -28,7 +28,7 @@ _WRITTEN: Final = "written"
 _CHANGED: Final = "changed"
 _UNUSED: Final = "unused"
 
-_LEDGER: Final = pytest.StashKey[Ledger]()
+_LEDGER: Final = pytest.StashKey[GoldenFiles]()
 _SERVERS: Final = pytest.StashKey["Servers"]()
 
 
@@ -48,7 +48,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Watch which tests run only where there are goldens that might be left unused."""
-    ledger = config.stash[_LEDGER] = Ledger(_folder(config, "s7_goldens"))
+    ledger = config.stash[_LEDGER] = GoldenFiles(_folder(config, "s7_goldens"))
     if ledger.goldens.is_dir():
         config.pluginmanager.register(_Watch(ledger), "s7dissect-watch")
 
@@ -138,7 +138,7 @@ def _complaint(item: pytest.Item) -> str:
 class _Watch:
     """Follows which tests were found and how they ended, to know which goldens nobody needs."""
 
-    def __init__(self, ledger: Ledger) -> None:
+    def __init__(self, ledger: GoldenFiles) -> None:
         self._ledger = ledger
 
     def pytest_itemcollected(self, item: pytest.Item) -> None:
@@ -193,7 +193,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
             terminalreporter.write_line(f"  {advice}")
 
 
-def _unused(ledger: Ledger, config: pytest.Config) -> list[str]:
+def _unused(ledger: GoldenFiles, config: pytest.Config) -> list[str]:
     if not ledger.goldens.is_dir() or config.getoption("lf", False):
         return []
     start = config.invocation_params.dir

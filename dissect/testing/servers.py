@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
-from dissect.server.service import Server
+from dissect.playback.server.service import Server
 from dissect.testing.captures import MISTAKES, CaptureFolder, near, path_of
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.server.faults import Fault
+    from dissect.playback.server.faults import Fault
 
 FAIL: Final = "fail"
 ALLOW: Final = "allow"
@@ -39,7 +39,7 @@ class Servers:
         """Serve a capture or a golden on a free port of this machine; the server has ``host`` and ``port``.
 
         ``what`` is a name of the captures' folder, a path, a capture or a recorder. With ``unmatched="allow"`` requests that
-        nothing like was recorded of do not fail the test. The rest is described at `dissect.server.service.Server`.
+        nothing like was recorded of do not fail the test. The rest is described at `dissect.playback.server.service.Server`.
         """
         __tracebackhide__ = True
         if unmatched not in {FAIL, ALLOW}:

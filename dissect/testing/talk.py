@@ -14,25 +14,25 @@ the oldest request of the other side that is open; a request that is not answere
 
 from __future__ import annotations
 
-import struct
+import os
 from collections import deque
 from ipaddress import ip_address
-from pathlib import Path
 from typing import Final, Self
 
-from dissect.conversation import Observer, Options
+from dissect.engine.observer import Observer, Options
+from dissect.engine.pipeline import Pipeline
 from dissect.golden.model import Session
 from dissect.golden.reading import SessionReader
 from dissect.golden.writing import golden_text
-from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, TPDU_SIZE
+from dissect.iso.build import build_connect, build_tpkt, build_tsdu, size_parameter
+from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP
 from dissect.iso.tables import CC, CR
-from dissect.pipeline import Pipeline
+from dissect.playback.server.model import Recording
+from dissect.playback.server.recording import RecordingReader
 from dissect.proxy.packets import ETHERNET, Conversation
+from dissect.s7.build import with_reference
 from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import PUSH
-from dissect.server.answers import data_tpdus, tpkt, with_reference
-from dissect.server.recording import RecordingReader
-from dissect.server.script import Recording
 from dissect.source.pcapng_writer import interface_block, packet_block, section_block
 from dissect.tcp.connection import Endpoint
 from dissect.testing.messages import (
@@ -63,6 +63,7 @@ from dissect.testing.messages import (
     words,
     write,
 )
+from dissect.wire.saving import save
 
 CLIENT: Final = 0
 SERVER: Final = 1
@@ -71,7 +72,6 @@ SERVER: Final = 1
 START_NS: Final = 1_767_225_600_000_000_000
 _MS: Final = 1_000_000
 _TPDU_OCTETS: Final = 1024
-_TPDU_CODE: Final = 10
 
 _OPEN: Final = "open"
 _SENT: Final = "sent"
@@ -119,11 +119,8 @@ class Talk:
         self._event(_OPEN, CLIENT)
         if begin:
             for type_, side, references in ((CR, CLIENT, (0, 1)), (CC, SERVER, (1, 1))):
-                variable = bytes((TPDU_SIZE, 1, _TPDU_CODE))
-                for code, tsap in ((CALLING_TSAP, calling), (CALLED_TSAP, called)):
-                    variable += bytes((code, len(tsap))) + tsap
-                fixed = struct.pack(">BHHB", type_ << 4, *references, 0)
-                self._event(_SENT, side, tpkt(bytes((len(fixed) + len(variable),)) + fixed + variable))
+                parameters = [size_parameter(_TPDU_OCTETS), (CALLING_TSAP, calling), (CALLED_TSAP, called)]
+                self._event(_SENT, side, build_tpkt(build_connect(type_, *references, parameters)))
             self._say(CLIENT, setup(pdu, *amq))
             self._say(SERVER, granted(pdu, *amq))
 
@@ -157,7 +154,7 @@ class Talk:
             asked = waiting[0]
             said = with_reference(message.build(parse_pdu(asked)), asked[4:6])
             waiting.popleft()
-        self._event(_SENT, side, data_tpdus(said, _TPDU_OCTETS))
+        self._event(_SENT, side, build_tsdu(said, _TPDU_OCTETS))
 
     def raw(self, side: int, octets: bytes) -> Self:
         """``side`` (`CLIENT` or `SERVER`) sends octets as they are, TPKT and all."""
@@ -216,13 +213,13 @@ class Talk:
             found += [(event.time_ns, frame) for frame in frames]
         return found
 
-    def capture(self, path: str | Path | None = None) -> bytes:
+    def capture(self, path: str | os.PathLike[str] | None = None) -> bytes:
         """Return the conversation as the octets of a pcapng file; written to ``path`` too, over what is there."""
         blocks = [section_block(application="s7dissect talk"), interface_block(ETHERNET, "talk")]
         blocks += [packet_block(0, time_ns, frame, len(frame)) for time_ns, frame in self.frames()]
         told = b"".join(blocks)
         if path is not None:
-            Path(path).write_bytes(told)
+            save(path, told)
         return told
 
     def session(self) -> Session:
@@ -236,7 +233,7 @@ class Talk:
         return golden_text(self.session())
 
     def recording(self) -> Recording:
-        """Return the conversation as what `dissect.server.Server` serves."""
+        """Return the conversation as what `dissect.playback.server.Server` serves."""
         reader = RecordingReader("talk")
         self._feed(reader)
         return reader.finish()

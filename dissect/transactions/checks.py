@@ -11,7 +11,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.items import BITS, COUNTED, DataItem, Item, data_size_within, parse_data_items
+from dissect.s7.items import BITS, COUNTED, DataItem, Item, data_size_within, parse_data_items, walk_areas
 from dissect.s7.message import HEADER_SIZE
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import (
@@ -29,8 +29,8 @@ from dissect.s7plus.message import parse_plus
 from dissect.s7plus.parameters import PlusParameters
 from dissect.s7plus.refusals import refuses_items
 from dissect.s7plus.tables import ERRORS, refuses
-from dissect.transactions.carried import ScdParameters
-from dissect.transactions.transaction import Transaction
+from dissect.transactions.payloads import ScdParameters
+from dissect.transactions.transaction import UNCONFIRMED, Transaction
 from dissect.wire.build import COMPILED
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16
@@ -107,7 +107,7 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
     """Step through the data items of a read answer: return codes, sizes against the request, octets against the block."""
     items = transaction.parameters.items
     asked: i64 = transaction.parameters.item_count
-    if count != asked:
+    if count != asked and not transaction.parameters.malformed:  # what a broken request asks for nobody can say
         transaction.flags |= COUNT_MISMATCH
     known: i64 = len(items)
     index: i64 = 0
@@ -136,6 +136,8 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
                 wanted: i64 = items[index].size
                 if wanted != size and wanted >= 0:
                     transaction.flags |= SIZE_MISMATCH
+                elif wanted < 0:
+                    _check_areas(transaction, items[index], buf, at, min(at + size, end))
         else:
             size = 0
             transaction.has_errors = True
@@ -147,9 +149,25 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
         transaction.flags |= BAD_DATA
 
 
+def _check_areas(transaction: Transaction, item: Item, buf: bytes, at: i64, end: i64) -> None:
+    """Look at the return codes of the areas in the answer to a DBREAD item."""
+    areas = item.areas
+    if areas is None or not areas:
+        return
+    told = walk_areas(areas, buf[at:end])
+    if not told:
+        transaction.flags |= SIZE_MISMATCH
+    for area in told:
+        if area.return_code != SUCCESS:
+            transaction.has_errors = True
+
+
 def _check_write(transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:
     """Look at the return codes of a write answer: one octet for each item."""
-    if count != transaction.parameters.item_count:
+    if end - at < transaction.parameters.item_count and transaction.error_code == 0:
+        transaction.flags |= UNCONFIRMED
+        transaction.has_errors = True
+    if count != transaction.parameters.item_count and not transaction.parameters.malformed:
         transaction.flags |= COUNT_MISMATCH
     if end - at != count:
         transaction.flags |= BAD_DATA

@@ -26,6 +26,7 @@ from dissect.tcp.connection import Endpoint, TcpConnection
 from dissect.transactions.ending import Ending
 from dissect.transactions.operation import OpenOperations
 from dissect.transactions.pairing import OpenRequests
+from dissect.transactions.results import Subscription
 from dissect.transactions.traits import Traits
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ PROBING: Final = 0
 ISO: Final = 1
 FOREIGN: Final = 2
 IBH: Final = 3
-CARRIED: Final = 4  # what a `Carrier` follows: SCD over TCP or UDP
+CARRIED: Final = 4  # what a `PayloadDecoder` follows: SCD over TCP or UDP
 
 #: `Connection.dt_limit` while nothing is known against any size.
 NO_LIMIT: Final = 0x7FFFFFFF
@@ -73,6 +74,7 @@ class Connection:
         "_setup_by",
         "answered",
         "bound",
+        "class_",
         "client_known",
         "client_side",
         "closed_reason",
@@ -112,6 +114,7 @@ class Connection:
         "setup_open",
         "setup_seen",
         "state",
+        "subscriptions",
         "tcp",
         "told",
         "tpdu_size",
@@ -146,6 +149,7 @@ class Connection:
         self.cr_seen: bool = False
         self.cr_ref: i64 = 0
         self.cr_class: i64 = 0
+        self.class_: i64 = -1  # chosen by the CC, -1 while none was seen
         #: A DT of more octets is looked at closely: -1 for each one, until the connection is set up and after its end.
         self.dt_limit: i64 = -1 if tcp.known_start else NO_LIMIT
         self.told: i64 = 0  # what the rules have said of it (dissect.findings), in bits
@@ -168,6 +172,8 @@ class Connection:
         self.open_requests: list[OpenRequests] = [OpenRequests(), OpenRequests()]
         self.operations: OpenOperations = OpenOperations()
         self.traits: Traits = Traits()
+        #: What its cyclic and test jobs send, by job (`dissect.transactions.subscriptions`).
+        self.subscriptions: dict[int, Subscription] = {}
         self.pdus: i64 = 0
         self.answered: i64 = 0
         self.unanswered: i64 = 0
@@ -185,6 +191,10 @@ class Connection:
         self.closed_reason: str = ""
         self.open_at_end: i64 = 0
         self.ending: Ending | None = None  # once it is over
+
+    def __repr__(self) -> str:
+        arrow = "→" if self.client_known else "↔"
+        return f"Connection({self.number}, {self.client} {arrow} {self.server}, {self.pdus} PDUs)"
 
     @property
     def client(self) -> Endpoint:
@@ -229,6 +239,7 @@ class Connection:
     def note_cc(self, side: i64, tpdu: Tpdu) -> None:
         """A connect confirm: the size that holds; the TSAPs when the CR was not captured."""
         self.set_client(1 - side)
+        self.class_ = max(0, tpdu.field("class_"))
         self.tpdu_size = tpdu.tpdu_size or 65531
         self.dt_limit = self.tpdu_size
         if self.tsap_calling is None:

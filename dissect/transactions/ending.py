@@ -40,6 +40,8 @@ class Ending:
     ``oldest`` is what the one asked first wants, with its packet and time. The last request, answer and refusal before the
     end are told as what was asked and when (None and 0 for none); ``last_error_code`` is the code of the whole answer, 0
     when only an item was refused. ``connecting`` tells that the connect request was still without answer of any kind.
+    ``reset_side``, ``reset_frame`` and ``reset_ns`` are the side, packet and time of a RST that came after that end had begun
+    otherwise, as S7-1200/1500 answer a FIN (-1, 0 and 0 for none).
     """
 
     __slots__ = (
@@ -57,6 +59,9 @@ class Ending:
         "oldest_frame",
         "oldest_ns",
         "open_requests",
+        "reset_frame",
+        "reset_ns",
+        "reset_side",
         "side",
         "time_ns",
     )
@@ -79,6 +84,10 @@ class Ending:
             self.time_ns = now_ns
         elif self.how == EVICTED:
             self.time_ns = tcp.last_ns
+        follows: bool = tcp.reset_frame > 0 and tcp.reset_frame != self.frame and self.how in _DEEDS
+        self.reset_side: i64 = tcp.reset_by if follows else -1
+        self.reset_frame: i64 = tcp.reset_frame if follows else 0
+        self.reset_ns: i64 = tcp.reset_ns if follows else 0
         self.connecting: bool = (
             connection.cr_seen
             and connection.tpdu_size == 0
@@ -116,7 +125,10 @@ class Ending:
 
     def deed(self, connection: Connection) -> str:
         """Say who ended the connection and how, empty when neither side did: ``the server reset the connection``."""
-        return f"the {connection.role(self.side)} {_DEEDS[self.how]}" if self.how in _DEEDS else ""
+        if self.how not in _DEEDS:
+            return ""
+        then = f", the {connection.role(self.reset_side)} reset it," if self.reset_frame else ""
+        return f"the {connection.role(self.side)} {_DEEDS[self.how]}{then}"
 
     @property
     def cut(self) -> bool:

@@ -17,8 +17,9 @@ from dissect.iso.tpkt import Framer
 from dissect.s7plus.assembly import PlusAssembler
 from dissect.tcp.connection import Endpoint, TcpConnection
 from dissect.tcp.stream import MASK, HalfStream
-from dissect.transactions.carried import Backlog
 from dissect.transactions.connection import Connection
+from dissect.transactions.payloads import Backlog
+from dissect.transactions.protocol import Protocol
 
 MAX_CONNECTIONS: Final = 8192
 #: Connections that leave together when the table is full, so that looking for the idle ones stays cheap.
@@ -51,6 +52,8 @@ class Side:
         "missing",
         "peer",
         "plus",
+        "probes",
+        "protocol",
         "requests",
         "stream",
         "tcp",
@@ -59,11 +62,12 @@ class Side:
         "watched",
     )
 
-    def __init__(self, index: i64, key: bytes, tcp: TcpConnection, connection: Connection) -> None:
+    def __init__(self, index: i64, key: bytes, tcp: TcpConnection, connection: Connection, protocol: Protocol) -> None:
         self.index: i64 = index
         self.key: bytes = key
         self.tcp: TcpConnection = tcp
         self.connection: Connection = connection
+        self.protocol: Protocol = protocol  # takes its octets; that of its peer is the same
         self.stream: HalfStream = tcp.streams[index]
         self.framer: Framer = Framer()
         self.ibh: PacketFramer | None = None  # in the place of `framer` once the connection speaks IBH-NetLink
@@ -74,6 +78,7 @@ class Side:
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
         self.end_seq: i64 = 0  # sequence number after the octets at hand
         self.requests: i64 = 0
+        self.probes: i64 = 0  # keep-alives before anything else was captured
         self.holes: i64 = 0
         self.missing: i64 = 0  # octets in holes
         self.hole_frame: i64 = 0  # packet at which the latest hole was given up
@@ -81,6 +86,24 @@ class Side:
         self.watched: bool = False  # of those whose requests are watched for being overdue
         self.told_overdue: i64 = 0  # number of its latest request that was told to be
         self.garbage: bool = False  # inside a stretch that was already told
+
+    def speak(self, protocol: Protocol) -> None:
+        """From now on ``protocol`` takes the octets of both directions."""
+        self.protocol = protocol
+        if self.peer is not None:
+            self.peer.protocol = protocol
+        self.connection.state = protocol.state
+
+    @property
+    def at_rest(self) -> bool:
+        """True when the octets passed on so far end with whole messages: none is begun."""
+        if self.framer.buffered or self.framer.skip or not self.assembler.clear:
+            return False
+        if self.ibh is not None and self.ibh.buffered:
+            return False
+        if self.plus is not None and self.plus.parts is not None:
+            return False
+        return self.backlog is None
 
     @property
     def captured(self) -> bool:
@@ -121,10 +144,11 @@ def endpoints(key: bytes) -> tuple[Endpoint, Endpoint]:
 class ConnectionTable:
     """Open connections by the key of either direction.
 
-    ``evicted`` and ``half_open_evicted`` count what had to leave because the table was full.
+    A new connection begins with the protocol ``first``. ``evicted`` and ``half_open_evicted`` count what had to leave because the table was full.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, first: Protocol | None = None) -> None:
+        self._first: Protocol = first if first is not None else Protocol()
         self.sides: dict[bytes, Side] = {}
         # Ordered, because finding the oldest entry of a plain dict is slow when many before it were deleted.
         self._half_open: OrderedDict[bytes, _Syn] = OrderedDict()
@@ -162,8 +186,8 @@ class ConnectionTable:
             tcp.streams[0].start((syn.seq + 1) & MASK)
             tcp.packets += 1
         connection = Connection(0, tcp)
-        side0 = Side(0, first, tcp, connection)
-        side1 = Side(1, reverse_key(first), tcp, connection)
+        side0 = Side(0, first, tcp, connection, self._first)
+        side1 = Side(1, reverse_key(first), tcp, connection, self._first)
         side0.peer = side1
         side1.peer = side0
         self.sides[side1.key] = side1

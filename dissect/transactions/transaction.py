@@ -7,16 +7,23 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64
 
 from dissect.s7.errors import ERROR_CODES
-from dissect.s7.items import DataItem, Item, parse_data_items
+from dissect.s7.items import DataItem, parse_data_items
 from dissect.s7.message import ACK_HEADER_SIZE, HEADER_SIZE, Pdu, parse_pdu
 from dissect.s7.parameters import Parameters
-from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, SUCCESS, WRITE_VAR
-from dissect.s7.values import Value, decode_value
+from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, USERDATA, WRITE_VAR
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.parameters import PLUS, PlusParameters
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.tcp.stream import HALF_SPACE, MASK
-from dissect.transactions.carried import SCD, ScdMessage, ScdParameters
+from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
+from dissect.transactions.results import (
+    ItemResult,
+    Subscription,
+    has_items,
+    read_results,
+    userdata_results,
+    write_results,
+)
 
 if TYPE_CHECKING:
     from dissect.transactions.connection import Connection
@@ -38,6 +45,14 @@ HOLE: Final = "hole"
 REFERENCE_REUSED: Final = "reference_reused"
 TABLE_FULL: Final = "table_full"
 CONNECTION_EVICTED: Final = "connection_evicted"
+#: Code of an error that is the lack of a return code.
+NO_CODE: Final = -1
+_NO_CODE_TEXTS: Final = (
+    "No return code",
+    "The answer has no return code for this item: whether it was written is not known.",
+)
+#: Of `Transaction.flags`: the good answer to a write lacks return codes.
+UNCONFIRMED: Final = 2048
 #: One sentence for each reason.
 REASON_TEXTS: Final[dict[str, str]] = {
     CONNECTION_CLOSED: "the connection ended before an answer came",
@@ -53,7 +68,8 @@ class TransactionError:
     """One thing the answer says no to.
 
     ``where`` is ``header``, ``parameter``, ``return value`` or ``item N`` (N counts from 1); ``code`` is the number on the
-    wire, ``name`` and ``text`` its name and sentence; ``address`` is the item's address where there is one.
+    wire, `NO_CODE` where the answer has none for a written item, ``name`` and ``text`` its name and sentence; ``address``
+    is the item's address where there is one.
     """
 
     __slots__ = ("address", "code", "name", "text", "where")
@@ -65,41 +81,21 @@ class TransactionError:
         self.text = text
         self.address = address
 
+    def __repr__(self) -> str:
+        return f"TransactionError({self.where!r}, 0x{self.code:x}, {self.name!r})"
+
     def as_dict(self) -> dict[str, object]:
         """Return the error as the JSON contract has it."""
-        return {"where": self.where, "code": self.code, "name": self.name, "text": self.text}
+        return {
+            "where": self.where,
+            "code": self.code if self.code != NO_CODE else None,
+            "name": self.name,
+            "text": self.text,
+        }
 
 
-class ItemResult:
-    """An item of the request joined with its own answer (either may be missing).
-
-    ``return_code`` is -1 when there is no answer; ``data`` the octets read or written, None when there are none.
-    ``decodable`` tells whether ``data`` has the size that the item asked for, so that ``value`` can be decoded.
-    """
-
-    __slots__ = ("answer", "data", "item", "return_code")
-
-    def __init__(self, item: Item | None, return_code: i64, data: bytes | None, answer: DataItem | None) -> None:
-        self.item: Item | None = item
-        self.return_code: i64 = return_code
-        self.data: bytes | None = data
-        self.answer: DataItem | None = answer
-
-    @property
-    def decodable(self) -> bool:
-        """True when there are octets of the size the item asked for (see `Item.fits`)."""
-        item = self.item
-        data = self.data
-        return item is not None and data is not None and item.fits(len(data))
-
-    @property
-    def value(self) -> Value:
-        """The decoded value, None when there is none (see `decode_value`)."""
-        item = self.item
-        data = self.data
-        if item is None or data is None or not self.decodable:
-            return None
-        return decode_value(item.transport_size, data)
+#: Bit of `Transaction.flags`: the capture ended before the answer was due, so that nothing is wrong.
+STILL_OPEN: Final = 2048
 
 
 class Transaction:
@@ -139,6 +135,7 @@ class Transaction:
         "response_rosctr",
         "response_size",
         "rosctr",
+        "subscribed",
         "superseded",
     )
 
@@ -173,6 +170,7 @@ class Transaction:
             None  # a request before it with the same reference, its answer not seen yet
         )
         self.earlier: Transaction | None = None  # an identical request with the same reference, still open
+        self.subscribed: Subscription | None = None  # of a push: what asked for it, where that is known
         self.carried: list[ScdMessage] | None = None  # SCD in the items or the block of an S7 transaction
 
     def __repr__(self) -> str:
@@ -235,8 +233,8 @@ class Transaction:
 
     @property
     def failed(self) -> bool:
-        """True when the answer says no to anything, or never came."""
-        return self.has_errors or self.outcome == UNANSWERED
+        """True when the answer says no to anything, or never came; not while it could still come (`STILL_OPEN`)."""
+        return self.has_errors or (self.outcome == UNANSWERED and not self.flags & STILL_OPEN)
 
     @property
     def request_octets(self) -> bytes:
@@ -285,44 +283,25 @@ class Transaction:
         )
 
     def results(self) -> list[ItemResult]:
-        """Return every item of a read or write joined with its answer, in wire order; empty for other functions."""
+        """Return every item joined with what became of it, in wire order; empty for functions without items.
+
+        Of a read or write, of a cyclic service (in a push by what was `subscribed`), of a test function on variables.
+        """
         function = self.function
-        if function == READ_VAR and self.rosctr == JOB:
-            return self._read_results()
-        if function == WRITE_VAR and self.rosctr == JOB:
-            return self._write_results()
+        if self.rosctr == JOB:
+            items = self.parameters.items if self.request_size else []
+            if function == READ_VAR:
+                return read_results(items, self.answered_items())
+            if function == WRITE_VAR:
+                return write_results(items, self.written_items(), self._write_codes())
+        elif self.rosctr == USERDATA:
+            head = self.parameters.userdata
+            if head is not None and has_items(head):
+                asked = self.parameters if self.request_size else None
+                told = self.response_parameters
+                wanted = self.subscribed.items if self.subscribed is not None else None
+                return userdata_results(asked, self.request_octets, told, self.response_octets, wanted)
         return []
-
-    def _read_results(self) -> list[ItemResult]:
-        answers = self.answered_items()
-        items = self.parameters.items if self.request_size else []
-        results: list[ItemResult] = []
-        asked: i64 = len(items)
-        told: i64 = len(answers)
-        index: i64 = 0
-        while index < asked or index < told:
-            item = items[index] if index < asked else None
-            if index >= told:
-                results.append(ItemResult(item, -1, None, None))
-            else:
-                answer = answers[index]
-                code: i64 = answer.return_code
-                results.append(ItemResult(item, code, answer.data if code == SUCCESS else None, answer))
-            index += 1
-        return results
-
-    def _write_results(self) -> list[ItemResult]:
-        items = self.parameters.items if self.request_size else []
-        written = self.written_items()
-        codes = self._write_codes()
-        results: list[ItemResult] = []
-        for index in range(max(len(items), len(codes))):
-            item = items[index] if index < len(items) else None
-            data_item = written[index] if index < len(written) else None
-            code = codes[index] if index < len(codes) else -1
-            data = data_item.data if data_item is not None else None
-            results.append(ItemResult(item, code, data, data_item))
-        return results
 
     def answered_items(self) -> list[DataItem]:
         """Return the data items of a read answer; their offsets are within the buffer."""
@@ -371,13 +350,16 @@ class Transaction:
             from dissect.transactions.plus import item_errors  # late: most runs never look
 
             return errors + item_errors(self)
+        written = self.flags & UNCONFIRMED != 0
         for number, result in enumerate(self.results(), 1):
             code = result.return_code
-            if code >= 0 and code != SUCCESS:
-                address = result.item.address if result.item is not None else ""
+            address = result.item.address if result.item is not None else ""
+            if result.refused:
                 errors.append(
                     TransactionError(f"item {number}", code, RETURN_CODES.name(code), RETURN_CODES.text(code), address)
                 )
+            elif code < 0 and written:
+                errors.append(TransactionError(f"item {number}", NO_CODE, *_NO_CODE_TEXTS, address))
         return errors
 
     def _scd_errors(self) -> list[TransactionError]:

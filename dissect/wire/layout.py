@@ -30,6 +30,8 @@ _DECIMAL: Final = frozenset((
 
 #: Tells a person what octets say, for example a time; None when they say nothing of the kind.
 Means = Callable[[bytes], "str | None"]
+#: Tells a person what a number says, for example a version; empty when it says nothing of the kind.
+Says = Callable[[int], str]
 
 
 def plain(_: bytes) -> str | None:
@@ -49,11 +51,12 @@ class Field:
     (dissect.wire.varint). ``bits`` is (mask, shift) when the field is only a part of
     its octets; fields sharing octets follow each other and all but the first have ``shares=True``. ``wireshark`` is
     Wireshark's field name, empty where it has none. A field with ``means`` holds octets (a text, a time), not a number.
-    ``decimal``: a person reads its number as a count or a size. ``counts`` tells what a length field counts: one of the
-    constants above, the name of a layout whose parts after it are counted, or empty.
+    ``says`` tells a person what the number means where no table does. ``decimal``: a person reads its number as a count or a
+    size. ``counts`` tells what a length field counts: one of the constants above, the name of a layout whose parts after it
+    are counted, or empty.
     """
 
-    __slots__ = ("bits", "codes", "counts", "decimal", "means", "name", "shares", "size", "text", "wireshark")
+    __slots__ = ("bits", "codes", "counts", "decimal", "means", "name", "says", "shares", "size", "text", "wireshark")
 
     def __init__(
         self,
@@ -67,6 +70,7 @@ class Field:
         means: Means | None = None,
         decimal: bool = False,
         counts: str = "",
+        says: Says | None = None,
     ) -> None:
         self.name = name
         self.size = size
@@ -78,6 +82,7 @@ class Field:
         self.means: Means | None = plain if means is None and size == REST else means
         self.decimal = decimal or counts != "" or name in _DECIMAL
         self.counts = counts
+        self.says: Says | None = says
 
     def read(self, octets: bytes, offset: int) -> int:
         """Return the field's value in ``octets``, its octets starting at ``offset`` (big-endian)."""
@@ -109,6 +114,9 @@ class FieldValue:
         if self.octets is not None:
             told = self.field.means(self.octets) if self.field.means is not None else None
             return told if told is not None else ""
+        says = self.field.says
+        if says is not None:
+            return says(self.value)
         codes = self.field.codes
         row = codes.get(self.value) if codes is not None else None
         return row.name if row is not None else ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import unicodedata
 from typing import Final
@@ -40,6 +41,22 @@ def encodable(text: str) -> str:
     if text.isascii():
         return text
     return "".join([_escape(character) if 0xD800 <= ord(character) <= 0xDFFF else character for character in text])
+
+
+def reason(error: BaseException) -> str:
+    """Return why something failed, on one line for a person: of a system's refusal the words, and the file it is about."""
+    if isinstance(error, OSError) and error.strerror:
+        about = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, (str, bytes)) else ""
+        return printable(f"{about}{error.strerror}")
+    return printable(str(error) or type(error).__name__)
+
+
+def titled(name: str, about: str) -> str:
+    """Return a name and what it is about; a word that ends the one and begins the other stands once: ``read SZL 0x0011 …``."""
+    last = name.rpartition(" ")[2]
+    if last and about.startswith(f"{last} "):
+        about = about.removeprefix(last).lstrip()
+    return f"{name} {about}" if name and about else name or about
 
 
 def shortened(text: str, most: int) -> str:

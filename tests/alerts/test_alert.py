@@ -30,7 +30,8 @@ def test_json_escapes_itself() -> None:
     values = json.loads(text)
     assert values["text"] == "TSAP \x1b[2J\u202egnp\nnext \x7f \\xff é"
     assert list(values) == [
-        "schema", "rule", "when", "severity", "time", "client", "server", "connection", "text", "repeated", "since", "new",
+        "schema", "rule", "when", "severity", "time", "client", "server", "connection", "text", "line", "repeated", "since",
+        "new",
     ]  # fmt: skip
     assert values["schema"] == "s7dissect.alert/1"
     assert values["since"] is None

@@ -38,9 +38,9 @@ def test_too_many_different_ones_are_counted(monkeypatch: pytest.MonkeyPatch) ->
     for number in range(5):
         book.event(one, number, S, made)
         book.state(one, ("state", number), S, made)
-    assert len(told) == 3
-    assert book.crowded == 7
-    book.event(one, 0, 2 * S, made)
+    assert len(told) == 10  # what is new is told; the oldest is forgotten for it
+    assert (book.crowded, len(book._told)) == (7, 3)
+    book.event(one, 4, 2 * S, made)
     book.flush(2 * S, over=True)
     assert told[-1].repeated == 1
 

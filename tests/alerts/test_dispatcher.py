@@ -69,19 +69,34 @@ def test_a_full_queue_drops_counts_and_tells() -> None:
     assert held.began.acquire(timeout=WAIT)
     for number in range(7):
         dispatcher.submit(alert(f"{number}", actions=("held",)))
-    assert told == ["alerts: action held: 2 alerts wait already, this one is dropped"]
+    assert told == ["alerts: action held: 2 alerts wait already, dropped: warning rule: 0"]
     now = 61.0
     dispatcher.submit(alert("late", actions=("held",)))
     assert told[1:] == [
-        "alerts: action held: 2 alerts wait already, this one is dropped (4 more lost since the last word of it)"
+        "alerts: action held: 2 alerts wait already, dropped: warning rule: 5 (and 4 times more since it was last reported)"
     ]
     held.go.release(3)
     dispatcher.close(WAIT)
-    assert held.done == ["first", "0", "1"]
+    assert held.done == ["first", "6", "late"]
     assert dispatcher.counts["held"].dropped == 6
     assert told[2:] == ["alerts: action held: 0 failed, 6 dropped, 3 delivered"]
     dispatcher.close()
     assert len(told) == 3
+
+
+def test_the_heaviest_come_first_and_the_oldest_of_the_lightest_go() -> None:
+    held = Held()
+    told: list[str] = []
+    dispatcher = Dispatcher({"held": held}, tell=told.append, most=4)
+    dispatcher.submit(alert("first", actions=("held",)))
+    assert held.began.acquire(timeout=WAIT)
+    for number, severity in enumerate(("note", "warning", "note", "error", "warning", "error", "note")):
+        dispatcher.submit(alert(f"{severity} {number}", actions=("held",), severity=severity))
+    held.go.release(5)
+    dispatcher.close(WAIT)
+    assert held.done == ["first", "error 3", "error 5", "warning 1", "warning 4"]
+    assert told[0] == "alerts: action held: 4 alerts wait already, dropped: note rule: note 0"
+    assert dispatcher.counts["held"].dropped == 3
 
 
 def test_so_many_at_a_time_and_no_more() -> None:

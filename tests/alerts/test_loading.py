@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -87,7 +88,7 @@ def test_actions() -> None:
     [
         ("", " [[rule]]: there is none"),
         ("[rule]\n", " [[rule]]: is written [[rule]]"),
-        ("[[rules]]\n", " file, rules: no such key here; these are: action, allow_hosts, defaults, rule"),
+        ("[[rules]]\n", " file, rules: no such key here; close to it: 'rule'"),
         ('[[rule]]\nwhen = "new"\n', RULE + "name: is missing"),
         ('[[rule]]\nname = "a\\u001b"\n', RULE + "name: 'a\\x1b' is no name"),
         ('[[rule]]\nname = "a"\nwhen = "ever"\n', RULE + "when: 'ever' is none of finding, new, rate"),
@@ -137,6 +138,8 @@ def test_actions() -> None:
         (ACTION + 'webhook = "file:///etc/passwd"\n', ACT + "webhook: 'file:///etc/passwd' is no address"),
         (ACTION + 'webhook = "http://127.0.0.1:x/"\n', ACT + "webhook: 'http://127.0.0.1:x/' is no address"),
         (ACTION + 'webhook = "http://127.0.0.1/\\r\\nX: y"\n', ACT + "webhook: "),
+        (ACTION + 'webhook = "http://127.0.0.1/"\nspool = "here"\n', ACT + "spool: 'here' is no absolute path"),
+        (FINDING + "burst = 0\n", RULE + "burst: 0 is outside 1 to 10000"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_told(tmp_path: Path, text: str, told: str) -> None:
@@ -145,23 +148,30 @@ def test_what_is_wrong_is_told(tmp_path: Path, text: str, told: str) -> None:
     assert str(error.value).removeprefix(f"{tmp_path}/alerts.toml:")[: len(told)] == told
 
 
+def test_a_trial_needs_neither_programs_nor_sockets(tmp_path: Path) -> None:
+    tables = (('command = ["no-such-program"]', "is no program"), ('syslog = "/no/such/socket"', "there is no"))
+    for line, told in tables:
+        path = saved(tmp_path, f"{ACTION}{line}\n")
+        assert len(load_rules(path, trial=True).actions) == 1
+        with pytest.raises(RuleError, match=told):
+            load_rules(path)
+
+
 @given(
     st.sampled_from(["", FINDING, RATE, ACTION]),
     st.sampled_from(["", "cooldown = ", "window = ", "per = ", "command = ", "webhook = ", "of = "]),
     st.text() | st.integers().map(str) | st.floats().map(str) | st.text().map(repr),
 )
 def test_any_text_is_taken_or_refused(begin: str, key: str, end: str) -> None:
-    try:
+    with suppress(DictionaryError):
         parse_rules(begin + key + end)
-    except DictionaryError:
-        pass
 
 
 def test_the_examples_of_the_document_are_right(tmp_path: Path) -> None:
     examples = re.findall(r"```toml\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)
     rules = [example for example in examples if "[[rule]]" in example]
     assert len(rules) >= 1
-    for example in rules:
-        example = example.replace("/usr/local/bin/page-operator", "true").replace("/dev/log", "127.0.0.1")
+    for rule_file in rules:
+        example = rule_file.replace("/usr/local/bin/page-operator", "true").replace("/dev/log", "127.0.0.1")
         whens = {rule.when for rule in load_rules(saved(tmp_path, example)).rules}
         assert whens == {"finding", "new", "rate", "latency", "silence", "outcome"}

@@ -15,7 +15,7 @@ from dissect.anonymize.rules import Rules
 from dissect.anonymize.scd import ScdRules
 from dissect.anonymize.survey import Survey
 from dissect.bindings.engine import ScdCarrier
-from dissect.findings.observer import Options
+from dissect.engine.observer import Options
 from dissect.session import Run
 from dissect.source.files import open_capture
 from dissect.source.pcapng_writer import PcapngWriter
@@ -33,7 +33,7 @@ def anonymized(
     addresses = AddressMap(key)
     rules = Rules(key, addresses, choices, ScdRules(key, addresses, choices, carrier, account))
     survey = Survey(key, rules, account, carrier)
-    run = Run([str(source)], survey, Options(strict=True, carrier=carrier))
+    run = Run([str(source)], survey, Options(strict=True, decoder=carrier))
     while run.step():
         pass
     survey.settle()

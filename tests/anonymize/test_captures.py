@@ -11,7 +11,7 @@ import pytest
 import dissect
 from dissect.anonymize.account import KEEP, SCRAMBLE, Choices
 from dissect.anonymize.key import Key
-from dissect.findings.observer import Observer
+from dissect.engine.observer import Observer
 from dissect.iso.cotp import parse_tpdu
 from dissect.iso.tables import CC, CR
 from dissect.iso.tsap import Tsap

@@ -10,8 +10,8 @@ import dissect.s7
 from dissect.anonymize import rules
 from dissect.anonymize.account import KEEP, Account, Choices
 from dissect.anonymize.addresses import AddressMap
-from dissect.anonymize.draft import Draft
 from dissect.anonymize.key import Key
+from dissect.anonymize.rewrite_plan import RewritePlan
 from dissect.s7.data_parts import CONTENT
 from dissect.s7.security import ENCODED_PASSWORD
 from dissect.s7.szl_records import ETHERNET, IDENTIFICATION
@@ -47,7 +47,7 @@ def test_every_field_of_octets_has_a_rule() -> None:
 def treated(part_layout: Layout, octets: bytes, choices: Choices | None = None) -> tuple[bytes, Account]:
     key = Key(b"x")
     account = Account()
-    draft = Draft(octets, account)
+    draft = RewritePlan(octets, account)
     made = rules.Rules(key, AddressMap(key), choices or Choices())
     made.parts(draft, [Part(part_layout, octets, 0, len(octets))])
     new = bytearray(len(octets))

@@ -19,9 +19,10 @@ from dissect.bindings.engine import ScdCarrier
 from dissect.scd.codec import Codec
 from dissect.scd.loading import load
 from dissect.scd.messages import Message
+from dissect.scd.packing import LIMITS, Flags
 from dissect.scd.values import NetTime
 from dissect.source.files import open_capture
-from dissect.transactions.carried import ScdMessage
+from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.transaction import Transaction
 from tests.anonymize.support import KEY, anonymized
 from tests.properties.packets import MS, Flow, Packet, Talk
@@ -53,6 +54,11 @@ def fitting(directory: Path) -> Path:
     return path
 
 
+def _flags(found: ScdMessage) -> Flags:
+    """What is flagged. Values of S7 items are scrambled octet by octet, so a content in one may leave the limits."""
+    return {name: keys for name, keys in found.message.flags.items() if name != LIMITS or not found.place}
+
+
 def told(path: Path, bindings: Path) -> list[tuple[object, ...]]:
     """Return what every transaction and message of SCD is, but for its values."""
     return [
@@ -64,7 +70,7 @@ def told(path: Path, bindings: Path) -> list[tuple[object, ...]]:
             event.latency_ns,
             [
                 (found.message.service, found.message.phase, found.message.numbers, list(found.message.values),
-                 found.message.error and found.message.error.code, found.message.flags, len(found.octets), found.place)
+                 found.message.error and found.message.error.code, _flags(found), len(found.octets), found.place)
                 for found in event.scd
             ],
         )
@@ -86,12 +92,16 @@ def numbers(path: Path, bindings: Path) -> list[object]:
 @pytest.mark.parametrize("values", [KEEP, MASK, SCRAMBLE])
 def test_a_plant_by_its_dictionary(values: str, tmp_path: Path) -> None:
     out, bindings = tmp_path / "out.pcapng", fitting(tmp_path)
-    made = anonymized(PLANT, out, Choices(values), carrier=carrier())
+    made = anonymized(PLANT, out, Choices(values), decoder=carrier())
     assert made.written == made.packets == len(frames(out))
     assert made.caveats == made.dropped == {}
     assert told(out, bindings) == told(PLANT, BINDINGS)
     slugs = [
-        sorted(one.slug for one in dissect.analyze(str(path), scd=DICTIONARY, bind=bind).findings)
+        sorted(
+            one.slug
+            for one in dissect.analyze(str(path), scd=DICTIONARY, bind=bind).findings
+            if one.slug != "scd.limits"  # of contents in S7 items, see `_flags`
+        )
         for path, bind in ((PLANT, BINDINGS), (out, bindings))
     ]
     assert slugs[0] == slugs[1]
@@ -137,7 +147,7 @@ def test_pieces_of_a_datagram_and_of_a_stream(tmp_path: Path) -> None:
         piece[20:22] = bytes((more, at))
     cut = [Packet(bound.time_ns + at * MS, bytes(piece), len(piece)) for at, piece in enumerate((first, second))]
     source, out = saved(tmp_path / "in.pcapng", cut), tmp_path / "out.pcapng"
-    made = anonymized(source, out, carrier=carrier())
+    made = anonymized(source, out, decoder=carrier())
     assert (made.written, made.dropped) == (2, {})
     assert told(out, BINDINGS) == told(source, BINDINGS) != []
     assert not any(numbers(out, BINDINGS))
@@ -252,7 +262,7 @@ def test_a_stream_in_pieces_with_something_else_in_it(tmp_path: Path) -> None:
     for at in range(0, len(stream), 7):
         talk.send(1, stream[at : at + 7])
     source, out = saved(tmp_path / "in.pcapng", talk.close().packets()), tmp_path / "out.pcapng"
-    made = anonymized(source, out, carrier=carrier())
+    made = anonymized(source, out, decoder=carrier())
     assert made.written == made.packets
     assert made.masked["scd_values"] == (8, 32)
     written = b"".join(frame.octets[54:] for frame in frames(out))

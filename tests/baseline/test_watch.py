@@ -6,7 +6,7 @@ import pytest
 
 from dissect.baseline import Baseline, BaselineWatch, PairNorm
 from dissect.baseline.subjects import Pairs
-from dissect.conversation import Observer
+from dissect.engine.observer import Observer
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from tests.baseline.wire import Client, Wire

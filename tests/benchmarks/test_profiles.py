@@ -1,6 +1,6 @@
-"""Memory and time on the endless streams, and a flood of malformed PDUs: the reduced form of what `benchmarks.growth` measures.
+"""Memory on the endless streams, and a flood of malformed PDUs: the reduced form of what `benchmarks.growth` measures.
 
-What the README claims comes from there; the bounds on time here are wide, because the machine may be busy with other things.
+What the README claims comes from there, and all about time: that is judged here by counted work (`tests.growth`).
 """
 
 from __future__ import annotations
@@ -20,40 +20,23 @@ from benchmarks.streams import ENDLESS, FLOOD_FAULTS, NAMES, SMALL, flood_packet
 from dissect.wire.build import COMPILED
 
 GIB = 0.05
-MOST_TIME = 3.0
-MOST_PACKET_MS = 200
-#: Runs of which one has to keep the bounds on time; a process that is too slow misses them each time.
-ATTEMPTS = 5
 
 
 @pytest.mark.measured
-@pytest.mark.skipif(not COMPILED, reason="memory and time are promised for the compiled build")
+@pytest.mark.skipif(not COMPILED, reason="memory is promised for the compiled build")
 @pytest.mark.parametrize("name", NAMES)
-def test_memory_and_time_stay_flat(name: str, tmp_path: Path, record_property: Callable[[str, object], None]) -> None:
+def test_memory_stays_flat(name: str, tmp_path: Path, record_property: Callable[[str, object], None]) -> None:
+    """Time is for `benchmarks.growth`: no test may depend on how fast the machine is."""
     packets = packets_of(name, GIB, SMALL)
-    attempt = 0
-    while True:
-        attempt += 1
-        folder = tmp_path / str(attempt)
-        folder.mkdir()
-        told = feed([sys.executable], dict(os.environ), name, packets, SMALL, folder)
-        time = told["cpu_ns"]["all"] / told["cpu_ns"]["half"]
-        worst_ms = told["worst_ns"] / 1e6
-        if attempt == ATTEMPTS or (time <= MOST_TIME and worst_ms <= MOST_PACKET_MS):
-            break
+    told = feed([sys.executable], dict(os.environ), name, packets, SMALL, tmp_path)
     first, *_, last = told["resident_kb"]
-    figures = (
-        f"memory {first} -> {last} KiB, twice the packets {time:.2f} times the time, worst packet {worst_ms:.1f} ms"
-    )
+    figures = f"memory {first} -> {last} KiB"
     record_property("figures", figures)
-    print(f"{name}: {figures}")
     assert told["build"] == "compiled"
     assert told["accounted"] == told["packets"] == packets
-    if name in ENDLESS:  # the flood is promised to be counted in linear time and a short report
+    if name in ENDLESS:  # the flood is promised to be counted in a short report
         assert last <= MOST_GROWTH * first, figures
     assert told["peak_kb"] * 1024 <= MOST_MB * 1e6, figures
-    assert time <= MOST_TIME, figures
-    assert worst_ms <= MOST_PACKET_MS, figures
 
 
 def _flood(path: Path, rounds: int) -> Path:

@@ -30,7 +30,7 @@ _ROOT: Final = Path(__file__).resolve().parent.parent.parent
 _SCRIPT: Final = """
 import json, sys
 from pathlib import Path
-import dissect.pipeline
+import dissect.engine.pipeline
 sys.path.append(sys.argv[1])
 from benchmarks.soak_line import FAR, NoLineError, enter
 from benchmarks.soak_trials import SenderProcess, attempt, delays_ms
@@ -41,7 +41,7 @@ try:
 except NoLineError as error:
     print(json.dumps({"skip": str(error)}))
     sys.exit()
-path = str(Path(dissect.pipeline.__file__).parent.parent)
+path = str(Path(dissect.engine.pipeline.__file__).parent.parent)
 call, environment, build = monitor_call(sys.executable, path, work)
 sender = SenderProcess(work / "made.pcap")
 watcher = monitor(call, environment, build, engine, FAR, only)
@@ -174,9 +174,7 @@ def test_delays_belong_to_the_marks() -> None:
 
 
 def _day(folder: Path, *words: str) -> dict[str, Any]:
-    code = (
-        "import sys, dissect.pipeline; sys.path.append(sys.argv.pop(1)); from benchmarks.soak_day import main; main()"
-    )
+    code = "import sys, dissect.engine.pipeline; sys.path.append(sys.argv.pop(1)); from benchmarks.soak_day import main; main()"
     done = subprocess.run(
         [sys.executable, "-P", "-c", code, str(_ROOT), *words],
         capture_output=True,

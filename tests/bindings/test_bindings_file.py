@@ -198,9 +198,9 @@ def test_an_error_says_file_line_table_and_key(load: Load, tmp_path: Path) -> No
     with pytest.raises(BindingError) as caught:
         load(text)
     error = caught.value
-    assert (error.path, error.line, error.key) == (str(tmp_path / "x.toml"), 6, "[[binding]] 2, holds")
+    assert (error.path, error.line, error.key) == (str(tmp_path / "x.toml"), 8, "[[binding]] 2, holds")
     assert str(error).startswith(
-        f"{tmp_path / 'x.toml'}:6: [[binding]] 2, holds: no PDO T9 in the dictionary 'Насосная'"
+        f"{tmp_path / 'x.toml'}:8: [[binding]] 2, holds: no PDO T9 in the dictionary 'Насосная'"
     )
 
 
@@ -280,7 +280,7 @@ def test_one_name_for_two_things(load: Load) -> None:
 def test_files_that_are_none(load: Load, tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         load_bindings(tmp_path / "none.toml", OD)
-    with pytest.raises(BindingError, match=r":2: octet 2: no UTF-8"):
+    with pytest.raises(BindingError, match=r":2: octet 2: invalid UTF-8"):
         load(b"#\n\xff")
     with pytest.raises(BindingError, match=f"more than {MAX_FILE} octets"):
         load(b"#" * (MAX_FILE + 1))

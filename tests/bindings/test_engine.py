@@ -50,7 +50,7 @@ def listening(port: int = 102) -> Talk:
 
 
 def carrier_of(talk: Talk) -> ScdCarrier:
-    carrier = talk.pipeline.conversation.carrier
+    carrier = talk.pipeline.exchange.decoder
     assert isinstance(carrier, ScdCarrier)
     return carrier
 
@@ -58,8 +58,8 @@ def carrier_of(talk: Talk) -> ScdCarrier:
 def end(talk: Talk) -> Talk:
     """The capture ends; every packet and octet has to be accounted for."""
     talk.pipeline.finish()
-    assert talk.pipeline.octets.failed == 0
-    assert sum(talk.pipeline.packet_counts().values()) == talk.pipeline.frames
+    assert talk.pipeline.counters.octets.failed == 0
+    assert sum(talk.pipeline.counters.packet_counts().values()) == talk.pipeline.frames
     return talk
 
 
@@ -208,7 +208,7 @@ def test_datagrams_of_other_ports_and_cut_ones_are_counted_only() -> None:
     talk.datagram(CLIENT, plant.ask("Расход 1"), cut=3)
     end(talk)
     assert talk.transactions == []
-    assert talk.pipeline.packet_counts()["not_tcp"] == 1
+    assert talk.pipeline.counters.packet_counts()["not_tcp"] == 1
     (row,) = [row for row in carrier_of(talk).as_dict()["bindings"] if row["name"] == "обмен"]
     assert (row["cut"], row["messages"]) == (1, 0)
 
@@ -229,7 +229,7 @@ def test_hosts_choose_among_bindings_of_a_port() -> None:
     talk.datagram(SERVER, bytes.fromhex("C1AB24FA"))
     end(talk)
     assert [connection.identified_by for connection in talk.connections] == ["all", "one"]
-    assert talk.pipeline.packet_counts()["not_tcp"] == 1
+    assert talk.pipeline.counters.packet_counts()["not_tcp"] == 1
 
 
 # ---- TSAP, S7 areas, BSEND ------------------------------------------------------------------------------------------
@@ -258,7 +258,7 @@ def test_messages_in_tsdus_go_by_a_tsap(tsaps: tuple[str, str]) -> None:
     connection = end(talk).connections[0]
     assert (connection.protocol, connection.identified_by, connection.pdus) == ("scd", "канал", 2)
     assert talk.findings == []
-    assert talk.pipeline.conversation.pdus == 0
+    assert talk.pipeline.s7.pdus == 0
 
 
 def test_a_tsdu_of_other_tsaps_is_none_even_when_it_looks_like_one() -> None:
@@ -422,7 +422,11 @@ JUNK: Final = st.one_of(
 def test_any_segmentation_gives_the_same_transactions(cuts: list[list[int]], hello: bool) -> None:
     talk = streamed(cuts, hello=hello)
     assert content(talk) == ALL
-    assert (talk.pipeline.octets.skipped, talk.pipeline.octets.buffered, carrier_of(talk).skipped) == (0, 0, 0)
+    assert (
+        talk.pipeline.counters.octets.skipped,
+        talk.pipeline.counters.octets.buffered,
+        carrier_of(talk).skipped,
+    ) == (0, 0, 0)
 
 
 @given(CUTS, JUNK, JUNK)
@@ -430,7 +434,7 @@ def test_any_segmentation_with_something_else_in_front(cuts: list[list[int]], as
     whole = streamed([[], []], hello=False, junk=(asked, answered))
     talk = streamed(cuts, hello=False, junk=(asked, answered))
     assert content(whole) == content(talk) == ALL
-    assert talk.pipeline.octets.skipped == carrier_of(talk).skipped == len(asked) + len(answered)
+    assert talk.pipeline.counters.octets.skipped == carrier_of(talk).skipped == len(asked) + len(answered)
 
 
 def test_a_false_begin_does_not_hide_what_comes_behind_it() -> None:
@@ -465,7 +469,7 @@ def test_a_hole_costs_no_more_than_what_it_touches(begin: int, size: int) -> Non
     touched = {at // 12 for at in range(begin, begin + size)}
     asked = sorted(one.scd[0].message.tid for one in talk.transactions)
     assert asked == [tid for tid in range(20) if tid not in touched]
-    assert talk.pipeline.octets.missing == size
+    assert talk.pipeline.counters.octets.missing == size
 
 
 @given(st.integers(1, 30), st.integers(1, 40), st.booleans())
@@ -594,7 +598,7 @@ def test_any_datagrams(packets: list[tuple[bool, int, bytes]]) -> None:
     for side, port, octets in packets:
         talk.datagram(int(side), octets, (49200, port))
     end(talk)
-    assert talk.pipeline.packet_counts()["payload"] == len(packets)
+    assert talk.pipeline.counters.packet_counts()["payload"] == len(packets)
 
 
 @given(st.lists(st.tuples(st.booleans(), OCTETS), max_size=6), st.booleans())
@@ -606,7 +610,7 @@ def test_any_octets_of_a_stream(packets: list[tuple[bool, bytes]], hello: bool) 
         talk.packet(int(side), octets)
     talk.close()
     end(talk)
-    octets_told = talk.pipeline.octets
+    octets_told = talk.pipeline.counters.octets
     assert octets_told.delivered == sum(len(octets) for _, octets in packets)
 
 

@@ -19,7 +19,7 @@ def listening() -> Talk:
 
 
 def details(talk: Talk) -> list[tuple[str, str]]:
-    talk.pipeline.conversation.tell_findings()
+    talk.pipeline.exchange.report_findings()
     return [(finding.slug, finding.detail) for finding in talk.findings]
 
 
@@ -57,7 +57,7 @@ def test_counters_are_bounded_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
     talk = listening()
     for client in range(5):
         talk.datagram(SERVER, plant.pdo() + plant.pdo("T65"), (49200 + client, plant.MESSAGES))
-    carrier = talk.pipeline.conversation.carrier
+    carrier = talk.pipeline.exchange.decoder
     assert isinstance(carrier, ScdCarrier)
     assert carrier.as_dict()["counters_forgotten"] == 5 + 2  # the second one of each, then two connections
     talk.pipeline.finish()

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.bindings.place import AREAS, MAX_DB, MAX_OCTET, Place, in_blocks, parse_place
+from dissect.bindings.place import AREAS, Place, in_blocks, parse_place
+from dissect.s7.address import MAX_DB, MAX_OCTET
 
 
 @pytest.mark.parametrize(

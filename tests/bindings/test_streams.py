@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from dissect.bindings.binding import Binding
 from dissect.bindings.streams import MAX_PENDING, cut_stream, skip_hole
 from dissect.tcp.connection import Endpoint, TcpConnection
-from dissect.transactions.carried import Backlog
 from dissect.transactions.connection import Connection
+from dissect.transactions.payloads import Backlog
 from dissect.transactions.table import Side
 from tests.bindings import plant
 

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import csv
+import io
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -73,9 +75,11 @@ def test_analysis_agrees_with_transactions_and_show(capfdbinary: Capture, corpus
         for face in ("text", "jsonl"):
             lines = run(capfdbinary, "transactions", "-T", face, path).out.count("\n")
             assert lines == told["transactions"]["total"], path.name
-        assert run(capfdbinary, "transactions", "-T", "csv", path).out.count("\n") == told["transactions"]["total"] + 1
+        rows = list(csv.DictReader(io.StringIO(run(capfdbinary, "transactions", "-T", "csv", path).out)))
+        assert len({row["number"] for row in rows}) == told["transactions"]["total"], path.name
         shown = run(capfdbinary, "show", "-T", "jsonl", path).out
-        assert shown.count("\n") == told["s7"]["pdus"] + told["s7plus"]["pdus"], path.name
+        pdus = [line for line in shown.splitlines() if '"protocol":"cotp"' not in line]
+        assert len(pdus) == told["s7"]["pdus"] + told["s7plus"]["pdus"], path.name
 
 
 def test_help_says_what_a_person_needs(capfdbinary: Capture) -> None:

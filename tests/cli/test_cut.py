@@ -15,7 +15,7 @@ import pytest
 import dissect
 from dissect.source.files import open_capture
 from dissect.transactions.transaction import Transaction
-from tests.cli.support import Ran, run
+from tests.cli.support import Ran, run, simple
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import EPOCH_NS, MS, Flow, Packet, Talk
@@ -414,3 +414,12 @@ def test_a_handshake_alone_is_no_connection(tmp_path: Path, capfdbinary: Capfd) 
     ran = cut(capfdbinary, saved(tmp_path / "in.pcapng", packets), "-o", tmp_path / "out.pcapng", "--connection", "1")
     assert ran.code == 2
     assert "no connection 1" in ran.err
+
+
+def test_an_output_that_cannot_be_made_is_called_by_its_name(
+    capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path
+) -> None:
+    for command in ("cut", "anonymize"):
+        out = tmp_path / "none" / "x.pcapng"
+        ran = run(capfdbinary, command, simple(tmp_path / "a.pcapng"), "-o", out)
+        assert (ran.code, ran.out, ran.err) == (2, "", f"s7dissect: {out}: No such file or directory\n")

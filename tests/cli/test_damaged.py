@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from pathlib import Path
 from random import Random
 
@@ -10,18 +11,21 @@ import pytest
 from mypy_extensions import i64
 
 from dissect.cli.show import _Pdus
-from dissect.cli.transactions import _Rows
+from dissect.cli.transactions import _Lines
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_json
+from dissect.report.csv_rows import CsvRows
 from dissect.report.jsonl import TransactionLines
 from dissect.report.places import Places
 from dissect.report.text import analysis_lines
 from dissect.source.files import open_capture
 from dissect.source.packet import PacketSink, SourceFile
+from tests.cli.support import run, simple
 from tests.properties.packets import Packet
 from tests.report.schemas import complaints
 from tests.report.support import OWN, UNSAFE, observed
 
+Capture = pytest.CaptureFixture[bytes]
 FILES = [SourceFile("damaged.pcap", 1)]
 PLACES = Places(FILES, False)
 #: Ethernet, IP and TCP headers, which are not what this is about.
@@ -75,20 +79,24 @@ def holds(packets: list[Packet]) -> None:
     observed(lines, packets)
     transactions = lines.take()
     assert len(transactions) == analysis.total
-    for as_csv in (False, True):
-        rows = _Rows(as_csv, None)
-        rows.begin(PLACES)
-        observed(rows, packets)
-        told = rows.take()
-        assert len(told) == analysis.total + as_csv
-        shown += told
-    pdus = _Pdus(True, None, False, None)
+    texts = _Lines(None)
+    texts.places = PLACES
+    observed(texts, packets)
+    told = [line.text for line in texts.take()]
+    assert len(told) == analysis.total
+    rows = CsvRows()
+    rows.begin(PLACES)
+    observed(rows, packets)
+    table = rows.take()
+    assert {int(line.partition(",")[0]) for line in table[1:]} == set(range(1, int(analysis.total) + 1))
+    shown += told + table
+    pdus = _Pdus(True, frozenset(), False, None)
     observed(pdus, packets)
-    pdu_lines = pdus.take()
-    assert len(pdu_lines) == pipeline.conversation.pdus
-    trees = _Pdus(False, None, True, None)
+    pdu_lines = [line.text for line in pdus.take()]
+    assert len([line for line in pdu_lines if json.loads(line)["protocol"] != "cotp"]) == pipeline.s7.pdus
+    trees = _Pdus(False, frozenset(), True, None)
     observed(trees, packets)
-    shown += trees.take()
+    shown += [line.text for line in trees.take()]
     assert [line for line in (*shown, *transactions, *pdu_lines) if UNSAFE.search(line)] == []
     for name, each in (("transaction", transactions), ("pdu", pdu_lines)):
         for line in each[:10]:  # checking against the schema takes longer than all else
@@ -101,3 +109,30 @@ def test_no_damage_silences_a_face(seed: int) -> None:
     small = [path for path in OWN if path.stat().st_size < 12_000]
     for path in rng.sample(small, 5):
         holds(damaged(rng, packets_of(path)))
+
+
+@pytest.fixture
+def rejected(tmp_path: Path) -> Path:
+    """A capture with a block that contradicts itself between two that are sound."""
+    path = simple(tmp_path / "rejected.pcapng")
+    octets = path.read_bytes()
+    bad = struct.pack("<III", 6, 12, 12)  # an Enhanced Packet Block with no room for a packet
+    path.write_bytes(octets + bad)
+    return path
+
+
+@pytest.mark.parametrize(
+    "call", ["analyze", "transactions", "operations", "show", "golden", "monitor", "baseline", "verify"]
+)
+def test_blocks_given_up_are_damage(capfdbinary: Capture, rejected: Path, call: str) -> None:
+    ran = run(capfdbinary, call, rejected)
+    assert ran.code == 3, ran
+    assert "rejected.pcapng: 1 damaged block skipped, the contents are missing\n" in ran.err
+
+
+def test_verify_on_a_cut_capture(capfdbinary: Capture, tmp_path: Path) -> None:
+    path = simple(tmp_path / "cut.pcapng")
+    path.write_bytes(path.read_bytes()[:-5])
+    ran = run(capfdbinary, "verify", path)
+    assert ran.code == 3, ran
+    assert "cut.pcapng: cut off" in ran.err

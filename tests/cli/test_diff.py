@@ -147,7 +147,7 @@ def test_what_cannot_be_read_is_an_error_and_no_difference(capfdbinary: Capture,
     assert (ran.code, ran.out) == (2, "")
     assert "b.s7.txt: line 15" in ran.err
     assert run(capfdbinary, "diff", a, tmp_path / "missing").code == 2
-    assert "not both" in run(capfdbinary, "diff", "-", "-").err
+    assert "only one of A and B" in run(capfdbinary, "diff", "-", "-").err
 
 
 def test_a_damaged_capture_is_compared_but_the_code_says_error(capfdbinary: Capture, tmp_path: Path) -> None:
@@ -161,6 +161,6 @@ def test_a_damaged_capture_is_compared_but_the_code_says_error(capfdbinary: Capt
 
 def test_help_lists_what_can_be_ignored(capfdbinary: Capture) -> None:
     lines = run(capfdbinary, "diff", "--help").out.splitlines()
-    at = lines.index("  What can be ignored:")
+    at = lines.index("  Kinds of differences for --ignore:")
     said = " ".join(" ".join(lines[at + 1 :]).split())
     assert said == " ".join([f"{kind} {text}" for kind, text in KINDS.items()])

@@ -24,9 +24,9 @@ from typing import TYPE_CHECKING
 import click
 import pytest
 
-from dissect.cli.drive import write_report
-from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE
-from dissect.report.text import Line
+from dissect.cli.look import write_lines
+from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE, group
+from dissect.report.styled import ClientSocket
 from tests.cli.support import halves, large, on_terminal, run, simple, started
 from tests.properties import messages
 from tests.properties.messages import Item, dt
@@ -168,7 +168,7 @@ def test_130_when_interrupted_with_the_results_until_then(
         process.send_signal(number)
         rest, complaint = process.stdout.read(), process.stderr.read()
         assert process.wait(30) == 130
-    assert complaint == b"s7dissect: interrupted, the results cover what was read until then\n"
+    assert complaint == b"s7dissect: interrupted; the results cover what was read so far\n"
     told = (first + rest).decode()
     if "json" in arguments:
         analysis = json.loads(told)
@@ -263,12 +263,25 @@ ENVIRONMENTS = (
 )
 
 
-@pytest.mark.parametrize("arguments", FACES)
-def test_the_same_input_gives_the_same_octets(two: list[str], tmp_path: Path, arguments: tuple[str, ...]) -> None:
-    told = set()
+#: Runs every face in one process; each output ends with a NUL.
+EVERY_FACE = """
+import sys
+from dissect.cli.main import main
+for face in sys.argv[1].split("|"):
+    try:
+        main([*face.split(), *sys.argv[2:]])
+    except SystemExit as end:
+        assert not end.code, (face, end.code)
+    sys.stdout.buffer.write(b"\\0")
+    sys.stdout.flush()
+"""
+
+
+def test_the_same_input_gives_the_same_octets(two: list[str], tmp_path: Path) -> None:
+    told = []
     for environment in ENVIRONMENTS:
         ran = subprocess.run(
-            [sys.executable, "-m", "dissect", *arguments, *two],
+            [sys.executable, "-c", EVERY_FACE, "|".join(map(" ".join, FACES)), *two],
             cwd=tmp_path,
             env={**os.environ, **environment},
             stdin=subprocess.DEVNULL,
@@ -276,8 +289,12 @@ def test_the_same_input_gives_the_same_octets(two: list[str], tmp_path: Path, ar
             check=True,
         )
         assert ran.stderr == b""
-        told.add(ran.stdout)
-    assert len(told) == 1
+        told.append(ran.stdout.split(b"\0"))
+    for number, arguments in enumerate(FACES):
+        outputs = {outputs[number] for outputs in told}
+        assert len(outputs) == 1, arguments
+        assert outputs != {b""}, arguments
+    assert {len(outputs) for outputs in told} == {len(FACES) + 1}
 
 
 def test_the_folder_does_not_matter(capfdbinary: Capture, monkeypatch: pytest.MonkeyPatch, good: Path) -> None:
@@ -462,8 +479,15 @@ def test_progress_is_shown_on_a_terminal_for_large_files_only(tmp_path: Path) ->
     assert "reading" in ran.err
     assert "reading" not in ran.out
     assert on_terminal("analyze", simple(tmp_path / "small.pcapng"), stdout=False).err == ""
-    # Lines of results and a bar that redraws itself do not share a terminal.
+    # Lines of results and a bar that redraws itself do not share a terminal, not even by way of a pipe into a pager.
     assert "reading" not in on_terminal("transactions", path).out
+    assert "reading" not in on_terminal("transactions", path, stdout=False).err
+    shown = on_terminal("analyze", path).out
+    bar, _, results = shown.rpartition("\x1b[2K")  # erases the line
+    assert "reading" in bar
+    assert "large.pcapng" not in bar
+    assert "large.pcapng: " in results
+    assert "reading" not in results
     packed = tmp_path / "large.pcapng.gz"
     packed.write_bytes(gzip.compress(path.read_bytes(), 0))
     assert "reading" in on_terminal("analyze", packed, stdout=False).err
@@ -476,18 +500,76 @@ def test_no_progress_goes_into_a_pipe(s7dissect: Command, tmp_path: Path) -> Non
 def test_every_style_has_a_colour(monkeypatch: pytest.MonkeyPatch, capfdbinary: Capture) -> None:
     monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
     monkeypatch.delenv("NO_COLOR", raising=False)
-    write_report([Line("a", style) for style in ("heading", "error", "warning", "note", "dim", "")])
-    assert len(set(capfdbinary.readouterr().out.splitlines())) == 6
+    write_lines([ClientSocket("a", style) for style in ("heading", "error", "failed", "warning", "note", "dim", "")])
+    assert len(set(capfdbinary.readouterr().out.splitlines())) == 7
 
 
 # ---- documentation --------------------------------------------------------------------------------------------------
+
+
+#: Options that `dissect.cli.main` gives to all commands; they are described once.
+SHARED = ("color", "local_time")
+
+
+def test_the_shared_options_are_in_the_document() -> None:
+    text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8").split("\n## Output\n")[1].split("\n## ")[0]
+    for name in SHARED:
+        assert f"`--{name.replace('_', '-')}" in text
+        for command in COMMANDS:
+            found = group.get_command(click.Context(group), command)
+            assert found is not None
+            assert name in [each.name for each in found.params]
+
+
+@pytest.mark.parametrize(
+    "command", [("transactions",), ("show",), ("analyze",), ("operations",), ("monitor", "--plain")]
+)
+def test_colours_are_as_asked_for(s7dissect: Command, good: Path, command: tuple[str, ...]) -> None:
+    plain = s7dissect(*command, good).stdout
+    assert b"\x1b" not in plain
+    always = s7dissect(*command, "--color=always", good).stdout.decode()
+    assert "\x1b[31m" in always or "\x1b[36m" in always or command[0] == "operations"
+    assert STYLES.sub("", always) == plain.decode()
+    ran = on_terminal(*command, good, columns=500)
+    assert ran.code == 0
+    assert STYLES.sub("", ran.out).split("s7dissect: ")[0] == plain.decode()
+    assert ("\x1b[3" in ran.out) == (command[0] != "operations")
+    for off in (
+        on_terminal(*command, "--color=never", good),
+        on_terminal(*command, good, environment={"NO_COLOR": "1"}),
+    ):
+        assert "\x1b" not in off.out
+
+
+@pytest.mark.parametrize("columns", [60, 80, 120])
+@pytest.mark.parametrize(
+    "command", [("transactions",), ("show",), ("show", "-V"), ("operations",), ("monitor", "--plain")]
+)
+def test_lines_are_wrapped_to_the_terminal(good: Path, command: tuple[str, ...], columns: int) -> None:
+    lines = on_terminal(*command, good, columns=columns, environment={"NO_COLOR": "1"}).out.splitlines()
+    assert max(map(len, [line for line in lines if not line.startswith("s7dissect: ")])) <= columns
+
+
+def test_local_time_in_lines_and_utc_for_programs(
+    s7dissect: Command, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TZ", "Asia/Kolkata")
+    for command in ("analyze", "transactions", "operations", "show", "monitor"):
+        assert b"2024-03-04 05:06:07.0" in s7dissect(command, good).stdout
+        local = s7dissect(command, "--local-time", good).stdout.decode()
+        assert re.search(r"2024-03-04 10:36:07\.\d{6} \+05:30", local), command
+        assert "UTC" not in local
+    for form in ("jsonl", "csv"):
+        told = s7dissect("transactions", "--local-time", "-T", form, good).stdout
+        assert b"2024-03-04T05:06:07" in told
+        assert b"10:36" not in told
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_option_is_in_the_document(name: str) -> None:
     text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     command: click.Command = importlib.import_module(f"dissect.cli.{name}").command
-    options = [each for each in command.params if isinstance(each, click.Option)]
+    options = [each for each in command.params if isinstance(each, click.Option) and each.name not in SHARED]
     part = text.split(f"\n## {name}\n")[1].split("\n## ")[0]
     told = re.findall(r"^\| `(.*?)` \|", part.replace("`, `", " "), re.MULTILINE)
     assert [row.split() for row in told] == [

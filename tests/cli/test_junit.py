@@ -12,10 +12,10 @@ import pytest
 from dissect.cli.diff import junit_lines
 from dissect.golden.difference import KINDS, Difference
 from dissect.golden.model import Session
-from dissect.server.service import Server
+from dissect.playback.server.service import Server
 from tests.cli.support import run, simple
 from tests.golden.support import WRITTEN
-from tests.replay.support import changed, free_port
+from tests.playback.client.support import changed, free_port
 from tests.report.support import OWN
 
 Capture = pytest.CaptureFixture[bytes]

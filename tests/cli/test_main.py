@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import sys
 import types
 from pathlib import Path
@@ -14,6 +15,7 @@ import dissect
 from dissect.cli import main as cli
 from dissect.source.packet import CaptureError
 from dissect.wire.build import COMPILED
+from tests.cli.test_outputs import commands
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -98,6 +100,14 @@ def test_help_lists_every_command_on_one_line(s7dissect: Command, arguments: lis
         assert [line.split() for line in ran.stdout.decode().splitlines() if line.startswith(f"  {name} ")] == [
             [name, *text.split()]
         ]
+
+
+def test_every_help_fits_80_columns_and_speaks_plainly() -> None:
+    for name, command in commands().items():
+        with click.Context(command, info_name=f"s7dissect {name}") as context:
+            text = command.get_help(context)
+        assert max(map(len, text.split("\n"))) <= 80, name
+        assert re.findall(r"\b(?:octets?|somebody|told|hole|unless said|not any more)\b", text) == [], name
 
 
 @pytest.mark.parametrize("name", cli.COMMANDS)

@@ -100,8 +100,8 @@ def test_a_damaged_file_is_told(capfdbinary: pytest.CaptureFixture[bytes], tmp_p
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ([], "Say what to watch"),
-        (["-i", "lo", "file"], "Say what to watch"),
+        ([], "Nothing to watch"),
+        (["-i", "lo", "file"], "Nothing to watch"),
         (["file", "-f", "tcp"], "belong to an interface"),
         (["file", "-Z", "root"], "belong to an interface"),
         (["-i", "lo", "-Z", "nobody", "--engine", "dumpcap"], "-Z USER: "),
@@ -109,9 +109,13 @@ def test_a_damaged_file_is_told(capfdbinary: pytest.CaptureFixture[bytes], tmp_p
         (["-i", "lo", "--duration", "x"], "not a number"),
         (["-i", "lo", "--only", "nothing"], "none of connections, transactions"),
         (["-i", "lo", "-b", "files:3"], "files:N says"),
-        (["-i", "lo", "-b", "filesize:3"], "need -w DIR"),
-        (["-i", "lo", "--keep-around", "error", "30s"], "need -w DIR"),
+        (["-i", "lo", "-b", "filesize:3"], "need -w, where"),
+        (["-i", "lo", "--keep-around", "error", "30s"], "need -w, where"),
         (["-i", "lo", "-w", "x", "--keep-around", "error", "soon"], "no time such as"),
+        (["-i", "lo", "-w", "x.pcapng", "--keep-around", "error", "1s"], "name a folder for -w"),
+        (["-i", "lo", "-w", "-"], "name a file or a folder"),
+        (["-i", "lo", "--buffer", "2000"], "1<=x<=1024"),
+        (["a.pcapng", "--buffer", "64"], "belong to an interface"),
         (["-i", "lo", "-w", "x", "--keep-around", "nonsense", "1s"], "no severity and no finding"),
         (["-i", "lo", "--baseline", "plant.toml"], "needs --alerts"),
     ],
@@ -249,6 +253,48 @@ def test_packets_are_kept(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: P
     assert all(file.suffix == ".pcapng" for file in files)
     frames = [frame for file in files for frame in drain(open_capture(str(file))).frames]
     assert frames == drain(open_capture(str(path))).frames
+
+
+def test_a_name_with_an_extension_is_a_file(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:
+    path = simple(tmp_path / "a.pcapng", 40)
+    kept = tmp_path / "kept.pcapng"
+    assert run(capfdbinary, "monitor", path, "-w", kept).code == 0
+    assert drain(open_capture(str(kept))).frames == drain(open_capture(str(path))).frames
+    octets = kept.read_bytes()
+    ran = run(capfdbinary, "monitor", path, "-w", kept)
+    assert (ran.code, ran.out, kept.read_bytes()) == (2, "", octets)
+    assert "kept.pcapng: File exists" in ran.err
+
+
+def test_a_ring_in_the_place_of_a_file(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:
+    path = simple(tmp_path / "a.pcapng", 40)
+    ran = run(capfdbinary, "monitor", path, "-w", tmp_path / "line.pcapng", "-b", "filesize:4", "-b", "files:3")
+    assert ran.code == 0
+    names = [file.name for file in tmp_path.iterdir() if file != path]
+    assert len(names) == 3
+    assert all(name.startswith("line_0") and name.endswith(".pcapng") for name in names)
+
+
+def test_a_folder_with_a_dot_is_a_folder(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:
+    folder = tmp_path / "site.north"
+    folder.mkdir()
+    assert run(capfdbinary, "monitor", simple(tmp_path / "a.pcapng"), "-w", folder).code == 0
+    assert [file.suffix for file in folder.iterdir()] == [".pcapng"]
+
+
+def test_a_file_that_fails_later_is_told(tmp_path: Path) -> None:
+    path = simple(tmp_path / "a.pcapng", 300)
+    ran = subprocess.run(
+        [sys.executable, "-m", "dissect", "monitor", path, "-w", tmp_path / "kept.pcapng"],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
+    )
+    assert ran.returncode == 5
+    assert f"the capture file failed and is off: {tmp_path / 'kept.pcapng'}: File too large" in ran.stderr
+    assert ran.stdout.count("Read Var") >= 300
 
 
 def test_packets_around_a_finding_are_kept(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ ALL: Final = sorted((ROOT / "captures").glob("*.pcapng")) + sorted((ROOT / "capt
 
 def test_text(capfdbinary: Capture) -> None:
     lines = run(capfdbinary, "operations", TRANSFER).out.splitlines()
-    assert [line[26:].split()[:2] for line in lines] == [
+    assert [line[30:].split()[:2] for line in lines] == [
         ["#1", "1→9"],
         ["#2", "10→15"],
         ["#3", "16→23"],

@@ -19,9 +19,9 @@ import pytest
 from dissect import scd
 from dissect.cli.main import COMMANDS, group
 from dissect.oracle.tshark import version
-from dissect.server import Server
+from dissect.playback.server import Server
 from tests.cli.support import Ran, run, simple
-from tests.replay.support import changed
+from tests.playback.client.support import changed
 from tests.report.schemas import NAMES, ROOT, SCHEMAS, complaints, load
 from tests.report.support import OWN
 
@@ -127,7 +127,7 @@ def test_anonymized_captures(capfdbinary: Capture, tmp_path: Path, values: str, 
             capfdbinary, "anonymize", path, "-o", tmp_path / path.stem, "--values", values, "-T", "json", "--force"
         )
         if ran.code == 2:
-            assert (ran.out, "no packet of the capture is of S7" in ran.err) == ("", True)
+            assert (ran.out, "the capture contains no S7 packets" in ran.err) == ("", True)
             continue
         account = object_of(ran)
         assert account["packets"] == account["written"] + sum(account["dropped"].values())

@@ -11,10 +11,10 @@ from xml.etree import ElementTree
 import pytest
 
 from dissect.golden import golden_text, read_session
-from dissect.server.service import Server
+from dissect.playback.server.service import Server
 from tests.cli.support import run
-from tests.replay.support import CAPTURES, changed, free_port, mixed
-from tests.replay.test_schedule import two
+from tests.playback.client.support import CAPTURES, changed, free_port, mixed
+from tests.playback.client.test_schedule import two
 
 Capture = pytest.CaptureFixture[bytes]
 
@@ -195,17 +195,17 @@ def test_what_is_exchanged_is_kept_and_never_overwrites_what_is_there(capfdbinar
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ([], "--to HOST:PORT is missing"),
-        (["--to", "127.0.0.1:x"], "is no address"),
+        ([], "missing --to HOST:PORT"),
+        (["--to", "127.0.0.1:x"], "is not an address"),
         (["--to", "127.0.0.1", "--connection", "9"], "there is no connection 9: it has 1"),
-        (["--to", "127.0.0.1", "--rack", "0"], "--rack and --slot belong together"),
-        (["--to", "127.0.0.1", "--rack", "0", "--slot", "1", "--tsap", "01.01"], "--tsap stands alone"),
-        (["--to", "127.0.0.1", "--tsap", ""], "is no TSAP"),
-        (["--to", "127.0.0.1", "--timing", "soon"], "neither asap nor recorded nor a factor"),
-        (["--to", "127.0.0.1", "--timing", "nan"], "neither asap nor recorded nor a factor"),
+        (["--to", "127.0.0.1", "--rack", "0"], "--rack and --slot need each other"),
+        (["--to", "127.0.0.1", "--rack", "0", "--slot", "1", "--tsap", "01.01"], "and exclude --tsap"),
+        (["--to", "127.0.0.1", "--tsap", ""], "expected a TSAP"),
+        (["--to", "127.0.0.1", "--timing", "soon"], "expected asap, recorded or a factor"),
+        (["--to", "127.0.0.1", "--timing", "nan"], "expected asap, recorded or a factor"),
         (["--to", "127.0.0.1", "--ignore", "nonsense"], "cannot be ignored"),
         (["--to", "127.0.0.1", "--latency", "fast"], "is no tolerance"),
-        (["--to", "127.0.0.1", "-w", "-"], "-w takes a file"),
+        (["--to", "127.0.0.1", "-w", "-"], "-w needs a file"),
     ],
 )
 def test_wrong_use_is_told(arguments: list[str], says: str, capfdbinary: Capture, tmp_path: Path) -> None:
@@ -228,7 +228,7 @@ def test_a_golden_has_no_times_to_keep(capfdbinary: Capture, tmp_path: Path) -> 
     golden.write_text(golden_text(read_session(mixed(tmp_path / "mixed.pcapng"))), "utf-8")
     told = run(capfdbinary, "replay", golden, "--to", "127.0.0.1:1", "--timing", "recorded")
     assert told.code == 2
-    assert "has no times, so --timing can only be asap" in told.err
+    assert "has no times, so --timing must be asap" in told.err
 
 
 def test_answer_times_are_compared_when_asked_for(capfdbinary: Capture, tmp_path: Path) -> None:
@@ -255,7 +255,7 @@ def test_too_many_connections_at_once_are_refused_before_any_packet(
     dry: list[str], capfdbinary: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = two(tmp_path / "two.pcapng")
-    monkeypatch.setattr("dissect.replay.schedule.MAX_OPEN", 1)
+    monkeypatch.setattr("dissect.playback.client.schedule.MAX_OPEN", 1)
     monkeypatch.setattr(socket, "socket", _never)
     told = run(capfdbinary, "replay", path, "--to", "127.0.0.1:1", *dry, "-w", tmp_path / "out.pcapng")
     assert (told.code, told.out) == (2, "")

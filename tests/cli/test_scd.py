@@ -51,6 +51,30 @@ def test_source_compiled_dump_compiled(capfdbinary: Capture, tmp_path: Path, kin
         assert run(capfdbinary, "scd", "diff", out, again).code == 0
 
 
+def test_check_reports_everything_that_is_wrong(capfdbinary: Capture, tmp_path: Path) -> None:
+    path = tmp_path / "x.toml"
+    wrong = '[[object]]\nindex = 1\nnaem = "b"\n[[object]]\nindex = 0x2000\ntype = "int9"\nname = "c"\n'
+    path.write_text(f'[dictionary]\nname = "a"\n{wrong}')
+    ran = run(capfdbinary, "scd", "check", path)
+    assert ran.code == 1
+    assert [line.removeprefix(f"{path}:").split(":")[0] for line in ran.out.splitlines()] == ["5", "8"]
+    assert "name is missing; 'naem' is there" in ran.out
+    assert "no type 'int9'; close to it: 'int8'" in ran.out
+    told = json.loads(run(capfdbinary, "scd", "check", path, "-T", "json").out)
+    assert [error["line"] for error in told["errors"]] == [5, 8]
+    assert told["error"] == told["errors"][0]
+
+
+def test_a_node_id_for_a_description(capfdbinary: Capture, tmp_path: Path) -> None:
+    path = source(tmp_path, "eds")
+    assert "depends on the node id" in run(capfdbinary, "scd", "dump", path).err
+    ran = run(capfdbinary, "scd", "dump", path, "--node", "7")
+    assert (ran.code, "depends on the node id" in ran.err) == (0, False)
+    assert f"default = {0x80 + 7}" in ran.out
+    refused = run(capfdbinary, "scd", "check", PLANT, "--node", "7")
+    assert (refused.code, "--node is for device descriptions" in refused.err) == (2, True)
+
+
 def test_compile_says_what_it_made(capfdbinary: Capture, tmp_path: Path) -> None:
     out = tmp_path / "p.scd"
     ran = run(capfdbinary, "scd", "compile", PLANT, "-o", out)
@@ -98,7 +122,7 @@ def test_an_eds_in_another_encoding(capfdbinary: Capture, tmp_path: Path) -> Non
     assert "no UTF-8 and read as Latin-1" in guessed.err
     wrong = run(capfdbinary, "scd", "dump", "--encoding", "cp1251", PLANT)
     assert (wrong.code, wrong.out) == (2, "")
-    assert "--encoding is for EDS and DCF" in wrong.err
+    assert "--encoding applies to EDS and DCF" in wrong.err
 
 
 def test_what_cannot_be_compiled(capfdbinary: Capture, tmp_path: Path) -> None:
@@ -152,7 +176,7 @@ def test_check(capfdbinary: Capture, tmp_path: Path) -> None:
     bad.write_bytes(scd.compile(PLANT).octets[:-1])
     good = run(capfdbinary, "scd", "check", PLANT)
     assert (good.code, good.err) == (0, "")
-    assert good.out.splitlines()[0] == f"{PLANT}: keeps the rules"
+    assert good.out.splitlines()[0] == f"{PLANT}: valid"
     assert "  T2   0x1a01  4 octets  Насос и давление 1" in good.out.splitlines()
     both = run(capfdbinary, "scd", "check", bad, PLANT)
     assert (both.code, both.err) == (1, "")

@@ -145,7 +145,7 @@ def test_a_file_too_large_and_an_empty_one(capfdbinary: Capture, tmp_path: Path)
     large = tmp_path / "large"
     with large.open("wb") as file:
         file.truncate((1 << 20) + 1)
-    assert "more than 1048576 octets" in decode(capfdbinary, "--message", "--raw", large).err
+    assert "more than 1048576 bytes" in decode(capfdbinary, "--message", "--raw", large).err
     (tmp_path / "empty").touch()
     ran = decode(capfdbinary, "--pdo", "T2", tmp_path / "empty")
     assert (ran.code, ran.err) == (2, "s7dissect: E_SHORT: T2 Насос и давление 1: 0 octets of 4\n")
@@ -154,10 +154,10 @@ def test_a_file_too_large_and_an_empty_one(capfdbinary: Capture, tmp_path: Path)
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("C1",), "Say what the octets are by one of --pdo, --type, --object, --value, --message."),
-        (("--pdo", "T1", "--message", "C1"), "Say what the octets are by one of"),
-        (("--pdo", "T1", "C1A"), "C1A: neither hexadecimal octets (two digits each) nor a file."),
-        (("--pdo", "T1", "C1", "no", "file"), "C1 no file: neither hexadecimal octets"),
+        (("C1",), "Give one of --pdo, --type, --object, --value, --message."),
+        (("--pdo", "T1", "--message", "C1"), "Give one of"),
+        (("--pdo", "T1", "C1A"), "C1A: neither hexadecimal bytes (two digits each) nor a file."),
+        (("--pdo", "T1", "C1", "no", "file"), "C1 no file: neither hexadecimal bytes"),
         (("--pdo", "T1", "--raw", "C1", "C2"), "--raw takes one FILE, or -."),
         (("--pdo", "T9", "C1"), "E_PDO_NUMBER: T9: the dictionary has no PDO 'T9'"),
         (("--type", "uint12", "C1"), "uint12 is a simple type, not a struct"),
@@ -191,6 +191,11 @@ STATE = ("0x6041=0x0237", "0x6044=-1000", "0x6061=8")
     ("arguments", "octets"),
     [
         (("--pdo", "T2", "Насос 1.run=true", "0x6000:2=false", "0x6001=0xABC", "0x6000.4=-1500"), "C1 AB 24 FA"),
+        (
+            ("--pdo", "T2", "Насос 1.run=true", "0x6000:2=false", "0x6001=1374 кПа", "0x6000.4=-1500 об/мин"),
+            "C1 AB 24 FA",
+        ),
+        (("--value", "Насос 1.speed", "3001", "--no-limits"), "B9 0B"),
         (("--pdo", "T2", "--partial", "0x6000:1=1"), "01 00 00 00"),
         (("--pdo", "T1", "--partial"), "37 02 00 00 00 00 00"),
         (("--type", "pump_t", "run=true", "pump_t.fault=0", "speed=0xFA24"), "01 24 FA"),
@@ -249,14 +254,22 @@ def test_a_name_may_have_an_equals_sign_in_it(capfdbinary: Capture, tmp_path: Pa
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ((), "Say what the octets are by one of"),
-        (("--pdo", "T2", "0x6001"), "'0x6001' is no VARIABLE=VALUE."),
-        (("--pdo", "T2", "0x6001=1", "Давление 1=2"), "a variable is given twice."),
-        (("--pdo", "T2", "0x6001=1"), "E_COUNT: T2 Насос и давление 1: no value for Насос 1.run"),
+        ((), "Give one of"),
+        (("--pdo", "T2", "0x6001"), "expected VARIABLE=VALUE, got '0x6001'."),
+        (
+            ("--pdo", "T2", "--partial", "0x6001=1374"),
+            "may be the raw or the physical value: write raw:1374 or '1374 кПа'",
+        ),
+        (
+            ("--pdo", "T2", "--partial", "Насос 1.speed=3001"),
+            "3001 is outside the limits of its raw value, -3000..3000",
+        ),
+        (("--pdo", "T2", "0x6001=raw:1", "Давление 1=1кПа"), "a variable was given twice."),
+        (("--pdo", "T2", "0x6001=0x1"), "E_COUNT: T2 Насос и давление 1: no value for Насос 1.run"),
         (("--pdo", "T2", "--partial", "0x6044=1"), "no place for a value of (24644, 0)"),
         (("--pdo", "T2", "nothing=1"), "E_INDEX: nothing: no object is called 'nothing'"),
         (("--pdo", "T2", "nothing=1=2"), "E_INDEX: nothing: no object"),
-        (("--pdo", "T2", "--partial", "0x6001=4096"), "E_RANGE: Давление 1: 4096 is outside 0..4095"),
+        (("--pdo", "T2", "--partial", "0x6001=raw:4096"), "E_RANGE: Давление 1: 4096 is outside 0..4095"),
         (("--pdo", "T2", "--partial", "0x6001=much"), "E_VALUE: Давление 1: 'much' is no whole number"),
         (("--type", "pump_t", "flow=1"), "E_SUB: pump_t: no field 'flow'"),
         (("--type", "uint12", "a=1"), "no field 'a'"),
@@ -264,7 +277,7 @@ def test_a_name_may_have_an_equals_sign_in_it(capfdbinary: Capture, tmp_path: Pa
         (("--value", "0x6001"), "--value takes one VALUE."),
         (("--value", "0x6001", "1", "--tid", "1"), "--tid is of a message."),
         (("--message", "read"), "a read is about one variable"),
-        (("--message", "write", "0x6000:1"), "'0x6000:1' is no VARIABLE=VALUE."),
+        (("--message", "write", "0x6000:1"), "expected VARIABLE=VALUE, got '0x6000:1'."),
         (("--message", "pdo", "0x6000:1=1"), "--message goes with --pdo for `pdo`"),
         (("--message", "read", "--pdo", "T1", "0x6000:1"), "--message goes with --pdo for `pdo`"),
         (("--message", "read", "0x6041", "--tid", "256"), "E_RANGE: envelope field tid: 256 is outside 0..255"),

@@ -41,9 +41,7 @@ def test_metrics_while_a_capture_comes_on_standard_input() -> None:
         assert process.stdin is not None
         assert process.stdout is not None
         assert process.stderr is not None
-        told = re.fullmatch(
-            rb"s7dissect: metrics are at http://127\.0\.0\.1:(\d+)/metrics\n", process.stderr.readline()
-        )
+        told = re.fullmatch(rb"s7dissect: metrics at http://127\.0\.0\.1:(\d+)/metrics\n", process.stderr.readline())
         assert told is not None
         process.stdin.write(octets)
         process.stdin.flush()
@@ -69,7 +67,7 @@ def test_an_address_that_is_none(capfdbinary: pytest.CaptureFixture[bytes], addr
 def test_an_address_that_others_reach(capfdbinary: pytest.CaptureFixture[bytes]) -> None:
     ran = run(capfdbinary, "monitor", "--plain", "--metrics", "0.0.0.0:0", CAPTURE)
     assert (ran.code, ran.out) == (2, "")
-    assert "add --allow-remote when that is meant" in ran.err
+    assert "add --allow-remote if that is intended" in ran.err
     ran = run(capfdbinary, "monitor", "--plain", "--metrics", "0.0.0.0:0", "--allow-remote", CAPTURE)
     assert ran.code == 0
 

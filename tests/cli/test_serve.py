@@ -15,7 +15,7 @@ import pytest
 
 from captures.record import talk_python
 from dissect.cli.main import COMMANDS
-from dissect.server import Server
+from dissect.playback.server import Server
 from tests.cli.support import run
 from tests.conftest import ROOT, Command
 
@@ -106,7 +106,7 @@ def test_several_files_are_one_recording(tmp_path: Path) -> None:
     ("arguments", "why"),
     [
         (["--listen", "0.0.0.0:0"], "0.0.0.0:0 can be reached from other machines, which would take it for a PLC"),
-        (["--listen", "nowhere"], "is no address"),
+        (["--listen", "nowhere"], "is not an address"),
         (["--fault", "break:3"], "is no fault"),
         (["--latency", "soon"], "say recorded, none, or milliseconds"),
         (["--latency", "-1"], "say recorded, none, or milliseconds"),

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.support import halves, run
+from dissect.iso.tables import DR_REASONS
+from tests.cli.support import halves, run, simple
 from tests.properties import messages
 from tests.properties.messages import EMPTY_DT, Item, dt, fragments
 from tests.properties.packets import Talk, cut_to
@@ -50,12 +51,13 @@ def test_text_has_a_line_for_each_pdu_and_what_else_is_said(capfdbinary: Capture
     assert lines[7].endswith("COTP DT  TLS, 22 octets: TLS 1.2 application data")
 
 
-def test_jsonl_has_a_line_for_each_pdu_only(capfdbinary: Capture, path: Path) -> None:
+def test_jsonl_has_a_line_for_each_pdu_and_what_else_is_said(capfdbinary: Capture, path: Path) -> None:
     talk = read(begun(), 1).send(1, dt(b"\x17\x03\x03" + bytes(20)))
     saved(path, talk.packets(), {8: "here it comes"})
     told = [json.loads(line) for line in run(capfdbinary, "show", "-T", "jsonl", path).out.splitlines()]
-    assert [line["frame"] for line in told] == [6, 7, 8, 9]
-    assert [complaints("pdu", line, exact=True) for line in told] == [[]] * 4
+    assert [line["frame"] for line in told] == [4, 5, 6, 7, 8, 9, 10]
+    assert [line["frame"] for line in told if line["protocol"] == "s7comm"] == [6, 7, 8, 9]
+    assert [complaints("pdu", line, exact=True) for line in told] == [[]] * 7
 
 
 @pytest.mark.parametrize("face", ["text", "jsonl"])
@@ -71,14 +73,27 @@ def test_a_packet_that_completes_nothing_is_told(capfdbinary: Capture, path: Pat
     saved(path, read(begun(), 1).packets())
     ran = run(capfdbinary, "show", "--frame", "1", path)
     assert (ran.code, ran.out, ran.err) == (0, "", "s7dissect: packet 1 completes no message\n")
-    ran = run(capfdbinary, "show", "-T", "jsonl", "--frame", "4", path)
-    assert (ran.code, ran.out, ran.err) == (0, "", "s7dissect: packet 4 completes no S7 PDU\n")
+    ran = run(capfdbinary, "show", "-T", "jsonl", "--frame", "1", path)
+    assert (ran.code, ran.out, ran.err) == (0, "", "s7dissect: packet 1 completes no message\n")
+
+
+def test_jsonl_has_the_tpdus_that_carry_no_pdu(capfdbinary: Capture, path: Path) -> None:
+    talk = begun().send(1, dt(b"\x17\x03\x03" + bytes(19))).send(0, messages.disconnect(1))
+    saved(path, talk.packets())
+    told = [json.loads(line) for line in run(capfdbinary, "show", "-T", "jsonl", path).out.splitlines()]
+    assert [complaints("pdu", line, exact=True) for line in told] == [[]] * len(told)
+    request, confirm, *_, foreign, leave = [line for line in told if line["protocol"] == "cotp"]
+    assert [line["cotp"]["type"] for line in (request, confirm, foreign, leave)] == ["CR", "CC", "DT", "DR"]
+    assert (request["frame"], request["rosctr"], request["function"]) == (4, None, {"code": None, "name": None})
+    assert (request["cotp"]["calling_tsap"]["text"], request["cotp"]["called_tsap"]["slot"]) == ("01.00", 2)
+    assert (foreign["cotp"]["carries"], foreign["cotp"]["octets"]) == ("TLS", 22)
+    assert leave["cotp"]["reason"] == {"code": 1, "name": DR_REASONS.name(1)}
 
 
 def test_a_packet_that_does_not_exist_is_wrong_use(capfdbinary: Capture, path: Path) -> None:
     saved(path, read(begun(), 1).packets())
     ran = run(capfdbinary, "show", "--frame", "10", path)
-    assert (ran.code, ran.out, ran.err) == (2, "", "s7dissect: there is no packet 10: the last one is number 9\n")
+    assert (ran.code, ran.out, ran.err) == (2, "", "s7dissect: no packet 10; the last one is 9\n")
 
 
 def test_in_several_files_a_packet_is_that_of_each(capfdbinary: Capture, tmp_path: Path) -> None:
@@ -88,7 +103,7 @@ def test_in_several_files_a_packet_is_that_of_each(capfdbinary: Capture, tmp_pat
     lines = run(capfdbinary, "show", "-T", "jsonl", first, second).out.splitlines()
     told = [json.loads(line) for line in lines]
     assert [(Path(line["file"]).name, line["frame"]) for line in told] == [
-        *[("first.pcapng", number) for number in (6, 7, 8, 9, 10)],
+        *[("first.pcapng", number) for number in (4, 5, 6, 7, 8, 9, 10)],
         *[("second.pcapng", number) for number in (1, 2)],
     ]
     assert [complaints("pdu", line, exact=True) for line in told] == [[]] * len(told)
@@ -99,7 +114,7 @@ def test_verbose_and_jsonl_do_not_go_together(capfdbinary: Capture, path: Path) 
     saved(path, begun().packets())
     ran = run(capfdbinary, "show", "-V", "-T", "jsonl", path)
     assert (ran.code, ran.out) == (2, "")
-    assert "-V is for text" in ran.err
+    assert "-V applies to text" in ran.err
 
 
 # ---- the tree on real ways to travel --------------------------------------------------------------------------------
@@ -152,7 +167,8 @@ def test_a_cut_pdu(capfdbinary: Capture, path: Path) -> None:
 def test_every_pdu_of_our_captures_has_a_tree_with_its_octets(capfdbinary: Capture, capture: Path) -> None:
     ran = run(capfdbinary, "show", "-V", capture)
     lines = ran.out.splitlines()
-    told = [json.loads(line) for line in run(capfdbinary, "show", "-T", "jsonl", capture).out.splitlines()]
+    every = [json.loads(line) for line in run(capfdbinary, "show", "-T", "jsonl", capture).out.splitlines()]
+    told = [line for line in every if line["protocol"] != "cotp"]
     plus = [line for line in told if line["protocol"] == "s7comm_plus"]
     assert len([line for line in lines if re.search(r"  ref (0x[0-9a-f]{4}|\?)", line)]) == len(told) - len(plus)
     assert len([line for line in lines if line == "    S7 header"]) == len(told) - len(plus)
@@ -163,3 +179,14 @@ def test_help_says_what_a_person_needs(capfdbinary: Capture) -> None:
     told = run(capfdbinary, "show", "--help").out
     for word in ("FILE", "UTC", "--frame N", "-V, --verbose", "jsonl", "Exit code:"):
         assert word in told
+
+
+def test_several_packets_may_be_named(capfdbinary: Capture, tmp_path: Path) -> None:
+    path = simple(tmp_path / "x.pcapng")
+    ran = run(capfdbinary, "show", "-T", "jsonl", "--frame", "8", "--frame", "6")
+    assert ran.code == 2  # no file
+    ran = run(capfdbinary, "show", "-T", "jsonl", "--frame", "8", "--frame", "6", path)
+    assert [json.loads(line)["frame"] for line in ran.out.splitlines()] == [6, 8]
+    ran = run(capfdbinary, "show", "-T", "jsonl", "--frame", "8", "--frame", "1", path)
+    assert [json.loads(line)["frame"] for line in ran.out.splitlines()] == [8]
+    assert ran.err == "s7dissect: packet 1 completes no S7 PDU\n"

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from dissect.report.lines import CSV_COLUMNS
+from dissect.report.csv_rows import CSV_COLUMNS
 from tests.cli.support import halves, run, simple
 from tests.properties import messages
 from tests.properties.messages import dt
-from tests.properties.packets import MS
+from tests.properties.packets import MS, Talk
 from tests.report.schemas import complaints
 from tests.report.support import WORD, begun, read, saved
 
@@ -55,7 +55,7 @@ def test_only_what_is_asked_for(capfdbinary: Capture, mixed: Path, options: list
 
 def test_text(capfdbinary: Capture, mixed: Path) -> None:
     lines = run(capfdbinary, "transactions", mixed).out.splitlines()
-    assert [line[26:].split()[:2] for line in lines] == [
+    assert [line[30:].split()[:2] for line in lines] == [
         ["#1", "6→7"],
         ["#2", "8→9"],
         ["#3", "10→11"],
@@ -113,3 +113,11 @@ def test_help_says_what_a_person_needs(capfdbinary: Capture) -> None:
     told = run(capfdbinary, "transactions", "--help").out
     for word in ("FILE", "UTC", "--failed", "--slow MS", "jsonl", "csv", "Exit code:"):
         assert word in told
+
+
+def test_a_capture_without_s7_says_what_was_there(capfdbinary: Capture, tmp_path: Path) -> None:
+    talk = Talk().handshake()
+    path = saved(tmp_path / "x.pcapng", talk.packets())
+    ran = run(capfdbinary, "transactions", path)
+    assert (ran.code, ran.out) == (0, "")
+    assert ran.err == "s7dissect: no S7 transaction: 3 packets\n"

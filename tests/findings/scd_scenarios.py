@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dissect import scd
+from dissect.scd.codec import Codec
 from tests.bindings import plant
 from tests.findings.registry import silent, speaks
 from tests.transactions.talk import CLIENT, SERVER, Talk
@@ -24,6 +26,7 @@ def listening(talk: Talk) -> Talk:
     "scd.pdo_gap",
     "scd.constant_changed",
     "scd.other_dictionary",
+    "scd.limits",
     "scd.remapped",
     "scd.bad_mapping",
 )
@@ -35,7 +38,7 @@ def all_goes_well(talk: Talk) -> None:
         talk.datagram(SERVER, plant.pdo(counter=counter))
         talk.datagram(SERVER, plant.pdo("T65"))
     for tid in (1, 2):
-        for where, value in (("Тип устройства", 7), ("0x1020:3", conf_id), ("0x1020:1", 5 + tid)):
+        for where, value in (("Тип устройства", 0x10002), ("0x1020:3", conf_id), ("0x1020:1", 5 + tid)):
             talk.datagram(CLIENT, plant.ask(where, tid=tid))
             talk.datagram(SERVER, plant.tell(where, value, tid=tid))
     talk.datagram(CLIENT, plant.ask("Насос 1.run", value=True))
@@ -106,7 +109,7 @@ def a_pdo_in_trouble(talk: Talk) -> None:
 def a_pdo_is_lost(talk: Talk) -> None:
     listening(talk).datagram(SERVER, plant.pdo(counter=255))
     talk.datagram(SERVER, plant.pdo(counter=1))
-    talk.pipeline.conversation.tell_findings()
+    talk.pipeline.exchange.report_findings()
     (finding,) = talk.findings
     assert finding.detail == "PDO T1 Состояние 1: 1 before this one: the counter went from 255 to 1"
 
@@ -123,6 +126,14 @@ def another_device(talk: Talk) -> None:
 def it_has_another_one(talk: Talk) -> None:
     listening(talk).datagram(CLIENT, plant.ask("0x1020:3"))
     talk.datagram(SERVER, plant.tell("0x1020:3", 0xDEADBEEF))
+
+
+@speaks("scd.limits")
+def it_runs_too_fast(talk: Talk) -> None:
+    fast = Codec(plant.dictionary(), limits=False)
+    answer = scd.Message(service="read", phase="response", tid=1, index=0x6000, sub=4, values={(0x6000, 4): 3001})
+    listening(talk).datagram(CLIENT, plant.ask("0x6000:4"))
+    talk.datagram(SERVER, fast.encode_message(answer))
 
 
 def remap(talk: Talk, *entries: int) -> None:

@@ -64,14 +64,14 @@ def only_looking(talk: Talk) -> None:
 @speaks("security.plc_stop")
 def stop(talk: Talk) -> None:
     order(talk, events.stop(1), 0x29)
-    talk.pipeline.conversation.tell_findings()
-    assert talk.findings[-1].detail == "10.0.0.1:50000 to 10.0.0.2:102: PLC stop"
+    talk.pipeline.exchange.report_findings()
+    assert talk.findings[-1].detail == "10.0.0.1:50000 to 10.0.0.2:102: PLC stop, accepted"
 
 
 @speaks("security.plc_start")
 def start(talk: Talk) -> None:
     order(talk, events.service(1, "P_PROGRAM"), 0x28, 0x8104)
-    talk.pipeline.conversation.tell_findings()
+    talk.pipeline.exchange.report_findings()
     details = [finding.detail for finding in talk.findings if finding.slug == "security.plc_start"]
     assert details[0].startswith("10.0.0.1:50000 to 10.0.0.2:102: PI service ")
     assert ", refused: 0x8104 " in details[0]
@@ -113,7 +113,7 @@ def memory_reset(talk: Talk) -> None:
     talk.tell(events.tells(1, 1, 0x0C))
     talk.ask(events.service(2, "_MODU", b"EP"))
     talk.tell(events.answered(2, 0x28))
-    talk.pipeline.conversation.tell_findings()
+    talk.pipeline.exchange.report_findings()
     assert talk.slugs().count("security.memory") == 2
 
 
@@ -131,7 +131,7 @@ def block_status(talk: Talk) -> None:
         talk.ask(events.asks(pdu_ref, 1, 0x0B, bytes.fromhex("00020000") + b"\0\0"))
         talk.tell(events.tells(pdu_ref, 1, 0x0B))
     talk.finish()
-    talk.pipeline.conversation.tell_findings()
+    talk.pipeline.exchange.report_findings()
     assert talk.slugs().count("security.debug") == 1
 
 
@@ -147,7 +147,7 @@ def flags_are_written(talk: Talk) -> None:
     talk.open()
     put(talk, MB0)
     put(talk, dbw(1, 0))
-    talk.pipeline.conversation.tell_findings()
+    talk.pipeline.exchange.report_findings()
     assert talk.slugs().count("security.write") == 1  # once, whatever follows
 
 
@@ -167,7 +167,7 @@ def two_masters(talk: Talk) -> None:
     other.open()
     put(other, MB0)
     put(other, QB0)
-    talk.pipeline.conversation.tell_findings()
+    talk.pipeline.exchange.report_findings()
     assert talk.slugs().count("security.new_writer") == 1
 
 
@@ -225,7 +225,7 @@ def access_denied(talk: Talk) -> None:
     talk.tell(ack_data(1, b"\x04\x01", refused(0x03)))
     talk.ask(read(1, item(0x1D, 0, 1, 0x1D)))
     talk.tell(ack_data(1, b"\x04\x01", refused(0x03)))
-    talk.pipeline.conversation.tell_findings()
+    talk.pipeline.exchange.report_findings()
     assert talk.slugs().count("security.protected") == 1
 
 
@@ -239,10 +239,10 @@ def clock_set(talk: Talk) -> None:
 @speaks("security.reconnaissance")
 def who_are_you(talk: Talk) -> None:
     talk.open()
-    for pdu_ref, szl_id in enumerate((0x0011, 0x001C, 0x0131, 0x0232), 1):
+    for pdu_ref, szl_id in enumerate((0x0011, 0x001C, 0x0111, 0x0232), 1):
         talk.ask(events.szl(pdu_ref, szl_id))
         talk.tell(events.no_szl(pdu_ref))
-    talk.pipeline.conversation.tell_findings()
+    talk.pipeline.exchange.report_findings()
     assert talk.slugs().count("security.reconnaissance") == 1
 
 
@@ -273,7 +273,7 @@ def file_deleted(talk: Talk) -> None:
 @speaks("security.unknown_service")
 def made_up_service(talk: Talk) -> None:
     order(talk, events.service(1, "_XYZA"), 0x28)
-    talk.pipeline.conversation.tell_findings()
+    talk.pipeline.exchange.report_findings()
     assert talk.findings[-1].detail == "10.0.0.1:50000 to 10.0.0.2:102: PI service _XYZA"
 
 
@@ -284,7 +284,7 @@ def services_in_the_tables_or_without_a_name(talk: Talk) -> None:
     talk.tell(events.answered(2, 0x28))
     talk.ask(job(3, b"\x28"))
     talk.tell(events.answered(3, 0x28))
-    talk.pipeline.conversation.tell_findings()
+    talk.pipeline.exchange.report_findings()
     assert talk.slugs().count("security.nc_command") == 1
 
 

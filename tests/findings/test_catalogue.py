@@ -55,8 +55,10 @@ from tests.transactions.talk import (
 )
 
 PACKAGE: Final = Path(dissect.__file__).parent
-#: Rooms and modules that may judge.
-ENGINE: Final = frozenset(("findings", "bindings", "conversation.py", "gateway.py", "pipeline.py"))
+#: An Ethernet and an IPv4 header, from 10.0.0.1 to 10.0.0.2 over TCP.
+IPV4: Final = bytes(12) + bytes.fromhex("0800 45000028 0001 0000 40060000 0a000001 0a000002")
+#: Rooms that may judge.
+ENGINE: Final = frozenset(("findings", "bindings", "engine"))
 #: Rooms whose findings are written in the source as "room.what".
 SLUG: Final = re.compile(
     r"(capture|ip|stream|tpkt|ibh|cotp|s7|s7plus|session|transaction|function|security|scd|operation|internal)\.[a-z_0-9]+"
@@ -106,6 +108,11 @@ def test_what_the_code_notes_is_the_catalogue() -> None:
     "stream.evicted",
     "stream.half_open_evicted",
     "tpkt.bad_length",
+    "tpkt.false_length",
+    "stream.outside_window",
+    "ip.bad_header",
+    "ip.fragment_invalid",
+    "session.idle",
     "tpkt.reserved",
     "cotp.error",
     "cotp.malformed",
@@ -113,6 +120,7 @@ def test_what_the_code_notes_is_the_catalogue() -> None:
     "s7.unknown_rosctr",
     "s7.redundancy_id",
     "s7.ack_content",
+    "s7.client_push",
     "internal.bug",
     "capture.dropped",
 )
@@ -320,6 +328,49 @@ def in_pieces(talk: Talk) -> None:
 def bad_length(talk: Talk) -> None:
     talk.open()
     talk.packet(CLIENT, b"\x03\x00\x00\x05\x00" + dt(read(1, dbw(1, 0))))
+
+
+@speaks("ip.bad_header")
+def bad_header(talk: Talk) -> None:
+    for _ in range(3):
+        talk.raw(IPV4[:14] + b"\x42" + IPV4[15:] + bytes(20))
+    assert talk.pipeline.finding_counts["ip.bad_header"] == 3
+    talk.pipeline.exchange.report_findings()
+    assert talk.slugs() == ["ip.bad_header"]
+
+
+@speaks("ip.fragment_invalid")
+def beyond_64_kib(talk: Talk) -> None:
+    for _ in range(3):
+        talk.raw(IPV4[:20] + b"\x1f\xff" + IPV4[22:] + bytes(20))
+    assert talk.pipeline.finding_counts["ip.fragment_invalid"] == 3
+
+
+@speaks("session.idle")
+def keep_alive_probes(talk: Talk) -> None:
+    for _ in range(3):
+        talk.packet(CLIENT, b"\0", seq=talk.seq[CLIENT])
+        talk.packet(SERVER)
+    talk.finish()
+    assert talk.pipeline.counters.octets.skipped == 0
+    assert talk.pipeline.counters.packet_counts()["keep_alive"] == 3
+    assert talk.slugs() == ["session.idle"]
+
+
+@speaks("stream.outside_window")
+def outside_window(talk: Talk) -> None:
+    talk.open()
+    talk.acked[SERVER] = talk.seq[CLIENT]
+    talk.packet(CLIENT, dt(write(9, [dbw(1, 0)], written(4, b"\x00\x01"))), seq=talk.seq[CLIENT] + (1 << 30))
+    talk.packet(SERVER)
+    talk.close()
+    assert 5 not in [transaction.function for transaction in talk.transactions]
+
+
+@speaks("tpkt.false_length")
+def false_length(talk: Talk) -> None:
+    talk.open()
+    talk.packet(CLIENT, b"\x03\x00\xff\xff\x02\xf0\x80" + dt(read(1, dbw(1, 0))))
 
 
 @speaks("tpkt.unfinished")
@@ -573,7 +624,7 @@ def plus_just_fits(talk: Talk) -> None:
     for _ in range(MAX_PDU // (60 * len(frame)) - 1):
         talk.ask(*[frame] * 60)
     talk.ask(frame + b"\x72\x02\x00\x00")
-    assert talk.pipeline.conversation.plus_pdus == 1
+    assert talk.pipeline.plus.pdus == 1
 
 
 @speaks("s7plus.malformed")
@@ -633,6 +684,17 @@ def ack_content(talk: Talk) -> None:
     talk.open()
     talk.ask(read(1, dbw(1, 0)))
     talk.tell(ack(1, 0x8104, b"\x04"))
+
+
+@speaks("s7.client_push")
+def client_push(talk: Talk) -> None:
+    """The client mistakes the type of its request: it asked, and not the PLC."""
+    talk.open()
+    talk.ask(userdata(5, head(0, 4, 1), b"\xff\x09\x00\x04\x00\x11\x00\x00"))
+    talk.tell(userdata(5, head(2, 4, 1, 0, 0x8104)))
+    assert [finding.slug for finding in talk.findings] == ["s7.client_push", "transaction.refused"]
+    asked = talk.transactions[-1]
+    assert (asked.asked_by, asked.request_frame, asked.outcome_name) == (CLIENT, 8, "answered")
 
 
 @speaks("s7.unknown_code")
@@ -777,7 +839,7 @@ def one_request_cut(talk: Talk) -> None:
     assert talk.findings == []
     talk.finish()
     assert [finding.detail for finding in talk.findings] == [
-        "Read Var DB1.DBW0: the server reset the connection 1.000 s later"
+        "Read Var DB1.DBW0: the server reset the connection 1.00 s later"
     ]
 
 
@@ -976,7 +1038,7 @@ def bug(talk: Talk) -> None:
     failing.tell(words(1, 1))
     failing.ask(read(2, dbw(1, 0)))
     failing.tell(words(2, 1))
-    assert failing.pipeline.conversation.judge.counts["internal.bug"] == 3  # the setup fails as well
+    assert failing.pipeline.finding_counts["internal.bug"] == 3  # the setup fails as well
     assert failing.findings[-1].detail == "ZeroDivisionError: out of tune"
     talk.findings.extend(failing.findings)
 
@@ -986,7 +1048,7 @@ def test_rule_speaks(slug: str) -> None:
     talk = Talk()
     SPEAKS[slug](talk)
     talk.finish()
-    talk.pipeline.conversation.tell_findings()
+    talk.pipeline.exchange.report_findings()
     assert slug in talk.slugs()
     for finding in talk.findings:
         if finding.slug == slug:
@@ -1001,7 +1063,7 @@ def test_rule_keeps_silent(slug: str) -> None:
     SILENT[slug](talk)
     talk.finish()
     assert slug not in talk.slugs()
-    assert slug not in talk.pipeline.conversation.judge.counts
+    assert slug not in talk.pipeline.finding_counts
 
 
 def test_every_rule_has_both() -> None:
@@ -1022,5 +1084,5 @@ def test_a_flood_is_counted_exactly_and_told_in_part() -> None:
         talk.ask(*(b"\x32\x05" + read(number + more, dbw(1, 0))[2:] for more in range(100)))
     talk.packet(CLIENT, flags=FIN | ACK)
     talk.finish()
-    assert talk.pipeline.conversation.judge.counts["s7.unknown_rosctr"] == 5000
+    assert talk.pipeline.finding_counts["s7.unknown_rosctr"] == 5000
     assert talk.slugs().count("s7.unknown_rosctr") == 100

@@ -22,7 +22,7 @@ def test_polling_tells_a_block_once(talk: Talk) -> None:
     for number in range(50):
         talk.ask(read(number, item(0x84, 1, 3, 4)))
         talk.tell(words(number, 1))
-    assert talk.pipeline.conversation.judge.counts == {"s7.odd_address": 1}
+    assert talk.pipeline.finding_counts == {"s7.odd_address": 1}
 
 
 def test_other_items_are_another_block(talk: Talk) -> None:

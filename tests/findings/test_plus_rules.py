@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import dissect
-from dissect.findings.judge import Judge
 from dissect.findings.plus_rules import MAX_CPUS, PlusWatch
+from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
 from dissect.s7plus.contents import Address
 from dissect.s7plus.objects import Attribute, PlusObject, build_object
@@ -190,8 +190,8 @@ def test_names_that_passed_are_used() -> None:
 
 
 def test_names_of_a_cpu_are_known_on_all_its_connections() -> None:
-    judge = Judge()
-    watch = PlusWatch(judge, SecurityWatch(judge), OperationBook())
+    reporter = Reporter()
+    watch = PlusWatch(reporter, SecurityWatch(reporter), OperationBook())
     talk = begun()
     explore(talk, 1, build_object(type_of(0x92000003, ("level", variable(14)))))
     do(
@@ -338,5 +338,5 @@ def test_a_pdu_with_too_many_values_is_told() -> None:
 def test_shared_captures(corpus: Path, name: str, slugs: dict[str, int]) -> None:
     analysis = dissect.analyze(str(corpus / "s7plus" / name))
     assert analysis.pipeline is not None
-    counts = analysis.pipeline.conversation.judge.counts
+    counts = analysis.pipeline.finding_counts
     assert {slug: count for slug, count in counts.items() if slug.startswith(("security.", "s7plus."))} == slugs

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dissect.findings.judge import Judge
+from dissect.findings.reporter import Reporter
 from dissect.findings.scan_rules import MAX_PAIRS, MAX_TSAPS, REFUSED, TSAPS, WINDOW_NS, ScanWatch
 from dissect.iso.tsap import Tsap
 from dissect.tcp.connection import Endpoint, TcpConnection
@@ -20,21 +20,21 @@ def asking(tsap: int | None, client: int = 1, server: bytes = SERVER) -> Connect
 
 
 def test_many_tsaps_are_a_scan_whatever_the_answer() -> None:
-    judge = Judge()
+    judge = Reporter()
     watch = ScanWatch(judge)
     for number in range(TSAPS):
         assert judge.fresh == []
         watch.asked(asking(number), 10 + number, number * 1_000_000_000)
     (finding,) = judge.fresh
     assert (finding.slug, finding.frames) == ("security.tsap_scan", [10, 11, 12, 13, 14, 15])
-    said = "0.0.0.1:50000 asked 10.0.0.2:102 for 6 TSAPs within 5.0 s, 0 of them refused: 01.00, 01.01, 01.02"
+    said = "0.0.0.1:50000 asked 10.0.0.2:102 for 6 TSAPs within 5.00 s, 0 of them refused: 01.00, 01.01, 01.02"
     assert finding.detail.startswith(said)
     watch.asked(asking(99), 99, TSAPS * 1_000_000_000)
     assert judge.counts == {"security.tsap_scan": 1}
 
 
 def test_few_refusals_are_enough() -> None:
-    judge = Judge()
+    judge = Reporter()
     watch = ScanWatch(judge)
     for number in range(REFUSED):
         assert judge.fresh == []
@@ -44,7 +44,7 @@ def test_few_refusals_are_enough() -> None:
 
 
 def test_one_tsap_is_no_scan_and_none_neither() -> None:
-    judge = Judge()
+    judge = Reporter()
     watch = ScanWatch(judge)
     for number in range(100):
         watch.asked(asking(2), number, number)
@@ -55,7 +55,7 @@ def test_one_tsap_is_no_scan_and_none_neither() -> None:
 
 
 def test_each_server_counts_for_itself() -> None:
-    judge = Judge()
+    judge = Reporter()
     watch = ScanWatch(judge)
     for number in range(100):
         watch.asked(asking(number % 5, server=bytes((10, 0, 1, number))), number, number)
@@ -63,7 +63,7 @@ def test_each_server_counts_for_itself() -> None:
 
 
 def test_who_takes_his_time_is_no_scanner() -> None:
-    judge = Judge()
+    judge = Reporter()
     watch = ScanWatch(judge)
     for number in range(20):
         watch.asked(asking(number), number, number * WINDOW_NS // 4)
@@ -71,7 +71,7 @@ def test_who_takes_his_time_is_no_scanner() -> None:
 
 
 def test_a_clock_that_runs_backwards_begins_a_new_window() -> None:
-    judge = Judge()
+    judge = Reporter()
     watch = ScanWatch(judge)
     for number in range(20):
         watch.asked(asking(number), number, -number)
@@ -79,7 +79,7 @@ def test_a_clock_that_runs_backwards_begins_a_new_window() -> None:
 
 
 def test_what_is_remembered_is_bounded() -> None:
-    judge = Judge()
+    judge = Reporter()
     watch = ScanWatch(judge)
     for number in range(MAX_PAIRS + 10):
         watch.asked(asking(1, client=number), number, 0)

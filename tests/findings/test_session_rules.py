@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import time
-
 import pytest
 
 from dissect.findings.finding import Finding
@@ -321,11 +319,10 @@ def test_both_sides() -> None:
     assert found(talk, "capture.one_sided") == []
 
 
-@pytest.mark.measured
 def test_a_hole_does_not_make_a_flood_slow() -> None:
     """Only a few of the open requests are looked at for each one that is asked."""
 
-    def flood(hole: bool) -> float:
+    def flood(hole: bool) -> None:
         talk = Talk()
         talk.open(8, 8)
         if hole:
@@ -334,11 +331,8 @@ def test_a_hole_does_not_make_a_flood_slow() -> None:
         for _ in range(3):
             talk.packet(CLIENT, after_ns=60 * MS)
             talk.packet(SERVER, after_ns=60 * MS)
-        started = time.process_time()
-        talk.flood(10_000)
-        took = time.process_time() - started
+        talk.flood(3_000)
         assert ("stream.hole" in talk.slugs()) is hole
-        assert talk.pipeline.conversation.judge.counts["session.too_many_jobs"] == 10_000 - 8
-        return took
+        assert talk.pipeline.finding_counts["session.too_many_jobs"] == 3_000 - 8
 
     assert_growth(lambda: flood(hole=False), lambda: flood(hole=True), 4)

@@ -52,8 +52,8 @@ def test_a_good_answer_is_worth_nothing(talk: Talk) -> None:
 @pytest.mark.parametrize(
     ("limit_ns", "took_ns", "detail"),
     [
-        (SECOND, 1_500 * MS, "Read Var DB1.DBW0: 1500.0 ms, the limit is 1000 ms"),
-        (MS // 2, MS, "Read Var DB1.DBW0: 1.0 ms, the limit is 0.5 ms"),
+        (SECOND, 1_500 * MS, "Read Var DB1.DBW0: 1.50 s, the limit is 1.00 s"),
+        (MS // 2, MS, "Read Var DB1.DBW0: 1.00 ms, the limit is 500 µs"),
     ],
 )
 def test_slow_answers(limit_ns: int, took_ns: int, detail: str) -> None:
@@ -134,7 +134,7 @@ def test_unanswered_at_the_end_of_a_connection(talk: Talk) -> None:
     finding = only(talk, "transaction.unanswered")
     assert (finding.frames, finding.detail) == (
         [asked],
-        "Read Var DB1.DBW0: the client closed the connection 0.001 s later",
+        "Read Var DB1.DBW0: the client closed the connection 1.00 ms later",
     )
 
 
@@ -191,7 +191,7 @@ def test_orphans_that_are_no_wonder() -> None:
 
 def test_a_full_table_is_told_with_what_it_costs(talk: Talk) -> None:
     talk.flood(4100)
-    counts = talk.pipeline.conversation.judge.counts
+    counts = talk.pipeline.finding_counts
     assert counts["transaction.table_full"] == counts["transaction.unanswered"] == 4
     first = next(finding for finding in talk.findings if finding.slug == "transaction.table_full")
     assert first.frames == [talk.transactions[0].request_frame]
@@ -281,4 +281,4 @@ def test_an_answer_before_its_request(talk: Talk) -> None:
     asked = talk.ask(request, after_ns=2 * MS)
     finding = only(talk, "transaction.reordered")
     assert (finding.frames, finding.time_ns) == ([asked, answered], talk.transactions[0].request_ns)
-    assert finding.detail == "Read Var DB1.DBW0: the answer stands 2.000 ms before the request"
+    assert finding.detail == "Read Var DB1.DBW0: the answer stands 2.00 ms before the request"

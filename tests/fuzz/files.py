@@ -24,21 +24,21 @@ from dissect.baseline.writing import baseline_toml
 from dissect.bindings.engine import ScdCarrier
 from dissect.cli.baseline import _usual_rules
 from dissect.cli.show import _Pdus
-from dissect.cli.transactions import _Rows
-from dissect.conversation import Observer, Options
+from dissect.cli.transactions import _Lines
+from dissect.engine.observer import Observer, Options
+from dissect.engine.pipeline import Pipeline
 from dissect.golden.comparison import diff_sessions
 from dissect.golden.parsing import parse_golden
 from dissect.golden.reading import SessionReader
 from dissect.golden.writing import EXTRAS, golden_text
 from dissect.metrics.counters import Metrics
-from dissect.pipeline import Pipeline
+from dissect.playback.client.recorded import OrderedReader, Recorded
 from dissect.recording.cutter import Around, Cutter
 from dissect.recording.selection import Selection, Wanted
-from dissect.replay.recorded import OrderedReader, Recorded
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_json
+from dissect.report.csv_rows import CsvRows, csv_columns
 from dissect.report.jsonl import TransactionLines
-from dissect.report.lines import csv_columns
 from dissect.report.places import Places
 from dissect.report.text import analysis_lines
 from dissect.session import analyze
@@ -99,7 +99,7 @@ def drive(
     except CaptureError as error:
         check_line(str(error))
         return None
-    pipeline = Pipeline(observer, Options(strict=True, carrier=carrier, checksums=checksums))
+    pipeline = Pipeline(observer, Options(strict=True, decoder=carrier, checksums=checksums))
     steps = MOST_STEPS
     while steps and reader.step(pipeline):
         steps -= 1
@@ -128,39 +128,43 @@ def _analysis(octets: bytes, way: Way) -> None:
 
 
 def _transactions(octets: bytes, way: Way) -> None:
-    rows = TransactionLines(None)
-    if drive(octets, rows, way.carrier(), way.other) is None:
+    objects = TransactionLines(None)
+    if drive(octets, objects, way.carrier(), way.other) is None:
         return
-    lines = rows.take()
+    lines = objects.take()
     for line in lines:
         check_json(line)
-    for as_csv in (False, True):
-        texts = _Rows(as_csv, None)
-        places = Places([SourceFile("fuzz.pcap", 1)], False)
-        texts.begin(places)
-        drive(octets, texts, way.carrier(), way.other)
-        told = texts.take()
-        assert len(told) == len(lines) + as_csv
-        check_lines(told)
-        if as_csv:
-            for cells in csv.reader(io.StringIO("\n".join(told))):
-                assert len(cells) == len(csv_columns(places))
-                assert not any(cell.startswith(("=", "+", "@")) for cell in cells)
+    places = Places([SourceFile("fuzz.pcap", 1)], False)
+    texts = _Lines(None)
+    texts.places = places
+    drive(octets, texts, way.carrier(), way.other)
+    told = [line.text for line in texts.take()]
+    assert len(told) == len(lines)
+    check_lines(told)
+    rows = CsvRows()
+    rows.begin(places)
+    drive(octets, rows, way.carrier(), way.other)
+    table = rows.take()
+    assert len(table) > len(lines)
+    check_lines(table)
+    for cells in csv.reader(io.StringIO("\n".join(table))):
+        assert len(cells) == len(csv_columns(places))
+        assert not any(cell.startswith(("=", "+", "@")) for cell in cells)
 
 
 def _tree(octets: bytes, way: Way) -> None:
-    shown = _Pdus(False, None, True, way.carrier())
+    shown = _Pdus(False, frozenset(), True, way.carrier())
     shown.begin(Places([SourceFile("fuzz.pcap", 1)], False))
     drive(octets, shown, way.carrier(), way.other)
-    check_lines(shown.take())
+    check_lines([line.text for line in shown.take()])
 
 
 def _pdu_lines(octets: bytes, way: Way) -> None:
-    shown = _Pdus(True, None, False, way.carrier())
+    shown = _Pdus(True, frozenset(), False, way.carrier())
     shown.begin(Places([SourceFile("fuzz.pcap", 1)], True))
     drive(octets, shown, way.carrier(), way.other)
     for line in shown.take():
-        check_json(line)
+        check_json(line.text)
 
 
 def _golden(octets: bytes, way: Way) -> None:

@@ -11,7 +11,7 @@ from typing import Final
 
 from dissect.ibh.packet import parse_packet
 from dissect.iso.tpkt import HEADER, MAX_LENGTH
-from dissect.replay.kinds import Permissions
+from dissect.playback.client.permissions import Permissions
 from dissect.report.jsonl import PduLines
 from dissect.report.lines import message_name, pdu_line, plus_line
 from dissect.report.places import Places

@@ -6,14 +6,14 @@ from typing import Final
 
 from dissect.iso.cotp import parse_tpdu
 from dissect.iso.tpkt import Framer
-from dissect.replay.kinds import READ, Permissions, kind_of
-from dissect.replay.plan import ASK, make_plan, plan_lines, playable
-from dissect.replay.recorded import Recorded
-from dissect.server.desk import Desk
-from dissect.server.peer import Peer
-from dissect.server.player import Stage
-from dissect.server.recording import RecordingReader
-from dissect.server.script import Recording
+from dissect.playback.client.permissions import READ, Permissions, kind_of
+from dissect.playback.client.plan import ASK, make_plan, plan_lines, playable
+from dissect.playback.client.recorded import Recorded
+from dissect.playback.server.model import Recording
+from dissect.playback.server.player import Stage
+from dissect.playback.server.recording import RecordingReader
+from dissect.playback.server.request_log import Desk
+from dissect.playback.server.session import Peer
 from dissect.transactions.table import Side
 from tests.fuzz.checks import check_line, check_lines
 from tests.properties.messages import connect, dt

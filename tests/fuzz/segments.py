@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dissect.conversation import Options
-from dissect.pipeline import Pipeline
+from dissect.engine.observer import Options
+from dissect.engine.pipeline import Pipeline
 from tests.fuzz.scripts import Script
 from tests.properties.books import Record, Result, check_books, facts
 
@@ -28,6 +28,6 @@ def segments(octets: bytes) -> None:
         end = start + len(packet.octets)
         pipeline.frame(packet.time_ns, buf, start, end, packet.wire_length, packet.link_type)
     pipeline.finish()
-    assert pipeline.packet_counts() == result.pipeline.packet_counts()
-    assert pipeline.conversation.judge.counts == result.counts
+    assert pipeline.counters.packet_counts() == result.pipeline.counters.packet_counts()
+    assert pipeline.finding_counts == result.counts
     assert [facts(one) for one in record.transactions] == [facts(one) for one in result.transactions]

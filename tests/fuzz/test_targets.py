@@ -6,8 +6,8 @@ import pytest
 
 from dissect.baseline.loading import parse_baseline
 from dissect.golden.parsing import parse_golden
+from dissect.playback.server.session import Deed, Peer
 from dissect.s7.message import parse_pdu
-from dissect.server.peer import Deed, Peer
 from tests.fuzz import __main__ as runner
 from tests.fuzz import files, frames, inputs, pdus, played, scripts, streams
 from tests.fuzz.checks import check_json, check_line

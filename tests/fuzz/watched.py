@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from dissect.engine.pipeline import Pipeline
 from dissect.live.json_lines import JsonLines
 from dissect.live.lines import PlainLines, kinds_of
 from dissect.live.session import Event, _Collector
@@ -12,7 +13,6 @@ from dissect.metrics.exposition import Exposition
 from dissect.monitor.details import connection_details, entry_lines, finding_details
 from dissect.monitor.model import Model
 from dissect.monitor.rows import connection_row, entry_line, entry_row, finding_row, joined, sparks
-from dissect.pipeline import Pipeline
 from dissect.wire.clock import Clock
 from tests.fuzz.checks import check_json, check_line, check_lines
 
@@ -48,7 +48,7 @@ def check_screens(events: Iterable[Event], pipeline: Pipeline) -> None:
         check_line(joined(connection_row(connection, 100, sparks())))
         for line in connection_details(connection, model.entries):
             check_line(line.text)
-    for finding in model.findings(pipeline.conversation.judge.counts):
+    for finding in model.findings(pipeline.finding_counts):
         check_line(joined(finding_row(finding, 80, clock)))
         for line in finding_details(finding):
             check_line(line.text)

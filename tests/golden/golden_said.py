@@ -21,7 +21,7 @@ _FACTS: Final = [
         ("Start upload|Download block|Upload|PBC.*BSEND", r"([0-9]+ octets)", "{0}"),
         ("Download block|Upload", r"(more to come)", "{0}"),
         ("block functions: list blocks$", r"([0-9]+ \w+)", "{0}"),
-        ("block functions: list blocks of", r"([0-9]+), \w+.*", "block {0}"),
+        ("block functions: list blocks of", r"([0-9]+) \(.*\)", "block {0}"),
         ("block functions: list blocks of", r"(\w+)", "{0}"),
         ("time functions", r"(DT#\S+)", "{0}"),
         ("PBC.*BSEND", r"(R_ID 0x[0-9a-f]{8})", "{0}"),
@@ -83,7 +83,9 @@ def _lines(head: str, rest: list[str]) -> list[str]:
         if found := _REMARK.fullmatch(line):
             fact = _fact(head, found[1])
             lines += [f"# {fact}"] if fact else []
-        elif re.match(r"  (?:  )?[^ #]", line) and not line.startswith("  scd "):
+        elif re.match(r"  (?:  )?[^ #]", line) and not line.startswith(
+            ("  scd ", "  job of ")
+        ):  # which tshark does not say
             said = re.sub(r"  # .*", "", line).strip()
             said = re.sub(r'= (".*")$', _text, re.sub(r'= (".*") (?=refused|as )', _text, said))
             lines.append(re.sub(r"(L?REAL)( x[0-9]+)? = (\[.*\]|[^\s<]\S*)", _octets, said))

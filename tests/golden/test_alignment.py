@@ -3,7 +3,6 @@ from __future__ import annotations
 from collections import Counter
 from itertools import pairwise
 from random import Random
-from time import process_time
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -70,14 +69,12 @@ def test_more_differences_than_one_search_looks_for() -> None:
     assert len(checked(polling, rest)) > 0.95 * len(rest)
 
 
-def test_time_grows_little_more_than_linearly() -> None:
+def test_work_grows_little_more_than_linearly() -> None:
     random = Random(5)
 
-    def shuffled(size: int) -> float:
+    def shuffled(size: int) -> None:
         a = [random.randrange(40) for _ in range(size)]
         b = [random.randrange(40) for _ in range(size)]
-        begun = process_time()
         align(a, b)
-        return process_time() - begun
 
-    assert_growth(lambda: shuffled(1500), lambda: shuffled(6000), 9)
+    assert_growth(lambda: shuffled(500), lambda: shuffled(2000), 9)

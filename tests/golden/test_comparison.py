@@ -18,7 +18,7 @@ from tests.properties.packets import Flow, Talk, captured
 from tests.report.support import begun, read
 
 BASE = parse_golden(WRITTEN, "base")
-SZL = "transaction 4, CPU functions: read SZL SZL 0x0424 operating modes"
+SZL = "transaction 4, CPU functions: read SZL 0x0424 operating modes"
 OPEN = "transaction 5, READ DB10.DBW6: was unanswered: the connection ended before an answer came"
 WHO = "connection 1, TSAPs: was TSAP 01.00 (PG) → 01.%02d (PG, rack 0 slot %d)"
 

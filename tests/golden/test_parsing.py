@@ -70,7 +70,7 @@ def test_scd_reads_back_too() -> None:
     from dissect.bindings import load_carrier
 
     carrier = load_carrier(str(PLANT / "plant.toml"), str(PLANT / "plant.bind.toml"))
-    session = read_session(PLANT / "plant.pcapng", carrier=carrier)
+    session = read_session(PLANT / "plant.pcapng", decoder=carrier)
     said = [line for each in session.transactions for line in each.scd]
     assert "answer   0x6061:0 Режим 1 = 8 (автомат)" in said
     text = golden_text(session)
@@ -142,3 +142,25 @@ def test_any_text_is_read_or_refused(text: str) -> None:
             parse_golden(beginning + text)
         except GoldenError:
             continue
+
+
+@pytest.mark.parametrize("line", ["DB1.DBW0 WORD = 1", "DB1.DBB0 BYTE x9000 = <" + "00 " * 8999 + "00>"])
+def test_a_pdu_larger_than_any_is_told_with_its_line(line: str) -> None:
+    text = "s7dissect golden 1\n\nconnection 1\n\n1 client WRITE\n" + f"  {line}\n" * 6000
+    with pytest.raises(GoldenError, match=r"line 5: .*no PDU has more than 65535"):
+        parse_golden(text)
+
+
+@pytest.mark.parametrize(
+    ("below", "why"),
+    [
+        (b"\0" * 3_000_000, "a line is longer than 512 KiB"),
+        (b"connection 1\n" + b"\0" * 300, "octet 32 is NUL"),
+        (b"connection 1\n" + b"        word\n" * 200_000, "line 2: longer than 512 KiB"),
+    ],
+)
+def test_what_is_no_golden_is_refused_before_it_fills_the_memory(tmp_path: Path, below: bytes, why: str) -> None:
+    path = tmp_path / "a.s7.txt"
+    path.write_bytes(b"s7dissect golden 1\n" + below)
+    with pytest.raises(GoldenError, match=why):
+        read_session(path)

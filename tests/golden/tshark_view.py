@@ -202,7 +202,7 @@ class Shown:
             self.begun = True
             if not flags & _ACKNOWLEDGES:
                 self.client = sender
-        if flags & (_FIN | _RESET) and (not self.ended or (flags & _RESET and self.ended.startswith("fin "))):
+        if flags & (_FIN | _RESET) and not self.ended:  # what came first: S7-1200 and S7-1500 answer a FIN by a RST
             self.ended = f"{'reset' if flags & _RESET else 'fin'} {sender}"
 
     def take_tpdu(self, sender: str, tpdu: Tree) -> None:

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import time
 from itertools import pairwise
 from typing import Final
 
@@ -104,21 +103,16 @@ def test_a_reserved_octet_that_is_not_0_is_no_fault() -> None:
     assert fed(framer(), [odd + READ]) == [odd, READ]
 
 
-@pytest.mark.measured
-def test_one_tpkt_over_13000_segments_takes_linear_time() -> None:
-    def seconds(size: int) -> float:
+def test_one_tpkt_over_3000_segments_takes_linear_work() -> None:
+    def work(size: int) -> None:
         packet = b"\x03\0" + size.to_bytes(2, "big") + b"\x02\xf0\x80" + bytes(size - 7)
         segments = [packet[at : at + 5] for at in range(0, size, 5)]
         made = framer()
-        begun = time.process_time()
-        for _ in range(4):
-            for segment in segments:
-                made.push(segment, 0, True)
-        took = time.process_time() - begun
-        assert made.packets == [packet] * 4
-        return took
+        for segment in segments:
+            made.push(segment, 0, True)
+        assert made.packets == [packet]
 
-    assert_growth(lambda: seconds(65535 // 4), lambda: seconds(65535), 6)  # 4 when linear, 16 when quadratic
+    assert_growth(lambda: work(4_000), lambda: work(16_000), 5)  # 4 when linear, 16 when quadratic
 
 
 # ---- lengths that cannot be -----------------------------------------------------------------------------------------
@@ -199,11 +193,11 @@ TPKTISH = st.lists(st.one_of(BITS, st.binary(min_size=1, max_size=4)), max_size=
 def test_any_octets(octets: bytes, cuts: list[int], synced: bool) -> None:
     made = framer(synced)
     packets = fed(made, cut_at(octets, cuts))
-    assert sum(map(len, packets)) == made.framed
-    place = 0
-    for packet in packets:  # they stand in the octets, one after the other
-        assert int.from_bytes(packet[2:4], "big") == len(packet) >= 7
-        place = octets.index(packet, place) + len(packet)
+    # Of one whose length lies, less may be told, or what is inside it as well.
+    assert sum(map(len, packets)) >= made.framed
+    for packet in packets:
+        assert int.from_bytes(packet[2:4], "big") >= len(packet) >= 7
+        assert packet in octets
 
 
 # ---- searching ------------------------------------------------------------------------------------------------------
@@ -225,10 +219,12 @@ RANDOM_DT: Final = bytes.fromhex("0300000b02f080") + b"\x99\x98\x97\x96"
         (READ + b"\x03\x00", YES),
         (READ + CR[:4], YES),
         (READ + CR, YES),
-        (READ + b"\x55", NO),
-        (READ + b"\x03\x55", NO),
-        (READ + b"\x03\x00\x00\x06", NO),
-        (READ + b"\x03\x00\x00\x10\x02\x99", NO),
+        (READ + b"\x55", YES),  # whatever follows: all its lengths agree
+        (READ + b"\x03\x00\x00\x06", YES),
+        (EMPTY_DT + b"\x55", NO),
+        (EMPTY_DT + b"\x03\x55", NO),
+        (EMPTY_DT + b"\x03\x00\x00\x06", NO),
+        (EMPTY_DT + b"\x03\x00\x00\x10\x02\x99", NO),
         (CR, YES),
         (EMPTY_DT, YES),
         (RANDOM_DT, NO),  # a DT has to carry a known protocol
@@ -272,7 +268,7 @@ def test_plausible_wants_four_octets(size: int) -> None:
 
 def test_a_segment_start_comes_first() -> None:
     """Inside the segment stands what looks just as right; where a segment starts a TPKT starts, too."""
-    inner = b"\x03\x00\x00\x2a\x02\xf0\x80" + READ + b"\x99" * 4  # a DT of an unknown protocol, a TPKT in it
+    inner = b"\x03\x00\x00\x12\x02\xf0\x80" + EMPTY_DT + b"\x99" * 4  # a DT of an unknown protocol, a TPKT in it
     made = framer(False)
     assert fed(made, [inner + READ]) == [inner, READ]
     made = framer(False)
@@ -308,21 +304,18 @@ def test_many_false_beginnings_do_not_hide_the_true_one() -> None:
     assert fed(made, [READ[9:] + CR]) == [READ, CR]
 
 
-@pytest.mark.measured
 @pytest.mark.parametrize("pattern", ["03000fff02f000", "0300", "03", "03000007", "030003"])
 @pytest.mark.parametrize("step", [1, 7, 500])
-def test_searching_takes_linear_time_in_segments_of_any_size(step: int, pattern: str) -> None:
+def test_searching_takes_linear_work_in_segments_of_any_size(step: int, pattern: str) -> None:
     """Octets full of beginnings that never come true."""
     octets = JUNK + bytes.fromhex(pattern) * (30000 // len(pattern))
 
-    def seconds(size: int) -> float:
+    def work(size: int) -> None:
         made = framer(False)
-        begun = time.process_time()
         for at in range(0, size, step):
             made.push(octets[at : at + step], 0, False)
-        return time.process_time() - begun
 
-    assert_growth(lambda: seconds(6000), lambda: seconds(12000), 3.3)  # 2 when linear, 4 when quadratic
+    assert_growth(lambda: work(1500), lambda: work(3000), 2.6)  # 2 when linear, 4 when quadratic
 
 
 # ---- holes ----------------------------------------------------------------------------------------------------------

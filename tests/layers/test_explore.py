@@ -1,6 +1,10 @@
 from __future__ import annotations
 
 import builtins
+import os
+import subprocess
+import sys
+from typing import Final
 
 import pytest
 from scapy.config import conf
@@ -39,3 +43,37 @@ def test_ls_tells_the_fields_and_what_a_new_packet_has(capsys: pytest.CaptureFix
         "time_base : XByteEnumField = ('1')",
         "factor : ByteField = ('1')",
     ]
+
+
+#: What a process of its own does, and what it prints: nothing that another test did can help it.
+FRESH: Final = """
+import contextlib, io, sys
+import dissect.layers
+from scapy.config import conf
+from scapy.main import load_contrib, load_layer
+from scapy.packet import explore
+for load in (load_layer, load_contrib):
+    for name in ("s7", "s7dissect", "dissect.layers"):
+        names = {}
+        load(name, globals_dict=names)
+        assert names["S7_Clock"] is dissect.layers.S7_Clock and set(names) == set(dissect.layers.__all__), (load, name)
+listed = set()
+for name in ("s7", "s7dissect", "dissect.layers", dissect.layers, "scapy.layers.s7"):
+    told = io.StringIO()
+    with contextlib.redirect_stdout(told):
+        explore(name)
+    listed.add(told.getvalue().partition(chr(10))[2].count(chr(10)))
+    assert "S7_CyclicRequest" in told.getvalue(), name
+assert len(listed) == 1, listed
+print([(extension.name, sorted(extension.specs)) for extension in conf.exts.exts])
+"""
+
+
+def test_a_fresh_process_loads_and_lists_the_layers_by_each_of_their_names() -> None:
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", FRESH], capture_output=True, text=True, check=False, env=dict(os.environ)
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    names = ["scapy.layers.dissect.layers", "scapy.layers.s7", "scapy.layers.s7dissect"]
+    assert done.stdout.strip() == str([("s7dissect", names)])

@@ -13,6 +13,7 @@ from scapy.packet import Packet, fuzz, ls
 import dissect
 import dissect.layers
 from dissect.layers import COTP, S7, TPKT, S7_Any, S7_ReadVarRequest
+from tests.cases import each
 
 DOCUMENT = Path(__file__).resolve().parent.parent.parent / "docs" / "layers.md"
 
@@ -78,12 +79,12 @@ def test_importing_says_nothing() -> None:
 
 
 def test_the_rest_of_the_package_does_without_scapy() -> None:
-    code = "import sys, dissect.pipeline, dissect.s7.message; print('scapy' in sys.modules)"
+    code = "import sys, dissect.engine.pipeline, dissect.s7.message; print('scapy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout == "False\n"
 
 
-@pytest.mark.parametrize("name", dissect.layers.__all__)
+@each("name", dissect.layers.__all__)
 def test_every_layer_can_be_listed(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     layer = getattr(dissect.layers, name)
     if not (isinstance(layer, type) and issubclass(layer, Packet)):
@@ -97,7 +98,7 @@ def test_every_layer_can_be_listed(name: str, capsys: pytest.CaptureFixture[str]
         bytes(layer())
 
 
-@pytest.mark.parametrize("name", dissect.layers.__all__)
+@each("name", dissect.layers.__all__)
 def test_every_layer_can_be_fuzzed(name: str) -> None:
     layer = getattr(dissect.layers, name)
     if isinstance(layer, type) and issubclass(layer, Packet) and layer.fields_desc:

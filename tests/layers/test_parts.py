@@ -39,6 +39,7 @@ from dissect.layers.parts import CLASSES
 from dissect.s7 import layouts, pbc
 from dissect.wire import part as wire_part
 from dissect.wire.layout import Layout
+from tests.cases import each
 from tests.layers.support import shown, survives
 
 #: Layouts that other layers hold: headers, and the heads of bodies.
@@ -90,7 +91,7 @@ def test_each_class_is_public_and_says_what_it_is() -> None:
         assert [field.name for field in layout.fields if scapy_name(field.name) not in cls().default_fields] == []
 
 
-@pytest.mark.parametrize("cls", PARTS, ids=lambda cls: cls.__name__)
+@each("cls", PARTS)
 @given(octets=st.binary(max_size=80))
 def test_the_fields_of_a_part_are_those_of_its_layout(cls: type[S7_Part], octets: bytes) -> None:
     if octets:
@@ -103,7 +104,7 @@ def test_the_fields_of_a_part_are_those_of_its_layout(cls: type[S7_Part], octets
             assert given == (value.value if value.octets is None else value.octets), value.field.name
 
 
-@pytest.mark.parametrize("cls", PARTS, ids=lambda cls: cls.__name__)
+@each("cls", PARTS)
 def test_a_part_is_built_without_values_and_with_any(cls: type[S7_Part]) -> None:
     assert len(bytes(cls())) == cls.layout.size + len(cls().default_fields.get("service", b""))
     for _ in range(3):

@@ -164,8 +164,8 @@ def test_what_waits_behind_a_hole_is_delivered_at_the_end(tmp_path: Path) -> Non
     delivered = seen(tmp_path, talk.packets, session)
     assert [bytes(packet[TPKT]) for packet in delivered] == [READ, READ]
     (pipeline,) = session.pipelines.values()
-    assert pipeline.octets.missing == 500
-    assert sum(pipeline.packet_counts().values()) == len(talk.packets)
+    assert pipeline.counters.octets.missing == 500
+    assert sum(pipeline.counters.packet_counts().values()) == len(talk.packets)
 
 
 def test_any_port_vlan_and_ipv6(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.finding import Finding
 from dissect.live.evidence import KeeperCompanion, RingCompanion
-from dissect.recording.keeper import Keeper
+from dissect.recording.event_capture import EventCapture
 from dissect.recording.ring_buffer import RingBuffer, RingLimits
 from dissect.source.files import open_capture
 from dissect.source.live.reader import Drops
@@ -41,7 +41,7 @@ def test_a_file_that_is_old_ends_on_a_silent_line(tmp_path: Path) -> None:
 
 
 def test_the_packets_around_a_finding_are_whole_on_a_silent_line(tmp_path: Path) -> None:
-    companion = KeeperCompanion(Keeper(str(tmp_path), SECOND, SECOND, slugs=["transaction.overdue"]))
+    companion = KeeperCompanion(EventCapture(str(tmp_path), SECOND, SECOND, slugs=["transaction.overdue"]))
     for number in range(4):
         companion.packet(EPOCH_NS + number * SECOND, bytes((number,)) * 60, 60, 1, "eth0")
     companion.finding(Finding(CATALOGUE["transaction.overdue"], 1, [4], EPOCH_NS + 3 * SECOND, "late"))

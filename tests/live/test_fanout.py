@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from dissect.findings.observer import Observer
+from dissect.engine.observer import Observer
 from dissect.live.fanout import Fanout
 from tests.properties.packets import Packet
 from tests.report.support import begun, observed, read

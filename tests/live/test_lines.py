@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from dissect.findings.observer import Options
+from dissect.engine.observer import Options
 from dissect.live.lines import TOPICS, PlainLines, kinds_of, summary_lines
 from dissect.live.session import CLOSED, FINDING, OPENED, PROBLEM, TRANSACTION, Event, Session, Status
 from dissect.source.live.reader import Drops
@@ -29,7 +29,7 @@ def conversation() -> list[Packet]:
 
 def test_each_event_is_a_line() -> None:
     lines = lines_of(conversation())
-    heads = [line[28:] for line in lines]
+    heads = [line[32:] for line in lines]
     assert heads[0] == "connection 1  10.0.0.1:49152 → 10.0.0.2:102  opened"
     assert "Setup communication" in heads[1]
     assert heads[3].startswith("#2     8→9 ")

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 import snap7.error
 
+from dissect.engine.observer import Observer, Options
 from dissect.findings.finding import Finding
-from dissect.findings.observer import Observer, Options
 from dissect.live.run import Companion
 from dissect.live.session import CLOSED, Event, Session
 from dissect.report.jsonl import TransactionLines

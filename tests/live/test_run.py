@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from dissect.engine.observer import Observer, Options
 from dissect.findings.finding import Finding
-from dissect.findings.observer import Observer, Options
 from dissect.live.run import Companion, Limits, LiveRun
 from dissect.source.files import open_capture
 from dissect.source.live.reader import Drops
@@ -125,7 +125,7 @@ def test_findings_are_detailed_again_after_a_minute() -> None:
     told.findings.clear()
     steps(run, 1301)
     assert told.slugs().count("transaction.item_error") == 100
-    assert run.pipeline.conversation.judge.counts["transaction.item_error"] == 240
+    assert run.pipeline.finding_counts["transaction.item_error"] == 240
 
 
 # ---- loss -----------------------------------------------------------------------------------------------------------

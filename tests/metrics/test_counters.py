@@ -24,8 +24,8 @@ from dissect.session import Run
 from dissect.source.files import open_capture
 from dissect.source.live.reader import Drops
 from dissect.tcp.connection import Endpoint, TcpConnection
-from dissect.transactions.carried import ScdMessage, ScdParameters
 from dissect.transactions.connection import Connection
+from dissect.transactions.payloads import ScdMessage, ScdParameters
 from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
 from tests.bindings import plant
 from tests.conftest import ROOT

@@ -83,9 +83,8 @@ def problems(expression: str, legend: str) -> list[str]:
             continue
         if name in EXPORTED:
             metrics.append(name)
-            for label in NAME.findall(matchers):
-                if label not in EXPORTED[name] | TARGET_LABELS:
-                    wrong.append(f"{name} has no label {label}")
+            known = EXPORTED[name] | TARGET_LABELS
+            wrong += [f"{name} has no label {label}" for label in NAME.findall(matchers) if label not in known]
         elif not (bare.startswith("label_values(") and metrics and name in EXPORTED[metrics[-1]]):
             wrong.append(f"{name} is not exported")
         bare = bare.replace(matchers, "", 1) if matchers else bare

@@ -11,12 +11,12 @@ from prometheus_client import Metric
 from prometheus_client.parser import text_string_to_metric_families
 
 from dissect import __version__
+from dissect.engine.pipeline import Pipeline
 from dissect.findings.catalogue import CATALOGUE
 from dissect.metrics.counters import Metrics
 from dissect.metrics.exposition import Exposition
 from dissect.metrics.families import COUNTER, FAMILIES, HISTOGRAM, PREFIX
 from dissect.metrics.functions import BOUNDS_NS
-from dissect.pipeline import Pipeline
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict
 from dissect.source.live.reader import Drops
@@ -87,7 +87,7 @@ def check_totals(families: dict[str, Metric], analysis: Analysis) -> None:
     told = analysis_as_dict(analysis)
     packets = series(families["s7dissect_packets"], "category")
     waiting = plain(families["s7dissect_fragments_waiting"])
-    assert {**packets, "fragment_waiting": waiting} == pipeline.packet_counts()
+    assert {**packets, "fragment_waiting": waiting} == pipeline.counters.packet_counts()
     assert set(packets) == set(CATEGORIES) - {"fragment_waiting"}
     assert sum(packets.values()) + waiting == pipeline.frames
     outcomes = series(families["s7dissect_transactions"], "outcome")
@@ -99,10 +99,10 @@ def check_totals(families: dict[str, Metric], analysis: Analysis) -> None:
     assert {slug: count for slug, count in findings.items() if count} == told["findings"]
     assert set(findings) == set(CATALOGUE)
     tpdus = series(families["s7dissect_tpdus"], "type")
-    assert sum(tpdus.values()) == sum(pipeline.conversation.tpdus)
-    assert sum(series(families["s7dissect_s7_pdus"], "rosctr").values()) == sum(pipeline.conversation.rosctrs)
-    assert plain(families["s7dissect_stream_holes"]) == pipeline.octets.holes
-    assert plain(families["s7dissect_stream_missing_octets"]) == pipeline.octets.missing
+    assert sum(tpdus.values()) == sum(pipeline.iso.tpdus)
+    assert sum(series(families["s7dissect_s7_pdus"], "rosctr").values()) == sum(pipeline.s7.rosctrs)
+    assert plain(families["s7dissect_stream_holes"]) == pipeline.counters.octets.holes
+    assert plain(families["s7dissect_stream_missing_octets"]) == pipeline.counters.octets.missing
     assert plain(families["s7dissect_connections_open"]) == 0
     assert plain(families["s7dissect_connections_opened"]) == len(analysis.connections)
     assert plain(families["s7dissect_open_requests"]) == 0

@@ -6,6 +6,7 @@ import asyncio
 import os
 import re
 import signal
+import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from unittest.mock import MagicMock
@@ -15,9 +16,12 @@ from textual.color import Color
 from textual.filter import NoColor
 from textual.pilot import Pilot
 
+from dissect.findings.catalogue import CATALOGUE
 from dissect.live.session import Session
 from dissect.monitor.app import MonitorApp
+from dissect.monitor.lists import FindingFacts
 from dissect.monitor.screens import PageScreen
+from dissect.wire.clock import Clock
 from tests.monitor.support import CAPTURES, SIZES, hostile, live, of_capture, of_packets, screen
 from tests.report.support import UNSAFE, begun, read
 
@@ -396,3 +400,86 @@ def test_the_screens_in_the_document_are_real() -> None:
         assert text(app) == SCREENS[1]
 
     drive(of_capture("nodes7-poll-missing"), act)
+
+
+# ---- what weighs most -----------------------------------------------------------------------------------------------
+
+
+def found(*slugs: str) -> list[FindingFacts]:
+    return [FindingFacts(CATALOGUE[slug], 1, ()) for slug in slugs]
+
+
+WARNINGS = [slug for slug, rule in CATALOGUE.items() if rule.severity == "warning"][:8]
+ERRORS = [slug for slug, rule in CATALOGUE.items() if rule.severity == "error"]
+
+
+@pytest.mark.parametrize("looked", [False, True])
+def test_errors_are_seen_though_warnings_came_first(looked: bool) -> None:
+    async def act(app: MonitorApp, pilot: Pilot[bool]) -> None:
+        if looked:  # somebody was there, and went on
+            await press(pilot, "tab", "shift+tab")
+        app.findings.update_rows(found(*WARNINGS), "FINDINGS")
+        app._arrange()
+        await pilot.pause()
+        app.findings.update_rows(found("security.plc_start", "security.plc_stop", *WARNINGS), "FINDINGS")
+        app._arrange()
+        await pilot.pause()
+        lines = screen(app)
+        at = next(number for number, line in enumerate(lines) if "FINDINGS" in line)
+        assert [line.split()[1] for line in lines[at + 1 : at + 3]] == ["security.plc_start", "security.plc_stop"]
+        assert lines[at].endswith(f"({10 - (len(lines) - at - 2)} more)")
+
+    drive(of_capture("nodes7-poll-missing"), act)
+
+
+def test_all_errors_have_room_before_warnings() -> None:
+    async def act(app: MonitorApp, pilot: Pilot[bool]) -> None:
+        app.findings.update_rows(found(*ERRORS[:8], *WARNINGS), "FINDINGS")
+        app._arrange()
+        await pilot.pause()
+        lines = screen(app)
+        assert [line.split()[1] for line in lines if line.startswith("error ")] == ERRORS[:8]
+        assert any(["TRANSACTIONS" in line for line in lines])
+        app.findings.update_rows(found(*ERRORS[:15], *WARNINGS), "FINDINGS")
+        app._arrange()
+        await pilot.pause()
+        lines = screen(app)
+        seen = len([line for line in lines if line.startswith("error ")])
+        assert 8 <= seen < 15
+        assert any([line.endswith(f"({15 + len(WARNINGS) - seen} more)") for line in lines])
+
+    drive(of_capture("nodes7-poll-missing"), act)
+
+
+def test_rows_above_are_counted_where_somebody_reads_further_down() -> None:
+    async def act(app: MonitorApp, pilot: Pilot[bool]) -> None:
+        app.findings.update_rows(found(*ERRORS[:2], *WARNINGS), "FINDINGS")
+        app._arrange()
+        await press(pilot, "tab", "end")
+        assert any([re.search(r"FINDINGS  \(\d more above\)", line) for line in screen(app)])
+        await press(pilot, "tab")
+        assert ERRORS[0] in text(app)
+
+    drive(of_capture("nodes7-poll-missing"), act)
+
+
+def test_local_time_on_every_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TZ", "Asia/Kolkata")
+    time.tzset()
+
+    async def act() -> None:
+        session = of_capture("nodes7-poll-missing")
+        app = MonitorApp(session, clock=Clock(local=True))
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.pause()
+            assert "07:01:15 +05:30" in screen(app)[0]
+            assert not [line for line in screen(app) if " 01:31:" in line]
+            await press(pilot, "enter")
+            assert "2026-11-21 07:01:15.612989 +05:30" in text(app)
+        session.close()
+
+    try:
+        asyncio.run(act())
+    finally:
+        monkeypatch.undo()
+        time.tzset()

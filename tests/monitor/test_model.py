@@ -8,9 +8,9 @@ from dissect.live.session import PROBLEM, TRANSACTION, Event
 from dissect.monitor import model as model_module
 from dissect.monitor import wanted as wanted_module
 from dissect.monitor.entries import Entry
+from dissect.monitor.filter import Wanted
 from dissect.monitor.lists import ConnectionList
 from dissect.monitor.model import Model
-from dissect.monitor.wanted import Wanted
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
@@ -43,7 +43,7 @@ def test_everything_of_a_capture_is_there() -> None:
     assert (connection.unanswered, connection.failed, connection.waiting) == (0, 2, 0)
     assert connection.latency_ns == transactions(entries)[-1].latency_ns
     assert connection.worst[-1] == connection.latency_ns
-    (finding,) = model.findings(session.run.pipeline.conversation.judge.counts)
+    (finding,) = model.findings(session.run.pipeline.finding_counts)
     assert (finding.key, finding.times, len(finding.details)) == ("transaction.item_error", 4, 4)
 
 

@@ -4,13 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.monitor.pulse import LEVELS, SECONDS, Pulse, level
+from dissect.monitor.rate_history import LEVELS, SECONDS, RateHistory, level
 
 S = 1_000_000_000
 
 
 def test_the_rate_counts_whole_seconds() -> None:
-    pulse = Pulse()
+    pulse = RateHistory()
     for at in range(30):
         pulse.add(100 * S + at * S // 10, 1000)  # ten a second, for three seconds
     assert pulse.rate(103 * S, 1) == 10
@@ -21,7 +21,7 @@ def test_the_rate_counts_whole_seconds() -> None:
 
 
 def test_the_worst_answer_of_each_second() -> None:
-    pulse = Pulse()
+    pulse = RateHistory()
     pulse.add(100 * S, 5)
     pulse.add(100 * S, 9)
     pulse.add(102 * S, 3)
@@ -30,7 +30,7 @@ def test_the_worst_answer_of_each_second() -> None:
 
 
 def test_a_long_silence_leaves_nothing() -> None:
-    pulse = Pulse()
+    pulse = RateHistory()
     pulse.add(100 * S, 5)
     pulse.add(100 * S + SECONDS * S, None)
     assert pulse.worst(100 * S + SECONDS * S, SECONDS) == [-1] * SECONDS
@@ -38,7 +38,7 @@ def test_a_long_silence_leaves_nothing() -> None:
 
 
 def test_time_that_runs_backwards_counts_for_now() -> None:
-    pulse = Pulse()
+    pulse = RateHistory()
     pulse.add(100 * S, 5)
     pulse.add(90 * S, 7)
     assert pulse.worst(100 * S, 2) == [-1, 7]
@@ -47,7 +47,7 @@ def test_time_that_runs_backwards_counts_for_now() -> None:
 
 @given(st.lists(st.tuples(st.integers(0, 200), st.integers(-5, 10**12))))
 def test_it_agrees_with_a_count_of_everything(added: list[tuple[int, int]]) -> None:
-    pulse = Pulse()
+    pulse = RateHistory()
     newest = 0
     counted: list[tuple[int, int]] = []
     for second, latency in added:

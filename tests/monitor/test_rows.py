@@ -29,7 +29,7 @@ def test_rows_fill_their_width_and_nothing_in_them_is_unsafe(name: str) -> None:
     session = of_capture(name)
     model = model_of(session)
     clock = Clock()
-    found = model.findings(session.run.pipeline.conversation.judge.counts)
+    found = model.findings(session.run.pipeline.finding_counts)
     connections = model.connections(session.status().now_ns)
     for width in WIDTHS:
         drawn = [rows.entry_row(entry, width, clock) for entry in model.entries[:50]]
@@ -47,7 +47,7 @@ def test_rows_fill_their_width_and_nothing_in_them_is_unsafe(name: str) -> None:
 def test_details_of_everything(name: str) -> None:
     session = of_capture(name)
     model = model_of(session)
-    found = model.findings(session.run.pipeline.conversation.judge.counts)
+    found = model.findings(session.run.pipeline.finding_counts)
     pages = [details.entry_lines(entry) for entry in model.entries[:30]]
     pages += [details.connection_details(one, model.entries) for one in model.connections(session.status().now_ns)]
     pages += [details.finding_details(one) for one in found]

@@ -15,7 +15,6 @@ from dissect.oracle.compare import Comparison, compare
 from dissect.oracle.facts import PDU, TPDU
 from dissect.oracle.ours import NO_DISSECTOR
 from dissect.oracle.pyshark_reader import read_pyshark
-from dissect.oracle.tshark import OracleError
 from dissect.oracle.uncarried import REASONS, as_markdown, without_reason
 
 ROOT: Final = Path(__file__).resolve().parents[2]
@@ -120,8 +119,10 @@ def test_what_wireshark_shows_besides_is_told(corpus: Path) -> None:
 
 @pytest.mark.parametrize("name", CUT_OFF)
 def test_cut_off_capture(name: str) -> None:
-    with pytest.raises(OracleError, match="cut short"):
-        compare(str(ROOT / "captures" / "crafted" / name))
+    comparison = compare(str(ROOT / "captures" / "crafted" / name))
+    assert "cut off" in comparison.loss or "corrupt" in comparison.loss
+    assert sum(comparison.compared.values()) > 0
+    assert comparison.unexplained == []
 
 
 @pytest.mark.parametrize("name", ["batched", "item-errors", "blocks", "slivers", "two-clients"])

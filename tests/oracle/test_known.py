@@ -208,6 +208,10 @@ EXAMPLES: Final[dict[str, Callable[[], list[bytes]]]] = {
     "before-its-turn": early,
     "unfinished": cut_by_a_segment,
     "shown-again": again,
+    "parameter-of-an-ack": lambda: sent(
+        dt(b"\x32\x02\x00\x00\x00\x07\x00\x01\x00\x00\x00\x00\x29"),
+        dt(b"\x32\x02\x00\x00\x00\x08\x00\x02\x00\x00\x81\x04\x05\x01"),
+    ),
     "joined-over-a-gap": torn,
 }
 

@@ -15,7 +15,7 @@ import pytest
 _MOTHER: Final = """
 import importlib, json, os, signal, sys
 for name in ("alerts", "anonymize.rewriter", "anonymize.survey", "baseline", "baseline.loading", "golden.reading",
-             "golden.saving", "live.evidence", "live.json_lines", "live.lines", "live.session", "recording.cutter",
+             "live.evidence", "live.json_lines", "live.lines", "live.session", "recording.cutter",
              "recording.keeper", "replay", "replay.run", "report.tree", "scd.codec", "scd.loading", "source.live.opening",
              "oracle.verification", "testing.golden_check"):
     importlib.import_module("dissect." + name)
@@ -47,6 +47,7 @@ for line in sys.stdin:
         print(child, flush=True)
         continue
     try:
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a script ignores it from birth
         for number, (path, flags) in enumerate(((request["stdin"], os.O_RDONLY),
                 (request["stdout"], os.O_WRONLY | os.O_CREAT), (request["stderr"], os.O_WRONLY | os.O_CREAT))):
             opened = os.open(path, flags, 0o600)

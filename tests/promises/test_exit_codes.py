@@ -82,6 +82,7 @@ ELSEWHERE: Final = {
     ("verify", "0"): "tests/cli/test_verify.py::test_all_is_explained",
     ("verify", "1"): "tests/cli/test_verify.py::test_what_is_not_explained_is_told",
     ("verify", "2"): "tests/cli/test_verify.py::test_an_unreadable_file",
+    ("verify", "3"): "tests/cli/test_verify.py::test_a_file_tshark_gives_up_on",
     ("proxy", "0"): "tests/cli/test_proxy.py::test_what_passes_is_told_and_written",
     ("proxy", "1"): "tests/cli/test_proxy.py::test_findings_fail_the_command_when_asked_to",
     ("proxy", "2"): "tests/cli/test_proxy.py::test_wrong_use_is_told",

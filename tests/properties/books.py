@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from dissect.conversation import Observer, Options
+from dissect.engine.observer import Observer, Options
+from dissect.engine.pipeline import Pipeline
 from dissect.findings.finding import Finding
-from dissect.pipeline import Pipeline
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from tests.properties.packets import Packet
@@ -63,12 +63,12 @@ class Result:
     @property
     def counts(self) -> dict[str, int]:
         """The findings by slug."""
-        return self.pipeline.conversation.judge.counts
+        return self.pipeline.finding_counts
 
     @property
     def packets(self) -> dict[str, int]:
         """What became of the packets, without the categories that are empty."""
-        return {name: count for name, count in self.pipeline.packet_counts().items() if count}
+        return {name: count for name, count in self.pipeline.counters.packet_counts().items() if count}
 
     @property
     def outcomes(self) -> list[str]:
@@ -85,23 +85,22 @@ def check_books(pipeline: Pipeline, record: Record | None = None) -> None:
 
     Without ``record`` bugs of ours may have struck; then their octets are accounted for as such.
     """
-    counts = pipeline.packet_counts()
+    counts = pipeline.counters.packet_counts()
     assert sum(counts.values()) == pipeline.frames, counts
     assert min(counts.values()) >= 0, counts
-    octets = pipeline.octets
+    octets = pipeline.counters.octets
     assert octets.delivered == octets.framed + octets.skipped + octets.buffered + octets.failed
-    assert octets.failed == 0 or (record is None and "internal.bug" in pipeline.conversation.judge.counts)
+    assert octets.failed == 0 or (record is None and "internal.bug" in pipeline.finding_counts)
     assert min(octets.as_dict().values()) >= 0, octets.as_dict()
-    talk = pipeline.conversation
-    assert talk.tsdus[0] == talk.pdus == sum(talk.rosctrs)
+    assert pipeline.iso.tsdus[0] == pipeline.s7.pdus == sum(pipeline.s7.rosctrs)
     if record is None:
         return
     halves = sum([bool(one.request_frame) + bool(one.response_frame) for one in record.transactions])
-    assert halves + talk.unpaired + talk.plus_unpaired == talk.pdus + talk.plus_pdus
+    assert halves + pipeline.s7.unpaired + pipeline.plus.unpaired == pipeline.s7.pdus + pipeline.plus.pdus
     assert len({one.number for one in record.transactions}) == len(record.transactions)
     assert sorted([one.number for one in record.opened]) == sorted([one.number for one in record.closed])
     for finding in record.findings:
-        assert finding.slug in talk.judge.counts
+        assert finding.slug in pipeline.finding_counts
         assert all([0 < frame <= pipeline.frames for frame in finding.frames])
 
 

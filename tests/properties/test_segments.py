@@ -58,8 +58,8 @@ def test_any_segmentation_gives_the_same_transactions(
     check_books(result.pipeline, result.record)
     assert in_order(result) == in_order(plain(made))
     assert told(result.transactions) == true(made)
-    assert result.pipeline.octets.skipped == 0
-    assert result.pipeline.octets.missing == 0
+    assert result.pipeline.counters.octets.skipped == 0
+    assert result.pipeline.counters.octets.missing == 0
 
 
 @given(seeds, counts, rounds, st.integers(0, MASK), st.integers(0, MASK))
@@ -86,7 +86,7 @@ def test_reordering_and_copies_give_the_same_transactions(seed: int, count: int,
     check_books(result.pipeline, result.record)
     assert sorted_by_connection(result.transactions) == sorted_by_connection(plain(made).transactions)
     assert told(result.transactions) == true(made)
-    assert result.pipeline.octets.missing == 0
+    assert result.pipeline.counters.octets.missing == 0
 
 
 @given(seeds, counts, rounds, st.floats(0, 1), st.booleans())
@@ -134,7 +134,7 @@ def _check_loss(made: list[Conversation], hit: int, gone: Segment, span: tuple[i
     assert invented == []
     touched = {(deal.request, deal.response) for deal in made[hit].deals if deal.touched(gone.side, span)}
     assert len([known for known in missing if (known[2], known[3]) not in touched]) <= 1
-    assert result.pipeline.octets.missing <= len(gone.payload)
+    assert result.pipeline.counters.octets.missing <= len(gone.payload)
 
 
 @given(seeds, counts, rounds, shares)

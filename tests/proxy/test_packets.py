@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.conversation import Observer, Options
-from dissect.pipeline import Pipeline
+from dissect.engine.observer import Observer, Options
+from dissect.engine.pipeline import Pipeline
 from dissect.proxy.packets import ACKNOWLEDGE_AFTER, ETHERNET, MAX_SEGMENT, Conversation, endpoint_of
 from dissect.source.pcapng_writer import PcapngWriter
 from dissect.tcp.connection import Endpoint
@@ -210,5 +210,5 @@ def test_the_pipeline_knows_client_end_and_who_ended_it() -> None:
     )
     assert connection.ending is not None
     assert connection.role(connection.ending.side) == "server"
-    assert sum(pipeline.packet_counts().values()) == len(frames)
+    assert sum(pipeline.counters.packet_counts().values()) == len(frames)
     assert socket.inet_ntoa(SERVER.address) == connection.server.host

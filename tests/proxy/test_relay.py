@@ -13,9 +13,9 @@ from collections.abc import Iterator
 import pytest
 
 from dissect.metrics.address import Address
-from dissect.proxy import door
+from dissect.net import listener as door
+from dissect.net.addresses import Place, ProxyError, places_to_listen
 from dissect.proxy import relay as module
-from dissect.proxy.addresses import Place, ProxyError, places_to_listen
 from dissect.proxy.link import PIECE
 from dissect.proxy.relay import Relay
 from dissect.proxy.tap import CLOSED, GONE, OPENED, REFUSED, RESET, SENT, UNANSWERED, Passed, Tap

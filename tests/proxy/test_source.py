@@ -11,8 +11,8 @@ import pytest
 import snap7
 import snap7.error
 
+from dissect.engine.observer import Options
 from dissect.findings.finding import Finding
-from dissect.findings.observer import Options
 from dissect.live.session import CLOSED, Event, Session
 from dissect.proxy.capture_file import CaptureFile
 from dissect.proxy.packets import endpoint_of

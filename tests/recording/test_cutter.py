@@ -10,7 +10,7 @@ from typing import Final
 import pytest
 
 import dissect
-from dissect.conversation import Options
+from dissect.engine.observer import Options
 from dissect.findings.finding import Finding
 from dissect.recording.cutter import Cutter
 from dissect.recording.selection import Selection, Wanted

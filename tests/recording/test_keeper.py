@@ -14,7 +14,7 @@ import pytest
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.finding import Finding
 from dissect.recording import keeper as keeper_module
-from dissect.recording.keeper import Keeper
+from dissect.recording.event_capture import EventCapture
 from dissect.recording.recent import PACKET_COST
 from dissect.source.files import open_capture
 from tests.source.craft import EPOCH, ETHERNET, NS, Recorder, drain, step_to_the_end
@@ -29,7 +29,7 @@ def found(slug: str, *frames: int, detail: str = "now") -> Finding:
     return Finding(CATALOGUE[slug], 3, list(frames), TIME, detail)
 
 
-def feed(keeper: Keeper, seconds: range | list[int]) -> None:
+def feed(keeper: EventCapture, seconds: range | list[int]) -> None:
     """Give it a packet a second, which holds its second."""
     for second in seconds:
         octets = b"xx" + second.to_bytes(4, "big") + bytes(60)
@@ -47,7 +47,7 @@ def comments(path: Path) -> list[tuple[int, str]]:
 
 
 def test_what_was_before_and_after_is_kept(tmp_path: Path) -> None:
-    keeper = Keeper(str(tmp_path), 3 * NS, 2 * NS, slugs=[STOP])
+    keeper = EventCapture(str(tmp_path), 3 * NS, 2 * NS, slugs=[STOP])
     feed(keeper, range(10))
     keeper.finding(found(STOP, 9, 10))
     feed(keeper, range(10, 20))
@@ -60,7 +60,7 @@ def test_what_was_before_and_after_is_kept(tmp_path: Path) -> None:
 
 
 def test_wireshark_shows_the_comments(tmp_path: Path) -> None:
-    keeper = Keeper(str(tmp_path), 3 * NS, 2 * NS, slugs=[STOP], application="s7dissect 1")
+    keeper = EventCapture(str(tmp_path), 3 * NS, 2 * NS, slugs=[STOP], application="s7dissect 1")
     feed(keeper, range(10))
     keeper.finding(found(STOP, 9, detail="from \x1b[31m"))
     keeper.close()
@@ -74,7 +74,7 @@ def test_wireshark_shows_the_comments(tmp_path: Path) -> None:
 
 
 def test_what_does_not_trigger_is_a_comment_all_the_same(tmp_path: Path) -> None:
-    keeper = Keeper(str(tmp_path), 3 * NS, 2 * NS, slugs=[STOP])
+    keeper = EventCapture(str(tmp_path), 3 * NS, 2 * NS, slugs=[STOP])
     feed(keeper, range(10))
     keeper.finding(found("transaction.slow", 2, 9))
     assert list(tmp_path.iterdir()) == []
@@ -89,7 +89,7 @@ def test_what_does_not_trigger_is_a_comment_all_the_same(tmp_path: Path) -> None
 
 
 def test_a_trigger_while_a_file_is_open_keeps_it_open(tmp_path: Path) -> None:
-    keeper = Keeper(str(tmp_path), 3 * NS, 2 * NS, slugs=[STOP])
+    keeper = EventCapture(str(tmp_path), 3 * NS, 2 * NS, slugs=[STOP])
     feed(keeper, range(10))
     keeper.finding(found(STOP, 10))
     feed(keeper, [10, 11])
@@ -103,7 +103,7 @@ def test_a_trigger_while_a_file_is_open_keeps_it_open(tmp_path: Path) -> None:
 
 
 def test_the_next_file_has_all_its_packets_too(tmp_path: Path) -> None:
-    keeper = Keeper(str(tmp_path), 3 * NS, 1 * NS, slugs=[STOP])
+    keeper = EventCapture(str(tmp_path), 3 * NS, 1 * NS, slugs=[STOP])
     feed(keeper, range(5))
     keeper.finding(found(STOP, 5))
     feed(keeper, range(5, 8))
@@ -114,7 +114,7 @@ def test_the_next_file_has_all_its_packets_too(tmp_path: Path) -> None:
 
 
 def test_a_finding_about_packets_that_are_gone_is_told_with_the_one_at_hand(tmp_path: Path) -> None:
-    keeper = Keeper(str(tmp_path), 3 * NS, 2 * NS, slugs=[STOP])
+    keeper = EventCapture(str(tmp_path), 3 * NS, 2 * NS, slugs=[STOP])
     feed(keeper, range(10))
     keeper.finding(found(STOP, 1, 2))
     keeper.close()
@@ -122,7 +122,7 @@ def test_a_finding_about_packets_that_are_gone_is_told_with_the_one_at_hand(tmp_
 
 
 def test_what_is_found_on_a_silent_line(tmp_path: Path) -> None:
-    keeper = Keeper(str(tmp_path), 3 * NS, 5 * NS, slugs=[STOP])
+    keeper = EventCapture(str(tmp_path), 3 * NS, 5 * NS, slugs=[STOP])
     feed(keeper, range(10))
     keeper.finding(found(STOP, 10))
     (part,) = tmp_path.iterdir()
@@ -147,7 +147,7 @@ def test_what_is_found_on_a_silent_line(tmp_path: Path) -> None:
 
 def test_memory_is_bounded_and_the_file_says_so(tmp_path: Path) -> None:
     size = 64 + PACKET_COST
-    keeper = Keeper(str(tmp_path), 100 * NS, 0, max_octets=4 * size, slugs=[STOP])
+    keeper = EventCapture(str(tmp_path), 100 * NS, 0, max_octets=4 * size, slugs=[STOP])
     feed(keeper, range(10))
     keeper.finding(found(STOP, 10))
     keeper.close()
@@ -157,7 +157,7 @@ def test_memory_is_bounded_and_the_file_says_so(tmp_path: Path) -> None:
 
 
 def test_a_packet_larger_than_the_memory_is_kept_when_it_triggers(tmp_path: Path) -> None:
-    keeper = Keeper(str(tmp_path), 100 * NS, 0, max_octets=10, slugs=[STOP])
+    keeper = EventCapture(str(tmp_path), 100 * NS, 0, max_octets=10, slugs=[STOP])
     feed(keeper, range(3))
     keeper.finding(found(STOP, 3))
     keeper.close()
@@ -166,7 +166,7 @@ def test_a_packet_larger_than_the_memory_is_kept_when_it_triggers(tmp_path: Path
 
 def test_files_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(keeper_module, "MAX_FILES", 3)
-    keeper = Keeper(str(tmp_path), 0, 0, slugs=[STOP])
+    keeper = EventCapture(str(tmp_path), 0, 0, slugs=[STOP])
     for second in range(5):
         feed(keeper, [second])
         keeper.finding(found(STOP, second + 1))
@@ -177,7 +177,7 @@ def test_files_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_a_file_that_grows_too_large_gives_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(keeper_module, "MAX_FILE_OCTETS", 1000)
-    keeper = Keeper(str(tmp_path), 0, 100 * NS, slugs=[STOP])
+    keeper = EventCapture(str(tmp_path), 0, 100 * NS, slugs=[STOP])
     for second in range(20):
         feed(keeper, [second])
         keeper.finding(found(STOP, second + 1))
@@ -188,7 +188,7 @@ def test_a_file_that_grows_too_large_gives_way(tmp_path: Path, monkeypatch: pyte
 
 def test_triggers_of_one_moment_and_another_run_get_names_of_their_own(tmp_path: Path) -> None:
     for name in ("../etc/passwd", "../etc/passwd", ".hidden\x00\n", "", "длинное" * 100):
-        keeper = Keeper(str(tmp_path), 0, 0)
+        keeper = EventCapture(str(tmp_path), 0, 0)
         feed(keeper, [0])
         keeper.trigger(name, TIME)
         keeper.close()
@@ -202,7 +202,7 @@ def test_triggers_of_one_moment_and_another_run_get_names_of_their_own(tmp_path:
 
 
 def test_a_clock_set_back_does_not_hold_a_file_open(tmp_path: Path) -> None:
-    keeper = Keeper(str(tmp_path), 3 * NS, 2 * NS, slugs=[STOP])
+    keeper = EventCapture(str(tmp_path), 3 * NS, 2 * NS, slugs=[STOP])
     feed(keeper, [5000])
     keeper.finding(found(STOP, 1))
     feed(keeper, [1, 2])
@@ -210,7 +210,7 @@ def test_a_clock_set_back_does_not_hold_a_file_open(tmp_path: Path) -> None:
 
 
 def test_comments_of_the_capture_stay(tmp_path: Path) -> None:
-    keeper = Keeper(str(tmp_path), 3 * NS, 2 * NS, slugs=[STOP])
+    keeper = EventCapture(str(tmp_path), 3 * NS, 2 * NS, slugs=[STOP])
     keeper.comment("was there")
     feed(keeper, [0])
     keeper.finding(found(STOP, 1))
@@ -221,12 +221,12 @@ def test_comments_of_the_capture_stay(tmp_path: Path) -> None:
 
 def test_times_before_and_after_are_not_negative(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="less than 0"):
-        Keeper(str(tmp_path), -1, 0)
+        EventCapture(str(tmp_path), -1, 0)
 
 
 CHILD = """
 import sys
-from dissect.recording.keeper import Keeper
+from dissect.recording.event_capture import Keeper
 keeper = Keeper(sys.argv[1], 50, 100)
 number = 0
 while True:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from mypy_extensions import i64
 
-from dissect.conversation import Observer
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Pipeline
 from dissect.findings.finding import Finding
-from dissect.pipeline import Pipeline
-from dissect.recording.keeper import Keeper
+from dissect.recording.event_capture import EventCapture
 from dissect.recording.ring_buffer import RingBuffer, parse_limits
 from dissect.source.files import open_capture
 from dissect.source.packet import PacketSink
@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 class Telling(Observer):
     """Passes findings on to a keeper."""
 
-    def __init__(self, keeper: Keeper) -> None:
+    def __init__(self, keeper: EventCapture) -> None:
         super().__init__()
         self.keeper = keeper
 
@@ -42,7 +42,7 @@ class Fork(PacketSink):
 
 def test_a_stop_of_a_plc_is_kept_with_what_was_around_it(tmp_path: Path) -> None:
     source = ROOT / "captures" / "plc-control.pcapng"
-    keeper = Keeper(str(tmp_path / "kept"), 300_000, 300_000, slugs=["security.plc_stop"])
+    keeper = EventCapture(str(tmp_path / "kept"), 300_000, 300_000, slugs=["security.plc_stop"])
     ring = RingBuffer(str(tmp_path / "ring"), parse_limits(["filesize:1", "files:100"]))
     pipeline = Pipeline(Telling(keeper))
     reader = open_capture(str(source))

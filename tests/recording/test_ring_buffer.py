@@ -44,7 +44,7 @@ def test_all_packets_are_in_the_files_once_and_in_order(tmp_path: Path) -> None:
     ring.close()
     ring.close()
     files = sorted(tmp_path.iterdir())
-    assert len(files) == 7
+    assert len(files) == 8
     assert [number for path in files for number in numbers(path)] == list(range(50))
     assert list(ring.finished) == files
     assert (ring.packets, ring.removed) == (50, 0)
@@ -172,7 +172,7 @@ def test_after_an_error_it_goes_on_in_another_file(tmp_path: Path, small_disk: N
     ring.close()
     parts = sorted(tmp_path.iterdir())
     assert failed == [str(path) for path in parts[:2]]
-    assert [numbers(path) for path in parts] == [list(range(7)), list(range(8, 15)), list(range(16, 20))]
+    assert [numbers(path) for path in parts] == [list(range(6)), list(range(7, 13)), list(range(14, 20))]
     assert len(list(tmp_path.glob("*.part"))) == 2
 
 
@@ -249,3 +249,90 @@ def test_wrong_limits_are_told(word: str, said: str) -> None:
 def test_a_number_of_files_alone_says_nothing() -> None:
     with pytest.raises(ValueError, match="filesize:KB or duration:SECONDS"):
         parse_limits(["files:3"])
+
+
+# ---- earlier runs ---------------------------------------------------------------------------------------------------
+
+
+def ran(
+    directory: Path, first: int, count: int = 12, octets: int = 400, files: int = 3, kill: bool = False
+) -> RingBuffer:
+    """Run a ring that writes packets from ``first`` on; a ``kill`` leaves its last file as it is."""
+    ring = RingBuffer(str(directory), RingLimits(octets=octets, files=files), application="s7dissect 1")
+    for number in range(first, first + count):
+        put(ring, number)
+    if kill:
+        if ring._writer is not None:
+            ring._writer.abandon()
+    else:
+        ring.close()
+    return ring
+
+
+def test_a_ring_is_bounded_over_restarts(tmp_path: Path) -> None:
+    for run in range(5):
+        ran(tmp_path, run * 12, kill=run % 2 == 1)
+        assert len(names(tmp_path)) <= 3
+    kept = [number for name in names(tmp_path) for number in numbers(tmp_path / name)]
+    assert kept == list(range(60 - len(kept), 60))
+
+
+def test_what_kills_leave_behind_counts(tmp_path: Path) -> None:
+    for run in range(9):
+        ran(tmp_path, run, count=1, kill=True)
+    assert [name.endswith(".part") for name in names(tmp_path)] == [True] * 3
+    assert [number for name in names(tmp_path) for number in numbers(tmp_path / name)] == [6, 7, 8]
+
+
+def test_octets_of_earlier_runs_count_too(tmp_path: Path) -> None:
+    ran(tmp_path, 0, count=4000, octets=1_000_000)
+    assert len(names(tmp_path)) == 1
+    ring = ran(tmp_path, 5000, count=1, octets=300, files=1)
+    assert [numbers(tmp_path / name) for name in names(tmp_path)] == [[5000]]
+    assert ring.removed == 1
+    for number in range(6):
+        ran(tmp_path, 6000 + 4000 * number, count=4000, octets=1_000_000)
+    ran(tmp_path, 90_000, count=1, octets=1000)
+    assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= 3 * (1000 + 512 * 1024)
+    assert 90_000 in numbers(tmp_path / names(tmp_path)[-1])
+
+
+def test_only_what_a_ring_of_this_name_made_is_removed(tmp_path: Path) -> None:
+    ran(tmp_path, 0, count=1)
+    (made,) = tmp_path.iterdir()
+    other = RingBuffer(str(tmp_path), RingLimits(octets=300, files=3), name="other")
+    put(other, 1)
+    other.close()
+    strangers = {
+        "s7dissect_00001_20200101T000000Z.pcapng": b"not ours",
+        "s7dissect_00002_20200101T000000Z.pcapng": made.read_bytes().replace(b"ring s7dissect", b"ring s7dissecT"),
+        "s7dissect_00003_20200101T000000Z.pcapng.bak": made.read_bytes(),
+        "notes.txt": b"",
+    }  # fmt: skip
+    for name, octets in strangers.items():
+        (tmp_path / name).write_bytes(octets)
+    elsewhere = tmp_path.parent / "elsewhere.pcapng"
+    elsewhere.write_bytes(made.read_bytes())
+    (tmp_path / "s7dissect_00004_20200101T000000Z.pcapng").symlink_to(elsewhere)
+    (tmp_path / "s7dissect_00005_20200101T000000Z.pcapng").mkdir()
+    os.mkfifo(tmp_path / "s7dissect_00006_20200101T000000Z.pcapng")
+    before = set(names(tmp_path)) - {made.name}
+    ran(tmp_path, 100, count=50, files=1)
+    assert before <= set(names(tmp_path))
+    assert len(names(tmp_path)) == len(before) + 1
+    assert elsewhere.exists()
+
+
+def test_a_file_that_another_ring_writes_is_left_alone(tmp_path: Path) -> None:
+    busy = RingBuffer(str(tmp_path), RingLimits(octets=100_000, files=2))
+    put(busy, 0)
+    ran(tmp_path, 10, files=1)
+    put(busy, 1)
+    busy.close()
+    assert numbers(busy.finished[0]) == [0, 1]
+
+
+def test_a_ring_without_an_end_takes_no_earlier_file_for_its_own(tmp_path: Path) -> None:
+    for run in range(4):
+        ran(tmp_path, run, count=1, files=0)
+    assert len(names(tmp_path)) == 4

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mypy_extensions import i64
 
-from dissect.conversation import Observer
+from dissect.engine.observer import Observer
 from dissect.recording import spans
 from dissect.recording.spans import Span, SpanBook
 from dissect.transactions.table import Side

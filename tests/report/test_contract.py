@@ -214,6 +214,7 @@ def test_a_connection_from_beginning_to_end() -> None:
             "role": "server",
             "frame": 11,
             "time": "2024-03-04T05:06:07.010000000Z",
+            "reset": None,
             "silence_ns": 1_000_000,
             "connecting": False,
             "open_requests": 1,

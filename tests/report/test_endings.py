@@ -6,7 +6,22 @@ from dissect.report.endings import ending_as_dict, phrase
 from dissect.report.places import Places
 from dissect.source.packet import SourceFile
 from dissect.transactions.connection import Connection
-from tests.transactions.talk import CLIENT, CONNECT, MS, RST, SECOND, SERVER, Talk, ack_data, dbw, read, refused, words
+from tests.transactions.talk import (
+    ACK,
+    CLIENT,
+    CONNECT,
+    FIN,
+    MS,
+    RST,
+    SECOND,
+    SERVER,
+    Talk,
+    ack_data,
+    dbw,
+    read,
+    refused,
+    words,
+)
 
 PLACES = Places([SourceFile("a.pcap", 1)], False)
 
@@ -24,7 +39,7 @@ def test_a_cut_names_who_how_and_what_was_open() -> None:
     talk.ask(read(2, dbw(1, 2)), after_ns=100 * MS)
     talk.packet(CLIENT, flags=RST, after_ns=2 * SECOND)
     said = "reset by the client at packet 11 with 1 request open: Read Var DB1.DBW2 (packet 10), 2.00 s old"
-    assert phrase(connection(talk), PLACES) == f"{said}; last answer 2.10 s before"
+    assert phrase(connection(talk), PLACES) == f"{said}; last answer 2.10 s earlier"
 
 
 def test_several_open_requests() -> None:
@@ -33,7 +48,7 @@ def test_several_open_requests() -> None:
     talk.ask(read(2, dbw(1, 2)), read(3, dbw(1, 4)))
     talk.packet(SERVER, flags=RST, after_ns=SECOND)
     said = "reset by the server at packet 9 with 2 requests open: the first is Read Var DB1.DBW2 (packet 8), 1.00 s old"
-    assert phrase(connection(talk), PLACES) == f"{said}; last answer 1.00 s before"
+    assert phrase(connection(talk), PLACES) == f"{said}; last answer 1.00 s earlier"
 
 
 def test_a_refusal_just_before() -> None:
@@ -43,7 +58,7 @@ def test_a_refusal_just_before() -> None:
     talk.tell(ack_data(2, b"\x04\x01", refused(0x0A)))
     talk.packet(SERVER, flags=RST)
     told = connection(talk)
-    assert phrase(told, PLACES) == "reset by the server at packet 10; last answer, a refusal, 1.00 ms before"
+    assert phrase(told, PLACES) == "reset by the server at packet 10; last answer, a refusal, 1.00 ms earlier"
     ending = ending_as_dict(told, PLACES)
     assert ending is not None
     assert ending["last_error"] == {"what": "Read Var DB9.DBW0", "before_ns": MS, "code": None}
@@ -82,3 +97,44 @@ def test_several_files_are_named() -> None:
     ending = ending_as_dict(connection(talk), Places([SourceFile("a.pcap", 1), SourceFile("b.pcap", 8)], True))
     assert ending is not None
     assert (ending["file"], ending["frame"]) == ("b.pcap", 1)
+
+
+def test_a_fin_that_the_plc_answers_with_a_rst_names_both() -> None:
+    talk = Talk()
+    talk.open()
+    talk.packet(CLIENT, flags=FIN | ACK)
+    talk.packet(SERVER, flags=RST, after_ns=MS)
+    told = connection(talk)
+    assert phrase(told, PLACES) == "closed by the client at packet 8, reset by the server at packet 9"
+    ending = ending_as_dict(told, PLACES)
+    assert ending is not None
+    assert (ending["how"], ending["role"], ending["frame"]) == ("fin", "client", 8)
+    reset = ending["reset"]
+    assert isinstance(reset, dict)
+    assert (reset["role"], reset["by"], reset["frame"]) == ("server", "10.0.0.2:102", 9)
+    assert reset["time"] > ending["time"]
+
+
+def test_a_rst_alone_is_told_once() -> None:
+    talk = Talk()
+    talk.open()
+    talk.packet(SERVER, flags=RST)
+    told = connection(talk)
+    assert phrase(told, PLACES).startswith("reset by the server at packet 8; last answer")
+    ending = ending_as_dict(told, PLACES)
+    assert ending is not None
+    assert (ending["how"], ending["reset"]) == ("reset", None)
+
+
+def test_an_answer_after_the_fin_came_later_than_the_end() -> None:
+    """A FIN ends one direction only: no time of minus 1.20 s."""
+    talk = Talk()
+    talk.open(8, 8)
+    talk.ask(read(1, dbw(1, 0)), read(2, dbw(1, 2)))
+    talk.packet(CLIENT, flags=FIN | ACK)
+    talk.tell(words(1, 7), after_ns=SECOND)
+    told = connection(talk)
+    assert phrase(told, PLACES).endswith("; last answer 1.00 s later")
+    ending = ending_as_dict(told, PLACES)
+    assert ending is not None
+    assert ending["last_answer"] == {"what": "Read Var DB1.DBW0", "before_ns": -SECOND}

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mypy_extensions import i64
 
-from dissect.conversation import Options
+from dissect.engine.observer import Options
 from dissect.report.json_text import octets_value, value_text
 from dissect.report.jsonl import PduLines, TransactionLines
 from dissect.s7.message import parse_pdu
@@ -379,7 +379,7 @@ def check(path: Path) -> None:
     run = Run([str(path)], told, Options(strict=True))
     while run.step():
         pass
-    assert len(told.pdus) == run.pipeline.conversation.pdus
+    assert len(told.pdus) == run.pipeline.s7.pdus
     for line, transaction in zip(told.lines, told.transactions, strict=True):
         assert line["outcome"] == transaction.outcome_name
         assert line["latency_ns"] == transaction.latency_ns

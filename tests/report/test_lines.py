@@ -5,13 +5,10 @@ from mypy_extensions import i64
 
 from dissect.iso.cotp import parse_tpdu
 from dissect.report.lines import (
-    CSV_COLUMNS,
     carried,
     comment_line,
-    csv_columns,
     pdu_line,
     tpdu_line,
-    transaction_cells,
     transaction_line,
 )
 from dissect.report.places import Places
@@ -64,7 +61,7 @@ def pdu_lines(talk: Talk) -> list[str]:
 def test_a_transaction_on_one_line() -> None:
     told = transactions(read(begun(), 1).packets())
     assert transaction_line(told[1], Clock(), ONE) == (
-        "2024-03-04 05:06:07.007000  #2     8→9          10.0.0.1:49152 → 10.0.0.2:102   1.00 ms  Read Var"
+        "2024-03-04 05:06:07.007000 UTC  #2     8→9          10.0.0.1:49152 → 10.0.0.2:102   1.00 ms  Read Var"
         "  DB10.DBW4 = 1234"
     )
 
@@ -72,7 +69,7 @@ def test_a_transaction_on_one_line() -> None:
 def test_an_unanswered_request_says_so_and_why() -> None:
     told = transactions(begun().send(0, dt(messages.read_job(1, [WORD]))).reset(1).packets())
     assert transaction_line(told[1], Clock(), ONE) == (
-        "2024-03-04 05:06:07.007000  #2     8→?          10.0.0.1:49152 → 10.0.0.2:102         -  Read Var"
+        "2024-03-04 05:06:07.007000 UTC  #2     8→?          10.0.0.1:49152 → 10.0.0.2:102         -  Read Var"
         "  NO ANSWER (connection closed)  DB10.DBW4"
     )
 
@@ -80,7 +77,7 @@ def test_an_unanswered_request_says_so_and_why() -> None:
 def test_a_push_has_the_time_of_its_packet() -> None:
     told = transactions(begun().send(1, dt(messages.userdata(0, 0, 4, 3, b"12345678"))).packets())
     assert transaction_line(told[1], Clock(), ONE) == (
-        "2024-03-04 05:06:07.007000  #2     ?→8          10.0.0.1:49152 → 10.0.0.2:102         -"
+        "2024-03-04 05:06:07.007000 UTC  #2     ?→8          10.0.0.1:49152 → 10.0.0.2:102         -"
         "  CPU functions: diagnostic message  push"
     )
 
@@ -98,58 +95,6 @@ def test_no_item_is_left_out() -> None:
     assert all(f"DB1.DBB{number} = 7" in line for number in range(20))
 
 
-def test_csv_cells() -> None:
-    told = transactions(read(read(begun(), 1), 2, WORD, 0x0A).packets())
-    rows = [dict(zip(CSV_COLUMNS, transaction_cells(each, Clock(), ONE), strict=True)) for each in told]
-    assert rows[1] == {
-        "number": "2",
-        "connection": "1",
-        "asked_by": "10.0.0.1:49152",
-        "answered_by": "10.0.0.2:102",
-        "pdu_ref": "1",
-        "rosctr": "1",
-        "function": "4",
-        "function_name": "Read Var",
-        "request_frame": "8",
-        "response_frame": "9",
-        "request_time": "2024-03-04T05:06:07.007000000Z",
-        "response_time": "2024-03-04T05:06:07.008000000Z",
-        "latency_ns": "1000000",
-        "outcome": "answered",
-        "reason": "",
-        "items": "DB10.DBW4 = 1234",
-        "errors": "",
-    }
-    assert rows[2]["items"] == "DB10.DBW4: Object does not exist"
-    assert rows[2]["errors"] == "item 1: 0x0a Object does not exist"
-
-
-def test_csv_of_halves() -> None:
-    talk = begun().send(1, dt(messages.read_answer(9, [WORD], [b"\x00\x01"])))
-    talk.send(0, dt(messages.pdu(messages.JOB, 2, b"\x1d"))).send(
-        1, dt(messages.pdu(messages.ACK, 2, b"", b"", 0x8104))
-    )
-    talk.send(0, dt(messages.read_job(3, [WORD])))
-    rows = [
-        dict(zip(CSV_COLUMNS, transaction_cells(each, Clock(), ONE), strict=True))
-        for each in transactions(talk.packets())[1:]
-    ]
-    keys = ("request_frame", "response_frame", "request_time", "response_time", "latency_ns", "outcome", "reason")
-    told = {row["outcome"]: [row[key] for key in keys] for row in rows}
-    assert told["orphan_answer"] == ["", "8", "", "2024-03-04T05:06:07.007000000Z", "", "orphan_answer", ""]
-    assert told["unanswered"] == ["11", "", "2024-03-04T05:06:07.010000000Z", "", "", "unanswered", "capture_ended"]
-    assert next(row["errors"] for row in rows if row["outcome"] == "answered").startswith("header: 0x8104 ")
-
-
-def test_csv_names_files_when_there_are_several() -> None:
-    told = transactions(read(begun(), 1).packets())
-    row = dict(zip(csv_columns(SEVERAL), transaction_cells(told[1], Clock(), SEVERAL), strict=True))
-    assert (row["request_frame"], row["request_file"]) == ("8", "one.pcap")
-    assert (row["response_frame"], row["response_file"]) == ("1", "two.pcap")
-    assert csv_columns(ONE) == CSV_COLUMNS
-    assert [name for name in csv_columns(SEVERAL) if not name.endswith("_file")] == CSV_COLUMNS
-
-
 # ---- PDUs -----------------------------------------------------------------------------------------------------------
 
 
@@ -157,7 +102,7 @@ def test_a_pdu_on_one_line() -> None:
     lines = Lines()
     observed(lines, read(begun(), 1).packets())
     assert lines.pdus[0] == (
-        "     6  2024-03-04 05:06:07.005000  10.0.0.1:49152 → 10.0.0.2:102"
+        "     6  2024-03-04 05:06:07.005000 UTC  10.0.0.1:49152 → 10.0.0.2:102"
         "  Job       ref 0x0000  Setup communication  PDU 480, AmQ 1/1"
     )
     lines = Lines()

@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.conversation import Observer
+from dissect.engine.observer import Observer
 from dissect.report.contract import analysis_as_dict
+from dissect.report.csv_rows import CSV_COLUMNS, csv_rows
 from dissect.report.jsonl import PduLines, TransactionLines
-from dissect.report.lines import CSV_COLUMNS, plus_line, transaction_cells, transaction_line
+from dissect.report.lines import plus_line, transaction_line
 from dissect.report.places import Places
 from dissect.report.plus import plus_as_dict, plus_notes
 from dissect.report.tree import plus_tree_lines
@@ -68,7 +69,7 @@ class Everything(Observer):
 
     def transaction(self, transaction: Any) -> None:
         self.transactions.append(transaction_line(transaction, Clock(), PLACES))
-        self.cells.append(dict(zip(CSV_COLUMNS, transaction_cells(transaction, Clock(), PLACES), strict=True)))
+        self.cells += [dict(zip(CSV_COLUMNS, row, strict=True)) for row in csv_rows(transaction, Clock(), PLACES)]
         self.told.append(json.loads(self._transactions.line(transaction)))
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from typing import Any, Final
 
@@ -13,16 +11,17 @@ from hypothesis import strategies as st
 
 from dissect.bindings.binding import Binding, Bindings
 from dissect.bindings.engine import ScdCarrier
-from dissect.pipeline import Options, Pipeline
+from dissect.engine.pipeline import Options, Pipeline
 from dissect.report.analysis import Analysis
+from dissect.report.csv_rows import CSV_COLUMNS, csv_rows
 from dissect.report.jsonl import PduLines
-from dissect.report.lines import CSV_COLUMNS, scd_line, transaction_cells, transaction_line
+from dissect.report.lines import scd_line, transaction_line
 from dissect.report.places import Places
 from dissect.report.scd import scd_as_dict, scd_json, scd_subject, scd_summary
 from dissect.report.scd_tree import scd_tree_lines
 from dissect.report.text import analysis_lines
 from dissect.source.packet import SourceFile
-from dissect.transactions.carried import ScdMessage
+from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.transaction import Transaction
 from dissect.wire.clock import Clock
 from tests.bindings import plant
@@ -120,8 +119,8 @@ def test_a_message_on_a_line() -> None:
     ]
     first = talk.messages[0]
     connection = talk.transactions[0].connection
-    assert scd_line(first, connection, Clock(), ALONE).split()[:6] == [
-        "1", "2020-09-13", "12:26:40.001000", "10.0.0.1:49200", "→", "10.0.0.2:5600",
+    assert scd_line(first, connection, Clock(), ALONE).split()[:7] == [
+        "1", "2020-09-13", "12:26:40.001000", "UTC", "10.0.0.1:49200", "→", "10.0.0.2:5600",
     ]  # fmt: skip
 
 
@@ -141,19 +140,32 @@ def test_contents_of_an_item_stand_behind_it() -> None:
     assert [scd_summary(found).partition("  in ")[2] for found in polled().scd] == ["DB10.DBB0", "DB10.DBB0"]
 
 
-def cells(transaction: Transaction) -> dict[str, str]:
-    out = io.StringIO()
-    csv.writer(out).writerow(transaction_cells(transaction, Clock(), ALONE))
-    return dict(zip(CSV_COLUMNS, next(csv.reader(io.StringIO(out.getvalue()))), strict=True))
+def rows(transaction: Transaction) -> list[dict[str, str]]:
+    return [dict(zip(CSV_COLUMNS, row, strict=True)) for row in csv_rows(transaction, Clock(), ALONE)]
 
 
-def test_csv_cells() -> None:
-    told = cells(exchange(plant.ask("Давление 1", 100, 9), plant.refuse("Давление 1", -4, 9, "write")))
+def test_csv_rows() -> None:
+    (told,) = rows(exchange(plant.ask("Давление 1", 100, 9), plant.refuse("Давление 1", -4, 9, "write")))
     assert (told["pdu_ref"], told["rosctr"], told["function"], told["function_name"]) == ("9", "", "", "SCD write")
-    assert told["items"] == "0x6001:0 Давление 1 = 50 кПа [access]"
+    assert [told[key] for key in ("address", "name", "result", "value", "unit")] == [
+        "0x6001:0",
+        "Давление 1",
+        "access",
+        "50.0",
+        "кПа",
+    ]
     assert told["errors"] == "message: abort -4: write of a read-only object"
-    bare = cells(sent(bytes.fromhex("C1AB24FA"), ports=(49200, plant.BARE)))
+    (bare, *_) = rows(sent(bytes.fromhex("C1AB24FA"), ports=(49200, plant.BARE)))
     assert (bare["pdu_ref"], bare["outcome"]) == ("", "unsolicited")
+
+
+def test_values_in_items_have_rows_behind_them() -> None:
+    told = rows(polled())
+    items = [row for row in told if row["octets"]]
+    values = [row for row in told if row["name"]]
+    assert told == items + values
+    assert [(row["name"], row["value"], row["value_text"]) for row in values][-1] == ("Режим 1", "8", "автомат")
+    assert len(values) == 6
 
 
 # ---- the tree -------------------------------------------------------------------------------------------------------
@@ -308,7 +320,7 @@ def test_texts_of_the_wire_and_of_bindings_are_escaped() -> None:
     (transaction,) = talk.transactions
     (found,) = talk.messages
     texts = [transaction_line(transaction, Clock(), ALONE), scd_summary(found), *scd_tree_lines(found)]
-    texts += cells(transaction).values()
+    texts += [text for row in rows(transaction) for text in row.values()]
     assert not [text for text in texts if UNSAFE.search(text)]
     (told,) = in_json(transaction)
     assert (told["binding"], told["values"][0]["value"]) == (bound.name, 'a\x1b[31m\u202e"; = \x7f\n')
@@ -321,7 +333,7 @@ def test_texts_of_the_wire_and_of_bindings_are_escaped() -> None:
 def test_losses_are_told() -> None:
     talk = Talk()
     analysis = Analysis()
-    talk.pipeline = Pipeline(analysis, Options(strict=True, carrier=plant.carrier()))
+    talk.pipeline = Pipeline(analysis, Options(strict=True, decoder=plant.carrier()))
     talk.datagram(CLIENT, plant.ask("Расход 1"), cut=2)
     talk.datagram(CLIENT, b"\xdc\x3f" + bytes(10))
     talk.ports = [50000, plant.STREAM]

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.s7.address import address_text
+from dissect.s7.address import address_text, parse_address
 from dissect.s7.tables import AREA_LETTERS, AREAS, ELEMENT_OCTETS, NUMBERED_AREAS, TRANSPORT_SIZES
 
 BIT, BYTE, CHAR, WORD, INT, DWORD, DINT, REAL = range(1, 9)
@@ -106,3 +106,60 @@ def test_two_places_never_share_an_address(area: int, db: int, one: int, other: 
     texts = {address_text(area, db, address, transport_size) for address in (one, other)}
     assert (len(texts) == 1) is (one == other)
     assert all(text.isascii() and text.isprintable() for text in texts)
+
+
+@given(st.integers(0, 255), st.integers(0, 0xFFFF), st.integers(0, 0xFFFFFF), st.integers(0, 255))
+def test_an_address_is_read_as_it_is_written(area: int, db: int, address: int, transport_size: int) -> None:
+    found = parse_address(address_text(area, db, address, transport_size))
+    assert found is not None
+    assert (found.area, found.field) == (area, address)
+    assert found.db == (db if area in {0x01, 0x84, 0x85} else 0)
+
+
+@pytest.mark.parametrize(
+    ("text", "area", "db", "number", "width", "bit"),
+    [
+        ("DB10.DBX4.1", 0x84, 10, 4, "X", 1),
+        ("DI3.DIL8", 0x85, 3, 8, "L", -1),
+        ("MW20", 0x83, 0, 20, "W", -1),
+        ("M2.0", 0x83, 0, 2, "", 0),
+        ("E0.7", 0x81, 0, 0, "", 7),
+        ("AB4", 0x82, 0, 4, "B", -1),
+        ("Z3", 0x1C, 0, 3, "", -1),
+        ("T5", 0x1D, 0, 5, "", -1),
+        ("C200:5", 0x1E, 0, 5, "", -1),
+        ("RECORD5@3", 0x01, 5, 3, "", -1),
+    ],
+)
+def test_what_an_address_names(text: str, area: int, db: int, number: int, width: str, bit: int) -> None:
+    found = parse_address(text)
+    assert found is not None
+    assert (found.area, found.db, found.number, found.width, found.bit) == (area, db, number, width, bit)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "DB10",
+        "DB10.DBW",
+        "X5",
+        "M2.8",
+        "MX2",
+        "TW5",
+        "T5.1",
+        "db1.dbb0",
+        "area0x84:B5",
+        "DB:W5",
+        "C:W5",
+        "MW20 ",
+        "M\u0662",
+    ],
+)
+def test_what_is_no_address(text: str) -> None:
+    assert parse_address(text) is None
+
+
+@given(st.text(max_size=20))
+def test_no_text_is_too_odd_to_be_read(text: str) -> None:
+    parse_address(text)

@@ -25,7 +25,7 @@ INFO_ANSWER = (
 EXAMPLES = [
     (RESPONSE, 1, "30380002 30410011", [BLOCK_COUNT, BLOCK_COUNT], ["2 OB", "17 DB"]),
     (REQUEST, 2, "3041", [TYPE_WANTED], ["DB"]),
-    (RESPONSE, 2, "00012205 00072205", [LISTED_BLOCK, LISTED_BLOCK], ["1, DB", "7, DB"]),
+    (RESPONSE, 2, "00012205 00072205", [LISTED_BLOCK, LISTED_BLOCK], ["1 (DB)", "7 (DB)"]),
     (REQUEST, 3, "3041 3030303031 41", [BLOCK_WANTED], ["block DB 1, active"]),
     (RESPONSE, 3, INFO_ANSWER, [INFO], ["block DB 1"]),
 ]
@@ -98,7 +98,7 @@ def test_a_protected_block() -> None:
 
 def test_the_last_of_several_parts_holds_whole_entries() -> None:
     found = body(userdata(RESPONSE, 3, 2, "00072205", 4, 213, 0))
-    assert (found.malformed, found.notes) == ([], ["7, DB"])
+    assert (found.malformed, found.notes) == ([], ["7 (DB)"])
 
 
 def test_times() -> None:

@@ -11,6 +11,7 @@ from dissect.s7.layouts import ACK_HEADER, HEADER
 from dissect.s7.message import Pdu, header_size, parse_pdu, read_header
 from dissect.s7.tables import ROSCTR
 from dissect.wire.malformed import LIMITS, REASONS, Malformed
+from tests.cases import each
 from tests.layers.examples import BY_NUMBER
 from tests.transactions.talk import ack, ack_data, dbw, good, head, job, read, refused, userdata, words, write, written
 
@@ -311,7 +312,7 @@ def test_one_octet_changed_anywhere(number: int) -> None:
             assert_sound(whole[:at] + bytes((value,)) + whole[at + 1 :])
 
 
-@pytest.mark.parametrize("number", [row[0] for row in HEADERS])
+@each("number", [row[0] for row in HEADERS])
 @pytest.mark.parametrize("trailing", [b"\x00", b"\xff" * 7])
 def test_trailing_octets(number: int, trailing: bytes) -> None:
     whole = octets_of(number)

@@ -51,7 +51,7 @@ EXAMPLES = [
     (
         REQUEST, 0x08, TRIGGER, "0002 0301 0000 0000 1001 0000 0008 0009 0004 4133851f 0009 0001 01 00",
         ["trigger", "variables", "variable", "variable", "data item", "content", "data item", "content", "fill"],
-        ["MD0", "I8.1", "MD0", "I8.1"],
+        ["MD0", "I8.1"],
     ),
     (
         PUSH, 0x08, ANSWER, "0003 ff ff 05 00",
@@ -59,7 +59,7 @@ EXAMPLES = [
     ),
     (
         REQUEST, 0x09, TRIGGER, "0001 7205 000a 0004 0004 0010 1234",
-        ["trigger", "variables", "variable", "data item", "content"], ["DB10.DBW4 x5", "DB10.DBW4 x5"],
+        ["trigger", "variables", "variable", "data item", "content"], ["DB10.DBW4 x5"],
     ),
     (PUSH, 0x09, ANSWER, "0002 ff 03", ["answer parameters", "variables", "return code", "return code"], ["job 2"]),
     (REQUEST, 0x0D, TRIGGER, "0202", ["trigger", "job"], ["job 2 of variable status"]),

@@ -65,7 +65,7 @@ def test_examples(text: str, layouts: list[object], address: str) -> None:
     found = body(job("0401" + item(text)))
     assert found.malformed == []
     assert [part.layout for part in found.parameters[1:]] == layouts
-    assert found.notes[0] == address
+    assert address in {found.notes[0], "+".join(found.notes)}  # a DBREAD item says its areas one by one
     stands_cuts("0401" + item(text))
 
 

@@ -7,7 +7,7 @@ from typing import Final
 
 import pytest
 
-from dissect.conversation import Observer
+from dissect.engine.observer import Observer
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.message import PlusPdu, parse_plus

@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 import random
 import struct
+from typing import Any
 
 import canopen
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from dissect.scd.codec import Codec
 from dissect.scd.errors import Error
 from dissect.scd.mapping import Entry, pack_entry
-from dissect.scd.records import ObjectRecord
+from dissect.scd.records import ObjectRecord, Traits
 from dissect.scd.values import MAC
 from tests.scd import making
 from tests.scd.making import (
@@ -131,7 +132,7 @@ def test_an_error_changes_no_object() -> None:
     objects = codec.objects()
     codec.decode("T1", b"\x01AB\x02", objects)
     before, changed = dict(objects), objects.changed
-    for octets, wanted in ((b"\x03\xff\xff\x04", "E_UTF8"), (b"\x03A", "E_SHORT"), (b"", "E_SHORT")):
+    for octets, wanted in ((b"\x03A", "E_SHORT"), (b"", "E_SHORT")):
         with pytest.raises(Error) as error:
             codec.decode("T1", octets, objects)
         assert code(error) == wanted
@@ -219,3 +220,95 @@ def test_the_longest_pdo() -> None:
     octets = codec.encode("T1", keyed([True, block]))
     assert len(octets) == 8192
     assert codec.decode("T1", octets).values == keyed([True, block])
+
+
+LIMITED = making.dictionary(
+    [
+        ObjectRecord(0x6000, 7, "speed", INT16, 0, "rw", False, True, traits=Traits("rpm", 0.5, 0.0, -3000, 3000)),
+        ObjectRecord(0x6001, 7, "level", FLOAT32, 0, "rw", False, True, traits=Traits(high=1.5)),
+        making.mapping(0x1A00, "T1 map", [Entry(0x6000, 0, 0, 16), Entry(0x6001, 0, 16, 32)]),
+    ]
+)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [([3001, 0.0], "-3000..3000"), ([-3001, 0.0], "-3000..3000"), ([0, 1.5000001], "at most 1.5"), ([3000, 1.5], "")],
+)
+def test_limits_are_of_the_raw_value_kept_when_sending_and_flagged_when_received(values: list[Any], said: str) -> None:
+    codec = Codec(LIMITED)
+    free = Codec(LIMITED, limits=False).encode("T1", keyed(values))
+    wanted = ((0x6000, 0),) if "30" in said else ((0x6001, 0),)
+    assert codec.decode("T1", free).flags == ({"limits": wanted} if said else {})
+    key, value = (0x6000, values[0]) if "30" in said else (0x6001, values[1])
+    alone = Codec(LIMITED, limits=False).encode_value((key, 0), value)
+    for objects in (None, codec.objects()):
+        assert codec.decode_value((key, 0), alone, objects).flags == ({"limits": ((key, 0),)} if said else {})
+    if not said:
+        assert codec.encode("T1", keyed(values)) == free
+        return
+    for encode in (lambda: codec.encode("T1", keyed(values)), lambda: codec.encode_value((key, 0), value)):
+        with pytest.raises(Error, match=f"E_RANGE: .*limits of its raw value, {said}"):
+            encode()
+
+
+def test_a_text_that_is_none_costs_no_other_value() -> None:
+    codec = making.pdo(UINT8, (STRING, 16), UINT8, BOOL, (STRING, 16))
+    octets = bytes.fromhex("01 FFFE 02 01") + b"\x80\x84"  # the last text begins at bit 33
+    decoded = codec.decode("T1", octets)
+    assert decoded.values[0x6000, 0] == 1
+    assert decoded.values[0x6001, 0] == b"\xff\xfe"
+    assert (decoded.values[0x6002, 0], decoded.values[0x6003, 0]) == (2, True)
+    assert decoded.flags["encoding"][0] == (0x6001, 0)
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    np = pytest.importorskip("numpy")
+    codec = making.pdo(UINT8, INT16, FLOAT32, BOOL)
+    wanted = codec.encode("T1", keyed([7, -2, 1.5, True]))
+    assert codec.encode("T1", keyed([np.uint16(7), np.int64(-2), np.float32(1.5), np.bool_(True)])) == wanted
+    for wrong in ([np.int64(256), 0, 0.0, True], [np.float64(1.0), 0, 0.0, True], [1, 0, np.float64("inf"), True],
+                  [1, 0, 0.0, np.int8(1)], [np.array([1]), 0, 0.0, True]):  # fmt: skip
+        with pytest.raises(Error):
+            codec.encode("T1", keyed(wrong))
+
+
+def test_columns_can_be_sent_again() -> None:
+    pytest.importorskip("numpy")
+    codec = making.pdo(UINT8, BOOL, INT16, FLOAT32)
+    octets = codec.encode("T1", keyed([200, True, -300, 2.5]))
+    columns = codec.decode_many("T1", octets, [0])
+    assert codec.encode("T1", {key: column[0] for key, column in columns.items()}) == octets
+
+
+def test_a_pdo_that_is_called_like_a_number_is_found() -> None:
+    objects, mapped = making.entries([UINT8])
+    od = making.dictionary([making.mapping(0x1600, "T2", mapped), *objects])
+    assert repr(od.pdo("T2")).startswith("<Pdo R1")
+    assert Codec(od).encode("T2", keyed([9])) == b"\x09"
+    both = making.dictionary([making.mapping(0x1600, "T2", mapped), making.mapping(0x1A01, "state", mapped), *objects])
+    assert [str(both.pdo(key).number) + both.pdo(key).direction for key in ("T2", "R1", "state")] == ["2T", "1R", "2T"]
+
+
+KINDS = st.sampled_from([BOOL, INT8, UINT8, INT16, UINT32, FLOAT32, making.UINT12, making.INT10])
+
+
+@given(st.lists(KINDS, min_size=1, max_size=9), st.data())
+def test_the_short_way_gives_the_same_octets_or_leaves_it_to_the_long_one(
+    kinds: list[int], data: st.DataObject
+) -> None:
+    """A value that the plan takes is packed as `Packing.pack` does; every other one is refused or packed by that."""
+    codec = making.pdo(*kinds)
+    packing = codec._packing("T1")
+    odd = st.one_of(
+        st.booleans(), st.integers(-(2**33), 2**33), st.floats(), st.none(), st.just("7"), st.floats(width=32),
+        st.integers(-130, 260),
+    )  # fmt: skip
+    values = [data.draw(odd) for _ in kinds]
+    short = packing.pack_known(keyed(values))
+    try:
+        long = packing.pack(values)
+    except Error:
+        assert short is None
+    else:
+        assert short in {None, long}

@@ -51,7 +51,7 @@ default = "Насос"
 index = 0x2002
 name = "times"
 class = "RECORD"
-fields = [{name="t", type="nettime", default="2015-10-18T00:00:00Z"}, {name="i", type="interval", default=[-1, -5]},
+fields = [{name="t", type="nettime", default="2015-10-18T00:00:36 TAI"}, {name="i", type="interval", default=[-1, -5]},
  {name="m", type="mac", default="00:1B:44:11:3A:B7"}, {name="a", type="ip", default="192.168.100.1", access="ro"},
  {name="b", type="block", size=2, default="00 ff", mappable=false}, {reserved=0}, {reserved=5, fixed=3},
  {name="q", type="bool", texts={0="нет", 1="да"}}]
@@ -85,7 +85,7 @@ def test_values_are_what_was_written() -> None:
     od = load_octets(parse_toml(EVERYTHING).octets)
     times = od[0x2002]
     assert [str(field.default) for field in times] == [
-        "8", "2015-10-18T00:00:00.000000000Z", "-PT1.000000005S", "00:1B:44:11:3A:B7", "192.168.100.1", "b'\\x00\\xff'",
+        "8", "2015-10-18T00:00:36.000000000 TAI", "-PT1.000000005S", "00:1B:44:11:3A:B7", "192.168.100.1", "b'\\x00\\xff'",
         "True",
     ]  # fmt: skip
     assert times["q"].desc(True) == "да"
@@ -113,3 +113,17 @@ def test_any_name_and_value_comes_back(name: str, text: str, number: int, real: 
 
 def test_the_example_is_what_the_docs_say() -> None:
     assert len(scd.compile(PLANT)) == 24
+
+
+def test_mappings_that_no_map_can_say_are_written_in_hexadecimal() -> None:
+    """A PDO that is off keeps the entries it has; an address that is also a name would mean something else."""
+    text = (
+        '[dictionary]\nname="t"\n[[object]]\nindex=0x6000\nname="a"\ntype="uint8"\n'
+        '[[object]]\nindex=0x1a00\nname="off"\nclass="ARRAY"\ntype="uint64"\nused=0\nvalues=[0x0008000000006000]\n'
+        '[[object]]\nindex=0x1a01\nname="narrow"\nclass="ARRAY"\ntype="uint32"\nused=1\ncount=3\nvalues=[0x60000008]\n'
+    )
+    od = parse_toml(text)
+    told = dump_toml(od)
+    assert "values = [0x0008000000006000]" in told
+    assert "values = [0x60000008]" in told
+    assert parse_toml(told).octets == parse_json(dump_json(od)).octets == od.octets

@@ -359,8 +359,12 @@ def test_every_loss_is_told_once_with_its_places(pump: Imported) -> None:
     told = {note.text: note.places for note in pump.notes}
     assert told == {
         "listed in [OptionalObjects] and not described": ("0x1fff",),
-        "its value '$NODEID+0x80' is left out: depends on the node id, which the file does not say": ("0x1014:0",),
-        "its value '$NODEID+0x180' is left out: depends on the node id, which the file does not say": ("0x1800:1",),
+        "its value '$NODEID+0x80' is left out: depends on the node id, which the file does not say: give it (--node)": (
+            "0x1014:0",
+        ),
+        "its value '$NODEID+0x180' is left out: depends on the node id, which the file does not say: give it (--node)": (
+            "0x1800:1",
+        ),
         "rwr and rww are rw: which PDOs may carry the variable is not kept": ("0x1018:4",),
         "the file does not say how long it is, taken is 255 octets": ("0x2000:1",),
         "the file does not say how long it is, taken is the value's own length": ("0x2000:2", "0x2000:4"),
@@ -529,3 +533,117 @@ def test_nothing_else_is_raised(changes: list[tuple[int, str]]) -> None:
 def test_octets_are_no_reason_to_raise_anything_else(octets: bytes) -> None:
     with pytest.raises(DictionaryError):
         import_eds(octets, "x.eds")
+
+
+TYPES = """
+[FileInfo]
+FileName=x
+[1000]
+ParameterName=Device
+DataType=0x7
+AccessType=ro
+DefaultValue=010
+PDOMapping=01
+[0040]
+ParameterName=a struct
+ObjectType=0x6
+[0040sub0]
+ParameterName=count
+DataType=5
+[0060]
+ParameterName=a type
+ObjectType=0x5
+[0060sub1]
+ParameterName=bits
+DataType=5
+[2000]
+ParameterName=nothing
+ObjectType=0x0
+[2000sub1]
+ParameterName=of nothing
+DataType=5
+[2001]
+ParameterName=one
+ObjectType=0x7
+DataType=0x3
+AccessType=rw
+DefaultValue=-017
+LowLimit=-020
+HighLimit=0x7FFF
+[2001sub1]
+ParameterName=too many
+DataType=5
+[2002]
+ParameterName=named
+ObjectType=0x8
+DataType=0x6
+AccessType=rw
+CompactSubObj=02
+[2002Name]
+NrOfEntries=01
+1=first
+[2003]
+ParameterName=cob
+DataType=0x7
+AccessType=rw
+DefaultValue=$NODEID+0600
+"""
+
+
+def test_sub_sections_where_nothing_can_be_cost_nothing_else() -> None:
+    found = import_eds(TYPES.encode(), "x.eds")
+    assert [obj.index for obj in found.dictionary] == [0x1000, 0x2000, 0x2001, 0x2002, 0x2003]
+    told = {note.text: note.places for note in found.notes}
+    assert told["left out: a definition of a type in an EDS"] == ("0x0040", "0x0060")
+    assert told["sub-indices of a NULL are left out"] == ("0x2000",)
+    assert told["sub-indices of a VAR are left out"] == ("0x2001",)
+
+
+def test_numbers_with_a_zero_in_front_are_octal() -> None:
+    od = import_eds(TYPES.encode(), "x.eds").dictionary
+    one = od[0x2001][0]
+    assert (od[0x1000][0].default, one.default, one.traits.low, one.traits.high) == (8, -15, -16, 0x7FFF)
+    assert len(od[0x2002].fields) == 2
+    with pytest.raises(DictionaryError, match=r"\[2002\], CompactSubObj: '08' begins with 0 like an octal number"):
+        import_eds(TYPES.replace("CompactSubObj=02", "CompactSubObj=08").encode(), "x.eds")
+
+
+def test_a_node_id_that_is_given_counts(tmp_path: Path) -> None:
+    path = tmp_path / "x.eds"
+    path.write_text(TYPES)
+    without, given = import_file(path), import_file(path, node=5)
+    assert without.dictionary[0x2003][0].default is None
+    assert any("--node" in note.text for note in without.notes)
+    assert given.dictionary[0x2003][0].default == 0o600 + 5
+    dcf = TYPES + "[DeviceComissioning]\nNodeID=3\n"
+    assert import_eds(dcf.encode(), "x.dcf").dictionary[0x2003][0].default == 0o600 + 3
+    assert import_eds(dcf.encode(), "x.dcf", node=4).dictionary[0x2003][0].default == 0o600 + 4
+
+
+def test_a_limit_that_the_type_does_not_have_is_left_out() -> None:
+    text = TYPES.replace("HighLimit=0x7FFF", "HighLimit=40000")
+    found = import_eds(text.encode(), "x.eds")
+    assert found.dictionary[0x2001][0].traits.high is None
+    assert any("its limit '40000' is left out: 40000 is outside" in note.text for note in found.notes)
+
+
+def test_an_eds_as_toml_can_be_edited() -> None:
+    """A mapping is written as a [[pdo]] that names its variables, so that it can be read and changed."""
+    od = import_eds(PUMP.encode(), "pump.eds").dictionary
+    text = dump_toml(od)
+    assert parse_toml(text).octets == od.octets
+    assert 'map = ["0x6041:0", {reserved = 8}' in text
+    edited = parse_toml(text.replace('"0x6041:0", {reserved = 8}', '"0x6041:0", {reserved = 16}'))
+    first, second = od.tpdo[1], edited.tpdo[1]
+    assert second.bits == first.bits + 8
+
+
+def test_every_wrong_section_is_reported() -> None:
+    text = (
+        "[FileInfo]\nA=1\n[1000]\nParameterName=a\nDataType=x\n[2000]\nDataType=5\n[2000sub1]\nA=1\n[1001sub1]\nA=1\n"
+    )
+    with pytest.raises(DictionaryError) as caught:
+        import_eds(text.encode(), "x.eds")
+    assert [str(error).split(": ")[:2] for error in (caught.value, *caught.value.others)] == [
+        ["x.eds:3", "[1000], DataType"], ["x.eds:6", "[2000], ParameterName"], ["x.eds:10", "[1001sub1]"],
+    ]  # fmt: skip

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import struct
-import time
 import tomllib
 import tracemalloc
 import zlib
@@ -35,6 +34,7 @@ from dissect.scd.errors import DictionaryError, Error, shown
 from dissect.scd.loading import load_octets
 from dissect.scd.service import decode_named, encode_named
 from dissect.scd.source import parse_json, parse_toml
+from tests.cases import each
 from tests.growth import assert_growth
 from tests.scd.test_dump import EVERYTHING
 
@@ -83,12 +83,12 @@ def test_every_field_of_the_header(form: str, at: int, wrong: tuple[object, ...]
         assert refused(bytes(octets)).where == f"header, {where}"
 
 
-@pytest.mark.parametrize("bit", range(8 * 64))
+@each("bit", range(8 * 64))
 def test_every_bit_of_the_header(bit: int) -> None:
     """Only the minor version may be another one; what a later one adds is not there, so the rest is as it was."""
     octets = bytearray(FILE)
     octets[bit // 8] ^= 1 << bit % 8
-    if bit // 8 == 9:
+    if bit // 8 == 9 and bit % 8:  # version 1 is known, and has a field that is not there
         assert load_octets(bytes(octets)).octets == FILE
     else:
         refused(bytes(octets))
@@ -251,21 +251,12 @@ def test_a_key_of_many_parts_is_refused_before_it_is_read(parts: int, part: str)
     assert (error.line, "parts" in error.detail) == (6, True)
 
 
-@pytest.mark.measured
 def test_looking_for_such_a_key_does_not_grow_faster_than_the_text() -> None:
     for form in ("a", ".", "a.", '"', "'", "a ", "\t", "a-"):
         few, many = (f"{OBJECT}unit = {form * size}\n{'a' * size}" for size in (5_000, 20_000))
         if form != "a.":
             assert long_key_line(few) == 0
-        assert_growth(
-            partial(seconds, long_key_line, few), partial(seconds, long_key_line, many), 8
-        )  # 16 by the square
-
-
-def seconds(work: Callable[[str], object], text: str) -> float:
-    start = time.process_time()
-    work(text)
-    return time.process_time() - start
+        assert_growth(partial(long_key_line, few), partial(long_key_line, many), 8)  # 16 by the square
 
 
 HUGE: Final = {
@@ -373,16 +364,17 @@ def test_a_wrong_value_for_every_key(source: str) -> None:
 def test_a_width_that_no_type_has_is_refused_before_a_value_is_tried(bits: int) -> None:
     text = f'[[type]]\nindex = 0x60\nname = "t"\nbase = "int"\nbits = {bits}\n'
     error = toml_error(f'{OBJECT}type = "t"\ndefault = 0\n{text}')
-    assert (error.rule, error.line) == ("R34, R37", 8)
+    assert (error.rule, error.line) == ("R34, R37", 12)
 
 
 def test_the_widest_constants_come_back() -> None:
     """All 64 bits of a fixed value, of a limit, of a number with a text."""
     text = OBJECT + (
         'class = "RECORD"\nfields = [{reserved=64, fixed=0xffffffffffffffff}, {name="a", type="uint64", '
-        "high=0xffffffffffffffff, low=-0x8000000000000000, texts={0xffffffffffffffff='x'}}]\n"
+        "high=0xffffffffffffffff, texts={0xffffffffffffffff='x'}}, "
+        "{name='b', type='int64', low=-9223372036854775808}]\n"
     )
-    od = parse_toml(text.replace("-0x8", "-9223372036854775808 #").replace(" #000000000000000", ""))
+    od = parse_toml(text)
     assert od[0x2000].fields[0].fixed == 2**64 - 1
     assert parse_toml(dump_toml(od)).octets == parse_json(dump_json(od)).octets == od.octets
 
@@ -394,7 +386,6 @@ def test_defaults_of_some_elements_come_back() -> None:
     assert "R62" in str(toml_error(OBJECT + 'class = "ARRAY"\ntype = "uint8"\ncount = 4\nvalues = {0 = 7}\n'))
 
 
-@pytest.mark.measured
 def test_reading_a_source_does_not_grow_faster_than_the_source() -> None:
     """Lines of tables, missing values, names: each was once looked up from the beginning."""
 
@@ -407,8 +398,8 @@ def test_reading_a_source_does_not_grow_faster_than_the_source() -> None:
         with pytest.raises(DictionaryError, match="1 to 254 are possible"):
             parse_toml(text)
 
-    few, many = made(1000), made(4000)
-    assert_growth(partial(seconds, read, few), partial(seconds, read, many), 8)  # 16 by the square
+    few, many = made(300), made(1200)
+    assert_growth(partial(read, few), partial(read, many), 8)  # 16 by the square
 
 
 @pytest.mark.requirement("R64")

@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from dissect.scd.codec import Codec
 from dissect.scd.errors import Error
+from dissect.scd.layout import Key
 from dissect.scd.messages import Message
-from dissect.scd.packing import Key
 from dissect.scd.records import EnvelopeField, EnvelopeRecord, FieldRecord, ObjectRecord
 from dissect.scd.types import Value
 from tests.scd import making

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from dissect.scd import packing
 from dissect.scd.errors import Error
-from dissect.scd.packing import Packing, Slot, decode_value, encode_value
+from dissect.scd.layout import Slot
+from dissect.scd.packing import Packing, decode_value, encode_value
 from dissect.scd.types import STANDARD, STANDARD_NAMES, Kind, SimpleType, Value, integer
 from dissect.scd.values import MAC, Interval, NetTime
 from tests.scd import making

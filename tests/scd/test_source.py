@@ -10,10 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect import scd
+from dissect.scd.codec import Codec
 from dissect.scd.dictionary import Dictionary
+from dissect.scd.dump import dump_toml
 from dissect.scd.envelope import DEFAULT
 from dissect.scd.envelope_rules import check_envelope
 from dissect.scd.errors import DictionaryError, Error
+from dissect.scd.loading import load_octets
 from dissect.scd.model import StructType
 from dissect.scd.source import parse_json, parse_toml
 
@@ -160,26 +163,26 @@ def test_classes() -> None:
 
 
 WRONG = [
-    ("R57", obj('type="uint8"') + obj('type="uint8"', name="y"), 7, "already"),
+    ("R57", obj('type="uint8"') + obj('type="uint8"', name="y"), 8, "already"),
     ("R57", obj('type="uint8"', 0x10000), 3, "16 bits"),
-    ("R71", obj('type="uint8"') + obj('type="uint8"', 0x2001), 7, "already"),
+    ("R71", obj('type="uint8"') + obj('type="uint8"', 0x2001), 9, "already"),
     ("R71", obj('type="uint8"', name=""), 3, "name"),
-    ("R72", obj('type="nothing"'), 3, "no type"),
-    ("R73, C34", PUMP + obj('class="ARRAY"\ntype="pump_t"\ncount=2'), 8, "no arrays of records"),
-    ("R73, C34", PUMP + obj('type="pump_t"'), 8, "RECORD"),
-    ("R73", PUMP + PUMP.replace("0x40", "0x41").replace("pump_t", "q").replace('"bool"', '"pump_t"'), 9, "records of"),
-    ("R70, C34", obj('class="RECORD"\ntype="uint8"'), 3, "DEFSTRUCT"),
-    ("", obj('type="uint8"\naccess="wr"'), 3, "none of rw"),
-    ("", obj('type="uint8"\nclas="VAR"'), 3, "no such key"),
-    ("", obj('type="uint8"\nclass="VARIABLE"'), 3, "none of"),
-    ("R72", obj('type="uint8"\ndefault=256'), 3, "outside 0..255"),
+    ("R72", obj('type="nothing"'), 6, "no type"),
+    ("R73, C34", PUMP + obj('class="ARRAY"\ntype="pump_t"\ncount=2'), 12, "no arrays of records"),
+    ("R73, C34", PUMP + obj('type="pump_t"'), 11, "RECORD"),
+    ("R73", PUMP + PUMP.replace("0x40", "0x41").replace("pump_t", "q").replace('"bool"', '"pump_t"'), 12, "records of"),
+    ("R70, C34", obj('class="RECORD"\ntype="uint8"'), 7, "DEFSTRUCT"),
+    ("", obj('type="uint8"\naccess="wr"'), 7, "none of rw"),
+    ("", obj('type="uint8"\nclas="VAR"'), 7, "no such key"),
+    ("", obj('type="uint8"\nclass="VARIABLE"'), 7, "none of"),
+    ("R72", obj('type="uint8"\ndefault=256'), 7, "outside 0..255"),
     ("R72", obj('type="uint8"\nsize=2'), 3, "no size of its own"),
     ("R77", obj('type="uint8"', 0xC000), 3, "holds no objects"),
     ("R77", obj('type="uint8"', 0x260), 3, "holds no objects"),
     ("R90, R81", '[[type]]\nindex=0x80\nname="u"\nbase="uint"\nbits=3\n', 3, "DEFTYPE stands"),
-    ("R34, R37", '[[type]]\nindex=0x60\nname="u"\nbase="uint"\nbits=65\n', 3, "1 to 64"),
+    ("R34, R37", '[[type]]\nindex=0x60\nname="u"\nbase="uint"\nbits=65\n', 7, "1 to 64"),
     ("R55", '[[type]]\nindex=0x60\nname="int8"\nbase="uint"\nbits=3\n', 3, "of the text"),
-    ("R66", '[[type]]\nindex=0x60\nname="u"\nbase="u"\n', 3, "no kind"),
+    ("R66", '[[type]]\nindex=0x60\nname="u"\nbase="u"\n', 6, "no kind"),
     ("R88, R89, R81", PUMP.replace("0x40", "0x60"), 4, "DEFSTRUCT stands"),
     ("R60, R62", PUMP.split("fields", maxsplit=1)[0] + "fields=[]\n", 4, "0 fields"),
     ("R31", PUMP.replace("reserved=6", "reserved=6, fixed=64"), 4, "does not fit"),
@@ -187,15 +190,15 @@ WRONG = [
     ("R71", PUMP.replace('"fault"', '"run"'), 4, "twice"),
     ("R106", obj('type="uint8"', 0x1400), 3, "RECORD"),
     ("R106, C49", obj('class="ARRAY"\ntype="uint8"\ncount=1', 0x1A00), 3, "uint64 or uint32"),
-    ("R103", obj('type="uint8"') + '[[pdo]]\ndir="T"\nnumber=1\nmap=["y"]\n', 7, "no object"),
-    ("R95, C47", '[[pdo]]\ndir="T"\nnumber=513\nmap=[]\n', 3, "1 to 512"),
+    ("R103", obj('type="uint8"') + '[[pdo]]\ndir="T"\nnumber=1\nmap=["y"]\n', 10, "no object"),
+    ("R95, C47", '[[pdo]]\ndir="T"\nnumber=513\nmap=[]\n', 5, "1 to 512"),
     ("R103", obj('type="uint8"\naccess="wo"') + '[[pdo]]\ndir="T"\nnumber=1\nmap=["x"]\n', 8, "cannot be read"),
     ("R103", obj('type="uint8"\naccess="ro"') + '[[pdo]]\ndir="R"\nnumber=1\nmap=["x"]\n', 8, "cannot be written"),
     ("R103", obj('type="uint8"\nmappable=false') + '[[pdo]]\ndir="T"\nnumber=1\nmap=["x"]\n', 8, "cannot be mapped"),
     ("R103", obj('type="string"') + '[[pdo]]\ndir="T"\nnumber=1\nmap=["x"]\n', 7, "whole octets"),
-    ("R93", obj('type="uint8"\ndevice="p"', 0x6000), 3, "no \\[\\[instance\\]\\]"),
-    ("R93", obj('type="uint8"\ndevice="p"', 0x6000) + '[[instance]]\nof="p"\ndevices=[8]\n', 8, "no device 0 to 7"),
-    ("R93", '[[instance]]\nof="p"\ndevices=[1]\n', 3, "device = 'p'"),
+    ("R93", obj('type="uint8"\ndevice="p"', 0x6000), 7, "no \\[\\[instance\\]\\]"),
+    ("R93", obj('type="uint8"\ndevice="p"', 0x6000) + '[[instance]]\nof="p"\ndevices=[8]\n', 10, "no device 0 to 7"),
+    ("R93", '[[instance]]\nof="p"\ndevices=[1]\n', 4, "device = 'p'"),
     ("R52", '[errors]\n"-129"="x"\n', 3, "8 bits"),
     ("profile 3.3", '[envelope]\nfields=[{role="index", type="uint16"}]\n', 3, "role data"),
     ("profile 3.3", '[envelope]\nfields=[{role="data"}, {role="crc", type="crc"}]\n', 3, "belong together"),
@@ -221,7 +224,7 @@ def test_a_broken_rule_is_told_with_its_place(rule: str, text: str, line: int, s
 
 @pytest.mark.parametrize(
     ("text", "line"),
-    [("[dictionary\n", 1), ("[dictionary]\nname=1\n", 1), ("x = 1\n", 0), ("[object]\n", 0), ("a = 1\na = 2\n", 2)],
+    [("[dictionary\n", 1), ("[dictionary]\nname=1\n", 2), ("x = 1\n", 1), ("[object]\n", 1), ("a = 1\na = 2\n", 2)],
 )
 def test_toml_that_is_none(text: str, line: int) -> None:
     with pytest.raises(DictionaryError) as caught:
@@ -357,3 +360,110 @@ def test_no_source_raises_anything_else(tables: dict[str, object]) -> None:
         parse_json(json.dumps(tables))
     except DictionaryError as error:
         assert error.where  # noqa: PT017 - the only kind of error is the point
+
+
+def errors_of_text(text: str) -> list[DictionaryError]:
+    with pytest.raises(DictionaryError) as caught:
+        parse_toml(HEAD + text, "t.toml")
+    return [caught.value, *caught.value.others]
+
+
+@pytest.mark.parametrize(("entries", "bits"), [("uint64", 40), ("uint32", 40)])
+def test_a_gap_at_the_end_of_a_map_counts(entries: str, bits: int) -> None:
+    text = obj('type="uint8"') + (
+        f'[[pdo]]\ndir="T"\nnumber=1\nentries="{entries}"\nmap=[{{reserved=8}}, "x", {{reserved=8}}, {{reserved=16}}]\n'
+    )
+    od = parse_toml(HEAD + text)
+    assert (od.tpdo[1].bits, [row.offset for row in od.tpdo[1].map]) == (bits, [8])
+    assert Codec(od).encode("T1", {"x": 5}).hex() == "0005000000"
+    assert parse_toml(dump_toml(od)).octets == load_octets(od.octets).octets == od.octets
+
+
+def test_every_error_is_reported_at_once_with_the_line_of_its_key() -> None:
+    text = (
+        '[[type]]\nindex=0x60\nname="u9"\nbase="unit"\nbits=9\n'  # 3 to 7
+        '[[object]]\nindex=0x2000\nnmae="x"\ntype="u9"\n'  # 8 to 11
+        '[[object]]\nindex=0x2001\nname="y"\nclass="RECORD"\nfields=[\n'  # 12 to 16
+        '  {name="a", type="int61"},\n  {name="b", type="bool", scael=2},\n]\n'  # 17, 18
+        '[[object]]\nindex=0x2002\nname="z"\ntype="u9"\n'  # 20 to 23: of a type that is reported already
+        '[[pdo]]\ndir="T"\nnumber=1\nmap=[\n  "y.a",\n  "zz",\n]\n'  # 24 to 30: y could not be read, zz is nothing
+        '[[object]]\nindex=0x2003\nname="w"\ntype="int8"\ntexts={300 = "much"}\n'  # 31 to 35
+    )
+    found = [(error.line, error.detail.split(";")[0]) for error in errors_of_text(text)]
+    assert [line for line, _ in found] == [6, 10, 17, 18, 29, 31]
+    told = [str(error) for error in errors_of_text(text)]
+    assert "'unit' is no kind" in told[0]
+    assert "close to it: 'uint" in told[0]
+    assert "name is missing; 'nmae' is there" in told[1]
+    assert "no type 'int61'; close to it: 'int64', 'int16'" in told[2]
+    assert "scael: no such key here; close to it: 'scale'" in told[3]
+    assert "no object 'zz'" in told[4]
+    assert "'much' is for 300, outside -128..127" in told[5]
+
+
+def test_a_json_source_reports_all_errors_too() -> None:
+    with pytest.raises(DictionaryError) as caught:
+        parse_json('{"dictionary": {"name": "a"}, "object": [{"index": 1}, {"index": 2}]}', "t.json")
+    assert [caught.value, *caught.value.others] != [caught.value]
+    assert caught.value.line == 0
+
+
+@pytest.mark.requirement("R73")
+def test_structs_in_a_cycle_are_records_of_records() -> None:
+    one = '[[type]]\nindex=0x40\nname="a_t"\nfields=[{name="b", type="b_t"}]\n'
+    other = '[[type]]\nindex=0x41\nname="b_t"\nfields=[{name="a", type="a_t"}]\n'
+    own = '[[type]]\nindex=0x42\nname="c_t"\nfields=[{name="c", type="c_t"}]\n'
+    found = errors_of_text(one + other + own)
+    assert [(error.rule, error.line) for error in found] == [("R73", 6), ("R73", 10), ("R73", 14)]
+    assert "b_t is no simple type: no records of records" in found[0].detail
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("high=40000", "high 40000 is outside -32768..32767"),
+        ("low=-40000", "low -40000 is outside"),
+        ("texts={-32769='x'}", "is for -32769, outside"),
+    ],
+)
+def test_limits_and_texts_of_values_that_no_variable_has(more: str, said: str) -> None:
+    (error,) = errors_of_text(obj(f'type="int16"\n{more}'))
+    assert said in error.detail
+    assert (
+        parse_toml(HEAD + obj('type="int16"\nlow=-32768\nhigh=32767\ntexts={32767="x"}'))[0x2000][0].traits.high
+        == 32767
+    )
+
+
+def test_times_of_a_tai_dictionary_are_marked_and_taken_as_such() -> None:
+    head = '[dictionary]\nname="t"\ntime_scale="tai"\n'
+    text = head + obj('type="nettime"\ndefault="2015-10-18T00:00:36.5 TAI"')
+    od = parse_toml(text)
+    codec = Codec(od)
+    octets = codec.encode_value("x", "2015-10-18T00:00:36 TAI")
+    assert octets == Codec(parse_toml(HEAD + obj('type="nettime"'))).encode_value("x", "2015-10-18T00:00:36Z")
+    value = codec.decode_value("x", octets).values[0x2000, 0]
+    assert (str(value), str(od[0x2000][0].default)) == (
+        "2015-10-18T00:00:36.000000000 TAI",
+        "2015-10-18T00:00:36.500000000 TAI",
+    )
+    for scale, wrong in ((od, "2015-10-18T00:00:00Z"), (od, "2015-10-18T00:00:00+03:00"),
+                         (parse_toml(HEAD + obj('type="nettime"')), "2015-10-18T00:00:00 TAI")):  # fmt: skip
+        with pytest.raises(Error, match="E_VALUE"):
+            Codec(scale).encode_value("x", wrong)
+
+
+def test_strings_of_another_encoding() -> None:
+    text = '[dictionary]\nname="t"\nencoding="cp1251"\n' + obj('type="string"\nsize=6\ndefault="Насос"')
+    od = parse_toml(text)
+    assert Codec(od).encode_value("x", "Насос") == b"\xcd\xe0\xf1\xee\xf1\0"
+    assert Codec(od).decode_value("x", b"\xcd\xe0\xf1\xee\xf1\0").values == {(0x2000, 0): "Насос"}
+    assert load_octets(od.octets).encoding == parse_toml(dump_toml(od)).encoding == "cp1251"
+    assert parse_toml(dump_toml(od)).octets == od.octets
+    utf8 = parse_toml(text.replace("cp1251", "utf-8").replace("size=6", "size=10"))
+    assert (utf8.octets[9], od.octets[9]) == (0, 1)  # an old reader takes the one and refuses to guess at the other
+    assert utf8.wire_id != od.wire_id
+    with pytest.raises(Error, match="has no CP1251 form"):
+        Codec(od).encode_value("x", "日")
+    with pytest.raises(DictionaryError, match="'cp1250' is none of utf-8, cp1251"):
+        parse_toml(text.replace("cp1251", "cp1250"))

@@ -17,12 +17,12 @@ def test_lines_of_headers() -> None:
     }  # fmt: skip
 
 
-def test_no_line_is_better_than_a_wrong_one() -> None:
-    """A header within a text of several lines looks like one."""
+def test_what_only_looks_like_a_header_is_none() -> None:
+    """A header within a text of several lines looks like one; a table in an array has no header."""
     text = 'x = """\n[[row]]\n"""\n[[row]]\n'
-    assert header_lines(text, parse_tables(text), ("row",)) == {}
-    text = "row = [{a = 1}]\n"
-    assert header_lines(text, parse_tables(text), ("row",)) == {}
+    assert header_lines(text, parse_tables(text), ("row",)) == {("row", 0): 4}
+    text = "row = [{a = 1},\n {a = 2}]\n"
+    assert header_lines(text, parse_tables(text), ("row",)) == {("row", 0): 1, ("row", 1): 2}
 
 
 @pytest.mark.parametrize(
@@ -44,5 +44,19 @@ def test_what_is_no_toml(text: str, line: int, detail: str) -> None:
 
 def test_what_is_no_text() -> None:
     assert source_text("Насос".encode(), "") == "Насос"
-    with pytest.raises(DictionaryError, match=r"x\.toml:3: octet 3: no UTF-8"):
+    with pytest.raises(DictionaryError, match=r"x\.toml:3: octet 3: invalid UTF-8"):
         source_text(b"a\n\n\xff", "x.toml")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-be", "utf-32"])
+def test_byte_order_marks_are_read(encoding: str) -> None:
+    text = '[dictionary]\nname = "Насос"\n'
+    mark = "\ufeff" if encoding == "utf-16-be" else ""
+    assert source_text((mark + text).encode(encoding), "x.toml") == text
+
+
+def test_what_a_mark_says_and_is_not() -> None:
+    with pytest.raises(DictionaryError, match=r"x\.toml:2: octet 6: invalid UTF-16-LE, which its byte order mark says it is"):
+        source_text(b"\xff\xfe\x0a\x00\x61\x00"[:4] + b"\x0a\x00"[:0] + b"\x61\x00\x00", "x.toml")
+    with pytest.raises(DictionaryError, match="save the file as UTF-8"):
+        source_text("имя".encode("cp1251"), "x.toml")

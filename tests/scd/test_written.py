@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
+import re
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from dissect import scd
 from dissect.scd.errors import Error
 from dissect.scd.loading import compile_text
+from dissect.scd.model import Variable
+from dissect.scd.records import Traits
+from dissect.scd.types import STANDARD
 from dissect.scd.values import MAC, Interval, NetTime
 from dissect.scd.written import parse_written, whole
 from tests.scd.test_dump import PLANT
@@ -98,3 +104,74 @@ def test_what_the_dictionary_calls_a_value() -> None:
 def test_no_whole_number(text: str) -> None:
     with pytest.raises(ValueError, match="is no whole number"):
         whole(text)
+
+
+PRESSURE = Variable(
+    0x6001, 0, "p", "p", STANDARD[6], 16, 0, "rw", False, True, None, None, Traits("кПа", 0.5, 10.0, texts=[(7, "hoch")])
+)  # fmt: skip
+SPEED = Variable(0x6002, 0, "n", "n", STANDARD[3], 16, 0, "rw", False, True, None, None, Traits("об/мин"))
+
+
+@pytest.mark.parametrize(
+    ("variable", "text", "raw"),
+    [
+        (PRESSURE, "1374 кПа", 2728),
+        (PRESSURE, "1374.5кПа", 2729),
+        (PRESSURE, "1 374 кПа", 2728),
+        (PRESSURE, "phys:1374", 2728),
+        (PRESSURE, "phys:1.374e3 кПа", 2728),
+        (PRESSURE, "raw:1374", 1374),
+        (PRESSURE, "0x55e", 1374),
+        (PRESSURE, "hoch", 7),
+        (SPEED, "-1500", -1500),
+        (SPEED, "-1500 об/мин", -1500),
+        (SPEED, "raw:0xfa24", -1500),
+    ],
+)
+def test_raw_and_physical_values(variable: Variable, text: str, raw: int) -> None:
+    assert parse_written(text, variable) == raw
+
+
+@pytest.mark.parametrize(
+    ("variable", "text", "said"),
+    [
+        (PRESSURE, "1374", "may be the raw or the physical value: write raw:1374 or '1374 кПа'"),
+        (PRESSURE, "1374.3 кПа", "lies between two values that can be sent, 1374 and 1374.5 кПа"),
+        (PRESSURE, "1374 бар", "is in 'бар', the unit is 'кПа'"),
+        (PRESSURE, "9 кПа", "E_RANGE"),
+        (PRESSURE, "phys:1e999 кПа", "E_RANGE"),
+        (PRESSURE, "phys:1e9999 кПа", "is no number of at most 40 digits"),
+        (PRESSURE, "raw:70000", "outside 0..65535"),
+        (PRESSURE, "raw:", "whole number"),
+        (SPEED, "1 м/с", "the unit is 'об/мин'"),
+    ],
+)
+def test_what_is_not_surely_one_of_them_is_refused(variable: Variable, text: str, said: str) -> None:
+    with pytest.raises(Error, match=re.escape(said)):
+        parse_written(text, variable)
+
+
+@pytest.mark.requirement("R44")
+@given(st.integers(-(10**18), 10**18))
+def test_an_interval_is_taken_as_it_is_shown(total_ns: int) -> None:
+    interval = Interval.from_ns(total_ns)
+    assert STANDARD[13].check(str(interval)) == interval
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("PT1.5S", (1, 500_000_000)),
+        ("-PT1.500000000S", (-1, -500_000_000)),
+        ("P1DT2H3M4S", (93784, 0)),
+        ("pt0s", (0, 0)),
+    ],
+)
+def test_durations_of_iso_8601(text: str, wanted: tuple[int, int]) -> None:
+    assert STANDARD[13].check(text) == wanted
+
+
+@pytest.mark.parametrize("text", ["", "P", "PT", "P1DT", "1.5", "PT1.5", "PT1.0000000001S", "P1Y", "PT9999999999S"])
+def test_what_is_no_duration(text: str) -> None:
+    with pytest.raises(Error, match=r"E_VALUE|E_RANGE"):
+        STANDARD[13].check(text)

@@ -90,7 +90,7 @@ def test_every_thread_is_nobody_before_the_first_packet(tmp_path: Path, metrics:
 
     def task() -> None:
         with monitor("--plain", *metrics) as process:
-            line = told(process, "the interface is open")
+            line = told(process, "interface opened")
             assert "going on as nobody (" in line
             nobody = pwd.getpwnam("nobody")
             play()
@@ -138,7 +138,7 @@ def test_files_belong_to_who_called_sudo(tmp_path: Path) -> None:
         kept = folder / "new" / "evidence"
         arguments = ("--plain", "-w", kept, "-b", "filesize:20", "--keep-around", "security.*", "100ms")
         with monitor(*arguments, SUDO_UID="12345", SUDO_GID="23456") as process:
-            assert "going on as user 12345, " in told(process, "the interface is open")
+            assert "now running as user 12345 " in told(process, "interface opened")
             play()
             until(lambda: bool(list(kept.glob("security.*.pcapng*"))) and len(list(kept.glob("s7dissect_*"))) > 1)
             process.terminate()
@@ -206,7 +206,7 @@ def play_until_it_ends(process: subprocess.Popen[str]) -> None:
 def test_dumpcap_as_root_is_told(tmp_path: Path) -> None:
     def task() -> None:
         with monitor("--plain", "--engine", "dumpcap", "-c", "1") as process:
-            assert "--engine ring gives up all rights" in told(process, "runs as root")
+            assert "--engine ring drops all privileges" in told(process, "run as root")
             play_until_it_ends(process)
             assert process.wait(60) == 0
 

@@ -110,11 +110,15 @@ def test_a_reset_ends_both_directions(side: int) -> None:
     assert ended(tcp) == ("reset", side, 5, 50)
 
 
-def test_a_reset_after_one_fin_is_a_reset_that_the_fin_began() -> None:
+def test_a_reset_after_a_fin_is_told_beside_it() -> None:
+    """Who sent the FIN did not send the RST."""
     tcp = opened()
     tcp.note_fin(1, fin_seq(tcp, 1), 5, 50)
+    assert (tcp.reset_by, tcp.reset_frame, tcp.reset_ns) == (-1, 0, 0)
     assert tcp.note_reset(0, tcp.streams[0].next_seq, 6, 60)
-    assert ended(tcp) == ("reset", 1, 5, 50)
+    assert tcp.note_reset(1, tcp.streams[1].next_seq, 7, 70)
+    assert ended(tcp) == ("fin", 1, 5, 50)
+    assert (tcp.reset_by, tcp.reset_frame, tcp.reset_ns) == (0, 6, 60)
     assert tcp.closed
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.testing.ledger import SUFFIX, Ledger, folder_of, golden_of, module_of, stem_of
+from dissect.testing.golden_files import SUFFIX, GoldenFiles, folder_of, golden_of, module_of, stem_of
 
 NAME = st.from_regex(r"[A-Za-z_][A-Za-z_0-9]{0,8}", fullmatch=True)
 TEST = st.builds(
@@ -55,7 +55,7 @@ def test_what_workers_tell_adds_up(tmp_path: Path) -> None:
     (tmp_path / "goldens/test_x").mkdir(parents=True)
     for name in ("test_a", "test_b", "test_c", "test_d"):
         (tmp_path / f"goldens/test_x/{name}{SUFFIX}").touch()
-    total, workers = Ledger(tmp_path / "goldens"), [Ledger(tmp_path / "goldens") for _ in range(2)]
+    total, workers = GoldenFiles(tmp_path / "goldens"), [GoldenFiles(tmp_path / "goldens") for _ in range(2)]
     for worker in workers:
         for name in ("test_a", "test_b"):
             worker.collected(f"test_x.py::{name}", tmp_path / "test_x.py")

@@ -233,7 +233,7 @@ def test_a_plc_of_a_whole_module_is_a_fixture_as_the_documentation_has_it(projec
     text = (ROOT / "docs" / "pytest.md").read_text(encoding="utf-8")
     (fixture,) = re.findall(r"```python\n(@pytest.fixture.*?)```", text, re.DOTALL)
     project.test(
-        f"import pytest\nimport dissect.server\n{CLIENT}\n{fixture}"
+        f"import pytest\nimport dissect.playback.server\n{CLIENT}\n{fixture}"
         """
 @pytest.mark.parametrize("number", range(2))
 def test_pump(plc, s7_record, s7_golden, number):
@@ -301,7 +301,7 @@ def run_loads(*arguments: str) -> set[str]:
     return loaded(f"assert pytest.main({options!r}) == 0")
 
 
-IDLE = {"dissect", "dissect.testing", "dissect.testing.ledger", "dissect.testing.plugin"}
+IDLE = {"dissect", "dissect.testing", "dissect.testing.golden_files", "dissect.testing.plugin"}
 
 
 def test_the_plugin_loads_nothing_of_the_engine() -> None:
@@ -319,5 +319,7 @@ def test_a_golden_needs_neither_scapy_nor_the_network(project: Project) -> None:
     used = run_loads("--s7-update", "new")
     assert "dissect.golden.comparison" in used
     assert not {
-        name for name in used if name.startswith(("scapy", "dissect.layers", "dissect.server", "dissect.proxy"))
+        name
+        for name in used
+        if name.startswith(("scapy", "dissect.layers", "dissect.playback.server", "dissect.proxy"))
     }

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from dissect.golden import diff_sessions, parse_golden, read_session
-from dissect.server import Server
+from dissect.playback.server import Server
 from dissect.session import analyze
 from dissect.testing import talk as module
 from dissect.testing.talk import (
@@ -27,8 +27,8 @@ from dissect.testing.talk import (
     words,
     write,
 )
+from tests.playback.server.support import Plain
 from tests.proxy.support import WRONG, tshark
-from tests.server.support import Plain
 
 
 @pytest.mark.parametrize(

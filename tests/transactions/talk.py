@@ -14,12 +14,12 @@ from __future__ import annotations
 import struct
 from typing import Final
 
-from dissect.findings.carrier import Carrier
+from dissect.engine.payload import PayloadDecoder
+from dissect.engine.pipeline import Observer, Options, Pipeline
 from dissect.findings.finding import Finding
-from dissect.pipeline import Observer, Options, Pipeline
-from dissect.transactions.carried import ScdMessage
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
+from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
 
@@ -159,9 +159,9 @@ class Talk(Observer):
         self.acked: list[int | None] = [None, None]
         self.sums = False
 
-    def carry(self, carrier: Carrier) -> None:
+    def carry(self, carrier: PayloadDecoder) -> None:
         """Begin anew, with somebody who looks for another protocol in what passes."""
-        self.pipeline = Pipeline(self, Options(strict=True, carrier=carrier))
+        self.pipeline = Pipeline(self, Options(strict=True, decoder=carrier))
 
     def watch(self, overdue_ns: int = 2 * SECOND) -> None:
         """Begin anew, on a line where requests are told that wait longer than this."""

@@ -345,8 +345,8 @@ def test_the_table_is_bounded_and_the_sum_exact(talk: Talk) -> None:
     assert len(talk.transactions) == count
     assert set(reasons(talk)[given_up:]) == {CAPTURE_ENDED}
     assert [one.number for one in talk.transactions] == [*range(2, count + 2)]
-    assert talk.pipeline.conversation.judge.counts["transaction.table_full"] == given_up
-    assert int(talk.pipeline.conversation.dialogue.open) == 0
+    assert talk.pipeline.finding_counts["transaction.table_full"] == given_up
+    assert int(talk.pipeline.exchange.dialogue.open) == 0
 
 
 def test_the_sum_is_exact_with_one_reference() -> None:
@@ -367,7 +367,7 @@ def test_all_connections_together_are_bounded() -> None:
         talk.flood(MAX_OPEN)
     opened = [side.connection.open_requests[CLIENT].count for side in first.pipeline.table.all_open()]
     assert opened == [MAX_OPEN] * 16 + [FEW_OPEN] * 8
-    dialogue = first.pipeline.conversation.dialogue
+    dialogue = first.pipeline.exchange.dialogue
     assert dialogue.open == sum(opened) == MAX_OPEN_ALL + 8 * FEW_OPEN
     first.finish()
     assert len(first.transactions) == 24 * MAX_OPEN
@@ -375,7 +375,7 @@ def test_all_connections_together_are_bounded() -> None:
 
 
 def test_what_is_open_is_counted_right(talk: Talk) -> None:
-    dialogue = talk.pipeline.conversation.dialogue
+    dialogue = talk.pipeline.exchange.dialogue
     for number in range(10):
         talk.ask(read(number % 4, dbw(1, number)))
     assert dialogue.open == 4
@@ -762,7 +762,7 @@ def test_every_request_and_answer_is_told_of_once(steps: list[tuple[int, str, in
     assert len({one.number for one in talk.transactions}) == len(steps)
     connection = talk.connections[0]
     assert connection.answered + connection.unanswered == len(steps) + 1  # and the setup
-    assert talk.pipeline.conversation.dialogue.open == 0
+    assert talk.pipeline.exchange.dialogue.open == 0
 
 
 @pytest.mark.parametrize("same", [True, False], ids=["the same again", "something else"])
@@ -778,4 +778,4 @@ def test_what_waits_behind_a_request_is_told_when_that_is_replaced(same: bool) -
     talk.finish()
     assert sorted(talk.pairs()) == [(first, 0), (second, 0), (third, 0)]
     assert talk.outcomes() == ["unanswered"] * 3
-    assert talk.pipeline.conversation.dialogue.open == 0
+    assert talk.pipeline.exchange.dialogue.open == 0

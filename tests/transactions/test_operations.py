@@ -294,7 +294,7 @@ def test_the_oldest_of_too_many_gives_way(talk: Talk) -> None:
     for number in range(MAX_OPEN + 1):
         subscribe(talk, number, number + 1)
     assert (only(talk).result, only(talk).reason) == ("unfinished", "too many at once")
-    assert talk.pipeline.conversation.watch.operations.evicted == 1
+    assert talk.pipeline.exchange.watch.operations.evicted == 1
     assert len(talk.pipeline.table.all_open()[0].connection.operations.these) == MAX_OPEN
 
 

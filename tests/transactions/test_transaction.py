@@ -6,7 +6,8 @@ import pytest
 
 from dissect.s7.values import Value
 from dissect.transactions import transaction as module
-from dissect.transactions.transaction import OUTCOMES, REASON_TEXTS, ItemResult, Transaction
+from dissect.transactions.results import ItemResult
+from dissect.transactions.transaction import OUTCOMES, REASON_TEXTS, Transaction
 from tests.layers.examples import BY_NUMBER
 from tests.transactions.talk import (
     Talk,

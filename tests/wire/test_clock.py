@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
 from datetime import UTC, date, datetime, timedelta
+from zoneinfo import ZoneInfo
 
 import pytest
 from hypothesis import example, given
@@ -61,3 +64,41 @@ def test_civil_is_the_gregorian_calendar(day: date) -> None:
 def test_civil_repeats_every_400_years(day: int, times: int) -> None:
     year, month, of_month = civil(day)
     assert civil(day + times * 146097) == (year + times * 400, month, of_month)
+
+
+# ---- for people -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def zone(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """The time zone of this machine, as long as the test runs."""
+    monkeypatch.setenv("TZ", request.param)
+    time.tzset()
+    yield request.param
+    monkeypatch.undo()
+    time.tzset()
+
+
+@given(ANY_TIME)
+def test_a_moment_names_utc(time_ns: int) -> None:
+    day, _, of_day = expected(time_ns).partition("T")
+    assert Clock().moment(time_ns) == f"{day} {of_day[:15]} UTC"
+    assert Clock().time_of_day(time_ns) == of_day[:15]
+    assert Clock().zone(time_ns) == "UTC"
+
+
+@pytest.mark.parametrize("zone", ["Europe/Berlin", "America/St_Johns", "Asia/Kolkata", "UTC"], indirect=True)
+def test_a_local_moment_names_its_offset(zone: str) -> None:
+    clock = Clock(local=True)
+    for second in (0, 1, 1454943097, 1711846799, 1711846800, 1729990799, 1729990800, 4107542400, -1_000_000_000):
+        there = datetime.fromtimestamp(second, ZoneInfo(zone))
+        offset = there.strftime("%z")
+        shown = f"{there:%Y-%m-%d %H:%M:%S}.000123 {offset[:3]}:{offset[3:5]}"
+        assert clock.moment(second * NS + 123456) == shown
+        assert (clock.time_of_day(second * NS + 123456), clock.zone(second * NS)) == (shown[11:26], shown[27:])
+        assert clock.iso(second * NS) == Clock().iso(second * NS)  # what programs read stays UTC
+
+
+def test_a_local_moment_never_raises() -> None:
+    for time_ns in (-(2**63), 2**63 - 1):
+        assert Clock(local=True).moment(time_ns)

@@ -13,7 +13,7 @@ from dissect.wire.text import shortened
 
 #: The group that Linux distributions give the right to run dumpcap to.
 _GROUP: Final = "wireshark"
-_MORE: Final = "docs/live.md tells what these rights are"
+_MORE: Final = "more: s7dissect help live"
 _AS_ROOT: Final = (
     "root here has no CAP_NET_RAW, as in a container; start it with --cap-add=NET_RAW --cap-add=NET_ADMIN",
     _MORE,
@@ -61,7 +61,7 @@ def ring_permission() -> tuple[str, ...]:
 
 def unknown_interface(names: list[str]) -> tuple[str, ...]:
     """Return which interfaces there are."""
-    return (f"there are: {', '.join(names)}" if names else "there are none", "s7dissect interfaces tells more of them")
+    return (f"there are: {', '.join(names)}" if names else "there are none", "s7dissect interfaces describes them")
 
 
 def interface_down(name: str) -> tuple[str, ...]:

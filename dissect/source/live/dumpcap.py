@@ -7,7 +7,6 @@ tells how many packets the kernel dropped; the interface's own count can be read
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import signal
@@ -60,6 +59,14 @@ def trouble(interface: str) -> LiveError | None:
     return _explain(program, interface, "", _said(answer.stderr)) if answer.returncode else None
 
 
+def _widen(descriptor: int) -> None:
+    """Give a pipe more room where the system can; a smaller one does as well."""
+    with suppress(ImportError, AttributeError, OSError):
+        import fcntl
+
+        fcntl.fcntl(descriptor, fcntl.F_SETPIPE_SZ, _PIPE_SIZE)
+
+
 class DumpcapReader(PipeReader):
     """Packets of ``interface`` by way of dumpcap. `open_dumpcap` makes one."""
 
@@ -69,8 +76,7 @@ class DumpcapReader(PipeReader):
         assert pipe is not None
         assert errors is not None
         os.set_blocking(errors.fileno(), False)
-        with suppress(OSError):  # a smaller pipe does as well
-            fcntl.fcntl(pipe.fileno(), fcntl.F_SETPIPE_SZ, _PIPE_SIZE)
+        _widen(pipe.fileno())
         super().__init__(PipeSource(pipe.fileno(), owned=False), interface, PROGRAM, wait_ms)
         self._child = child
         self._errors = errors.fileno()

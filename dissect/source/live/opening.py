@@ -14,6 +14,8 @@ ENGINES: Final = ("dumpcap", "ring")
 #: What may be given as a snap length and as the size of the kernel's buffer, in octets and MiB.
 MAX_SNAPLEN: Final = 262_144
 MAX_BUFFER_MIB: Final = 1024
+#: What the kernel holds unless told otherwise.
+BUFFER_MIB: Final = 32
 
 
 class EngineState(NamedTuple):
@@ -31,7 +33,7 @@ def open_live(
     *,
     wait_ms: int = WAIT_MS,
     snaplen: int = 0,
-    buffer_mib: int = 32,
+    buffer_mib: int = BUFFER_MIB,
     promiscuous: bool = True,
 ) -> LiveReader:
     """Return a reader of what passes on ``interface``, of which ``expression`` (a capture filter) may leave things out.

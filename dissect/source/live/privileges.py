@@ -74,10 +74,10 @@ def missing(directory: str) -> list[Path]:
     return [one for one in (*reversed(path.parents), path) if not os.path.lexists(one)]
 
 
-def give(directories: Sequence[Path], user: User) -> None:
-    """Make ``user`` the owner of folders that this process has made."""
-    for path in directories:
-        handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+def give(made: Sequence[Path], user: User) -> None:
+    """Make ``user`` the owner of folders and files that this process has made."""
+    for path in made:
+        handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
         try:
             os.fchown(handle, user.uid, user.gid)
         finally:

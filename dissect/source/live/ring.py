@@ -227,7 +227,8 @@ def _program(expression: str, interface: NetworkInterface) -> list[Instruction]:
         raise LiveError(
             f"the capture filter {shown(expression)} is more than the ring understands by itself",
             (
-                "install libpcap, or keep to what docs/live.md lists: tcp, udp, port N, host ADDRESS, net, vlan, and, or, not",
+                "install libpcap, or use only what the ring knows: tcp, udp, port N, host ADDRESS, net, vlan, and, or, not",
+                "more: s7dissect help live",
             ),
         ) from None
 

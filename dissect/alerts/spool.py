@@ -1,0 +1,200 @@
+"""Alerts on disk until they are delivered: a folder of small files, heavy ones first, never more than fit.
+
+A file is called ``RANK-TIME-NUMBER.json`` (rank 0 is an error, time in nanoseconds since 1970) and holds the alert as posted.
+It appears whole, and goes when the alert was delivered; so whatever ends the program, each alert that was there is delivered
+after the next start, at worst twice.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from pathlib import Path
+from typing import IO, Final, NamedTuple
+
+from dissect.alerts.waiting import Waiting
+from dissect.findings.finding import SEVERITIES
+from dissect.wire.saving import PART, save
+
+try:
+    import fcntl
+except ImportError:  # not on Windows
+    fcntl = None  # type: ignore[assignment]
+
+#: Alerts that are kept, and their octets.
+MAX_ALERTS: Final = 4096
+MAX_OCTETS: Final = 64 * 1024 * 1024
+#: Folders for processes that use the same spool at the same time.
+_MAX_FOLDERS: Final = 16
+_NAME: Final = re.compile(rf"([0-{len(SEVERITIES) - 1}])-([0-9]{{19,20}})-([0-9]{{6}})\.json")
+_UNSAFE: Final = re.compile(r"[^A-Za-z0-9._-]+")
+
+
+class Spooled(NamedTuple):
+    """An alert that waits: its rank, its octets, and its file; None where the disk would not take it."""
+
+    rank: int
+    size: int
+    path: Path | None
+    content: bytes = b""
+
+
+def default_folder() -> Path:
+    """Return where alerts wait unless the rules say otherwise.
+
+    That is below the folder that systemd gives a service, or that of the user's state, or /var/lib/s7dissect for root.
+    """
+    service = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
+    state = os.environ.get("XDG_STATE_HOME", "")
+    if service:
+        return Path(service) / "alerts"
+    if state:
+        return Path(state) / "s7dissect" / "alerts"
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
+        return Path("/var/lib/s7dissect/alerts")
+    return Path.home() / ".local" / "state" / "s7dissect" / "alerts"
+
+
+class Spool:
+    """The alerts of the action ``name`` that wait in ``folder``. Not for several threads at once.
+
+    `prepare` makes the folder, `open` takes over what an earlier run left. ``trouble`` is why alerts are not on disk, empty
+    while they are.
+    """
+
+    def __init__(self, folder: Path, name: str, most: int = MAX_ALERTS, most_octets: int = MAX_OCTETS) -> None:
+        self.folder = folder / (_UNSAFE.sub("_", name)[:60].lstrip(".") or "_")
+        self.trouble = ""
+        self._waiting: Waiting[Spooled] = Waiting(most)
+        self._most_octets = most_octets
+        self._octets = 0
+        self._taken = 0
+        self._number = 0
+        self._lock: IO[bytes] | None = None
+
+    def __len__(self) -> int:
+        return len(self._waiting) + self._taken
+
+    def prepare(self) -> list[Path]:
+        """Make the folder; return those that had to be made, the outermost first. Trouble is kept, not raised."""
+        made = [one for one in (*reversed(self.folder.parents), self.folder) if not os.path.lexists(one)]
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        except OSError as error:
+            self._note(error)
+            return [one for one in made if one.is_dir()]
+        return made
+
+    def open(self) -> None:
+        """Take the folder, or one beside it where another process has it, and what waits there."""
+        for number in range(1, _MAX_FOLDERS + 1):
+            folder = self.folder if number == 1 else self.folder.with_name(f"{self.folder.name}-{number}")
+            try:
+                folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+                lock = (folder / ".lock").open("ab")
+            except OSError as error:
+                self._note(error)
+                return
+            if fcntl is not None:
+                try:
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except OSError:
+                    lock.close()
+                    continue
+            self.folder, self._lock, self.trouble = folder, lock, ""
+            self._take_over()
+            return
+        self.trouble = f"{self.folder}: {_MAX_FOLDERS} processes use it already"
+
+    def put(self, rank: int, content: bytes) -> list[Spooled]:
+        """Keep an alert, on disk where that can be; return those that have to go for it: the oldest of the lightest."""
+        self._number = (self._number + 1) % 1_000_000
+        path: Path | None = None
+        if self._lock is not None:
+            path = self.folder / f"{rank}-{time.time_ns():020d}-{self._number:06d}.json"
+            try:
+                save(path, content, 0o600)
+                self.trouble = ""
+            except OSError as error:
+                self._note(error)
+                path = None
+        kept = Spooled(rank, len(content), path, b"" if path is not None else content)
+        self._octets += kept.size
+        gone = [self._waiting.put(rank, kept)]
+        while self._octets - sum([one.size for one in gone if one is not None]) > self._most_octets and self._waiting:
+            gone.append(self._waiting.lightest())
+        dropped = [one for one in gone if one is not None]
+        for one in dropped:
+            self._forget(one)
+        return dropped
+
+    def take(self) -> tuple[Spooled, bytes] | None:
+        """Take the oldest of the heaviest and its content; None when nothing waits. `done` or `put_back` follows."""
+        while (one := self._waiting.heaviest()) is not None:
+            if one.path is None:
+                self._taken += 1
+                return one, one.content
+            try:
+                content = one.path.read_bytes()
+            except OSError:
+                self._octets -= one.size  # it was taken away by hand
+                continue
+            self._taken += 1
+            return one, content
+        return None
+
+    def put_back(self, one: Spooled) -> None:
+        """It was not delivered: it waits again, before all others of its weight."""
+        self._taken -= 1
+        self._waiting.put_back(one.rank, one)
+
+    def done(self, one: Spooled) -> None:
+        """It was delivered, or never can be."""
+        self._taken -= 1
+        self._forget(one)
+
+    @property
+    def lost_at_end(self) -> int:
+        """How many that wait are not on disk."""
+        count, kept = 0, []
+        while (one := self._waiting.heaviest()) is not None:
+            kept.append(one)
+            count += one.path is None
+        for one in reversed(kept):
+            self._waiting.put_back(one.rank, one)
+        return count
+
+    def close(self) -> None:
+        """Leave the folder to the next run."""
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+    def _take_over(self) -> None:
+        names = sorted([path.name for path in self.folder.iterdir()])
+        for name in names:
+            path = self.folder / name
+            found = _NAME.fullmatch(name)
+            try:
+                if found is not None and path.is_file() and not path.is_symlink():
+                    one = Spooled(int(found[1]), path.stat().st_size, path)
+                    self._octets += one.size
+                    gone = self._waiting.put(one.rank, one)
+                    if gone is not None:
+                        self._forget(gone)
+                elif name.startswith(".") and ".json." in name and name.endswith(PART):
+                    path.unlink()  # a kill came before it was whole
+            except OSError as error:
+                self._note(error)
+
+    def _forget(self, one: Spooled) -> None:
+        self._octets -= one.size
+        if one.path is not None:
+            try:
+                one.path.unlink(missing_ok=True)
+            except OSError as error:
+                self._note(error)
+
+    def _note(self, error: OSError) -> None:
+        self.trouble = f"{self.folder}: {error.strerror or error}"

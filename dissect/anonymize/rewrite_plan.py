@@ -1,0 +1,54 @@
+"""What a message becomes: which of its octets stay, which get others, and which are set to zero (all the rest)."""
+
+from __future__ import annotations
+
+from dissect.anonymize.account import Account
+
+
+class RewritePlan:
+    """A message of which nothing stays until it is said to. ``pieces`` are (begin, end, octets), in order.
+
+    ``octets`` of a piece is None where the message's own stay.
+    """
+
+    __slots__ = ("account", "octets", "pieces")
+
+    def __init__(self, octets: bytes, account: Account) -> None:
+        self.octets = octets
+        self.account = account
+        self.pieces: list[tuple[int, int, bytes | None]] = []
+
+    def keep(self, begin: int, end: int) -> None:
+        """The octets stay."""
+        if begin >= end:
+            return
+        if self.pieces and self.pieces[-1][1] == begin and self.pieces[-1][2] is None:
+            begin = self.pieces.pop()[0]
+        self.pieces.append((begin, end, None))
+
+    def put(self, begin: int, new: bytes, kind: str) -> None:
+        """The octets from ``begin`` on get others."""
+        end = begin + len(new)
+        if new == self.octets[begin:end]:
+            self.keep(begin, end)
+        elif new:
+            self.pieces.append((begin, end, new))
+            self.account.replace(kind)
+
+    def lay(self, new: bytes, begin: int = 0) -> None:
+        """The octets from ``begin`` on get others, counted elsewhere; those that are the same stay."""
+        at = 0
+        while at < len(new):
+            end = at
+            same = new[at] == self.octets[begin + at]
+            while end < len(new) and (new[end] == self.octets[begin + end]) == same:
+                end += 1
+            if same:
+                self.keep(begin + at, begin + end)
+            else:
+                self.pieces.append((begin + at, begin + end, new[at:end]))
+            at = end
+
+    def zero(self, begin: int, end: int, kind: str) -> None:
+        """The octets are set to zero, which is what becomes of all that nothing is said of."""
+        self.account.mask(kind, self.octets[begin:end])

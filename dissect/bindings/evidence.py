@@ -1,0 +1,91 @@
+"""What shows that a device has another dictionary than ours (R18, profile 3.4): values that both know, and what it denies."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from dissect.scd.model import CLASSES, StructType
+from dissect.scd.ranges import is_mapping
+from dissect.scd.wording import address_text, value_text
+from dissect.wire.text import printable
+
+if TYPE_CHECKING:
+    from dissect.scd.dictionary import Dictionary
+    from dissect.scd.layout import Key
+    from dissect.scd.messages import Message
+    from dissect.scd.model import Object
+    from dissect.scd.types import Value
+
+#: Where a device shows which dictionary it has: ConfId of "verify configuration" (reference 3.4).
+CONF_ID: Final = (0x1020, 3)
+#: Sub-index with class (bits 0-7) and type (bits 8-23) of an object (C33).
+STRUCTURE_SUB: Final = 255
+#: scd_err_t of "no such object" and "no such sub-index" (reference 3.5).
+_NO_OBJECT: Final = -5
+_NO_SUB: Final = -6
+
+
+class Evidence:
+    """Compares what devices say with one dictionary.
+
+    ``constants`` are the addresses of what never changes (R75), the numbers of sub-indices among them (not of mapping objects,
+    which are rewritten); ``keys`` all addresses whose value is compared with something.
+    """
+
+    def __init__(self, dictionary: Dictionary) -> None:
+        self._dictionary = dictionary
+        self._conf_id = int.from_bytes(dictionary.wire_id[:4], "little")
+        self._expected: dict[Key, Value] = {}
+        constants = set()
+        structs = [dictionary[index] for index, kind in dictionary.types.items() if isinstance(kind, StructType)]
+        for obj in (*dictionary, *structs):  # of a struct what a device may show of it (R59)
+            for variable in obj:
+                if variable.access == "const":
+                    constants.add(variable.address)
+                    if variable.default is not None:
+                        self._expected[variable.address] = variable.default
+        self.constants: Final[frozenset[Key]] = frozenset(constants)
+        self.keys: Final[frozenset[Key]] = frozenset((*constants, CONF_ID))
+
+    def shown(self, key: tuple[int, int], value: Value) -> str:
+        """Return what a value of a device shows to be different in its dictionary, empty where nothing is."""
+        if key == CONF_ID:
+            if value in {0, self._conf_id} or not isinstance(value, int):
+                return ""
+            return f"its ConfId is {value:#010x}, that of {printable(repr(self._dictionary.name))} is {self._conf_id:#010x}"
+        if key[1] == STRUCTURE_SUB:
+            return self._structure(key[0], value)
+        expected = self._expected.get(key)
+        if expected is None or value == expected or (value != value and expected != expected):  # noqa: PLR0124 - NaN
+            return ""
+        what = "number of sub-indices" if key[1] == 0 and not self._dictionary[key[0]].single else "constant"
+        return f"{what} {address_text(key)} = {value_text(value)}, the dictionary has {value_text(expected)}"
+
+    def _structure(self, index: int, value: Value) -> str:
+        obj = self._dictionary.objects.get(index)
+        if obj is None or not isinstance(value, int):
+            return ""
+        object_class, code = value & 0xFF, value >> 8 & 0xFFFF
+        same_type = not code or not _type_code(obj) or code == _type_code(obj)
+        if object_class == obj.object_class and same_type:
+            return ""
+        theirs = f"{CLASSES.get(object_class, object_class)} of type 0x{code:04x}"
+        return f"0x{index:04x} is {theirs} there, {CLASSES[obj.object_class]} of type 0x{_type_code(obj):04x} in the dictionary"
+
+    def denied(self, message: Message) -> str:
+        """Return what an error answer denies although the dictionary calls it mandatory (R76), empty where nothing."""
+        if "index" not in message.numbers or message.err not in {_NO_OBJECT, _NO_SUB}:
+            return ""
+        obj = self._dictionary.objects.get(message.index)
+        if obj is None or not obj.mandatory:
+            return ""
+        if message.err == _NO_OBJECT:
+            return f"it has no object 0x{obj.index:04x} {printable(obj.name)}, which is mandatory"
+        if message.sub in obj:
+            return f"it has no sub-index {message.sub} of 0x{obj.index:04x} {printable(obj.name)}, which is mandatory"
+        return ""
+
+
+def _type_code(obj: Object) -> int:
+    """Return the index of an object's type, 0 for one of fields of its own."""
+    return 0 if obj.type is None or is_mapping(obj.index) else obj.type.index

@@ -1,0 +1,114 @@
+"""Examples that the help of each command ends with. tests/cli/test_examples.py runs every one of them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+#: Command → its examples, as typed in a shell. Each fits on a line of 80 columns.
+EXAMPLES: Final = {
+    "analyze": (
+        "s7dissect analyze trace.pcapng",
+        "s7dissect analyze --fail-on 'security.*' ring_*.pcapng",
+        "ssh gateway cat trace.pcap.gz | s7dissect analyze -T json -",
+    ),
+    "transactions": (
+        "s7dissect transactions --failed trace.pcapng",
+        "s7dissect transactions -T csv trace.pcapng > trace.csv",
+    ),
+    "operations": (
+        "s7dissect operations trace.pcapng",
+        "s7dissect operations --kind download --kind upload trace.pcapng",
+    ),
+    "show": (
+        "s7dissect show -V --frame 17 trace.pcapng",
+        "s7dissect show -T jsonl trace.pcapng",
+    ),
+    "cut": (
+        "s7dissect cut trace.pcapng -o part.pcapng --connection 1",
+        "s7dissect cut trace.pcapng -o bad.pcapng --finding warning --around 2s",
+    ),
+    "anonymize": (
+        "s7dissect anonymize trace.pcapng -o shared.pcapng",
+        "s7dissect anonymize trace.pcapng -o shared.pcapng --key plant.key",
+    ),
+    "baseline": (
+        "s7dissect baseline old.pcapng -o plant.toml",
+        "s7dissect baseline --against plant.toml new.pcapng",
+        "s7dissect baseline --rules alerts.toml new.pcapng",
+    ),
+    "golden": (
+        "s7dissect golden trace.pcapng -o session.s7.txt",
+        "s7dissect golden --with time,latency trace.pcapng",
+    ),
+    "diff": (
+        "s7dissect diff session.s7.txt new.pcapng",
+        "s7dissect diff --ignore 'values:DB10.*' --latency 20% old.pcapng new.pcapng",
+    ),
+    "verify": (
+        "s7dissect verify trace.pcapng",
+        "s7dissect verify --known --reorder trace.pcapng",
+    ),
+    "monitor": (
+        "s7dissect monitor -i eth0",
+        "s7dissect monitor --plain -i eth0 --alerts alerts.toml --fail-on error",
+        "ssh gateway tcpdump -U -w - tcp port 102 | s7dissect monitor --plain -",
+    ),
+    "interfaces": (
+        "s7dissect interfaces",
+        "s7dissect interfaces -T json",
+    ),
+    "proxy": (
+        "s7dissect proxy --to 192.168.0.10 -w session.pcapng",
+        "s7dissect proxy --listen 127.0.0.1:0 --to 192.168.0.10:102 --only findings",
+    ),
+    "serve": (
+        "s7dissect serve trace.pcapng",
+        "s7dissect serve --fault delay:3:500 --fault 'refuse:DB10.*' trace.pcapng",
+    ),
+    "replay": (
+        "s7dissect replay trace.pcapng --dry-run",
+        "s7dissect replay trace.pcapng --to 127.0.0.1:10102 --timing recorded",
+    ),
+    "scd": (
+        "s7dissect scd check plant.toml",
+        "s7dissect scd decode -d plant.toml --pdo T2 C1 AB 24 FA",
+    ),
+    "scd compile": (
+        "s7dissect scd compile plant.toml -o plant.scd",
+        "s7dissect scd compile device.eds --encoding cp1251 -o device.scd",
+    ),
+    "scd dump": (
+        "s7dissect scd dump plant.scd",
+        "s7dissect scd dump --json device.eds > device.json",
+    ),
+    "scd check": (
+        "s7dissect scd check plant.toml",
+        "s7dissect scd check -T json plant.scd device.eds",
+    ),
+    "scd diff": (
+        "s7dissect scd diff plant.scd plant.toml",
+        "s7dissect scd diff -T json device.eds plant.toml",
+    ),
+    "scd decode": (
+        "s7dissect scd decode -d plant.scd --pdo T2 C1 AB 24 FA",
+        "echo C1AB24FA | s7dissect scd decode -d plant.scd --pdo T2 -T json -",
+    ),
+    "scd encode": (
+        "s7dissect scd encode -d plant.scd --message read 0x6041 --tid 7",
+        "s7dissect scd encode -d plant.scd --value 0x6001 0x05DC",
+    ),
+    "schema": (
+        "s7dissect schema",
+        "s7dissect schema analysis > analysis.schema.json",
+    ),
+    "help": (
+        "s7dissect help live",
+        "s7dissect help findings | grep security",
+    ),
+}
+
+
+def examples_of(path: str) -> str:
+    """Return the examples of a command, such as ``scd decode``, as a paragraph of its help; empty when it has none."""
+    found = EXAMPLES.get(path, ())
+    return "\b\nExamples:\n" + "\n".join([f"  {line}" for line in found]) if found else ""

@@ -1,0 +1,109 @@
+"""`s7dissect help`: the manual pages. They are docs/*.md of the project, which setup.py packs into the package."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+from pathlib import Path
+from typing import Final
+
+import click
+
+from dissect.cli.look import coloured
+from dissect.cli.main import COMMANDS, EXIT_OK, group
+from dissect.cli.run import write
+
+_PACKAGE: Final = Path(__file__).resolve().parent.parent
+#: Where the pages are in an installed package, and in the source tree.
+_FOLDERS: Final = (_PACKAGE / "help", _PACKAGE.parent / "docs")
+_SUFFIX: Final = ".md"
+#: Commands that are described together, and the page.
+_PAGES: Final = {
+    "analyze": "commands",
+    "transactions": "commands",
+    "operations": "commands",
+    "show": "commands",
+    "verify": "commands",
+    "cut": "evidence",
+    "baseline": "alerts",
+    "diff": "golden",
+    "interfaces": "live",
+    "schema": "json",
+}
+#: A link to a page or another file of the project, to which nothing leads from here.
+_LINK: Final = re.compile(r"\[([^\]]+)\]\((?!https?:)([^)#]*)(?:#[^)]*)?\)")
+#: Columns beyond which text is hard to read.
+_WIDEST: Final = 110
+
+
+def pages() -> dict[str, Path]:
+    """Return each topic and the file that holds its page."""
+    folder = next((folder for folder in _FOLDERS if folder.is_dir()), None)
+    return {path.stem: path for path in sorted(folder.glob(f"*{_SUFFIX}"))} if folder is not None else {}
+
+
+def page(topic: str) -> str:
+    """Return a page as Markdown, its links as what to type; raises KeyError for an unknown topic."""
+    text = pages()[topic].read_text(encoding="utf-8")
+    return _LINK.sub(_typed, text)
+
+
+def _typed(link: re.Match[str]) -> str:
+    text, target = link.groups()
+    name = Path(target).name
+    if not name.endswith(_SUFFIX) or name.removesuffix(_SUFFIX) not in pages() or "/" in target.removeprefix("../"):
+        return text
+    typed = f"`s7dissect help {name.removesuffix(_SUFFIX)}`"
+    return typed if text.endswith(_SUFFIX) else f"{text} ({typed})"
+
+
+@click.command("help", epilog="Exit code: 0 success, 2 wrong use, 5 the output could not be written.")
+@click.argument("topic", required=False, metavar="[TOPIC]")
+@click.pass_context
+def command(ctx: click.Context, topic: str | None) -> int:
+    """Show the manual page of a command or topic; without one, list the commands and topics.
+
+    On a terminal the page is formatted and shown in a pager (PAGER); otherwise it is written as Markdown.
+    """
+    if topic is None:
+        root = ctx.find_root()
+        write([*group.get_help(root).split("\n"), "", "Topics of s7dissect help:", *_topics()])
+        return EXIT_OK
+    known = pages()
+    name = _PAGES.get(topic, topic)
+    if name in known:
+        _show(page(name))
+    elif (found := group.get_command(ctx, topic)) is not None:
+        with click.Context(found, ctx.find_root(), topic) as inner:
+            write([found.get_help(inner)])
+    else:
+        import difflib  # late: a run without this mistake does not need it
+
+        near = difflib.get_close_matches(topic, [*known, *COMMANDS], n=2)
+        hint = f"did you mean {' or '.join(near)}?" if near else "`s7dissect help` lists the topics."
+        raise click.UsageError(f"no help on {topic!r}; {hint}")
+    return EXIT_OK
+
+
+def _topics() -> list[str]:
+    titles = {name: path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ") for name, path in pages().items()}
+    width = max(map(len, titles), default=0)
+    return [f"  {name.ljust(width)}  {title}" for name, title in titles.items()]
+
+
+def _show(text: str) -> None:
+    if not sys.stdout.isatty():
+        write([text.rstrip("\n")])
+        return
+    from rich.console import Console
+    from rich.markdown import Markdown
+
+    colours = coloured(True)
+    width = min(shutil.get_terminal_size().columns, _WIDEST)
+    console = Console(
+        width=width, force_terminal=colours, no_color=not colours, color_system="standard" if colours else None
+    )
+    with console.capture() as captured:
+        console.print(Markdown(text, hyperlinks=False))
+    click.echo_via_pager(captured.get(), color=colours)

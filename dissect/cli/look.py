@@ -1,0 +1,104 @@
+"""How results look to a person: colours, the width they are wrapped at, the time zone. One way for all commands.
+
+`dissect.cli.main` gives every command ``--color``, and ``--local-time`` to those that show times. Neither is an argument of the
+command: they are kept with the click context and asked for here.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from dissect.cli.run import write
+from dissect.wire.clock import Clock
+
+if TYPE_CHECKING:
+    from dissect.report.styled import Line
+
+AUTO: Final = "auto"
+ALWAYS: Final = "always"
+NEVER: Final = "never"
+
+_COLOR: Final = "dissect.cli.look.color"
+_LOCAL: Final = "dissect.cli.look.local_time"
+_COLOURS: Final = {"heading": "cyan", "error": "red", "failed": "red", "warning": "yellow", "note": "blue"}
+_BOLD: Final = frozenset(("heading", "error"))
+
+
+def _keep(key: str) -> Callable[[click.Context, click.Parameter, Any], None]:
+    def keep(ctx: click.Context, _param: click.Parameter, value: Any) -> None:
+        if value:
+            ctx.meta[key] = value
+
+    return keep
+
+
+def color_option() -> click.Option:
+    """Return the option ``--color``."""
+    return click.Option(
+        ["--color"],
+        type=click.Choice((AUTO, ALWAYS, NEVER)),
+        expose_value=False,
+        callback=_keep(_COLOR),
+        metavar="WHEN",
+        help="auto (default: on a terminal, unless NO_COLOR is set), always or never.",
+    )
+
+
+def local_time_option() -> click.Option:
+    """Return the option ``--local-time``."""
+    return click.Option(
+        ["--local-time"],
+        is_flag=True,
+        expose_value=False,
+        callback=_keep(_LOCAL),
+        help="Show times in the time zone of this machine (TZ) instead of UTC; JSON and CSV stay in UTC.",
+    )
+
+
+def _kept(key: str) -> Any:
+    ctx = click.get_current_context(silent=True)
+    return ctx.meta.get(key) if ctx is not None else None
+
+
+def clock() -> Clock:
+    """Return a clock that writes times the way the user wants to read them."""
+    return Clock(bool(_kept(_LOCAL)))
+
+
+def coloured(terminal: bool) -> bool:
+    """Tell whether to use colours on an output that is a ``terminal`` or is not."""
+    when = _kept(_COLOR) or AUTO
+    if when == AUTO:
+        return terminal and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+    return bool(when == ALWAYS)
+
+
+def write_lines(lines: Iterable[Line]) -> None:
+    """Write lines that have a style: on a terminal in its width, in colours where they are wanted, else as they are."""
+    terminal = sys.stdout.isatty()
+    width = shutil.get_terminal_size().columns if terminal else 0
+    write(_dressed(lines, width, coloured(terminal)))
+
+
+def write_text(lines: Iterable[str], hang: int = 4) -> None:
+    """Write lines without a style; on a terminal they are wrapped, what is continued begins in column ``hang``."""
+    from dissect.report.styled import PLAIN, Line
+
+    write_lines([Line(line, PLAIN, hang) for line in lines])
+
+
+def _dressed(lines: Iterable[Line], width: int, colours: bool) -> Iterator[str]:
+    for line in lines:
+        for text in line.wrapped(width) if width else [line.text]:
+            if not colours or not line.style or not text:
+                yield text
+            elif line.style == "dim":
+                yield click.style(text, dim=True)
+            else:
+                yield click.style(text, fg=_COLOURS[line.style], bold=line.style in _BOLD)

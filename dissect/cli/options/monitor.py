@@ -1,0 +1,230 @@
+"""The options of `s7dissect monitor` for what goes along with it: evidence on disk, and alerts."""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from dissect.report.slugs import slugs_of
+from dissect.wire.text import printable
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from dissect.live.run import Companion
+    from dissect.live.session import Session
+    from dissect.recording.ring_buffer import RingLimits
+
+_TIME = re.compile(r"([0-9]{1,6})(ms|s|min)?")
+_UNITS = {"ms": 1_000_000, "s": 1_000_000_000, "min": 60_000_000_000}
+_FILE = click.Path(dir_okay=False)
+#: Octets of the ring that are written together; what is gathered is written several times a second in any case.
+_BATCH = 64 * 1024
+
+
+def _limits(ctx: click.Context, param: click.Parameter, values: Sequence[str]) -> RingLimits | None:
+    from dissect.recording.ring_buffer import parse_limits
+
+    try:
+        return parse_limits(values) if values else None
+    except ValueError as error:
+        raise click.BadParameter(f"{error}.", ctx, param) from None
+
+
+def _kept(
+    ctx: click.Context, param: click.Parameter, values: Sequence[tuple[str, str]]
+) -> list[tuple[frozenset[str], int]]:
+    """Return (slugs, nanoseconds before and after) of each ``--keep-around``."""
+    kept = []
+    for what, text in values:
+        found = _TIME.fullmatch(text)
+        if found is None:
+            raise click.BadParameter(f"expected a time such as 500ms, 30s or 2min, got {text!r}.", ctx, param)
+        try:
+            kept.append((slugs_of(what), int(found[1]) * _UNITS[found[2] or "s"]))
+        except ValueError as error:
+            raise click.BadParameter(str(error), ctx, param) from None
+    return kept
+
+
+def file_of(out: str) -> Path | None:
+    """Return the file that ``-w`` names, None where it names a folder: as with tshark, a name with an extension is a file."""
+    from pathlib import Path
+
+    path = Path(out)
+    return path if path.suffix and not path.is_dir() and not out.endswith("/") else None
+
+
+class Beside:
+    """What goes along, as the options say. `companions` makes it; `watch` tells it the session."""
+
+    def __init__(
+        self,
+        directory: str | None,
+        limits: RingLimits | None,
+        kept: list[tuple[frozenset[str], int]],
+        rules: str | None,
+        baseline: str | None,
+    ) -> None:
+        if directory is None and (limits is not None or kept):
+            raise click.UsageError("-b and --keep-around need -w, where files are written to.")
+        if directory == "-":
+            raise click.UsageError("-w - would mix packets with the lines of events: name a file or a folder.")
+        file = file_of(directory) if directory is not None else None
+        if file is not None and kept:
+            raise click.UsageError(
+                f"--keep-around makes several files: name a folder for -w, not {printable(str(file))}."
+            )
+        if baseline is not None and rules is None:
+            raise click.UsageError("--baseline needs --alerts.")
+        self._limits = limits
+        self._kept = kept
+        self._rules = rules
+        self._baseline = baseline
+        self._session: Session | None = None
+        self._shown = False
+        #: The only file that is written, or in whose place the files of a ring are; None where -w names a folder.
+        self._file = file
+        #: The folder that must stay writable, None for none; and what was made on the way there, the outermost first.
+        self.directory = directory
+        if file is not None:
+            self.directory = str(file.parent) if limits is not None else None
+        self.made: list[Path] = []
+
+    def companions(self) -> list[Companion]:
+        """Make what was asked for; whatever cannot be is told before anything is captured."""
+        made: list[Companion] = []
+        if self._file is not None and self._limits is None:
+            made.append(self._one_file(self._file))
+        elif self.directory is not None:
+            made += self._evidence(self.directory)
+        if self._rules is not None:
+            made.append(self._alerts(self._rules))
+        return made
+
+    def watch(self, session: Session, on_screens: bool) -> None:
+        """Take the session; on screens, alerts are shown there and not on stderr."""
+        self._session = session
+        self._shown = on_screens
+
+    def _one_file(self, path: Path) -> Companion:
+        import platform
+
+        from dissect import __version__
+        from dissect.proxy.capture_file import CaptureFile
+        from dissect.source.pcapng_writer import PcapngWriter
+        from dissect.wire.saving import is_special
+
+        new = not is_special(path)
+        writer = PcapngWriter(
+            str(path), os_name=platform.platform(), application=f"s7dissect {__version__} monitor", batch=_BATCH
+        )
+        if new:
+            self.made.append(path)
+        return CaptureFile(writer)
+
+    def _evidence(self, directory: str) -> list[Companion]:
+        import platform
+
+        from dissect import __version__
+        from dissect.live.evidence import KeeperCompanion, RingCompanion
+        from dissect.recording.event_capture import EventCapture
+        from dissect.recording.ring_buffer import RingBuffer
+        from dissect.source.live.privileges import missing
+
+        self.made += missing(directory)
+        name = self._file.stem if self._file is not None else "s7dissect"
+        program, system = f"s7dissect {__version__}", platform.platform()
+        made: list[Companion] = []
+        if self._limits is not None or not self._kept:
+            made.append(RingCompanion(RingBuffer(directory, self._limits, name, program, os_name=system, batch=_BATCH)))
+        for slugs, span_ns in self._kept:
+            made.append(
+                KeeperCompanion(
+                    EventCapture(directory, span_ns, span_ns, slugs=slugs, application=program, os_name=system)
+                )
+            )
+        return made
+
+    def _alerts(self, path: str) -> Companion:
+        from dissect.alerts.dispatcher import Dispatcher
+        from dissect.alerts.engine import AlertEngine
+        from dissect.alerts.loading import load_rules
+        from dissect.baseline.loading import load_baseline
+        from dissect.baseline.plant_file import PlantFileError
+        from dissect.live.alerting import AlertCompanion
+
+        try:
+            rules = load_rules(path)
+            baseline = load_baseline(self._baseline) if self._baseline is not None else None
+            dispatcher = Dispatcher(rules.actions, write=self._say, tell=self._say)
+            self.made += dispatcher.prepare()
+            return AlertCompanion(AlertEngine(rules, baseline, dispatcher.submit), dispatcher)
+        except PlantFileError as error:
+            raise click.ClickException(printable(str(error))) from None
+
+    def _say(self, line: str) -> None:
+        """Say an alert, or what there is to say about one, where somebody sees it."""
+        if self._shown and self._session is not None:
+            self._session.say(line)
+            return
+        from dissect.alerts.actions import to_stderr
+
+        to_stderr(line)
+
+
+def beside_options(command: Callable[..., int]) -> Callable[..., int]:
+    """Add the options to a command, which is given the `Beside` that they make as ``beside``."""
+
+    @click.option(
+        "-w",
+        "--write",
+        "directory",
+        metavar="OUT",
+        help="Write every packet to this pcapng file, or where OUT has no extension or is a folder, to files in it …",
+    )
+    @click.option(
+        "-b",
+        "--ring",
+        "limits",
+        multiple=True,
+        callback=_limits,
+        metavar="LIMIT",
+        help="… in a ring: a new file after filesize:KB or duration:SECONDS, and only the latest files:NUMBER are kept.",
+    )
+    @click.option(
+        "--keep-around",
+        "kept",
+        nargs=2,
+        multiple=True,
+        callback=_kept,
+        metavar="FINDING TIME",
+        help="Write the packets from TIME before to TIME after each FINDING (a severity, slug, or 'security.*') to a file of "
+        "their own in the folder of -w; without -b only these are written.",
+    )
+    @click.option("--alerts", "rules", type=_FILE, metavar="RULES", help="Load alert rules from this file.")
+    @click.option(
+        "--baseline",
+        "baseline",
+        type=_FILE,
+        metavar="PLANT",
+        help="With --alerts: the baseline that rules compare with.",
+    )
+    @functools.wraps(command)
+    def with_beside(
+        *arguments: Any,
+        directory: str | None,
+        limits: RingLimits | None,
+        kept: list[tuple[frozenset[str], int]],
+        rules: str | None,
+        baseline: str | None,
+        **options: Any,
+    ) -> int:
+        beside = Beside(directory, limits, kept, rules, baseline)
+        return command(*arguments, beside=beside, **options)
+
+    return with_beside

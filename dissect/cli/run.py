@@ -1,0 +1,275 @@
+"""What the analysing commands share: arguments, the drive through the files, progress, output, exit code."""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import stat
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from itertools import islice
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import click
+
+from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
+from dissect.source import files as reading
+from dissect.source.packet import CaptureError
+from dissect.wire.text import printable
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
+    from dissect.report.places import Places
+    from dissect.session import Run
+
+#: Files smaller than this are read faster than a progress bar appears.
+_WORTH_A_BAR: Final = 20_000_000
+#: What a compressed file may grow to, to judge whether it is worth a bar.
+_GROWS: Final = 10
+
+#: Lines that are joined and written together; many more cost fresh memory each time.
+_PIECE: Final = 64
+
+#: The files to read: `-` is standard input.
+files_argument = click.argument("files", nargs=-1, required=True, type=click.Path(), metavar="FILE...")
+
+
+#: Packets that their receiver dropped are no part of what was said; the command gets ``checksums``.
+checksums_option: Final[Callable[[Any], Any]] = click.option(
+    "--checksums", is_flag=True, help="Ignore packets with a wrong TCP or UDP checksum, as their receiver does."
+)
+
+
+def nanoseconds(ctx: click.Context, param: click.Parameter, ms: str | None) -> int | None:
+    """Return what an option says in milliseconds as nanoseconds, None when it was not given."""
+    if ms is None:
+        return None
+    try:
+        number = float(ms)
+    except ValueError:
+        raise click.BadParameter(f"expected milliseconds, got {ms!r}.", ctx, param) from None
+    if not 0 <= number <= 1e9:
+        raise click.BadParameter(f"{ms} is not between 0 and 1000000000.", ctx, param)
+    return int(number * 1e6)
+
+
+#: What the help of each command ends with.
+EXIT_CODES: Final = (
+    "Exit code: 0 success, 1 a finding that --fail-on names, 2 wrong use or an unreadable file, 3 a damaged or truncated file, "
+    "5 the output could not be written, 130 interrupted. The results cover what was read."
+)
+
+
+def format_option(*formats: str) -> Callable[[Any], Any]:
+    """Return the ``-T`` option of a command that writes ``formats``, the first of them by default."""
+    return click.option(
+        "-T",
+        "--format",
+        "format_",
+        type=click.Choice(formats),
+        default=formats[0],
+        show_default=True,
+        help="Output format.",
+    )
+
+
+# ---- output ---------------------------------------------------------------------------------------------------------
+
+
+def write(lines: Iterable[str]) -> None:
+    """Write lines to stdout, in UTF-8 whatever the locale says, so that the same input gives the same octets everywhere."""
+    source = iter(lines)
+    while piece := list(islice(source, _PIECE)):
+        piece.append("")
+        sys.stdout.buffer.write("\n".join(piece).encode("utf-8", "backslashreplace"))
+    sys.stdout.buffer.flush()  # who reads a live capture wants to see what there is
+
+
+def places_of(run: Run, files: Sequence[str]) -> Places:
+    """Return how packets of ``run`` over ``files`` are named; it may be asked while the run goes on."""
+    from dissect.report.places import Places
+
+    return Places(run.files, len(files) > 1)
+
+
+# ---- the drive ------------------------------------------------------------------------------------------------------
+
+
+def drive(run: Run, files: Sequence[str], each: Callable[[], None] | None = None) -> int:
+    """Read every file of ``run``, call ``each`` after each step, and return the exit code.
+
+    An interruption (SIGINT, SIGTERM) ends the reading between two steps, or while input is awaited; what was read is kept and
+    told, and the code says so. Raises `CaptureError` before anything is read when one of ``files`` is no capture.
+    """
+    code = EXIT_OK
+    _check(files)
+    # The engine makes no cycles, so nothing waits for the collector; its walks over thousands of open connections would
+    # only make pauses.
+    gc.disable()
+    try:
+        with _Interruption() as interruption, _Bar(files, each is not None) as bar:
+            while not interruption.asked and run.step():
+                if each is not None:
+                    each()
+                bar.show(run)
+            if interruption.asked:
+                code = EXIT_INTERRUPTED
+    except KeyboardInterrupt:
+        code = EXIT_INTERRUPTED
+    except CaptureError as error:
+        raise _safe(error) from None
+    finally:
+        gc.enable()
+    run.finish()
+    if each is not None:
+        each()
+    if code == EXIT_OK and any(file.loss for file in run.files):
+        code = EXIT_DAMAGED
+    return code
+
+
+def complain(run: Run, code: int) -> None:
+    """Say on stderr what the results alone do not show: damaged files, an interruption."""
+    for file in run.files:
+        if file.loss:
+            click.echo(f"s7dissect: {printable(file.name)}: {printable(file.loss)}", err=True)
+    if code == EXIT_INTERRUPTED:
+        click.echo("s7dissect: interrupted; the results cover what was read so far", err=True)
+
+
+def _check(files: Sequence[str]) -> None:
+    """Look at every file before the first is analysed, so that a wrong one is told at once and not after an hour."""
+    for file in files if len(files) > 1 else []:
+        if file == "-" or _gives_once(file):
+            continue
+        try:
+            reading.open_capture(file).close()
+        except CaptureError as error:
+            raise _safe(error) from None
+
+
+def _gives_once(file: str) -> bool:
+    """Tell whether a file can be read only once, as pipes can."""
+    path = Path(file)
+    try:
+        return path.exists() and not path.is_file() and not path.is_dir()
+    except OSError:
+        return False
+
+
+def _safe(error: CaptureError) -> CaptureError:
+    """Return the error with nothing in it that a file name could do to a terminal."""
+    return CaptureError(printable(str(error)))
+
+
+class Signals:
+    """SIGINT and SIGTERM while something goes on: the first one is remembered as ``asked``; `react` says what else they do."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._previous: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> Self:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._previous[number] = signal.signal(number, self._note)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    def _note(self, _signal: int, frame: FrameType | None) -> None:
+        again = self.asked
+        self.asked = True
+        self.react(again, frame)
+
+    def react(self, again: bool, frame: FrameType | None) -> None:
+        """Take a signal that struck in ``frame``; ``again`` tells that it is not the first."""
+
+
+class _Interruption(Signals):
+    """Signals while files are read.
+
+    The first one is only remembered, so that no packet is left half analysed, unless input is being awaited: that is broken
+    off by KeyboardInterrupt. So does a second signal, wherever it comes.
+    """
+
+    def react(self, again: bool, frame: FrameType | None) -> None:
+        if again or _in_source(frame):
+            raise KeyboardInterrupt
+
+
+def _in_source(frame: FrameType | None) -> bool:
+    """Tell whether a signal struck where octets are fetched: in the module that reads files, or below it."""
+    while frame is not None:
+        if frame.f_code.co_filename == reading.__file__:
+            return True
+        frame = frame.f_back
+    return False
+
+
+# ---- progress -------------------------------------------------------------------------------------------------------
+
+
+class _Bar:
+    """A progress bar on stderr: on a terminal only, only for files worth one, and never among lines of results."""
+
+    def __init__(self, files: Sequence[str], streaming: bool) -> None:
+        self._progress: Progress | None = None
+        self._task: TaskID | None = None
+        self._total: int | None = 0
+        self._wanted = False
+        if sys.stderr is None or not sys.stderr.isatty() or (streaming and not _goes_to_file()):
+            return
+        worth = 0
+        for path in [Path(file) for file in files]:
+            if path.is_file():
+                size = path.stat().st_size
+                compressed = _is_compressed(path)
+                worth += size * _GROWS if compressed else size
+                # What a compressed file will grow to is not known before its end.
+                self._total = None if compressed or self._total is None else self._total + size
+        self._wanted = worth >= _WORTH_A_BAR
+
+    def __enter__(self) -> Self:
+        if self._wanted:
+            from rich.console import Console
+            from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
+
+            self._progress = Progress(
+                TextColumn("reading"),
+                BarColumn(),
+                DownloadColumn(),
+                TimeRemainingColumn(),
+                console=Console(stderr=True),
+                transient=True,
+            )
+            self._task = self._progress.add_task("reading", total=self._total)
+            self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._progress is not None:
+            self._progress.stop()
+
+    def show(self, run: Run) -> None:
+        """Show how far ``run`` has come."""
+        if self._progress is not None and self._task is not None:
+            self._progress.update(self._task, completed=float(sum(file.octets for file in run.files)))
+
+
+def _goes_to_file() -> bool:
+    """Tell whether what is written to stdout goes to a file, and to no terminal, not even by way of a pipe into a pager."""
+    try:
+        return stat.S_ISREG(os.fstat(sys.stdout.fileno()).st_mode)
+    except (OSError, ValueError):
+        return False
+
+
+def _is_compressed(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(4)[:2] in {b"\x1f\x8b", b"\x28\xb5"}

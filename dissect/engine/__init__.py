@@ -1,0 +1,1 @@
+"""From packets to transactions: the pipeline and one part for each protocol."""

@@ -1,0 +1,105 @@
+"""What a run counts: packets by what became of them, octets, where it stands; and what is odd about single packets."""
+
+from __future__ import annotations
+
+from mypy_extensions import i64
+
+from dissect.findings.reporter import Reporter
+from dissect.tcp.ip import TCP, FragmentStore
+from dissect.tcp.segment import Segment, find_segment
+from dissect.transactions.accounts import CATEGORIES, OctetAccount
+from dissect.transactions.connection import ISO_TSAP_PORT
+from dissect.transactions.table import Side, endpoints
+
+
+class Counters:
+    """The accounts of a run. ``frames`` counts packets; ``now_ns`` is the time of the latest one."""
+
+    def __init__(self, reporter: Reporter) -> None:
+        self._reporter: Reporter = reporter
+        self.fragments: FragmentStore = FragmentStore()
+        self.octets: OctetAccount = OctetAccount()
+        self.frames: i64 = 0
+        self.cut_frames: i64 = 0
+        self.first_ns: i64 = 0
+        self.now_ns: i64 = 0
+        self.packets: list[int] = [0] * len(CATEGORIES)
+
+    def note(self, slug: str, detail: str = "", connection: i64 = 0) -> None:
+        """Count and, within the bounds, detail a finding about the packet at hand."""
+        frames: list[int] = []
+        if self.frames:
+            frames.append(self.frames)
+        self._reporter.note(slug, connection, frames, self.now_ns, detail)
+
+    def packet_counts(self) -> dict[str, int]:
+        """Return what became of every packet, by category; the numbers add up to ``frames``."""
+        counts = dict(zip(CATEGORIES, self.packets, strict=True))
+        # A fragment's fate is known later than its packet: the store keeps the books.
+        counts["fragment_waiting"] = self.fragments.waiting
+        counts["fragment_used"] = self.fragments.used
+        counts["fragment_dropped"] = self.fragments.dropped
+        return counts
+
+    def restart(self, time_ns: i64) -> None:
+        """Another capture begins: fragments that wait are forgotten, but stay counted."""
+        self.now_ns = time_ns
+        old = self.fragments
+        fragments = FragmentStore()
+        fragments.used = old.used
+        fragments.dropped = old.dropped + old.waiting
+        fragments.conflicts = old.conflicts
+        fragments.invalid = old.invalid
+        fragments.evicted = old.evicted
+        fragments.expired = old.expired
+        self.fragments = fragments
+
+    def add_up(self, side: Side) -> None:
+        """Add the octets of one direction of a connection that ended to the account."""
+        self.octets.delivered += side.stream.octets
+        side.protocol.add_up(side, self.octets)
+
+    def note_once(self, slug: str, detail: str) -> None:
+        """Count a finding about the packet at hand; only the first one is detailed."""
+        if slug in self._reporter.counts:
+            self._reporter.counts[slug] += 1
+        else:
+            self.note(slug, detail)
+
+    def note_cut(self, size: i64, wire_length: i64) -> None:
+        """The capture kept ``size`` of ``wire_length`` octets of the packet at hand."""
+        self.cut_frames += 1
+        if self._reporter.wants("capture.cut_frames", 0):
+            detail = f"{size} of {wire_length} octets kept"
+            self._reporter.detail("capture.cut_frames", 0, [self.frames], self.now_ns, detail)
+
+    def note_ignored(self, side: Side, what: str) -> None:
+        """A reset or FIN does not fit its connection and is ignored."""
+        if side.connection.followed:
+            self.note("stream.reset_ignored", f"{what} from {side.tcp.ends[side.index]}", side.connection.number)
+
+    def note_damaged(self, side: Side | None, found: Segment) -> None:
+        """A segment or datagram has a wrong checksum; on connections that nobody follows that is not our business."""
+        if side is not None and side.connection.followed:
+            self.note("stream.bad_checksum", f"{len(found.octets)} octets at {found.seq}", side.connection.number)
+        elif side is None and found.protocol == TCP:
+            sender, receiver = endpoints(found.key)
+            if ISO_TSAP_PORT in {sender.port, receiver.port}:
+                self.note("stream.bad_checksum", f"{sender} -> {receiver}")
+
+    def find_segment(self, buf: bytes, start: i64, end: i64, link_type: i64, udp: bool, checksums: bool) -> Segment:
+        """Return the TCP segment of a frame, or a UDP datagram when these are wanted, or why there is none."""
+        fragments = self.fragments
+        conflicts: i64 = fragments.conflicts
+        evicted: i64 = fragments.evicted
+        dropped: i64 = fragments.invalid
+        found = find_segment(buf, start, end, link_type, fragments, self.now_ns, udp, checksums)
+        if found.problem == "bad_header":
+            self.note_once("ip.bad_header", "first seen here")
+        if fragments.invalid > dropped:
+            self.note_once("ip.fragment_invalid", "first seen here")
+        if fragments.conflicts > conflicts:
+            self.note("ip.fragment_conflict", f"in a datagram that holds {'TCP or UDP' if udp else 'TCP'}")
+        if fragments.evicted > evicted:
+            self.note("ip.fragments_evicted")
+        return found

@@ -1,0 +1,344 @@
+"""ISO-on-TCP: octets of a stream to TPKTs, TPDUs and TSDUs, which are handed to what speaks in them (RFC 1006, X.224).
+
+In the order in which a byte passes:
+
+    feed → _tpkt → _fragment → _tsdu → S7, S7Plus, or what is named and counted only
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.engine.connections import Connections
+from dissect.engine.exchange import Exchange
+from dissect.findings.session_rules import judge_disconnect, judge_error_tpdu
+from dissect.findings.transport_rules import judge_confirm, judge_data, judge_number, judge_order
+from dissect.iso.cotp import Tpdu, parse_tpdu
+from dissect.iso.foreign import identify_connect
+from dissect.iso.tables import CC, CR, DR, DT, ER, TPDU_TYPES
+from dissect.iso.tpkt import BAD_VERSION, HIDING
+from dissect.iso.upper import (
+    S7COMM,
+    S7COMM_PLUS,
+    SCD,
+    UPPER_NAMES,
+    classify,
+    is_rdp_connect,
+    is_sound,
+    stated_size,
+)
+from dissect.transactions.connection import FOREIGN, ISO, Connection
+from dissect.transactions.protocol import Protocol
+from dissect.transactions.table import Side
+from dissect.wire.octets import u16
+
+#: TSDU counts that are described even when zero.
+_ALWAYS: Final = frozenset(("s7comm", "s7comm_plus", "mms", "tls", "unknown"))
+
+
+class IsoOnTcp(Protocol):
+    """Takes octets in order; counts TPDUs by type and TSDUs by the protocol in them.
+
+    ``s7`` and ``plus`` take the TSDUs that are theirs; a payload decoder may claim those of a connection before them.
+    """
+
+    def __init__(self, exchange: Exchange, connections: Connections, s7: Protocol, plus: Protocol) -> None:
+        super().__init__(ISO)
+        self._exchange: Exchange = exchange
+        self._connections: Connections = connections
+        self._s7: Protocol = s7
+        self._plus: Protocol = plus
+        self.tpdus: list[int] = [0] * 17  # by type, the last for TPDUs too short to have one
+        self.tsdus: list[int] = [0] * len(UPPER_NAMES)
+
+    def begin(self, side: Side, at_start: bool) -> None:
+        """A connection speaks ISO-on-TCP; garbage before the first TPKT is reported only when nothing was missed."""
+        side.connection.protocol = ""
+        peer = side.peer
+        assert peer is not None
+        side.framer.synced = at_start
+        peer.framer.synced = side.tcp.known_start and peer.stream.octets == 0
+
+    # ---- octets → TPKT ----------------------------------------------------------------------------------------------
+
+    def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
+        """Take the next octets of a connection: whole TPKTs where they stand, the rest through the framer."""
+        framer = side.framer
+        start: i64 = at
+        end: i64 = at + size
+        if framer.synced and framer.pending is None and framer.skip == 0:
+            while end - at >= 7 and buf[at] == 3:
+                length: i64 = u16(buf, at + 2)
+                if length < 7 or at + length > end:
+                    break
+                if buf[at + 4] != 2 or (length > 7 and stated_size(buf, at + 7, at + length) != length - 7):
+                    break  # not simply one S7 PDU: what else its length covers is for the framer to see
+                framer.framed += length
+                at += length
+                try:
+                    self._tpkt(side, buf, at - length, length, frame, time_ns)
+                except Exception as bug:
+                    if self._exchange.strict:
+                        raise
+                    self._exchange.note_bug(bug, frame, time_ns)
+            if at > start:
+                side.garbage = False
+            if at == end:
+                return
+        if side.connection.state == FOREIGN:
+            framer.skipped += end - at
+            return
+        skipped: i64 = framer.skipped
+        framer.push(buf, at, at == start)
+        if framer.faults:
+            self._faults(side, framer.skipped - skipped, frame, time_ns)
+        if framer.synced:
+            side.garbage = False
+        if framer.packets:
+            packets = framer.packets
+            framer.packets = []
+            for packet in packets:
+                try:
+                    self._tpkt(side, packet, 0, len(packet), frame, time_ns)
+                except Exception as bug:
+                    if self._exchange.strict:
+                        raise
+                    self._exchange.note_bug(bug, frame, time_ns)
+                del framer.ends[0]
+
+    def _faults(self, side: Side, skipped: i64, frame: i64, time_ns: i64) -> None:
+        number = side.connection.number
+        who = side.tcp.ends[side.index]
+        reporter = self._exchange.reporter
+        for fault in side.framer.faults:
+            if fault.kind == BAD_VERSION:
+                if not side.garbage:
+                    detail = f"{skipped} octets from {who}, first 0x{fault.value:02x}"
+                    reporter.note("tpkt.garbage", number, [frame], time_ns, detail)
+                side.garbage = True
+            elif fault.kind == HIDING:
+                reporter.note("tpkt.false_length", number, [frame], time_ns, f"length {fault.value} from {who}")
+            else:
+                reporter.note("tpkt.bad_length", number, [frame], time_ns, f"length {fault.value} from {who}")
+        side.framer.faults = []
+
+    # ---- TPKT → TSDU ------------------------------------------------------------------------------------------------
+
+    def _tpkt(self, side: Side, buf: bytes, at: i64, length: i64, frame: i64, time_ns: i64) -> None:
+        exchange = self._exchange
+        if exchange.observer.wants_tpdus:
+            exchange.observer.tpdu(frame, time_ns, side, buf[at : at + length])
+        if buf[at + 1] != 0:
+            self._note_reserved(side, buf[at + 1], frame, time_ns)
+        if buf[at + 4] == 2 and buf[at + 5] == 0xF0:  # DT of class 0
+            self.tpdus[DT] = self.tpdus[DT] + 1
+            if length - 4 > side.connection.dt_limit:
+                judge_data(exchange.reporter, side, length - 4, frame, time_ns)
+            if buf[at + 6] & 0x7F:
+                judge_number(exchange.reporter, side, buf[at + 6] & 0x7F, frame, time_ns)
+            if buf[at + 6] >= 0x80 and side.assembler.parts is None and side.assembler.clear:
+                self._tsdu(side, buf, at + 7, length - 7, frame, time_ns)
+            else:
+                self._fragment(side, buf[at + 7 : at + length], buf[at + 6] >= 0x80, frame, time_ns)
+        else:
+            octets = buf[at + 4 : at + length]
+            self._other_tpdu(side, parse_tpdu(octets), octets, frame, time_ns)
+
+    def _fragment(self, side: Side, data: bytes, eot: bool, frame: i64, time_ns: i64) -> None:
+        begun: bool = not side.assembler.clear
+        overflows: i64 = side.assembler.overflows
+        tsdu = side.assembler.push(data, eot)
+        if side.assembler.overflows > overflows:
+            who = side.tcp.ends[side.index]
+            self._exchange.reporter.note("cotp.tsdu_too_long", side.connection.number, [frame], time_ns, f"from {who}")
+        if begun and eot and is_sound(data, 0, len(data)):
+            self.end_of_parts(side, tsdu, data, "cotp.unfinished_tsdu", frame, time_ns)
+        elif tsdu is not None:
+            self._tsdu(side, tsdu, 0, len(tsdu), frame, time_ns)
+
+    def end_of_parts(self, side: Side, tsdu: bytes | None, data: bytes, slug: str, frame: i64, time_ns: i64) -> None:
+        """The last part of a message is a sound PDU by itself: it counts alone, unless the whole is sound as well."""
+        if tsdu is not None and is_sound(tsdu, 0, len(tsdu)):
+            self._tsdu(side, tsdu, 0, len(tsdu), frame, time_ns)
+            return
+        before: i64 = 0
+        if tsdu is not None:
+            before = len(tsdu) - len(data)
+        detail = f"from {side.tcp.ends[side.index]}: what follows it is a whole PDU"
+        self._exchange.reporter.note(slug, side.connection.number, [frame], time_ns, detail)
+        if tsdu is not None and is_sound(tsdu, 0, before):
+            self._tsdu(side, tsdu, 0, before, frame, time_ns)  # only its end mark was missing
+        else:
+            side.assembler.dropped += before
+        self._tsdu(side, data, 0, len(data), frame, time_ns)
+
+    def _odd_data(self, side: Side, tpdu: Tpdu, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """A DT with a length indicator that its class does not have: it begins and ends nothing.
+
+        A PDU counts that is sound where class 0 has it, or else where the length indicator says.
+        """
+        size: i64 = len(octets)
+        what = str(tpdu.malformed[0]) if tpdu.malformed else f"length indicator {octets[0]}, class 0 has 2"
+        self._exchange.reporter.note("cotp.malformed", side.connection.number, [frame], time_ns, f"DT: {what}")
+        if size > 3 and octets[2] >= 0x80 and is_sound(octets, 3, size):
+            self._tsdu(side, octets, 3, size - 3, frame, time_ns)
+        elif is_sound(tpdu.data, 0, len(tpdu.data)):
+            self._tsdu(side, tpdu.data, 0, len(tpdu.data), frame, time_ns)
+        else:
+            side.assembler.dropped += len(tpdu.data)
+
+    def _other_tpdu(self, side: Side, tpdu: Tpdu, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """Any TPDU but the plain DT; ``octets`` are all of it."""
+        reporter = self._exchange.reporter
+        connection = side.connection
+        type_: i64 = tpdu.type
+        self.tpdus[type_ if 0 <= type_ < 16 else 16] += 1
+        connecting: bool = (type_ == CR or type_ == CC) and not connection.established
+        if connecting and tpdu.variable and is_rdp_connect(tpdu.variable):
+            self._connections.foreign.take(side, "rdp", frame, time_ns, identify_connect(tpdu.variable))
+            return
+        if type_ == DT and (tpdu.malformed or (octets[0] != 2 and _is_class_0(connection, octets))):
+            self._odd_data(side, tpdu, octets, frame, time_ns)
+            return
+        if tpdu.malformed:
+            reporter.note("cotp.malformed", connection.number, [frame], time_ns, f"{tpdu.name}: {tpdu.malformed[0]}")
+        else:
+            judge_order(reporter, side, type_, frame, time_ns)
+        if type_ == DT:
+            self._fragment(side, tpdu.data, tpdu.field("eot") == 1, frame, time_ns)
+        elif type_ == CR:
+            self._connect_request(side, tpdu, frame, time_ns)
+        elif type_ == CC:
+            asking = side.peer
+            seen: bool = asking is not None and asking.stream.octets > 0 and asking.holes == 0
+            if not connection.cr_seen and not connection.mid_stream and seen:
+                reporter.note("cotp.answer_without_request", connection.number, [frame], time_ns)
+            judge_confirm(reporter, side, tpdu, frame, time_ns)
+            if not (tpdu.malformed and connection.established):
+                connection.note_cc(side.index, tpdu)
+        elif type_ == DR:
+            judge_disconnect(reporter, side, tpdu, frame, time_ns)
+            if connection.refused:
+                self._connections.scans.refused(connection, time_ns)
+        elif type_ == ER:
+            judge_error_tpdu(reporter, side, tpdu, frame, time_ns)
+
+    def _connect_request(self, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
+        connection = side.connection
+        if tpdu.malformed and connection.established:
+            return  # reported already; what is damaged begins nothing anew
+        if connection.established and (connection.cr_seen or connection.tpdu_size == 0):
+            # The TCP close and open in between were not captured: what follows is another transport connection.
+            # (With a CC seen before its CR it is the same one: packets out of order.)
+            self._connections.replace(side, frame, time_ns)
+            connection = side.connection
+        elif connection.cr_seen:
+            self._exchange.reporter.note("cotp.repeated_request", connection.number, [frame], time_ns)
+        connection.mid_stream = False
+        connection.note_cr(side.index, tpdu)
+        self._connections.scans.asked(connection, frame, time_ns)
+
+    def _tsdu(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
+        decoder = self._exchange.decoder
+        if decoder is not None and decoder.tsdu(side, buf[at : at + size], frame, time_ns):
+            self.tsdus[SCD] += 1
+            return
+        self.message(side, buf, at, size, frame, time_ns)
+
+    def message(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
+        """Take a whole message, a TSDU or what stands for one (IBH-NetLink): hand it to what speaks in it."""
+        upper: i64 = (
+            S7COMM if size >= 10 and buf[at] == 0x32 and 1 <= buf[at + 1] <= 7 else classify(buf, at, at + size)
+        )
+        self.tsdus[upper] = self.tsdus[upper] + 1
+        if upper == S7COMM:
+            self._s7.feed(side, buf, at, size, frame, time_ns)
+        elif upper == S7COMM_PLUS:
+            self._plus.feed(side, buf, at, size, frame, time_ns)
+        else:
+            self._connections.foreign.tsdu(side, upper, buf, at, size, frame, time_ns)
+
+    # ---- what is irregular ------------------------------------------------------------------------------------------
+
+    def gap(self, side: Side, size: i64, cut: bool, frame: i64, time_ns: i64) -> None:
+        """Take note of ``size`` octets missing here; ``cut``: the capture cut them off a packet."""
+        reporter = self._exchange.reporter
+        inside = side.framer.hole(size, cut)
+        if cut and len(side.framer.cut_packet) > 7:
+            self._cut_tpkt(side, side.framer.cut_packet, frame, time_ns)
+        side.framer.cut_packet = b""
+        number = side.connection.number
+        if not cut:
+            where = "inside a TPKT" if inside else "between TPKTs"
+            detail = f"{size} octets from {side.tcp.ends[side.index]}, {where}"
+            reporter.note("stream.hole", number, [frame], time_ns, detail)
+        if side.assembler.parts is not None:
+            side.assembler.abandon()
+            lost = "the capture cut a packet of it" if cut else "octets were lost"
+            reporter.note("cotp.unfinished_tsdu", number, [frame], time_ns, lost)
+        self._plus.gap(side, size, cut, frame, time_ns)
+
+    def _cut_tpkt(self, side: Side, packet: bytes, frame: i64, time_ns: i64) -> None:
+        """A TPKT the capture cut: a header of S7 that is there still tells what was asked or answered."""
+        if packet[4] != 2 or packet[5] != 0xF0 or packet[6] < 0x80 or side.assembler.parts is not None:
+            return
+        pdu = packet[7:]
+        if len(pdu) < 10 or (pdu[0] != 0x32 and pdu[0] != 0x72):
+            return
+        self.tpdus[DT] = self.tpdus[DT] + 1
+        self.cut(side, pdu, frame, time_ns)
+
+    def cut(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """Take the beginning of a message that begins as one of S7comm or S7comm-plus."""
+        plus: bool = octets[0] == 0x72
+        self.tsdus[S7COMM_PLUS if plus else S7COMM] += 1
+        (self._plus if plus else self._s7).cut(side, octets, frame, time_ns)
+
+    def _note_reserved(self, side: Side, value: i64, frame: i64, time_ns: i64) -> None:
+        who = side.tcp.ends[side.index]
+        detail = f"0x{value:02x} from {who}"
+        self._exchange.reporter.note("tpkt.reserved", side.connection.number, [frame], time_ns, detail)
+
+    # ---- the end ----------------------------------------------------------------------------------------------------
+
+    def finish(self, side: Side, frame: i64, time_ns: i64) -> None:
+        """No more octets come: what speaks in the TSDUs takes what it has."""
+        self._plus.finish(side, frame, time_ns)
+
+    def end(self, side: Side, frame: i64, time_ns: i64) -> None:
+        """Report a TSDU and a TPKT of ``side`` that are unfinished."""
+        who = side.tcp.ends[side.index]
+        reporter = self._exchange.reporter
+        if side.assembler.parts is not None:
+            side.assembler.abandon()
+            reporter.note("cotp.unfinished_tsdu", side.connection.number, [frame], time_ns, f"from {who}")
+        if side.framer.buffered:
+            detail = f"{side.framer.buffered} octets from {who}"
+            reporter.note("tpkt.unfinished", side.connection.number, [frame], time_ns, detail)
+
+    def held(self, side: Side) -> i64:
+        """Return the octets of an unfinished TPKT, TSDU and PDU."""
+        parts = side.assembler.parts
+        return super().held(side) + (len(parts) if parts is not None else 0) + self._plus.held(side)
+
+    # ---- what was counted -------------------------------------------------------------------------------------------
+
+    def describe(self) -> dict[str, object]:
+        """Return the sections ``tsdus`` and ``tpdus``."""
+        tpdus = {TPDU_TYPES.name(code): count for code, count in enumerate(self.tpdus[:16]) if count}
+        if self.tpdus[16]:
+            tpdus["too_short"] = self.tpdus[16]
+        named = zip(UPPER_NAMES, self.tsdus, strict=True)
+        return {
+            "tsdus": {name: count for name, count in named if count or name in _ALWAYS},
+            "tpdus": tpdus,
+        }
+
+
+def _is_class_0(connection: Connection, octets: bytes) -> bool:
+    """Tell whether a DT is one of class 0: by the connect confirm, and where that is missing, by what it holds."""
+    if connection.class_ >= 0:
+        return connection.class_ == 0
+    return len(octets) > 3 and octets[2] >= 0x80 and is_sound(octets, 3, len(octets))

@@ -1,0 +1,73 @@
+"""Connections and UDP conversations whose port a payload decoder claims: their octets go to it (SCD, docs/scd-traffic.md)."""
+
+from __future__ import annotations
+
+from mypy_extensions import i64
+
+from dissect.engine.exchange import Exchange
+from dissect.engine.payload import PayloadDecoder
+from dissect.transactions.accounts import OctetAccount
+from dissect.transactions.connection import CARRIED
+from dissect.transactions.payloads import Backlog
+from dissect.transactions.protocol import Protocol
+from dissect.transactions.table import Side
+
+
+class PayloadStream(Protocol):
+    """Hands octets in order to the decoder, which frames and pairs them by itself."""
+
+    def __init__(self, exchange: Exchange, decoder: PayloadDecoder) -> None:
+        super().__init__(CARRIED)
+        self._exchange: Exchange = exchange
+        self._decoder: PayloadDecoder = decoder
+
+    def probe(self, side: Side, octets: bytes, at_start: bool) -> bool:
+        """Tell whether the decoder claims the port of a TCP connection."""
+        return self._decoder.claims_port("tcp", side.connection)
+
+    def begin(self, side: Side, at_start: bool) -> None:
+        """A connection, or a conversation over UDP, is the decoder's."""
+        peer = side.peer
+        assert peer is not None
+        side.backlog = Backlog()
+        peer.backlog = Backlog()
+        side.framer.synced = at_start
+        peer.framer.synced = side.tcp.known_start and peer.stream.octets == 0
+
+    def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
+        """Take the next octets of a TCP connection."""
+        try:
+            self._decoder.stream(side, buf[at : at + size], frame, time_ns)
+        except Exception as bug:
+            if self._exchange.strict:
+                raise
+            self._exchange.note_bug(bug, frame, time_ns)
+
+    def gap(self, side: Side, size: i64, cut: bool, frame: i64, time_ns: i64) -> None:
+        """Take note of ``size`` octets missing here; ``cut``: the capture cut them off a packet."""
+        if not cut:
+            detail = f"{size} octets from {side.tcp.ends[side.index]}"
+            self._exchange.reporter.note("stream.hole", side.connection.number, [frame], time_ns, detail)
+        self._decoder.hole(side, size, frame, time_ns)
+
+    def held(self, side: Side) -> i64:
+        """Return the octets that make no whole message yet."""
+        backlog = side.backlog
+        return super().held(side) + (len(backlog.octets) if backlog is not None else 0)
+
+    def add_up(self, side: Side, account: OctetAccount) -> None:
+        """Add the octets of messages, and those that make none."""
+        super().add_up(side, account)
+        backlog = side.backlog
+        if backlog is not None:
+            account.framed += backlog.framed
+            account.skipped += backlog.skipped
+            account.buffered += len(backlog.octets)
+
+    def describe(self) -> dict[str, object]:
+        """Return the section ``scd``."""
+        return {"scd": self._decoder.as_dict()}
+
+    def counted(self) -> list[tuple[int, str]]:
+        """Return the number of messages, also when it is none."""
+        return [(self._decoder.message_count(), "SCD message")]

@@ -1,0 +1,482 @@
+"""The whole path of a byte: packet, segment, octets in order, and from there to the protocol that its connection speaks.
+
+Read this file first. `Pipeline.frame` takes one packet, and everything it makes complete happens before it returns; there is
+no clock, file or thread in here, time comes in with each packet. In the order in which a byte passes:
+
+    Pipeline     frame → _packet → _segment           packets to octets in order, gaps reported as gaps
+    IsoOnTcp     feed → _tpkt → _tsdu                  octets to messages (`dissect.engine.iso`)
+    S7           feed                                  messages to requests and responses (`dissect.engine.s7`)
+    Exchange     completed → done                      transactions and findings, to the `Observer` (`dissect.engine.exchange`)
+
+The common case goes straight down: a segment that is the next one and holds whole TPKTs, each a DT with a whole S7 PDU.
+Whatever is irregular leaves that road for `_slow_frame`, `_lifecycle` and `_irregular`, and meets it again as soon as it
+can, in `Timers.chunks`, where all that needs time to pass is. A connection that does not speak ISO-on-TCP is fed to what it
+does speak (`Protocol`): every connection begins with `Recognition`, and another protocol is another row of `protocols`.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.engine.connections import Connections
+from dissect.engine.counters import Counters
+from dissect.engine.exchange import Exchange
+from dissect.engine.foreign import on_102
+from dissect.engine.ibh import IbhNetLink
+from dissect.engine.iso import IsoOnTcp
+from dissect.engine.observer import LOOK_OCTETS, Observer, Options
+from dissect.engine.payload_stream import PayloadStream
+from dissect.engine.plus import S7Plus
+from dissect.engine.recognition import Recognition
+from dissect.engine.s7 import S7
+from dissect.engine.timers import FAR_FUTURE, TICK_NS, Timers
+from dissect.engine.udp import Datagrams
+from dissect.iso.recognition import is_connect_request
+from dissect.iso.tpkt import MIN_LENGTH, sound_length
+from dissect.source.packet import PacketSink
+from dissect.tcp import stream
+from dissect.tcp.connection import ACK, FIN, RST, SYN
+from dissect.tcp.ip import UDP
+from dissect.transactions import accounts
+from dissect.transactions.connection import FOREIGN, ISO, ISO_TSAP_PORT, PROBING
+from dissect.transactions.memory_limit import Room
+from dissect.transactions.protocol import Protocol
+from dissect.transactions.table import ConnectionTable, Side, endpoints
+from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
+from dissect.wire.build import COMPILED
+from dissect.wire.durations import duration_text
+from dissect.wire.octets import u16, u32
+
+__all__ = ["Observer", "Options", "Pipeline"]
+
+#: Ethernet, IPv4 without options, TCP, read at once when interpreted.
+_FUSED: Final = struct.Struct(">12xHBxHxxHxB2x12sIIH")
+_FUSED_SIZE: Final = 54
+
+#: Steps back of the clock up to this are what two capture queues do.
+_DISORDER_NS: Final = 1_000_000
+#: After a reset a segment this far ahead may have been captured out of order; anything else comes too late.
+_AFTER_RESET: Final = 65536
+
+
+class Pipeline(PacketSink):
+    """Packets in, transactions and findings out. See the module for the way through.
+
+    The parts may be looked at: ``exchange`` (pairing, findings), ``counters``, ``table`` (TCP connections), ``connections``,
+    and ``protocols``, whose ``iso``, ``s7``, ``plus`` and ``ibh`` have names of their own.
+    """
+
+    def __init__(self, observer: Observer, options: Options | None = None) -> None:
+        chosen = options if options is not None else Options()
+        self.observer: Observer = observer
+        self.exchange: Exchange = Exchange(observer, chosen)
+        self.counters: Counters = Counters(self.exchange.reporter)
+        self.timers: Timers = Timers(self.counters, self.exchange, chosen.overdue_ns)
+        self.connections: Connections = Connections(self.exchange)
+        self.s7: S7 = S7(self.exchange)
+        self.plus: S7Plus = S7Plus(self.exchange)
+        self.iso: IsoOnTcp = IsoOnTcp(self.exchange, self.connections, self.s7, self.plus)
+        self.ibh: IbhNetLink = IbhNetLink(self.exchange, self.iso)
+        #: What is described in reports, in the order of their sections.
+        self.protocols: list[Protocol] = [self.iso, self.ibh, self.s7, self.plus]
+        streams: list[Protocol] = [self.ibh]
+        self.datagrams: Datagrams | None = None
+        if chosen.decoder is not None:
+            payloads = PayloadStream(self.exchange, chosen.decoder)
+            self.protocols.append(payloads)
+            streams.insert(0, payloads)
+            self.datagrams = Datagrams(self.counters, self.connections, chosen.decoder, payloads)
+        self._recognition: Protocol = Recognition(self.connections, self.iso, streams)
+        self.table: ConnectionTable = ConnectionTable(self._recognition)
+        self._strict: bool = chosen.strict
+        self._checksums: bool = chosen.checksums
+        self._room: Room = Room(chosen.memory)
+        self._taken: i64 = 0  # octets captured since it was last looked what is kept of them
+
+    # ---- where it stands --------------------------------------------------------------------------------------------
+
+    @property
+    def frames(self) -> int:
+        """Packets taken so far; the number of the latest one."""
+        return self.counters.frames
+
+    @property
+    def first_ns(self) -> int:
+        """Time of the first packet, nanoseconds since 1970; 0 before it."""
+        return self.counters.first_ns
+
+    @property
+    def now_ns(self) -> int:
+        """Time of the latest packet, nanoseconds since 1970; 0 before the first."""
+        return self.counters.now_ns
+
+    @property
+    def finding_counts(self) -> dict[str, int]:
+        """How often each finding was made, by slug; exact, however many are detailed."""
+        return self.exchange.reporter.counts
+
+    # ---- from the source --------------------------------------------------------------------------------------------
+
+    def comment(self, text: str) -> None:
+        """Take a comment the capture holds about the packet that comes next."""
+        self.observer.comment(self.counters.frames + 1, text)
+
+    def note_damage(self, detail: str) -> None:
+        """The source found its capture damaged."""
+        self.counters.note("capture.damaged", detail)
+
+    def note_dropped(self, detail: str) -> None:
+        """The source lost packets since it was last asked."""
+        self.counters.note("capture.dropped", detail)
+
+    def restart_clock(self, time_ns: i64) -> None:
+        """Another capture begins, at any time; it may well be older than the one before, and knows nothing of it.
+
+        Every connection must have been closed. Attempts and fragments that wait are forgotten, but stay counted.
+        """
+        self.counters.restart(time_ns)
+        table = ConnectionTable(self._recognition)
+        table.evicted = self.table.evicted
+        table.half_open_evicted = self.table.half_open_evicted
+        self.table = table
+        if self.datagrams is not None:
+            self.datagrams.restart()
+
+    # ---- packet → segment -------------------------------------------------------------------------------------------
+
+    def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
+        """Take one packet (see `PacketSink.frame`)."""
+        counters = self.counters
+        counters.frames += 1
+        self._taken += end - start
+        if self._taken >= LOOK_OCTETS:
+            self._taken = 0
+            self._room.begin(self.table.all_open())
+        if self._room.busy:
+            self._make_room()
+        if time_ns < counters.now_ns:
+            self._step_back(time_ns)
+        elif counters.frames == 1:
+            counters.first_ns = time_ns
+        counters.now_ns = time_ns
+        if time_ns >= self.timers.deadline_ns:
+            self._tick()
+        if wire_length > end - start:
+            counters.note_cut(end - start, wire_length)
+        category: i64
+        try:
+            category = self._packet(buf, start, end, link_type)
+        except Exception as bug:
+            if self._strict:
+                raise
+            category = accounts.FAILED
+            self.exchange.note_bug(bug, counters.frames, time_ns)
+        # Not `+=`: on an element of a list, mypyc makes that a call of the generic addition.
+        counters.packets[category] = counters.packets[category] + 1
+        dialogue = self.exchange.dialogue
+        if dialogue.holding:
+            for side in dialogue.holding:
+                self.timers.wait(side)
+            dialogue.holding = []
+        if self.exchange.reporter.fresh:
+            self.exchange.report_findings()
+
+    def _make_room(self) -> None:
+        """Connections that keep too much in sum have to leave, those that hold most first: a few with each packet."""
+        for held, side in self._room.step():
+            self.table.evicted += 1
+            self._evict(side, f"it held {held} octets")
+
+    def _evict(self, side: Side, detail: str) -> None:
+        side.tcp.ended = side.tcp.ended or "evicted"
+        if side.connection.followed:
+            self.counters.note("stream.evicted", detail, side.connection.number)
+        self._finish(side, CONNECTION_EVICTED)
+
+    def _step_back(self, time_ns: i64) -> None:
+        """The clock of the capture runs backwards: what waits must not wait until it has caught up."""
+        counters, timers = self.counters, self.timers
+        if counters.now_ns - time_ns > _DISORDER_NS:
+            counters.note("capture.time_backwards", f"by {duration_text(int(counters.now_ns - time_ns))}")
+        if timers.deadline_ns != FAR_FUTURE:
+            timers.deadline_ns = min(timers.deadline_ns, time_ns + TICK_NS)
+
+    def _packet(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
+        if link_type != 1 or end - start < _FUSED_SIZE or self._checksums:
+            return self._slow_frame(buf, start, end, link_type)
+        key: bytes
+        seq: i64
+        ack: i64
+        word: i64
+        total: i64
+        if COMPILED:
+            if (
+                u16(buf, start + 12) != 0x0800
+                or buf[start + 14] != 0x45
+                or buf[start + 23] != 6
+                or u16(buf, start + 20) & 0x3FFF
+            ):
+                return self._slow_frame(buf, start, end, link_type)
+            total = u16(buf, start + 16)
+            key = buf[start + 26 : start + 38]
+            seq = u32(buf, start + 38)
+            ack = u32(buf, start + 42)
+            word = u16(buf, start + 46)
+        else:
+            ethertype, version, total, fragment, protocol, key, seq, ack, word = _FUSED.unpack_from(buf, start)
+            if ethertype != 0x0800 or version != 0x45 or protocol != 6 or fragment & 0x3FFF:
+                return self._slow_frame(buf, start, end, link_type)
+        data: i64 = start + 34 + ((word >> 12) << 2)
+        stop: i64 = start + 14 + total
+        if stop > end or data > stop or word < 0x5000:
+            return self._slow_frame(buf, start, end, link_type)
+        side = self.table.sides.get(key)
+        if side is None or word & 7:  # SYN, FIN, RST
+            return self._lifecycle(side, key, 0, seq, ack, word & 0x3F, buf[data:stop], 0)
+        return self._segment(side, seq, ack, word, buf[data:stop], 0)
+
+    def _slow_frame(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
+        """Any link, any IP: find the TCP segment, or say why there is none."""
+        datagrams = self.datagrams
+        found = self.counters.find_segment(buf, start, end, link_type, datagrams is not None, self._checksums)
+        if found.problem:
+            if found.key:
+                self.counters.note_damaged(self.table.sides.get(found.key), found)
+            return accounts.CATEGORIES.index(found.problem)
+        if datagrams is not None and found.protocol == UDP:
+            return datagrams.take(found)
+        side = self.table.sides.get(found.key)
+        if side is None or found.word & 7:
+            flags: i64 = found.word & 0x3F
+            return self._lifecycle(
+                side, found.key, found.vlan, found.seq, found.ack, flags, found.octets, found.missing
+            )
+        return self._segment(side, found.seq, found.ack, found.word, found.octets, found.missing)
+
+    def _lifecycle(
+        self, side: Side | None, key: bytes, vlan: i64, seq: i64, ack: i64, flags: i64, octets: bytes, missing: i64
+    ) -> i64:
+        """The first packet of a connection, and packets with SYN, FIN or RST."""
+        if flags & SYN and side is not None and side.tcp.is_new_connection(side.index, seq):
+            self._give_way(side)
+            side = None
+        if side is None:
+            if flags & SYN and not flags & ACK and not octets:
+                evicted: i64 = self.table.half_open_evicted
+                self.table.note_syn(key, seq, self.counters.frames, self.counters.now_ns)
+                if self.table.half_open_evicted > evicted:
+                    self.counters.note("stream.half_open_evicted")
+                return accounts.NO_PAYLOAD
+            if flags & RST and self.table.refused(key):
+                server, client = endpoints(key)
+                if server.port == ISO_TSAP_PORT:  # on other ports that is not our business
+                    self.counters.note("stream.refused", f"{server} refuses {client}")
+            if not (octets or missing or flags & SYN):
+                return accounts.NO_PAYLOAD  # only octets, or a handshake, make a connection worth remembering
+            side = self._open(key, vlan)
+            if flags & SYN and flags & ACK and side.tcp.initiator < 0:
+                side.tcp.initiator = 1 - side.index
+                side.connection.set_client(1 - side.index)
+        if flags & SYN:
+            seq = (seq + 1) & stream.MASK
+            if side.stream.next_seq < 0:
+                side.stream.start(seq)
+        category = self._segment(side, seq, ack, flags, octets, missing)
+        was_closed = side.tcp.closed
+        if flags & RST:
+            if side.connection.state == FOREIGN:
+                seq = side.stream.next_seq  # its octets are not followed, so that nothing says what to expect
+            if not side.tcp.note_reset(side.index, seq, self.counters.frames, self.counters.now_ns):
+                self.counters.note_ignored(side, "reset")
+                return accounts.RESET_IGNORED
+        elif flags & FIN:
+            end_seq: i64 = (seq + len(octets) + missing) & stream.MASK
+            if not side.tcp.note_fin(side.index, end_seq, self.counters.frames, self.counters.now_ns):
+                self.counters.note_ignored(side, "FIN")
+        if side.tcp.closed and not was_closed:
+            self.table.linger(side)
+            self._forget_closed()  # not only when time passes: in some captures it stands still
+        self.timers.wake()
+        return category
+
+    def _give_way(self, side: Side) -> None:
+        """The addresses of a connection are taken by another one, so it is over."""
+        if not side.tcp.ended:
+            side.tcp.ended = "reused"
+            side.tcp.ended_frame = self.counters.frames
+            side.tcp.ended_ns = self.counters.now_ns
+            if side.connection.followed:
+                self.counters.note("stream.reused", "", side.connection.number)
+        self._finish(side, CONNECTION_CLOSED)
+
+    def _reopen(self, side: Side, seq: i64, octets: bytes, missing: i64) -> i64:
+        """A connect request far from where the stream is, or S7 after something else: another connection."""
+        ack: i64 = side.last_ack
+        self._give_way(side)
+        fresh = self._open(side.key, side.tcp.vlan)
+        return self._segment(fresh, seq, ack, ACK if ack >= 0 else 0, octets, missing)
+
+    def _open(self, key: bytes, vlan: i64) -> Side:
+        for idle in self.table.overflow():
+            self._evict(idle, "")
+        return self.table.open(key, vlan, self.counters.frames, self.counters.now_ns)
+
+    # ---- segment → octets in order ----------------------------------------------------------------------------------
+
+    def _segment(self, side: Side, seq: i64, ack: i64, flags: i64, octets: bytes, missing: i64) -> i64:
+        tcp = side.tcp
+        tcp.packets += 1
+        tcp.last_frame = self.counters.frames
+        tcp.last_ns = self.counters.now_ns
+        peer = side.peer
+        assert peer is not None
+        if side.waiting or peer.waiting:
+            self.timers.passing(side, peer, ack, flags & ACK != 0)
+        side.last_ack = ack if flags & ACK else -1
+        size: i64 = len(octets)
+        if size == 0 and missing == 0:
+            return accounts.NO_PAYLOAD
+        half = side.stream
+        if seq == half.next_seq and half.held is None and missing == 0 and side.connection.state == ISO:
+            half.passed(octets)
+            side.end_seq = half.next_seq
+            self.iso.feed(side, octets, 0, size, self.counters.frames, self.counters.now_ns)
+            return accounts.PAYLOAD
+        return self._irregular(side, seq, octets, missing)
+
+    def _irregular(self, side: Side, seq: i64, octets: bytes, missing: i64) -> i64:
+        """A segment that is not simply the next one, or of a connection that is not known to be ISO-on-TCP yet."""
+        connection = side.connection
+        half = side.stream
+        if connection.state == FOREIGN:
+            if len(octets) > MIN_LENGTH and sound_length(octets, 0, len(octets)):
+                return self._reopen(side, seq, octets, missing)  # what was there before hides no S7 now
+            return accounts.OTHER_PROTOCOL
+        if half.next_seq >= 0:
+            ahead: i64 = (seq - half.next_seq) & stream.MASK
+            if side.tcp.reset_frame and half.held is None and ahead > _AFTER_RESET:
+                return accounts.AFTER_CLOSE
+            if stream.FAR_AHEAD < ahead < stream.MASK - stream.FAR_AHEAD and connection.established:
+                if is_connect_request(octets):
+                    return self._reopen(side, seq, octets, missing)
+        if half.next_seq < 0 and octets == b"\0" and not side.tcp.known_start:
+            # The probe of an idle connection: one octet that was sent before (RFC 1122 4.2.3.6), and begins no TPKT.
+            half.start(seq + 1)
+            side.probes += 1
+            return accounts.KEEP_ALIVE
+        what: i64 = stream.NEW
+        conflicts: i64 = half.conflicts
+        peer = side.peer
+        if octets:
+            if peer is not None and peer.stream.octets:
+                half.heard = True
+            what = half.accept(seq, octets, self.counters.frames, self.counters.now_ns, side.last_ack)
+        elif half.next_seq < 0:
+            half.start(seq)
+        if half.conflicts > conflicts and connection.followed:
+            self.counters.note("stream.conflict", f"{len(octets)} octets at {seq}", connection.number)
+        if missing and half.held is None and half.next_seq == (seq + len(octets)) & stream.MASK:
+            self.timers.chunks(side)
+            half.skip(missing, self.counters.frames, self.counters.now_ns)
+            self.timers.chunks(side, True)
+        elif half.ready or half.outside:
+            self.timers.chunks(side)
+        if half.held is not None:
+            self.timers.wait(side)
+        if what == stream.KEEP_ALIVE and side.probes:
+            return accounts.KEEP_ALIVE
+        if connection.state == FOREIGN or (connection.state == PROBING and half.held is None):
+            return accounts.OTHER_PROTOCOL  # told by now, or still to be told: nothing of it was used
+        if what == stream.NEW:
+            return accounts.PAYLOAD
+        if what == stream.OLD:
+            return accounts.RETRANSMISSION
+        return accounts.KEEP_ALIVE if what == stream.KEEP_ALIVE else accounts.BEFORE_START
+
+    # ---- what waits for time to pass --------------------------------------------------------------------------------
+
+    def tick(self, now_ns: i64) -> None:
+        """Time passes on a silent line: it is ``now_ns`` by the clock of the capture, and no packet came since the last one.
+
+        What waited too long is given up, as the next packet would do it. That packet may be a little older than ``now_ns``:
+        it was on its way. A clock that is behind the last packet does nothing.
+        """
+        counters = self.counters
+        packet_ns: i64 = counters.now_ns
+        if counters.frames == 0 or now_ns <= packet_ns:
+            return
+        counters.now_ns = now_ns
+        self._tick()
+        counters.now_ns = packet_ns
+        if self.timers.deadline_ns != FAR_FUTURE:
+            self.timers.deadline_ns = packet_ns + TICK_NS
+        if self.exchange.reporter.fresh:
+            self.exchange.report_findings()
+
+    def _tick(self) -> None:
+        """Time has passed: give up what waited too long, forget connections that are over."""
+        timers = self.timers
+        timers.deadline_ns = self.counters.now_ns + TICK_NS
+        try:
+            timers.give_up_waiting()
+            self._forget_closed()
+            timers.look_overdue()
+        except Exception as bug:
+            if self._strict:
+                raise
+            self.exchange.note_bug(bug, self.counters.frames, self.counters.now_ns)
+        timers.settle(self.table.lingering)
+
+    def _forget_closed(self) -> None:
+        for side in self.table.closed(self.counters.now_ns):
+            self._finish(side, CONNECTION_CLOSED)
+
+    # ---- the end ----------------------------------------------------------------------------------------------------
+
+    def _finish(self, side: Side, reason: str) -> None:
+        """A connection is over: pass on what is held, close what is open, add up its octets."""
+        peer = side.peer
+        if peer is None:
+            return  # finished before
+        try:
+            self._end(side, peer, reason)
+        except Exception as bug:
+            if self._strict:
+                raise
+            self.exchange.note_bug(bug, self.counters.frames, self.counters.now_ns)
+        # What never was ISO-on-TCP, nor ought to have been, is not our loss.
+        if side.connection.number or on_102(side):
+            for end in (side, peer):
+                self.counters.add_up(end)
+        self.table.remove(side)
+
+    def _end(self, side: Side, peer: Side, reason: str) -> None:
+        for end in (side, peer):
+            end.stream.finish()
+            if end.stream.ready or end.stream.outside:
+                self.timers.chunks(end)
+            end.waiting = False
+        connection = side.connection
+        if connection.number:
+            if side.tcp.ended and reason == CAPTURE_ENDED:
+                reason = CONNECTION_CLOSED
+            self.connections.end(side, reason, self.counters.frames, self.counters.now_ns)
+        elif connection.state == PROBING and connection.probed:
+            side.protocol.end(side, self.counters.frames, self.counters.now_ns)
+        elif connection.state == PROBING and (side.probes or peer.probes) and on_102(side):
+            first, second = side.tcp.ends
+            self.counters.note("session.idle", f"{first} and {second}, {int(side.tcp.packets)} packets")
+
+    def finish(self) -> None:
+        """The capture ends: every connection still open is closed, everything held is reported."""
+        for side in self.table.closed(self.counters.now_ns, True):
+            self._finish(side, CONNECTION_CLOSED)
+        for side in self.table.all_open():
+            self._finish(side, CAPTURE_ENDED)
+        if self.datagrams is not None:
+            self.datagrams.finish()
+        self.timers.finish()
+        self.exchange.report_findings()

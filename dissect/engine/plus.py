@@ -1,0 +1,176 @@
+"""S7comm-plus: from frames to PDUs, and from PDUs to the same pairing as S7comm, by sequence number (docs/s7plus.md)."""
+
+from __future__ import annotations
+
+from mypy_extensions import i64
+
+from dissect.engine.exchange import Exchange
+from dissect.findings.session_rules import judge_port
+from dissect.iso.upper import S7COMM_PLUS, UNKNOWN, UPPER_NAMES
+from dissect.s7plus.assembly import PlusAssembler
+from dissect.s7plus.message import SHORT_HEADS, PlusPdu, is_beginning, parse_plus
+from dissect.s7plus.parameters import PLUS, PlusParameterCache
+from dissect.s7plus.tables import NOTIFICATION, REQUEST, RESPONSE2, V1
+from dissect.transactions.connection import Connection
+from dissect.transactions.protocol import Protocol
+from dissect.transactions.table import Side
+
+
+class S7Plus(Protocol):
+    """Takes S7comm-plus frames. Counts PDUs by version, opcode and function.
+
+    A request and its response share a sequence number; a response carries no session, so that there is nothing else to
+    check. What wants no answer, and what nobody asked for, is a transaction with one half.
+    """
+
+    def __init__(self, exchange: Exchange) -> None:
+        super().__init__()
+        self._exchange: Exchange = exchange
+        self.pdus: i64 = 0
+        self.cut_pdus: i64 = 0  # not whole: the capture ends, has a gap, or they were too long
+        self.unpaired: i64 = 0  # without an opcode, of an unknown one, or too damaged
+        self.versions: list[int] = [0] * 256
+        self.opcodes: list[int] = [0] * 256
+        self.functions: dict[int, int] = {}  # PDUs by function code, which has 16 bits
+        self._parameters: PlusParameterCache = PlusParameterCache()
+
+    def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
+        """Take a TSDU that begins with 0x72: a frame with its trailer, or one of several frames of a PDU."""
+        tsdu = buf[at : at + size]
+        assembler = side.plus
+        if assembler is None:
+            assembler = PlusAssembler()
+            side.plus = assembler
+        if assembler.interrupted(tsdu):
+            who = side.tcp.ends[side.index]
+            detail = f"S7comm-plus PDU from {who}: another one begins before its end"
+            self._exchange.reporter.note("s7.malformed", side.connection.number, [frame], time_ns, detail)
+            self.finish(side, frame, time_ns)
+        whole = assembler.push(tsdu)
+        if whole is None:
+            return
+        if assembler.left_out and assembler.parts is None and whole is not tsdu:
+            who = side.tcp.ends[side.index]
+            detail = f"{len(whole)} octets from {who} kept, {assembler.left_out} left out"
+            self._exchange.reporter.note("s7.plus_too_long", side.connection.number, [frame], time_ns, detail)
+            self._pdu(side, whole, True, frame, time_ns)
+        else:
+            self._pdu(side, whole, False, frame, time_ns)
+
+    def gap(self, side: Side, size: i64, cut: bool, frame: i64, time_ns: i64) -> None:
+        """Frames of a PDU are missing: what there is of it is all there will be."""
+        self.finish(side, frame, time_ns)
+
+    def finish(self, side: Side, frame: i64, time_ns: i64) -> None:
+        """Take what there is of an unfinished PDU: no more of it will come."""
+        assembler = side.plus
+        if assembler is not None and assembler.parts is not None:
+            self._pdu(side, assembler.finish(), True, frame, time_ns)
+
+    def cut(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """Take what the capture kept of a frame: the PDU ends with it."""
+        self.finish(side, frame, time_ns)
+        self._pdu(side, octets, True, frame, time_ns)
+
+    def _pdu(self, side: Side, octets: bytes, cut: bool, frame: i64, time_ns: i64) -> None:
+        """Take a PDU; ``cut`` says that octets of it are missing at its end."""
+        exchange = self._exchange
+        connection = side.connection
+        pdu = parse_plus(octets, frame, time_ns, connection.number, side.index, cut)
+        self.pdus += 1
+        if cut:
+            self.cut_pdus += 1
+        if connection.pdus == 0:
+            self._first_pdu(connection, frame, time_ns)
+        connection.pdus += 1
+        if exchange.observer.wants_pdus:
+            exchange.observer.plus_pdu(frame, time_ns, side, octets, cut)
+        if pdu.version >= 0:
+            self.versions[pdu.version] += 1
+        if pdu.opcode >= 0 and is_beginning(pdu):
+            self.opcodes[pdu.opcode] += 1
+            if pdu.function >= 0:
+                self.functions[pdu.function] = self.functions.get(pdu.function, 0) + 1
+        if pdu.malformed and not (cut or side.holes or connection.mid_stream):
+            detail = f"S7comm-plus {pdu.kind} from {side.tcp.ends[side.index]}: {pdu.malformed[0]}"
+            exchange.reporter.note("s7.malformed", connection.number, [frame], time_ns, detail)
+        self._pair(side, pdu, frame, time_ns)
+
+    def _first_pdu(self, connection: Connection, frame: i64, time_ns: i64) -> None:
+        if connection.protocol == "" or connection.protocol == UPPER_NAMES[UNKNOWN]:
+            connection.protocol = UPPER_NAMES[S7COMM_PLUS]
+            connection.identified_by = ""
+        judge_port(self._exchange.reporter, connection, frame, time_ns)
+
+    def _pair(self, side: Side, pdu: PlusPdu, frame: i64, time_ns: i64) -> None:
+        if not is_beginning(pdu):
+            self.unpaired += 1  # a system event, a keep-alive, or the rest of a PDU whose beginning is missing
+            return
+        exchange = self._exchange
+        octets = pdu.octets
+        connection = side.connection
+        parameters = self._parameters.get(pdu.function)
+        if pdu.opcode == NOTIFICATION:
+            connection.set_client(1 - side.index)
+            self._count_notification(side, pdu, frame, time_ns)
+            exchange.indication(side, 0, parameters, octets, frame, time_ns)
+            return
+        sequence: i64 = pdu.sequence
+        if pdu.opcode == REQUEST:
+            connection.set_client(side.index)
+            if parameters.starts_tls:
+                connection.identified_by = "InitSSL"
+            if pdu.wants_response:
+                exchange.request(side, sequence, parameters, octets, frame, time_ns)
+            else:
+                exchange.done(exchange.dialogue.tell(side, sequence, parameters, octets, frame, time_ns))
+            return
+        connection.set_client(1 - side.index)
+        if pdu.opcode == RESPONSE2 and not exchange.dialogue.waits(side, PLUS, sequence):
+            # Panels were seen to get it for requests that want no answer.
+            exchange.indication(side, sequence, parameters, octets, frame, time_ns)
+        else:
+            exchange.response(side, sequence, parameters, octets, frame, time_ns)
+
+    def _count_notification(self, side: Side, pdu: PlusPdu, frame: i64, time_ns: i64) -> None:
+        """Note missing notifications: those of a connection count up by one, whichever subscriptions they belong to.
+
+        Old S7-1200 count in one octet. What a gap of the capture swallowed was told with the gap.
+        """
+        plus = side.plus
+        if plus is None or pdu.sequence < 0 or pdu.version == V1:
+            return
+        before: i64 = plus.notified
+        number: i64 = pdu.sequence
+        plus.notified = number
+        expected: i64 = (before + 1) & (0xFF if pdu.subscription_id < SHORT_HEADS else 0xFFFFFFFF)
+        if before < 0 or number == expected or side.holes or number == 1:
+            return  # the first that is seen, the next one, or a session that begins anew
+        detail = (
+            f"{side.tcp.ends[side.index]}, subscription 0x{pdu.subscription_id:08x}: number {number} follows {before}"
+        )
+        self._exchange.reporter.note("s7plus.notifications_lost", side.connection.number, [frame], time_ns, detail)
+
+    def held(self, side: Side) -> i64:
+        """Return the octets of a PDU whose last frame is to come."""
+        assembler = side.plus
+        return len(assembler.parts) if assembler is not None and assembler.parts is not None else 0
+
+    # ---- what was counted -------------------------------------------------------------------------------------------
+
+    def describe(self) -> dict[str, object]:
+        """Return the section ``s7plus``."""
+        return {
+            "s7plus": {
+                "pdus": self.pdus,
+                "cut": self.cut_pdus,
+                "unpaired": self.unpaired,
+                "versions": {f"0x{code:02x}": count for code, count in enumerate(self.versions) if count},
+                "opcodes": {f"0x{code:02x}": count for code, count in enumerate(self.opcodes) if count},
+                "functions": {f"0x{code:04x}": count for code, count in sorted(self.functions.items())},
+            }
+        }
+
+    def counted(self) -> list[tuple[int, str]]:
+        """Return the number of PDUs."""
+        return [(self.pdus, "S7comm-plus PDU")] if self.pdus else []

@@ -1,0 +1,233 @@
+"""S7comm: from PDUs to requests, responses and indications for the shared pairing (reference section 2 and 5)."""
+
+from __future__ import annotations
+
+from mypy_extensions import i64
+
+from dissect.engine.exchange import Exchange
+from dissect.findings.item_rules import judge_parameters
+from dissect.findings.security_rules import PACE
+from dissect.findings.session_rules import judge_header, judge_length, judge_port, judge_request
+from dissect.iso.upper import S7COMM, UPPER_NAMES
+from dissect.s7.message import header_size, parse_pdu, read_header
+from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, ParameterCache, Parameters, is_plc_push
+from dissect.s7.tables import ACK, ACK_DATA, JOB, ROSCTR, SETUP_COMMUNICATION, USERDATA
+from dissect.tcp.stream import HALF_SPACE, MASK
+from dissect.transactions.connection import IBH, Connection
+from dissect.transactions.dialogue import BAD_DATA
+from dissect.transactions.protocol import Protocol
+from dissect.transactions.table import Side
+from dissect.wire.octets import u16
+
+
+class S7(Protocol):
+    """Takes S7 PDUs, from whatever framed them. Counts them by ROSCTR and function."""
+
+    def __init__(self, exchange: Exchange) -> None:
+        super().__init__()
+        self._exchange: Exchange = exchange
+        self.rosctrs: list[int] = [0] * 256
+        self.functions: list[int] = [0] * 256
+        self.pdus: i64 = 0
+        self.cut_pdus: i64 = 0
+        self.unpaired: i64 = 0  # PDUs of a kind that cannot be paired, or too damaged for it
+        self._parameters: ParameterCache = ParameterCache()
+
+    def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
+        """Take a whole PDU, whose first two octets were looked at: protocol id and a ROSCTR from 1 to 7."""
+        exchange = self._exchange
+        connection = side.connection
+        self.pdus += 1
+        self.rosctrs[buf[at + 1]] = self.rosctrs[buf[at + 1]] + 1
+        if connection.pdus == 0:
+            self._first_pdu(connection, frame, time_ns)
+        connection.pdus += 1
+        if connection.pdus & (PACE - 1) == 0:
+            exchange.watch.security.pace(connection, frame, time_ns)
+        if exchange.observer.wants_pdus:
+            exchange.observer.pdu(frame, time_ns, side, buf[at : at + size], False)
+        if size < 10:
+            self._damaged(side, buf[at : at + size], frame, time_ns)
+            return
+        rosctr, pdu_ref, param_length, data_length = read_header(buf, at)
+        head: i64 = 12 if rosctr == ACK_DATA or rosctr == ACK else 10
+        data_at: i64 = at + head + param_length
+        if data_at + data_length != at + size or (rosctr > ACK_DATA and rosctr != USERDATA):
+            self._damaged(side, buf[at : at + size], frame, time_ns)
+            return
+        parameters = self._parameters.get(buf[at + head : data_at], rosctr)
+        if parameters.function >= 0:
+            self.functions[parameters.function] = self.functions[parameters.function] + 1
+        if parameters.malformed:
+            self._note_malformed(side, buf[at : at + size], frame, time_ns)
+        if parameters.unjudged:
+            judge_parameters(exchange.reporter, side, parameters, frame, time_ns)
+        limit: i64 = connection.pdu_length
+        if limit and (size > limit or parameters.answer_size > limit):
+            judge_length(exchange.reporter, connection, parameters, size, frame, time_ns)
+        if (rosctr == ACK and size > head) or u16(buf, at + 2):
+            judge_header(exchange.reporter, side, rosctr, size - head, u16(buf, at + 2), frame, time_ns)
+        if rosctr == JOB:
+            self._request(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
+            return
+        if rosctr == USERDATA:
+            userdata = parameters.userdata
+            kind: i64 = userdata.type if userdata is not None else -1
+            if kind == REQUEST:
+                self._request(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
+                return
+            if kind == PUSH:
+                self._pushed(side, pdu_ref, parameters, buf, at, size, frame, time_ns)
+                return
+            if kind != RESPONSE:
+                self.unpaired += 1
+                return
+        done = exchange.dialogue.answer(side, rosctr, pdu_ref, parameters, buf, at, size, data_at, frame, time_ns)
+        exchange.completed(done, frame, time_ns)
+
+    def _pushed(
+        self,
+        side: Side,
+        pdu_ref: i64,
+        parameters: Parameters,
+        buf: bytes,
+        at: i64,
+        size: i64,
+        frame: i64,
+        time_ns: i64,
+    ) -> None:
+        """Take userdata of type push: an indication, or the request of a client that mistakes its type."""
+        exchange = self._exchange
+        if self._pushed_by_client(side, parameters, frame, time_ns):
+            # It waits for an answer, whatever it calls itself.
+            self._request(side, USERDATA, pdu_ref, parameters, buf, at, size, frame, time_ns)
+        else:
+            exchange.done(exchange.dialogue.push(side, pdu_ref, parameters, buf, at, size, frame, time_ns))
+
+    def _pushed_by_client(self, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> bool:
+        """Tell whether the client sent what only PLCs send, and note it: it mistakes the type of its request."""
+        connection = side.connection
+        if not connection.client_known or side.index != connection.client_side or not is_plc_push(parameters):
+            return False
+        self._exchange.reporter.note("s7.client_push", connection.number, [frame], time_ns, parameters.function_name)
+        return True
+
+    def _first_pdu(self, connection: Connection, frame: i64, time_ns: i64) -> None:
+        if connection.state != IBH:
+            connection.protocol = UPPER_NAMES[S7COMM]
+        judge_port(self._exchange.reporter, connection, frame, time_ns)
+
+    def _request(
+        self,
+        side: Side,
+        rosctr: i64,
+        pdu_ref: i64,
+        parameters: Parameters,
+        buf: bytes,
+        at: i64,
+        size: i64,
+        frame: i64,
+        time_ns: i64,
+    ) -> None:
+        exchange = self._exchange
+        done = exchange.dialogue.ask(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
+        connection = side.connection
+        if connection.granted is None or parameters.function == SETUP_COMMUNICATION:
+            judge_request(exchange.reporter, side, parameters, 0, frame, time_ns)
+        else:
+            open_now: i64 = connection.open_requests[side.index].count
+            if open_now > 1:
+                peer = side.peer
+                if peer is not None:
+                    open_now = _surely_open(side, peer, open_now)
+                judge_request(exchange.reporter, side, parameters, open_now, frame, time_ns)
+        exchange.completed(done, frame, time_ns)
+
+    # ---- PDUs that are damaged or cut -------------------------------------------------------------------------------
+
+    def cut(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """Take a PDU of which the capture kept ten octets or more: its header still tells what was asked or answered."""
+        self.pdus += 1
+        self.cut_pdus += 1
+        self.rosctrs[octets[1]] += 1
+        if side.connection.pdus == 0:
+            self._first_pdu(side.connection, frame, time_ns)
+        side.connection.pdus += 1
+        if self._exchange.observer.wants_pdus:
+            self._exchange.observer.pdu(frame, time_ns, side, octets, True)
+        self._pair_damaged(side, octets, frame, time_ns)
+
+    def _damaged(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """A PDU whose lengths lie or whose kind is unknown: reported, and paired as far as its header can be read."""
+        if len(octets) >= 10 and octets[1] not in ROSCTR:
+            number = side.connection.number
+            self._exchange.reporter.note("s7.unknown_rosctr", number, [frame], time_ns, f"ROSCTR {octets[1]}")
+            self.unpaired += 1
+            return
+        self._note_malformed(side, octets, frame, time_ns)
+        self._pair_damaged(side, octets, frame, time_ns)
+
+    def _pair_damaged(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
+        exchange = self._exchange
+        rosctr: i64 = octets[1]
+        head: i64 = header_size(rosctr)
+        size: i64 = len(octets)
+        if size < head or rosctr not in ROSCTR:
+            self.unpaired += 1
+            return
+        pdu_ref: i64 = u16(octets, 4)
+        data_at: i64 = min(head + u16(octets, 6), size)
+        parameters = self._parameters.get(octets[head:data_at], rosctr)
+        if parameters.function >= 0:
+            self.functions[parameters.function] = self.functions[parameters.function] + 1
+        userdata = parameters.userdata
+        kind: i64 = userdata.type if userdata is not None else -1
+        if rosctr == JOB or (rosctr == USERDATA and kind == REQUEST):
+            self._request(side, rosctr, pdu_ref, parameters, octets, 0, size, frame, time_ns)
+        elif rosctr != USERDATA or kind == RESPONSE:
+            done = exchange.dialogue.answer(side, rosctr, pdu_ref, parameters, octets, 0, size, data_at, frame, time_ns)
+            if done is not None:
+                done.flags &= ~BAD_DATA  # that the PDU is damaged was reported already
+            exchange.completed(done, frame, time_ns)
+        elif kind == PUSH:
+            self._pushed(side, pdu_ref, parameters, octets, 0, size, frame, time_ns)
+        else:
+            self.unpaired += 1
+
+    def _note_malformed(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
+        reporter = self._exchange.reporter
+        if reporter.wants("s7.malformed", side.connection.number):
+            pdu = parse_pdu(octets)
+            what = str(pdu.malformed[0]) if pdu.malformed else "its lengths do not add up"
+            detail = f"{pdu.rosctr_name} from {side.tcp.ends[side.index]}: {what}"
+            reporter.detail("s7.malformed", side.connection.number, [frame], time_ns, detail)
+
+    # ---- what was counted -------------------------------------------------------------------------------------------
+
+    def describe(self) -> dict[str, object]:
+        """Return the section ``s7``."""
+        return {
+            "s7": {
+                "pdus": self.pdus,
+                "cut": self.cut_pdus,
+                "unpaired": self.unpaired,
+                "rosctr": {str(code): count for code, count in enumerate(self.rosctrs) if count},
+                "functions": {f"0x{code:02x}": count for code, count in enumerate(self.functions) if count},
+            }
+        }
+
+    def counted(self) -> list[tuple[int, str]]:
+        """Return the number of PDUs, also when it is none."""
+        return [(self.pdus, "S7 PDU")]
+
+
+def _surely_open(side: Side, answering: Side, open_now: i64) -> i64:
+    """Return how many requests of ``side`` are open, 0 while octets that may be answers are missing or out of order.
+
+    What a hole that was given up may have swallowed is left to `judge_request`, which looks at few requests only: walking
+    over thousands for each one that is asked would take seconds.
+    """
+    half = answering.stream
+    if half.held is not None or 0 < (side.last_ack - half.next_seq) & MASK < HALF_SPACE:
+        return 0  # the asking side has octets that the capture did not show, or not yet
+    return open_now

@@ -1,0 +1,136 @@
+"""What waits for time to pass: segments for those before them, answers for their requests, closed connections for stragglers.
+
+Driven by the clock of the capture: packets move it, and on a silent line `Pipeline.tick` does. The pipeline looks at
+``deadline_ns`` with each packet, which costs one comparison; what is behind it is looked at here.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.engine.counters import Counters
+from dissect.engine.exchange import Exchange
+from dissect.engine.overdue import OverdueWatch
+from dissect.transactions.table import MAX_CONNECTIONS, Side
+
+#: How often (capture time) what waits is looked at.
+TICK_NS: Final = 50_000_000
+#: Sides that wait are sought out of those whose connection is over when the list has grown to this.
+_MANY_WAITING: Final = 4 * MAX_CONNECTIONS
+#: The deadline while nothing waits.
+FAR_FUTURE: Final = 0x7FFFFFFFFFFFFFFF
+
+
+class Timers:
+    """Keeps the sides that wait, and passes their octets on when it is time."""
+
+    def __init__(self, counters: Counters, exchange: Exchange, overdue_ns: i64) -> None:
+        self._counters: Counters = counters
+        self._exchange: Exchange = exchange
+        self._waiting: list[Side] = []  # sides with held segments or held answers
+        self._overdue: OverdueWatch | None = None
+        self._rest_ns: i64 = FAR_FUTURE  # the deadline while nothing waits
+        if overdue_ns:
+            self._overdue = OverdueWatch(exchange.reporter, exchange.dialogue, overdue_ns)
+            self._rest_ns = 0
+        self.deadline_ns: i64 = self._rest_ns
+
+    # ---- octets in order, and gaps ----------------------------------------------------------------------------------
+
+    def chunks(self, side: Side, cut: bool = False) -> None:
+        """Pass on what a stream has ready: octets and gaps, in order. ``cut``: the capture cut the frame there."""
+        half = side.stream
+        ready = half.ready
+        half.ready = []
+        if half.outside:
+            self._note_outside(side)
+        for chunk in ready:
+            if not chunk.hole and side.at_rest:
+                # What is whole in these octets was so when they came, whatever had to come before them.
+                chunk.frame = chunk.own_frame
+                chunk.time_ns = chunk.own_ns
+            side.end_seq = chunk.end_seq
+            side.last_ack = chunk.ack
+            if chunk.hole:
+                if side.connection.followed:
+                    self._counters.octets.holes += 1
+                    self._counters.octets.missing += chunk.hole
+                side.holes += 1
+                side.missing += chunk.hole
+                side.hole_frame = chunk.frame
+                side.protocol.gap(side, chunk.hole, cut, chunk.frame, chunk.time_ns)
+            else:
+                side.protocol.feed(side, chunk.octets, 0, len(chunk.octets), chunk.frame, chunk.time_ns)
+
+    def _note_outside(self, side: Side) -> None:
+        if side.connection.followed:
+            detail = f"{side.stream.outside} octets from {side.tcp.ends[side.index]}"
+            self._counters.note("stream.outside_window", detail, side.connection.number)
+        side.stream.outside = 0
+
+    # ---- what waits -------------------------------------------------------------------------------------------------
+
+    def wait(self, side: Side) -> None:
+        """Look at ``side`` again when time passes or its connection shows another packet."""
+        if not side.waiting:
+            side.waiting = True
+            self._waiting.append(side)
+            if len(self._waiting) > _MANY_WAITING:
+                self._waiting = [one for one in self._waiting if one.waiting]
+        self.wake()
+
+    def wake(self) -> None:
+        """Something waits from now on."""
+        if self.deadline_ns == FAR_FUTURE:
+            self.deadline_ns = self._counters.now_ns + TICK_NS
+
+    def expire_answers(self, side: Side) -> None:
+        """Give up answers of ``side`` that were held for their request long enough."""
+        exchange = self._exchange
+        exchange.dialogue.expire(side, self._counters.now_ns)
+        if exchange.dialogue.also:
+            exchange.beside(self._counters.frames, self._counters.now_ns)
+
+    def passing(self, side: Side, peer: Side, ack: i64, acknowledges: bool) -> None:
+        """Something of this connection waits: the packet at hand may be what it waited for."""
+        now_ns: i64 = self._counters.now_ns
+        if peer.stream.held is not None and acknowledges:
+            peer.stream.acknowledged(ack, now_ns)
+        for end in (peer, side):
+            if end.stream.held is not None:
+                end.stream.passing(now_ns)
+                if end.stream.ready:
+                    self.chunks(end)
+        # Only then the answers: the request one of them waits for may just have come out.
+        self.expire_answers(peer)
+        self.expire_answers(side)
+
+    def give_up_waiting(self) -> None:
+        """Time has passed: give up what waited too long."""
+        waiting = list(self._waiting)
+        for side in waiting:
+            side.stream.expire(self._counters.now_ns)
+            if side.stream.ready:
+                self.chunks(side)
+        for side in waiting:  # only then the answers: the request one of them waits for may just have come out
+            self.expire_answers(side)
+            asked = side.connection.open_requests[1 - side.index]
+            side.waiting = side.stream.time_bound or asked.orphans is not None
+
+    def look_overdue(self) -> None:
+        """Report the requests that have been open longer than the limit, where one was set."""
+        if self._overdue is not None:
+            self._overdue.look(self._counters.now_ns)
+
+    def settle(self, lingering: bool) -> None:
+        """Forget the sides that wait no longer; rest when nothing does, and no closed connection is kept (``lingering``)."""
+        self._waiting = [side for side in self._waiting if side.waiting]
+        if self._overdue is None and not self._waiting and not lingering:
+            self.deadline_ns = FAR_FUTURE
+
+    def finish(self) -> None:
+        """The capture ends: nothing waits."""
+        self._waiting = []
+        self.deadline_ns = self._rest_ns

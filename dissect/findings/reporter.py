@@ -1,0 +1,58 @@
+"""The judge: turns facts of the pipeline into findings, counts them all and details a bounded number.
+
+A flood of a million bad PDUs must not become a million lines, so each slug gives at most `MAX_DETAILED` detailed findings
+for a connection and `MAX_DETAILED_ALL` in all; the counters stay exact.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.findings.catalogue import CATALOGUE
+from dissect.findings.finding import Finding
+
+MAX_DETAILED: Final = 100
+MAX_DETAILED_ALL: Final = 1000
+
+
+class Reporter:
+    """Counts findings by slug and passes the detailed ones on.
+
+    ``counts`` is exact. ``fresh`` collects detailed findings until the pipeline hands them to its observer.
+    """
+
+    def __init__(self) -> None:
+        self.counts: dict[str, int] = {}
+        self.fresh: list[Finding] = []
+        self._detailed: dict[tuple[str, int], int] = {}
+        self._detailed_all: dict[str, int] = {}
+
+    def wants(self, slug: str, connection: i64) -> bool:
+        """Count one occurrence; True when it should be detailed, so that nobody builds a sentence in vain."""
+        self.counts[slug] = self.counts.get(slug, 0) + 1
+        in_all = self._detailed_all.get(slug, 0)
+        if in_all >= MAX_DETAILED_ALL:
+            return False
+        key = (slug, connection)
+        here = self._detailed.get(key, 0)
+        if here >= MAX_DETAILED:
+            return False
+        self._detailed[key] = here + 1
+        self._detailed_all[slug] = in_all + 1
+        return True
+
+    def renew(self) -> None:
+        """Allow as many detailed findings again as in the beginning: who watches a line for days wants those of today."""
+        self._detailed = {}
+        self._detailed_all = {}
+
+    def note(self, slug: str, connection: i64, frames: list[int], time_ns: i64, detail: str = "") -> None:
+        """Count and, within the bounds, detail a finding."""
+        if self.wants(slug, connection):
+            self.detail(slug, connection, frames, time_ns, detail)
+
+    def detail(self, slug: str, connection: i64, frames: list[int], time_ns: i64, detail: str) -> None:
+        """Detail a finding that `wants` has counted."""
+        self.fresh.append(Finding(CATALOGUE[slug], connection, frames, time_ns, detail))

@@ -1,0 +1,1 @@
+"""Addresses and sockets shared by the rooms that speak TCP."""

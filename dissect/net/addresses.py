@@ -1,0 +1,115 @@
+"""Where a proxy listens and where it connects to, as sockets take it."""
+
+from __future__ import annotations
+
+import socket
+from typing import Final, NamedTuple
+
+from dissect.metrics.address import Address, AddressError, is_loopback, parse_address
+from dissect.source.packet import CaptureError
+
+#: Where the proxy listens unless told otherwise.
+DEFAULT: Final = "127.0.0.1:10102"
+#: Where a PLC listens (RFC 1006).
+PLC_PORT: Final = 102
+_DANGER: Final = "and whoever reaches it reaches the PLC"
+#: Addresses of one name that are used.
+_MAX_ADDRESSES: Final = 8
+
+
+class ProxyError(CaptureError):
+    """The proxy cannot begin: one line that says why and what to do."""
+
+
+class Place(NamedTuple):
+    """An address of one family, as ``socket`` takes it."""
+
+    family: int
+    address: tuple[str, int] | tuple[str, int, int, int]
+
+    def __str__(self) -> str:
+        return str(Address(self.address[0], self.address[1]))
+
+
+def read_address(text: str, default_port: int | None = None) -> Address:
+    """Read ``HOST:PORT`` or ``[IPv6]:PORT``, with ``default_port`` also without the port. Raises `AddressError`."""
+    try:
+        return parse_address(text)
+    except AddressError:
+        if default_port is not None:
+            try:
+                return parse_address(f"{text}:{default_port}")
+            except AddressError:
+                pass
+    without = f" or HOST alone for port {default_port}" if default_port is not None else ""
+    raise AddressError(f"{text!r} is not an address: expected HOST:PORT, for example {DEFAULT} or [::1]:10102{without}")
+
+
+def places_to_listen(address: Address, allow_remote: bool, danger: str = _DANGER) -> list[Place]:
+    """Return what to listen on; what other machines can reach only with ``allow_remote``. Raises `ProxyError`.
+
+    ``danger`` says what comes of it when they do.
+    """
+    places = _resolved(address, socket.AI_PASSIVE)
+    for place in places:
+        if not allow_remote and not is_loopback(str(place.address[0])):
+            raise ProxyError(
+                f"{address} can be reached from other machines, {danger}: "
+                f"listen on {DEFAULT}, or add --allow-remote if that is intended"
+            )
+    return places if address.port else places[:1]  # a port that the system chooses is another one for each
+
+
+def places_to_connect(address: Address) -> list[Place]:
+    """Return what to try, in this order, to reach the server. Raises `ProxyError`."""
+    if not address.port:
+        raise ProxyError(f"{address}: port 0 cannot be connected to: say the port of the PLC, {PLC_PORT} as a rule")
+    return _resolved(address, 0)
+
+
+def _resolved(address: Address, flags: int) -> list[Place]:
+    try:
+        found = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_STREAM, flags=flags)
+    except (OSError, UnicodeError) as why:
+        reason = why.strerror if isinstance(why, OSError) else "not a host name"
+        raise ProxyError(f"{address}: {reason}") from None
+    places = []
+    for family, _, _, _, where in found:
+        host, port = str(where[0]), int(where[1])
+        place = Place(family, (host, port, int(where[2]), int(where[3])) if len(where) == 4 else (host, port))
+        if place not in places:
+            places.append(place)
+    if not places:
+        raise ProxyError(f"{address}: no address of IPv4 or IPv6")
+    return places[:_MAX_ADDRESSES]
+
+
+def listen_on(place: Place) -> socket.socket:
+    """Return a socket that listens there. Raises `ProxyError`."""
+    listener = socket.socket(place.family, socket.SOCK_STREAM)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if place.family == socket.AF_INET6:
+            listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        listener.bind(place.address)
+        listener.listen(128)
+        listener.setblocking(False)
+    except OSError as why:
+        listener.close()
+        hint = ": ports below 1024 take rights, choose another one" if isinstance(why, PermissionError) else ""
+        raise ProxyError(f"cannot listen on {place}: {why.strerror or why}{hint}") from None
+    return listener
+
+
+def expect_no_circle(listeners: list[Place], targets: list[Place]) -> None:
+    """Refuse to relay to ourselves, which would go round until nothing is left. Raises `ProxyError`."""
+    anywhere = {"0.0.0.0", "::"}  # noqa: S104 - only compared with
+    for target in targets:
+        for place in listeners:
+            if place.address[1] != target.address[1]:
+                continue
+            same = place.address[0] == target.address[0]
+            if same or (place.address[0] in anywhere and is_loopback(str(target.address[0]))):
+                raise ProxyError(
+                    f"--to {target} is where the proxy itself listens: it would connect to itself for ever"
+                )

@@ -1,0 +1,1 @@
+"""Recorded sessions played again: the server's side and the client's."""

@@ -1,0 +1,35 @@
+"""The client's side of a recorded session, played to a real server and checked against the recording (docs/replay.md).
+
+`load_recorded` reads a capture or a golden, `make_plan` says what of it is played, `places_of` where to (this machine, unless
+more is allowed), and `replay` plays it: reads only, unless `Permissions` say more. Its `Outcome` has both sessions for
+`dissect.golden.diff_sessions`.
+"""
+
+from dissect.playback.client.permissions import CONTROL, READ, WRITE, Permissions, kind_of
+from dissect.playback.client.plan import Part, Withheld, make_plan, plan_lines
+from dissect.playback.client.recorded import Recorded, ReplayError, load_recorded
+from dissect.playback.client.run import Outcome, replay
+from dissect.playback.client.schedule import expect_few
+from dissect.playback.client.settings import Settings
+from dissect.playback.client.target import places_of, read_target
+
+__all__ = [
+    "CONTROL",
+    "READ",
+    "WRITE",
+    "Outcome",
+    "Part",
+    "Permissions",
+    "Recorded",
+    "ReplayError",
+    "Settings",
+    "Withheld",
+    "expect_few",
+    "kind_of",
+    "load_recorded",
+    "make_plan",
+    "places_of",
+    "plan_lines",
+    "read_target",
+    "replay",
+]

@@ -1,0 +1,100 @@
+"""The recording as this replay would repeat it if the server says what it said: what the session that came is compared with.
+
+Left out is what was withheld, and what nobody can expect: how a connection ended that the recording does not see the end of,
+an answer that it does not have. Numbers are those of the recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from dissect.golden.model import Link, Session, Transaction
+from dissect.playback.client.plan import ASK, SERVER_ASKED
+from dissect.playback.client.player import Player
+from dissect.transactions.ending import FIN
+from dissect.transactions.transaction import CONNECTION_CLOSED
+
+
+def expected_session(
+    name: str, players: Sequence[Player], came: Session, links: Mapping[int, Link]
+) -> tuple[Session, list[tuple[Session, Session]]]:
+    """Return what was to come, and each connection of it beside the one that came: none where nothing did.
+
+    ``links`` are the connections of ``came`` by their first packet. Takes from ``came`` what has nothing to be compared with.
+    """
+    session = Session(name)
+    pairs = []
+    for player in sorted(players, key=lambda player: player.part.link.number):
+        if not player.unreachable:
+            other = links.get(player.first_frame)
+            link = _expected_link(player, other)
+            session.links.append(link)
+            pairs.append((_alone(name, link), _alone(came.name, other)))
+    return session, pairs
+
+
+def _alone(name: str, link: Link | None) -> Session:
+    """Return a session of one connection, which keeps its numbers."""
+    session = Session(name)
+    session.links = [link] if link is not None else []
+    return session
+
+
+def _expected_link(player: Player, came: Link | None) -> Link:
+    part, recorded = player.part, player.part.link
+    link = Link()
+    link.number = recorded.number
+    link.protocol = recorded.protocol
+    link.carrier = recorded.carrier
+    link.calling, link.called = part.calling, part.called
+    link.begun = True
+    link.tpdu_size_asked = part.tpdu_size
+    link.tpdu_size = recorded.tpdu_size if recorded.tpdu_size or recorded.refused or came is None else came.tpdu_size
+    link.refused = recorded.refused
+    if part.end_known:
+        link.ended, link.ended_by, link.farewell = recorded.ended, recorded.ended_by, recorded.farewell
+    else:
+        link.ended, link.ended_by = FIN, "client"
+    if came is not None:
+        _leave_out(came, player)
+    _take(link, player, came)
+    return link
+
+
+def _leave_out(came: Link, player: Player) -> None:
+    """Take from a connection what nothing recorded can stand beside: a Setup of our own, what the server asks here as there."""
+    if player.setup_reference:
+        ours = [each for each in came.transactions if each.asked_by == "client"]
+        setup = [each for each in ours if each.pdu_ref == player.setup_reference]
+        came.transactions = [each for each in came.transactions if each not in setup]
+    if any([one.reason == SERVER_ASKED for one in player.part.withheld]):
+        answered = {"unsolicited", "answered"}  # what was answered belongs to a download
+        came.transactions = [
+            each for each in came.transactions if each.asked_by != "server" or each.outcome in answered
+        ]
+
+
+def _take(link: Link, player: Player, came: Link | None) -> None:
+    ours = [each for each in came.transactions if each.asked_by == "client"] if came is not None else []
+    told = {each.pdu_ref: each for each in ours if each.request}
+    references = {id(transaction): number for number, transaction in player.sent.items()}
+    left = {id(transaction) for transaction in player.not_sent}
+    asked = False
+    for step in player.part.steps:
+        transaction = step.transaction
+        reference = references.get(id(transaction))
+        if step.kind != ASK and asked and id(transaction) not in player.unheard:
+            link.transactions.append(_copy(transaction, link, transaction))
+        elif step.kind == ASK and (reference is not None or id(transaction) in left):
+            asked = True
+            source = told.get(reference) if step.unknown and reference is not None else None
+            link.transactions.append(_copy(transaction, link, source or transaction))
+
+
+def _copy(transaction: Transaction, link: Link, source: Transaction) -> Transaction:
+    """Return a transaction with the answer of ``source``; one that is not answered is so until the connection ends."""
+    reason = CONNECTION_CLOSED if source.reason and source.outcome == "unanswered" else source.reason
+    copy = Transaction(link, transaction.asked_by, source.exchange, source.outcome, reason)
+    copy.number = transaction.number
+    copy.time_ns, copy.latency_ns = transaction.time_ns, transaction.latency_ns
+    return copy

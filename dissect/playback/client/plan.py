@@ -1,0 +1,260 @@
+"""What is to be played: of each recorded connection its beginning, its requests, what is waited for, and its end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+from dissect.golden.exchange import S7
+from dissect.golden.keys import subject
+from dissect.golden.model import Link, Transaction
+from dissect.iso.build import build_connect, build_dr, size_parameter
+from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP
+from dissect.iso.tables import CR, DR_REASONS
+from dissect.playback.client.download import Download, find_downloads
+from dissect.playback.client.permissions import Permissions
+from dissect.playback.client.recorded import Recorded, ReplayError, Span
+from dissect.s7.build import build_setup
+from dissect.s7.parameters import Setup
+from dissect.s7.tables import JOB, SETUP_COMMUNICATION
+from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, FIN, RESET
+from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, HOLE, REFERENCE_REUSED
+
+# What is done with a transaction.
+ASK: Final = "ask"
+HEAR: Final = "hear"
+SERVE: Final = "serve"
+
+#: What is asked for where the recording does not have the beginning of a connection.
+USUAL_CALLING: Final = b"\x01\x00"
+USUAL_CALLED: Final = b"\x01\x02"
+USUAL_TPDU_SIZE: Final = 1024
+USUAL_SETUP: Final = Setup(1, 1, 960)
+
+#: Why something of a recording is not played.
+NOT_S7: Final = "only S7comm over TCP is replayed"
+SERVER_ASKED: Final = "what a PLC asks is answered in a download only"
+NOT_WHOLE: Final = "the recording does not have all that the PLC would ask for"
+NO_REQUEST: Final = "its request is not in the recording"
+FOLLOWS_WITHHELD: Final = "it belongs to a request that is withheld"
+CLIENT_PUSH: Final = "a message of the client that is no request"
+
+_NORMAL: Final = 0x80  # reason of a DR: ended by the user
+#: How either end ends a connection, where the recording sees it.
+_ENDS: Final = {
+    "client": frozenset((FIN, RESET, DISCONNECT)),
+    "server": frozenset((FIN, RESET, DISCONNECT, ERROR_TPDU)),
+}
+
+
+class Withheld(NamedTuple):
+    """A transaction that is not sent, and why. ``subject`` is safe to show."""
+
+    connection: int
+    transaction: int
+    subject: str
+    reason: str
+
+    def as_dict(self) -> dict[str, object]:
+        """Return it as JSON-ready values."""
+        return dict(zip(self._fields, self, strict=True))
+
+
+def withheld(transaction: Transaction, reason: str) -> Withheld:
+    """Say that a transaction is not sent."""
+    return Withheld(transaction.connection.number, transaction.number, subject(transaction.exchange), reason)
+
+
+class Step(NamedTuple):
+    """What comes next.
+
+    A request to be sent (`ASK`), a message of the server to be waited for that is no answer to any (`HEAR`), or a job of the
+    server to be waited for and answered (`SERVE`). ``download`` is the one that a Request download or such a job belongs to.
+    ``heard`` tells that the recording has anything of the server on this connection; ``gap_ns`` is how long the client went
+    on without asking anything else, None where nobody knows.
+    """
+
+    kind: str
+    transaction: Transaction
+    download: Download | None = None
+    heard: bool = True
+    gap_ns: int | None = None
+
+    @property
+    def expected(self) -> bool:
+        """True when the recording has an answer."""
+        return self.transaction.outcome != "unanswered"
+
+    @property
+    def silent(self) -> bool:
+        """True when the server is known to have left the request without answer."""
+        known = self.transaction.reason in {CONNECTION_CLOSED, REFERENCE_REUSED}
+        return self.heard and known and not self.expected
+
+    @property
+    def unknown(self) -> bool:
+        """True when the recording does not say whether and how the request was answered."""
+        return not self.expected and not self.silent
+
+    @property
+    def lost(self) -> bool:
+        """True when the answer may have come, and only the recording does not have it."""
+        went_on = self.transaction.reason == CAPTURE_ENDED and self.gap_ns is not None
+        return self.unknown and not (self.heard and went_on)
+
+
+class Part:
+    """A connection that is played.
+
+    ``known`` tells that its beginning was recorded; ``own_setup`` is a Setup communication to be sent where none was, else
+    empty. ``end`` is how it ends, ``by_client`` who does that; where the recording does not see it (``end_known``), we do.
+    ``span`` is where it stood in the recording, None where that is not known.
+    """
+
+    def __init__(self, link: Link, called: bytes | tuple[int, int] | None = None, span: Span | None = None) -> None:
+        self.link = link
+        self.span = span
+        self.known = bool(link.tpdu_size_asked or link.calling is not None or link.called is not None)
+        self.calling = link.calling if self.known else USUAL_CALLING
+        self.called = link.called if self.known else USUAL_CALLED
+        if isinstance(called, bytes):
+            self.called = called
+        elif called is not None:
+            kind = self.called[0] if self.called is not None and len(self.called) == 2 else USUAL_CALLED[0]
+            self.called = bytes((kind, called[0] << 5 | called[1]))
+        self.tpdu_size = link.tpdu_size_asked if self.known else USUAL_TPDU_SIZE
+        self.end_known = link.ended in _ENDS.get(link.ended_by, ())
+        self.end = link.ended if self.end_known else FIN
+        self.by_client = not self.end_known or link.ended_by == "client"
+        self.steps: list[Step] = []
+        self.withheld: list[Withheld] = []
+        self._take()
+        self._see_gaps()
+        asks = [step for step in self.steps if step.kind == ASK]
+        setups = [step for step in asks if step.transaction.function == SETUP_COMMUNICATION]
+        self.own_setup = build_setup(JOB, USUAL_SETUP) if asks and not setups else b""
+
+    def _take(self) -> None:
+        self.downloads = find_downloads(self.link.transactions)
+        begins = {id(download.request): download for download in self.downloads}
+        serves = {id(job): download for download in self.downloads for job in download.jobs}
+        for transaction in self.link.transactions:
+            pushed = transaction.outcome == "unsolicited"
+            download = begins.get(id(transaction)) or serves.get(id(transaction))
+            if transaction.exchange.kind != S7 or self.link.carrier != "tcp":
+                self.withheld.append(withheld(transaction, NOT_S7))
+            elif download is not None and not download.whole:
+                begins_it = transaction is download.request
+                self.withheld.append(withheld(transaction, NOT_WHOLE if begins_it else FOLLOWS_WITHHELD))
+            elif download is not None and transaction.asked_by == "server":
+                self.steps.append(Step(SERVE, transaction, download))
+            elif transaction.asked_by != "client":
+                self.withheld.append(withheld(transaction, CLIENT_PUSH if pushed else SERVER_ASKED))
+            elif transaction.request and not pushed:
+                self.steps.append(Step(ASK, transaction, download))
+            elif self.steps and transaction.reason != HOLE:
+                self.steps.append(Step(HEAR, transaction))
+            else:
+                self.withheld.append(withheld(transaction, NO_REQUEST))
+
+    def _see_gaps(self) -> None:
+        """Note of each request how long the client waited, and whether the server was there to be heard."""
+        link = self.link
+        heard = bool(link.tpdu_size or link.refused or link.ended_by == "server")
+        heard = heard or any([each.response or each.asked_by == "server" for each in link.transactions])
+        end_ns = self.span.last_ns if self.span is not None and link.ended else None
+        for at in range(len(self.steps) - 1, -1, -1):
+            step = self.steps[at]
+            if step.kind == ASK:
+                begin_ns = step.transaction.time_ns
+                gap_ns = max(end_ns - begin_ns, 0) if end_ns is not None and begin_ns is not None else None
+                self.steps[at] = step._replace(heard=heard, gap_ns=gap_ns)
+                end_ns = begin_ns
+
+    def connect_request(self, reference: int) -> bytes:
+        """Return the CR. Raises `ReplayError` when it has no room for the TSAPs: a golden may say anything."""
+        parameters = [size_parameter(self.tpdu_size)] if self.tpdu_size else []
+        tsaps = ((CALLING_TSAP, self.calling), (CALLED_TSAP, self.called))
+        parameters += [(code, value) for code, value in tsaps if value is not None]
+        try:
+            return build_connect(CR, 0, reference, parameters)
+        except ValueError as error:
+            raise ReplayError(
+                f"connection {self.link.number}: its TSAPs and its TPDU size do not fit: {error}"
+            ) from None
+
+    def disconnect_request(self, reference: int, theirs: int) -> bytes:
+        """Return the DR with which the client ended the connection, its reason as it was recorded."""
+        said = self.link.farewell.rpartition(": ")[2]
+        reasons = [row.number for row in DR_REASONS if row.name == said]
+        return build_dr(theirs, reference, reasons[0] if reasons else _NORMAL)
+
+
+def make_plan(
+    recorded: Recorded, numbers: Sequence[int] = (), called: bytes | tuple[int, int] | None = None
+) -> list[Part]:
+    """Return the connections to be played, all or those of ``numbers``, in the order in which they began.
+
+    ``called`` is the TSAP to call instead of the recorded ones, or rack (0 to 7) and slot (0 to 31) to put into them.
+    Raises `ReplayError` for a number that is none, and when nothing can be played.
+    """
+    session = recorded.session
+    for number in numbers:
+        if not 1 <= number <= len(session.links):
+            have = (
+                f"it has {len(session.links)}, numbered as `s7dissect golden` numbers them"
+                if session.links
+                else "it has none"
+            )
+            raise ReplayError(f"{session.name}: there is no connection {number}: {have}")
+    links = [link for link in recorded.links if not numbers or link.number in numbers]
+    parts = [Part(link, called, recorded.spans.get(id(link))) for link in links]
+    if not any([_playable(part) for part in parts]):
+        raise ReplayError(f"{session.name}: no connection in it speaks S7comm over TCP, so there is nothing to replay")
+    for part in playable(parts):
+        part.connect_request(0)  # what cannot be asked for is told before anything is sent
+    return parts
+
+
+def _playable(part: Part) -> bool:
+    """Tell whether a connection is played at all: it asks something, or was refused before it could."""
+    link = part.link
+    mute = part.known and not link.transactions and link.protocol in {"", "S7comm"}
+    return link.carrier == "tcp" and (mute or any([step.kind == ASK for step in part.steps]))
+
+
+def playable(plan: Sequence[Part]) -> list[Part]:
+    """Return the connections that are played at all."""
+    return [part for part in plan if _playable(part)]
+
+
+def plan_lines(plan: Sequence[Part], permissions: Permissions) -> list[str]:
+    """Say what would be sent and what would not, as far as that is known before the server has said anything."""
+    from dissect.iso.tsap import Tsap
+
+    lines = []
+    for part in plan:
+        calling, called = [str(Tsap(tsap)) if tsap is not None else "no TSAP" for tsap in (part.calling, part.called)]
+        does = f"connect {calling} -> {called}, TPDU size {part.tpdu_size}" if _playable(part) else "not played"
+        lines.append(f"connection {part.link.number}: {does}")
+        if part.own_setup and _playable(part):
+            lines.append("  send SETUP of our own, none was recorded")
+        told = {one.transaction: one.reason for one in part.withheld}
+        steps = {step.transaction.number: step for step in part.steps}
+        for transaction in part.link.transactions:
+            about = f"transaction {transaction.number}, {subject(transaction.exchange)}"
+            step = steps.get(transaction.number)
+            if step is None:
+                lines.append(f"  withhold {about}: {told[transaction.number]}")
+            elif step.kind == HEAR:
+                lines.append(f"  wait for {about}, which nobody asks for")
+            elif step.kind == SERVE:
+                request = step.download.request.request if step.download is not None else b""
+                kept = bool(permissions.refusal(request))
+                lines.append(
+                    f"  withhold {about}: {FOLLOWS_WITHHELD}" if kept else f"  answer {about}, which the PLC asks"
+                )
+            else:
+                reason = permissions.refusal(transaction.request)
+                lines.append(f"  withhold {about}: {reason}" if reason else f"  send {about}")
+    return lines

@@ -1,0 +1,370 @@
+"""One recorded connection played: each request after what came before it in the recording, each answer waited for."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Final
+
+from dissect.golden.model import Transaction
+from dissect.net.addresses import Place
+from dissect.playback.client.channel import Channel, UnreachableError, connect
+from dissect.playback.client.download import Downloads
+from dissect.playback.client.permissions import CONTROL, kind_of
+from dissect.playback.client.plan import ASK, FOLLOWS_WITHHELD, HEAR, SERVE, Part, Step, Withheld, withheld
+from dissect.playback.client.renewal import Renewal
+from dissect.playback.client.settings import Asked, Shared
+from dissect.s7.build import with_reference
+from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, Pdu, parse_pdu
+from dissect.s7.parameters import REQUEST, RESPONSE
+from dissect.s7.tables import ACK, ACK_DATA, JOB, SETUP_COMMUNICATION, USERDATA
+from dissect.transactions.ending import DISCONNECT, FIN, RESET
+
+#: How long to wait for the other side's end after ours, in seconds.
+_END_S: Final = 1.0
+#: Recorded answers in a row that do not come until a server is given up.
+MAX_TIMEOUTS: Final = 3
+_FIRST_REFERENCE: Final = 1
+_REFERENCE: Final = slice(4, 6)
+NOT_GRANTED: Final = "the Setup communication was not granted"
+HALF_LOADED: Final = "a download before it did not go on as it was recorded"
+NOT_LOADED: Final = "the download did not go on as it was recorded"
+
+
+class Player:
+    """Plays ``part`` to a server, in three parts that others may come between: `begin`, `step` for each of its steps, `end`.
+
+    Afterwards: ``sent`` maps our references to what was asked with them, in that order; ``withheld`` is what was left out,
+    ``not_sent`` what could not be sent any more; ``unheard`` are (by ``id``) messages of the server that were not waited for,
+    as they belong to something withheld. ``requests`` and ``answered`` are counted, ``served`` the jobs of the server that
+    were answered, ``server_jobs`` those that nobody answered. ``problem`` says why it ended early; ``unreachable`` that it did
+    not begin; ``over`` that nothing more is done. ``first_frame`` is where it begins in the record.
+    """
+
+    def __init__(self, part: Part, shared: Shared) -> None:
+        self.part = part
+        self.withheld: list[Withheld] = list(part.withheld)
+        self.not_sent: list[Transaction] = []
+        self.sent: dict[int, Transaction] = {}
+        self.unheard: set[int] = set()
+        self.first_frame = 0
+        self.setup_reference = 0
+        self.requests = 0
+        self.answered = 0
+        self.served = 0
+        self.server_jobs = 0
+        self.problem = ""
+        self.unreachable = False
+        self.over = False
+        self._channel: Channel | None = None
+        self._left = False  # nothing more is sent
+        self._shared = shared
+        self._permissions = shared.permissions
+        self._settings = shared.settings
+        self._patience = shared.patience
+        self._renewal = Renewal()
+        self._downloads = Downloads(part.downloads)
+        self._kept: set[int] = set()  # ids of what was withheld here
+        self._open: dict[int, Asked] = {}  # by reference, the oldest first
+        self._late: dict[int, Asked] = {}  # what is waited for no more, and may come yet
+        self._timeouts = 0
+        self._heard = 0  # messages that are no answers
+        self._awaited = 0
+        self._deaf = False
+        self._silenced: Transaction | None = None  # the request before, where it was withheld
+        self._at_once = 1
+
+    @property
+    def waits(self) -> bool:
+        """True while a request is open."""
+        return bool(self._open)
+
+    @property
+    def broken(self) -> bool:
+        """True when nothing more can come of it."""
+        return self.over or (self._channel is not None and bool(self._channel.ended))
+
+    # ---- begin and end ----------------------------------------------------------------------------------------------
+
+    def begin(self, places: Sequence[Place]) -> None:
+        """Connect, and set up where that was not recorded."""
+        channel = self._connect(places)
+        if channel is None:
+            self._leave(self.part.steps)
+            self.over = True
+            return
+        self._channel = channel
+        self.first_frame = channel.first_frame
+        confirmed = channel.open(self.part.connect_request(_FIRST_REFERENCE), self._until())
+        if not confirmed:
+            expected = bool(self.part.link.refused) or not self.part.link.transactions
+            if not expected:
+                self.problem = f"the connect request was {'refused' if channel.refused else 'not confirmed'}"
+            self._leave(self.part.steps)
+        elif self.part.own_setup and not self._set_up(channel):
+            self._leave(self.part.steps)
+        if self.problem:
+            self.end()
+
+    def _connect(self, places: Sequence[Place]) -> Channel | None:
+        for attempt in range(self._settings.retries + 1):
+            if attempt:
+                self._shared.watch.sleep(time.monotonic() + min(attempt, 5) * 0.2, lambda: False)
+            try:
+                one = connect(places, self._settings.timeout_s)
+                return Channel(one, self._shared.record, self._shared.watch)
+            except UnreachableError as why:
+                self.problem = f"no connection: {why}"
+        self.unreachable = True
+        return None
+
+    def end(self) -> None:
+        """End it as it was recorded."""
+        channel, part = self._channel, self.part
+        if channel is None or self.over:
+            return
+        self.settle()
+        if channel.ended and self.not_sent and not self.problem:
+            self.problem = f"the connection was {channel.ended}"
+        self.over = True
+        if not part.by_client:
+            channel.await_end(self._until(), tcp=part.end in {FIN, RESET})
+        if part.by_client and part.end == RESET:
+            channel.reset()
+        else:
+            if part.by_client and part.end == DISCONNECT:
+                channel.send_tpdu(part.disconnect_request(_FIRST_REFERENCE, channel.their_reference))
+            channel.close(time.monotonic() + _END_S)
+        self._channel = None
+
+    def drop(self) -> None:
+        """Break it off, if it is not over."""
+        if self._channel is not None and not self.over:
+            self._channel.reset()
+        self.over = True
+
+    def _until(self) -> float:
+        return time.monotonic() + self._settings.timeout_s
+
+    def _leave(self, steps: Sequence[Step]) -> None:
+        """Sort out what is not sent any more: what was not to be sent anyhow stays withheld."""
+        self._left = True
+        for step in steps:
+            if step.kind == ASK:
+                reason = self._permissions.refusal(step.transaction.request)
+                if reason:
+                    self._keep(step.transaction, reason)
+                else:
+                    self.not_sent.append(step.transaction)
+            elif self._follows_kept(step):
+                self._keep(step.transaction, FOLLOWS_WITHHELD)
+
+    def _keep(self, transaction: Transaction, reason: str) -> None:
+        self._kept.add(id(transaction))
+        self.withheld.append(withheld(transaction, reason))
+        if reason == FOLLOWS_WITHHELD:
+            self.unheard.add(id(transaction))
+
+    def _follows_kept(self, step: Step) -> bool:
+        """Tell whether this is a job of the server in a download that is withheld."""
+        return step.kind == SERVE and step.download is not None and id(step.download.request) in self._kept
+
+    # ---- the conversation -------------------------------------------------------------------------------------------
+
+    def step(self, at: int) -> None:
+        """Do what comes next. Where nothing more can be sent, the connection ends."""
+        if self._left or self._channel is None:
+            return
+        self._prepare(at)
+        steps = self.part.steps
+        if self._gives_up(at):
+            return
+        left = self._take_step(self._channel, at)
+        if left < len(steps):
+            self._leave(steps[left:])
+            self.end()
+        else:
+            self._gives_up(at + 1)
+
+    def _prepare(self, at: int) -> None:
+        """Wait for what was answered before this step, and until there is room for one request more."""
+        step = self.part.steps[at]
+        if step.kind == ASK and self._settings.pipelined:
+            self.settle(step.transaction.time_ns)
+            self._settle(list(self._open)[: max(len(self._open) - self._at_once + 1, 0)])
+        else:
+            self.settle()
+
+    def _gives_up(self, at: int) -> bool:
+        if self._timeouts < MAX_TIMEOUTS:
+            return False
+        self.problem = f"{MAX_TIMEOUTS} requests in a row were not answered in time"
+        self._leave(self.part.steps[at:])
+        self.end()
+        return True
+
+    def _take_step(self, channel: Channel, at: int) -> int:
+        """Return the first step that cannot be taken any more; the number of them when all is well."""
+        steps = self.part.steps
+        step = steps[at]
+        if step.kind == HEAR:
+            self._hear(channel, step.transaction)
+        elif step.kind == SERVE:
+            if not self._serve(channel, step):
+                self._shared.half_loaded = True
+                self.problem = "" if channel.ended else NOT_LOADED
+                return at + 1
+        elif not self._ask(channel, steps, at):
+            return at
+        elif self._setup_failed(step.transaction):
+            self.problem = NOT_GRANTED
+            return at + 1
+        return len(steps)
+
+    def _set_up(self, channel: Channel) -> bool:
+        """Agree on a PDU length where the recording does not have that."""
+        number, octets = self._renewal.renewed(self.part.own_setup)
+        self.setup_reference = number
+        self._send(channel, number, octets, None)
+        self.settle()
+        if not self._renewal.pdu_length:
+            self.problem = NOT_GRANTED
+        return bool(self._renewal.pdu_length)
+
+    def _ask(self, channel: Channel, steps: Sequence[Step], at: int) -> bool:
+        """Send a request, or withhold it; False when nothing can be sent any more."""
+        step = steps[at]
+        transaction = step.transaction
+        reason = self._permissions.refusal(transaction.request) or self._renewal.refusal(transaction)
+        if not reason and step.download is not None:
+            reason = step.download.refusal(self._renewal.pdu_length)
+        if not reason and self._shared.half_loaded and kind_of(transaction.request) == CONTROL:
+            reason = HALF_LOADED
+        self._silenced = transaction if reason else None
+        if reason:
+            self._keep(transaction, reason)
+            return True
+        number, octets = self._renewal.renewed(transaction.request)
+        if channel.ended or self._permissions.refusal(octets):  # what is sent is what was allowed
+            return False
+        self._send(channel, number, octets, step)
+        self.sent[number] = transaction
+        follows = at + 1 < len(steps) and steps[at + 1].kind != ASK
+        if follows and not step.expected and not step.lost:
+            del self._open[number]  # its answer comes late, and is what is waited for next
+        elif not self._settings.pipelined or transaction.function == SETUP_COMMUNICATION:
+            self.settle()
+        return True
+
+    def _setup_failed(self, transaction: Transaction) -> bool:
+        """Tell whether this is a Setup communication that was granted when it was recorded, and now is not."""
+        if transaction.function != SETUP_COMMUNICATION or self._renewal.pdu_length:
+            return False
+        return transaction.exchange.setup[1] is not None
+
+    def _send(self, channel: Channel, number: int, octets: bytes, step: Step | None) -> None:
+        self._late.pop(number, None)
+        self._open[number] = Asked(step, time.monotonic() + self._patience.seconds(step))
+        self.requests += 1
+        channel.send(octets)
+
+    def settle(self, time_ns: int | None = None) -> None:
+        """Wait for the answers to all that is open; with ``time_ns``, to what was answered by then when it was recorded."""
+        self._settle([number for number, asked in self._open.items() if asked.due(time_ns)])
+
+    def _settle(self, due: Sequence[int]) -> None:
+        """Wait until none of these requests is open, each as long as it may take."""
+        channel = self._channel
+        if channel is None or not due:
+            return
+        channel.look()
+        for number in due:
+            while number in self._open:
+                asked = self._open[number]
+                tsdu = channel.receive(asked.until)
+                if tsdu is not None:
+                    self._take(channel, tsdu)
+                elif channel.ended:
+                    self._open.clear()
+                elif time.monotonic() >= asked.until:
+                    self._late[number] = self._open.pop(number)
+                    self._patience.missed(asked.step)
+                    self._timeouts += asked.step is None or asked.step.expected
+
+    def _hear(self, channel: Channel, transaction: Transaction) -> None:
+        """Wait for a message that is no answer; once one did not come, no further ones are waited for."""
+        if self._silenced is not None and _belongs(transaction, self._silenced):
+            self._keep(transaction, FOLLOWS_WITHHELD)
+            return
+        self._awaited += 1
+        until = time.monotonic() if self._deaf else self._until()
+        while self._heard < self._awaited and not channel.ended:
+            tsdu = channel.receive(until)
+            if tsdu is None:
+                self._deaf = True
+                return
+            self._take(channel, tsdu)
+
+    def _serve(self, channel: Channel, step: Step) -> bool:
+        """Wait until the server has asked what it asked in a recorded download; False when it does not go on like that.
+
+        What follows is not to be sent then: it may put into force what is only half there.
+        """
+        download = step.download
+        if download is None or self._follows_kept(step):
+            self._keep(step.transaction, FOLLOWS_WITHHELD)
+            return True
+        until = self._until()
+        while not self._downloads.was_asked(step.transaction):
+            tsdu = channel.receive(until) if self._downloads.goes_on(download) else None
+            if tsdu is None:
+                return False
+            self._take(channel, tsdu)
+        return True
+
+    def _answered_job(self, channel: Channel, job: bytes) -> bool:
+        """Answer what the server asks as it was recorded, if it may be and was."""
+        recorded = self._downloads.next(job) if self._permissions.answers(job) else None
+        if recorded is None:
+            return False
+        channel.send(with_reference(recorded.response, job[_REFERENCE]))
+        self.served += 1
+        return True
+
+    def _take(self, channel: Channel, tsdu: bytes) -> None:
+        """Look at a message of the server. What it asks is answered in a download only."""
+        pdu = parse_pdu(tsdu)
+        head = pdu.parameters.userdata
+        answers = pdu.rosctr in {ACK, ACK_DATA} or (
+            pdu.rosctr == USERDATA and head is not None and head.type == RESPONSE
+        )
+        whole = len(tsdu) >= HEADER_SIZE and tsdu[0] == PROTOCOL_ID
+        asked = self._open.pop(pdu.pdu_ref, None) or self._late.pop(pdu.pdu_ref, None) if whole and answers else None
+        if asked is not None:
+            self._answered(asked, pdu)
+            return
+        if whole and pdu.rosctr == JOB and self._answered_job(channel, tsdu):
+            return
+        self.server_jobs += whole and (pdu.rosctr == JOB or (head is not None and head.type == REQUEST))
+        self._heard += 1
+
+    def _answered(self, asked: Asked, pdu: Pdu) -> None:
+        """Take an answer, in time or late."""
+        self.answered += 1
+        self._timeouts = 0
+        self._patience.came(asked.step)
+        setup = pdu.parameters.setup
+        if setup is not None:
+            self._renewal.pdu_length = setup.pdu_length
+            self._at_once = max(setup.max_amq_called, 1)
+        if asked.step is not None:
+            self._renewal.answered(asked.step.transaction, pdu.octets)
+            self._downloads.answered(asked.step.transaction, pdu.octets)
+
+
+def _belongs(said: Transaction, request: Transaction) -> bool:
+    """Tell whether something that the server said is there only because of a request: an answer, or of its function group."""
+    if said.outcome != "unsolicited":
+        return True
+    heads = [pdu.parameters.userdata for pdu in (said.exchange.told, request.exchange.asked) if pdu is not None]
+    return len({head.group if head is not None else -1 for head in heads}) == 1

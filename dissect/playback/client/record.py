@@ -1,0 +1,95 @@
+"""What is exchanged, as packets: into the pipeline, which makes a session of it as of any capture, and into a file."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+from dissect.engine.observer import Options
+from dissect.engine.pipeline import Pipeline
+from dissect.golden.model import Link, Session
+from dissect.playback.client.recorded import OrderedReader
+from dissect.proxy.packets import ETHERNET, Conversation, endpoint_of
+
+if TYPE_CHECKING:
+    from dissect.engine.payload import PayloadDecoder
+    from dissect.source.pcapng_writer import PcapngWriter
+
+
+class Record:
+    """Takes what passes. A file that cannot be written any more costs the file, not the replay; ``trouble`` says so.
+
+    Once it is finished, ``links`` are its connections by the packet that each began with: addresses may come again.
+    """
+
+    def __init__(self, name: str, writer: PcapngWriter | None = None, carrier: PayloadDecoder | None = None) -> None:
+        self.trouble = ""
+        self.links: dict[int, Link] = {}
+        self._reader = OrderedReader(name)
+        self._pipeline = Pipeline(self._reader, Options(decoder=carrier))
+        self._writer = writer
+        self._count = 0
+        self._frames = 0
+        # Wall time where it begins, and from there on a clock that never goes back.
+        self._offset_ns = time.time_ns() - time.monotonic_ns()
+
+    def conversation(self, client: tuple[Any, ...], server: tuple[Any, ...]) -> Talk:
+        """Begin a connection between two socket addresses."""
+        self._count += 1
+        return Talk(self, Conversation(endpoint_of(client), endpoint_of(server), self._count), self._frames + 1)
+
+    def put(self, frames: list[bytes]) -> None:
+        """Take packets that pass now."""
+        now_ns = time.monotonic_ns() + self._offset_ns
+        self._frames += len(frames)
+        for frame in frames:
+            self._pipeline.frame(now_ns, frame, 0, len(frame), len(frame), ETHERNET)
+        if self._writer is None or self.trouble:
+            return
+        try:
+            for frame in frames:
+                self._writer.packet(now_ns, frame, len(frame), ETHERNET, name="replay")
+        except OSError as why:
+            self.trouble = why.strerror or str(why)
+
+    def finish(self) -> Session:
+        """End everything and return the session."""
+        if self._writer is not None:
+            try:
+                self._writer.close()
+            except OSError as why:
+                self.trouble = self.trouble or why.strerror or str(why)
+        self._pipeline.finish()
+        session = self._reader.finish()
+        spans = self._reader.spans
+        self.links = {spans[id(link)].first_frame: link for link in session.links if id(link) in spans}
+        return session
+
+
+class Talk:
+    """A connection as it is taken. ``first_frame`` is the number of its first packet, from 1."""
+
+    def __init__(self, record: Record, conversation: Conversation, first_frame: int) -> None:
+        self.first_frame = first_frame
+        self._record = record
+        self._conversation = conversation
+        self._closed: set[int] = set()
+        self._over = False
+        record.put(conversation.opened())
+
+    def sent(self, side: int, octets: bytes) -> None:
+        """A side (0 is ours) sent octets."""
+        if not self._over and side not in self._closed:
+            self._record.put(self._conversation.sent(side, octets))
+
+    def closed(self, side: int) -> None:
+        """A side sends no more."""
+        if not self._over and side not in self._closed:
+            self._closed.add(side)
+            self._record.put(self._conversation.closed(side))
+
+    def reset(self, side: int) -> None:
+        """A side broke off."""
+        if not self._over:
+            self._over = True
+            self._record.put(self._conversation.reset(side))

@@ -1,0 +1,137 @@
+"""A whole replay: all connections, then what came beside what was recorded."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Final
+
+from dissect.golden.comparison import differences
+from dissect.golden.difference import Difference, DiffOptions
+from dissect.golden.model import Link, Session
+from dissect.metrics.address import Address
+from dissect.net.addresses import Place
+from dissect.playback.client.expected import expected_session
+from dissect.playback.client.permissions import Permissions
+from dissect.playback.client.plan import Part, Withheld, playable, withheld
+from dissect.playback.client.player import Player
+from dissect.playback.client.record import Record
+from dissect.playback.client.recorded import Recorded
+from dissect.playback.client.schedule import expect_few, perform
+from dissect.playback.client.settings import Settings, Shared
+from dissect.report import words
+
+if TYPE_CHECKING:
+    from dissect.engine.payload import PayloadDecoder
+    from dissect.source.pcapng_writer import PcapngWriter
+
+#: Transaction numbers that a line of the summary names.
+_NAMED: Final = 10
+
+
+class Outcome:
+    """What a replay came to. ``expected`` is what was to come, ``came`` what did; `differences` compares them.
+
+    ``withheld`` was left out on purpose; ``not_sent`` could not be sent any more; ``problems`` say why. ``unreachable`` counts
+    connections that could not be made; ``file_trouble`` is why the capture file is not whole, else empty.
+    """
+
+    def __init__(self, name: str, came: Session, links: Mapping[int, Link], players: Sequence[Player]) -> None:
+        self.came = came
+        self.expected, self._pairs = expected_session(name, players, came, links)
+        self.withheld: list[Withheld] = []
+        self.not_sent: list[Withheld] = []
+        self.problems: list[str] = []
+        self.file_trouble = ""
+        self.connections = sum([not player.unreachable for player in players])
+        self.unreachable = len(players) - self.connections
+        self.requests = sum([player.requests for player in players])
+        self.answered = sum([player.answered for player in players])
+        self.served = sum([player.served for player in players])
+        self.server_jobs = sum([player.server_jobs for player in players])
+        for player in players:
+            number = player.part.link.number
+            self.withheld += player.withheld
+            self.not_sent += [withheld(transaction, player.problem) for transaction in player.not_sent]
+            if player.problem:
+                self.problems.append(f"connection {number}: {player.problem}")
+
+    def differences(self, options: DiffOptions | None = None) -> Iterator[Difference]:
+        """Yield what changed from the recording to what came. Which connection is which is known, so none is looked for."""
+        for one, other in self._pairs:
+            yield from differences(one, other, options)
+
+    def summary(self) -> list[str]:
+        """Say what was done and what was left out, in lines safe to show but for what the system said."""
+        answers = words.count(self.answered, "answer")
+        lines = [
+            f"{words.count(self.requests, 'request')} sent on {words.count(self.connections, 'connection')}, {answers}"
+        ]
+        if self.served:
+            lines[0] += f", {words.count(self.served, 'job')} of the server answered"
+        lines += self.problems
+        lines += _grouped("withheld", self.withheld)
+        lines += _grouped("not sent any more", self.not_sent)
+        if self.server_jobs:
+            more = "more " if self.served else ""
+            lines.append(f"the server asked {words.count(self.server_jobs, more + 'time')}; it was not answered")
+        return lines
+
+    def as_dict(self) -> dict[str, object]:
+        """Return it as JSON-ready values, without the sessions."""
+        return {
+            "connections": self.connections,
+            "unreachable": self.unreachable,
+            "requests": self.requests,
+            "answered": self.answered,
+            "jobs_answered": self.served,
+            "server_jobs": self.server_jobs,
+            "withheld": [one.as_dict() for one in self.withheld],
+            "not_sent": [one.as_dict() for one in self.not_sent],
+            "problems": list(self.problems),
+        }
+
+
+def _grouped(what: str, left: Sequence[Withheld]) -> list[str]:
+    lines = []
+    for reason, count in Counter([one.reason for one in left]).items():
+        numbers = [str(one.transaction) for one in left if one.reason == reason][:_NAMED]
+        more = f" and {count - _NAMED} more" if count > _NAMED else ""
+        which = f"transaction{'s' if count > 1 else ''} {', '.join(numbers)}{more}"
+        lines.append(f"{what}: {words.count(count, 'transaction')}, {reason} ({which})")
+    return lines
+
+
+def replay(
+    recorded: Recorded,
+    plan: Sequence[Part],
+    places: Sequence[Place],
+    target: Address,
+    permissions: Permissions | None = None,
+    settings: Settings | None = None,
+    writer: PcapngWriter | None = None,
+    carrier: PayloadDecoder | None = None,
+) -> Outcome:
+    """Play the connections of ``plan`` (`make_plan`) to ``places`` (`places_of`), those together that were open together.
+
+    Raises `ReplayError` when these are too many, before anything is sent.
+
+    Only reads are sent unless ``permissions`` say more. ``writer`` keeps what is exchanged, ``carrier`` decodes SCD in it.
+    """
+    settings = settings or Settings()
+    if not settings.one_by_one:
+        expect_few(plan)
+    record = Record(str(target), writer, carrier)
+    shared = Shared(permissions or Permissions(), settings, record)
+    players = [Player(part, shared) for part in playable(plan)]
+    try:
+        perform(players, places, shared)
+    finally:
+        came = record.finish()
+    outcome = Outcome(recorded.session.name, came, record.links, players)
+    played = {id(player.part) for player in players}
+    for part in plan:
+        if id(part) not in played:
+            outcome.withheld += part.withheld
+    outcome.file_trouble = record.trouble
+    return outcome

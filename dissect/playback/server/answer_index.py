@@ -1,0 +1,139 @@
+"""Where an answer is looked up: recorded requests by how much they are like the one that is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from dissect.golden.masking import mask_s7
+from dissect.playback.server.model import Script, Step
+from dissect.s7.clock import SETTING
+from dissect.s7.items import DATA_HEAD, Item
+from dissect.s7.message import HEADER_SIZE, Pdu, parse_pdu
+from dissect.s7.parameters import REQUEST
+from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
+
+#: How like the recorded request is, the best first: to the octet but for its reference; but for all that counts (sequence
+#: numbers, upload ids: `dissect.golden.masking`); but for what is written, or the time that a clock is set to.
+LEVELS: Final = ("same", "counted", "valued")
+#: Answers to single items that a book keeps.
+MAX_ITEMS: Final = 1_000_000
+
+_CLOCK_GROUP: Final = 7
+
+
+class ItemAnswer:
+    """What became of an item: ``octets`` are its data item, of a write its return code; ``latency_ns`` is the answer's."""
+
+    __slots__ = ("latency_ns", "octets")
+
+    def __init__(self, octets: bytes, latency_ns: int) -> None:
+        self.octets = octets
+        self.latency_ns = latency_ns
+
+    @property
+    def good(self) -> bool:
+        """True when the item was not refused."""
+        return self.octets[0] == SUCCESS
+
+
+def keys_of(octets: bytes, pdu: Pdu) -> tuple[bytes, bytes, bytes]:
+    """Return what a request is found by, in the order of `LEVELS`; empty where it cannot be found so."""
+    if len(octets) < HEADER_SIZE:
+        return octets, b"", b""
+    masked = mask_s7(octets)
+    return octets[:4] + octets[6:], masked, _without_values(masked, pdu)
+
+
+def _without_values(masked: bytes, pdu: Pdu) -> bytes:
+    parameters = masked[pdu.header_size : pdu.data_offset]
+    if pdu.rosctr == JOB and pdu.function == WRITE_VAR:
+        return b"w" + parameters
+    head = pdu.parameters.userdata
+    if pdu.rosctr == USERDATA and head is not None and head.group == _CLOCK_GROUP and head.type == REQUEST:
+        if head.subfunction in SETTING:
+            return b"c" + parameters
+    return b""
+
+
+def item_key(function: int, item: Item) -> bytes:
+    """Return what an item is found by."""
+    return bytes((function,)) + item.octets
+
+
+def item_answers(asked: Pdu, answer: bytes) -> list[bytes]:
+    """Return the data items of a read answer, or the return codes of a write answer, one for each item asked for.
+
+    Empty when the answer is not of that form.
+    """
+    told = parse_pdu(answer)
+    count = len(asked.parameters.items)
+    if told.rosctr != ACK_DATA or told.function != asked.function or told.parameters.item_count != count:
+        return []
+    if asked.function == WRITE_VAR:
+        codes = told.data
+        return [bytes((code,)) for code in codes] if len(codes) == count else []
+    found = [answer[item.offset : item.offset + DATA_HEAD + len(item.data)] for item in told.data_items()]
+    return found if len(found) == count else []
+
+
+class AnswerIndex:
+    """The steps of scripts by their keys, in recorded order; the items of their reads and writes when somebody asks."""
+
+    def __init__(self, scripts: Sequence[Script]) -> None:
+        self._steps: list[dict[bytes, list[Step]]] = [{}, {}, {}]
+        self._items: dict[bytes, list[ItemAnswer]] | None = None
+        self._scripts = list(scripts)
+        self.setup: Step | None = None
+        self.pdu_length = max([script.pdu_length for script in scripts], default=0)
+        self.full = False
+        for script in scripts:
+            for step in script.steps:
+                self._enter(step)
+
+    def _enter(self, step: Step) -> None:
+        pdu = parse_pdu(step.request)
+        for level, key in enumerate(keys_of(step.request, pdu)):
+            if key:
+                self._steps[level].setdefault(key, []).append(step)
+        if self.setup is None and pdu.parameters.setup is not None and pdu.rosctr == JOB and step.answer:
+            self.setup = step
+
+    def steps(self, level: int, key: bytes) -> list[Step]:
+        """Return the recorded requests that are alike at a level."""
+        return self._steps[level].get(key, [])
+
+    def items(self, key: bytes) -> list[ItemAnswer]:
+        """Return what became of an item each time it was asked for."""
+        if self._items is None:
+            self._items = self._gather()
+        return self._items.get(key, [])
+
+    def _gather(self) -> dict[bytes, list[ItemAnswer]]:
+        found: dict[bytes, list[ItemAnswer]] = {}
+        known: dict[tuple[bytes, bytes], list[tuple[bytes, bytes]]] = {}
+        count = 0
+        for script in self._scripts:
+            for step in script.steps:
+                alike = (step.request[HEADER_SIZE:], step.answer[HEADER_SIZE:])
+                pairs = known.get(alike)
+                if pairs is None:
+                    pairs = known[alike] = _pairs(step)
+                count += len(pairs)
+                if count > MAX_ITEMS:
+                    self.full = True
+                    return found
+                for key, octets in pairs:
+                    found.setdefault(key, []).append(ItemAnswer(octets, step.latency_ns))
+        return found
+
+
+def _pairs(step: Step) -> list[tuple[bytes, bytes]]:
+    asked = parse_pdu(step.request)
+    if asked.rosctr != JOB or asked.function not in {READ_VAR, WRITE_VAR} or not step.answer:
+        return []
+    answers = item_answers(asked, step.answer)
+    items = asked.parameters.items if answers else []
+    return [
+        (item_key(asked.function, item), octets) for item, octets in zip(items, answers, strict=True) if item.octets
+    ]

@@ -1,0 +1,127 @@
+"""From the transactions of a connection to its script: what the client sent, and behind which of it the server spoke."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from typing import Final
+
+from dissect.playback.server.model import Recording, Said, Script, Step
+from dissect.report import words
+from dissect.transactions.transaction import HOLE, OUTCOMES, PUSH, UNANSWERED
+
+_PUSH: Final = OUTCOMES[PUSH]
+_UNANSWERED: Final = OUTCOMES[UNANSWERED]
+
+
+class Seen:
+    """A transaction as octets, before it is put in its order; ``by_client`` is known once the connection is over."""
+
+    __slots__ = (
+        "answer",
+        "answered_at",
+        "asked_by",
+        "by_client",
+        "latency_ns",
+        "outcome",
+        "place",
+        "reason",
+        "request",
+    )
+
+    def __init__(self, request: bytes, answer: bytes, outcome: str, reason: str, latency_ns: int | None) -> None:
+        self.request = request
+        self.answer = answer
+        self.outcome = outcome
+        self.reason = reason
+        self.latency_ns = max(latency_ns or 0, 0)
+        self.asked_by = 0
+        self.by_client = True
+        self.place = (0, 0)  # what puts it in order: the packet it began with, and its number
+        self.answered_at = 0  # the packet it was over with
+
+    @property
+    def is_step(self) -> bool:
+        """True for what the client sends: a request, or a message that wants no answer."""
+        if self.outcome == _PUSH:
+            return not self.by_client  # it has no request: who is told of it counts as who asks
+        return self.by_client and bool(self.request)
+
+    @property
+    def is_said(self) -> bool:
+        """True for what the server says without being asked, an answer whose request is missing included."""
+        return not self.is_step and (self.by_client or bool(self.request))
+
+    @property
+    def is_answered_job(self) -> bool:
+        """True for what the server asked and the client answered."""
+        return not self.by_client and bool(self.request) and bool(self.answer)
+
+
+def arrange(script: Script, seen: Sequence[Seen], recording: Recording) -> None:
+    """Make steps of what the client sent, in its order; what the server said otherwise follows the step before it.
+
+    Not what answers a request that may be among octets missing from the recording: it was asked for, and is no answer out of
+    its turn.
+    """
+    lost = early = unheard = 0
+    over: list[tuple[int, int]] = []  # when each step was over
+    others: list[Seen] = []
+    for one in seen:
+        if one.is_step:
+            over.append((one.answered_at, len(script.steps)))
+            script.steps.append(_step(one))
+            unheard += one.outcome == _UNANSWERED and one.reason == HOLE
+        elif one.is_said and not one.request and one.reason == HOLE:
+            lost += 1
+        elif one.is_said:
+            others.append(one)
+    over.sort()
+    said: list[Seen] = []
+    behind: list[Step] = []  # the step that each of these follows
+    at, latest = 0, -1
+    for one in others:
+        while at < len(over) and over[at][0] <= one.place[0]:
+            latest = max(latest, over[at][1])
+            at += 1
+        if latest >= 0:
+            said.append(one)
+            behind.append(script.steps[latest])
+        elif one.outcome == _PUSH or one.request:
+            early += 1
+        else:
+            lost += 1
+    for one, step, waits in zip(said, behind, _waits(said), strict=True):
+        octets = one.answer or one.request if one.by_client else one.request
+        step.then.append(Said(octets, one.is_answered_job, waits))
+    _note_losses(script, recording, lost, unheard, early)
+
+
+def _waits(said: Sequence[Seen]) -> list[int]:
+    """Return, for each thing the server said, how many answers of the client came between it and the next one."""
+    answers = sorted([one.answered_at for one in said if one.is_answered_job])
+    waits, given = [], 0
+    for index in range(len(said)):
+        before = bisect_left(answers, said[index + 1].place[0]) if index + 1 < len(said) else len(answers)
+        waits.append(before - given)
+        given = before
+    return waits
+
+
+def _note_losses(script: Script, recording: Recording, lost: int, unheard: int, early: int) -> None:
+    who = f"connection {script.number}"
+    if lost:
+        count = words.count(lost, "answer is", "answers are")
+        request = "its request is" if lost == 1 else "their requests are"
+        recording.note(f"{who}: {count} not served: {request} not in the recording")
+    if unheard:
+        count = words.count(unheard, "request has no answer", "requests have no answers")
+        recording.note(f"{who}: {count}: octets of the server are missing from the recording there")
+    if early:
+        count = words.count(early, "message of the server comes", "messages of the server come")
+        recording.note(f"{who}: {count} before any request and {'is' if early == 1 else 'are'} left out")
+
+
+def _step(one: Seen) -> Step:
+    pushed = one.outcome == _PUSH
+    return Step(one.request or one.answer, b"" if pushed else one.answer, one.latency_ns)

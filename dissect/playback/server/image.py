@@ -1,0 +1,159 @@
+"""The memory of the fake PLC: what the recording shows of its areas, and what clients have written since.
+
+Bit by bit: only what was read or written in the recording is known, and only that can be read or written again.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.playback.server.answer_index import item_answers
+from dissect.playback.server.model import Recording
+from dissect.s7.build import build_data_item
+from dissect.s7.items import DATA_HEAD, Item
+from dissect.s7.message import parse_pdu
+from dissect.s7.tables import (
+    ANSWER_TRANSPORT_SIZE,
+    ELEMENT_OCTETS,
+    JOB,
+    NUMBERED_AREAS,
+    READ_VAR,
+    SUCCESS,
+    WRITE_VAR,
+)
+
+_PAGE: Final = 256
+#: Pages of 256 octets that are kept, all areas together.
+MAX_PAGES: Final = 65_536
+_BIT: Final = 0x01
+_BIT_DATA: Final = 0x03
+_RECORD: Final = 0x01
+_BYTES: Final = 0x04
+_ALL: Final = 0xFF
+
+_Key = tuple[int, int, int]
+
+
+class _Page:
+    """256 octets of an area, and which bits of them are known."""
+
+    __slots__ = ("known", "octets")
+
+    def __init__(self) -> None:
+        self.octets = bytearray(_PAGE)
+        self.known = bytearray(_PAGE)
+
+
+class Image:
+    """The areas of a recording. ``full`` tells that not all of them were kept (`MAX_PAGES`)."""
+
+    def __init__(self, recording: Recording) -> None:
+        self.full = False
+        self._pages: dict[_Key, _Page] = {}
+        self._sizes: dict[int, int] = {}  # data transport sizes this server answered with, by that of the item
+        seen: set[tuple[bytes, bytes]] = set()
+        for script in recording.scripts:
+            for step in script.steps:
+                alike = (step.request[6:], step.answer[6:])
+                if step.answer and alike not in seen:
+                    seen.add(alike)
+                    self._learn(step.request, step.answer)
+
+    def _learn(self, request: bytes, answer: bytes) -> None:
+        """Take what a read or write shows of octets that nothing was known of before."""
+        asked = parse_pdu(request)
+        if asked.rosctr != JOB or asked.function not in {READ_VAR, WRITE_VAR}:
+            return
+        writes = asked.function == WRITE_VAR
+        told = item_answers(asked, answer)
+        written = asked.data_items() if writes else []
+        for index, (item, octets) in enumerate(zip(asked.parameters.items, told, strict=False)):
+            if octets[0] != SUCCESS or not holds(item):
+                continue
+            if writes:
+                data = written[index].data if index < len(written) else b""
+            else:
+                data = octets[DATA_HEAD:]
+                self._sizes.setdefault(int(item.transport_size), octets[1])
+            if len(data) == item.size:
+                self._put(item, data, True)
+
+    # ---- reading and writing ----------------------------------------------------------------------------------------
+
+    def read(self, item: Item) -> bytes | None:
+        """Return the data item that a read is answered with, None when not all of it is known."""
+        data = self.get(item)
+        if data is None:
+            return None
+        asked = int(item.transport_size)
+        size = self._sizes.get(asked, ANSWER_TRANSPORT_SIZE.get(asked, _BYTES))
+        return build_data_item(SUCCESS, size, data)
+
+    def get(self, item: Item) -> bytes | None:
+        """Return the octets of an item, None when not all of them are known."""
+        if not holds(item):
+            return None
+        if item.transport_size == _BIT:
+            octet, mask = int(item.start_bit) >> 3, 1 << (int(item.start_bit) & 7)
+            page = self._pages.get(self._key(item, octet))
+            if page is None or not page.known[octet % _PAGE] & mask:
+                return None
+            return b"\x01" if page.octets[octet % _PAGE] & mask else b"\x00"
+        first = _first_octet(item)
+        data = bytearray()
+        while len(data) < item.size:
+            at = first + len(data)
+            page = self._pages.get(self._key(item, at))
+            take = min(_PAGE - at % _PAGE, int(item.size) - len(data))
+            inside = slice(at % _PAGE, at % _PAGE + take)
+            if page is None or page.known[inside].count(_ALL) != take:
+                return None
+            data += page.octets[inside]
+        return bytes(data)
+
+    def write(self, item: Item, data: bytes) -> bool:
+        """Write an item; False when it is not known, and nothing is written then. ``data`` must have its size."""
+        if self.get(item) is None:
+            return False
+        self._put(item, data, False)
+        return True
+
+    def _put(self, item: Item, data: bytes, fresh: bool) -> None:
+        """Set octets, or with ``fresh`` only those bits that are not known yet."""
+        if item.transport_size == _BIT:
+            bit = 1 << (int(item.start_bit) & 7)
+            self._set(item, int(item.start_bit) >> 3, bit if data[0] & 1 else 0, bit, fresh)
+            return
+        first = _first_octet(item)
+        for index, value in enumerate(data):
+            self._set(item, first + index, value, _ALL, fresh)
+
+    def _set(self, item: Item, octet: int, value: int, mask: int, fresh: bool) -> None:
+        key = self._key(item, octet)
+        page = self._pages.get(key)
+        if page is None:
+            if len(self._pages) >= MAX_PAGES:
+                self.full = True
+                return
+            page = self._pages[key] = _Page()
+        at = octet % _PAGE
+        if fresh:
+            mask &= ~page.known[at]
+        page.octets[at] = page.octets[at] & ~mask & _ALL | value & mask
+        page.known[at] |= mask
+
+    @staticmethod
+    def _key(item: Item, octet: int) -> _Key:
+        return int(item.area), int(item.db), octet // _PAGE
+
+
+def holds(item: Item) -> bool:
+    """Tell whether an item names octets or one bit, so that it can be kept in memory."""
+    if item.size <= 0 or item.area == _RECORD or int(item.transport_size) not in ELEMENT_OCTETS:
+        return False
+    return item.transport_size == _BIT or item.area in NUMBERED_AREAS or item.start_bit & 7 == 0
+
+
+def _first_octet(item: Item) -> int:
+    """Return where an item begins; timers and counters are numbered, two octets each."""
+    return int(item.start_bit) * 2 if item.area in NUMBERED_AREAS else int(item.start_bit) >> 3

@@ -1,0 +1,205 @@
+"""A client at the fake PLC, without its socket: octets in, what is to be sent out and when."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Final, NamedTuple
+
+from dissect.iso.build import build_dc, build_tpkt, build_tsdu, with_dst_ref
+from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, Assembler, Tpdu, parse_tpdu
+from dissect.iso.tables import CC, CR, DR, DT
+from dissect.iso.tpkt import HEADER, Framer
+from dissect.playback.server.answers import confirm, farewell, refuse
+from dissect.playback.server.faults import CUT, DELAY, DROP, REFUSE, SPLIT, WRONG_REF, Fault
+from dissect.playback.server.model import Said
+from dissect.playback.server.player import Player, Reply
+from dissect.playback.server.request_log import RequestLog
+from dissect.s7.build import with_reference
+from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, Pdu, parse_pdu
+from dissect.s7.parameters import RESPONSE
+from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA
+from dissect.transactions.ending import RESET
+
+#: What the server says by itself, waiting for its turn; references of the client that recorded ones stand for.
+_MAX_WAITING: Final = 1_000
+_MAX_REFERENCES: Final = 256
+#: Octets of a segment where the answer is to come in several.
+SPLIT_SIZE: Final = 7
+
+# What is to be done.
+SEND: Final = "send"
+CLOSE: Final = "close"
+ABORT: Final = "abort"
+
+
+class Deed(NamedTuple):
+    """What is to be done for a client, ``delay_s`` from now: send octets (in pieces of ``pieces``, 0 for whole), or end it.
+
+    ``last``: behind everything that is planned for it, however late that is.
+    """
+
+    kind: str
+    octets: bytes = b""
+    delay_s: float = 0
+    pieces: int = 0
+    last: bool = False
+
+
+class ClientSession:
+    """One client. ``connected`` tells whether it has asked for a connection, ``over`` that nothing more is taken of it."""
+
+    def __init__(self, number: int, desk: RequestLog) -> None:
+        self.number = number
+        self.connected = False
+        self.over = False
+        self._desk = desk
+        self._framer = Framer()
+        self._framer.synced = True
+        self._assembler = Assembler()
+        self._player: Player | None = None
+        self._reference = 0  # the client's of the transport connection
+        self._tpdu_size = 65_531
+        self._waiting: deque[Said] = deque()
+        self._asked = 0  # answers that the client has to give before the server goes on
+        self._jobs: dict[bytes, bool] = {}  # references of what the server asked: whether it was answered when recorded
+        self._end_how = ""  # how the server ends the connection once it has said all, empty while it does not
+        self._references: dict[bytes, bytes] = {}  # those of this client by recorded ones
+        self._deeds: list[Deed] = []
+
+    def feed(self, octets: bytes) -> list[Deed]:
+        """Take octets of the client; return what is to be done."""
+        self._deeds = []
+        framer = self._framer
+        framer.push(octets, 0, True)
+        packets, framer.packets = framer.packets, []
+        for packet in packets:
+            if self.over:
+                break
+            self._tpdu(packet[HEADER:])
+        if (framer.faults or not framer.synced) and not self.over:
+            self._desk.problems.append(f"connection {self.number} is ended: what the client sends is not TPKT")
+            self._end(ABORT)
+        return self._deeds
+
+    def _end(self, kind: str, last: bool = False) -> None:
+        self.over = True
+        self._deeds.append(Deed(kind, last=last))
+
+    # ---- the connection ---------------------------------------------------------------------------------------------
+
+    def _tpdu(self, octets: bytes) -> None:
+        tpdu = parse_tpdu(octets)
+        if tpdu.type == CR and self._player is None:
+            self._connect(tpdu)
+        elif tpdu.type == DR:
+            self._deeds.append(Deed(SEND, build_tpkt(build_dc(max(tpdu.field("src_ref"), 0), 1))))
+            self._end(CLOSE)
+        elif tpdu.type == DT and self._player is not None and not tpdu.malformed:
+            tsdu = self._assembler.push(tpdu.data, tpdu.field("eot") == 1)
+            if self._assembler.overflows:
+                self._desk.problems.append(f"connection {self.number} is ended: a message without end")
+                self._end(ABORT)
+            elif tsdu:
+                self._tsdu(self._player, tsdu)
+        else:
+            self._desk.problems.append(f"connection {self.number} is ended: {tpdu.name} is not expected there")
+            self._end(ABORT)
+
+    def _connect(self, request: Tpdu) -> None:
+        self.connected = True
+        self._reference = max(request.field("src_ref"), 0)
+        calling, called = request.parameter(CALLING_TSAP), request.parameter(CALLED_TSAP)
+        script = self._desk.stage.script_for(calling, called)
+        if script.refused:
+            if script.confirm:
+                self._deeds.append(Deed(SEND, build_tpkt(with_dst_ref(script.confirm, self._reference))))
+            self._end(ABORT if script.end == RESET else CLOSE)
+            return
+        self._player = Player(self._desk.stage, script)
+        confirmed = confirm(
+            request, script.confirm if script.confirm and parse_tpdu(script.confirm).type == CC else b""
+        )
+        self._tpdu_size = confirmed.tpdu_size
+        self._deeds.append(Deed(SEND, build_tpkt(confirmed.tpdu)))
+
+    # ---- messages ---------------------------------------------------------------------------------------------------
+
+    def _tsdu(self, player: Player, tsdu: bytes) -> None:
+        pdu = parse_pdu(tsdu)
+        if len(tsdu) < HEADER_SIZE or tsdu[0] != PROTOCOL_ID or pdu.rosctr not in {JOB, ACK, ACK_DATA, USERDATA}:
+            self._desk.stranger(self.number, tsdu, "no S7comm")
+        elif _answers(pdu) and (tsdu[4:6] in self._jobs or (self._asked > 0 and self._jobs)):
+            # Some clients answer with a reference of their own.
+            asked = tsdu[4:6] if tsdu[4:6] in self._jobs else next(iter(self._jobs))
+            self._asked -= self._jobs.pop(asked)
+            self._follow(0)
+        elif pdu.rosctr in {ACK, ACK_DATA}:
+            self._desk.stranger(self.number, tsdu, f"{pdu.rosctr_name} that nobody asked for")
+        else:
+            self._request(player, pdu)
+
+    def _request(self, player: Player, asked: Pdu) -> None:
+        reply, faults, delay_s = self._desk.answer(self.number, player, asked)
+        by_kind = {fault.kind: fault for fault in faults}
+        if CUT in by_kind:
+            self._end(ABORT)
+            return
+        if DELAY in by_kind:
+            delay_s += by_kind[DELAY].value / 1000
+        answer = b"" if DROP in by_kind else _spoilt(asked, reply, by_kind)
+        if answer:
+            octets = build_tsdu(answer, self._tpdu_size)
+            self._deeds.append(Deed(SEND, octets, delay_s, SPLIT_SIZE if SPLIT in by_kind else 0))
+        if reply.then and len(self._waiting) < _MAX_WAITING:
+            self._waiting.extend(reply.then)
+        self._end_how = reply.end or self._end_how
+        self._know(asked, player)
+        self._follow(delay_s)
+
+    def _know(self, asked: Pdu, player: Player) -> None:
+        """Remember which reference of this client stands for the recorded one, for answers that come out of their turn."""
+        recorded = player.reference
+        if recorded:
+            self._references.pop(recorded, None)
+            self._references[recorded] = asked.octets[4:6]
+            if len(self._references) > _MAX_REFERENCES:
+                del self._references[next(iter(self._references))]
+
+    def _follow(self, delay_s: float) -> None:
+        """Send what the server says by itself, up to where it waits for the client; behind all of it comes the end."""
+        while self._waiting and self._asked <= 0:
+            said = self._waiting.popleft()
+            self._asked += said.waits
+            octets = said.octets
+            reference = self._references.get(octets[4:6])
+            if not _answers(parse_pdu(octets)):
+                self._jobs.pop(octets[4:6], None)
+                self._jobs[octets[4:6]] = said.answered
+                if len(self._jobs) > _MAX_WAITING:
+                    del self._jobs[next(iter(self._jobs))]
+            elif reference is not None:
+                octets = with_reference(octets, reference)
+            self._deeds.append(Deed(SEND, build_tsdu(octets, self._tpdu_size), delay_s))
+        if self._end_how and self._asked <= 0 and not self.over:
+            said_last = self._player.script.farewell if self._player is not None else b""
+            said_last = said_last or farewell(self._end_how)
+            if said_last:
+                self._deeds.append(Deed(SEND, build_tpkt(with_dst_ref(said_last, self._reference)), last=True))
+            self._end(ABORT if self._end_how == RESET else CLOSE, last=True)
+
+
+def _answers(pdu: Pdu) -> bool:
+    """Tell whether a message is an answer, whose reference is that of who asked."""
+    head = pdu.parameters.userdata
+    return pdu.rosctr in {ACK, ACK_DATA} or (head is not None and head.type == RESPONSE)
+
+
+def _spoilt(asked: Pdu, reply: Reply, faults: dict[str, Fault]) -> bytes:
+    """Return the answer with what is to be wrong about it."""
+    answer = reply.octets
+    if REFUSE in faults:
+        answer = refuse(asked, int(faults[REFUSE].value))
+    if WRONG_REF in faults and answer:
+        wrong = (int.from_bytes(answer[4:6], "big") + 1) & 0xFFFF
+        answer = with_reference(answer, wrong.to_bytes(2, "big"))
+    return answer

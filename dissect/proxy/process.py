@@ -1,0 +1,299 @@
+"""The relay in a process of its own, so that no dissection, however slow, makes what passes wait for the interpreter.
+
+The relay's process keeps the bounded queue (`dissect.proxy.tap`) and sends what is in it through a socket as fast as this
+process takes it; what does not fit is counted there and left out here, and passes all the same. The relay ends when it is told
+to, or when this process is gone.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import socket
+import struct
+import sys
+import threading
+import time
+import warnings
+from collections import deque
+from typing import Final, NoReturn
+
+import msgspec
+
+from dissect.proxy.relay import Problem, Relay
+from dissect.proxy.tap import Passed, Tap
+from dissect.tcp.connection import Endpoint
+
+#: Octets that wait here at most, each message counted as so many more; more waits in the other process.
+_MAX_HELD: Final = 4 * 1024 * 1024
+_OVERHEAD: Final = 400
+_LENGTH: Final = struct.Struct(">I")
+_PATIENCE_S: Final = 0.2
+#: By how much this process gives way to that of the relay (nice(2)).
+_LATER: Final = 5
+#: Messages that are sent together, and the octets of them.
+_MOST: Final = 256
+_PIECE: Final = 262_144
+
+
+class _Message(msgspec.Struct, array_like=True):
+    """What the relay tells: something that passed (``kind`` is empty for none), its counts, problems, and how it ended."""
+
+    kind: str = ""
+    link: int = 0
+    time_ns: int = 0
+    side: int = 0
+    octets: bytes = b""
+    skipped: int = 0
+    ends: tuple[bytes, int, bytes, int] | None = None
+    counts: tuple[int, int, int, int, int, int] | None = None
+    problems: list[tuple[int, str]] = []
+    over: bool = False
+    error: str = ""
+
+
+def possible() -> bool:
+    """Tell whether this system makes processes as is needed here."""
+    return hasattr(os, "fork")
+
+
+class RelayProcess:
+    """Runs ``relay``, which tells ``tap``, in another process from `start` to `stop`; there must be no other thread yet.
+
+    ``connections``, ``failed``, ``octets``, ``problems`` are those of the relay, ``error`` why it broke off. As a
+    tap it gives what passed (`take`), and ``lost`` counts what did not fit.
+    """
+
+    def __init__(self, relay: Relay, tap: Tap) -> None:
+        self.listening = relay.listening
+        self.connections = 0
+        self.failed = 0
+        self.octets = [0, 0]
+        self.problems: deque[Problem] = deque(maxlen=1000)
+        self.lost = 0
+        self.lost_octets = 0
+        self.error = ""
+        self._relay = relay
+        self._tap = tap
+        self._pid = 0
+        self._queue: queue.SimpleQueue[Passed] = queue.SimpleQueue()
+        self._given = 0
+        self._taken = 0
+        self._shut = False
+        self._ours, self._theirs = socket.socketpair()
+        self._thread = threading.Thread(target=self._receive, name="s7dissect-relayed", daemon=True)
+
+    def start(self) -> None:
+        """Begin to relay."""
+        with warnings.catch_warnings():
+            # Python warns of any other thread: the command has none yet, and a test has only its own peers.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            pid = os.fork()
+        if not pid:
+            self._ours.close()
+            _serve(self._relay, self._tap, self._theirs)
+        self._pid = pid
+        self._theirs.close()
+        try:
+            os.nice(_LATER)  # what passes comes first
+        except OSError:
+            pass
+        self._relay.close()  # the sockets are the other process's
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ask it to end. May be called from any thread and from a signal handler, and twice."""
+        try:
+            self._ours.send(b"\0")
+        except OSError:
+            pass  # it has ended
+
+    def is_alive(self) -> bool:
+        """Tell whether it relays, or has something to tell."""
+        return self._thread.is_alive()
+
+    def join(self, timeout: float | None = None) -> None:
+        """Wait for its end."""
+        if self._thread.ident is not None:
+            self._thread.join(timeout)
+
+    # ---- as a tap ---------------------------------------------------------------------------------------------------
+
+    def take(self, wait_s: float) -> Passed | None:
+        """Return what happened next, waiting for it up to ``wait_s``; None when nothing did."""
+        try:
+            passed = self._queue.get(timeout=wait_s) if wait_s > 0 else self._queue.get_nowait()
+        except queue.Empty:
+            return None
+        self._taken += len(passed.octets) + _OVERHEAD
+        return passed
+
+    def shut(self) -> None:
+        """Nobody takes any more: what comes from now on is dropped. May be called by any thread."""
+        self._shut = True
+
+    # ---- the thread -------------------------------------------------------------------------------------------------
+
+    def _receive(self) -> None:
+        decode = msgspec.msgpack.Decoder(_Message).decode
+        over = False
+        with self._ours, self._ours.makefile("rb", buffering=_PIECE) as stream:
+            while len(head := stream.read(_LENGTH.size)) == _LENGTH.size:
+                message = decode(stream.read(_LENGTH.unpack(head)[0]))
+                self._take_in(message)
+                if message.over:
+                    over = True
+                    break
+        code = os.waitstatus_to_exitcode(os.waitpid(self._pid, 0)[1])
+        if not over:
+            self.error = self.error or f"its process ended with {code}"
+
+    def _take_in(self, message: _Message) -> None:
+        if message.counts is not None:
+            self.connections, self.failed, sent, came, self.lost, self.lost_octets = message.counts
+            self.octets = [sent, came]
+        for time_ns, text in message.problems:
+            self.problems.append(Problem(time_ns, text))
+        self.error = message.error or self.error
+        if not message.kind or self._shut:
+            return
+        while self._given - self._taken > _MAX_HELD and not self._shut:
+            time.sleep(0.001)
+        ends = None
+        if message.ends is not None:
+            client, client_port, server, server_port = message.ends
+            ends = (Endpoint(client, client_port), Endpoint(server, server_port))
+        self._given += len(message.octets) + _OVERHEAD
+        self._queue.put(
+            Passed(message.kind, message.link, message.time_ns, message.side, message.octets, message.skipped, ends)
+        )
+
+
+# ---- the other process ------------------------------------------------------------------------------------------------
+
+
+def _serve(relay: Relay, tap: Tap, to: socket.socket) -> NoReturn:
+    """Relay in this process until the other one says so or is gone, and end it."""
+    code = 1
+    try:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)  # the other process is told and says what is to be done
+        error: list[str] = []
+        done = threading.Event()
+        sender = threading.Thread(target=_send, args=(relay, tap, to, done, error))
+        sender.start()
+        threading.Thread(target=_obey, args=(relay, to), daemon=True).start()
+        # What passes comes before what is told of it: the sender gives way soon.
+        sys.setswitchinterval(0.000_1)
+        try:
+            relay.run()
+        except Exception as bug:  # noqa: BLE001 - the other process says so
+            error.append(f"{type(bug).__name__}: {bug}")
+        done.set()
+        sender.join()
+        code = 0
+    finally:
+        os._exit(code)
+
+
+def _obey(relay: Relay, to: socket.socket) -> None:
+    """Stop when the other process says so, or is gone."""
+    try:
+        to.recv(1)
+    except OSError:
+        pass
+    relay.stop()
+
+
+def _send(relay: Relay, tap: Tap, to: socket.socket, done: threading.Event, error: list[str]) -> None:
+    """Send what the tap holds until the relay has ended and all is sent."""
+    encode = msgspec.msgpack.Encoder().encode
+    told: tuple[int, ...] = ()
+    try:
+        while True:
+            over = done.is_set()  # asked before: what came last is sent then
+            passed = tap.take(0 if over else _PATIENCE_S)
+            pieces: list[bytes] = []
+            size = 0
+            while passed is not None:
+                octets = encode(_message_of(passed))
+                pieces += [_LENGTH.pack(len(octets)), octets]
+                size += len(octets)
+                passed = tap.take(0) if len(pieces) < _MOST and size < _PIECE else None
+            counts = (relay.connections, relay.failed, relay.octets[0], relay.octets[1], tap.lost, tap.lost_octets)
+            problems = [
+                (one.time_ns, one.text) for one in [relay.problems.popleft() for _ in range(len(relay.problems))]
+            ]
+            last = over and not pieces
+            if counts != told or problems or last:
+                told = counts
+                octets = encode(
+                    _Message(counts=counts, problems=problems, over=last, error=error[0] if last and error else "")
+                )
+                pieces += [_LENGTH.pack(len(octets)), octets]
+            if pieces:
+                to.sendall(b"".join(pieces))
+            if last:
+                return
+    except OSError:
+        tap.shut()  # the other process is gone
+        relay.stop()
+
+
+def _message_of(passed: Passed) -> _Message:
+    ends = None
+    if passed.ends is not None:
+        client, server = passed.ends
+        ends = (client.address, client.port, server.address, server.port)
+    return _Message(passed.kind, passed.link, passed.time_ns, passed.side, passed.octets, passed.skipped, ends)
+
+
+class RelayThread:
+    """What `RelayProcess` is where there is no fork: the relay in a thread, which has to wait its turn."""
+
+    def __init__(self, relay: Relay, tap: Tap) -> None:
+        self.listening = relay.listening
+        self.problems = relay.problems
+        self.octets = relay.octets
+        self.error = ""
+        self.stop = relay.stop
+        self.take = tap.take
+        self.shut = tap.shut
+        self._relay = relay
+        self._tap = tap
+        self._thread = threading.Thread(target=self._work, name="s7dissect-relay", daemon=True)
+
+    @property
+    def connections(self) -> int:
+        """Clients that reached the server."""
+        return self._relay.connections
+
+    @property
+    def failed(self) -> int:
+        """Clients that did not."""
+        return self._relay.failed
+
+    @property
+    def lost(self) -> int:
+        """What did not fit into the tap."""
+        return self._tap.lost
+
+    def start(self) -> None:
+        """Begin to relay."""
+        self._thread.start()
+
+    def is_alive(self) -> bool:
+        """Tell whether it relays."""
+        return self._thread.is_alive()
+
+    def join(self, timeout: float | None = None) -> None:
+        """Wait for its end."""
+        if self._thread.ident is not None:
+            self._thread.join(timeout)
+
+    def _work(self) -> None:
+        try:
+            self._relay.run()
+        except Exception as bug:  # noqa: BLE001 - a thread has nobody else who would hear it
+            self.error = f"{type(bug).__name__}: {bug}"

@@ -1,0 +1,219 @@
+"""The packets around a finding, kept as a file of their own: those before it from memory, those after it as they come.
+
+Whoever runs the pipeline gives every packet to `EventCapture.frame` first and to the pipeline then, and every finding to
+`EventCapture.finding`; both count packets from 1, so that they mean the same by a number. A packet goes to the file when the next
+one comes, because what the pipeline finds in it is told in between; on a silent line `EventCapture.settle` writes it at once.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection
+from pathlib import Path
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.findings.finding import Finding
+from dissect.recording import names
+from dissect.recording.comments import finding_comment, frames_in_words
+from dissect.recording.recent import MAX_COMMENTS, KeptPacket, RecentPackets
+from dissect.source.packet import PacketSink
+from dissect.source.pcapng_writer import PcapngWriter
+from dissect.wire.clock import Clock
+
+#: Octets after which a file gives way to the next, while triggers keep coming; and files that one keeper makes.
+MAX_FILE_OCTETS: Final = 1_000_000_000
+MAX_FILES: Final = 1000
+
+
+class EventCapture(PacketSink):
+    """Keeps ``before_ns`` and ``after_ns`` (capture time) around each trigger, in ``directory``. An `OSError` names its file.
+
+    ``slugs`` are the findings that trigger; `trigger` may be called for other reasons too. A trigger while a file is open
+    keeps it open for longer. No more than ``max_octets`` of packets wait in memory: where that is less than ``before_ns``, the
+    file tells so. ``finished`` names the last files made; ``files`` counts all, ``triggers`` all triggers,
+    ``refused`` those after `MAX_FILES` files; ``untold`` comments that came too late to be written to a file.
+
+    A file is called ``SLUG_20160208T145137.916123000Z.pcapng`` after its first trigger, and ends with ``.part`` while it grows.
+    """
+
+    def __init__(
+        self,
+        directory: str | os.PathLike[str],
+        before_ns: int,
+        after_ns: int,
+        max_octets: int = 64 * 1024 * 1024,
+        slugs: Collection[str] = (),
+        application: str = "",
+        hardware: str = "",
+        os_name: str = "",
+    ) -> None:
+        if before_ns < 0 or after_ns < 0:
+            raise ValueError("the time before and after a trigger cannot be less than 0")
+        self.frames = 0
+        self.files = 0
+        self.triggers = 0
+        self.refused = 0
+        self.untold = 0
+        self.finished: list[Path] = []
+        self._directory = Path(directory)
+        self._before_ns = before_ns
+        self._after_ns = after_ns
+        self._slugs = frozenset(slugs)
+        self._about = (hardware, os_name, application)
+        self._recent = RecentPackets(max_octets, before_ns)
+        self._latest: KeptPacket | None = None  # not written yet, even when a file is open
+        self._comments: list[str] = []
+        self._late: list[str] = []  # about packets that were written before it was found
+        self._writer: PcapngWriter | None = None
+        self._path = Path()
+        self._until_ns = 0
+        self._clock = Clock()
+        self._directory.mkdir(parents=True, exist_ok=True)
+
+    # ---- packets ----------------------------------------------------------------------------------------------------
+
+    def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
+        """Keep a packet; see the module for when it must be called."""
+        self.add(int(time_ns), buf[start:end], int(wire_length), int(link_type))
+
+    def comment(self, text: str) -> None:
+        """Take a comment about the packet that comes next."""
+        if len(self._comments) < MAX_COMMENTS:
+            self._comments.append(text)
+
+    def add(self, time_ns: int, octets: bytes, wire_length: int, link_type: int, interface: str = "") -> None:
+        """Keep a packet that ``interface`` captured."""
+        self.settle()
+        self.tick(time_ns)
+        self.frames += 1
+        packet = KeptPacket(self.frames, time_ns, octets, wire_length, link_type, interface, self._comments)
+        self._comments = []
+        self._latest = packet
+        self._recent.add(packet)
+
+    def settle(self) -> None:
+        """Write the latest packet, if a file is open: nothing more will be found in it."""
+        packet = self._latest
+        self._latest = None
+        writer = self._writer
+        if packet is None or writer is None:
+            return
+        for comment in self._late:
+            packet.say(comment)
+        self._late = []
+        self._write(writer, packet)
+        if writer.octets >= MAX_FILE_OCTETS:
+            self._end()
+
+    def tick(self, now_ns: int) -> None:
+        """Time has passed (capture clock): end the file when the time after its last trigger is over."""
+        if self._writer is not None and (now_ns > self._until_ns or now_ns < self._until_ns - self._span_ns):
+            self.settle()
+            self._end()
+
+    def close(self) -> None:
+        """Finish the file at hand, and forget all packets. May be called twice."""
+        self.settle()
+        self._end()
+        self._recent.clear()
+
+    @property
+    def _span_ns(self) -> int:
+        """How far before the end of a file its packets may be: further back, the clock was set."""
+        return self._before_ns + self._after_ns + 60_000_000_000
+
+    # ---- findings ---------------------------------------------------------------------------------------------------
+
+    def finding(self, finding: Finding) -> None:
+        """Take a finding about packets that passed: a comment of each of them, and a trigger when it is one of ``slugs``."""
+        frames = [int(frame) for frame in finding.frames]
+        comment = finding_comment(finding)
+        if finding.slug in self._slugs:
+            self.trigger(finding.slug, int(finding.time_ns), comment, frames)
+        else:
+            self._say(comment, frames)
+
+    def trigger(self, name: str, time_ns: int, comment: str = "", frames: Collection[int] = ()) -> None:
+        """Keep what is around the packet at hand. ``name`` names the file; ``comment`` is about ``frames``."""
+        self.triggers += 1
+        if comment:
+            self._say(comment, list(frames))
+        latest = self._latest
+        now_ns = latest.time_ns if latest is not None else time_ns
+        if self._writer is None and not self._begin(name, now_ns):
+            self.refused += 1
+            return
+        self._until_ns = now_ns + self._after_ns
+
+    def _say(self, comment: str, frames: list[int]) -> None:
+        """Put a comment to packets that are still in memory; told later when all of them were written already."""
+        latest = self._latest
+        told = False
+        for frame in frames:
+            packet = self._recent.find(frame)
+            if packet is None and latest is not None and latest.frame == frame:
+                packet = latest  # alone larger than the memory there is
+            if packet is not None:
+                packet.say(comment)
+                told = told or self._writer is None or packet is latest
+        if not told:
+            self._say_late(f"{comment} [about {frames_in_words(frames)}, before this one]")
+
+    def _say_late(self, comment: str) -> None:
+        """Put a comment about packets that are gone to the first one that is still to be written."""
+        last = self._latest
+        if last is None and self._writer is None:
+            last = self._recent.last
+        if last is not None:
+            last.say(comment)
+        elif self._writer is not None and len(self._late) < MAX_COMMENTS:
+            self._late.append(comment)
+        else:
+            self.untold += 1
+
+    # ---- the file ---------------------------------------------------------------------------------------------------
+
+    def _begin(self, name: str, time_ns: int) -> bool:
+        """Begin a file with what is in memory, except the packet at hand; False when there are too many."""
+        if self.files >= MAX_FILES:
+            return False
+        stem = f"{names.file_word(name)}_{names.time_word(time_ns, self._clock, fraction=True)}"
+        self._path = names.unused(self._directory, stem)
+        writer = names.begin(self._path, self._about, comment=self._told_before())
+        self._writer = writer
+        self.files += 1
+        for packet in self._recent.within(time_ns):
+            if packet is not self._latest:
+                self._write(writer, packet)
+        return True
+
+    def _told_before(self) -> str:
+        """Return what the file says of its beginning, when the memory did not reach back as far as it was asked to."""
+        shortened = self._recent.shortened
+        if not shortened:
+            return ""
+        return f"s7dissect: memory ran short: up to now {shortened} packets left it before their time was over"
+
+    def _write(self, writer: PcapngWriter, packet: KeptPacket) -> None:
+        try:
+            writer.packet(
+                packet.time_ns, packet.octets, packet.wire_length, packet.link_type, packet.comments, packet.interface
+            )
+        except OSError:
+            writer.abandon()
+            self._writer = None
+            raise
+
+    def _end(self) -> None:
+        writer = self._writer
+        self._writer = None
+        if writer is None:
+            return
+        self.untold += len(self._late)
+        self._late = []
+        writer.close()
+        names.finish(self._path)
+        self.finished.append(self._path)
+        del self.finished[:-MAX_COMMENTS]

@@ -1,0 +1,116 @@
+"""What connections keep of packets that passed, and which of them have to leave when that is too much in sum.
+
+Each buffer has a bound of its own; thousands of connections that fill theirs are bounded here. Nothing is counted while
+octets pass: a buffer cannot grow by more than what was captured, so that it is enough to add up now and then.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.transactions.pairing import OpenRequests
+from dissect.transactions.table import Side
+
+#: Connections looked at, and given up, with one packet.
+LOOK_AT_ONCE: Final = 64
+LEAVE_AT_ONCE: Final = 4
+#: Powers of two that what one connection keeps is sorted by.
+_SIZES: Final = 32
+
+
+def held_octets(side: Side) -> int:
+    """Return the octets that are kept for the connection of ``side``, both directions together.
+
+    Segments that wait for those before them and the latest ones that passed, unfinished packets, TSDUs and PDUs, answers in
+    parts, requests without answer and answers without request.
+    """
+    held: i64 = 0
+    for end in (side, side.peer):
+        if end is not None:
+            held += _held_by(end)
+    joiner = side.connection.operations.joiner
+    return held + (joiner.octets if joiner is not None else 0)
+
+
+def _held_by(side: Side) -> i64:
+    stream = side.stream
+    held: i64 = stream.held_octets + len(stream.last) + len(stream.before)
+    held += side.protocol.held(side)
+    return held + _open(side.connection.open_requests[side.index])
+
+
+def _open(requests: OpenRequests) -> i64:
+    held: i64 = 0
+    if requests.count:
+        for transaction in requests.asked_after(-1):
+            held += len(transaction.request_buf)
+    if requests.orphans is not None:
+        for orphan in requests.orphans:
+            held += len(orphan.transaction.response_buf)
+    return held
+
+
+class Room:
+    """Makes room a little with each packet: a live line must not wait while thousands of connections are looked through.
+
+    `begin` takes one side of each open connection. Each `step` then looks at `LOOK_AT_ONCE` of them; when all were looked at
+    and keep more than ``most`` octets in sum, each further step returns up to `LEAVE_AT_ONCE` that have to leave, the fullest
+    first (as far as powers of two tell), until half of ``most`` is left. ``busy`` is True until that is done; ``looks`` counts
+    the connections looked at.
+    """
+
+    def __init__(self, most: int) -> None:
+        self.busy: bool = False
+        self.looks: i64 = 0
+        self._most: i64 = most
+        self._total: i64 = 0
+        self._sides: list[Side] = []
+        self._at: i64 = 0
+        self._by_size: list[list[Side]] = []
+
+    def begin(self, sides: list[Side]) -> None:
+        """Look through ``sides``, unless the last round is still under way."""
+        if not self.busy:
+            self.busy = True
+            self._sides = sides
+            self._at = 0
+            self._total = 0
+            self._by_size = [[] for _ in range(_SIZES)]
+
+    def step(self) -> list[tuple[int, Side]]:
+        """Do a bounded part of the work; return those that have to leave now, as (octets, side)."""
+        gone: list[tuple[int, Side]] = []
+        end: i64 = min(self._at + LOOK_AT_ONCE, len(self._sides))
+        if self._at < end:
+            for index in range(self._at, end):
+                self._look(self._sides[index])
+            self._at = end
+            if end == len(self._sides) and self._total <= self._most:
+                self._by_size = []  # there is room
+            return gone
+        while self._by_size and len(gone) < LEAVE_AT_ONCE:
+            fullest = self._by_size[-1]
+            if not fullest:
+                self._by_size.pop()
+                continue
+            side = fullest.pop()
+            if side.peer is None:
+                continue  # it ended meanwhile
+            held = held_octets(side)
+            gone.append((held, side))
+            self._total -= held
+            if self._total <= self._most // 2:
+                self._by_size = []
+        if not self._by_size:
+            self.busy = False
+            self._sides = []
+        return gone
+
+    def _look(self, side: Side) -> None:
+        self.looks += 1
+        if side.peer is not None:
+            held: i64 = held_octets(side)
+            self._total += held
+            self._by_size[min(int(held).bit_length(), _SIZES - 1)].append(side)

@@ -1,0 +1,75 @@
+"""Which items a push is about: those of the request that began the job it belongs to (reference 4.7 and 4.8).
+
+A job is known by the sequence number of the answer that began it. Bounded: a connection keeps its latest jobs, and each has no
+more items than fit one request.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.s7.parameters import UserdataHead
+from dissect.s7.tables import SUCCESS
+from dissect.transactions.results import (
+    GROUP_CYCLIC,
+    GROUP_TEST,
+    UNCHANGED,
+    Subscription,
+    has_items,
+)
+from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
+
+#: Jobs of one connection that are remembered.
+MAX_JOBS: Final = 64
+
+_CHANGE_DRIVEN_MODIFY: Final = 0x07
+_REPLACE_JOB: Final = 0x12
+
+
+def follow(transaction: Transaction) -> None:
+    """Take a userdata transaction that is over: remember what it subscribes to, or give a push its items.
+
+    An item or area that was refused makes the transaction one with errors.
+    """
+    head = transaction.parameters.userdata
+    if head is None:
+        return
+    if not has_items(head):
+        if head.group == GROUP_TEST and head.subfunction == _REPLACE_JOB:
+            _forget(transaction)
+        return
+    jobs = transaction.connection.subscriptions
+    if transaction.outcome == PUSH:
+        transaction.subscribed = jobs.get(_key(transaction, head, head.sequence))
+    elif transaction.outcome == ANSWERED and not transaction.error_code:
+        answer = transaction.response_parameters
+        told = answer.userdata if answer is not None else None
+        changes: bool = head.group == GROUP_CYCLIC and head.subfunction == _CHANGE_DRIVEN_MODIFY
+        job = head.sequence if changes or told is None else told.sequence
+        key = _key(transaction, head, job)
+        jobs.pop(key, None)
+        jobs[key] = Subscription(head, transaction.request_octets)
+        while len(jobs) > MAX_JOBS:
+            for oldest in jobs:
+                del jobs[oldest]
+                break
+    if transaction.response_size:
+        for result in transaction.results():
+            if result.return_code != -1 and result.return_code != SUCCESS and result.return_code != UNCHANGED:
+                transaction.has_errors = True
+
+
+def _key(transaction: Transaction, head: UserdataHead, job: i64) -> int:
+    """Return what a job is known by: who asked, the kind of service (a test function each its own), the number."""
+    kind: i64 = head.subfunction if head.group == GROUP_TEST else 0
+    return ((transaction.asked_by << 8 | head.group) << 8 | kind) << 8 | job
+
+
+def _forget(transaction: Transaction) -> None:
+    """A test job was replaced: its items are not those of its first request any more."""
+    jobs = transaction.connection.subscriptions
+    for key in list(jobs):
+        if key >> 16 == transaction.asked_by << 8 | GROUP_TEST:
+            del jobs[key]

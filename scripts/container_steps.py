@@ -1,0 +1,122 @@
+"""Do what docs/probe/Containerfile says in a temporary folder instead of a container, so that its steps are known to work.
+
+    python scripts/container_steps.py
+
+Copied is what .dockerignore leaves. Every RUN line runs, with the paths of the image below the folder; packages of the system
+are not installed or removed (setcap has to be there). At the end the entry point runs with its default command for a second, on
+the loopback interface, as the image's user with CAP_NET_RAW only where
+this machine lets it (setpriv, root), and has to end well.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+CONTAINER = ROOT / "docs" / "probe" / "Containerfile"
+
+
+def instructions() -> list[tuple[str, str]]:
+    lines = [
+        line for line in CONTAINER.read_text(encoding="utf-8").splitlines() if line.strip() and not line.startswith("#")
+    ]
+    joined = re.sub(r"\\\n\s*", " ", "\n".join(lines))
+    return [(word, rest.strip()) for word, _, rest in (line.partition(" ") for line in joined.splitlines())]
+
+
+def ignored(name: str) -> bool:
+    """Tell whether .dockerignore leaves a path out: its patterns are of the simple kind that this reads as Docker does."""
+    for line in (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines():
+        if not line or line.startswith("#"):
+            continue
+        parts = name.split("/")
+        if line.startswith("**/"):
+            if any(fnmatch.fnmatchcase(part, line[3:]) for part in parts):
+                return True
+        elif fnmatch.fnmatchcase(parts[0], line):
+            return True
+    return False
+
+
+def copy_sources(target: Path) -> None:
+    for path in sorted(ROOT.rglob("*")):
+        name = path.relative_to(ROOT).as_posix()
+        if path.is_file() and not ignored(name):
+            place = target / name
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(path, place)
+    assert (target / "pyproject.toml").is_file() and not (target / "tests").exists() and not (target / ".git").exists()
+
+
+def below(root: Path, text: str) -> str:
+    """Return a line of the container file with its paths below ``root``."""
+    for path in ("/opt/s7dissect", "/var/lib/s7dissect", "/usr/local/bin/python3.12", "/source"):
+        text = text.replace(path, f"{root}{path}")
+    return text
+
+
+def run(root: Path, line: str) -> None:
+    for command in [one.strip() for one in line.split("&&")]:
+        if command.startswith(("apt-get", "rm -rf /var/lib/apt")):
+            print(f"  left to the image: {command}")
+            continue
+        words = shlex.split(below(root, command))
+        if words[0] == "python":
+            words[0] = sys.executable
+        print(f"  {shlex.join(words)}")
+        subprocess.run(words, check=True, env={**os.environ, "PIP_DISABLE_PIP_VERSION_CHECK": "1"})
+
+
+def entry_point(root: Path, found: dict[str, str], user: str) -> None:
+    words = [below(root, word) for word in (*json.loads(found["ENTRYPOINT"]), *json.loads(found["CMD"]))]
+    words = ["lo" if word == "eth0" else "127.0.0.1:0" if word == "127.0.0.1:9102" else word for word in words]
+    state = root / "var" / "lib" / "s7dissect"
+    uid = user.partition(":")[0]
+    setpriv = ["setpriv", f"--reuid={uid}", f"--regid={uid}", "--clear-groups", "--no-new-privs"]
+    setpriv += ["--inh-caps=-all,+net_raw", "--ambient-caps=-all,+net_raw", "--bounding-set=-all,+net_raw"]
+    trial = subprocess.run([*setpriv, words[0], "--version"], capture_output=True, check=False)
+    if trial.returncode:
+        print(f"  not as {user}: {trial.stderr.decode().strip() or 'setpriv failed'}")
+        setpriv = []
+    ran = subprocess.run(
+        [*setpriv, *words, "--duration", "1"], cwd=state, capture_output=True, text=True, check=False, timeout=60
+    )
+    print(ran.stderr, end="")
+    if ran.returncode:
+        sys.exit(f"the entry point ended with {ran.returncode}")
+    assert json.loads(ran.stdout.splitlines()[-1])["event"] == "summary"
+
+
+def main() -> None:
+    steps = instructions()
+    with tempfile.TemporaryDirectory(prefix="s7dissect-container-") as name:
+        root = Path(name)
+        root.chmod(0o755)
+        (root / "usr" / "local" / "bin").mkdir(parents=True)
+        shutil.copy2(Path(sys.executable).resolve(), root / "usr" / "local" / "bin" / "python3.12")
+        for word, rest in steps:
+            print(f"{word} {rest[:100]}")
+            if word == "COPY" and rest.startswith(". "):
+                copy_sources(root / "source")
+            elif word == "RUN":
+                run(root, rest)
+        capability = subprocess.run(
+            ["getcap", str(root / "usr" / "local" / "bin" / "python3.12")], capture_output=True, text=True, check=True
+        )
+        assert "cap_net_raw=ep" in capability.stdout, capability
+        found = dict(steps)
+        entry_point(root, found, found["USER"])
+    print("every step of the container file works")
+
+
+if __name__ == "__main__":
+    main()

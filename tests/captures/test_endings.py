@@ -1,0 +1,83 @@
+"""How every connection of our captures and the public ones ended, held to the TCP flags that tshark shows."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections import defaultdict
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+import dissect
+from dissect.transactions.ending import FIN, RESET
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+OWN: Final = sorted((ROOT / "captures").glob("*.pcapng"))
+
+pytestmark = pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not installed")
+
+#: Packet, sender ("address:port"), FIN, RST.
+Flags = tuple[int, str, bool, bool]
+
+
+def flags_of(path: Path) -> dict[frozenset[str], list[Flags]]:
+    """Ask tshark for the packets with FIN or RST, by the two ends."""
+    names = ("frame.number", "ip.src", "ipv6.src", "tcp.srcport", "ip.dst", "ipv6.dst", "tcp.dstport", "tcp.flags.fin")
+    command = ["tshark", "-n", "-r", str(path), "-Y", "tcp.flags.fin == 1 or tcp.flags.reset == 1", "-T", "fields"]
+    command += ["-E", "occurrence=l"]
+    for name in (*names, "tcp.flags.reset"):
+        command += ["-e", name]
+    told = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120).stdout
+    found: dict[frozenset[str], list[Flags]] = defaultdict(list)
+    for line in told.splitlines():
+        frame, src4, src6, src_port, dst4, dst6, dst_port, fin, reset = line.split("\t")
+        ends = [f"[{six}]:{port}" if six else f"{four}:{port}" for four, six, port in
+                ((src4, src6, src_port), (dst4, dst6, dst_port))]  # fmt: skip
+        found[frozenset(ends)].append((int(frame), ends[0], fin == "1", reset == "1"))
+    return found
+
+
+def held(path: Path) -> int:
+    """Hold the endings of a capture to its flags; return how many ended by FIN or RST."""
+    analysis = dissect.analyze(str(path))
+    flags = flags_of(path)
+    count = 0
+    for connection in analysis.connections:
+        ending = connection.ending
+        assert ending is not None
+        ends = connection.tcp.ends
+        shown = {frame: (sender, fin, reset) for frame, sender, fin, reset in flags[frozenset(map(str, ends))]}
+        where = f"{path.name}, connection {connection.number}"
+        if ending.how in {FIN, RESET}:
+            count += 1
+            sender, fin, reset = shown[int(ending.frame)]
+            assert sender == str(ends[ending.side]), where
+            assert (fin and not reset) if ending.how == FIN else reset, where
+            own = [frame for frame in shown if connection.tcp.first_frame <= frame <= connection.tcp.last_frame]
+            assert int(ending.frame) == min(own), f"{where}: not the first packet that ended it"
+        if ending.reset_frame:
+            sender, _, reset = shown[int(ending.reset_frame)]
+            assert (sender, reset) == (str(ends[ending.reset_side]), True), where
+            assert ending.reset_frame > ending.frame, where
+        elif ending.how == FIN:
+            last = connection.tcp.last_frame
+            later = [frame for frame, (_, _, reset) in shown.items() if reset and ending.frame < frame <= last]
+            assert not later, f"{where}: RST in packets {later} not told"
+    return count
+
+
+@pytest.mark.parametrize("path", OWN, ids=[path.stem for path in OWN])
+def test_endings_of_our_captures(path: Path) -> None:
+    held(path)
+
+
+def test_endings_of_the_public_captures(corpus: Path) -> None:
+    paths = [
+        path
+        for path in corpus.rglob("*.pcap*")
+        if path.suffix in {".pcap", ".pcapng"} and path.stat().st_size < 2_000_000
+    ]
+    counts = {path.name: held(path) for path in sorted(paths)}
+    assert sum(counts.values()) > 0

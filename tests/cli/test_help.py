@@ -1,0 +1,105 @@
+"""`s7dissect help`: the pages of docs/, for the command line that was installed without them."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import pytest
+
+from dissect.cli.help import page, pages
+from dissect.cli.main import COMMANDS
+from tests.cli.support import on_terminal, run
+from tests.report.schemas import ROOT
+
+if TYPE_CHECKING:
+    from tests.conftest import Command
+
+Capture = pytest.CaptureFixture[bytes]
+DOCS = sorted((ROOT / "docs").glob("*.md"))
+
+
+def test_every_page_of_the_docs_is_a_topic() -> None:
+    assert list(pages()) == [path.stem for path in DOCS]
+    for path in DOCS:
+        assert pages()[path.stem].read_bytes() == path.read_bytes()
+
+
+def test_links_say_what_to_type() -> None:
+    for topic in pages():
+        text = page(topic)
+        for link in re.findall(r"\]\(([^)]*)\)", text):
+            assert link.startswith(("http:", "https:")), (topic, link)
+        for named in re.findall(r"s7dissect help ([a-z0-9-]+)", text):
+            assert named in pages(), (topic, named)
+    assert "`s7dissect help live`" in page("commands")
+
+
+def test_a_page_in_a_pipe_is_markdown(capfdbinary: Capture) -> None:
+    ran = run(capfdbinary, "help", "golden")
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out.startswith("# Goldens and diffs\n")
+
+
+def test_a_page_on_a_terminal_fits_it() -> None:
+    ran = on_terminal("help", "live", environment={"PAGER": "cat", "NO_COLOR": "1"})
+    assert ran.code == 0
+    assert "\x1b" not in ran.out
+    assert "Live capture" in ran.out
+    assert max(map(len, ran.out.splitlines())) <= 80
+
+
+def test_a_command_has_its_page_or_its_options(capfdbinary: Capture) -> None:
+    for name in COMMANDS:
+        ran = run(capfdbinary, "help", name)
+        assert (ran.code, ran.err) == (0, ""), name
+        assert name in ran.out
+    assert run(capfdbinary, "help", "help").out.startswith("Usage: s7dissect help ")
+
+
+def test_without_a_topic_everything_is_listed(capfdbinary: Capture) -> None:
+    told = run(capfdbinary, "help").out
+    for name in (*COMMANDS, *pages()):
+        assert f"\n  {name} " in told
+    assert max(map(len, told.splitlines())) <= 80
+
+
+def test_an_unknown_topic_is_wrong_use(capfdbinary: Capture) -> None:
+    ran = run(capfdbinary, "help", "finding")
+    assert (ran.code, ran.out) == (2, "")
+    assert "did you mean findings?" in ran.err
+    assert "`s7dissect help` lists the topics" in run(capfdbinary, "help", "qqqq").err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["analyz"], "Did you mean analyze?"),
+        (["trans"], "Did you mean transactions?"),
+        (["scd", "chek"], "Did you mean check?"),
+        (["README.md"], "It is a file: s7dissect analyze README.md"),
+    ],
+)
+def test_a_wrong_command_is_answered_by_the_right_one(
+    capfdbinary: Capture, monkeypatch: pytest.MonkeyPatch, words: list[str], said: str
+) -> None:
+    monkeypatch.chdir(ROOT)
+    ran = run(capfdbinary, *words)
+    assert (ran.code, ran.out) == (2, "")
+    assert said in ran.err
+
+
+def test_version_is_a_word(s7dissect: Command) -> None:
+    ran = s7dissect("version")
+    assert (ran.returncode, ran.stdout) == (0, s7dissect("--version").stdout)
+
+
+def test_messages_point_to_topics_that_are_there() -> None:
+    """pip installs no docs/: what a message names must be a page of the package."""
+    named = set()
+    for path in sorted((ROOT / "dissect").rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        named |= {(path.name, topic) for topic in re.findall(r"s7dissect help ([a-z][a-z0-9-]*)", text)}
+    assert {topic for _, topic in named} >= {"findings", "live"}
+    for file, topic in named:
+        assert topic in {*pages(), *COMMANDS}, file

@@ -1,0 +1,315 @@
+"""S7comm-plus from TSDUs to transactions."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+import dissect
+from dissect.s7plus.assembly import MAX_PDU
+from dissect.s7plus.objects import PlusObject
+from dissect.s7plus.value_tables import INT
+from dissect.s7plus.values import Value
+from tests.s7plus import bodies
+from tests.s7plus.pdus import (
+    CREATE_OBJECT,
+    ERROR,
+    GET_MULTI,
+    INIT_SSL,
+    KEEP_ALIVE,
+    SET_VARIABLE,
+    asked,
+    event,
+    framed,
+    notified,
+    told,
+)
+from tests.transactions.talk import ACK, CLIENT, MS, SERVER, Talk, dt, read, words
+
+HELLO = bytes.fromhex("1603010005010000010a")
+
+
+def begun() -> Talk:
+    talk = Talk()
+    talk.hello()
+    talk.connect()
+    return talk
+
+
+def facts(talk: Talk) -> list[tuple[str, str, int]]:
+    return [(one.outcome_name, one.function_name, one.pdu_ref) for one in talk.transactions]
+
+
+@pytest.mark.parametrize("version", [1, 2, 3])
+def test_a_request_and_its_response(version: int) -> None:
+    talk = begun()
+    request = talk.ask(framed(asked(5, body=b"what"), version))
+    answer = talk.tell(framed(told(5), version), after_ns=7 * MS)
+    talk.close()
+    assert facts(talk) == [("answered", "S7comm-plus GetMultiVariables", 5)]
+    assert talk.pairs() == [(request, answer)]
+    assert talk.findings == []
+    (transaction,) = talk.transactions
+    assert transaction.is_plus
+    assert (transaction.function, transaction.latency_ns, transaction.errors) == (GET_MULTI, 7 * MS, [])
+    assert (transaction.request, transaction.response, transaction.results()) == (None, None, [])
+    assert transaction.plus_request is not None
+    assert (transaction.plus_request.session_id, transaction.plus_request.body) == (0x386, b"what")
+    assert transaction.plus_response is not None
+    assert transaction.plus_response.return_value == 0
+    (connection,) = talk.connections
+    assert (connection.protocol, connection.pdus, connection.answered) == ("s7comm_plus", 2, 1)
+
+
+def test_responses_in_another_order() -> None:
+    talk = begun()
+    talk.ask(framed(asked(1)), framed(asked(2, CREATE_OBJECT)), framed(asked(3)))
+    talk.tell(framed(told(3)), framed(told(2, CREATE_OBJECT)), framed(told(1)))
+    talk.close()
+    assert [entry[2] for entry in facts(talk)] == [3, 2, 1]
+    assert set(talk.outcomes()) == {"answered"}
+
+
+def test_what_has_no_other_half() -> None:
+    talk = begun()
+    talk.ask(framed(asked(1)))
+    talk.tell(framed(told(9)))
+    talk.wait(2_000 * MS)
+    talk.ask(framed(asked(2)))
+    talk.tell(framed(told(2)))
+    talk.close()
+    assert Counter(talk.outcomes()) == {"unanswered": 1, "orphan_answer": 1, "answered": 1}
+    assert sorted(talk.slugs()) == ["transaction.orphan", "transaction.unanswered"]
+    orphan = next(one for one in talk.transactions if one.outcome_name == "orphan_answer")
+    assert (orphan.is_plus, orphan.pdu_ref, orphan.function) == (True, 9, GET_MULTI)
+
+
+def test_requests_that_want_no_response_and_notifications() -> None:
+    talk = begun()
+    credit = bodies.set_variable(0x70000E51, [1053], Value(0, INT, 5))
+    one_way = talk.ask(framed(asked(1, SET_VARIABLE, flags=0x74, body=credit), 3))
+    push = talk.tell(framed(notified(), 3))
+    late = talk.tell(framed(told(1, SET_VARIABLE, opcode=2), 3))
+    talk.close()
+    assert talk.pairs() == [(one_way, 0), (0, push), (0, late)]
+    assert talk.outcomes() == ["unsolicited"] * 3
+    assert [one.function for one in talk.transactions] == [SET_VARIABLE, -1, SET_VARIABLE]
+    assert [one.asked_by for one in talk.transactions] == [CLIENT] * 3
+    assert talk.findings == []
+    assert talk.connections[0].unsolicited == 3
+
+
+def test_a_response_of_the_other_form_answers_too() -> None:
+    talk = begun()
+    talk.ask(framed(asked(1)))
+    talk.tell(framed(told(1, opcode=2)))
+    talk.close()
+    assert talk.outcomes() == ["answered"]
+
+
+@pytest.mark.parametrize(
+    ("body", "code", "name"),
+    [
+        (b"\xff" * 8 + b"\xf4", 0xFFF4, "Object not found"),
+        (b"\x13", 19, "Service executed with partial error"),
+        (b"\xff" * 7 + b"\xfe\x20", 0xFE20, "0xfe20"),
+    ],
+)
+@pytest.mark.parametrize("function", [GET_MULTI, ERROR])
+def test_an_answer_that_says_no(body: bytes, code: int, name: str, function: int) -> None:
+    talk = begun()
+    talk.ask(framed(asked(1)))
+    talk.tell(framed(told(1, function, body)))
+    talk.close()
+    (transaction,) = talk.transactions
+    assert transaction.has_errors
+    assert [(error.where, error.code, error.name) for error in transaction.errors] == [("return value", code, name)]
+    assert talk.slugs() == ["transaction.refused"]
+
+
+def test_a_warning_is_no_error() -> None:
+    talk = begun()
+    session = bodies.create_object(285, Value(0, INT, 5), PlusObject(211, 287, 0, 0, 0, []))
+    talk.ask(framed(asked(1, CREATE_OBJECT, body=session)))
+    talk.tell(framed(told(1, CREATE_OBJECT, b"\x11\1\x87\x07" + bodies.end(2))))
+    talk.close()
+    assert not talk.transactions[0].has_errors
+    assert talk.findings == []
+
+
+def test_an_answer_to_something_else_is_told() -> None:
+    talk = begun()
+    talk.ask(framed(asked(1)))
+    talk.tell(framed(told(1, CREATE_OBJECT)))
+    talk.close()
+    assert talk.outcomes() == ["answered"]
+    assert talk.slugs() == ["transaction.function_mismatch"]
+
+
+@pytest.mark.parametrize("code", [0x0004, 0x0005, 0x00F0])
+def test_no_function_is_taken_for_one_of_s7comm(code: int) -> None:
+    talk = begun()
+    talk.ask(framed(asked(1, code)))
+    talk.tell(framed(told(1, code)))
+    talk.close()
+    assert facts(talk) == [("answered", f"S7comm-plus 0x{code:04x}", 1)]
+    assert talk.findings == []
+
+
+def test_references_of_both_protocols_are_independent() -> None:
+    talk = Talk()
+    talk.open()
+    talk.ask(read(1, b""), framed(asked(1)))
+    talk.tell(framed(told(1)), words(1, 1))
+    talk.close()
+    assert [one.is_plus for one in talk.transactions if one.outcome_name == "answered"] == [True, False]
+
+
+def test_a_pdu_in_frames_and_fragments() -> None:
+    talk = begun()
+    talk.ask(framed(asked(1)))
+    first, last = framed(told(1, body=bytes(900)), 3, trailer=False), framed(bytes(500), 3)
+    talk.packet(SERVER, dt(first[:400])[:6] + b"\x00" + first[:400])
+    talk.packet(SERVER, dt(first[400:]))
+    end = talk.tell(last)
+    talk.close()
+    assert talk.pairs()[0][1] == end
+    response = talk.transactions[0].plus_response
+    assert response is not None
+    assert (response.frames, len(response.data), response.malformed) == (2, 10 + 900 + 500, [])
+    assert talk.pipeline.plus.pdus == 2
+
+
+def test_a_pdu_that_is_too_long_is_paired_all_the_same() -> None:
+    talk = begun()
+    talk.ask(framed(asked(1)))
+    talk.tell(framed(told(1), trailer=False))
+    for _ in range(MAX_PDU // 54_000 + 2):
+        talk.tell(*[framed(bytes(900), trailer=False)] * 60)
+    talk.tell(framed(b"end"))
+    talk.close()
+    assert talk.outcomes() == ["answered"]
+    assert talk.slugs() == ["s7.plus_too_long"]
+    assert talk.transactions[0].response_size <= MAX_PDU
+    assert talk.pipeline.plus.cut_pdus == 1
+
+
+def test_a_hole_inside_a_pdu_leaves_its_head() -> None:
+    talk = begun()
+    talk.ask(framed(asked(1)))
+    talk.tell(framed(told(1), trailer=False))
+    talk.lose(SERVER, framed(bytes(100), trailer=False))
+    talk.packet(CLIENT, flags=ACK)
+    talk.tell(framed(b"the end of what is missing"))
+    talk.ask(framed(asked(2)))
+    talk.tell(framed(told(2)))
+    talk.close()
+    assert talk.outcomes() == ["answered", "answered"]
+    assert talk.slugs() == ["stream.hole"]
+    assert (talk.pipeline.plus.cut_pdus, talk.pipeline.plus.unpaired) == (1, 1)
+
+
+def test_the_end_inside_a_pdu() -> None:
+    talk = begun()
+    talk.ask(framed(asked(1)), framed(asked(2), trailer=False))
+    talk.close()
+    assert talk.outcomes() == ["unanswered", "unanswered"]
+    assert talk.pipeline.plus.cut_pdus == 1
+
+
+def test_a_pdu_that_the_capture_cut() -> None:
+    talk = begun()
+    talk.packet(CLIENT, dt(framed(asked(1, body=bytes(100)))), cut=80)
+    talk.tell(framed(told(1)))
+    talk.close()
+    assert talk.outcomes() == ["answered"]
+    assert talk.pipeline.plus.cut_pdus == 1
+
+
+def test_without_opcode() -> None:
+    talk = begun()
+    talk.ask(event(100), KEEP_ALIVE, event(200, b"LOGOUT"))
+    talk.close()
+    assert talk.transactions == []
+    assert talk.findings == []
+    assert (talk.pipeline.plus.pdus, talk.pipeline.plus.unpaired) == (3, 3)
+    assert (talk.pipeline.plus.versions[0xFE], talk.pipeline.plus.versions[0xFF]) == (2, 1)
+
+
+def test_a_damaged_pdu_is_told() -> None:
+    talk = begun()
+    talk.ask(framed(b"\x44what"), framed(asked(1)) + b"more")
+    talk.tell(framed(told(1)))
+    talk.close()
+    assert talk.slugs() == ["s7.malformed"] * 2
+    said = "S7comm-plus 0x44 from 10.0.0.1:50000: s7plus: opcode at octet 4 is 68, which is not known"
+    assert said in talk.findings[0].detail
+    assert talk.outcomes() == ["answered"]
+
+
+def test_met_in_its_midst_the_sides_are_known_by_their_roles() -> None:
+    talk = Talk(4000, 4102)
+    talk.tell(framed(told(1)))
+    talk.finish()
+    (connection,) = talk.connections
+    assert (connection.client_known, str(connection.client)) == (True, "10.0.0.1:4000")
+    assert talk.slugs() == ["session.unusual_port"]
+
+
+def test_tls_after_init_ssl() -> None:
+    talk = begun()
+    talk.ask(framed(asked(1, INIT_SSL, 0, 0x30, bytes(4)), 1))
+    talk.tell(framed(told(1, INIT_SSL), 1))
+    talk.ask(HELLO)
+    for _ in range(3):
+        talk.tell(HELLO)
+    talk.close()
+    assert facts(talk) == [("answered", "S7comm-plus InitSSL", 1)]
+    (connection,) = talk.connections
+    assert connection.protocol == "s7comm_plus"
+    assert connection.identified_by == "InitSSL, then TLS 1.0 ClientHello"
+    assert [(one.slug, one.detail) for one in talk.findings] == [
+        ("session.foreign_on_102", "tls: TLS 1.0 ClientHello, after InitSSL")
+    ]
+
+
+def test_functions_are_counted() -> None:
+    talk = begun()
+    talk.ask(framed(asked(1)), framed(asked(2, 0x9999)))
+    talk.tell(framed(told(1)), framed(told(2, 0x9999)), framed(notified()))
+    talk.close()
+    assert talk.pipeline.plus.functions == {GET_MULTI: 2, 0x9999: 2}
+    assert {code: count for code, count in enumerate(talk.pipeline.plus.opcodes) if count} == {
+        0x31: 2,
+        0x32: 2,
+        0x33: 1,
+    }
+    assert talk.pipeline.s7.pdus == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "pdus", "opcodes", "answered", "one_way"),
+    [
+        ("s7commplus_1511_opc_all_types.pcap", 18, {0x31: 9, 0x32: 9}, 9, 0),
+        ("s7comm_and_s7commplus_sll.pcap", 121, {0x31: 34, 0x32: 8, 0x33: 79}, 8, 26),
+    ],
+)
+def test_shared_captures(
+    corpus: Path, name: str, pdus: int, opcodes: dict[int, int], answered: int, one_way: int
+) -> None:
+    """The numbers are those of tshark's TPDUs, counted apart from this package."""
+    analysis = dissect.analyze(str(corpus / name))
+    assert analysis.pipeline is not None
+    assert analysis.pipeline.plus.pdus == analysis.pipeline.iso.tsdus[1] == pdus
+    assert {code: count for code, count in enumerate(analysis.pipeline.plus.opcodes) if count} == opcodes
+    assert analysis.pipeline.plus.unpaired == analysis.pipeline.plus.cut_pdus == 0
+    (connection,) = [one for one in analysis.connections if one.protocol == "s7comm_plus"]
+    assert (connection.answered, connection.unanswered, connection.orphans) == (answered, 0, 0)
+    assert connection.unsolicited == one_way + opcodes.get(0x33, 0)
+    assert analysis.unanswered == 0
+    odd = {
+        slug for slug in analysis.pipeline.finding_counts if not slug.startswith("security.")
+    }  # of S7comm in the same file
+    assert odd == set()

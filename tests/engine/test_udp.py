@@ -1,0 +1,131 @@
+"""Conversations over UDP: what is one, that it ends, that there are never too many."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dissect.engine.payload import PayloadDecoder
+from dissect.transactions.table import MAX_CONNECTIONS, Side
+from tests.bindings import plant
+from tests.transactions.talk import CLIENT, MS, SERVER, Talk
+
+
+class Heard(PayloadDecoder):
+    """Claims one port and writes down what it hears."""
+
+    def __init__(self, port: int = 7000, takes: bool = True) -> None:
+        super().__init__()
+        self.udp_ports = {port}
+        self.takes = takes
+        self.heard: list[tuple[int, bytes, int]] = []
+        self.ended = 0
+
+    def claims_port(self, transport: str, connection: object) -> bool:
+        assert transport == "udp"
+        return self.takes
+
+    def datagram(self, side: Side, octets: bytes, missing: int, frame: int, time_ns: int) -> None:
+        self.heard.append((side.connection.number, octets, missing))
+
+    def end(self, side: Side, frame: int, time_ns: int) -> None:
+        self.ended += 1
+
+
+def hearing(carrier: Heard) -> Talk:
+    talk = Talk()
+    talk.carry(carrier)
+    return talk
+
+
+def test_both_directions_are_one_conversation() -> None:
+    carrier = Heard()
+    talk = hearing(carrier)
+    talk.datagram(CLIENT, b"one", (1, 7000))
+    talk.datagram(SERVER, b"two", (1, 7000))
+    talk.datagram(CLIENT, b"other", (2, 7000))
+    talk.datagram(CLIENT, b"", (1, 7000))
+    assert carrier.heard == [(1, b"one", 0), (1, b"two", 0), (2, b"other", 0), (1, b"", 0)]
+    talk.pipeline.finish()
+    assert carrier.ended == 2
+    first, second = talk.connections
+    assert (first.udp, first.tcp.packets, first.tcp.first_frame, first.tcp.last_frame) == (True, 3, 1, 4)
+    assert (second.number, second.tcp.packets) == (2, 1)
+    assert talk.pipeline.counters.packet_counts()["payload"] == 4
+
+
+def test_a_cut_datagram_says_what_is_missing() -> None:
+    carrier = Heard()
+    talk = hearing(carrier)
+    talk.datagram(CLIENT, b"0123456789", (1, 7000), cut=4)
+    assert carrier.heard == [(1, b"012345", 4)]
+
+
+@pytest.mark.parametrize(("port", "takes"), [(7001, True), (7000, False)])
+def test_what_nobody_claims_is_only_counted(port: int, takes: bool) -> None:
+    carrier = Heard(7000, takes)
+    talk = hearing(carrier)
+    for _ in range(3):
+        talk.datagram(CLIENT, b"x", (1, port))
+    talk.pipeline.finish()
+    assert (carrier.heard, carrier.ended, talk.connections) == ([], 0, [])
+    assert talk.pipeline.counters.packet_counts()["not_tcp"] == 3
+    assert talk.pipeline.datagrams.flows.sides == {}
+
+
+def test_without_a_carrier_udp_is_not_looked_at() -> None:
+    talk = Talk()
+    talk.datagram(CLIENT, plant.ask("Расход 1"))
+    assert talk.pipeline.counters.packet_counts()["not_tcp"] == 1
+
+
+def test_fragments_of_a_datagram_are_put_together() -> None:
+    carrier = Heard()
+    talk = hearing(carrier)
+    payload = bytes(range(200))
+    udp = struct.pack(">HHHH", 1, 7000, 208, 0) + payload
+    for begin, end, more in ((0, 104, 1), (104, 208, 0)):
+        part = udp[begin:end]
+        ip = struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(part), 5, more << 13 | begin // 8, 64, 17, 0)
+        talk.raw(bytes(12) + b"\x08\x00" + ip + bytes((10, 0, 0, 1, 10, 0, 0, 2)) + part)
+    assert carrier.heard == [(1, payload, 0)]
+    counts = talk.pipeline.counters.packet_counts()
+    assert sum(counts.values()) == talk.pipeline.frames == 2
+
+
+def test_too_many_conversations_are_told() -> None:
+    """10,000 of them: those that were silent longest are over, each is told once, nothing else is lost."""
+    talk = Talk()
+    talk.carry(plant.carrier())
+    asked = plant.ask("Расход 1")
+    for number in range(10_000):
+        talk.hosts = [number & 0xFF, 2]
+        talk.datagram(CLIENT, asked, (10_000 + (number >> 8), plant.MESSAGES))
+    assert len(talk.pipeline.datagrams.flows.sides) <= 2 * MAX_CONNECTIONS
+    gone = [connection for connection in talk.connections if connection.tcp.ended == "evicted"]
+    assert len(gone) == talk.pipeline.datagrams.flows.evicted == 10_000 - len(talk.pipeline.datagrams.flows.sides) // 2
+    talk.pipeline.finish()
+    reasons = [one.reason for one in talk.transactions]
+    assert reasons.count("connection_evicted") == len(gone) > 0
+    assert reasons.count("capture_ended") == 10_000 - len(gone)
+    talk.pipeline.exchange.report_findings()
+    assert talk.pipeline.finding_counts["stream.evicted"] == len(gone)
+
+
+@given(
+    st.lists(
+        st.tuples(st.booleans(), st.sampled_from([7000, 7001]), st.binary(max_size=9), st.integers(0, 60)), max_size=8
+    )
+)
+def test_every_packet_is_counted(packets: list[tuple[bool, int, bytes, int]]) -> None:
+    carrier = Heard()
+    talk = hearing(carrier)
+    for side, port, payload, cut in packets:
+        talk.first.now_ns += MS
+        talk.datagram(int(side), payload, (1, port), cut)
+    talk.pipeline.finish()
+    assert sum(talk.pipeline.counters.packet_counts().values()) == len(packets)
+    assert talk.pipeline.counters.packet_counts()["failed"] == 0

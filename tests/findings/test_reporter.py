@@ -1,0 +1,77 @@
+from __future__ import annotations
+
+import pytest
+
+from dissect.findings.catalogue import CATALOGUE
+from dissect.findings.finding import ERROR, SEVERITIES, Finding
+from dissect.findings.reporter import MAX_DETAILED, MAX_DETAILED_ALL, Reporter
+
+
+def test_a_finding_is_counted_and_told() -> None:
+    judge = Reporter()
+    judge.note("transaction.refused", 3, [7, 9], 123, "what was seen")
+    assert judge.counts == {"transaction.refused": 1}
+    (finding,) = judge.fresh
+    assert (finding.slug, finding.connection, finding.frames, finding.time_ns) == (
+        "transaction.refused",
+        3,
+        [7, 9],
+        123,
+    )
+    assert (finding.detail, finding.severity, finding.rule) == (
+        "what was seen",
+        "warning",
+        CATALOGUE["transaction.refused"],
+    )
+    assert repr(finding) == "Finding('transaction.refused', connection=3, frames=[7, 9])"
+
+
+@pytest.mark.parametrize("count", [MAX_DETAILED, MAX_DETAILED + 1, 10 * MAX_DETAILED])
+def test_so_many_are_told_of_one_connection(count: int) -> None:
+    judge = Reporter()
+    for frame in range(count):
+        judge.note("s7.malformed", 1, [frame], frame, "")
+    assert judge.counts["s7.malformed"] == count
+    assert [finding.frames[0] for finding in judge.fresh] == [*range(MAX_DETAILED)]
+
+
+def test_the_bound_is_by_slug_and_connection() -> None:
+    judge = Reporter()
+    for slug in ("s7.malformed", "tpkt.garbage"):
+        for connection in (0, 1, 2):
+            for frame in range(MAX_DETAILED + 5):
+                judge.note(slug, connection, [frame], frame)
+    assert judge.counts == {"s7.malformed": 3 * (MAX_DETAILED + 5), "tpkt.garbage": 3 * (MAX_DETAILED + 5)}
+    assert len(judge.fresh) == 6 * MAX_DETAILED
+
+
+def test_so_many_are_told_of_all_connections() -> None:
+    judge = Reporter()
+    for connection in range(5 * MAX_DETAILED_ALL):
+        judge.note("tpkt.garbage", connection, [1], 1)
+        judge.note("tpkt.garbage", connection, [2], 2)
+    assert judge.counts["tpkt.garbage"] == 10 * MAX_DETAILED_ALL
+    assert len(judge.fresh) == MAX_DETAILED_ALL
+    judge.note("tpkt.bad_length", 1, [3], 3)
+    assert len(judge.fresh) == MAX_DETAILED_ALL + 1
+
+
+def test_nobody_builds_a_sentence_in_vain() -> None:
+    judge = Reporter()
+    wanted = [judge.wants("stream.hole", 1) for _ in range(MAX_DETAILED + 3)]
+    assert wanted == [True] * MAX_DETAILED + [False] * 3
+    assert judge.counts["stream.hole"] == MAX_DETAILED + 3
+    assert judge.fresh == []
+    judge.detail("stream.hole", 1, [4], 4, "7 octets")
+    assert judge.counts["stream.hole"] == MAX_DETAILED + 3
+    assert [finding.detail for finding in judge.fresh] == ["7 octets"]
+
+
+def test_a_slug_outside_the_catalogue_is_a_bug_of_ours() -> None:
+    with pytest.raises(KeyError):
+        Reporter().note("no.such", 0, [], 0)
+
+
+def test_severities_from_the_heaviest() -> None:
+    assert SEVERITIES == ("error", "warning", "note")
+    assert Finding(CATALOGUE["internal.bug"], 0, [], 0, "").severity == ERROR

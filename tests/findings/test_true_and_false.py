@@ -1,0 +1,111 @@
+"""Rules that spoke where nothing was wrong: for each the case in which they have to, and the one in which they must not."""
+
+from __future__ import annotations
+
+import pytest
+
+from dissect.tcp.stream import MASK
+from tests.transactions.talk import (
+    CLIENT,
+    MS,
+    SECOND,
+    SERVER,
+    Talk,
+    ack_data,
+    dbw,
+    dt,
+    head,
+    item,
+    read,
+    tpkt,
+    userdata,
+    words,
+    write,
+    written,
+)
+
+
+def slugs(talk: Talk) -> set[str]:
+    return {found.slug for found in talk.findings}
+
+
+@pytest.mark.parametrize(("codes", "found"), [(b"\x03\x03", True), (b"\xff\x03", False), (b"\x03\xff", False)])
+def test_protected_is_what_refuses_all(codes: bytes, found: bool) -> None:
+    """A timer that cannot be written beside a flag that was says nothing about protection."""
+    talk = Talk()
+    talk.open()
+    values = written(4, b"\x00\x01") + written(4, b"\x00\x02")
+    talk.ask(write(1, [item(0x83, 0, 0, 4), item(0x1D, 0, 0, 0x1D)], values))
+    talk.tell(ack_data(1, b"\x05\x02", codes))
+    talk.close()
+    assert ("security.protected" in slugs(talk)) is found
+
+
+@pytest.mark.parametrize(("lists", "found"), [((0x0011, 0x001C, 0x0111), True), ((0x0132, 0x0131, 0x0011), False)])
+def test_reconnaissance_is_no_start_of_a_panel(lists: tuple[int, ...], found: bool) -> None:
+    talk = Talk()
+    talk.open()
+    for number, szl_id in enumerate(lists, 1):
+        talk.ask(userdata(number, head(1, 4, 1), b"\xff\x09\x00\x04" + szl_id.to_bytes(2, "big") + b"\x00\x00"))
+    talk.close()
+    assert ("security.reconnaissance" in slugs(talk)) is found
+
+
+@pytest.mark.parametrize("midway", [True, False])
+def test_a_new_writer_was_not_there_before(midway: bool) -> None:
+    """Of a connection that was open when the capture began, nobody knows what it wrote before."""
+    first = Talk()
+    second = Talk(50001, beside=first)
+    second.hosts = [7, 2]
+    first.open()
+    first.ask(write(1, [dbw(1, 0)], written(4, b"\x00\x01")))
+    first.tell(ack_data(1, b"\x05\x01", b"\xff"))
+    if not midway:
+        second.open()
+    for number in (1, 2):
+        second.ask(write(number, [dbw(1, 0)], written(4, b"\x00\x01")))
+        second.tell(ack_data(number, b"\x05\x01", b"\xff"))
+    first.close()
+    assert ("security.new_writer" in slugs(first)) is not midway
+
+
+@pytest.mark.parametrize(("age_ns", "failed"), [(15 * MS, False), (52 * MS, False), (3 * SECOND, True)])
+def test_a_request_is_unanswered_when_its_answer_was_due(age_ns: int, failed: bool) -> None:
+    """One rule for the finding and for the list of what failed."""
+    talk = Talk()
+    talk.open()
+    talk.ask(read(1, dbw(1, 0)))
+    talk.packet(CLIENT, after_ns=age_ns)
+    talk.finish()
+    assert ("transaction.unanswered" in slugs(talk)) is failed
+    assert [transaction.failed for transaction in talk.transactions] == [failed]
+
+
+def test_a_foreign_protocol_gets_no_findings_of_iso() -> None:
+    talk = Talk(server_port=3389)
+    talk.hello()
+    talk.packet(CLIENT, tpkt(b"\x08\xe0\x00\x00\x00\x00\x00\x0d\x0a"))
+    talk.packet(SERVER, tpkt(b"\x06\xd0\x00\x00\x12\x34\x00"))
+    talk.packet(CLIENT, dt(b"\x7f\x65" + bytes(90)))
+    for _ in range(5):
+        talk.packet(SERVER, b"\x80\x2d" + bytes(43))  # fast-path octets, in no TPKT
+    talk.close()
+    assert slugs(talk) == set()
+    assert [connection.protocol for connection in talk.connections] in (["rdp"], [])
+
+
+def test_the_latency_runs_from_the_first_whole_copy_of_a_request() -> None:
+    """Its retransmission also brings octets that were lost before: the client waited from the first copy on."""
+    talk = Talk()
+    talk.open()
+    before = b"\x03\x00\x00\x07\x02\xf0\x80"
+    asked = dt(read(1, dbw(1, 0)))
+    start = talk.seq[CLIENT]
+    first = talk.packet(CLIENT, asked, seq=(start + len(before)) & MASK)
+    talk.packet(CLIENT, before + asked, seq=start, after_ns=200 * MS)
+    talk.seq[CLIENT] = (start + len(before + asked)) & MASK
+    talk.tell(words(1, 7), after_ns=30 * MS)
+    talk.close()
+    [transaction] = talk.transactions
+    assert transaction.request_frame == first
+    assert transaction.latency_ns == 230 * MS

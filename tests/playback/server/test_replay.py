@@ -1,0 +1,142 @@
+"""Each capture is served, and its client played against it: to the octet what the recorded server said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from dissect.playback.server import Server, ServerError, load_recording
+from tests.playback.server.support import Tpkts, messages, play
+
+FOLDER: Final = Path(__file__).resolve().parent.parent.parent.parent / "captures"
+PATHS: Final = sorted(FOLDER.rglob("*.pcap*"))
+IDS: Final = [str(path.relative_to(FOLDER)) for path in PATHS]
+
+#: Nobody spoke S7comm over TCP there, so there is nothing to serve.
+NOTHING: Final = {
+    "refused-port": "nobody listened",
+    "false-starts": "what looks like a TPKT is none",
+    "look-alikes": "other protocols that begin as S7 does",
+    "netlink": "S7comm over IBH-NetLink, not over ISO-on-TCP",
+    "cotp_unknown_payload_rst": "COTP with something else in it",
+    "mms_header_in_own_segment": "MMS",
+    "mms_one_sided_read_request": "MMS",
+    "rdp-proprietary-encryption": "RDP",
+    "s7commplus_1511_opc_all_types": "S7comm-plus",
+}
+#: Connections that break off here, by number: what the client sends there no server can go on with.
+BROKEN: Final = {
+    ("cotp-endless", 1): "a message without end",
+    ("cotp-faults", 1): "DT is not expected there",  # its header is longer than the TPDU
+    ("cotp-faults", 4): "CR is not expected there",
+    ("cotp-tpdus", 1): "ED is not expected there",  # class 2, which is answered in class 0
+    ("cotp-tpdus", 2): "ED is not expected there",
+    ("cotp-tpdus", 3): "ED is not expected there",
+    ("reference-examples", 4): "ED is not expected there",
+    ("reuse-without-syn", 1): "CR is not expected there",  # another connection, whose beginning was not captured
+}
+#: Connections of which the messages are compared, not the octets around them.
+WHOLE: Final = {
+    ("two-clients", 2): "the confirmation of its end has a broken variable part (captures/README.md)",
+    ("cotp-faults", 2): "the TSAP of its CR is longer than the CR, so it is confirmed without one",
+    ("cotp-faults", 3): "its CC came without a CR",
+    ("cotp-faults", 6): "its server began a message and never ended it",
+    ("cotp-fragments", 1): "its server sent empty DTs",
+}
+#: Connections whose answers come in another order here: that of the requests, unless they take as long as recorded.
+REORDERED: Final = {("references", 1)}
+#: Connections that are not served, in captures where others are.
+OTHERS: Final = {
+    ("s7comm_and_s7commplus_sll", 1): "speaks S7comm-plus",
+    ("plant", 1): "speaks unknown protocol",  # SCD without S7comm
+}
+#: Answers that are not served, because the capture lost their requests.
+LOST: Final = {"holes": 4, "ip-fragments": 1, "snaplen": 3}
+#: Of these, those whose other messages are known in part only as well: nobody can tell what is to come, octet by octet. What
+#: the fake PLC says to those that are known is compared in tests/playback/client.
+IN_PART: Final = {"holes", "snaplen"}
+#: What the client sent that is no request.
+STRANGE: Final = {
+    "coverage-userdata": 1,  # an answer to nothing
+    "reference-examples": 1,  # no S7comm
+    "s7-lengths": 1,
+    "s7-mismatches": 3,
+}
+
+
+def expect_told(path: Path, lost: int) -> None:
+    """Look for the line about answers whose requests are not there."""
+    told = f"{lost} answer{'s are' if lost > 1 else ' is'} not served"
+    assert any(told in note for note in load_recording(path).notes)
+
+
+def expect_the_same(path: Path) -> None:
+    """Play every connection of a capture to its fake PLC."""
+    name = path.name.partition(".")[0]
+    connections = Tpkts(path).connections
+    with Server(path) as server:
+        for number, packets in enumerate(connections, 1):
+            this = (name, number)
+            if this in OTHERS:
+                assert f"connection {number} {OTHERS[this]}, which is not served" in server.recording.notes
+                continue
+            if this in BROKEN:
+                with pytest.raises(ConnectionResetError):
+                    play(server, packets, whole=True)
+                assert any(BROKEN[this] in text for text in server.problems)
+                continue
+            wanted, got = play(server, packets, this in WHOLE, name in LOST)
+            if this in REORDERED:
+                assert sorted(messages(got)) == sorted(messages(wanted))
+            elif this in WHOLE:
+                assert messages(got) == messages(wanted)
+            else:
+                assert got.hex(" ") == wanted.hex(" ")
+        assert len(server.unmatched) == STRANGE.get(name, 0)
+        assert not any("broken" in text for text in server.problems)
+
+
+@pytest.mark.parametrize("path", PATHS, ids=IDS)
+def test_the_fake_plc_says_what_the_recorded_one_said(path: Path) -> None:
+    expect_played(path)
+
+
+def expect_played(path: Path) -> None:
+    """Play a capture, or see that there is nothing to be played."""
+    name = path.name.partition(".")[0]
+    if name in NOTHING:
+        with pytest.raises(
+            ServerError, match="no connection in it speaks S7comm over TCP, so there is nothing to serve"
+        ):
+            load_recording(path)
+        return
+    if name in LOST:
+        expect_told(path, LOST[name])
+    if name not in IN_PART:
+        expect_the_same(path)
+
+
+@pytest.mark.parametrize("name", ["two-clients", "setup-pdu-sizes"])
+def test_connections_at_once_do_not_mix(name: str) -> None:
+    connections = Tpkts(FOLDER / f"{name}.pcapng").connections
+    with Server(FOLDER / f"{name}.pcapng") as server:
+        for packets in reversed(connections):
+            if name == "two-clients":  # their TSAPs tell them apart
+                wanted, got = play(server, packets[:-1])
+                assert got == wanted
+        assert server.unmatched == []
+
+
+def test_public_captures_play_as_well(corpus: Path) -> None:
+    paths = [path for path in sorted(corpus.glob("*.pcap*")) if path.stat().st_size < 1_000_000]
+    assert len(paths) > 10
+    for path in paths:
+        expect_played(path)
+
+
+def test_the_tables_of_exceptions_name_captures() -> None:
+    here = {path.name.partition(".")[0] for path in PATHS}
+    named = {name for name, _ in (*BROKEN, *WHOLE, *REORDERED)} | LOST.keys() | STRANGE.keys() | IN_PART
+    assert named <= here

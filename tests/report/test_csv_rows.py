@@ -1,0 +1,119 @@
+"""CSV: a row for each item, every value whole, the columns of the transaction the same in each of its rows."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+
+from dissect.report.csv_rows import CSV_COLUMNS, CsvRows, csv_columns, csv_rows
+from dissect.report.places import Places
+from dissect.source.packet import SourceFile
+from dissect.transactions.transaction import Transaction
+from dissect.wire.clock import Clock
+from tests.properties import messages
+from tests.properties.messages import Item, dt
+from tests.report.support import WORD, begun, observed, read, transactions
+
+ONE = Places([SourceFile("one.pcap", 1)], False)
+SEVERAL = Places([SourceFile("one.pcap", 1), SourceFile("two.pcap", 9)], True)
+
+
+def rows(transaction: Transaction, places: Places = ONE) -> list[dict[str, str]]:
+    return [dict(zip(csv_columns(places), row, strict=True)) for row in csv_rows(transaction, Clock(), places)]
+
+
+def test_a_read_of_one_item() -> None:
+    told = transactions(read(read(begun(), 1), 2, WORD, 0x0A).packets())
+    assert rows(told[1]) == [
+        {
+            "number": "2",
+            "connection": "1",
+            "asked_by": "10.0.0.1:49152",
+            "answered_by": "10.0.0.2:102",
+            "pdu_ref": "1",
+            "rosctr": "1",
+            "function": "4",
+            "function_name": "Read Var",
+            "request_frame": "8",
+            "response_frame": "9",
+            "request_time": "2024-03-04T05:06:07.007000000Z",
+            "response_time": "2024-03-04T05:06:07.008000000Z",
+            "latency_ns": "1000000",
+            "outcome": "answered",
+            "reason": "",
+            "item": "1",
+            "address": "DB10.DBW4",
+            "name": "",
+            "return_code": "255",
+            "result": "Success",
+            "value": "1234",
+            "value_text": "",
+            "unit": "",
+            "octets": "04d2",
+            "errors": "",
+            "subject": "",
+        }
+    ]
+    (refused,) = rows(told[2])
+    assert (refused["return_code"], refused["result"], refused["value"]) == ("10", "Object does not exist", "")
+    assert refused["errors"] == "item 1: 0x0a Object does not exist"
+
+
+def test_each_item_has_a_row_and_its_own_error() -> None:
+    items = [Item(0x02, 1, 1, 0x84, 8 * number) for number in range(20)]
+    talk = begun().send(0, dt(messages.read_job(1, items)))
+    talk.send(1, dt(messages.read_answer(1, items, [*[b"\x07"] * 19, 0x05])))
+    told = rows(transactions(talk.packets())[1])
+    assert [row["item"] for row in told] == [str(number) for number in range(1, 21)]
+    assert [row["address"] for row in told] == [f"DB1.DBB{number}" for number in range(20)]
+    assert [row["value"] for row in told] == ["7"] * 19 + [""]
+    assert [row["errors"] for row in told] == [""] * 19 + ["item 20: 0x05 Invalid address"]
+    assert len({tuple(list(row.values())[:15]) for row in told}) == 1
+
+
+def test_a_long_value_is_whole() -> None:
+    many = Item(0x02, 200, 1, 0x84, 0)
+    octets = bytes(range(200))
+    talk = begun().send(0, dt(messages.read_job(1, [many]))).send(1, dt(messages.read_answer(1, [many], [octets])))
+    (told,) = rows(transactions(talk.packets())[1])
+    assert told["octets"] == octets.hex()
+    assert json.loads(told["value"]) == list(octets)
+    assert "…" not in "".join(told.values())
+
+
+def test_a_transaction_without_items_says_what_it_is_about() -> None:
+    (told,) = rows(transactions(begun().packets())[0])
+    assert (told["item"], told["subject"]) == ("", "granted PDU 480, AmQ 1/1")
+
+
+def test_halves() -> None:
+    talk = begun().send(1, dt(messages.read_answer(9, [WORD], [b"\x00\x01"])))
+    talk.send(0, dt(messages.pdu(messages.JOB, 2, b"\x1d"))).send(
+        1, dt(messages.pdu(messages.ACK, 2, b"", b"", 0x8104))
+    )
+    talk.send(0, dt(messages.read_job(3, [WORD])))
+    found = [row for each in transactions(talk.packets())[1:] for row in rows(each)]
+    keys = ("request_frame", "response_frame", "request_time", "response_time", "latency_ns", "outcome", "reason")
+    told = {row["outcome"]: [row[key] for key in keys] for row in found}
+    assert told["orphan_answer"] == ["", "8", "", "2024-03-04T05:06:07.007000000Z", "", "orphan_answer", ""]
+    assert told["unanswered"] == ["11", "", "2024-03-04T05:06:07.010000000Z", "", "", "unanswered", "capture_ended"]
+    assert next(row["errors"] for row in found if row["outcome"] == "answered").startswith("header: 0x8104 ")
+
+
+def test_files_are_named_when_there_are_several() -> None:
+    (row,) = rows(transactions(read(begun(), 1).packets())[1], SEVERAL)
+    assert (row["request_frame"], row["request_file"]) == ("8", "one.pcap")
+    assert (row["response_frame"], row["response_file"]) == ("1", "two.pcap")
+    assert csv_columns(ONE) == CSV_COLUMNS
+    assert [name for name in csv_columns(SEVERAL) if not name.endswith("_file")] == CSV_COLUMNS
+
+
+def test_lines_are_rfc_4180() -> None:
+    collected = CsvRows(lambda transaction: transaction.number > 1)
+    collected.begin(ONE)
+    observed(collected, read(read(begun(), 1), 2).packets())
+    table = list(csv.reader(io.StringIO("\n".join(collected.take()))))
+    assert table[0] == CSV_COLUMNS
+    assert [row[0] for row in table[1:]] == ["2", "3"]
+    assert collected.take() == []

@@ -1,0 +1,158 @@
+"""How the package is built: what is compiled and how, asked of setup.py without building anything."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final
+
+import pytest
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture
+def setup(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The module setup.py, which builds only when it is run."""
+    monkeypatch.chdir(ROOT)
+    for name in ("S7DISSECT_COMPILED", "S7DISSECT_RELEASE"):
+        monkeypatch.delenv(name, raising=False)
+    spec = importlib.util.spec_from_file_location("s7dissect_setup", ROOT / "setup.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_pattern_names_a_module(setup: ModuleType) -> None:
+    """A module that was renamed would silently change sides."""
+    unused = [pattern for pattern in (*setup.HOT, *setup.COLD) if not list(ROOT.glob(pattern))]
+    assert unused == []
+    hot = {path for pattern in setup.HOT for path in ROOT.glob(pattern)}
+    assert [pattern for pattern in setup.COLD if hot.isdisjoint(ROOT.glob(pattern))] == []
+
+
+def classes(path: Path) -> Iterator[tuple[ast.ClassDef, dict[str, tuple[str, str]]]]:
+    """Give every class of a module, and where the names come from that the module imports from others of ours."""
+    tree = ast.parse(path.read_bytes())
+    names = {
+        alias.asname or alias.name: (f"{node.module.replace('.', '/')}.py", alias.name)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("dissect")
+        for alias in node.names
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef):
+            yield node, names
+
+
+def is_open(node: ast.ClassDef) -> bool:
+    return any("allow_interpreted_subclasses=True" in ast.unparse(decorator) for decorator in node.decorator_list)
+
+
+def test_interpreted_classes_derive_from_no_compiled_one_that_is_not_marked_for_it(setup: ModuleType) -> None:
+    """Python refuses to import such a module when the engine is compiled."""
+    compiled = set(setup.hot_modules())
+    closed = {
+        (name, node.name)
+        for name in compiled
+        for node, _ in classes(ROOT / name)
+        if not is_open(node) and not any(ast.unparse(base).endswith(("Error", "Exception")) for base in node.bases)
+    }
+    assert ("dissect/wire/layout.py", "Field") in closed
+    wrong = [
+        f"{name}: class {node.name}({ast.unparse(base)})"
+        for path in sorted((ROOT / "dissect").rglob("*.py"))
+        if (name := path.relative_to(ROOT).as_posix()) not in compiled
+        for node, names in classes(path)
+        for base in node.bases
+        if names.get(ast.unparse(base)) in closed
+    ]
+    assert wrong == []
+
+
+class Mypyc(ModuleType):
+    """What stands for mypyc.build: notes how it is called."""
+
+    def __init__(self, extensions: list[Any]) -> None:
+        super().__init__("mypyc.build")
+        self.extensions = extensions
+        self.options: dict[str, Any] = {}
+
+    def mypycify(self, paths: list[str], **options: Any) -> list[Any]:
+        self.options = options
+        return self.extensions
+
+
+@pytest.mark.parametrize(("release", "level", "many"), [("", "1", True), ("0", "1", True), ("1", "3", False)])
+def test_a_checkout_builds_fast_and_a_release_builds_for_speed(
+    release: str, level: str, many: bool, setup: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mypyc = Mypyc([])
+    monkeypatch.setitem(sys.modules, "mypyc.build", mypyc)
+    monkeypatch.setattr(setup, "compiler_trouble", str)
+    monkeypatch.setenv("S7DISSECT_RELEASE", release)
+    assert setup.extensions() == []
+    options = mypyc.options
+    assert (options["opt_level"], options["multi_file"], options["debug_level"]) == (level, many, "0")
+
+
+def test_interpreted_on_purpose(
+    setup: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("S7DISSECT_COMPILED", "0")
+    assert setup.extensions() == []
+    assert capsys.readouterr().err == (
+        "s7dissect: the engine is NOT compiled and runs interpreted, slower: asked for with S7DISSECT_COMPILED=0\n"
+    )
+
+
+@pytest.mark.parametrize("trouble", ["no compiler", ""])
+def test_a_fallback_is_an_error_where_it_must_not_happen(
+    trouble: str, setup: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a compiler, and when mypyc rejects the code."""
+    monkeypatch.setenv("S7DISSECT_COMPILED", "1")
+    monkeypatch.setattr(setup, "compiler_trouble", lambda: trouble)
+    monkeypatch.setitem(sys.modules, "mypyc.build", None)
+    with pytest.raises(SystemExit, match=r"S7DISSECT_COMPILED=1 demands it: .") as caught:
+        setup.extensions()
+    assert trouble in str(caught.value)
+
+
+def test_the_parts_hold_every_source_once_and_are_alike(setup: ModuleType, tmp_path: Path) -> None:
+    sources = []
+    for number in range(50):
+        path = tmp_path / f"module_{number}.c"
+        path.write_text("/* */" * (number * number), encoding="ascii")
+        sources.append(str(path))
+    parts = setup.united(sources)
+    assert len(parts) == setup.PARTS
+    included = [line for part in parts for line in Path(part).read_text("ascii").splitlines()]
+    assert sorted(included) == sorted(f'#include "module_{number}.c"' for number in range(50))
+    sizes = [
+        sum((tmp_path / line.split('"')[1]).stat().st_size for line in Path(part).read_text("ascii").splitlines())
+        for part in parts
+    ]
+    assert max(sizes) < 1.5 * min(sizes)
+    before = [Path(part).read_bytes() for part in parts]
+    assert setup.united(sources[::-1]) == parts
+    assert [Path(part).read_bytes() for part in parts] == before
+
+
+def test_compilers_side_by_side_give_their_objects_in_order(setup: ModuleType) -> None:
+    compile_all = setup.SideBySide(lambda sources, suffix: [f"{source}{suffix}" for source in sources])
+    assert compile_all([str(number) for number in range(20)], suffix=".o") == [f"{number}.o" for number in range(20)]
+
+
+def test_a_compiler_that_fails_is_not_overlooked(setup: ModuleType) -> None:
+    def fail(sources: list[str]) -> list[str]:
+        raise ValueError(sources[0])
+
+    with pytest.raises(ValueError, match="first"):
+        setup.SideBySide(fail)(["first", "second"])
