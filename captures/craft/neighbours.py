@@ -65,8 +65,10 @@ def look_alikes(case: Case) -> None:
 
 
 def plus(version: int, opcode: int) -> bytes:
-    """A TPKT with S7comm-plus; from version 3 on its content is protected."""
-    content = bytes([opcode]) + bytes.fromhex("00 00 04 ca 00 00 00 01 00 00 01 20 36 00 00")
+    """A TPKT with S7comm-plus, the end of a sequence; from version 3 on its content is protected."""
+    head = bytes([opcode]) + bytes.fromhex("00 00 05 60 00 00 00 01")
+    content = head + (bytes.fromhex("00 00 01 20 34 00 00") if opcode == 0x31 else bytes.fromhex("34 00"))
+    content += (b"\x07" if opcode == 0x31 else b"\x08") * (version == 3) + bytes(4)
     if version == 3:
         content = b"\x20" + b"\x5a" * 32 + content
     return dt(bytes([0x72, version]) + len(content).to_bytes(2, "big") + content + bytes([0x72, version, 0, 0]))

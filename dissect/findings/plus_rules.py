@@ -28,6 +28,7 @@ from dissect.s7plus.events import (
 )
 from dissect.s7plus.program import Program
 from dissect.s7plus.session import Identity, PlusSession
+from dissect.s7plus.walk import MAX_WORK, STEP
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import OperationBook
 from dissect.transactions.plus_operations import PlusOperations
@@ -83,12 +84,17 @@ class PlusWatch:
                 self._operations.take(event, session, transaction)
                 self._tell(session, event, transaction)
             if facts.malformed:
-                frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
-                detail = f"{transaction.function_name}: {facts.malformed[0]}"
-                time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
-                self._judge.note("s7plus.malformed", connection.number, frames, time_ns, detail)
+                self._note("s7plus.malformed", transaction, str(facts.malformed[0]))
+            if facts.exhausted:
+                self._note("s7.plus_too_long", transaction, f"more than {MAX_WORK // STEP} values")
         if transaction.error_code in _PROTECTED and connection.traits.first("security.protected"):
             self._security.tell("security.protected", transaction, transaction.function_name)
+
+    def _note(self, slug: str, transaction: Transaction, what: str) -> None:
+        frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
+        time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
+        detail = f"{transaction.function_name}: {what}"
+        self._judge.note(slug, transaction.connection.number, frames, time_ns, detail)
 
     def _begin(self, connection: Connection) -> PlusSession:
         host = str(connection.server.host)

@@ -19,7 +19,8 @@ from dissect.s7.hiding import secret_spans, secret_spans_within
 from dissect.s7.message import Pdu
 from dissect.s7plus import layouts as s7plus
 from dissect.s7plus.contents import Contents
-from dissect.s7plus.hiding import HIDDEN, shown_contents
+from dissect.s7plus.hiding import shown_contents
+from dissect.s7plus.ids import HIDDEN
 from dissect.s7plus.message import PlusPdu, fixed_part
 from dissect.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
 from dissect.wire.hexdump import hexdump

@@ -55,7 +55,7 @@ from dissect.s7plus.tables import (
     VERSIONS,
 )
 from dissect.s7plus.value_reading import read_members, read_value
-from dissect.s7plus.walk import FormatError, Walk
+from dissect.s7plus.walk import EXHAUSTED, FormatError, Walk
 from dissect.wire.varint import VLQ, VLQ64, read_varint
 
 #: Reads the body of a function; what it leaves is the end of the PDU.
@@ -64,10 +64,11 @@ Reader = Callable[[Walk, Contents], None]
 _DETAILS: Final = 62  # bit of the return value: an object with details follows
 
 
-def parse_contents(pdu: PlusPdu, shown: bool = True) -> Contents:
+def parse_contents(pdu: PlusPdu, shown: bool = True, most: int = 0) -> Contents:
     """Read what a PDU carries behind its head. Never raises.
 
-    Offsets are within ``pdu.data``; ``shown`` false leaves the parts out.
+    Offsets are within ``pdu.data``; ``shown`` false leaves the parts out. ``most`` bounds the work (`Walk`): what a PDU that
+    takes more holds is not known (`Contents.exhausted`).
     """
     found = Contents(pdu)
     if pdu.version == KEEP_ALIVE or pdu.version not in VERSIONS:
@@ -76,11 +77,12 @@ def parse_contents(pdu: PlusPdu, shown: bool = True) -> Contents:
     size = head.size if head is not None else 1
     if len(pdu.data) < size:
         return found
-    walk = Walk(pdu.data, size, len(pdu.data), shown)
+    walk = Walk(pdu.data, size, len(pdu.data), shown, most)
     try:
         _read(walk, found, pdu)
         walk.rest(found.malformed)
     except FormatError as fault:
+        found.exhausted = fault.reason == EXHAUSTED
         walk.rest(found.malformed, None if _blank(pdu, size) else fault, "snaplen" if pdu.cut else "tsdu")
     found.parts = walk.parts
     return found

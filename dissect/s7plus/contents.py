@@ -98,6 +98,7 @@ class Contents:
     __slots__ = (
         "addresses",
         "digest",
+        "exhausted",
         "frame_starts",
         "ids",
         "integrity_id",
@@ -124,6 +125,7 @@ class Contents:
         self.parts: list[Part] = []
         self.malformed: list[Malformed] = []
         self.whole = False  # read up to the last octet, and nothing was odd
+        self.exhausted = False  # given up, because it takes more work than was allowed
         self.integrity_id = -1
         self.digest = b""
         self.object_id = -1

@@ -9,10 +9,10 @@ from typing import Final
 
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, Contents
-from dissect.s7plus.hiding import PASSWORDS
-from dissect.s7plus.ids import AREAS, BLOCK_KINDS, block_name, short_name
+from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, block_name, short_name
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.objects import PlusObject, every_object
+from dissect.s7plus.program import TYPE_INFO
 from dissect.s7plus.program_tables import LANGUAGES, OPERATING_STATES, STATE_REQUESTS
 from dissect.s7plus.session import (
     CPU_EXEC_UNIT,
@@ -27,6 +27,7 @@ from dissect.s7plus.session import (
 )
 from dissect.s7plus.summary import NAME, single_address
 from dissect.s7plus.tables import (
+    ATTRIBUTE_TAG,
     CREATE_OBJECT,
     DELETE_OBJECT,
     EXPLORE,
@@ -39,8 +40,9 @@ from dissect.s7plus.tables import (
 )
 from dissect.s7plus.value_showing import value_text
 from dissect.s7plus.values import Value
+from dissect.s7plus.walk import MAX_WORK
 from dissect.wire.malformed import Malformed
-from dissect.wire.octets import u32
+from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ, build_varint, read_varint
 
 # Kinds of events.
@@ -79,6 +81,10 @@ _NAMED: Final = 5
 # What tells cheaply that a PDU may matter.
 _STATE_MARK: Final = build_varint(OPERATING_STATE, VLQ)
 _IDENTIFICATION_MARK: Final = build_varint(IDENTIFICATION, VLQ)
+_EXPLORED_MARKS: Final = (
+    *[bytes((ATTRIBUTE_TAG,)) + build_varint(id_, VLQ) for id_ in sorted(_CODE)],
+    build_varint(TYPE_INFO, VLQ),
+)
 _ALWAYS: Final = frozenset((CREATE_OBJECT, DELETE_OBJECT, EXPLORE))
 _REQUEST_SIZE: Final = 14
 _HEADER: Final = 4
@@ -100,11 +106,15 @@ class Event:
 
 
 class Facts:
-    """What `take` found: events, and what is wrong with the contents, offsets counted from the beginning of the PDU."""
+    """What `take` found: events, and what is wrong with the contents, offsets counted from the beginning of the PDU.
 
-    __slots__ = ("events", "malformed")
+    ``exhausted`` tells of a PDU that takes more than `MAX_WORK`: what it holds is not known.
+    """
+
+    __slots__ = ("events", "exhausted", "malformed")
 
     def __init__(self) -> None:
+        self.exhausted = False
         self.events: list[Event] = []
         self.malformed: list[Malformed] = []
 
@@ -118,6 +128,10 @@ def take(session: PlusSession, function: int, request: bytes, response: bytes) -
         return _notified(session, response) if session.states and response else None
     if not request or not _may_matter(session, function, request):
         return None
+    if function == EXPLORE:
+        session.explores += 1
+        if not _tells(response):
+            return None
     facts = Facts()
     asked = _read(request, facts)
     told = _read(response, facts) if response else None
@@ -129,7 +143,8 @@ def take(session: PlusSession, function: int, request: bytes, response: bytes) -
 
 def _read(octets: bytes, facts: Facts) -> tuple[PlusPdu, Contents]:
     pdu = parse_plus(octets)
-    found = parse_contents(pdu, shown=False)
+    found = parse_contents(pdu, False, MAX_WORK)
+    facts.exhausted = facts.exhausted or found.exhausted
     if pdu.whole and not pdu.malformed:
         for fact in found.malformed:
             fact.offset = pdu.place(fact.offset)
@@ -160,6 +175,18 @@ def _may_matter(session: PlusSession, function: int, octets: bytes) -> bool:
     return first in PASSWORDS or first == REFERENCE_LIST
 
 
+def _tells(response: bytes) -> bool:
+    """Tell whether an answer to Explore may hold the code of a block, or the names of variables.
+
+    Looked for in the octets of one frame; an answer in several, where a mark could be cut, is read in any case.
+    """
+    if len(response) <= _HEADER:
+        return False
+    if _HEADER + u16(response, 2) + _HEADER < len(response):
+        return True
+    return any([mark in response for mark in _EXPLORED_MARKS])
+
+
 def _judge(
     session: PlusSession, facts: Facts, function: int, asked: Contents, told: Contents | None, good: bool
 ) -> None:
@@ -173,7 +200,6 @@ def _judge(
             session.unsubscribe(asked.object_id)
             facts.events.append(Event(DELETED, "", asked.object_id))
     elif function == EXPLORE:
-        session.explores += 1
         if told is not None and good:
             _explored(session, facts, told)
     elif function == SET_MULTI_VARIABLES and asked.addresses:
@@ -192,7 +218,7 @@ def _created(session: PlusSession, facts: Facts, asked: Contents, told: Contents
             session.session_opened(told)
         facts.events.append(Event(SESSION, "", made[0] if made else 0))
     elif asked.object_id == _PROGRAM:
-        facts.events.append(Event(CHANGED, f"load {_blocks(asked.objects)}"))
+        facts.events.append(Event(CHANGED, f"load {_blocks(asked.objects) or 'objects that were not read'}"))
     for one in asked.objects:
         if asked.object_id == _ROOT and one.class_id == _HARDWARE:
             facts.events.append(Event(CHANGED, "load the hardware configuration"))

@@ -6,10 +6,9 @@ others are hashes and keys that a download brings to the CPU. Every face reads c
 
 from __future__ import annotations
 
-from typing import Final
-
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Contents
+from dissect.s7plus.ids import HIDDEN, SECRETS
 from dissect.s7plus.items import Half
 from dissect.s7plus.layouts import ATTRIBUTE, ITEM_VALUE, MEMBER, VALUE
 from dissect.s7plus.message import PlusPdu
@@ -17,14 +16,6 @@ from dissect.s7plus.tables import REQUEST
 from dissect.s7plus.value_tables import STRUCT, WSTRING
 from dissect.s7plus.values import Blob, Member, Rows, Struct, Value
 from dissect.wire.part import Part
-
-#: Attributes and members whose value is not shown: the answer to a challenge (old and new form), a password of know-how
-#: protection, an encrypted key for a MAC, the passwords of a CPU, the data of its users.
-SECRETS: Final = frozenset((304, 1846, 3449, 1822, 7918, 7919, 7920, 7921, 8081))
-#: Those of them by which a client logs in.
-PASSWORDS: Final = frozenset((304, 1846))
-#: Stands in the place of a value that is hidden.
-HIDDEN: Final = "not shown"
 
 
 def shown_contents(pdu: PlusPdu, shown: bool = True) -> tuple[Contents, list[tuple[int, int]]]:

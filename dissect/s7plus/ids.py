@@ -22,6 +22,15 @@ TYPE_KINDS: Final[dict[int, str]] = {0x91: "UDT", 0x92: "DB", 0x93: "FB", 0x94: 
 AREAS: Final[dict[int, str]] = {80: "I", 81: "Q", 82: "M", 83: "C", 84: "T"}
 
 
+#: Attributes and members whose value is not shown: the answer to a challenge (old and new form), a password of know-how
+#: protection, an encrypted key for a MAC, the passwords of a CPU, the data of its users.
+SECRETS: Final = frozenset((304, 1846, 3449, 1822, 7918, 7919, 7920, 7921, 8081))
+#: Those of them by which a client logs in.
+PASSWORDS: Final = frozenset((304, 1846))
+#: Stands in the place of a value that is hidden.
+HIDDEN: Final = "not shown"
+
+
 def id_name(number: int) -> str:
     """Return the name of an id with its number: ``233 ObjectVariableTypeName``, ``DB3``, ``0x70000e51``."""
     block = block_name(number)

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.s7plus.contents import Address, Contents
+from dissect.s7plus.ids import HIDDEN, SECRETS
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.program import Found, symbol
+from dissect.s7plus.program_values import program_value
 from dissect.s7plus.session import PlusSession
 from dissect.s7plus.summary import single_address
 from dissect.s7plus.tables import (
@@ -19,7 +21,7 @@ from dissect.s7plus.tables import (
     SET_VARIABLE,
 )
 from dissect.s7plus.value_showing import as_json, value_said
-from dissect.s7plus.value_tables import UINT, USINT
+from dissect.s7plus.value_tables import WSTRING
 from dissect.s7plus.values import Value
 
 READS: Final = frozenset((GET_MULTI_VARIABLES, GET_VARIABLE, GET_VAR_SUBSTREAMED))
@@ -29,8 +31,6 @@ REFUSED: Final = 0xFFFF
 
 #: Return values from here on refuse.
 _NEGATIVE: Final = 0x8000
-_STRING: Final = 19
-_WSTRING: Final = 62
 
 
 class PlusItem:
@@ -63,9 +63,9 @@ class PlusItem:
         """The value in few words, empty when there is none."""
         if self.value is None:
             return ""
-        text = self._characters()
-        if text is not None:
-            return f"String '{text}'"
+        text = self._program_value()
+        if text is not None and self.found is not None and self.found.variable is not None:
+            return f"{self.found.variable.datatype_name} {text!r}"
         address = self.address
         ids = [address.sub_area, *address.lids] if address is not None else [0]
         return value_said(self.value, ids[-1])
@@ -73,26 +73,14 @@ class PlusItem:
     @property
     def json_value(self) -> object:
         """The value as JSON-ready data, None when there is none."""
-        text = self._characters()
+        text = self._program_value()
         if text is not None:
             return text
         return as_json(self.value) if self.value is not None else None
 
-    def _characters(self) -> str | None:
-        """Return the characters of a variable that the program declares as a String or WString, and that looks like one."""
+    def _program_value(self) -> str | None:
         variable = self.found.variable if self.found is not None else None
-        value = self.value
-        if variable is None or value is None or not value.array or not isinstance(value.content, list):
-            return None
-        numbers = [number for number in value.content if isinstance(number, int)]
-        if len(numbers) < 2 or numbers[0] != len(numbers) - 2 or numbers[1] > numbers[0]:
-            return None
-        characters = numbers[2 : 2 + numbers[1]]
-        if variable.datatype == _STRING and value.type == USINT:
-            return bytes(characters).decode("latin-1")
-        if variable.datatype == _WSTRING and value.type == UINT:
-            return b"".join([number.to_bytes(2, "big") for number in characters]).decode("utf-16-be", "replace")
-        return None
+        return program_value(variable, self.value) if variable is not None and self.value is not None else None
 
 
 class Half:
@@ -112,10 +100,14 @@ def join_items(asked: Half | None, told: Half | None, session: PlusSession | Non
         items = _notified(told, session)
     elif asked is not None and asked.pdu.function in READS | WRITES:
         items = _joined(asked, told if told is not None and told.pdu.function == asked.pdu.function else None)
-    if session is not None:
-        for item in items:
-            if item.address is not None:
-                item.found = session.program.find(item.address)
+    for item in items:
+        address = item.address
+        if address is None:
+            continue
+        if session is not None:
+            item.found = session.program.find(address)
+        if item.value is not None and (address.lids[-1] if address.lids else address.sub_area) in SECRETS:
+            item.value, item.data = Value(0, WSTRING, HIDDEN), None  # an answer to a read does not say so itself
     return items
 
 

@@ -27,7 +27,7 @@ from dissect.s7plus.variables import (
     read_tag_description,
     read_variables,
 )
-from dissect.s7plus.walk import FormatError, Walk
+from dissect.s7plus.walk import STEP, FormatError, Walk
 from dissect.wire.varint import VLQ, build_varint
 
 
@@ -152,6 +152,7 @@ def read_elements(walk: Walk) -> list[Element]:
 
 def _read_object(walk: Walk) -> PlusObject:
     start = walk.at
+    walk.spend(STEP, "object")
     walk.at += 1
     rid = walk.fixed(4, "RID")
     class_id = walk.number(VLQ, "class")

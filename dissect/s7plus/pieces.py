@@ -8,7 +8,7 @@ from dissect.s7plus import layouts
 from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.ids import id_name
 from dissect.s7plus.objects import objects_of, read_elements
-from dissect.s7plus.return_tables import RETURN_CODES
+from dissect.s7plus.return_tables import GENERIC_CODES, ORIGINS, RETURN_CODES
 from dissect.s7plus.value_reading import read_members, read_value
 from dissect.s7plus.walk import FormatError, Walk
 from dissect.wire.varint import VLQ, VLQ64
@@ -20,13 +20,27 @@ def take_return_value(walk: Walk) -> int:
     """Read a return value of 64 bits. Raises `FormatError`."""
     at = walk.at
     value = walk.number(VLQ64, "return value")
-    walk.part(layouts.RETURN_VALUE, at, return_note(value) if walk.shown else "")
+    walk.part(layouts.RETURN_VALUE, at, return_details(value) if walk.shown else "")
     return value
 
 
 def return_note(value: int) -> str:
     """Return what a return value says in few words."""
     return f"0x{value:x} {RETURN_CODES.name(value & 0xFFFF)}" if value else "0 OK"
+
+
+def return_details(value: int) -> str:
+    """Return all that a return value says: error, generic error, where in the firmware it arose, and what follows."""
+    if value < 1 << 16:
+        return return_note(value)
+    said = [return_note(value)]
+    generic, origin, line = value >> 40 & 0x7F, value >> 32 & 0xFF, value >> 16 & 0xFFFF
+    if generic:
+        said.append(GENERIC_CODES.name(generic))
+    said.append(f"from {ORIGINS.name(origin)}, line {line}")
+    if value >> 62 & 1:
+        said.append("details follow")
+    return "; ".join(said)
 
 
 def take_object_id(walk: Walk, found: Contents) -> None:

@@ -213,27 +213,6 @@ FILTERS: Final = CodeTable("S7comm-plus filter operation", 1, [
     (15, "LinkedToOtherObjects", ""),
 ])  # fmt: skip
 
-#: The first LID of an address that is no symbol.
-ACCESS_KINDS: Final = CodeTable("S7comm-plus kind of access", 1, [
-    (1, "LID_OMS_STB_DescriptionRID", ""),
-    (2, "LID_OMS_STB_Structured", ""),
-    (3, "LID_OMS_STB_ClassicBlob", ""),
-    (4, "LID_OMS_STB_RetainBlob", ""),
-    (5, "LID_OMS_STB_VolatileBlob", ""),
-])  # fmt: skip
-
-#: Who may use a variable, in tag descriptions.
-ACCESSIBILITY: Final = CodeTable("S7comm-plus accessibility", 1, [
-    (0, "Public", ""),
-    (1, "ReadOnly", ""),
-    (2, "Internal", ""),
-    (3, "InternalReadOnly", ""),
-    (4, "Protected", ""),
-    (5, "ProtectedReadOnly", ""),
-    (6, "Constant", ""),
-    (7, "ConstantReadOnly", ""),
-])  # fmt: skip
-
 #: The section of a block that declares a variable.
 SECTIONS: Final = CodeTable("S7comm-plus section", 1, [
     (0, "Undefined", ""),
@@ -271,6 +250,7 @@ PROTECTION_LEVELS: Final = CodeTable("S7comm-plus protection level", 1, [
 #: Attributes and members whose numbers have names.
 MEANINGS: Final[dict[int, CodeTable]] = {
     299: ROLES,
+    1247: FILTERS,
     1842: PROTECTION_LEVELS,
     1843: PROTECTION_LEVELS,
     2167: STATE_REQUESTS,

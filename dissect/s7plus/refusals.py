@@ -7,6 +7,7 @@ from typing import Final
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.message import DIGEST_SIZE, PlusPdu
 from dissect.s7plus.tables import GET_MULTI_VARIABLES, SET_MULTI_VARIABLES
+from dissect.s7plus.walk import MAX_WORK
 from dissect.wire.varint import VLQ64, read_varint
 
 _FILL: Final = bytes(4)
@@ -21,7 +22,7 @@ def refuses_items(pdu: PlusPdu) -> bool:
         return 0 < at < len(pdu.body) and pdu.body[at] != 0
     if pdu.function != GET_MULTI_VARIABLES or _surely_none(pdu.body):
         return False
-    return bool(parse_contents(pdu, shown=False).refusals)
+    return bool(parse_contents(pdu, False, MAX_WORK).refusals)
 
 
 def _surely_none(body: bytes) -> bool:

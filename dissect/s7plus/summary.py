@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.s7plus.alarms import ALARM, alarm_text
 from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.ids import short_name
 from dissect.s7plus.message import PlusPdu
@@ -56,6 +57,8 @@ def _asked(pdu: PlusPdu, found: Contents) -> list[str]:
             f"{address.label}{f' = {value_text(values[number])}' if number in values else ''}"
             for number, address in enumerate(found.addresses, 1)
         ]
+    if found.object_id < 0:
+        return [object_text(one) for one in found.objects]
     if function == CREATE_OBJECT:
         return [f"in {short_name(found.object_id)}", *[object_text(one) for one in found.objects]]
     if function == DELETE_OBJECT or function == EXPLORE:
@@ -78,7 +81,9 @@ def single_address(found: Contents) -> Address | None:
 
 
 def object_text(found: PlusObject) -> str:
-    """Return the class, the id and the name of an object."""
+    """Return the class, the id and the name of an object; of an alarm what happened."""
+    if found.class_id == ALARM:
+        return alarm_text(found)
     name = found.text(NAME)
     return f"{short_name(found.class_id)} {short_name(found.rid)}{f' {name!r}' if name else ''}"
 

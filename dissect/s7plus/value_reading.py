@@ -25,7 +25,7 @@ from dissect.s7plus.value_tables import (
     is_packed,
 )
 from dissect.s7plus.values import DOUBLE, FLOAT, Blob, Member, Packed, Rows, Struct, Value
-from dissect.s7plus.walk import FormatError, Walk
+from dissect.s7plus.walk import STEP, FormatError, Walk
 from dissect.wire.layout import Layout
 from dissect.wire.varint import VLQ
 
@@ -37,6 +37,7 @@ def read_value(walk: Walk, layout: Layout, start: int, label: str = "", id_: int
     of a structure follow as parts of their own. Raises `FormatError`.
     """
     offset = walk.at
+    walk.spend(STEP, "value")
     flags = walk.u8("flags")
     type_ = walk.u8("type")
     if type_ == STRUCT:

@@ -25,7 +25,7 @@ from dissect.s7plus.tables import (
     VARIABLE_NUMBERS,
     VARIABLES_TAG,
 )
-from dissect.s7plus.walk import FormatError, Walk
+from dissect.s7plus.walk import STEP, FormatError, Walk
 from dissect.wire.varint import SIGNED, VLQ
 
 _HEAD: Final = struct.Struct("<IIB")
@@ -157,6 +157,7 @@ def _next_block(walk: Walk) -> int:
 
 def _read_variable(walk: Walk, end: int) -> Variable:
     at = walk.at
+    walk.spend(STEP, "variable")
     lid, crc, datatype = _HEAD.unpack(walk.take(9, "variable"))
     attributes = walk.fixed(2, "variable")
     bit_offsets, offset_1, offset_2 = _OFFSETS.unpack(walk.take(5, "variable"))
@@ -179,6 +180,7 @@ def read_names(walk: Walk) -> NameList:
         block: list[bytes] = []
         while walk.at < end:
             at = walk.at
+            walk.spend(STEP, "name")
             name = walk.take(walk.u8("name length") + 1, "name")
             if walk.at > end or name[-1]:
                 raise FormatError("length_beyond", "name", at, walk.at - at, end - at)

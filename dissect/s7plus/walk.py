@@ -7,12 +7,18 @@ from typing import Final
 from dissect.wire.layout import Layout
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import OCTETS, SURPLUS, Part
-from dissect.wire.varint import read_varint
+from dissect.wire.varint import VLQ64, read_varint
 
 #: Levels of objects and values inside each other; the deepest in captures have seven.
 MAX_DEPTH: Final = 40
 #: Parts that are kept of one PDU; what comes after them is read, and shown as octets.
-MAX_PARTS: Final = 200_000
+MAX_PARTS: Final = 100_000
+#: What a value, an object or a variable costs; an element of an array costs 1.
+STEP: Final = 5
+#: Work on a PDU that somebody waits for: what it costs to judge it. The largest of the captures at hand takes a fiftieth.
+MAX_WORK: Final = 500_000
+#: Reason of a fault that is none: the budget of a bounded walk is spent.
+EXHAUSTED: Final = "exhausted"
 
 
 class FormatError(Exception):
@@ -30,13 +36,14 @@ class FormatError(Exception):
 class Walk:
     """Walks over ``octets[at:end]`` and raises `FormatError` where they end too soon.
 
-    ``parts`` are cut only with ``shown``; ``shift`` is added to the offsets that are told. What a structure costs is counted in
-    ``budget``, so that elements without octets cannot be multiplied without end.
+    ``parts`` are cut only with ``shown``. Values, objects and elements of arrays count against a ``budget``: by default more
+    than the octets can hold, so that only elements without octets are stopped; with ``most`` the walk ends there, which is no
+    fault of its sender.
     """
 
-    __slots__ = ("at", "budget", "depth", "end", "octets", "parts", "parts_end", "shown")
+    __slots__ = ("at", "bounded", "budget", "depth", "end", "octets", "parts", "parts_end", "shown")
 
-    def __init__(self, octets: bytes, at: int, end: int, shown: bool) -> None:
+    def __init__(self, octets: bytes, at: int, end: int, shown: bool, most: int = 0) -> None:
         self.octets = octets
         self.at = at
         self.end = min(end, len(octets))
@@ -44,7 +51,10 @@ class Walk:
         self.parts: list[Part] = []
         self.parts_end = at  # of the last part
         self.depth = 0
-        self.budget = len(octets) + 1024
+        self.budget = 3 * len(octets) + 1024
+        self.bounded = 0 < most < self.budget
+        if self.bounded:
+            self.budget = most
 
     @property
     def left(self) -> int:
@@ -75,7 +85,11 @@ class Walk:
 
     def number(self, kind: int, field: str) -> int:
         """Read a number of variable size (dissect.wire.varint)."""
-        value, end = read_varint(self.octets, self.at, self.end, kind)
+        at = self.at
+        if kind >= VLQ64 and at < self.end and self.octets[at] < 0x80:
+            self.at = at + 1  # unsigned, of one octet, as most are
+            return self.octets[at]
+        value, end = read_varint(self.octets, at, self.end, kind)
         if end < 0:
             raise FormatError("too_short", field, self.at, max(1, self.left + 1), self.left)
         self.at = end
@@ -94,10 +108,10 @@ class Walk:
         return self.octets[self.at] if self.at < self.end else -1
 
     def spend(self, cost: int, field: str) -> None:
-        """Count elements against the budget."""
+        """Count work against the budget."""
         self.budget -= cost
         if self.budget < 0:
-            raise FormatError("count_mismatch", field, self.at, cost, 0)
+            raise FormatError(EXHAUSTED if self.bounded else "count_mismatch", field, self.at, cost, 0)
 
     def enter(self, field: str) -> None:
         """Go one level down; the caller goes up again."""
@@ -117,7 +131,7 @@ class Walk:
 
     def rest(self, malformed: list[Malformed], fault: FormatError | None = None, limit: str = "tsdu") -> None:
         """Cut what is left of the walk as octets, and tell the fault that ended it."""
-        if fault is not None:
+        if fault is not None and fault.reason != EXHAUSTED:
             malformed.append(
                 Malformed("s7plus", fault.reason, fault.field, fault.at, fault.needed, fault.available, limit)
             )

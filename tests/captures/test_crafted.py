@@ -236,7 +236,7 @@ def test_protocols_on_port_102_are_named() -> None:
         "cookie mstshash=operator, asks for TLS or CredSSP",
         "asks for TLS",
     }
-    assert [(function["code"], function["answered"]) for function in told["functions"]] == [("0x04ca", 6)]
+    assert [(function["code"], function["answered"]) for function in told["functions"]] == [("0x0560", 6)]
 
 
 def test_a_second_is_not_slow() -> None:

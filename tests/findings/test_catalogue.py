@@ -646,6 +646,23 @@ def plus_contents_as_they_should_be(talk: Talk) -> None:
     talk.tell(plus.framed(plus.told(1, plus.SET_VARIABLE, b"\0" + bodies.end(1)), 3))
 
 
+@speaks("s7plus.notifications_lost")
+def plus_notifications_leap(talk: Talk) -> None:
+    talk.hello()
+    talk.connect()
+    for number in (5, 6, 8):
+        talk.tell(plus.framed(plus.notified(number)))
+
+
+@silent("s7plus.notifications_lost")
+def plus_notifications_in_order(talk: Talk) -> None:
+    """Of two subscriptions, and of an old S7-1200, which counts in one octet; then a session begins anew."""
+    talk.hello()
+    talk.connect()
+    for number, subscription in ((5, 0x70000E51), (6, 0x70000E52), (7, 0x70000E51), (1, 0x70000E53), (2, 0x70000E53)):
+        talk.tell(plus.framed(plus.notified(number, subscription)))
+
+
 @speaks("s7.unknown_rosctr")
 def unknown_rosctr(talk: Talk) -> None:
     talk.open()

@@ -7,6 +7,9 @@ from pathlib import Path
 import pytest
 
 import dissect
+from dissect.findings.plus_rules import MAX_CPUS, PlusWatch
+from dissect.findings.reporter import Reporter
+from dissect.findings.security_rules import SecurityWatch
 from dissect.s7plus.contents import Address
 from dissect.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.s7plus.tables import (
@@ -20,8 +23,12 @@ from dissect.s7plus.tables import (
 )
 from dissect.s7plus.value_tables import BLOB, BOOL, DINT, INT, UDINT, UINT, WSTRING
 from dissect.s7plus.values import Blob, Value, build_value
+from dissect.s7plus.walk import MAX_WORK
+from dissect.tcp.connection import Endpoint
+from dissect.transactions.operation import OperationBook
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
+from tests.s7plus.test_program import type_of, variable
 from tests.s7plus.test_session import LIST, RECORD
 from tests.transactions.talk import Talk
 
@@ -151,6 +158,66 @@ def test_blocks_are_read_out_and_told_once() -> None:
     assert said(talk) == [("security.program_read", "DB3 'tank\\x1b' (DB)")]
 
 
+@pytest.mark.parametrize(
+    ("inside", "frames", "slugs"),
+    [
+        (b"nothing of interest", 1, []),
+        (b"a type \x83\x7f here", 1, ["s7plus.malformed"]),
+        (b"a code \xa3\x93\x65 here", 1, ["s7plus.malformed"]),
+        (b"nothing of interest", 2, ["s7plus.malformed"]),  # what tells it may be cut: read in any case
+    ],
+)
+def test_an_answer_to_explore_is_read_where_it_may_tell_something(inside: bytes, frames: int, slugs: list[str]) -> None:
+    talk = begun()
+    body = bodies.rid(3) + b"\0\1\1\0\0\0" + bodies.end(4) + b"\0"
+    talk.ask(framed(asked(1, EXPLORE, body=body), 3))
+    data = told(1, EXPLORE, b"\0" + bodies.rid(3) + b"\x05" + inside)
+    if frames == 2:
+        talk.tell(framed(data[:20], 3, trailer=False), framed(data[20:], 3))
+    else:
+        talk.tell(framed(data, 3))
+    assert [slug for slug, _ in said(talk)] == slugs
+
+
+def test_names_that_passed_are_used() -> None:
+    talk = begun()
+    explore(talk, 1, build_object(type_of(0x92000003, ("level", variable(14)))))
+    talk.close()
+    address = Address(0, 0x8A0E0003, 2550, [14])
+    (connection,) = talk.connections
+    assert connection.plus is not None
+    assert connection.plus.label(address) == 'DB3."level"'
+
+
+def test_names_of_a_cpu_are_known_on_all_its_connections() -> None:
+    reporter = Reporter()
+    watch = PlusWatch(reporter, SecurityWatch(reporter), OperationBook())
+    talk = begun()
+    explore(talk, 1, build_object(type_of(0x92000003, ("level", variable(14)))))
+    do(
+        talk,
+        2,
+        SET_MULTI_VARIABLES,
+        bodies.set_multi([(Address(0, 82, 3736, [3, 1, 1]), Value(0, BOOL, True))]),
+        b"\0\0",
+    )
+    talk.close()
+    one, two = [transaction.connection for transaction in talk.transactions]
+    assert one is two
+    for number in range(MAX_CPUS + 1):
+        one.tcp.ends = [one.tcp.ends[0], Endpoint(number.to_bytes(4, "big"), 102)]
+        one.plus = None
+        watch.take(talk.transactions[0])
+    one.plus = None
+    watch.take(talk.transactions[1])  # of the CPU at hand: its names are there without an Explore of its own
+    assert one.plus is not None
+    assert one.plus.label(Address(0, 0x8A0E0003, 2550, [14])) == 'DB3."level"'
+    one.plus = None
+    one.tcp.ends = [one.tcp.ends[0], Endpoint(bytes(4), 102)]
+    watch.take(talk.transactions[1])  # of the first one, which was forgotten
+    assert one.plus.label(Address(0, 0x8A0E0003, 2550, [14])) == "DB3 LID 14"
+
+
 def test_a_client_that_explores_and_subscribes_to_nothing() -> None:
     talk = begun()
     for number in range(1, 4):
@@ -227,6 +294,22 @@ def test_reads_are_not_looked_into() -> None:
     talk.ask(framed(asked(1, GET_MULTI_VARIABLES, body=b"no contents at all"), 3))
     talk.tell(framed(told(1, GET_MULTI_VARIABLES, b"\0no contents either" + bytes(4)), 3))
     assert said(talk) == []
+
+
+def test_a_pdu_with_too_many_values_is_told() -> None:
+    talk = begun()
+    many = Value(0x10, BOOL, [True] * (MAX_WORK + 1))
+    body = bodies.create_object(3, NOTHING, PlusObject(1, 2, 0, 0, 0, [Attribute(7, many)]), integrity_id=1)
+    data = asked(1, CREATE_OBJECT, body=body)
+    pieces = [framed(data[at : at + 900], 2, trailer=False) for at in range(0, len(data), 900)]
+    for at in range(0, len(pieces), 60):
+        talk.ask(*pieces[at : at + 60])
+    talk.ask(framed(b"\0", 2))
+    talk.tell(framed(told(1, CREATE_OBJECT, b"\0\0" + bodies.FILL), 2))
+    assert said(talk) == [
+        ("security.program_change", "load objects that were not read"),
+        ("s7.plus_too_long", "more than 100000 values"),
+    ]
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ The first octet chooses whether the capture cut the PDU; what follows is the PDU
 
 from __future__ import annotations
 
+import json
 from functools import cache
 from typing import Final
 
@@ -14,11 +15,19 @@ from dissect.playback.client.permissions import Permissions
 from dissect.report.jsonl import PduLines
 from dissect.report.lines import message_name, pdu_line, plus_line
 from dissect.report.places import Places
+from dissect.report.plus import item_text
 from dissect.report.tree import netlink_tree_lines, plus_tree_lines, tree_lines
 from dissect.s7.bodies import parse_joined
 from dissect.s7.message import PROTOCOL_ID, parse_pdu
 from dissect.s7.values import decode_value
+from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.events import take
+from dissect.s7plus.hiding import shown_half
+from dissect.s7plus.items import join_items
 from dissect.s7plus.message import parse_plus
+from dissect.s7plus.program import Program
+from dissect.s7plus.refusals import refuses_items
+from dissect.s7plus.session import Identity, PlusSession
 from dissect.transactions.connection import Connection
 from dissect.wire.clock import Clock
 from dissect.wire.malformed import Malformed
@@ -95,6 +104,20 @@ def _plus(octets: bytes, cut: bool) -> None:
     check_lines(plus_tree_lines(pdu, b"" if cut else dt(octets)))
     check_line(plus_line(pdu, _connection(), Clock(), Places([], False)))
     check_json(PduLines().plus_line(pdu, _connection()))
+    found = parse_contents(pdu)
+    if found.parts:
+        _check_cover(found.parts, found.parts[0].offset, len(pdu.data))
+    _check_malformed(found.malformed, len(pdu.data))
+    assert [value for _, value in parse_contents(pdu, shown=False).items] == [value for _, value in found.items]
+    refuses_items(pdu)
+    session = PlusSession(Program(), Identity())
+    take(session, pdu.function, octets, b"")
+    facts = take(session, pdu.function, octets, octets)
+    _check_malformed(facts.malformed if facts is not None else [], len(octets))
+    half = shown_half(pdu)
+    for item in [*join_items(half, half, session), *join_items(None, half, session)]:
+        check_line(item_text(item))
+        json.dumps(item.json_value, allow_nan=False)
 
 
 def _netlink(octets: bytes) -> None:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from dissect.s7plus.assembly import PlusAssembler
 from dissect.s7plus.message import parse_plus
-from tests.s7plus.pdus import KEEP_ALIVE, asked, event, framed, told
+from tests.s7plus.pdus import KEEP_ALIVE, asked, event, framed, notified, told
 
 
 def test_a_frame_with_a_trailer_is_a_pdu() -> None:
@@ -67,3 +67,11 @@ def test_never_raises(tsdus: list[bytes]) -> None:
     for tsdu in tsdus:
         whole = assembler.push(b"\x72" + tsdu)
         assert whole is None or whole[:1] == b"\x72"
+
+
+def test_a_frame_that_goes_on_is_not_taken_for_a_notification() -> None:
+    """Compressed blocks hold any octets: one frame in some hundred begins with 0x33 and the id of a subscription."""
+    assembler = PlusAssembler()
+    assembler.push(framed(told(1, body=bytes(50)), trailer=False))
+    assert not assembler.interrupted(framed(b"\x33\x71" + bytes(range(1, 60))))
+    assert assembler.interrupted(framed(notified()))

@@ -10,6 +10,7 @@ from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.objects import PlusObject, build_object
+from dissect.s7plus.pieces import return_details
 from dissect.s7plus.tables import (
     BEGIN_SEQUENCE,
     CREATE_OBJECT,
@@ -28,6 +29,7 @@ from dissect.s7plus.tables import (
 )
 from dissect.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UDINT, USINT, WSTRING
 from dissect.s7plus.values import Blob, Struct, Value, build_members, build_value
+from dissect.s7plus.walk import MAX_PARTS
 from tests.s7plus import bodies
 from tests.s7plus.pdus import KEEP_ALIVE, NOTIFICATION_V3, asked, event, framed, told
 from tests.s7plus.strategies import OBJECTS, VALUES
@@ -312,3 +314,51 @@ def test_a_structure_in_an_answer() -> None:
 def test_contents_that_were_made_anonymous_are_no_contents(function: int, answer: bool) -> None:
     found = contents(function, (b"\0" if answer else b"") + bytes(50), answer=answer)
     assert (found.malformed, found.whole, found.parts[-1].layout.name) == ([], False, "octets")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0, "0 OK"),
+        (17, "0x11 Message session pre-legitimated"),
+        (
+            0xA6059400096DFF95,
+            "0xa6059400096dff95 Service not allowed; Service not allowed; from object management, line 2413",
+        ),
+        (
+            0xA03388000081FFE0,
+            "0xa03388000081ffe0 Invalid AID; Invalid attribute identifier; from object management, line 129",
+        ),
+        (
+            0x4000800000000011,
+            "0x4000800000000011 Message session pre-legitimated; from object management, line 0; details follow",
+        ),
+    ],
+)
+def test_what_a_return_value_says(value: int, text: str) -> None:
+    """Values of captures."""
+    assert return_details(value) == text
+
+
+def test_the_parts_of_a_pdu_are_bounded() -> None:
+    members = b"\x07\0\0" * (MAX_PARTS + 1000)
+    value = b"\0\x17\0\0\0\1" + members + b"\0"
+    body = bodies.rid(52) + b"\1\x07" + value + bodies.QUALIFIER + b"\0" + bodies.end(9)
+    pdu = PlusPdu(b"", 0, 0, 0, 0)
+    pdu.version, pdu.opcode, pdu.function, pdu.whole = 3, 0x31, SET_VARIABLE, True
+    pdu.data = asked(1, SET_VARIABLE, body=body)
+    found = parse_contents(pdu)
+    assert (found.malformed, found.whole, len(found.parts)) == ([], True, MAX_PARTS + 1)
+    assert found.parts[-1].layout.name == "octets"
+    assert found.parts[-1].end == len(pdu.data)
+
+
+def test_the_work_on_a_pdu_can_be_bounded() -> None:
+    pdu = parse_plus(
+        framed(asked(1, CREATE_OBJECT, body=bodies.create_object(3, FIVE, *[TYPE] * 50, integrity_id=1)), 3)
+    )
+    assert len(parse_contents(pdu, False).objects) == 50
+    assert len(parse_contents(pdu, False, 10_000).objects) == 50
+    bounded = parse_contents(pdu, False, 100)
+    assert (bounded.objects, bounded.malformed, bounded.whole) == ([], [], False)
+    assert parse_contents(pdu, True, 100).parts[-1].end == len(pdu.data)

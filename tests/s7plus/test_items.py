@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.s7plus.contents import Address
-from dissect.s7plus.hiding import HIDDEN, shown_contents, shown_half, without_secrets
+from dissect.s7plus.hiding import shown_contents, shown_half, without_secrets
+from dissect.s7plus.ids import HIDDEN
 from dissect.s7plus.items import REFUSED, PlusItem, join_items
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.objects import Attribute, PlusObject
@@ -22,7 +23,7 @@ from dissect.s7plus.tables import (
     SET_MULTI_VARIABLES,
     SET_VARIABLE,
 )
-from dissect.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UINT, USINT, WSTRING
+from dissect.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UDINT, UINT, USINT, WSTRING
 from dissect.s7plus.values import Blob, Struct, Value, build_value
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
@@ -114,23 +115,34 @@ def test_a_notification_has_the_addresses_of_its_subscription() -> None:
     [
         (19, Value(0x10, USINT, [4, 2, 72, 86, 9, 9]), "HV"),
         (62, Value(0x10, UINT, [3, 2, 0x48, 0x20AC, 9]), "H€"),
+        (3, Value(0, USINT, 0x41), "A"),
+        (61, Value(0, UINT, 0x20AC), "€"),
+        (9, Value(0, UINT, 1), "D#1990-01-02"),
+        (10, Value(0, UDINT, 3_723_004), "TOD#01:02:03.004"),
+        (11, Value(0, DINT, -1500), "T#-1s500ms"),
+        (12, Value(0, 0x0B, 0x2150), "S5T#2m30s"),
+        (14, Value(0x10, USINT, [0x14, 0x10, 0x25, 0x13, 0x29, 0x30, 0x14, 0x17]), "DT#2014-10-25-13:29:30.141"),
         (19, Value(0x10, USINT, [4, 5, 72, 86, 9, 9]), None),  # more characters than its maximum
         (19, Value(0x10, USINT, [5, 2, 72, 86, 9, 9]), None),  # not as long as it says
         (19, Value(0x10, UINT, [3, 2, 0x48, 0x20AC, 9]), None),
+        (14, Value(0x10, USINT, [0x14]), None),
         (5, Value(0x10, USINT, [4, 2, 72, 86, 9, 9]), None),
+        (11, Value(0x10, DINT, [1]), None),
+        (11, Value(0, UDINT, 1), None),
         (19, FIVE, None),
     ],
 )
-def test_texts_as_the_program_means_them(datatype: int, value: Value, text: str | None) -> None:
+def test_values_as_the_program_means_them(datatype: int, value: Value, text: str | None) -> None:
     one = PlusSession(Program(), Identity())
     one.program.learn([type_of(0x92000003, ("name", variable(14, datatype)))])
     address = Address(0, 0x8A0E0003, 2550, [14])
     (item,) = joined(GET_MULTI_VARIABLES, bodies.get_multi(address), bodies.multi_got([(1, value)], []), one)
     assert item.label == 'DB3."name"'
     if text is None:
-        assert item.json_value in (value.content, 5)
+        assert item.json_value == value.content
     else:
-        assert (item.json_value, item.text) == (text, f"String '{text}'")
+        assert item.json_value == text
+        assert repr(text) in item.text
 
 
 # ---- refusals -------------------------------------------------------------------------------------------------------
@@ -239,3 +251,16 @@ def test_everything_else_is_shown() -> None:
     pdu = parse_plus(framed(asked(1, SET_VARIABLE, body=bodies.set_variable(52, [2167], FIVE)), 3))
     assert shown_contents(pdu)[1] == []
     assert without_secrets(pdu, []) == pdu.octets
+
+
+def test_a_password_that_is_read_back_is_not_shown() -> None:
+    body = bodies.get_stream(50, [7918]) + bodies.end(3)
+    (item,) = joined(
+        GET_VAR_SUBSTREAMED, body, b"\0\0" + build_value(Value(0, BLOB, Blob(0, PASSWORD))) + bodies.end(3)
+    )
+    assert (item.json_value, item.data, item.text) == (HIDDEN, None, f"WString '{HIDDEN}'")
+    address = Address(0, 50, 7919, [])
+    (item,) = joined(
+        GET_MULTI_VARIABLES, bodies.get_multi(address), bodies.multi_got([(1, Value(0, BLOB, Blob(0, PASSWORD)))], [])
+    )
+    assert (item.json_value, item.data) == (HIDDEN, None)

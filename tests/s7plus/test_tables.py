@@ -2,7 +2,11 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.s7plus.tables import ERRORS, FUNCTIONS, OPCODES, RETURN_CODES, VERSIONS, refuses
+from dissect.s7plus.id_tables import IDS
+from dissect.s7plus.program_tables import DATATYPES, MEANINGS
+from dissect.s7plus.return_tables import GENERIC_CODES, ORIGINS
+from dissect.s7plus.tables import ERRORS, FUNCTIONS, NOTIFIED, OPCODES, RETURN_CODES, TAGS, VERSIONS, refuses
+from dissect.s7plus.value_tables import VALUE_FLAGS, VALUE_TYPES
 from dissect.wire.codes import CodeTable
 
 
@@ -14,6 +18,14 @@ def test_rows(table: CodeTable) -> None:
     told = [row.text for row in rows if row.text or table is not RETURN_CODES]  # of most errors only the name is known
     assert all(text.endswith(".") for text in told)
     assert all(0 <= row.number < 1 << 4 * table.digits for row in rows)
+
+
+@pytest.mark.parametrize(
+    "table", [*MEANINGS.values(), IDS, DATATYPES, VALUE_TYPES, VALUE_FLAGS, TAGS, NOTIFIED, GENERIC_CODES, ORIGINS]
+)
+def test_every_row_has_a_name(table: CodeTable) -> None:
+    assert len(table) > 1
+    assert all(row.name and (not row.text or row.text.endswith(".")) for row in table)
 
 
 def test_the_codes_of_the_reference() -> None:
