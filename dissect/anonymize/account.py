@@ -82,14 +82,14 @@ UNCERTAIN: Final = "uncertain_place"
 CAVEATS: Final = {
     FULL: "messages of a direction set to zero from some place on: there was no memory to remember more",
     MANY: "connections beyond the first 32,768: their contents are set to zero",
-    UNCERTAIN: "messages set to zero because octets beside them were lost and their place is not certain",
+    UNCERTAIN: "messages set to zero because bytes beside them were lost and their place is not certain",
 }
 
 #: What is never changed, in sentences.
 LEFT: Final = (
     "times of packets, sizes, order, TCP ports, sequence numbers and timestamps of TCP, TTLs, VLAN ids",
     "loopback, multicast and broadcast addresses; which addresses are private, and how much of their front they share",
-    "TSAPs of two octets (connection type, rack, slot), references, negotiated sizes",
+    "TSAPs of two bytes (connection type, rack, slot), references, negotiated sizes",
     "what is asked for: functions, areas, DB and block numbers, addresses, block types, sizes and versions",
     "order numbers of modules, SZL ids and numbers in their records, diagnostic events, states, error codes",
     "times in contents: of blocks, events, clocks",
@@ -174,7 +174,7 @@ class Account:
         lines = [f"{self.written} of {self.packets} packets written"]
         lines += _section("Changed", _counts(self.replaced, KINDS))
         masked = sorted([(KINDS[kind], *counts) for kind, counts in self.masked.items()])
-        lines += _section("Set to zero", [f"{count:>8}  {text} ({size} octets)" for text, count, size in masked])
+        lines += _section("Set to zero", [f"{count:>8}  {text} ({size} bytes)" for text, count, size in masked])
         lines += _section("Kept because you asked for it", _counts(self.kept, KINDS))
         dropped = _counts(self.dropped, {reason: f"packets: {text}" for reason, text in REASONS.items()})
         if dropped:

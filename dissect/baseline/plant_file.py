@@ -70,7 +70,7 @@ def read_text(path: str | os.PathLike[str]) -> str:
     with Path(path).open("rb") as stream:
         octets = stream.read(MAX_FILE + 1)
     if len(octets) > MAX_FILE:
-        raise DictionaryError("file", f"more than {MAX_FILE} octets")
+        raise DictionaryError("file", f"more than {MAX_FILE} bytes")
     return source_text(octets, os.fspath(path))
 
 

@@ -54,7 +54,7 @@ def load_bindings(path: str | os.PathLike[str], dictionary: Dictionary) -> Bindi
     with Path(path).open("rb") as stream:
         octets = stream.read(MAX_FILE + 1)
     if len(octets) > MAX_FILE:
-        raise BindingError(os.fspath(path), 0, "file", f"more than {MAX_FILE} octets: these are no bindings")
+        raise BindingError(os.fspath(path), 0, "file", f"more than {MAX_FILE} bytes: these are no bindings")
     try:
         return _parse(source_text(octets, os.fspath(path)), dictionary)
     except DictionaryError as error:  # what reads tables knows one error
@@ -140,13 +140,13 @@ class _Reader:
         if not table.has("size"):
             if not content.size:
                 detail = (
-                    f"is missing: {shown(table.text('holds'))} has no size of its own, so say how many octets it takes"
+                    f"is missing: {shown(table.text('holds'))} has no size of its own, so say how many bytes it takes"
                 )
                 raise table.fail("size", detail)
             return content.size
         size = _within(table, "size", 1, MAX_OCTETS)
         if content.size and size != content.size:
-            raise table.fail("size", f"{shown(table.text('holds'))} has {content.size} octets, not {size}")
+            raise table.fail("size", f"{shown(table.text('holds'))} has {content.size} bytes, not {size}")
         return size
 
     def _check(self, table: Table, binding: Binding) -> None:
@@ -161,7 +161,7 @@ class _Reader:
         if first is not None:
             raise table.fail("name", f"{shown(binding.name)} is the name of {first.where}{_at(first)}: give it another")
         if binding.carrier == "s7" and binding.offset + binding.size - 1 > MAX_OCTET:
-            raise table.fail("size", f"it ends behind octet {MAX_OCTET}, the last one that an item can address")
+            raise table.fail("size", f"it ends behind byte {MAX_OCTET}, the last one that an item can address")
 
 
 def _at(table: Table) -> str:
@@ -188,7 +188,7 @@ def _told(one: Binding, other: Binding) -> str:
     if one.carrier != "s7":
         return "is bound already, by"
     end = Place(other.area, other.db, other.offset + other.size - 1)
-    return f"octets are bound already, {Place(other.area, other.db, other.offset)} to {end} by"
+    return f"bytes are bound already, {Place(other.area, other.db, other.offset)} to {end} by"
 
 
 def _within(table: Table, key: str, low: int, high: int) -> int:
@@ -230,7 +230,7 @@ def _tsap(table: Table) -> Binding:
     table.mark("tsap")
     octets = _tsap_octets(written)
     if octets is None or not 1 <= len(octets) <= _MAX_TSAP:
-        detail = f'{shown(written)} is no TSAP: write 1 to {_MAX_TSAP} octets as "SCD1", "0x0102" or [1, 2]'
+        detail = f'{shown(written)} is no TSAP: write 1 to {_MAX_TSAP} bytes as "SCD1", "0x0102" or [1, 2]'
         raise table.fail("tsap", detail)
     text = octets.decode("ascii", "replace")
     shown_as = f'"{text}"' if text.isascii() and text.isprintable() else f"0x{octets.hex()}"
@@ -258,7 +258,7 @@ def _s7(table: Table) -> Binding:
     written = table.text("s7")
     place = parse_place(written)
     if place is None:
-        detail = f'{shown(written)} is no octet of an area: write "DB10.DBB0", "MB20", "IB0" or "QB4"'
+        detail = f'{shown(written)} is no byte of an area: write "DB10.DBB0", "MB20", "IB0" or "QB4"'
         raise table.fail("s7", detail)
     return _at_place(place)
 

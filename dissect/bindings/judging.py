@@ -29,7 +29,7 @@ MAX_COUNTERS_ALL: Final = 65536
 _NAMED: Final = 8
 _UNKNOWN: Final = frozenset((E_INDEX, E_SUB, E_PDO_NUMBER))
 _ODD: Final = {
-    TRAILING: "octets are left over",
+    TRAILING: "bytes are left over",
     NONFINITE: "an infinity",
     TIME_NS_RANGE: "nanoseconds of a second or more",
     PAD: "undefined bits that are not zero",
@@ -130,7 +130,7 @@ class ScdJudge:
 
     def garbage(self, side: Side, skipped: int, frame: int, time_ns: int) -> None:
         """Octets of a bound stream that are no message were stepped over."""
-        detail = f"{skipped} octets from {side.tcp.ends[side.index]}"
+        detail = f"{skipped} bytes from {side.tcp.ends[side.index]}"
         self._judge.note("scd.garbage", side.connection.number, [frame], time_ns, detail)
 
     def forget(self, connection: int) -> None:

@@ -77,10 +77,10 @@ def judge_length(
     """A PDU longer than was granted, or a read whose answer will be."""
     limit = connection.pdu_length
     if size > limit:
-        detail = f"{size} octets, {limit} negotiated"
+        detail = f"{size} bytes, {limit} negotiated"
         judge.note("session.pdu_too_long", connection.number, [frame], time_ns, detail)
     if parameters.answer_size > limit:
-        detail = f"{parameters.subject}: the answer takes {parameters.answer_size} octets, {limit} negotiated"
+        detail = f"{parameters.subject}: the answer takes {parameters.answer_size} bytes, {limit} negotiated"
         judge.note("session.read_too_long", connection.number, [frame], time_ns, detail)
 
 
@@ -95,7 +95,7 @@ def judge_header(
         connection.told |= told
         judge.note("s7.redundancy_id", connection.number, [frame], time_ns, f"0x{redundancy:04x} from {who}")
     if rosctr == ACK and extra > 0:
-        judge.note("s7.ack_content", connection.number, [frame], time_ns, f"{extra} octets from {who}")
+        judge.note("s7.ack_content", connection.number, [frame], time_ns, f"{extra} bytes from {who}")
 
 
 def _too_early(side: Side) -> bool:

@@ -143,7 +143,7 @@ def _sizes(transaction: Transaction) -> str:
     for number, result in enumerate(transaction.results(), 1):
         item = result.item
         if item is not None and result.data is not None and 0 <= item.size != len(result.data):
-            return f"item {number} ({item.address}) asked for {item.size} octets, got {len(result.data)}"
+            return f"item {number} ({item.address}) asked for {item.size} bytes, got {len(result.data)}"
     return "an item came back with another size"
 
 
@@ -151,7 +151,7 @@ def _written_sizes(transaction: Transaction) -> str:
     pairs = zip(transaction.parameters.items, transaction.written_items(), strict=False)
     for number, (item, data_item) in enumerate(pairs, 1):
         if 0 <= item.size != len(data_item.data):
-            return f"item {number} ({item.address}) takes {item.size} octets, {len(data_item.data)} come with it"
+            return f"item {number} ({item.address}) takes {item.size} bytes, {len(data_item.data)} come with it"
     return "data of an item have another size"
 
 

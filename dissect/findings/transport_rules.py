@@ -27,7 +27,7 @@ def judge_data(judge: Reporter, side: Side, size: i64, frame: i64, time_ns: i64)
     """A DT that is longer than `Connection.dt_limit`: too long, before the connection is set up, or after its end."""
     connection = side.connection
     if 0 < connection.tpdu_size < size:
-        detail = f"{size} octets, {connection.tpdu_size} negotiated"
+        detail = f"{size} bytes, {connection.tpdu_size} negotiated"
         judge.note("cotp.size_exceeded", connection.number, [frame], time_ns, detail)
     if connection.dt_limit > 0:
         return

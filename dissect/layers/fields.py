@@ -181,7 +181,7 @@ class MeaningField(XStrField):
         if self.size == REST:
             return octets
         if len(octets) > self.size:
-            message = f"{self.name} is {self.size} octet(s), not {len(octets)}: give fewer"
+            message = f"{self.name} is {self.size} byte(s), not {len(octets)}: give fewer"
             raise ValueError(message)
         return octets.ljust(self.size, b"\0")
 
@@ -294,7 +294,7 @@ def fill_number(octets: bytes, offset: int, size: int, value: int, what: str) ->
     """Return ``octets`` with ``value`` written at ``offset``; ValueError when the field's ``size`` octets cannot hold it."""
     if value >= 1 << 8 * size:
         message = (
-            f"{what} would be {value}, more than its {size} octet(s) can say: send less, or set the field yourself"
+            f"{what} would be {value}, more than its {size} byte(s) can say: send less, or set the field yourself"
         )
         raise ValueError(message)
     return octets[:offset] + value.to_bytes(size, "big") + octets[offset + size :]

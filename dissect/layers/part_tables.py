@@ -73,15 +73,15 @@ _OBJECTS: Final = (
 
 SECTIONS: Final[dict[str, list[Row]]] = {
     "Parts of message bodies": [
-        Row("S7_Octets", OCTETS, "Octets whose meaning is not known, or depends on something else than this message."),
-        Row("S7_Surplus", SURPLUS, "Octets that stand where nothing may follow."),
-        Row("S7_Fill", FILL, "The octet that makes an odd item even, where it does not belong to an item."),
+        Row("S7_Octets", OCTETS, "Bytes whose meaning is not known, or depends on something else than this message."),
+        Row("S7_Surplus", SURPLUS, "Bytes that stand where nothing may follow."),
+        Row("S7_Fill", FILL, "The byte that makes an odd item even, where it does not belong to an item."),
         Row("S7_Content", CONTENT, "The content of a data item, where it does not belong to an item."),
         Row("S7_ReturnCode", RETURN_CODE, "A return code that stands for a whole item.", {"return_code": SUCCESS}),
         Row("S7_FunctionOnly", layouts.FUNCTION, "The function alone, as most good answers have it.", title="S7 function only"),
     ],
     "Userdata (ROSCTR 7)": [
-        Row("S7_DataHead", layouts.DATA_HEAD, "What precedes the payload of userdata. With parts behind it: success, octets, their number; alone: no payload (return code 0x0A).", {"return_code": None, "transport_size": None}, counting=payload_behind),
+        Row("S7_DataHead", layouts.DATA_HEAD, "What precedes the payload of userdata. With parts behind it: success, bytes, their number; alone: no payload (return code 0x0A).", {"return_code": None, "transport_size": None}, counting=payload_behind),
     ],
     "Messages and alarms": [
         Row("S7_MessageRequest", alarm_layouts.MESSAGE_REQUEST, "Subscription of events: which, and the name of who asks."),
@@ -91,7 +91,7 @@ SECTIONS: Final[dict[str, list[Row]]] = {
         Row("S7_MessageReservedAnswer", alarm_layouts.MESSAGE_RESERVED_ANSWER, "What ends the answer to a subscription of alarms.", {"reserved_2": 1}),
         Row("S7_Archive", alarm_layouts.ARCHIVE_ITEM, "An archive of AR_SEND by its AR_ID.", {"length": 7, "syntax_id": 0, "specification": 0x12}),
         Row("S7_ArchiveCount", alarm_layouts.ARCHIVE_COUNT, "How many archives follow.", {"item_count": None}, counted={"item_count": ("S7_Archive", "S7_ReturnCode")}),
-        Row("S7_ArchiveLength", alarm_layouts.ARCHIVE_LENGTH, "Octets of an archive, in the first part; the low octet first, unlike everything else."),
+        Row("S7_ArchiveLength", alarm_layouts.ARCHIVE_LENGTH, "Bytes of an archive, in the first part; the low byte first, unlike everything else."),
         Row("S7_ArchiveData", alarm_layouts.ARCHIVE_DATA, "The content of an archive."),
         Row("S7_AlarmHead", alarm_layouts.ALARM_HEAD, "Time and objects of an alarm, a notification or an acknowledgement.", {"objects": None}, counted={"objects": _OBJECTS}),
         Row("S7_ScanHead", alarm_layouts.SCAN_HEAD, "Head of a push of SCAN.", {"objects": None}, counted={"objects": _OBJECTS}),
@@ -118,7 +118,7 @@ SECTIONS: Final[dict[str, list[Row]]] = {
         Row("S7_BlockHeader", blocks.HEADER, "The header of a block where it is transferred; Wireshark does not look into blocks.", {"mark": b"pp", "unknown_mark": 1}),
     ],
     "Time functions": [
-        Row("S7_Clock", clock.CLOCK, "The clock that a read answers with and a set sends. ``time_`` is DATE_AND_TIME, eight octets in BCD.", {"century": 0x19}),
+        Row("S7_Clock", clock.CLOCK, "The clock that a read answers with and a set sends. ``time_`` is DATE_AND_TIME, eight bytes in BCD.", {"century": 0x19}),
     ],
     "PI services and PLC stop": [
         Row("S7_PIShort", control.PI_SHORT, "A job without a parameter block and a name.", {"function": 0x28, "unknown": 0xFD}),
@@ -129,7 +129,7 @@ SECTIONS: Final[dict[str, list[Row]]] = {
         Row("S7_PIArgument", control.PI_ARGUMENT, "Parameter block of other services of the CPU."),
         Row("S7_PIString", control.PI_STRING, "An argument of a Sinumerik service."),
         Row("S7_PIPassword", control.PI_PASSWORD, "A password among the arguments of a Sinumerik service."),
-        Row("S7_PIFill", control.PI_FILL, "The octet that makes an argument even; it stands behind the last one too."),
+        Row("S7_PIFill", control.PI_FILL, "The byte that makes an argument even; it stands behind the last one too."),
         Row("S7_PLCStop", control.PLC_STOP, "PLC stop with the name of the program.", {"function": 0x29, "service": b"P_PROGRAM"}),
     ],
     "Cyclic services": [
@@ -140,7 +140,7 @@ SECTIONS: Final[dict[str, list[Row]]] = {
         Row("S7_RecordTransport", cyclic.RECORD_TRANSPORT, "What stands between the return code and the status of a record that was read.", {"transport_size": 9}),
         Row("S7_RecordStatus", cyclic.RECORD_STATUS, "Status of a data record that was read."),
         Row("S7_RecordNoStatus", cyclic.RECORD_NO_STATUS, "Data record status."),
-        Row("S7_RecordLength", cyclic.RECORD_LENGTH, "Octets of the data record that follows."),
+        Row("S7_RecordLength", cyclic.RECORD_LENGTH, "Bytes of the data record that follows."),
         Row("S7_Record", cyclic.RECORD, "The content of a data record."),
     ],
     "NC programming": [

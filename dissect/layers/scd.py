@@ -146,7 +146,7 @@ class SCD(WireLayer):
         echoed = self._echoed()
         if value is not None:
             if self.codec is None or self.kind != NUMBERS["read"]:
-                message = "a value needs a read request made or dissected with a dictionary: give data= octets instead"
+                message = "a value needs a read request made or dissected with a dictionary: give data= bytes instead"
                 raise ValueError(message)
             echoed["data"] = self.codec.encode_value((self.index, self.sub), value)
         return type(self)(**{**echoed, **fields})
@@ -219,7 +219,7 @@ class SCD(WireLayer):
     def _content(self) -> str:
         message = readable(self)
         if message is None or self.codec is None:
-            octets = self.data.hex() if len(self.data) <= _MOST_OCTETS else f"{len(self.data)} octets"
+            octets = self.data.hex() if len(self.data) <= _MOST_OCTETS else f"{len(self.data)} bytes"
             return f" data={octets}" if self.data else ""
         if message.error is not None:
             return f" [{printable(str(message.error))}]"

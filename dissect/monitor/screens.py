@@ -80,7 +80,7 @@ HELP: Final = (
     Line("  Tab, Shift+Tab   go to the next pane, or the one before", "", 19),
     Line("  ↑ ↓ PgUp PgDn    move; also k j b Space", "", 19),
     Line("  Home End         first and last; also g G. In the transactions, End goes on with those that come", "", 19),
-    Line("  Enter            what is behind the row: fields and octets, a connection, all findings of a rule", "", 19),
+    Line("  Enter            what is behind the row: fields and bytes, a connection, all findings of a rule", "", 19),
     Line("  z                the pane alone, or all of them", "", 19),
     Line(""),
     Line("Time", HEADING),

@@ -19,7 +19,7 @@ _IGNORED: Final = {
     "fragment_waiting": "fragments of datagrams that never became whole",
     "fragment_dropped": "dropped fragments",
     "other_protocol": "of TCP connections that do not speak ISO-on-TCP",
-    "before_start": "from before the first octet seen of their connection",
+    "before_start": "from before the first byte seen of their connection",
     "after_close": "after the end of their connection",
     "reset_ignored": "resets that were not believed",
     "cut": "cut before the end of their headers",

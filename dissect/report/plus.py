@@ -49,7 +49,7 @@ def plus_notes(pdu: PlusPdu) -> list[str]:
     if pdu.return_code > 0:
         said.append(f"return value 0x{pdu.return_value:x} {RETURN_CODES.name(pdu.return_code)}")
     if pdu.version == SYSTEM_EVENT and pdu.number >= 0:
-        said.append(f"{pdu.number} octets confirmed")
+        said.append(f"{pdu.number} bytes confirmed")
     elif pdu.version == KEEP_ALIVE and pdu.number >= 0:
         said.append(f"number {pdu.number}")
     if pdu.message:

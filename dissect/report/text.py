@@ -231,7 +231,7 @@ def _scd(analysis: Analysis) -> Iterator[Line]:
     losses = {
         "datagrams cut by the capture": cut,
         "messages of no kind that can be paired": found["unpaired"],
-        "octets of streams skipped that are in no whole message": found["octets_skipped"],
+        "bytes of streams skipped that are in no whole message": found["octets_skipped"],
         "devices forgotten, too many are heard of": found["devices_forgotten"],
         "values of constants not compared, a device has too many": found["constants_overlooked"],
         "PDO counters forgotten, there are too many": found["counters_forgotten"],

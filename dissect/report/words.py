@@ -116,7 +116,7 @@ def octets(data: bytes) -> str:
     said = f" '{text}'" if text else ""
     if len(data) <= _SHOWN_OCTETS:
         return (data.hex(" ") or "(empty)") + said
-    return f"{data[:_SHOWN_OCTETS].hex(' ')} … {len(data)} octets{said}"
+    return f"{data[:_SHOWN_OCTETS].hex(' ')} … {len(data)} bytes{said}"
 
 
 def spelled(data: bytes) -> str:

@@ -116,15 +116,15 @@ MEMORY_AREA: Final = Layout(
     [
         Field("index", 2, "Which area.", f"{_MEMORY}.index", MEMORY_AREAS),
         Field("kind", 2, "Kind of memory.", f"{_MEMORY}.code", MEMORY_KINDS),
-        Field("memory_size", 4, "Octets in all.", f"{_MEMORY}.size", decimal=True),
+        Field("memory_size", 4, "Bytes in all.", f"{_MEMORY}.size", decimal=True),
         *flags(f"{_MEMORY}.mode", "- - - - - - - - - - - together=cd_tog separate=cd_sep mixed=mixed_mem"
                " non_volatile=nvol_mem volatile=vol_mem"),
         Field("granularity", 2, "Granularity.", f"{_MEMORY}.granu"),
-        Field("volatile_size", 4, "Octets of the volatile area.", f"{_MEMORY}.ber1", decimal=True),
-        Field("volatile_used", 4, "Octets of it in use.", f"{_MEMORY}.belegt1", decimal=True),
+        Field("volatile_size", 4, "Bytes of the volatile area.", f"{_MEMORY}.ber1", decimal=True),
+        Field("volatile_used", 4, "Bytes of it in use.", f"{_MEMORY}.belegt1", decimal=True),
         Field("volatile_block", 4, "Largest free block of it.", f"{_MEMORY}.block1", decimal=True),
-        Field("non_volatile_size", 4, "Octets of the non-volatile area.", f"{_MEMORY}.ber2", decimal=True),
-        Field("non_volatile_used", 4, "Octets of it in use.", f"{_MEMORY}.belegt2", decimal=True),
+        Field("non_volatile_size", 4, "Bytes of the non-volatile area.", f"{_MEMORY}.ber2", decimal=True),
+        Field("non_volatile_used", 4, "Bytes of it in use.", f"{_MEMORY}.belegt2", decimal=True),
         Field("non_volatile_block", 4, "Largest free block of it.", f"{_MEMORY}.block2", decimal=True),
     ],
 )  # fmt: skip
@@ -147,7 +147,7 @@ BLOCK_TYPE: Final = Layout(
         Field("index", 2, "Block type.", "s7comm.szl.xy15.000x.index", SZL_BLOCK_TYPES),
         Field("blocks", 2, "Most blocks.", "s7comm.szl.xy15.000x.maxanz", decimal=True),
         Field("total_size", 2, "Most KiB to be loaded.", "s7comm.szl.xy15.000x.maxlng", decimal=True),
-        Field("block_size", 4, "Most octets of a block in work memory.", "s7comm.szl.xy15.000x.maxabl", decimal=True),
+        Field("block_size", 4, "Most bytes of a block in work memory.", "s7comm.szl.xy15.000x.maxabl", decimal=True),
     ],
 )
 

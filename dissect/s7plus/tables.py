@@ -23,8 +23,8 @@ VERSIONS: Final = CodeTable("S7comm-plus version", 2, [
     (V1, "V1", "First version, and the session set-up of all others."),
     (V2, "V2", "S7-1500 before firmware 1.5, and everything inside TLS."),
     (V3, "V3", "An integrity part stands before the opcode."),
-    (SYSTEM_EVENT, "system event", "Tells how many octets arrived, or a text; no opcode."),
-    (KEEP_ALIVE, "keep-alive", "Four octets in all: a number and a reserved octet."),
+    (SYSTEM_EVENT, "system event", "Tells how many bytes arrived, or a text; no opcode."),
+    (KEEP_ALIVE, "keep-alive", "Four bytes in all: a number and a reserved byte."),
 ])  # fmt: skip
 
 REQUEST: Final = 0x31

@@ -63,7 +63,7 @@ def _text(octets: bytes, encoding: str, notes: Notes) -> str:
         text = octets.decode(encoding)
     except UnicodeDecodeError as error:
         line = octets.count(b"\n", 0, error.start) + 1
-        raise DictionaryError(f"octet {error.start}", f"no {encoding}: {error.reason}", line=line) from None
+        raise DictionaryError(f"byte {error.start}", f"no {encoding}: {error.reason}", line=line) from None
     except LookupError:
         raise DictionaryError("encoding", f"{encoding!r} is no encoding") from None
     return "\n".join([line.strip() for line in text.replace("\r\n", "\n").replace("\r", "\n").split("\n")])

@@ -40,8 +40,8 @@ _LOSSES: Final = MappingProxyType(
     {
         OCTET_STRING: "OCTET_STRING is read as a block, as type 10 of SCD is a text",
         UNICODE_STRING: "UNICODE_STRING (UTF-16) is read as a block, as texts of SCD are UTF-8",
-        TIME_OF_DAY: "TIME_OF_DAY is read as a block of 6 octets",
-        TIME_DIFFERENCE: "TIME_DIFFERENCE is read as a block of 6 octets, as the interval of SCD has 8",
+        TIME_OF_DAY: "TIME_OF_DAY is read as a block of 6 bytes",
+        TIME_DIFFERENCE: "TIME_DIFFERENCE is read as a block of 6 bytes, as the interval of SCD has 8",
     }
 )
 _SIX_OCTETS: Final = frozenset((TIME_OF_DAY, TIME_DIFFERENCE))

@@ -95,9 +95,9 @@ def _from_source(octets: bytes, path: str) -> Dictionary:
 def _read(path: Path, most: int = MAX_FILE) -> bytes:
     size = path.stat().st_size
     if size > most:
-        raise DictionaryError("file", f"{size} octets, a dictionary has at most {most}", path=os.fspath(path))
+        raise DictionaryError("file", f"{size} bytes, a dictionary has at most {most}", path=os.fspath(path))
     with path.open("rb") as stream:
         octets = stream.read(most + 1)
     if len(octets) > most:
-        raise DictionaryError("file", f"more than {most} octets", path=os.fspath(path))
+        raise DictionaryError("file", f"more than {most} bytes", path=os.fspath(path))
     return octets

@@ -225,7 +225,7 @@ class _Translator:
                 return FieldRecord("", 0, 0)
             octets = len(value) if isinstance(value, bytes) else 0
             bits = 8 * (octets if found.type.kind is Kind.BLOCK else max(octets, TEXT_OCTETS))
-            text = "the value's own length" if found.type.kind is Kind.BLOCK else f"{TEXT_OCTETS} octets"
+            text = "the value's own length" if found.type.kind is Kind.BLOCK else f"{TEXT_OCTETS} bytes"
             self._notes.add(f"the file does not say how long it is, taken is {text}", entry.index, sub.sub)
         return FieldRecord(
             self._field_name(entry, sub, before), found.type.index, bits, None, self._access(entry, sub), sub.mappable, value,

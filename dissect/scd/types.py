@@ -103,7 +103,7 @@ def width_trouble(kind: Kind, bits: int) -> str:
         if kind is Kind.RESERVED:
             return "" if 0 <= bits <= 8 * MAX_OCTETS else f"reserved bits number 0 to {8 * MAX_OCTETS}, not {bits}"
         if bits % 8 or not 0 <= bits <= 8 * MAX_OCTETS:
-            return f"a {kind.name.lower()} has whole octets, at most {MAX_OCTETS}, not {bits} bits"
+            return f"a {kind.name.lower()} has whole bytes, at most {MAX_OCTETS}, not {bits} bits"
         return ""
     if bits in widths:
         return ""
@@ -177,16 +177,16 @@ def _string(value: object, bits: int, where: str, encoding: str = "utf-8") -> Va
         raise Error(E_VALUE, where, "a text cannot end in U+0000, which fills strings up")
     most = bits // 8 or MAX_OCTETS
     if size > most:
-        raise Error(E_LENGTH, where, f"{size} octets of text, {most} are there")
+        raise Error(E_LENGTH, where, f"{size} bytes of text, {most} are there")
     return value
 
 
 def _block(value: object, bits: int, where: str) -> Value:
     if not isinstance(value, (bytes, bytearray, memoryview)):
-        raise Error(E_VALUE, where, f"{shown(value)} is no block of octets")
+        raise Error(E_VALUE, where, f"{shown(value)} is no block of bytes")
     octets = bytes(value)
     if (bits and len(octets) * 8 != bits) or len(octets) > MAX_OCTETS:
-        raise Error(E_LENGTH, where, f"{len(octets)} octets, the block has {bits // 8 or f'at most {MAX_OCTETS}'}")
+        raise Error(E_LENGTH, where, f"{len(octets)} bytes, the block has {bits // 8 or f'at most {MAX_OCTETS}'}")
     return octets
 
 

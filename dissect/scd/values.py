@@ -142,7 +142,7 @@ class MAC(bytes):
         """Take six octets or a text; raises ValueError."""
         octets = _mac_octets(address) if isinstance(address, str) else address
         if len(octets) != 6:
-            raise ValueError(f"{shown(address)} is no MAC address of six octets")
+            raise ValueError(f"{shown(address)} is no MAC address of six bytes")
         return super().__new__(cls, octets)
 
     def __str__(self) -> str:

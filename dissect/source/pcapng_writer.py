@@ -109,7 +109,7 @@ def packet_block(
         options = _options([(OPT_COMMENT, text) for text in _comments(comments, room)])
     total = 32 + size + pad + len(options)
     if total > MAX_BLOCK:
-        raise ValueError(f"a packet of {size} octets is larger than a pcapng block may be ({MAX_BLOCK} octets)")
+        raise ValueError(f"a packet of {size} bytes is larger than a pcapng block may be ({MAX_BLOCK} bytes)")
     time_ns = min(max(time_ns, 0), _MAX_COUNT)
     head = _PACKET_HEAD.pack(
         ENHANCED_PACKET, total, interface, time_ns >> 32, time_ns & _MASK, size, max(wire_length, size)

@@ -42,7 +42,7 @@ class Ask:
 
     def __init__(self, octets: bytes) -> None:
         if len(octets) < HEADER_SIZE:
-            raise ValueError(f"{octets.hex(' ')}: a PDU has at least {HEADER_SIZE} octets")
+            raise ValueError(f"{octets.hex(' ')}: a PDU has at least {HEADER_SIZE} bytes")
         self.octets = octets
 
 
@@ -146,7 +146,7 @@ class Piece(Tell):
             texts = [_text(element) for element in self._elements]
             data = b"".join([value_octets(text, int(item.transport_size)) for text in texts])
         if item.size >= 0 and len(data) != item.size:
-            raise ValueError(f"{item.label} has {item.size} octets, the answer {len(data)}")
+            raise ValueError(f"{item.label} has {item.size} bytes, the answer {len(data)}")
         return ItemLine(item.octets, data, SUCCESS, usual_size(item))
 
     def build(self, asked: Pdu) -> bytes:

@@ -200,7 +200,7 @@ class Operations(OperationBook):
         _join(operation, transaction)
         operation.complete = head.last_data_unit == 0
         if operation.complete and operation.octets != operation.announced and not operation.connection.tcp.has_holes:
-            detail = f"{operation.octets} octets, {operation.announced} announced"
+            detail = f"{operation.octets} bytes, {operation.announced} announced"
             operation.odd(WRONG_SIZE, detail, int(transaction.request_frame))
         if operation.complete or transaction.error_code:
             self.settle(operation, transaction, DONE, FAILED)

@@ -57,7 +57,7 @@ UNCONFIRMED: Final = 2048
 REASON_TEXTS: Final[dict[str, str]] = {
     CONNECTION_CLOSED: "the connection ended before an answer came",
     CAPTURE_ENDED: "the capture ends before an answer came",
-    HOLE: "octets of the answering side are missing from the capture, the answer may be among them",
+    HOLE: "bytes of the answering side are missing from the capture, the answer may be among them",
     REFERENCE_REUSED: "the asking side used the reference again without waiting for the answer",
     TABLE_FULL: "too many requests were open at once, this one was dropped from the table",
     CONNECTION_EVICTED: "too many connections were open at once, this one was dropped from the table",

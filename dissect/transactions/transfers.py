@@ -125,9 +125,9 @@ class Transfers:
         if operation.connection.tcp.has_holes:
             return  # pieces may be in the holes
         if not operation.complete:
-            operation.odd(CUT_SHORT, f"ended after {operation.octets} octets, more was to follow", frame)
+            operation.odd(CUT_SHORT, f"ended after {operation.octets} bytes, more was to follow", frame)
         elif operation.announced >= 0 and operation.octets != operation.announced:
-            detail = f"{operation.octets} octets, {operation.announced} announced"
+            detail = f"{operation.octets} bytes, {operation.announced} announced"
             operation.odd(WRONG_SIZE, detail, frame)
 
     # ---- from the PLC -----------------------------------------------------------------------------------------------

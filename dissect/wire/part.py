@@ -15,7 +15,7 @@ from dissect.wire.malformed import Malformed
 #: Octets whose meaning is not known, or whose meaning depends on something else than this message.
 OCTETS: Final = Layout("octets", "content without a known structure", [Field("octets", REST, "As they stand.")])
 #: Octets that stand where nothing may follow.
-SURPLUS: Final = Layout("surplus octets", "nothing is expected here", [Field("octets", REST, "As they stand.")])
+SURPLUS: Final = Layout("surplus bytes", "nothing is expected here", [Field("octets", REST, "As they stand.")])
 #: The octet that makes an odd item even.
 FILL: Final = Layout(
     "fill", "reference section 3.5", [Field("fill", 1, "Makes an odd item even.", "s7comm.data.fillbyte")]

@@ -35,7 +35,7 @@ def test_writes_a_capture_and_tells_of_it(tmp_path: Path, capfdbinary: Capfd) ->
     packets = len(drain(open_capture(str(source))).frames)
     assert lines[0] == f"{packets} of {packets} packets written"
     assert "       2  IP addresses (different ones)" in lines
-    assert any(line.endswith("values (4 octets)") for line in lines)
+    assert any(line.endswith("values (4 bytes)") for line in lines)
     assert "Left as it was" in lines
     assert told(out) == told(source)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in.pcapng", "out.pcapng"]

@@ -315,7 +315,7 @@ def test_a_damaged_capture_is_cut_as_far_as_it_goes(tmp_path: Path, capfdbinary:
     out = tmp_path / "out.pcapng"
     ran = cut(capfdbinary, ROOT / "captures" / "crafted" / "cut-pcapng.pcapng", "-o", out)
     assert ran.code == 3
-    assert "cut off at octet" in ran.err
+    assert "cut off at byte" in ran.err
     assert len(frames(out)) == 14
 
 

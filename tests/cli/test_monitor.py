@@ -93,7 +93,7 @@ def test_a_damaged_file_is_told(capfdbinary: pytest.CaptureFixture[bytes], tmp_p
     path.write_bytes(path.read_bytes()[:-7])
     ran = run(capfdbinary, "monitor", path)
     assert ran.code == 3
-    assert "cut off at octet" in ran.err
+    assert "cut off at byte" in ran.err
     assert "capture.damaged" in ran.out
 
 

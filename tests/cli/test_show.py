@@ -48,7 +48,7 @@ def test_text_has_a_line_for_each_pdu_and_what_else_is_said(capfdbinary: Capture
         "COTP DR",
     ]
     assert lines[4] == "     8  comment: here it comes"
-    assert lines[7].endswith("COTP DT  TLS, 22 octets: TLS 1.2 application data")
+    assert lines[7].endswith("COTP DT  TLS, 22 bytes: TLS 1.2 application data")
 
 
 def test_jsonl_has_a_line_for_each_pdu_and_what_else_is_said(capfdbinary: Capture, path: Path) -> None:
@@ -159,7 +159,7 @@ def test_a_cut_pdu(capfdbinary: Capture, path: Path) -> None:
     packets[-1] = cut_to(packets[-1], 54 + 7 + 15)
     lines = run(capfdbinary, "show", "-V", "--frame", "8", saved(path, packets)).out.splitlines()
     assert "CUT by the capture" in lines[0]
-    assert "cut by the capture; octets count from the beginning of the S7 PDU" in lines[1]
+    assert "cut by the capture; bytes count from the beginning of the S7 PDU" in lines[1]
     assert hex_view(lines) == messages.read_job(1, [WORD])[:15]
 
 

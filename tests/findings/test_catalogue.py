@@ -947,7 +947,7 @@ def write_size(talk: Talk) -> None:
     talk.ask(write(1, [dbw(1, 0)], written(4, bytes(4))))
     talk.tell(ack_data(1, b"\x05\x01", b"\x07"))
     told = [finding.detail for finding in talk.findings if finding.slug == "transaction.write_size"]
-    assert told == ["Write Var DB1.DBW0: item 1 (DB1.DBW0) takes 2 octets, 4 come with it"]
+    assert told == ["Write Var DB1.DBW0: item 1 (DB1.DBW0) takes 2 bytes, 4 come with it"]
 
 
 @silent("transaction.write_size")

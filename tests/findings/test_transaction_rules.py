@@ -223,7 +223,7 @@ def test_another_number_of_items(talk: Talk) -> None:
 def test_another_size(talk: Talk) -> None:
     talk.ask(read(1, dbw(1, 0), dbw(1, 2)))
     talk.tell(ack_data(1, b"\x04\x02", good(4, b"\0\1") + good(4, b"\0\1\2\3")))
-    assert only(talk, "transaction.size_mismatch").detail.endswith("item 2 (DB1.DBW2) asked for 2 octets, got 4")
+    assert only(talk, "transaction.size_mismatch").detail.endswith("item 2 (DB1.DBW2) asked for 2 bytes, got 4")
 
 
 @pytest.mark.parametrize(
@@ -231,13 +231,13 @@ def test_another_size(talk: Talk) -> None:
     [
         (
             ack_data(1, b"\x04\x01", good(4, b"\0\1") + b"\0\0"),
-            "2 octets too many behind data items at octet 20, in the data part",
+            "2 bytes too many behind data items at byte 20, in the data part",
         ),
         (
             ack_data(1, b"\x04\x01", b"\xff\x04\x00\x10\x00"),
-            "data.length at octet 14 claims 2 octets, the data part has 1",
+            "data.length at byte 14 claims 2 bytes, the data part has 1",
         ),
-        (ack_data(1, b"\x04\x01"), "data items at octet 14: 1 announced, 0 there"),
+        (ack_data(1, b"\x04\x01"), "data items at byte 14: 1 announced, 0 there"),
     ],
 )
 def test_a_read_answer_that_contradicts_itself(talk: Talk, told: bytes, detail: str) -> None:
@@ -250,7 +250,7 @@ def test_a_read_answer_that_contradicts_itself(talk: Talk, told: bytes, detail: 
 def test_a_write_answer_that_contradicts_itself(talk: Talk) -> None:
     talk.ask(write(1, [dbw(1, 0)], written(4, b"\0\1")))
     talk.tell(ack_data(1, b"\x05\x01", b"\xff\xff"))
-    assert "return codes at octet 14: 1 announced, 2 there" in only(talk, "s7.malformed").detail
+    assert "return codes at byte 14: 1 announced, 2 there" in only(talk, "s7.malformed").detail
 
 
 @pytest.mark.parametrize("answered", [True, False])
@@ -262,7 +262,7 @@ def test_a_write_request_that_contradicts_itself(talk: Talk, answered: bool) -> 
     finding = only(talk, "s7.malformed")
     assert finding.frames == [asked]
     assert finding.detail == (
-        "Job from 10.0.0.1:50000, Write Var DB1.DBW0, DB1.DBW2: s7: data items at octet 42: 2 announced, 1 there"
+        "Job from 10.0.0.1:50000, Write Var DB1.DBW0, DB1.DBW2: s7: data items at byte 42: 2 announced, 1 there"
     )
 
 

@@ -212,7 +212,7 @@ def test_holes_are_told() -> None:
     talk = begun().send(0, dt(messages.read_job(1, [WORD]))).skip(1, 29).send(0, dt(messages.read_job(2, [WORD])))
     talk.send(1, dt(messages.read_answer(2, [WORD], [b"\x00\x01"]))).ack(0)
     lines = report(analysed(talk.packets()))
-    assert "1 hole in the TCP streams, 29 octets missing from the capture" in section(lines, "Completeness")
+    assert "1 hole in the TCP streams, 29 bytes missing from the capture" in section(lines, "Completeness")
     assert [line for line in section(lines, "Findings") if line.startswith("warning  stream.hole")]
     assert [line for line in section(lines, "Failed") if "NO ANSWER (hole in the capture)" in line]
 
@@ -238,8 +238,8 @@ def test_garbage_and_unfinished_messages_are_told() -> None:
     talk = begun().send(0, b"GET / HTTP/1.1\r\n\r\n" + dt(messages.read_job(1, [WORD])))
     talk.send(1, dt(messages.read_answer(1, [WORD], [b"\x00\x01"]))[:20])
     told = section(report(analysed(talk.packets())), "Completeness")
-    assert "18 octets skipped that belong to no message" in told
-    assert "20 octets of unfinished messages at the end" in told
+    assert "18 bytes skipped that belong to no message" in told
+    assert "20 bytes of unfinished messages at the end" in told
 
 
 def test_repetitions_are_told() -> None:
@@ -266,10 +266,10 @@ def test_packets_that_were_not_used_are_told_by_reason() -> None:
 
 def test_a_damaged_file_and_notes() -> None:
     analysis = analysed(begun().packets())
-    analysis.files[0].damage = "cut off at octet 12\x1b[2J"
+    analysis.files[0].damage = "cut off at byte 12\x1b[2J"
     analysis.files[0].notes = [f"oddity {number}" for number in range(12)]
     lines = report(analysis)
-    assert lines[1] == "  DAMAGED: cut off at octet 12\\x1b[2J"
+    assert lines[1] == "  DAMAGED: cut off at byte 12\\x1b[2J"
     assert lines[2:12] == [f"  oddity {number}" for number in range(10)]
     assert lines[12] == "  and 2 more notes; -T json lists them"
 

@@ -195,14 +195,14 @@ WRONG = [
     ("R103", obj('type="uint8"\naccess="wo"') + '[[pdo]]\ndir="T"\nnumber=1\nmap=["x"]\n', 8, "cannot be read"),
     ("R103", obj('type="uint8"\naccess="ro"') + '[[pdo]]\ndir="R"\nnumber=1\nmap=["x"]\n', 8, "cannot be written"),
     ("R103", obj('type="uint8"\nmappable=false') + '[[pdo]]\ndir="T"\nnumber=1\nmap=["x"]\n', 8, "cannot be mapped"),
-    ("R103", obj('type="string"') + '[[pdo]]\ndir="T"\nnumber=1\nmap=["x"]\n', 7, "whole octets"),
+    ("R103", obj('type="string"') + '[[pdo]]\ndir="T"\nnumber=1\nmap=["x"]\n', 7, "whole bytes"),
     ("R93", obj('type="uint8"\ndevice="p"', 0x6000), 7, "no \\[\\[instance\\]\\]"),
     ("R93", obj('type="uint8"\ndevice="p"', 0x6000) + '[[instance]]\nof="p"\ndevices=[8]\n', 10, "no device 0 to 7"),
     ("R93", '[[instance]]\nof="p"\ndevices=[1]\n', 4, "device = 'p'"),
     ("R52", '[errors]\n"-129"="x"\n', 3, "8 bits"),
     ("profile 3.3", '[envelope]\nfields=[{role="index", type="uint16"}]\n', 3, "role data"),
     ("profile 3.3", '[envelope]\nfields=[{role="data"}, {role="crc", type="crc"}]\n', 3, "belong together"),
-    ("profile 3.3", '[envelope]\nfields=[{role="kind", bits=4}, {role="data"}]\n', 3, "whole octet"),
+    ("profile 3.3", '[envelope]\nfields=[{role="kind", bits=4}, {role="data"}]\n', 3, "whole byte"),
     ("C36", obj('type="uint8"\nlow=3\nhigh=2'), 3, "above the upper"),
 ]  # fmt: skip
 

@@ -167,7 +167,7 @@ def test_a_mapping_of_unsigned64(pump: Imported) -> None:
 def test_every_loss_is_told(pump: Imported) -> None:
     assert {note.text: note.places for note in pump.notes} == {
         "left out: a definition of a type where SCD has none": ("0x0424",),
-        "the file does not say how long it is, taken is 255 octets": ("0x1018:4",),
+        "the file does not say how long it is, taken is 255 bytes": ("0x1018:4",),
         "the PDO is switched off: 5 entries, not all of them have a value": ("0x1600",),
         "the PDO is switched off: 2 entries, not all of them have a value": ("0x1602",),
         "left out: no mapping of UNSIGNED32 (CANopen) or UNSIGNED64 (POWERLINK) elements": ("0x1601",),

@@ -192,7 +192,7 @@ def test_a_bsend_that_is_refused_begun_again_or_of_another_size(talk: Talk) -> N
         ("done", "", 0),
     ]
     assert talk.operations[1].content == b""
-    assert [(odd.name, odd.detail) for odd in talk.operations[2].oddities] == [("wrong_size", "5 octets, 4 announced")]
+    assert [(odd.name, odd.detail) for odd in talk.operations[2].oddities] == [("wrong_size", "5 bytes, 4 announced")]
 
 
 def test_a_bsend_alone_or_without_its_beginning_is_no_operation(talk: Talk) -> None:

@@ -23,7 +23,7 @@ KINDS: Final = {
     REFUSE: "the request is refused with CODE, 0x8104 unless said",
     CUT: "the connection is reset instead of an answer",
     WRONG_REF: "the answer has the reference of another request",
-    SPLIT: "the answer comes in segments of 7 octets",
+    SPLIT: "the answer comes in segments of 7 bytes",
 }
 _MAX_MS: Final = 3_600_000
 _HEX: Final = re.compile("0x[0-9a-fA-F]{1,4}")

@@ -163,7 +163,7 @@ class Player:
             return reply  # a device that kept to nothing is not made better
         if not self.pdu_length or len(reply.octets) <= self.pdu_length:
             return reply
-        lacking = f"the answer has {len(reply.octets)} octets, the client agreed to {self.pdu_length}"
+        lacking = f"the answer has {len(reply.octets)} bytes, the client agreed to {self.pdu_length}"
         return reply._replace(octets=refuse(asked, WRONG_PDU_SIZE), how="unmatched", lacking=lacking)
 
     def _unmatched(self, asked: Pdu) -> Reply:
@@ -183,7 +183,7 @@ class Player:
             return Reply(
                 refuse(asked, WRONG_PDU_SIZE),
                 "unmatched",
-                lacking=f"the answer has {parameters.answer_size} octets or more",
+                lacking=f"the answer has {parameters.answer_size} bytes or more",
             )
         contents = [content.data for content in asked.data_items()] if writes else []
         answers: list[bytes] = []

@@ -291,7 +291,7 @@ def test_pieces_that_do_not_fit_what_was_granted_keep_the_download_here() -> Non
     assert begun_ == [b"_0A00010", b"_0A00099"]
     assert outcome.served == 2
     told = {one.transaction: one.reason for one in outcome.withheld}
-    assert told[13] == "a piece of 480 octets does not fit the PDU length of 240 that was granted"
+    assert told[13] == "a piece of 480 bytes does not fit the PDU length of 240 that was granted"
     assert [told[number] for number in (14, 15, 16)] == [FOLLOWS_WITHHELD] * 3
 
 
