@@ -33,8 +33,8 @@ _ODD: Final = {
     NONFINITE: "an infinity",
     TIME_NS_RANGE: "nanoseconds of a second or more",
     PAD: "undefined bits that are not zero",
-    VERSION: "another version of the mapping",
-    ENCODING: "a text that is none in the dictionary's encoding",
+    VERSION: "a different version of the mapping",
+    ENCODING: "a text that is invalid in the dictionary's encoding",
 }
 
 
@@ -81,7 +81,7 @@ class ScdJudge:
             )
             self._note(slug, found, f"{error.code} {error.where}: {error.detail}")
         if ACCESS in message.flags and message.phase not in {"response", "abort"}:  # told of the request
-            self._note("scd.access", found, "the access attribute or the index range forbids it")
+            self._note("scd.access", found, "the access attribute or the index range forbids this")
         odd = [text for flag, text in _ODD.items() if flag in message.flags]
         if odd:
             self._note("scd.odd_value", found, ", ".join(odd))

@@ -166,7 +166,7 @@ class IsoOnTcp(Protocol):
         before: i64 = 0
         if tsdu is not None:
             before = len(tsdu) - len(data)
-        detail = f"from {side.tcp.ends[side.index]}: what follows it is a whole PDU"
+        detail = f"from {side.tcp.ends[side.index]}: a complete PDU follows it"
         self._exchange.reporter.note(slug, side.connection.number, [frame], time_ns, detail)
         if tsdu is not None and is_sound(tsdu, 0, before):
             self._tsdu(side, tsdu, 0, before, frame, time_ns)  # only its end mark was missing
@@ -276,7 +276,7 @@ class IsoOnTcp(Protocol):
             reporter.note("stream.hole", number, [frame], time_ns, detail)
         if side.assembler.parts is not None:
             side.assembler.abandon()
-            lost = "the capture cut a packet of it" if cut else "bytes were lost"
+            lost = "the capture truncated one of its packets" if cut else "bytes were lost"
             reporter.note("cotp.unfinished_tsdu", number, [frame], time_ns, lost)
         self._plus.gap(side, size, cut, frame, time_ns)
 

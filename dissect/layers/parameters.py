@@ -69,7 +69,7 @@ class COTP_Parameter(WireLayer):
         for exponent, size in _SIZES.items():
             if size == octets:
                 return cls(code=TPDU_SIZE, value=bytes([exponent]))
-        message = f"a TPDU size of {octets} bytes cannot be said: give one of {', '.join(map(str, _SIZES.values()))}"
+        message = f"a TPDU size of {octets} bytes cannot be encoded: give one of {', '.join(map(str, _SIZES.values()))}"
         raise ValueError(message)
 
     @classmethod

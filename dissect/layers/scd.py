@@ -260,7 +260,7 @@ def bind_scd(
     transport, and what `SCD.using` raises.
     """
     if not 0 < port < 65536:
-        message = f"{port} is no port: give one of 1 to 65535"
+        message = f"{port} is not a port: give one of 1 to 65535"
         raise ValueError(message)
     carrier = _carrier(transport)
     layer = SCD if dictionary is None else SCD.using(dictionary)
@@ -282,6 +282,6 @@ def unbind_scd(port: int, transport: str | None = None) -> None:
 
 def _carrier(transport: str) -> type[Packet]:
     if transport not in _CARRIERS:
-        message = f"{transport!r} is no transport of SCD: give one of {', '.join(_CARRIERS)}"
+        message = f"{transport!r} is not a transport of SCD: give one of {', '.join(_CARRIERS)}"
         raise ValueError(message)
     return _CARRIERS[transport]

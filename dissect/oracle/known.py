@@ -320,7 +320,7 @@ KNOWN: Final = (
         (WHOLE,),
         "A TPKT header is shown that no TPDU follows.",
         "Its length is below 7, or LI and type behind it are none: on a known connection we report that, skip, and search for"
-        " the next TPKT; a connection that begins so (H.323) is none of ours.",
+        " the next TPKT; a connection that begins so (H.323) is not one of ours.",
         "1.2, 1.3",
         grounds.no_tpdu,
     ),
@@ -328,7 +328,7 @@ KNOWN: Final = (
         "rdp",
         SCOPE,
         (WHOLE, *sorted(facts.NAMES[facts.IN_PARAMETER])),
-        "TPKTs of Remote Desktop are dissected, and its negotiation is no list of parameters.",
+        "TPKTs of Remote Desktop are dissected, and its negotiation is not a list of parameters.",
         "Such a CR or CC names the connection, whatever its bytes read as parameters would say; it is followed no further.",
         "1.4",
         grounds.is_rdp,

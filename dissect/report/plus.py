@@ -41,7 +41,7 @@ def plus_notes(pdu: PlusPdu) -> list[str]:
     if pdu.session_id >= 0:
         said.append(f"session 0x{pdu.session_id:08x}")
     if pdu.opcode == REQUEST and not pdu.wants_response:
-        said.append("wants no response")
+        said.append("expects no response")
     if pdu.subscription_id >= 0:
         said.append(f"subscription 0x{pdu.subscription_id:08x}")
         if pdu.sequence >= 0:
@@ -71,7 +71,7 @@ def plus_subject(transaction: Transaction) -> str:
     if half.pdu.opcode == NOTIFICATION:
         said = plus_notes(half.pdu)
     else:
-        said = ["wants no response"] if asked is not None and not asked.pdu.wants_response else []
+        said = ["expects no response"] if asked is not None and not asked.pdu.wants_response else []
     items = join_items(asked, told, transaction.connection.plus)
     if items:
         return ", ".join(said + _some([item_text(item) for item in items]))

@@ -16,7 +16,7 @@ MESSAGE_REQUEST: Final = Layout(
     "message service",
     _SOURCE,
     [
-        Field("alarms", 1, "Alarms; which ones is told behind.", f"{_MASK}.alarms", bits=(0x80, 7)),
+        Field("alarms", 1, "Alarms; which ones follows.", f"{_MASK}.alarms", bits=(0x80, 7)),
         Field("unknown", 1, "0.", bits=(0x78, 3), shares=True),
         Field("user_diagnostics", 1, "Entries of users.", f"{_MASK}.userdefined", bits=(0x04, 2), shares=True),
         Field("system_diagnostics", 1, "System diagnostics.", f"{_MASK}.system", bits=(0x02, 1), shares=True),

@@ -57,7 +57,7 @@ RECORD_HEAD: Final = Layout(
     "reference section 4.7",
     [
         Field("reserved", 1, "0.", "s7comm.readrec.reserved1", means=plain),
-        Field("item_count", 1, "1; devices take no more.", "s7comm.param.itemcount"),
+        Field("item_count", 1, "1; devices accept no more.", "s7comm.param.itemcount"),
     ],
 )
 #: What stands between the return code and the status of a record that was read.

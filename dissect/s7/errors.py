@@ -118,7 +118,7 @@ ERROR_CODES: Final = CodeTable(
         (0xd0aa, "Time limit exceeded", "Processing operation took too long"),
         (0xd0ab, "Invalid job parameters", "Parameters wrong in process operation"),
         (0xd0ac, "Invalid job data", "Data wrong in process operation"),
-        (0xd0ad, "Operating mode already set", "The mode asked for is already active"),
+        (0xd0ad, "Operating mode already set", "The requested mode is already active"),
         (0xd0ae, "Job belongs to another connection", "Only the connection that set the job up may handle it"),
         (0xd0c1, "Tag access error", "At least one variable could not be accessed"),
         (0xd0c2, "Change to STOP or HOLD", "The CPU changed its mode"),
@@ -238,7 +238,7 @@ ERROR_CLASSES: Final = CodeTable(
     [
         (0x00, "no error", "Nothing went wrong."),
         (0x81, "application relationship", "The relation between the two applications does not allow the request."),
-        (0x82, "object definition", "The object asked for is not defined as the request supposes."),
+        (0x82, "object definition", "The requested object is not defined as the request assumes."),
         (0x83, "no resources", "The module has no resources left for the request."),
         (0x84, "service processing", "The service could not be processed."),
         (0x85, "supplies", "The frame itself was faulty."),

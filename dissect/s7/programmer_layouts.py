@@ -178,7 +178,7 @@ BLOCK_STATUS_START: Final = Layout(
 )
 #: What the registers held; which ones and in how many lines stands in the request.
 BLOCK_STATUS_DATA: Final = Layout(
-    "registers", _SOURCE, [Field("registers", REST, "As the request asked for.", "s7comm.tis.blockstat.data")]
+    "registers", _SOURCE, [Field("registers", REST, "As requested.", "s7comm.tis.blockstat.data")]
 )
 
 _DB_TYPES: Final = [
@@ -264,7 +264,7 @@ LSTACK: Final = Layout(
     [*_INTERRUPTED, Field("size", 2, "Bytes of local data.", "s7comm.tis.lstack.size", counts="local data")],
 )
 LSTACK_DATA: Final = Layout(
-    "local data", _SOURCE, [Field("local_data", REST, "As they stand.", "s7comm.tis.lstack.data")]
+    "local data", _SOURCE, [Field("local_data", REST, "As on the wire.", "s7comm.tis.lstack.data")]
 )
 LSTACK_CLASS: Final = Layout(
     "priority class",

@@ -58,7 +58,7 @@ INTEGRITY: Final = Layout(
 _HEAD: Final = [
     Field("opcode", 1, "Request or response.", codes=OPCODES),
     Field("reserved_1", 2, "0."),
-    Field("function", 2, "What is asked for.", codes=FUNCTIONS),
+    Field("function", 2, "What is requested.", codes=FUNCTIONS),
     Field("reserved_2", 2, "0."),
     Field("sequence", 2, "Sequence number, echoed by the response."),
 ]
@@ -83,7 +83,7 @@ NOTIFICATION: Final = Layout(
     _SOURCE,
     [
         Field("opcode", 1, "0x33.", codes=OPCODES),
-        Field("subscription_id", 4, "The subscription that tells it."),
+        Field("subscription_id", 4, "The subscription that sends it."),
         Field("unknown_1", 2, "0x0400 in captures."),
         Field("unknown_2", 2, "0 in captures."),
         Field("unknown_3", 2, "0 in captures."),

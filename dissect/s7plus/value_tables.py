@@ -69,7 +69,7 @@ VALUE_TYPES: Final = CodeTable("S7comm-plus value type", 2, [
     (TIMESPAN, "Timespan", "Nanoseconds, signed, of variable size."),
     (RID, "RID", "Id of an object, four bytes."),
     (AID, "AID", "Id of an attribute, of variable size."),
-    (BLOB, "Blob", "Bytes, behind the id of a root."),
+    (BLOB, "Blob", "Bytes, after the ID of a root."),
     (WSTRING, "WString", "A text in UTF-8."),
     (VARIANT, "Variant", "A value with a type of its own."),
     (STRUCT, "Struct", "An id, then members with ids, or packed bytes."),

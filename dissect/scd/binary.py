@@ -74,12 +74,12 @@ def _parse(octets: bytes) -> Body:
         raise DictionaryError("file", f"{size} bytes, a dictionary has at most {MAX_FILE}")
     if octets[:8] != MAGIC[:size]:
         damaged = " (damaged as by a text-mode transfer)" if is_compiled(octets) else ""
-        raise DictionaryError("header, byte 0", f"no compiled dictionary: the magic number differs{damaged}")
+        raise DictionaryError("header, byte 0", f"not a compiled dictionary: the magic number differs{damaged}")
     if size < HEADER_SIZE:
         raise DictionaryError(f"header, byte {size}", f"the file ends within the header of {HEADER_SIZE} bytes")
     _, major, minor, header_size, file_size, crc, spare, identity = _HEADER.unpack_from(octets)
     if major != MAJOR:
-        raise DictionaryError("header, byte 8", f"format {major}.{minor} is not known here, only {MAJOR}")
+        raise DictionaryError("header, byte 8", f"format {major}.{minor} is unknown, expected {MAJOR}")
     if header_size < HEADER_SIZE or header_size > size or (minor <= MINOR and header_size != HEADER_SIZE):
         raise DictionaryError("header, byte 10", f"a header of {header_size} bytes")
     if file_size != size:
@@ -112,7 +112,7 @@ def _decode(content: memoryview, start: int) -> Body:
     except UnicodeDecodeError as error:
         at = bytes(content).find(error.object) if error.object else -1
         where = f"body, byte {start + at + error.start}" if at >= 0 else "body"
-        raise DictionaryError(where, f"a name or text is no UTF-8: {error.reason}", rule="R42") from None
+        raise DictionaryError(where, f"a name or text is not UTF-8: {error.reason}", rule="R42") from None
     except RecursionError:
         raise DictionaryError("body", "arrays in arrays without end") from None
 

@@ -132,7 +132,7 @@ class Envelope:
         self._tail, self.tail_size = _places(record.fields[at + 1 :], "after")
         self._size = next((place for place in self._head if place.field.role == "size"), None)
         if self._size is None and "size" in roles:
-            raise Error(E_DICTIONARY, "envelope", "the size has to stand before the data that it counts")
+            raise Error(E_DICTIONARY, "envelope", "the size must come before the data that it counts")
         self._crc_in_head = any(place.field.role == "crc" for place in self._head)
         crcs = [place.field for place in self._head + self._tail if place.field.role == "crc"]
         if len(crcs) > 1 or (crcs and crcs[0].bits != 16):
@@ -246,7 +246,7 @@ class Envelope:
         if self._size is not None:
             given["size"] = self._counted(len(data))
             if given["size"] >> self._size.field.bits:
-                raise Error(E_LENGTH, "envelope", f"{len(data)} bytes of data are more than the size field can tell")
+                raise Error(E_LENGTH, "envelope", f"{len(data)} bytes of data are more than the size field can hold")
         head = _write_all(self._head, given, self.head_size)
         tail = _write_all(self._tail, given, self.tail_size)
         if self._crc is None:
@@ -278,9 +278,7 @@ class Envelope:
         data = told - self._counted(0)
         if 0 <= data <= MAX_OCTETS:
             return self.head_size + data + self.tail_size, None
-        return 0, Error(
-            E_LENGTH, "envelope", f"a size of {told} leaves {data} bytes for the data, not 0..{MAX_OCTETS}"
-        )
+        return 0, Error(E_LENGTH, "envelope", f"a size of {told} leaves {data} bytes for the data, not 0..{MAX_OCTETS}")
 
     def _signature(self, octets: bytes, places: list[_Place]) -> Error | None:
         """Return the error when a field that never changes is there with another value."""

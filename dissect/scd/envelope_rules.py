@@ -26,10 +26,10 @@ def check_envelope(record: EnvelopeRecord) -> None:
     for number, field in enumerate(fields, 1):
         bit = _check_field(field, bit, f"envelope, field {number} ({field.role})")
     if bit % 8:
-        raise _fail(f"{bit} bits beside the data, which is no number of whole bytes")
+        raise _fail(f"{bit} bits beside the data, which is not a whole number of bytes")
     roles = [field.role for field in fields]
     if times["size"] and roles.index("size") > roles.index("data"):
-        raise _fail("size stands before the data that it counts")
+        raise _fail("size must come before the data that it counts")
     if times["crc"] != (record.crc is not None):
         raise _fail("a field of the role crc and a table crc belong together")
     if record.crc is not None:

@@ -96,7 +96,7 @@ def whole_of_node(text: str, node_id: int | None) -> int:
     if not _NODE_ID.search(text):
         return whole_octal(text)
     if node_id is None:
-        raise ValueError("depends on the node id, which the file does not say: give it (--node)")
+        raise ValueError("depends on the node id, which the file does not give: set it (--node)")
     return whole_octal(_NODE_ID.sub("", text).strip().strip("+") or "0") + node_id
 
 
@@ -127,7 +127,7 @@ def parse_limit(text: str, kind: SimpleType) -> float | int:
     octal = kind.kind is not Kind.REAL and is_octal(text)
     found = whole_octal(text) if octal else written_value(text, kind)
     if not isinstance(found, (int, float)) or not math.isfinite(found):
-        raise ValueError("is no finite number")
+        raise ValueError("is not a finite number")
     if kind.kind is not Kind.REAL:
         try:
             kind.check(found)

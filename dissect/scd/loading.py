@@ -71,7 +71,7 @@ def import_file(path: str | os.PathLike[str], encoding: str = "", node: int | No
     suffix = Path(path).suffix.lower()
     if suffix not in INI_SUFFIXES + XML_SUFFIXES:
         suffixes = ", ".join(INI_SUFFIXES + XML_SUFFIXES)
-        raise DictionaryError("file", f"{suffix or 'no suffix'!r} is none of {suffixes}", path=os.fspath(path))
+        raise DictionaryError("file", f"{suffix or 'no suffix'!r} is not one of {suffixes}", path=os.fspath(path))
     octets = _read(Path(path), MAX_DESCRIPTION)
     if suffix in INI_SUFFIXES:
         from dissect.scd.eds import import_eds

@@ -279,7 +279,9 @@ class GzipSource(_CompressedSource):
             self._between = False
         else:
             end = self._taken - len(self._pending)
-            raise _DamagedError(f"the gzip data ends at byte {end}; what follows is none, and was left out")
+            raise _DamagedError(
+                f"the gzip data ends at byte {end}; the data after it is not compressed data and was ignored"
+            )
 
 
 class ZstdSource(_CompressedSource):
@@ -327,7 +329,9 @@ class ZstdSource(_CompressedSource):
             self._skip(int.from_bytes(self._take(4), "little"))
             return b""
         if magic != _ZSTD_MAGIC:
-            raise _DamagedError(f"the zstd data ends at byte {start}; what follows is none, and was left out")
+            raise _DamagedError(
+                f"the zstd data ends at byte {start}; the data after it is not compressed data and was ignored"
+            )
         descriptor = self._take(1)
         flags = descriptor[0]
         single = flags >> 5 & 1

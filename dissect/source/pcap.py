@@ -41,7 +41,7 @@ _FILE_HEADER: Final = 24
 
 _ODD_FRACTION: Final = "a time stamp holds {} parts of a second, a whole second or more, and was read as it stands"
 #: What is noted of a packet whose wire length cannot be; for pcapng too.
-SHORT_WIRE: Final = "a packet claims only {} bytes on the wire, fewer than were captured, and was taken as uncut"
+SHORT_WIRE: Final = "a packet claims only {} bytes on the wire, fewer than were captured, and was treated as complete"
 _ODD_VERSION: Final = "the file says it is version {} of the format, and was read as version 2.4"
 
 

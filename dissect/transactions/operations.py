@@ -162,7 +162,7 @@ class Operations(OperationBook):
             operation.add(transaction)
         elif more:
             if operation is not None:
-                self.close(operation, UNFINISHED, "begun again")
+                self.close(operation, UNFINISHED, "restarted")
             operation = self.begin(LONG_ANSWER, key, transaction, subject_of(transaction))
         else:
             return False
@@ -190,7 +190,7 @@ class Operations(OperationBook):
             operation.add(transaction)
         else:
             if operation is not None:
-                self.close(operation, UNFINISHED, "begun again")
+                self.close(operation, UNFINISHED, "restarted")
             if r_id < 0 or head.last_data_unit == 0:
                 return
             operation = self.begin(BSEND, key, transaction, r_id_text(r_id))

@@ -70,7 +70,7 @@ class Malformed:
         if self.reason == "count_mismatch":
             return f"{where}: {self.needed} announced, {self.available} there"
         if self.reason == "unknown_type":
-            return f"{where} is {self.available}, which is not known"
+            return f"{where} is {self.available}, which is unknown"
         return f"{where} is {self.available}, expected {self.needed}"
 
     def as_dict(self) -> dict[str, object]:

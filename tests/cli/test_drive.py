@@ -176,8 +176,8 @@ def test_130_when_interrupted_with_the_results_until_then(
         assert analysis["packets"]["read"] == 13
         assert complaints("analysis", analysis, exact=True) == []
     elif arguments == ("analyze",):
-        assert "  INTERRUPTED: what follows covers what was read until then\n" in told
-        assert told.endswith("\n  no hole in the TCP streams\n")
+        assert "  INTERRUPTED: this report covers the packets read until then\n" in told
+        assert told.endswith("\n  no gaps in the TCP streams\n")
     else:
         assert told.count("\n") == (4 if arguments == ("transactions",) else 10)
 

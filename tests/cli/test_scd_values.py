@@ -138,7 +138,7 @@ def test_octets_of_files_and_pipes(capfdbinary: Capture, tmp_path: Path, monkeyp
     assert decode(capfdbinary, "--pdo", "T2", "--raw", "-").out == wanted
     refused = decode(capfdbinary, "--pdo", "T2", plain)
     assert (refused.code, refused.out) == (2, "")
-    assert "no hexadecimal text; --raw takes the bytes as they are" in refused.err
+    assert "not hexadecimal text; --raw reads plain bytes" in refused.err
 
 
 def test_a_file_too_large_and_an_empty_one(capfdbinary: Capture, tmp_path: Path) -> None:
@@ -270,7 +270,7 @@ def test_a_name_may_have_an_equals_sign_in_it(capfdbinary: Capture, tmp_path: Pa
         (("--pdo", "T2", "nothing=1"), "E_INDEX: nothing: no object is called 'nothing'"),
         (("--pdo", "T2", "nothing=1=2"), "E_INDEX: nothing: no object"),
         (("--pdo", "T2", "--partial", "0x6001=raw:4096"), "E_RANGE: Давление 1: 4096 is outside 0..4095"),
-        (("--pdo", "T2", "--partial", "0x6001=much"), "E_VALUE: Давление 1: 'much' is no whole number"),
+        (("--pdo", "T2", "--partial", "0x6001=much"), "E_VALUE: Давление 1: 'much' is not a whole number"),
         (("--type", "pump_t", "flow=1"), "E_SUB: pump_t: no field 'flow'"),
         (("--type", "uint12", "a=1"), "no field 'a'"),
         (("--object", "0x2001", "--partial"), "--partial goes with --pdo and --type."),

@@ -84,7 +84,7 @@ def test_the_tree_of_a_packet_without_pdu(capfdbinary: Capture) -> None:
 def test_the_tree_says_what_is_wrong_and_what_came_in_fragments(capfdbinary: Capture) -> None:
     told = run(capfdbinary, "show", "-V", FAULTS).out
     assert told.count("MALFORMED  MPI: length at byte 12 claims") == 1
-    assert told.count("put together from several MPI packets") == 2  # the other has an octet behind its PDU
+    assert told.count("reassembled from several MPI packets") == 2  # the other has an octet behind its PDU
 
 
 def test_jsonl_has_the_pdus(capfdbinary: Capture) -> None:

@@ -161,7 +161,7 @@ def test_a_reference_used_again(talk: Talk) -> None:
     talk.ask(read(1, dbw(1, 0)))
     talk.ask(read(1, dbw(1, 2)))
     assert only(talk, "transaction.unanswered").detail.startswith(
-        "Read Var DB1.DBW0: the asking side used the reference"
+        "Read Var DB1.DBW0: the requesting side reused the reference"
     )
 
 
@@ -203,7 +203,7 @@ def test_a_full_table_is_told_with_what_it_costs(talk: Talk) -> None:
 def test_another_function(talk: Talk) -> None:
     talk.ask(read(1, dbw(1, 0)))
     talk.tell(ack_data(1, b"\x05\x01", b"\xff"))
-    assert only(talk, "transaction.function_mismatch").detail == "Read Var DB1.DBW0: answered as Write Var"
+    assert only(talk, "transaction.function_mismatch").detail == "Read Var DB1.DBW0: the answer names Write Var"
     assert talk.slugs() == ["transaction.function_mismatch"]
 
 
@@ -211,19 +211,19 @@ def test_another_subfunction(talk: Talk) -> None:
     talk.ask(userdata(1, head(1, 3, 3)))
     talk.tell(userdata(1, head(2, 3, 2, 0, 0)))
     detail = only(talk, "transaction.function_mismatch").detail
-    assert detail == "block functions: get block info: answered as block functions: list blocks of type"
+    assert detail == "block functions: get block info: the answer names block functions: list blocks of type"
 
 
 def test_another_number_of_items(talk: Talk) -> None:
     talk.ask(read(1, dbw(1, 0), dbw(1, 2)))
     talk.tell(words(1, 1))
-    assert only(talk, "transaction.count_mismatch").detail.endswith("asked for 2 items, answered 1")
+    assert only(talk, "transaction.count_mismatch").detail.endswith("requested 2 items, got 1")
 
 
 def test_another_size(talk: Talk) -> None:
     talk.ask(read(1, dbw(1, 0), dbw(1, 2)))
     talk.tell(ack_data(1, b"\x04\x02", good(4, b"\0\1") + good(4, b"\0\1\2\3")))
-    assert only(talk, "transaction.size_mismatch").detail.endswith("item 2 (DB1.DBW2) asked for 2 bytes, got 4")
+    assert only(talk, "transaction.size_mismatch").detail.endswith("item 2 (DB1.DBW2) requested 2 bytes, got 4")
 
 
 @pytest.mark.parametrize(
@@ -281,4 +281,4 @@ def test_an_answer_before_its_request(talk: Talk) -> None:
     asked = talk.ask(request, after_ns=2 * MS)
     finding = only(talk, "transaction.reordered")
     assert (finding.frames, finding.time_ns) == ([asked, answered], talk.transactions[0].request_ns)
-    assert finding.detail == "Read Var DB1.DBW0: the answer stands 2.00 ms before the request"
+    assert finding.detail == "Read Var DB1.DBW0: the answer precedes the request by 2.00 ms"

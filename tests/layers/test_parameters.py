@@ -61,7 +61,7 @@ def test_the_three_of_every_connection() -> None:
 
 
 def test_a_tpdu_size_that_cannot_be_said_is_refused() -> None:
-    with pytest.raises(ValueError, match="a TPDU size of 1000 bytes cannot be said: give one of 128, 256"):
+    with pytest.raises(ValueError, match="a TPDU size of 1000 bytes cannot be encoded: give one of 128, 256"):
         COTP_Parameter.tpdu_size(1000)
 
 

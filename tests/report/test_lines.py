@@ -161,9 +161,9 @@ def test_a_damaged_pdu_says_what_is_wrong() -> None:
 @pytest.mark.parametrize(
     ("kept", "said"),
     [
-        (23, "Job       ref 0x0001  Read Var  CUT by the capture"),
-        (12, "Job       ref 0x0001  Read Var  CUT by the capture"),
-        (10, "Job       ref 0x0001  CUT by the capture"),
+        (23, "Job       ref 0x0001  Read Var  TRUNCATED by the capture"),
+        (12, "Job       ref 0x0001  Read Var  TRUNCATED by the capture"),
+        (10, "Job       ref 0x0001  TRUNCATED by the capture"),
     ],
 )
 def test_a_cut_pdu_says_so(kept: int, said: str) -> None:

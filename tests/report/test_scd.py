@@ -346,8 +346,8 @@ def test_losses_are_told() -> None:
     begin = told.index("SCD by the dictionary Насосная 1.0.0")
     assert told[begin + 2].split() == ["обмен", "1", "0", "1"]
     assert told[begin + 9 : begin + 12] == [
-        "datagrams cut by the capture: 1",
-        "messages of no kind that can be paired: 1",
-        "bytes of streams skipped that are in no whole message: 5",
+        "datagrams truncated by the capture: 1",
+        "messages of a kind that cannot be paired: 1",
+        "stream bytes skipped because they belong to no complete message: 5",
     ]
     assert any("2 SCD messages" in text for text in told)

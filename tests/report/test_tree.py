@@ -154,7 +154,7 @@ def test_codes_nobody_knows_are_numbers() -> None:
 def test_a_pdu_in_several_fragments_counts_from_its_own_first_octet() -> None:
     pdu = messages.read_job(1, [WORD])
     lines = list(tree_lines(parse_pdu(pdu), b""))
-    assert lines[0] == "    put together from several COTP fragments; bytes count from the beginning of the S7 PDU"
+    assert lines[0] == "    reassembled from several COTP fragments; offsets count from the start of the S7 PDU"
     assert rows(lines)[0] == (range(1), "protocol_id", "0x32")
     assert covered(lines) == list(range(len(pdu)))
     assert view(lines) == pdu
@@ -169,7 +169,7 @@ def test_an_empty_dt_before_the_pdu_changes_no_offset() -> None:
 def test_a_cut_pdu_shows_what_is_there(kept: int) -> None:
     pdu = messages.read_job(1, [WORD])[:kept]
     lines = tree(pdu, cut=True)
-    assert lines[0] == "    cut by the capture; bytes count from the beginning of the S7 PDU"
+    assert lines[0] == "    truncated by the capture; offsets count from the start of the S7 PDU"
     assert view(lines) == pdu
     assert set(covered(lines)) <= set(range(kept))
 

@@ -302,9 +302,7 @@ def test_corrupt_gzip_gives_all_that_stands_before(tmp_path: Path) -> None:
     reader, recorder = _read_all(path)
     assert recorder.frames == sample.frames_before(200_000)
     assert reader.octets == 200_000
-    assert reader.damage.startswith(
-        f"the gzip data is corrupt at byte {len(front)} (invalid block type); what it held"
-    )
+    assert reader.damage.startswith(f"the gzip data is corrupt at byte {len(front)} (invalid block type); what it held")
 
 
 def test_corrupt_zstd_gives_all_that_stands_before(tmp_path: Path) -> None:
@@ -342,7 +340,7 @@ def test_what_follows_compressed_data_is_left_out_and_told(compression: str, tmp
     assert recorder.frames == sample.frames
     assert (
         reader.damage
-        == f"the {compression[:4]} data ends at byte {len(whole)}; what follows is none, and was left out"
+        == f"the {compression[:4]} data ends at byte {len(whole)}; the data after it is not compressed data and was ignored"
     )
 
 

@@ -198,7 +198,7 @@ def test_an_absurd_resolution_is_told_with_its_number() -> None:
     reader = reader_of(sample.octets)
     drain(reader)
     assert reader.notes == [
-        "an interface claims a time resolution of 10 or 2 to the minus 127, and was given the finest believed (at byte 44)"
+        "an interface claims a time resolution of 10 or 2 to the minus 127, and was given the finest one supported (at byte 44)"
     ]
 
 

@@ -109,14 +109,14 @@ def test_answers_to_userdata_and_refusals() -> None:
         (lambda: write("DB10.DBW4"), "takes a value"),
         (lambda: write("DB10.DBW4 INT = 40000"), "beyond the type"),
         (lambda: read("X7"), "no item|no address"),
-        (lambda: read("DB1.DBD4 LONG"), "is no type"),
+        (lambda: read("DB1.DBD4 LONG"), "is not a type"),
         (lambda: words(-1), "beyond what the type holds"),
         (lambda: refused(0xFF), "no return code that refuses"),
         (lambda: Ask(b"\x32"), "at least 10 bytes"),
-        (lambda: said(TWO, words(1)), "2 items were asked for, the answer has 1"),
+        (lambda: said(TWO, words(1)), "2 items were requested, the answer has 1"),
         (lambda: said(read("MW0"), words(1, 2)), "MW0 has 2 bytes, the answer 4"),
         (lambda: said(szl(1), words(1)), "only a read or a write has items"),
-        (lambda: said(read("MW0"), data(b"\x01")), "is no userdata"),
+        (lambda: said(read("MW0"), data(b"\x01")), "is not userdata"),
     ],
 )
 def test_what_is_written_wrongly_is_told(wrong: object, why: str) -> None:

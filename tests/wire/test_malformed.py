@@ -24,7 +24,7 @@ FACT = Malformed("cotp", "length_beyond", "li", 4, 18, 9, "tpkt")
          "s7: 78 bytes too many behind pdu at byte 26, in the TSDU"),
         (Malformed("s7", "count_mismatch", "item_count", 11, 5, 1, "param"),
          "s7: item_count at byte 11: 5 announced, 1 there"),
-        (Malformed("cotp", "unknown_type", "type", 1, 0, 3, "li"), "cotp: type at byte 1 is 3, which is not known"),
+        (Malformed("cotp", "unknown_type", "type", 1, 0, 3, "li"), "cotp: type at byte 1 is 3, which is unknown"),
     ],
 )  # fmt: skip
 def test_it_says_everything_in_a_sentence(fact: Malformed, text: str) -> None:

@@ -17,7 +17,7 @@ _ASKED_ID: Final = slice(14, 18)
 _TOLD_ID: Final = slice(16, 20)
 _EXTENDED_END: Final = 22
 
-NO_UPLOAD: Final = "there is no upload that it could go on with"
+NO_UPLOAD: Final = "there is no upload to continue"
 NO_MORE: Final = "the answer before it was complete already"
 
 
