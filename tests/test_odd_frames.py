@@ -79,7 +79,7 @@ ODD: Final[dict[str, bytes]] = {
     "S7 header alone": dt(b"\x32\x01"),
     "S7 lengths too long": dt(b"\x32\x01\x00\x00\x00\x09\x00\xff\x00\xff\x04\x00"),
     "unknown ROSCTR": dt(b"\x32\x05\x00\x00\x00\x09\x00\x00\x00\x00"),
-    "octets behind a PDU": dt(read(8, dbw(2, 0)) + b"\x99" * 7),
+    "unexpected bytes after a PDU": dt(read(8, dbw(2, 0)) + b"\x99" * 7),
     "unknown protocol": dt(b"\x99" * 40),
 }  # fmt: skip
 #: Of these nothing is wrong for itself, or nobody can tell.

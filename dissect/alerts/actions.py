@@ -84,7 +84,7 @@ def action_of(table: Table, name: str, hosts: frozenset[str], timeout: float, tr
     """
     keys = [key for key in _KINDS if table.has(key)]
     if len(keys) != 1:
-        told = "is missing" if not keys else "exclude each other: one table for each"
+        told = "is missing" if not keys else "exclude each other: use one table for each"
         raise table.fail(", ".join(keys or _KINDS), told)
     parallel = table.number("parallel", 1)
     if not 1 <= parallel <= MAX_PARALLEL:

@@ -44,7 +44,7 @@ class Command(Action):
         program = printable(os.path.basename(arguments[0]))  # noqa: PTH119 - the text is kept as the user wrote it
         with self._lock:
             if self._closed:
-                raise DeliveryError(f"{program}: not started, alerts are over")
+                raise DeliveryError(f"{program}: not started, alerting has ended")
             try:
                 process = subprocess.Popen(
                     arguments,
@@ -120,16 +120,16 @@ def command_of(table: Table, name: str, timeout: float, parallel: int, trial: bo
     arguments = table.items("command")
     if not 1 <= len(arguments) <= _MAX_ARGUMENTS:
         raise table.fail(
-            "command", f'is a list of 1 to {_MAX_ARGUMENTS} texts, ["PROGRAM", "ARGUMENT"]; there is no shell'
+            "command", f'must be a list of 1 to {_MAX_ARGUMENTS} texts, ["PROGRAM", "ARGUMENT"]; no shell is used'
         )
     for argument in arguments:
         if not isinstance(argument, str) or "\0" in argument:
-            raise table.fail("command", f"{shown(argument)} is no text")
+            raise table.fail("command", f"{shown(argument)} is not a string")
         for placeholder in _PLACEHOLDER.findall(argument):
             if placeholder not in PLACEHOLDERS:
                 known = ", ".join([f"{{{one}}}" for one in PLACEHOLDERS])
-                raise table.fail("command", f"{{{placeholder}}} is no placeholder; these are: {known}")
+                raise table.fail("command", f"{{{placeholder}}} is not a placeholder; known: {known}")
     program = arguments[0] if trial else shutil.which(arguments[0])
     if program is None:
-        raise table.fail("command", f"{shown(arguments[0])} is no program that can be run")
+        raise table.fail("command", f"{shown(arguments[0])} is not an executable program")
     return Command(name, (os.path.abspath(program), *arguments[1:]), timeout, parallel)  # noqa: PTH100 - links stay

@@ -46,7 +46,7 @@ class AlertEngine(Observer):
         for number, rule in enumerate(rules.rules, 1):
             if rule.needs_baseline and baseline is None:
                 where = f"[[rule]] {number}, when"
-                raise RuleError(rules.path, 0, where, f'"{rule.when}" of {rule.name!r} is told by a baseline: give one')
+                raise RuleError(rules.path, 0, where, f'"{rule.when}" of {rule.name!r} needs a baseline: give one')
         self.now_ns = 0
         self.count = 0
         self._tell = tell

@@ -55,7 +55,7 @@ class Lane:
                 self._ready.notify()
         if gone is not None:
             waiting = words.count(self._waiting.most, "alert")
-            self._complaints.about("room", f"{waiting} wait already, dropped: {gone.severity} {gone.message()}")
+            self._complaints.about("room", f"{waiting} are already waiting, dropped: {gone.severity} {gone.message()}")
 
     def close(self, deadline: float) -> None:
         """Deliver what waits until ``deadline`` (of the lane's clock), then give it up."""

@@ -73,7 +73,7 @@ def parse_rules(text: str, path: str = "", trial: bool = False) -> AlertRules:
     for table in file.tables("action", MAX_ACTIONS):
         name = _name(table)
         if name == STDERR or name in actions:
-            raise table.fail("name", f"{shown(name)} is there already: give it another")
+            raise table.fail("name", f"{shown(name)} exists already: choose a different name")
         actions[name] = action_of(table, name, hosts, seconds(table, "timeout", 10.0), trial)
         table.done()
     defaults = file.single("defaults") or Table({}, "[defaults]")
@@ -83,11 +83,11 @@ def parse_rules(text: str, path: str = "", trial: bool = False) -> AlertRules:
     for table in file.tables("rule", MAX_RULES):
         rule = _rule(table, usual, actions)
         if rule.name in [known.name for known in rules]:
-            raise table.fail("name", f"{shown(rule.name)} is the name of another rule: give it another")
+            raise table.fail("name", f"{shown(rule.name)} is already the name of a rule: choose a different one")
         table.done()
         rules.append(rule)
     if not rules:
-        raise DictionaryError("[[rule]]", "there is none")
+        raise DictionaryError("[[rule]]", "is missing: a rules file needs at least one")
     return AlertRules(tuple(rules), actions, path)
 
 
@@ -97,7 +97,7 @@ def parse_rules(text: str, path: str = "", trial: bool = False) -> AlertRules:
 def _name(table: Table) -> str:
     name = table.text("name")
     if not name.strip() or len(name) > MAX_NAME or not name.isprintable():
-        raise table.fail("name", f"{shown(name)} is no name of 1 to {MAX_NAME} printable characters")
+        raise table.fail("name", f"{shown(name)} is not a name of 1 to {MAX_NAME} printable characters")
     return name
 
 
@@ -116,7 +116,7 @@ def _duration(table: Table, key: str, default: int | None = None) -> int:
     elif found is None:
         raise table.fail(key, "is missing")
     else:
-        raise table.fail(key, f'{shown(found)} is no duration such as "500ms", "30s", "5min", "2h" or 30')
+        raise table.fail(key, f'{shown(found)} is not a duration such as "500ms", "30s", "5min", "2h" or 30')
     if found > _LONGEST:
         raise table.fail(key, "is more than a year")
     duration: int = found
@@ -172,7 +172,7 @@ def _actions(table: Table, actions: dict[str, Action], usual: tuple[str, ...]) -
     for name in names:
         if name != STDERR and (not isinstance(name, str) or name not in actions):
             known = ", ".join([STDERR, *actions])
-            raise table.fail("actions", f"{shown(name)} is the name of no [[action]]; there are: {known}")
+            raise table.fail("actions", f"{shown(name)} names no [[action]]; known actions: {known}")
     return tuple(dict.fromkeys(names))
 
 
@@ -185,7 +185,7 @@ def _rule(table: Table, usual: Rule, actions: dict[str, Action]) -> Rule:
     values: dict[str, Any] = _READERS[when](table)
     if when in EVENTS:
         if table.has("for"):
-            raise table.fail("for", f'what {shown(when)} looks for happens and does not last: use "cooldown"')
+            raise table.fail("for", f'what {shown(when)} reports is momentary and does not last: use "cooldown"')
     elif when == SILENCE:
         if table.has("for"):
             raise table.fail("for", 'a silence has "longer"')
@@ -212,7 +212,7 @@ def _finding(table: Table) -> dict[str, Any]:
     slugs: set[str] = set()
     for one in wanted:
         if not isinstance(one, str):
-            raise table.fail("finding", f"{shown(one)} is no text")
+            raise table.fail("finding", f"{shown(one)} is not a string")
         try:
             slugs |= slugs_of(one)
         except ValueError as error:
@@ -223,7 +223,7 @@ def _finding(table: Table) -> dict[str, Any]:
 def _new(table: Table) -> dict[str, Any]:
     kinds = names_of(table, "of")
     if kinds is not None and (not kinds or not kinds <= frozenset(KINDS)):
-        raise table.fail("of", f"is a list of these: {', '.join(KINDS)}")
+        raise table.fail("of", f"must be a list of: {', '.join(KINDS)}")
     return {"kinds": kinds if kinds is not None else frozenset(KINDS)}
 
 
@@ -243,7 +243,7 @@ def _learned(table: Table, key: str, per: str) -> float:
     """Return the factor over what the baseline holds, 0 for none."""
     factor = _positive(table, key) or 0.0
     if factor and per != PER_PAIR:
-        raise table.fail(key, 'a baseline knows pairs: per = "pair"')
+        raise table.fail(key, 'a baseline is kept per pair: use per = "pair"')
     return factor
 
 
@@ -292,7 +292,7 @@ def _silence(table: Table) -> dict[str, Any]:
 def _outcome(table: Table) -> dict[str, Any]:
     above = _positive(table, "above")
     if above is None:
-        raise table.fail("above", "is missing: so many a minute")
+        raise table.fail("above", "is missing: the number per minute")
     of = table.choice("of", (states.ERRORS, states.NO_ANSWER, states.FAILED), states.FAILED)
     per = _per(table, PER_PAIR, PER_CONNECTION, PER_ALL)
     return {"per": per, "of": of, "window_ns": _window(table, 60 * _S), "above": above}

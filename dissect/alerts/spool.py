@@ -105,7 +105,7 @@ class Spool:
             self.folder, self._lock, self.trouble = folder, lock, ""
             self._take_over()
             return
-        self.trouble = f"{self.folder}: {_MAX_FOLDERS} processes use it already"
+        self.trouble = f"{self.folder}: {_MAX_FOLDERS} processes already use it"
 
     def put(self, rank: int, content: bytes) -> list[Spooled]:
         """Keep an alert, on disk where that can be; return those that have to go for it: the oldest of the lightest."""

@@ -63,7 +63,7 @@ class SpoolLane:
             for thread in self._threads:
                 thread.start()
         if trouble:
-            self._complaints.about("spool", f"{trouble}: what cannot be delivered before the end is lost")
+            self._complaints.about("spool", f"{trouble}: alerts that cannot be delivered before the end are lost")
         if left:
             self._complaints.say(f"{words.count(left, 'alert')} of an earlier run will be delivered")
 
@@ -167,6 +167,6 @@ class SpoolLane:
                         self.counts.delivered += 1
                 self._changed.notify_all()
             if trouble:
-                self._complaints.about("down", f"{trouble}; it will be tried again")
+                self._complaints.about("down", f"{trouble}; delivery will be retried")
             elif refused:
                 self._complaints.about("refused", refused)

@@ -193,7 +193,7 @@ class RateWatch(_Counting):
         most = counter.look(now_ns)
         highest = self._highest(about)
         if highest is not None and most > highest:
-            said = f"{most} {rule.of} in {seconds:g} s; {rule.learned:g} times the learned are {highest:g}"
+            said = f"{most} {rule.of} in {seconds:g} s; {rule.learned:g} times the baseline is {highest:g}"
             return self.told(about, said, self._values(most / seconds, highest / seconds))
         if rule.above is not None and most / seconds > rule.above:
             said = f"{most} {rule.of} in {seconds:g} s, {most / seconds:.4g} a second; more than {rule.above:g}"

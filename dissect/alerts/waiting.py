@@ -77,7 +77,7 @@ class Complaints:
                 return
             self._told[kind] = now
             count = self._untold.pop(kind, 0)
-        self.say(f"{trouble} (and {count} times more since it was last reported)" if count else trouble)
+        self.say(f"{trouble} (and {count} more times since the last report)" if count else trouble)
 
     def say(self, text: str) -> None:
         """Say something at once."""

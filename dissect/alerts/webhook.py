@@ -80,15 +80,17 @@ def webhook_of(table: Table, name: str, hosts: frozenset[str], timeout: float, p
         or not url.isprintable()
         or " " in url
     ):
-        raise table.fail("webhook", f'{shown(url)} is no address such as "http://127.0.0.1:8080/alerts"')
+        raise table.fail("webhook", f'{shown(url)} is not an address such as "http://127.0.0.1:8080/alerts"')
     if parts.username is not None or parts.password is not None:
-        raise table.fail("webhook", "holds a name or a password, which does not belong in an address")
+        raise table.fail("webhook", "holds a name or a password, which must not be in the address")
     if not allowed(host, hosts):
         raise table.fail("webhook", f"{host} is not this machine: name it in allow_hosts at the top of the file")
     spool: Path | None = None
     if table.has("spool"):
         spool = Path(table.text("spool"))
         if not spool.is_absolute():
-            raise table.fail("spool", f'{shown(str(spool))} is no absolute path such as "/var/lib/s7dissect/alerts"')
+            raise table.fail(
+                "spool", f'{shown(str(spool))} is not an absolute path such as "/var/lib/s7dissect/alerts"'
+            )
     table.mark("spool")
     return Webhook(name, url, timeout, parallel, spool)

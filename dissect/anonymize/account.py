@@ -38,8 +38,8 @@ PADDING: Final = "octets_behind_ip"
 
 #: What people read of these.
 KINDS: Final = {
-    IP_ADDRESSES: "IP addresses (different ones)",
-    MAC_ADDRESSES: "MAC addresses (different ones)",
+    IP_ADDRESSES: "IP addresses (distinct)",
+    MAC_ADDRESSES: "MAC addresses (distinct)",
     TSAPS: "TSAP texts",
     NAMES: "names of stations, modules and plants",
     SERIALS: "serial numbers",
@@ -55,10 +55,10 @@ KINDS: Final = {
     PLUS: "contents of S7comm-plus",
     SCD_VALUES: "values in SCD messages",
     SCD_TEXTS: "texts in SCD messages",
-    SCD_UNKNOWN: "data of SCD messages that no binding was given for",
-    BLANK: "packets of which nothing but the link header can be read",
+    SCD_UNKNOWN: "data of SCD messages without a binding",
+    BLANK: "packets with only a readable link header",
     OPTIONS: "IP and TCP options",
-    PADDING: "paddings and trailers behind the IP packet",
+    PADDING: "padding and trailers after the IP packet",
 }
 
 # Why a packet is not written.
@@ -68,10 +68,10 @@ FRAGMENT: Final = "ip_fragment"
 LINK: Final = "unknown_link"
 
 REASONS: Final = {
-    OTHER: "other protocols (--keep-others writes them with other addresses and zeros for contents)",
-    DAMAGED: "IP or TCP headers that are damaged or cut",
-    FRAGMENT: "IP fragments of which not all were captured, or of other protocols",
-    LINK: "kinds of links that are not known here",
+    OTHER: "other protocols (--keep-others writes them with new addresses and zeroed contents)",
+    DAMAGED: "damaged or truncated IP or TCP headers",
+    FRAGMENT: "incomplete IP fragments, or fragments of other protocols",
+    LINK: "unknown link types",
 }
 
 # What went beyond a bound.
@@ -80,17 +80,17 @@ MANY: Final = "many_connections"
 UNCERTAIN: Final = "uncertain_place"
 
 CAVEATS: Final = {
-    FULL: "messages of a direction set to zero from some place on: there was no memory to remember more",
+    FULL: "messages of one direction set to zero from some point on: out of memory for more",
     MANY: "connections beyond the first 32,768: their contents are set to zero",
-    UNCERTAIN: "messages set to zero because octets beside them were lost and their place is not certain",
+    UNCERTAIN: "messages set to zero because neighbouring bytes were lost and their position is uncertain",
 }
 
 #: What is never changed, in sentences.
 LEFT: Final = (
     "times of packets, sizes, order, TCP ports, sequence numbers and timestamps of TCP, TTLs, VLAN ids",
-    "loopback, multicast and broadcast addresses; which addresses are private, and how much of their front they share",
-    "TSAPs of two octets (connection type, rack, slot), references, negotiated sizes",
-    "what is asked for: functions, areas, DB and block numbers, addresses, block types, sizes and versions",
+    "loopback, multicast and broadcast addresses; whether an address is private, and shared prefixes",
+    "TSAPs of two bytes (connection type, rack, slot), references, negotiated sizes",
+    "what is requested: functions, areas, DB and block numbers, addresses, block types, sizes and versions",
     "order numbers of modules, SZL ids and numbers in their records, diagnostic events, states, error codes",
     "times in contents: of blocks, events, clocks",
     "of SCD messages the header (kind, number, object, error), mappings of PDOs, constants that the dictionary says",
@@ -174,19 +174,19 @@ class Account:
         lines = [f"{self.written} of {self.packets} packets written"]
         lines += _section("Changed", _counts(self.replaced, KINDS))
         masked = sorted([(KINDS[kind], *counts) for kind, counts in self.masked.items()])
-        lines += _section("Set to zero", [f"{count:>8}  {text} ({size} octets)" for text, count, size in masked])
+        lines += _section("Set to zero", [f"{count:>8}  {text} ({size} bytes)" for text, count, size in masked])
         lines += _section("Kept because you asked for it", _counts(self.kept, KINDS))
         dropped = _counts(self.dropped, {reason: f"packets: {text}" for reason, text in REASONS.items()})
         if dropped:
-            dropped.append("          (so packets have other numbers in OUT than in FILE)")
+            dropped.append("          (so packet numbers in OUT differ from those in FILE)")
         if self.comments:
             dropped.append(f"{self.comments:>8}  comments")
         dropped.append(
-            "          whatever else the file held: names of interfaces, hosts and programs, secrets, statistics"
+            "          other content of the file: names of interfaces, hosts and programs, secrets, statistics"
         )
         lines += _section("Dropped", dropped)
         lines += _section("Bindings of SCD, for what was written", [_binding(entry) for entry in self.bindings])
-        lines += _section("Left as it was", [f"          {sentence}" for sentence in LEFT])
+        lines += _section("Left unchanged", [f"          {sentence}" for sentence in LEFT])
         return lines + _section("Mind", _counts(self.caveats, CAVEATS))
 
 

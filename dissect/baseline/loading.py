@@ -36,7 +36,7 @@ def parse_baseline(text: str) -> Baseline:
     file = PlantFile(text, ("pair",), ("learned",))
     number = file.top.number("format")
     if number != FORMAT:
-        raise file.top.fail("format", f"{number} is not known here, this is format {FORMAT}")
+        raise file.top.fail("format", f"{number} is unknown, expected format {FORMAT}")
     file.top.done()
     baseline = Baseline()
     learned = file.single("learned")
@@ -51,7 +51,7 @@ def parse_baseline(text: str) -> Baseline:
         pair = (norm.client, norm.server)
         if pair in lines:
             first = lines[pair]
-            raise table.fail("client", f"{pair[0]} and {pair[1]} are there already: {first.where}, line {first.line}")
+            raise table.fail("client", f"{pair[0]} and {pair[1]} are already defined: {first.where}, line {first.line}")
         lines[pair] = table
         baseline.pairs[pair] = norm
     return baseline
@@ -93,7 +93,7 @@ def _ports(table: Table) -> frozenset[int] | None:
     ports = table.items("server_ports")
     for port in ports:
         if not isinstance(port, int) or isinstance(port, bool) or not 0 <= port <= _MAX_PORT:
-            raise table.fail("server_ports", f"{shown(port)} is no port")
+            raise table.fail("server_ports", f"{shown(port)} is not a port")
     return frozenset(ports)
 
 

@@ -70,7 +70,7 @@ def read_text(path: str | os.PathLike[str]) -> str:
     with Path(path).open("rb") as stream:
         octets = stream.read(MAX_FILE + 1)
     if len(octets) > MAX_FILE:
-        raise DictionaryError("file", f"more than {MAX_FILE} octets")
+        raise DictionaryError("file", f"more than {MAX_FILE} bytes")
     return source_text(octets, os.fspath(path))
 
 
@@ -80,7 +80,7 @@ def address_of(table: Table, key: str) -> str:
     try:
         return address_text(ip_address(written).packed)
     except ValueError:
-        raise table.fail(key, f'{shown(written)} is no address such as "10.0.0.5"') from None
+        raise table.fail(key, f'{shown(written)} is not an address such as "10.0.0.5"') from None
 
 
 def names_of(table: Table, key: str) -> frozenset[str] | None:
@@ -93,5 +93,5 @@ def names_of(table: Table, key: str) -> frozenset[str] | None:
         raise table.fail(key, f"{len(names)} entries, {MAX_NAMES} at most")
     for name in names:
         if not isinstance(name, str) or not 1 <= len(name) <= MAX_NAME:
-            raise table.fail(key, f"{shown(name)} is no text of 1 to {MAX_NAME} characters")
+            raise table.fail(key, f"{shown(name)} is not a string of 1 to {MAX_NAME} characters")
     return frozenset(names)

@@ -69,16 +69,16 @@ class BaselineWatch:
         if norm is None:
             if client not in self._clients:
                 found.append(
-                    Deviation(CLIENT, pair, client, f"client {client} was never seen before; it talks to {server}")
+                    Deviation(CLIENT, pair, client, f"new client {client}; it talks to {server}")
                 )
             else:
-                found.append(Deviation(PAIR, pair, f"{client} > {server}", f"{client} never talked to {server} before"))
+                found.append(Deviation(PAIR, pair, f"{client} > {server}", f"first connection from {client} to {server}"))
         port = int(connection.server.port)
         if norm is not None and norm.server_ports is not None and port not in norm.server_ports:
-            found.append(Deviation(PORT, pair, str(port), f"{client} never used port {port} of {server} before"))
+            found.append(Deviation(PORT, pair, str(port), f"first use of port {port} on {server} by {client}"))
         named = tsaps(connection)
         if norm is not None and norm.tsaps is not None and named and named not in norm.tsaps:
-            found.append(Deviation(TSAP, pair, named, f"{client} never connected to {server} with TSAP {named} before"))
+            found.append(Deviation(TSAP, pair, named, f"first connection with TSAP {named} to {server} by {client}"))
         return found
 
     def _about(self, pair: Pair, subject: Subject) -> list[Deviation]:
@@ -86,15 +86,15 @@ class BaselineWatch:
         norm = self._pairs.get(pair, _NOTHING)
         found = []
         if norm.functions is not None and subject.function not in norm.functions:
-            text = f"{client} never asked {server} for {subject.function} before"
+            text = f"first {subject.function} request to {server} by {client}"
             found.append(Deviation(FUNCTION, pair, subject.function, text))
         found += [
-            Deviation(READ, pair, area, f"{client} never read {area} of {server} before")
+            Deviation(READ, pair, area, f"first read of {area} on {server} by {client}")
             for area in subject.reads
             if norm.reads is not None and area not in norm.reads
         ]
         found += [
-            Deviation(WRITE, pair, area, f"{client} never wrote {area} of {server} before")
+            Deviation(WRITE, pair, area, f"first write of {area} on {server} by {client}")
             for area in subject.writes
             if norm.writes is not None and area not in norm.writes
         ]

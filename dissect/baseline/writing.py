@@ -14,11 +14,11 @@ from dissect.wire.text import encodable
 FORMAT: Final = 1
 
 _HEAD: Final = """\
-# What is normal on this line: who asks whom, for what, how often. `s7dissect baseline` learned it from captures; read it and
-# change it as you know your plant. Everything that is not in here is told by alerts `when = "new"` and by
+# What is normal on this network: which client requests what from which PLC, and how often. `s7dissect baseline` learned it
+# from captures; review it and adapt it to your plant. Everything that is not in here is reported by alerts `when = "new"` and by
 # `s7dissect baseline --against THIS_FILE CAPTURE`.
 #
-# A key that is left out is not watched: without `writes` a pair may write anything. An empty list allows nothing.
+# A missing key is not checked: without `writes` a pair may write anything. An empty list allows nothing.
 # rate: transactions in any second and in any ten; answer_ms: milliseconds; longest_silence: seconds between transactions.
 """
 #: Columns of a line.
@@ -35,7 +35,7 @@ def baseline_toml(baseline: Baseline) -> str:
 def _lines(baseline: Baseline) -> Iterator[str]:
     yield from _HEAD.splitlines()
     if baseline.left_out:
-        yield f"# NOT COMPLETE: {baseline.left_out} times something did not fit the bounds of the learner and is not here."
+        yield f"# NOT COMPLETE: {baseline.left_out} entries exceeded the limits of the learner and are missing here."
     yield ""
     yield f"format = {FORMAT}"
     yield ""

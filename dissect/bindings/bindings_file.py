@@ -54,7 +54,7 @@ def load_bindings(path: str | os.PathLike[str], dictionary: Dictionary) -> Bindi
     with Path(path).open("rb") as stream:
         octets = stream.read(MAX_FILE + 1)
     if len(octets) > MAX_FILE:
-        raise BindingError(os.fspath(path), 0, "file", f"more than {MAX_FILE} octets: these are no bindings")
+        raise BindingError(os.fspath(path), 0, "file", f"more than {MAX_FILE} bytes: not a bindings file")
     try:
         return _parse(source_text(octets, os.fspath(path)), dictionary)
     except DictionaryError as error:  # what reads tables knows one error
@@ -67,13 +67,13 @@ def _parse(text: str, dictionary: Dictionary) -> Bindings:
     lines = config_lines.Lines(text)
     for name, rows in content.items():
         if name != "binding":
-            detail = "bindings are written [[binding]], nothing else is here"
+            detail = "unknown key: a bindings file contains only [[binding]] tables"
             raise DictionaryError(f"[{name}]", detail, line=lines.at(name))
         if not isinstance(rows, list):
-            raise DictionaryError("[binding]", "is written [[binding]]", line=lines.at(name))
+            raise DictionaryError("[binding]", "must be written as [[binding]]", line=lines.at(name))
     rows = content.get("binding", [])
     if not 1 <= len(rows) <= MAX_BINDINGS:
-        raise DictionaryError("[[binding]]", f"{len(rows)} of them, a file has 1 to {MAX_BINDINGS}")
+        raise DictionaryError("[[binding]]", f"{len(rows)} bindings, expected 1 to {MAX_BINDINGS}")
     reader = _Reader(dictionary)
     for number, row in enumerate(rows):
         where, place = f"[[binding]] {number + 1}", config_lines.Place(lines, ("binding", number))
@@ -98,7 +98,7 @@ class _Reader:
         """Read a table; raises `DictionaryError`."""
         keys = [key for key in _CARRIERS if table.has(key)]
         if len(keys) != 1:
-            told = "one of them is needed" if not keys else "exclude each other: one table for each"
+            told = "one of them is required" if not keys else "exclude each other: use one table for each"
             raise table.fail(", ".join(keys or _CARRIERS[:4] + _CARRIERS[5:]), told)
         binding = _CARRIED[keys[0]](table)
         network = _network(table)
@@ -108,7 +108,7 @@ class _Reader:
         name = table.text("name", binding.name + where)
         device = table.choice("device", ("port", "peer"), "port")
         if binding.carrier == "s7" and device == "peer":
-            raise table.fail("device", "an S7 area lies in the CPU, which is asked")
+            raise table.fail("device", "an S7 area is in the CPU, which receives the requests")
         table.done()
         binding = msgspec.structs.replace(
             binding, name=name, network=network, device=device,
@@ -131,7 +131,7 @@ class _Reader:
         if binding.carrier == "tcp" and content.holds == "messages":
             if not self._framed:
                 detail = (
-                    "the messages of this dictionary's envelope tell no size, so a TCP stream cannot be cut into them"
+                    "the envelope of this dictionary has no size field, so messages in a TCP stream cannot be separated"
                 )
                 raise table.fail("holds", detail)
             return 0
@@ -139,14 +139,12 @@ class _Reader:
             return content.size
         if not table.has("size"):
             if not content.size:
-                detail = (
-                    f"is missing: {shown(table.text('holds'))} has no size of its own, so say how many octets it takes"
-                )
+                detail = f"is missing: {shown(table.text('holds'))} has no size of its own; give its size in bytes"
                 raise table.fail("size", detail)
             return content.size
         size = _within(table, "size", 1, MAX_OCTETS)
         if content.size and size != content.size:
-            raise table.fail("size", f"{shown(table.text('holds'))} has {content.size} octets, not {size}")
+            raise table.fail("size", f"{shown(table.text('holds'))} has {content.size} bytes, not {size}")
         return size
 
     def _check(self, table: Table, binding: Binding) -> None:
@@ -159,9 +157,11 @@ class _Reader:
             if trouble:
                 raise table.fail(trouble, f"{_told(binding, other)} {before.where}{_at(before)}")
         if first is not None:
-            raise table.fail("name", f"{shown(binding.name)} is the name of {first.where}{_at(first)}: give it another")
+            raise table.fail(
+                "name", f"{shown(binding.name)} is already the name of {first.where}{_at(first)}: choose a different one"
+            )
         if binding.carrier == "s7" and binding.offset + binding.size - 1 > MAX_OCTET:
-            raise table.fail("size", f"it ends behind octet {MAX_OCTET}, the last one that an item can address")
+            raise table.fail("size", f"it ends after byte {MAX_OCTET}, the last that an item can address")
 
 
 def _at(table: Table) -> str:
@@ -186,9 +186,9 @@ def _clash(one: Binding, other: Binding) -> str:
 
 def _told(one: Binding, other: Binding) -> str:
     if one.carrier != "s7":
-        return "is bound already, by"
+        return "is already bound by"
     end = Place(other.area, other.db, other.offset + other.size - 1)
-    return f"octets are bound already, {Place(other.area, other.db, other.offset)} to {end} by"
+    return f"overlaps bytes that are bound already, {Place(other.area, other.db, other.offset)} to {end} by"
 
 
 def _within(table: Table, key: str, low: int, high: int) -> int:
@@ -230,7 +230,7 @@ def _tsap(table: Table) -> Binding:
     table.mark("tsap")
     octets = _tsap_octets(written)
     if octets is None or not 1 <= len(octets) <= _MAX_TSAP:
-        detail = f'{shown(written)} is no TSAP: write 1 to {_MAX_TSAP} octets as "SCD1", "0x0102" or [1, 2]'
+        detail = f'{shown(written)} is no TSAP: write 1 to {_MAX_TSAP} bytes as "SCD1", "0x0102" or [1, 2]'
         raise table.fail("tsap", detail)
     text = octets.decode("ascii", "replace")
     shown_as = f'"{text}"' if text.isascii() and text.isprintable() else f"0x{octets.hex()}"
@@ -258,7 +258,7 @@ def _s7(table: Table) -> Binding:
     written = table.text("s7")
     place = parse_place(written)
     if place is None:
-        detail = f'{shown(written)} is no octet of an area: write "DB10.DBB0", "MB20", "IB0" or "QB4"'
+        detail = f'{shown(written)} is not a byte address: write "DB10.DBB0", "MB20", "IB0" or "QB4"'
         raise table.fail("s7", detail)
     return _at_place(place)
 

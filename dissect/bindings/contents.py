@@ -60,7 +60,7 @@ def _messages(codec: Codec, binding: Binding, octets: bytes) -> list[Message]:
         return found
     for message in codec.parse_messages(octets):
         if len(found) == MAX_MESSAGES:
-            detail = f"more than {MAX_MESSAGES} messages, the last {len(octets) - at} octets were not looked at"
+            detail = f"more than {MAX_MESSAGES} messages, the last {len(octets) - at} bytes were not decoded"
             found.append(Message(data=octets[at:], error=Error(E_LONG, "unit", detail)))
             break
         found.append(message)

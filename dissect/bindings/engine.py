@@ -218,7 +218,7 @@ class ScdCarrier(PayloadDecoder):
         message = found.message
         name: str = message.service
         if message.service == "pdo":
-            name = f"PDO {message.pdo}" if message.pdo else "PDO of no known number"
+            name = f"PDO {message.pdo}" if message.pdo else "PDO with an unknown number"
         elif not message.service:
             name = message.content or "message"
         # Names are those of the dictionary, so there is an end to them.

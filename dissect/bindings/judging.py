@@ -29,12 +29,12 @@ MAX_COUNTERS_ALL: Final = 65536
 _NAMED: Final = 8
 _UNKNOWN: Final = frozenset((E_INDEX, E_SUB, E_PDO_NUMBER))
 _ODD: Final = {
-    TRAILING: "octets are left over",
+    TRAILING: "bytes are left over",
     NONFINITE: "an infinity",
     TIME_NS_RANGE: "nanoseconds of a second or more",
     PAD: "undefined bits that are not zero",
-    VERSION: "another version of the mapping",
-    ENCODING: "a text that is none in the dictionary's encoding",
+    VERSION: "a different version of the mapping",
+    ENCODING: "a text that is invalid in the dictionary's encoding",
 }
 
 
@@ -81,7 +81,7 @@ class ScdJudge:
             )
             self._note(slug, found, f"{error.code} {error.where}: {error.detail}")
         if ACCESS in message.flags and message.phase not in {"response", "abort"}:  # told of the request
-            self._note("scd.access", found, "the access attribute or the index range forbids it")
+            self._note("scd.access", found, "the access attribute or the index range forbids this")
         odd = [text for flag, text in _ODD.items() if flag in message.flags]
         if odd:
             self._note("scd.odd_value", found, ", ".join(odd))
@@ -130,7 +130,7 @@ class ScdJudge:
 
     def garbage(self, side: Side, skipped: int, frame: int, time_ns: int) -> None:
         """Octets of a bound stream that are no message were stepped over."""
-        detail = f"{skipped} octets from {side.tcp.ends[side.index]}"
+        detail = f"{skipped} bytes from {side.tcp.ends[side.index]}"
         self._judge.note("scd.garbage", side.connection.number, [frame], time_ns, detail)
 
     def forget(self, connection: int) -> None:

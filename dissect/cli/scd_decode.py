@@ -182,7 +182,7 @@ def _heading(od: Dictionary, message: Message, surplus: bytes) -> Iterator[str]:
         parts += [f"{role} {message.numbers[role]}" for role in _SHOWN_NUMBERS if role in message.numbers]
         if "err" in message.numbers:
             parts.append(f"err {message.err} {printable(_error_text(od, message.err))}".rstrip())
-    parts.append(f"{len(message.data)} octets")
+    parts.append(f"{len(message.data)} bytes")
     yield "  ".join(parts)
     for name, keys in message.flags.items():
         if not keys:

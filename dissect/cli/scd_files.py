@@ -29,7 +29,7 @@ _FILE: Final = click.Path(exists=False, dir_okay=False)
 #: Exit codes of `diff` by what differs.
 _DIFFERENT: Final = {"same": EXIT_OK, "names": EXIT_GATE, "wire": 2}
 _LEVELS: Final = {
-    "same": "the same octets",
+    "same": "the same bytes",
     "names": "only names, texts, units or limits differ: both decode alike",
     "wire": "they decode differently",
 }
@@ -191,7 +191,7 @@ def check_command(files: tuple[str, ...], format_: str, encoding: str, node: int
 def _pdos(od: Dictionary) -> Iterator[str]:
     rows = []
     for pdo in (*od.tpdo.values(), *od.rpdo.values()):
-        size = f"{pdo.size} octets" if pdo.map else "off"
+        size = f"{pdo.size} bytes" if pdo.map else "off"
         rows.append([f"  {pdo.direction}{pdo.number}", f"0x{pdo.mapping.index:04x}", size, printable(pdo.name)])
     yield from columns(rows)
 

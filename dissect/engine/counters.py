@@ -70,7 +70,7 @@ class Counters:
         """The capture kept ``size`` of ``wire_length`` octets of the packet at hand."""
         self.cut_frames += 1
         if self._reporter.wants("capture.cut_frames", 0):
-            detail = f"{size} of {wire_length} octets kept"
+            detail = f"{size} of {wire_length} bytes kept"
             self._reporter.detail("capture.cut_frames", 0, [self.frames], self.now_ns, detail)
 
     def note_ignored(self, side: Side, what: str) -> None:
@@ -81,7 +81,7 @@ class Counters:
     def note_damaged(self, side: Side | None, found: Segment) -> None:
         """A segment or datagram has a wrong checksum; on connections that nobody follows that is not our business."""
         if side is not None and side.connection.followed:
-            self.note("stream.bad_checksum", f"{len(found.octets)} octets at {found.seq}", side.connection.number)
+            self.note("stream.bad_checksum", f"{len(found.octets)} bytes at {found.seq}", side.connection.number)
         elif side is None and found.protocol == TCP:
             sender, receiver = endpoints(found.key)
             if ISO_TSAP_PORT in {sender.port, receiver.port}:

@@ -58,11 +58,11 @@ class IbhNetLink(Protocol):
         framer.push(buf[at : at + size])
         if framer.faults:
             for first in framer.faults:
-                detail = f"octets that begin no packet from {side.tcp.ends[side.index]}, first 0x{first:02x}"
+                detail = f"bytes that begin no packet from {side.tcp.ends[side.index]}, first 0x{first:02x}"
                 self._exchange.reporter.note("ibh.malformed", side.connection.number, [frame], time_ns, detail)
             framer.faults = []
         if framer.hiding:
-            detail = f"a length that covers other packets from {side.tcp.ends[side.index]}; they were read as well"
+            detail = f"a length that covers other packets from {side.tcp.ends[side.index]}; they were decoded as well"
             self._exchange.reporter.note("ibh.malformed", side.connection.number, [frame], time_ns, detail)
             framer.hiding = 0
         packets = framer.packets
@@ -103,7 +103,7 @@ class IbhNetLink(Protocol):
         overflows: i64 = assembler.overflows
         message = assembler.push(packet.data, packet.kind == KIND_DATA)
         if assembler.overflows > overflows:
-            detail = f"a message in parts from {side.tcp.ends[side.index]} grew past 65536 octets and was dropped"
+            detail = f"a message in parts from {side.tcp.ends[side.index]} exceeded 65536 bytes and was dropped"
             self._exchange.reporter.note("ibh.malformed", side.connection.number, [frame], time_ns, detail)
         if begun and packet.kind == KIND_DATA and is_sound(packet.data, 0, len(packet.data)):
             self._messages.end_of_parts(side, message, packet.data, "ibh.unfinished", frame, time_ns)
@@ -122,9 +122,9 @@ class IbhNetLink(Protocol):
             framer.cut_packet = b""
         if not cut:
             where = "inside a packet" if inside else "between packets"
-            detail = f"{size} octets from {side.tcp.ends[side.index]}, {where}"
+            detail = f"{size} bytes from {side.tcp.ends[side.index]}, {where}"
             self._exchange.reporter.note("stream.hole", side.connection.number, [frame], time_ns, detail)
-        self._abandon(side, "the capture cut a packet of it" if cut else "octets were lost", frame, time_ns)
+        self._abandon(side, "the capture truncated one of its packets" if cut else "bytes were lost", frame, time_ns)
 
     def _cut_packet(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
         """A packet the capture cut: an S7 header that is there still tells what was asked or answered."""
@@ -147,9 +147,9 @@ class IbhNetLink(Protocol):
         framer = side.ibh
         assert framer is not None
         self._messages.finish(side, frame, time_ns)
-        self._abandon(side, "its rest was not captured", frame, time_ns)
+        self._abandon(side, "the rest was not captured", frame, time_ns)
         if framer.buffered:
-            detail = f"{framer.buffered} octets from {side.tcp.ends[side.index]}"
+            detail = f"{framer.buffered} bytes from {side.tcp.ends[side.index]}"
             self._exchange.reporter.note("ibh.unfinished", side.connection.number, [frame], time_ns, detail)
 
     def held(self, side: Side) -> i64:

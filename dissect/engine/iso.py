@@ -115,7 +115,7 @@ class IsoOnTcp(Protocol):
         for fault in side.framer.faults:
             if fault.kind == BAD_VERSION:
                 if not side.garbage:
-                    detail = f"{skipped} octets from {who}, first 0x{fault.value:02x}"
+                    detail = f"{skipped} bytes from {who}, first 0x{fault.value:02x}"
                     reporter.note("tpkt.garbage", number, [frame], time_ns, detail)
                 side.garbage = True
             elif fault.kind == HIDING:
@@ -166,7 +166,7 @@ class IsoOnTcp(Protocol):
         before: i64 = 0
         if tsdu is not None:
             before = len(tsdu) - len(data)
-        detail = f"from {side.tcp.ends[side.index]}: what follows it is a whole PDU"
+        detail = f"from {side.tcp.ends[side.index]}: a complete PDU follows it"
         self._exchange.reporter.note(slug, side.connection.number, [frame], time_ns, detail)
         if tsdu is not None and is_sound(tsdu, 0, before):
             self._tsdu(side, tsdu, 0, before, frame, time_ns)  # only its end mark was missing
@@ -272,11 +272,11 @@ class IsoOnTcp(Protocol):
         number = side.connection.number
         if not cut:
             where = "inside a TPKT" if inside else "between TPKTs"
-            detail = f"{size} octets from {side.tcp.ends[side.index]}, {where}"
+            detail = f"{size} bytes from {side.tcp.ends[side.index]}, {where}"
             reporter.note("stream.hole", number, [frame], time_ns, detail)
         if side.assembler.parts is not None:
             side.assembler.abandon()
-            lost = "the capture cut a packet of it" if cut else "octets were lost"
+            lost = "the capture truncated one of its packets" if cut else "bytes were lost"
             reporter.note("cotp.unfinished_tsdu", number, [frame], time_ns, lost)
         self._plus.gap(side, size, cut, frame, time_ns)
 
@@ -315,7 +315,7 @@ class IsoOnTcp(Protocol):
             side.assembler.abandon()
             reporter.note("cotp.unfinished_tsdu", side.connection.number, [frame], time_ns, f"from {who}")
         if side.framer.buffered:
-            detail = f"{side.framer.buffered} octets from {who}"
+            detail = f"{side.framer.buffered} bytes from {who}"
             reporter.note("tpkt.unfinished", side.connection.number, [frame], time_ns, detail)
 
     def held(self, side: Side) -> i64:

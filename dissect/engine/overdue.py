@@ -103,5 +103,5 @@ class OverdueWatch:
             frame: int = transaction.request_frame
             waits: int = now_ns - transaction.request_ns
             ago = duration_text(int(waits))
-            detail = f"{transaction.parameters.subject}: asked {ago} ago in packet {frame}, still without answer"
+            detail = f"{transaction.parameters.subject}: sent {ago} ago in packet {frame}, still unanswered"
             self._judge.detail("transaction.overdue", connection.number, [frame], now_ns, detail)

@@ -46,7 +46,7 @@ class PayloadStream(Protocol):
     def gap(self, side: Side, size: i64, cut: bool, frame: i64, time_ns: i64) -> None:
         """Take note of ``size`` octets missing here; ``cut``: the capture cut them off a packet."""
         if not cut:
-            detail = f"{size} octets from {side.tcp.ends[side.index]}"
+            detail = f"{size} bytes from {side.tcp.ends[side.index]}"
             self._exchange.reporter.note("stream.hole", side.connection.number, [frame], time_ns, detail)
         self._decoder.hole(side, size, frame, time_ns)
 

@@ -188,7 +188,7 @@ class Pipeline(PacketSink):
         """Connections that keep too much in sum have to leave, those that hold most first: a few with each packet."""
         for held, side in self._room.step():
             self.table.evicted += 1
-            self._evict(side, f"it held {held} octets")
+            self._evict(side, f"it held {held} bytes")
 
     def _evict(self, side: Side, detail: str) -> None:
         side.tcp.ended = side.tcp.ended or "evicted"
@@ -377,7 +377,7 @@ class Pipeline(PacketSink):
         elif half.next_seq < 0:
             half.start(seq)
         if half.conflicts > conflicts and connection.followed:
-            self.counters.note("stream.conflict", f"{len(octets)} octets at {seq}", connection.number)
+            self.counters.note("stream.conflict", f"{len(octets)} bytes at {seq}", connection.number)
         if missing and half.held is None and half.next_seq == (seq + len(octets)) & stream.MASK:
             self.timers.chunks(side)
             half.skip(missing, self.counters.frames, self.counters.now_ns)

@@ -43,7 +43,7 @@ class S7Plus(Protocol):
             side.plus = assembler
         if assembler.interrupted(tsdu):
             who = side.tcp.ends[side.index]
-            detail = f"S7comm-plus PDU from {who}: another one begins before its end"
+            detail = f"S7comm-plus PDU from {who}: a new one begins before its end"
             self._exchange.reporter.note("s7.malformed", side.connection.number, [frame], time_ns, detail)
             self.finish(side, frame, time_ns)
         whole = assembler.push(tsdu)
@@ -51,7 +51,7 @@ class S7Plus(Protocol):
             return
         if assembler.left_out and assembler.parts is None and whole is not tsdu:
             who = side.tcp.ends[side.index]
-            detail = f"{len(whole)} octets from {who} kept, {assembler.left_out} left out"
+            detail = f"{len(whole)} bytes from {who} kept, {assembler.left_out} left out"
             self._exchange.reporter.note("s7.plus_too_long", side.connection.number, [frame], time_ns, detail)
             self._pdu(side, whole, True, frame, time_ns)
         else:

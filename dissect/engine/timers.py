@@ -66,7 +66,7 @@ class Timers:
 
     def _note_outside(self, side: Side) -> None:
         if side.connection.followed:
-            detail = f"{side.stream.outside} octets from {side.tcp.ends[side.index]}"
+            detail = f"{side.stream.outside} bytes from {side.tcp.ends[side.index]}"
             self._counters.note("stream.outside_window", detail, side.connection.number)
         side.stream.outside = 0
 

@@ -84,7 +84,7 @@ class ScanWatch:
         tsaps = [".".join([f"{octet:02x}" for octet in octets]) for octets in list(pair.asked)[:_NAMED]]
         age: int = time_ns - pair.first_ns
         detail = (
-            f"{connection.client} asked {connection.server} for {len(pair.asked)} TSAPs within {duration_text(int(age))},"
+            f"{connection.client} tried {len(pair.asked)} TSAPs of {connection.server} within {duration_text(int(age))},"
             f" {len(pair.refused)} of them refused: {', '.join(tsaps)}"
         )
         frames = list(pair.asked.values())[-_NAMED:]

@@ -203,7 +203,7 @@ class SecurityWatch:
             "security.reconnaissance"
         ):
             self.tell(
-                "security.reconnaissance", transaction, f"{traits.inquiries} inquiries, now {_named(transaction)}"
+                "security.reconnaissance", transaction, f"inquiry {traits.inquiries}: {_named(transaction)}"
             )
 
     def password(self, transaction: Transaction) -> None:
@@ -239,7 +239,7 @@ class SecurityWatch:
         ends = transaction.connection.tcp.ends
         asked, told = ends[transaction.asked_by], ends[1 - transaction.asked_by]
         if transaction.outcome == PUSH:
-            who = f"{told} tells {asked}"
+            who = f"{told} reports to {asked}"
         else:
             who = f"{asked} to {told}"
         result = ""

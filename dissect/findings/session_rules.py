@@ -57,7 +57,7 @@ def judge_request(judge: Reporter, side: Side, parameters: Parameters, open_now:
             requests = connection.open_requests[side.index]
             open_now = requests.open_since(time_ns - GIVEN_UP_NS, hole_frame, allowed + 1)
         if open_now > allowed:
-            detail = f"more requests open than the {allowed} granted (AmQ)"
+            detail = f"more requests pending than the {allowed} granted (AmQ)"
             judge.note("session.too_many_jobs", number, [frame], time_ns, detail)
 
 
@@ -77,10 +77,10 @@ def judge_length(
     """A PDU longer than was granted, or a read whose answer will be."""
     limit = connection.pdu_length
     if size > limit:
-        detail = f"{size} octets, {limit} negotiated"
+        detail = f"{size} bytes, {limit} negotiated"
         judge.note("session.pdu_too_long", connection.number, [frame], time_ns, detail)
     if parameters.answer_size > limit:
-        detail = f"{parameters.subject}: the answer takes {parameters.answer_size} octets, {limit} negotiated"
+        detail = f"{parameters.subject}: the answer needs {parameters.answer_size} bytes, {limit} negotiated"
         judge.note("session.read_too_long", connection.number, [frame], time_ns, detail)
 
 
@@ -95,7 +95,7 @@ def judge_header(
         connection.told |= told
         judge.note("s7.redundancy_id", connection.number, [frame], time_ns, f"0x{redundancy:04x} from {who}")
     if rosctr == ACK and extra > 0:
-        judge.note("s7.ack_content", connection.number, [frame], time_ns, f"{extra} octets from {who}")
+        judge.note("s7.ack_content", connection.number, [frame], time_ns, f"{extra} bytes from {who}")
 
 
 def _too_early(side: Side) -> bool:
@@ -120,13 +120,13 @@ def judge_grant(judge: Reporter, transaction: Transaction) -> None:
         return
     wrong = ""
     if granted.pdu_length > asked.pdu_length:
-        wrong = f"PDU length {granted.pdu_length} granted, {asked.pdu_length} asked"
+        wrong = f"PDU length {granted.pdu_length} granted, {asked.pdu_length} requested"
     elif granted.pdu_length < _MIN_PDU_LENGTH:
         wrong = f"PDU length {granted.pdu_length} granted"
     elif granted.max_amq_called > asked.max_amq_called or granted.max_amq_calling > asked.max_amq_calling:
         wrong = (
             f"AmQ {granted.max_amq_calling}/{granted.max_amq_called} granted,"
-            f" {asked.max_amq_calling}/{asked.max_amq_called} asked"
+            f" {asked.max_amq_calling}/{asked.max_amq_called} requested"
         )
     if wrong:
         judge.note(
@@ -197,7 +197,7 @@ def judge_cut(judge: Reporter, side: Side, ending: Ending) -> None:
             said += f", called TSAP {tsap.describe()}"
     elif ending.oldest is not None:
         age = duration_text(int(ending.time_ns - ending.oldest_ns))
-        said += f" with {ending.open_requests} requests open, the first is {ending.oldest.subject}, {age} old"
+        said += f" with {ending.open_requests} requests pending, the oldest is {ending.oldest.subject}, {age} old"
         if ending.last_answer is not None:
             said += f"; last answer {distance_text(int(ending.time_ns - ending.last_answer_ns))}"
     frames = [frame for frame in (ending.oldest_frame, ending.frame) if frame]
@@ -217,5 +217,5 @@ def judge_end(judge: Reporter, side: Side, frame: i64, time_ns: i64) -> None:
             connection.number,
             [connection.tcp.first_frame, frame],
             time_ns,
-            f"only what {connection.tcp.ends[seen.index]} sent was captured",
+            f"only packets from {connection.tcp.ends[seen.index]} were captured",
         )

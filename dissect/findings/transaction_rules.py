@@ -103,11 +103,11 @@ def _judge_flags(judge: Reporter, transaction: Transaction) -> None:
     answer = transaction.response_parameters
     if flags & FUNCTION_MISMATCH and answer is not None:
         said = answer.subject if transaction.is_scd else answer.function_name
-        _note(judge, "transaction.function_mismatch", transaction, f"answered as {said}")
+        _note(judge, "transaction.function_mismatch", transaction, f"the answer names {said}")
     if flags & COUNT_MISMATCH and answer is not None:
         asked = transaction.parameters.item_count
         _note(
-            judge, "transaction.count_mismatch", transaction, f"asked for {asked} items, answered {answer.item_count}"
+            judge, "transaction.count_mismatch", transaction, f"requested {asked} items, got {answer.item_count}"
         )
     if flags & SIZE_MISMATCH:
         _note(judge, "transaction.size_mismatch", transaction, _sizes(transaction))
@@ -118,9 +118,7 @@ def _judge_flags(judge: Reporter, transaction: Transaction) -> None:
         _detail_malformed(judge, transaction, transaction.response, transaction.response_frame, transaction.response_ns)
     if flags & REORDERED:
         ahead: int = transaction.request_ns - transaction.response_ns
-        _note(
-            judge, "transaction.reordered", transaction, f"the answer stands {duration_text(ahead)} before the request"
-        )
+        _note(judge, "transaction.reordered", transaction, f"the answer precedes the request by {duration_text(ahead)}")
 
 
 def _judge_request(judge: Reporter, transaction: Transaction) -> None:
@@ -143,16 +141,16 @@ def _sizes(transaction: Transaction) -> str:
     for number, result in enumerate(transaction.results(), 1):
         item = result.item
         if item is not None and result.data is not None and 0 <= item.size != len(result.data):
-            return f"item {number} ({item.address}) asked for {item.size} octets, got {len(result.data)}"
-    return "an item came back with another size"
+            return f"item {number} ({item.address}) requested {item.size} bytes, got {len(result.data)}"
+    return "an item has a different size"
 
 
 def _written_sizes(transaction: Transaction) -> str:
     pairs = zip(transaction.parameters.items, transaction.written_items(), strict=False)
     for number, (item, data_item) in enumerate(pairs, 1):
         if 0 <= item.size != len(data_item.data):
-            return f"item {number} ({item.address}) takes {item.size} octets, {len(data_item.data)} come with it"
-    return "data of an item have another size"
+            return f"item {number} ({item.address}) needs {item.size} bytes, got {len(data_item.data)}"
+    return "the data of an item have a different size"
 
 
 def _data_codes(transaction: Transaction) -> str:
@@ -161,8 +159,8 @@ def _data_codes(transaction: Transaction) -> str:
         if answer.return_code == SUCCESS and odd_data_code(item, answer):
             asked = TRANSPORT_SIZES.name(item.transport_size)
             expected = ANSWER_TRANSPORT_SIZE[item.transport_size]
-            return f"item {number}, a {asked}, came as 0x{answer.transport_size:02x} instead of 0x{expected:02x}"
-    return "an item came with another transport size"
+            return f"item {number}, a {asked}, was returned as 0x{answer.transport_size:02x} instead of 0x{expected:02x}"
+    return "an item has a different transport size"
 
 
 def _judge_errors(judge: Reporter, transaction: Transaction) -> None:

@@ -27,7 +27,7 @@ def judge_data(judge: Reporter, side: Side, size: i64, frame: i64, time_ns: i64)
     """A DT that is longer than `Connection.dt_limit`: too long, before the connection is set up, or after its end."""
     connection = side.connection
     if 0 < connection.tpdu_size < size:
-        detail = f"{size} octets, {connection.tpdu_size} negotiated"
+        detail = f"{size} bytes, {connection.tpdu_size} negotiated"
         judge.note("cotp.size_exceeded", connection.number, [frame], time_ns, detail)
     if connection.dt_limit > 0:
         return
@@ -91,10 +91,10 @@ def judge_confirm(judge: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: 
         wrong.append(f"destination reference 0x{told:04x}, the request has 0x{connection.cr_ref:04x}")
     told = tpdu.field("class_")
     if told > connection.cr_class:
-        wrong.append(f"class {told}, asked for {connection.cr_class}")
+        wrong.append(f"class {told}, requested {connection.cr_class}")
     asked: i64 = connection.tpdu_size_asked or _LARGEST
     if tpdu.tpdu_size > asked:
-        wrong.append(f"TPDU size {tpdu.tpdu_size}, asked for {asked}")
+        wrong.append(f"TPDU size {tpdu.tpdu_size}, requested {asked}")
     _compare(wrong, "calling", connection.tsap_calling, tpdu.tsap(CALLING_TSAP))
     _compare(wrong, "called", connection.tsap_called, tpdu.tsap(CALLED_TSAP))
     if wrong:
@@ -103,4 +103,4 @@ def judge_confirm(judge: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: 
 
 def _compare(wrong: list[str], name: str, asked: Tsap | None, told: Tsap | None) -> None:
     if asked is not None and told is not None and asked.octets != told.octets:
-        wrong.append(f"{name} TSAP {told}, asked for {asked}")
+        wrong.append(f"{name} TSAP {told}, requested {asked}")

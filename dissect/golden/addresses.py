@@ -47,14 +47,14 @@ def item_octets(address: str, type_: str, count: int, idle_db: int = 0) -> bytes
     size = _type(type_)
     place = parse_address(address)
     if place is None:
-        raise ValueError(f"{address} is no address such as DB10.DBW4, M20.1 or T5")
+        raise ValueError(f"{address} is not an address such as DB10.DBW4, M20.1 or T5")
     db = place.db if place.area in _NAMED_DB else idle_db
     if db > 0xFFFF or place.field > 0xFFFFFF or count > 0xFFFF:
         raise ValueError(f"{address} x{count} is beyond what an item can hold")
     octets = build_item(size, count, db, place.area, place.field)
     if parse_item(octets, 0).address != address:
         raise ValueError(
-            f"{address} {type_}: the address does not suit the type, it is {parse_item(octets, 0).address}"
+            f"{address} {type_}: the address does not fit the type, it would be {parse_item(octets, 0).address}"
         )
     return octets
 
@@ -64,5 +64,5 @@ def _type(name: str) -> int:
     if found is None and re.fullmatch("0x[0-9a-f]{2}", name):
         found = int(name, 16)
     if found is None:
-        raise ValueError(f"{name} is no type; there are {', '.join(_BY_TYPE)}, and numbers such as 0x1f")
+        raise ValueError(f"{name} is not a type; known types: {', '.join(_BY_TYPE)}, and numbers such as 0x1f")
     return found

@@ -20,25 +20,24 @@ def other_items(one: Exchange, other: Exchange) -> Change:
     """Say how the items of two requests differ, both reads or both writes."""
     before, after = _names(one), _names(other)
     gone, new = _without(before, after), _without(after, before)
-    verb = "writes" if one.function == WRITE_VAR else "asks for"
-    base = "write" if one.function == WRITE_VAR else "ask for"
+    verb = "writes" if one.function == WRITE_VAR else "requests"
     if len(before) == len(after) == 1:
         was, is_ = subject(one), subject(other)
         if was == is_:  # then it is the type that differs
             was, is_ = before[0], after[0]
-        text = f"{verb} something else: was {was}, is {is_}"
+        text = f"{verb} {is_} instead of {was}"
     elif gone and new:
         was, is_ = _listed(gone), _listed(new)
-        text = f"{verb} {is_} in the place of {was}"
+        text = f"{verb} {is_} instead of {was}"
     elif new:
         was, is_ = "", _listed(new)
         text = f"{verb} {is_} as well"
     elif gone:
         was, is_ = _listed(gone), ""
-        text = f"does not {base} {was} any more"
+        text = f"no longer {verb} {was}"
     else:
         was, is_ = _listed(before), _listed(after)
-        text = f"{verb} the same items in another order"
+        text = f"{verb} the same items in a different order"
     return Change("requests", text, was, is_, targets=(one.function_name,))
 
 

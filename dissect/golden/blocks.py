@@ -46,13 +46,13 @@ def join_blocks(blocks: Blocks) -> bytes:
     """Return the PDU. Raises ValueError when such a PDU has no place for what is to stand in it."""
     rosctr = _BY_NAME.get(blocks.kind)
     if rosctr is None:
-        raise ValueError(f"{blocks.kind} is no kind of PDU; there are {', '.join(_BY_NAME)} and octets")
+        raise ValueError(f"{blocks.kind} is not a kind of PDU; known kinds: {', '.join(_BY_NAME)} and octets")
     parameters = blocks.parameters
     if len(parameters) > 0xFFFF or len(blocks.data) > 0xFFFF:
-        raise ValueError("a block holds at most 65535 octets")
+        raise ValueError("a block holds at most 65535 bytes")
     if blocks.error and rosctr == USERDATA:
         if not _has_error(parameters):
-            raise ValueError("only userdata with parameters of twelve octets has an error code")
+            raise ValueError("only userdata with twelve bytes of parameters has an error code")
         parameters = _with_error(parameters, blocks.error)
     elif blocks.error and rosctr not in {ACK, ACK_DATA}:
         raise ValueError(f"a {blocks.kind} has no error code")

@@ -75,7 +75,7 @@ def _link(one: Link, other: Link, options: DiffOptions) -> Iterator[Difference]:
 def _size(link: Link) -> str:
     if not link.tpdu_size and not link.tpdu_size_asked:
         return "not captured"
-    return f"{link.tpdu_size or 'not granted'} ({link.tpdu_size_asked or 'nothing'} asked)"
+    return f"{link.tpdu_size or 'not granted'} (requested {link.tpdu_size_asked or 'none'})"
 
 
 def _begun(link: Link) -> str:
@@ -100,7 +100,7 @@ def _match(match: Match, one: Link, other: Link, options: DiffOptions) -> Iterat
         return
     if match.moved and not options.ignores("order", subject(a.exchange)):
         where = (f"transaction {a.number}", f"transaction {b.number} of the second")
-        text = f"{where[0]}, {subject(a.exchange)}: reordered, is {where[1]}"
+        text = f"{where[0]}, {subject(a.exchange)}: moved, now {where[1]}"
         yield Difference("order", text, connections, (a.number, b.number), subject(a.exchange), "", where)
     for change in _changes(a, b, options):
         about = change.subject or subject(a.exchange, change.item)
@@ -143,4 +143,4 @@ def _changes(a: Transaction, b: Transaction, options: DiffOptions) -> Iterator[C
             yield from answer_changes(a, b)
     if options.shifted(a.latency_ns, b.latency_ns):
         was, is_ = words.duration(a.latency_ns), words.duration(b.latency_ns)
-        yield Change("latency", f"answered in {was}, is in {is_}", was, is_)
+        yield Change("latency", f"answer time was {was}, is {is_}", was, is_)

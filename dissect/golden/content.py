@@ -39,7 +39,7 @@ def request_changes(a: Transaction, b: Transaction) -> tuple[list[Change], bool]
         what = _request_words(one), _request_words(other)
         kind = "requests" if asked is None or asked.function in {READ_VAR, WRITE_VAR} else "contents"
         return [
-            Change(kind, f"asks something else: was {what[0]}, is {what[1]}", *what, targets=(one.function_name,))
+            Change(kind, f"different request: was {what[0]}, is {what[1]}", *what, targets=(one.function_name,))
         ], True
     if one.function == SETUP_COMMUNICATION:
         return list(_setup("asks", one.setup[0], other.setup[0])), False
@@ -111,7 +111,7 @@ def answer_changes(a: Transaction, b: Transaction) -> Iterator[Change]:
 def _setup(verb: str, was: Setup | None, is_: Setup | None) -> Iterator[Change]:
     if was is not None and is_ is not None and was.as_dict() != is_.as_dict():
         old, new = setup_text(was), setup_text(is_)
-        yield Change("negotiation", f"{verb}: was {old}, is {new}", old, new, address=verb)
+        yield Change("negotiation", f"{'requested' if verb == 'asks' else verb}: was {old}, is {new}", old, new, address=verb)
 
 
 def _written(one: Exchange, other: Exchange) -> Iterator[Change]:
@@ -136,7 +136,7 @@ def _items(one: Exchange, other: Exchange) -> Iterator[Change]:
         elif one.function == READ_VAR and _head(was) != _head(is_):
             old, new = _head(was), _head(is_)
             yield Change(
-                "transport", f"came as {old}, comes as {new}", old, new, label, was.address, (was.address, was.label)
+                "transport", f"data header was {old}; is {new}", old, new, label, was.address, (was.address, was.label)
             )
 
 
@@ -172,7 +172,7 @@ def _fields(half: str, was: Pdu, is_: Pdu, exchange: Exchange) -> Iterator[Chang
     yield from changes[:_FIELDS]
     if len(changes) > _FIELDS:
         rest = len(changes) - _FIELDS
-        yield Change("contents", f"{half}: {rest} further fields differ", targets=(exchange.function_name,))
+        yield Change("contents", f"{half}: {rest} more fields differ", targets=(exchange.function_name,))
 
 
 def _field(half: str, part: Part, was: FieldValue, is_: FieldValue, exchange: Exchange) -> Change:

@@ -11,19 +11,19 @@ from typing import Final
 KINDS: Final = {
     "connections": "a connection is missing or added",
     "tsaps": "protocol, carrier or TSAPs of a connection",
-    "negotiation": "TPDU size, PDU length, jobs at a time, asked or granted",
+    "negotiation": "TPDU size, PDU length, parallel jobs, requested or granted",
     "endings": "how a connection began, was refused or ended, and by whom",
-    "missing": "a request of the first that the second does not have; PATTERN: what is asked",
-    "added": "a request of the second that the first does not have; PATTERN: what is asked",
-    "order": "a request that stands elsewhere among those of its side; PATTERN: what is asked",
-    "requests": "something else is asked in the same place; PATTERN: what was asked",
-    "answers": "whether there is an answer; PATTERN: what is asked",
+    "missing": "a request that only the first has; PATTERN: the request",
+    "added": "a request that only the second has; PATTERN: the request",
+    "order": "a request at a different position; PATTERN: the request",
+    "requests": "a different request at the same position; PATTERN: the first request",
+    "answers": "whether there is an answer; PATTERN: the request",
     "codes": "error codes and return codes; PATTERN: address of the item, else the function",
     "values": "values read or written; PATTERN: address of the item",
-    "time": "values that tell a time: DATE, TOD, DATE_AND_TIME, the clock; PATTERN: as for values and contents",
-    "transport": "data transport sizes and lengths around equal values; PATTERN: address of the item",
-    "contents": "anything in other functions; PATTERN: function, or 'structure.field'",
-    "scd": "SCD that was decoded; PATTERN: address such as 0x6041:0",
+    "time": "date and time values: DATE, TOD, DATE_AND_TIME, the clock; PATTERN: as for values and contents",
+    "transport": "data transport size and length of equal values; PATTERN: address of the item",
+    "contents": "content of other functions; PATTERN: function, or 'structure.field'",
+    "scd": "decoded SCD; PATTERN: address such as 0x6041:0",
     "latency": "answer times beyond the tolerance",
 }
 
@@ -47,7 +47,7 @@ class DiffOptions:
             kind, colon, pattern = text.partition(":")
             if kind not in KINDS or (colon and not pattern):
                 raise ValueError(
-                    f"{text!r} cannot be ignored; there are {', '.join(KINDS)}, each alone or as NAME:PATTERN"
+                    f"{text!r} is not a kind of difference; known kinds: {', '.join(KINDS)}, each alone or as NAME:PATTERN"
                 )
             self._patterns.setdefault(kind, []).append(pattern if colon else "*")
         self.latency_ns: float | None = None
@@ -55,7 +55,7 @@ class DiffOptions:
         for part in latency.split(",") if latency is not None else ():
             found = _TOLERANCE.fullmatch(part.strip())
             if found is None:
-                raise ValueError(f"{part!r} is no tolerance such as 20% or 5ms")
+                raise ValueError(f"{part!r} is not a tolerance such as 20% or 5ms")
             if found[2] == "%":
                 self.latency_share = float(found[1]) / 100
             else:

@@ -99,11 +99,11 @@ def parse_item_text(text: str) -> ItemLine:
     """Read what `item_text` wrote, without its comment; ``code`` is -1 unless the item was refused. Raises ValueError."""
     found = _ITEM.fullmatch(text)
     if found is None:
-        raise ValueError(f"{text} is no item such as DB10.DBW4 INT = 1234")
+        raise ValueError(f"{text} is not an item such as DB10.DBW4 INT = 1234")
     if found["spec"] is not None:
         octets = hex_octets(found["spec"])
         if len(octets) < 3 or len(octets) != octets[1] + 2:
-            raise ValueError(f"{found['spec']} is no item: its second octet counts those behind it")
+            raise ValueError(f"{found['spec']} is not an item: its second byte must count the bytes after it")
     else:
         octets = item_octets(found["address"], found["type"], int(found["count"] or 1), int(found["db"] or 0))
     item = parse_item(octets, 0)
@@ -114,7 +114,7 @@ def parse_item_text(text: str) -> ItemLine:
     code = int(found["code"], 16) if found["code"] is not None else -1
     head = hex_octets(found["head"]) if found["head"] is not None else _REFUSED
     if len(head) != len(_REFUSED) or not 0 <= size <= 0xFF:
-        raise ValueError(f"{text}: a head is three octets, a transport size one")
+        raise ValueError(f"{text}: a head has three bytes, a transport size has one")
     return ItemLine(octets, data, code, size, head)
 
 

@@ -70,11 +70,9 @@ def read_golden(raw: Iterable[str], name: str) -> Session:
     if first is None or first.text != FORMAT:
         said = first.text if first is not None else ""
         if said.startswith(MAGIC):
-            message = (
-                f"{name}: format {said.removeprefix(MAGIC)[:80]!r} is not known here; this version reads {FORMAT!r}"
-            )
+            message = f"{name}: format {said.removeprefix(MAGIC)[:80]!r} is unknown; this version reads {FORMAT!r}"
         else:
-            message = f"{name}: no golden: the first line is not {FORMAT!r}"
+            message = f"{name}: not a golden: the first line is not {FORMAT!r}"
         raise GoldenError(message)
     reader = _Reader(Session(name))
     for head, below in _blocks(lines):
@@ -119,7 +117,7 @@ def _lines(raw_lines: Iterable[str], name: str) -> Iterator[Line]:
         held.append(bare)
         size += len(bare)
         if size > MAX_LINE:
-            raise GoldenError(f"{name}: line {number}: longer than {MAX_LINE >> 10} KiB, so no line of a golden")
+            raise GoldenError(f"{name}: line {number}: longer than {MAX_LINE >> 10} KiB: not a line of a golden")
     if held:
         yield Line(number, depth, " ".join(held))
 
@@ -144,7 +142,7 @@ class _Reader:
     def block(self, head: Line, below: list[Line]) -> None:
         """Take a block: its first line, and those that are indented below it."""
         if head.depth:
-            raise _LineError(head, "indented, but nothing stands above it that it belongs to")
+            raise _LineError(head, "indented, but it belongs to no line above it")
         if _CONNECTION.fullmatch(head.text):
             link = Link()
             link.begun = True
@@ -157,7 +155,7 @@ class _Reader:
         found = _HEAD.fullmatch(head.text)
         if found is None:
             raise _LineError(
-                head, f"{head.text!r} begins neither a connection nor a transaction such as '1 client READ'"
+                head, f"{head.text!r} starts neither a connection nor a transaction such as '1 client READ'"
             )
         if not self._links:
             raise _LineError(head, "a transaction before the first connection")
@@ -175,13 +173,14 @@ class _Reader:
         if draft.job:
             source = self._numbers.get(draft.job)
             if source is None:
-                raise _LineError(head, f"'job of {draft.job}', but no transaction {draft.job} stands before it here")
+                raise _LineError(head, f"'job of {draft.job}', but no transaction {draft.job} precedes it here")
             exchange = exchange.of(source.exchange.request)
         exchange = self._session.share(exchange)
         outcome = draft.outcome or ("answered" if exchange.request_seen and exchange.response_seen else "")
         if not outcome:
             raise _LineError(
-                head, "request or answer is missing, and no line says why, such as 'no answer: connection_closed'"
+                head,
+                "request or answer is missing, and no line gives the reason, such as 'no answer: connection_closed'",
             )
         transaction = Transaction(link, found[2], exchange, outcome, draft.reason)
         if pushed(transaction):
@@ -231,7 +230,7 @@ def _link_fact(link: Link, line: Line) -> None:
     elif text.startswith("refused "):
         link.refused = unquoted(text.removeprefix("refused "))
     else:
-        raise ValueError(f"{text!r} is nothing that can be said of a connection")
+        raise ValueError(f"{text!r} does not apply to a connection")
 
 
 class _Half:
@@ -302,7 +301,7 @@ class _Draft:
         if said not in outcomes:
             return False
         if reason and reason not in REASON_TEXTS:
-            raise ValueError(f"{reason} is no reason; there are {', '.join(REASON_TEXTS)}")
+            raise ValueError(f"{reason} is not a reason; known reasons: {', '.join(REASON_TEXTS)}")
         self.outcome, self.reason = outcomes[said], reason
         return True
 
@@ -331,11 +330,13 @@ class _Draft:
             raw = found[2] in {PLUS, SCD, "octets"}
             if raw == (found[3] is None) and found[2] != SCD:
                 raise ValueError(
-                    f"{found[2]} octets of a PDU stand in angle brackets" if raw else f"octets behind {found[2]}"
+                    f"{found[2]} bytes of a PDU must be in angle brackets"
+                    if raw
+                    else f"unexpected bytes after {found[2]}"
                 )
             half = _Half(found[2], hex_octets(found[3] or "<>") if raw else None)
             if (found[1] == "says") != (self.outcome == "unsolicited" and found[1] != "request"):
-                raise ValueError("'says' stands below 'wants no answer', 'answer' where something was asked")
+                raise ValueError("use 'says' below 'wants no answer', and 'answer' after a request")
             self._halves["answer" if found[1] == "says" else found[1]] = half
             self._last = half
         elif self._function == SETUP_COMMUNICATION and text.startswith("asks "):
@@ -345,7 +346,7 @@ class _Draft:
         elif self._function in _FUNCTIONS.values() and self._function != SETUP_COMMUNICATION:
             self._items.append(parse_item_text(text))
         else:
-            raise ValueError(f"{text!r} is nothing that can be said of a transaction such as this")
+            raise ValueError(f"{text!r} does not apply to this kind of transaction")
 
     def exchange(self) -> Exchange:
         """Return what was said. Raises ValueError when the lines do not go together."""

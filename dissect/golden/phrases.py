@@ -45,7 +45,7 @@ def item_state(item: ItemRecord) -> str:
     if item.result.unchanged:
         return "unchanged"
     if item.data is None:
-        return "without answer" if item.return_code < 0 else "good"
+        return "unanswered" if item.return_code < 0 else "good"
     return content(item) if item.return_code >= 0 else f"{content(item)} without return code"
 
 
@@ -65,9 +65,9 @@ def outcome(transaction: Transaction) -> str:
     if exchange.error_code:
         return f"refused: {code_text(exchange.error_code, exchange.error, 4)}"
     if transaction.outcome == "orphan_answer":
-        return "an answer without request"
+        return "an answer without a request"
     if transaction.outcome == "unsolicited":
-        return "a message that wants no answer"
+        return "a message that expects no answer"
     items = exchange.items
     if len(items) == 1:
         return item_state(items[0])
@@ -107,7 +107,7 @@ def octets_change(was: bytes, is_: bytes) -> tuple[str, str]:
     at = next((index for index in range(shorter) if was[index] != is_[index]), shorter)
     start = max(0, at - _AROUND // 2)
     said = [
-        f"{octets[start : start + _AROUND].hex(' ') or 'nothing'} at octet {start} of {len(octets)}"
+        f"{octets[start : start + _AROUND].hex(' ') or 'nothing'} at byte {start} of {len(octets)}"
         for octets in (was, is_)
     ]
     return said[0], said[1]

@@ -165,15 +165,15 @@ def _text_lines(file: BinaryIO, name: str) -> Iterator[str]:
     while octets := file.readline(MAX_LINE + 1):
         size += len(octets)
         if size > MAX_SIZE:
-            raise GoldenError(f"{name}: larger than {MAX_SIZE >> 20} MiB, so no golden")
+            raise GoldenError(f"{name}: larger than {MAX_SIZE >> 20} MiB: not a golden")
         if len(octets) > MAX_LINE:
-            raise GoldenError(f"{name}: a line is longer than {MAX_LINE >> 10} KiB, so no golden")
+            raise GoldenError(f"{name}: a line is longer than {MAX_LINE >> 10} KiB: not a golden")
         if b"\0" in octets:
-            raise GoldenError(f"{name}: octet {size - len(octets) + octets.index(0)} is NUL, so no golden")
+            raise GoldenError(f"{name}: byte {size - len(octets) + octets.index(0)} is NUL: not a golden")
         try:
             yield octets.decode("utf-8").removesuffix("\n")
         except UnicodeDecodeError as error:
-            raise GoldenError(f"{name}: octet {size - len(octets) + error.start} is no UTF-8") from None
+            raise GoldenError(f"{name}: byte {size - len(octets) + error.start} is not UTF-8") from None
 
 
 def read_session(

@@ -31,7 +31,7 @@ def quoted(text: str) -> str:
 def unquoted(text: str) -> str:
     """Return what `quoted` made a text of. Raises ValueError."""
     if not text.startswith('"'):
-        raise ValueError(f"{text} is no text in double quotes")
+        raise ValueError(f"{text} is not a string in double quotes")
     return str(json.loads(text))
 
 
@@ -43,7 +43,7 @@ def hex_text(octets: bytes) -> str:
 def hex_octets(text: str) -> bytes:
     """Return the octets of `hex_text`. Raises ValueError."""
     if not (text.startswith("<") and text.endswith(">")):
-        raise ValueError(f"{text} are no octets in angle brackets")
+        raise ValueError(f"{text} is not a list of bytes in angle brackets")
     try:
         return bytes.fromhex(text[1:-1])
     except ValueError:
@@ -83,11 +83,11 @@ def value_octets(text: str, transport_size: int) -> bytes:
         return hex_octets(text)
     if text.startswith('"'):
         if transport_size != CHAR:
-            raise ValueError(f"{text} is a text, which only CHAR has")
+            raise ValueError(f"{text} is a string, which only CHAR allows")
         try:
             return unquoted(text).encode("latin-1")
         except UnicodeEncodeError:
-            raise ValueError(f"{text} has characters that no CHAR can hold") from None
+            raise ValueError(f"{text} has characters that CHAR cannot hold") from None
     elements = text[1:-1].split(", ") if text.startswith("[") else [text]
     return b"".join([_element(element, transport_size) for element in elements])
 
@@ -99,8 +99,8 @@ def _element(text: str, transport_size: int) -> bytes:
         return b"\x01" if text == "true" else b"\x00"
     form = _PACKED.get(transport_size)
     if form is None:
-        raise ValueError(f"{text}: values of this type are written as octets, such as <00 01>")
+        raise ValueError(f"{text}: values of this type are written as bytes, such as <00 01>")
     try:
         return struct.pack(form, float(text) if transport_size in _FLOATS else int(text))
     except (struct.error, OverflowError):
-        raise ValueError(f"{text} is beyond the type") from None
+        raise ValueError(f"{text} is out of range for the type") from None

@@ -24,10 +24,10 @@ IBH: Final = Layout(
     [
         Field("channel1", 1, "Channel of the sender: 0x07 of a client that talks to a station, 0xff of the gateway."),
         Field("channel2", 1, "Channel of the receiver; an answer has the two the other way round."),
-        Field("length", 1, "Octets from the ninth one on."),
+        Field("length", 1, "Bytes from the ninth one on."),
         Field("number", 1, "A counter; a receipt repeats it, 0 wants none."),
         LittleEndian("s_flags", 2, "What is answered.", "", SERVICES),
-        LittleEndian("r_flags", 2, "What is asked for.", "", SERVICES),
+        LittleEndian("r_flags", 2, "What is requested.", "", SERVICES),
     ],
 )
 
@@ -37,7 +37,7 @@ _ADDRESSES: Final = [
     Field("mpi", 1, "MPI address of the station."),
 ]
 _FUNCTION: Final = [
-    Field("length", 1, "Octets behind this one."),
+    Field("length", 1, "Bytes after this one."),
     Field("function", 1, "What the packet does.", "", FUNCTIONS),
     Field("number", 1, "Number of the data packet; missing when nothing follows the function."),
 ]

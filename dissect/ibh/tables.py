@@ -17,7 +17,7 @@ MPI_INDICATION: Final = 0x02C2
 
 #: Flags: what is asked for stands in ``r_flags``, and an answer repeats it in ``s_flags``.
 SERVICES: Final = CodeTable("IBH service", 4, [
-    (0x0000, "none", "The other flags of the packet tell."),
+    (0x0000, "none", "The other flags of the packet apply."),
     (0x0001, "device", "The gateway itself: identification, reset."),
     (0x0004, "bus parameters", "Address and speed of the gateway on the bus."),
     (MPI_REQUEST, "MPI request", "To a station on the bus, the short MPI header follows; in s_flags: received by the gateway."),
@@ -31,9 +31,9 @@ DATA: Final = 0xF1
 
 #: Functions of the MPI header. Connects, disconnects and data have the code of the COTP TPDU that does the same.
 FUNCTIONS: Final = CodeTable("MPI function", 2, [
-    (0x05, "go ahead", "After a connection is confirmed, from both sides; also asks for the rest of a message."),
+    (0x05, "go ahead", "After a connection is confirmed, from both sides; also requests the rest of a message."),
     (0x80, "disconnect", "Ends the connection to the station."),
-    (0xB0, "acknowledge", "Says which data packet arrived."),
+    (0xB0, "acknowledge", "Acknowledges a data packet."),
     (0xD0, "connect confirm", "The station accepts the connection."),
     (0xE0, "connect request", "Asks the station for a connection."),
     (DATA_MORE, "data, more to come", "A part of a message that goes on in the next packet."),

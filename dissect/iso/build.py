@@ -47,7 +47,7 @@ def build_connect(
     given = list(parameters)
     size = connect_size(given)
     if size > MAX_HEADER:
-        raise ValueError(f"its parameters take {size} octets of a TPDU header, which has room for {MAX_HEADER}")
+        raise ValueError(f"its parameters take {size} bytes of a TPDU header, which has room for {MAX_HEADER}")
     return struct.pack(">BBHHB", size, type_ << 4, dst_ref, src_ref, options) + build_parameters(given)
 
 

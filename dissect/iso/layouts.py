@@ -13,11 +13,11 @@ TPKT: Final = Layout(
     [
         Field("version", 1, "Always 3.", "tpkt.version"),
         Field("reserved", 1, "0 when sent, ignored on receipt.", "tpkt.reserved"),
-        Field("length", 2, "Octets of the whole packet, this header included.", "tpkt.length"),
+        Field("length", 2, "Bytes of the whole packet, this header included.", "tpkt.length"),
     ],
 )
 
-_LI: Final = Field("li", 1, "Length indicator: header octets after this one.", "cotp.li")
+_LI: Final = Field("li", 1, "Length indicator: header bytes after this one.", "cotp.li")
 _TYPE: Final = Field("type", 1, "TPDU type.", "cotp.type", TPDU_TYPES, (0xF0, 4))
 _CREDIT: Final = Field("credit", 1, "Credit, 0 in class 0.", "", None, (0x0F, 0), True)
 _DST_REF: Final = Field("dst_ref", 2, "Reference of the receiver, 0 in a CR.", "cotp.destref")
@@ -70,6 +70,6 @@ PARAMETER: Final = Layout(
     "X.224 section 13.2.3",
     [
         Field("code", 1, "What the value means.", "cotp.parameter_code", PARAMETERS),
-        Field("length", 1, "Octets of the value.", "cotp.parameter_length"),
+        Field("length", 1, "Bytes of the value.", "cotp.parameter_length"),
     ],
 )

@@ -109,7 +109,7 @@ def _spared(field: Field, fields: list[ScapyField], unnamed: int) -> int:
     size = mask.bit_count()
     above = (unnamed if field.shares else field.size * 8) - size - low
     if mask != ((1 << size) - 1) << low or above < 0:
-        message = f"the bits of {field.name} are out of order: give the highest first, each once and without holes"
+        message = f"the bits of {field.name} are out of order: give the highest first, each once and without gaps"
         raise ValueError(message)
     if above:
         fields.append(_spare(fields, above))
@@ -181,7 +181,7 @@ class MeaningField(XStrField):
         if self.size == REST:
             return octets
         if len(octets) > self.size:
-            message = f"{self.name} is {self.size} octet(s), not {len(octets)}: give fewer"
+            message = f"{self.name} is {self.size} byte(s), not {len(octets)}: give fewer"
             raise ValueError(message)
         return octets.ljust(self.size, b"\0")
 
@@ -293,9 +293,7 @@ class CodesField(FieldListField):
 def fill_number(octets: bytes, offset: int, size: int, value: int, what: str) -> bytes:
     """Return ``octets`` with ``value`` written at ``offset``; ValueError when the field's ``size`` octets cannot hold it."""
     if value >= 1 << 8 * size:
-        message = (
-            f"{what} would be {value}, more than its {size} octet(s) can say: send less, or set the field yourself"
-        )
+        message = f"{what} would be {value}, more than its {size} byte(s) can say: send less, or set the field yourself"
         raise ValueError(message)
     return octets[:offset] + value.to_bytes(size, "big") + octets[offset + size :]
 

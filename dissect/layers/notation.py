@@ -42,12 +42,12 @@ def _item(
     address: str, area: int, db: int, place: int, size: int, count: int, transport_size: str | int | None
 ) -> S7_Any:
     if not 0 < count <= _MAX_WORD:
-        message = f"{count} elements of {address!r} cannot be asked for: give 1 to {_MAX_WORD}"
+        message = f"{count} elements of {address!r} cannot be requested: give 1 to {_MAX_WORD}"
         raise ValueError(message)
     if isinstance(transport_size, str):
         names = {name: number for number, name in TRANSPORT_SIZES.names().items()}
         if transport_size.upper() not in names:
-            message = f"{transport_size!r} is no transport size: give one of {', '.join(names)}"
+            message = f"{transport_size!r} is not a transport size: give one of {', '.join(names)}"
             raise ValueError(message)
         transport_size = names[transport_size.upper()]
     if transport_size is not None:
@@ -56,4 +56,4 @@ def _item(
 
 
 def _no_address(address: str, advice: str) -> ValueError:
-    return ValueError(f"{address!r} is no address: {advice}")
+    return ValueError(f"{address!r} is not an address: {advice}")

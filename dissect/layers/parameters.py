@@ -45,7 +45,7 @@ def tsap_octets(tsap: str | bytes) -> bytes:
     if pair:
         return bytes.fromhex(pair[1] + pair[2])
     if not tsap.isascii():
-        message = f"TSAP {tsap!r} is not ASCII: write two octets as '01.02', or give octets"
+        message = f"TSAP {tsap!r} is not ASCII: write two bytes as '01.02', or give bytes"
         raise ValueError(message)
     return tsap.encode("ascii")
 
@@ -69,7 +69,7 @@ class COTP_Parameter(WireLayer):
         for exponent, size in _SIZES.items():
             if size == octets:
                 return cls(code=TPDU_SIZE, value=bytes([exponent]))
-        message = f"a TPDU size of {octets} octets cannot be said: give one of {', '.join(map(str, _SIZES.values()))}"
+        message = f"a TPDU size of {octets} bytes cannot be encoded: give one of {', '.join(map(str, _SIZES.values()))}"
         raise ValueError(message)
 
     @classmethod
@@ -96,11 +96,11 @@ class COTP_Parameter(WireLayer):
         """Return ``value`` for a person, as this parameter's code means it."""
         code = self.getfieldval("code")
         if code == TPDU_SIZE and len(value) == 1 and value[0] in _SIZES:
-            return f"{value.hex()} ({_SIZES[value[0]]} octets)"
+            return f"{value.hex()} ({_SIZES[value[0]]} bytes)"
         if code in (CALLING_TSAP, CALLED_TSAP) and self.holder_type() != tables.ER:
             return Tsap(value).describe()
         if code == PREFERRED_SIZE and 1 <= len(value) <= 4:
-            return f"{value.hex()} ({int.from_bytes(value, 'big') * 128} octets)"
+            return f"{value.hex()} ({int.from_bytes(value, 'big') * 128} bytes)"
         if code in _UNITS and value:
             return f"{value.hex()} ({int.from_bytes(value, 'big')} {_UNITS[code]})"
         return value.hex()

@@ -146,7 +146,7 @@ class SCD(WireLayer):
         echoed = self._echoed()
         if value is not None:
             if self.codec is None or self.kind != NUMBERS["read"]:
-                message = "a value needs a read request made or dissected with a dictionary: give data= octets instead"
+                message = "a value needs a read request made or dissected with a dictionary: give data= bytes instead"
                 raise ValueError(message)
             echoed["data"] = self.codec.encode_value((self.index, self.sub), value)
         return type(self)(**{**echoed, **fields})
@@ -219,7 +219,7 @@ class SCD(WireLayer):
     def _content(self) -> str:
         message = readable(self)
         if message is None or self.codec is None:
-            octets = self.data.hex() if len(self.data) <= _MOST_OCTETS else f"{len(self.data)} octets"
+            octets = self.data.hex() if len(self.data) <= _MOST_OCTETS else f"{len(self.data)} bytes"
             return f" data={octets}" if self.data else ""
         if message.error is not None:
             return f" [{printable(str(message.error))}]"
@@ -260,7 +260,7 @@ def bind_scd(
     transport, and what `SCD.using` raises.
     """
     if not 0 < port < 65536:
-        message = f"{port} is no port: give one of 1 to 65535"
+        message = f"{port} is not a port: give one of 1 to 65535"
         raise ValueError(message)
     carrier = _carrier(transport)
     layer = SCD if dictionary is None else SCD.using(dictionary)
@@ -282,6 +282,6 @@ def unbind_scd(port: int, transport: str | None = None) -> None:
 
 def _carrier(transport: str) -> type[Packet]:
     if transport not in _CARRIERS:
-        message = f"{transport!r} is no transport of SCD: give one of {', '.join(_CARRIERS)}"
+        message = f"{transport!r} is not a transport of SCD: give one of {', '.join(_CARRIERS)}"
         raise ValueError(message)
     return _CARRIERS[transport]

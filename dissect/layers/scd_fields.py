@@ -63,7 +63,7 @@ class SCDSizeField(LEShortField):
             return x or 0
         size = len(pkt.getfieldval("data"))
         if size >> 8 * self.sz:
-            message = f"the size would be {size}, more than its {self.sz} octets can say: send less, or set it yourself"
+            message = f"the size would be {size}, more than its {self.sz} bytes can say: send less, or set it yourself"
             raise ValueError(message)
         return size
 
@@ -227,7 +227,7 @@ def value_text(dictionary: Dictionary, key: Key, value: Value) -> str:
     if isinstance(value, str):
         return f'"{shortened(value, _LONGEST_TEXT)}"'
     if type(value) is bytes:
-        return value.hex() if len(value) <= _LONGEST_BLOCK else f"{len(value)} octets"
+        return value.hex() if len(value) <= _LONGEST_BLOCK else f"{len(value)} bytes"
     variable = _variable(dictionary, key)
     if variable is None:
         return str(value)

@@ -129,7 +129,7 @@ class TPKT(WireLayer):
 def bind_port(port: int) -> None:
     """Have Scapy look for TPKTs in TCP segments to and from ``port``, as it does for port 102."""
     if not 0 < port < 65536:
-        message = f"{port} is no TCP port: give one of 1 to 65535"
+        message = f"{port} is not a TCP port: give one of 1 to 65535"
         raise ValueError(message)
     bind_bottom_up(TCP, TPKT, sport=port)
     bind_bottom_up(TCP, TPKT, dport=port)

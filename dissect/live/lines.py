@@ -127,7 +127,7 @@ def summary_lines(status: Status, engine: str) -> list[str]:
         ]
         lines.append(f"packets lost while capturing: {', '.join(lost)}")
     elif engine == "pipe":
-        lines.append("packets lost while capturing: what wrote the pipe may know, it does not say so here")
+        lines.append("packets lost while capturing: unknown; the program that writes the pipe does not report it here")
     if status.lost_events:
-        lines.append(f"events not shown because the output was not taken fast enough: {status.lost_events}")
+        lines.append(f"events not shown because the output was too slow: {status.lost_events}")
     return lines

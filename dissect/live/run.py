@@ -247,7 +247,7 @@ class LiveRun:
         """An observer failed: it is no companion any more."""
         name = observer.name if isinstance(observer, Companion) else type(observer).__name__
         if len(self.failures) < _MAX_FAILURES:
-            self.failures.append(f"{name} failed and is off: {reason(error)}")
+            self.failures.append(f"{name} failed and was switched off: {reason(error)}")
         self._wanting = [one for one in self._wanting if one is not observer]
         if isinstance(observer, Companion) and observer in self._companions:
             self._companions = [one for one in self._companions if one is not observer]

@@ -56,7 +56,7 @@ def resolve(address: Address, allow_remote: bool) -> Target:
     host = str(where[0])
     if not allow_remote and not is_loopback(host):
         raise AddressError(
-            f"{address} can be reached from other machines, and whoever reaches it may read the metrics: "
+            f"{address} can be reached from other machines, and anyone who reaches it can read the metrics: "
             f"use {DEFAULT}, or add --allow-remote if that is intended"
         )
     port = int(where[1])

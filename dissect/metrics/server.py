@@ -41,7 +41,7 @@ class MissingLibraryError(RuntimeError):
     """``prometheus_client`` is not installed."""
 
     def __init__(self) -> None:
-        super().__init__("metrics take the library prometheus-client: pip install 's7dissect[metrics]'")
+        super().__init__("--metrics needs prometheus-client: pip install 's7dissect[metrics]'")
 
 
 def _names_this_machine(host: str) -> bool:
@@ -89,7 +89,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(404, f"there is only {_PATH}")
             return
         if self.server.local and not _names_this_machine(self.headers.get("Host", "")):
-            self.send_error(403, "ask by an address in numbers, or as localhost")
+            self.send_error(403, "use a numeric address or localhost")
             return
         self._answer(self.server.text.octets())
 
@@ -224,7 +224,9 @@ def serve(
     try:
         listener = _Listener(target, Text(Exposition(metrics)))
     except OSError as why:
-        raise AddressError(f"{address}: {why.strerror or why}: say another port or address with --metrics") from None
+        raise AddressError(
+            f"{address}: {why.strerror or why}: choose a different port or address with --metrics"
+        ) from None
     server = Server(listener, str(target.address[0]))
     if start:
         server.start()

@@ -101,7 +101,7 @@ def connection_details(facts: ConnectionFacts, entries: Iterable[Entry], clock: 
     clock = clock or Clock()
     lines = list(connection_lines(facts.connection, PLACES))
     if facts.waiting:
-        lines.append(Line(f"     {words.count(facts.waiting, 'request')} open now", PLAIN, 5))
+        lines.append(Line(f"     {words.count(facts.waiting, 'request')} pending now", PLAIN, 5))
     if facts.failed and facts.connection.last_error is not None:
         when = clock.moment(facts.connection.last_error_ns)
         lines.append(
@@ -109,7 +109,7 @@ def connection_details(facts: ConnectionFacts, entries: Iterable[Entry], clock: 
         )
     mine = [entry for entry in entries if _same(entry.connection, facts.connection)][-_LAST:]
     if mine:
-        lines += [Line(""), Line(f"The last of what it did (the filter c{facts.key} shows no other)", HEADING)]
+        lines += [Line(""), Line(f"Its latest transactions (the filter c{facts.key} shows only these)", HEADING)]
         lines += [Line(f"  {shortened(entry_line(entry, clock), _LONG)}", PLAIN, 4) for entry in mine]
     return lines
 
@@ -123,5 +123,5 @@ def finding_details(facts: FindingFacts) -> list[Line]:
     details = list(reversed(facts.details))
     lines = list(finding_lines(facts.rule, facts.times, details, PLACES, len(details)))
     if details and len(details) < facts.times:
-        lines.append(Line("      the newest stand first; those that are not told were counted only", DIM, 8))
+        lines.append(Line("      newest first; findings without detail were only counted", DIM, 8))
     return lines

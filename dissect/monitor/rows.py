@@ -272,11 +272,11 @@ def joined(rows: Sequence[Piece]) -> str:
 
 #: What the signs on the screen mean.
 LEGEND: Final = (
-    ("E U S", "a transaction whose answer says no (in part or as a whole), that was not answered, or slowly"),
-    ("=", "several transactions together: a download, an upload, a long answer …"),
+    ("E U S", "a transaction with errors, without an answer, or with a slow answer"),
+    ("=", "an operation of several transactions: a download, an upload, a long answer …"),
     ("c12", "connection 12"),
-    ("per s, 10 s", "transactions in the last whole second, and a second's share of the last ten"),
-    ("answer", "how long the last answer took"),
+    ("per s, 10 s", "transactions in the last full second, and the average per second of the last ten"),
+    ("answer", "the latest answer time"),
     (
         f"{_BLOCKS[0]}{_BLOCKS[3]}{_BLOCKS[7]} or 148",
         "the worst answer of each second: to 316 µs, 1 ms, 3.2 ms, 10 ms, 32 ms, 100 ms, 316 ms, longer; blank for none",

@@ -25,4 +25,4 @@ def save(directory: Path, time_ns: int, lines: Iterable[str]) -> Path:
         with file:
             file.writelines([f"{line}\n" for line in lines])
         return path
-    raise FileExistsError(f"{directory}: there are too many files {stem}…")
+    raise FileExistsError(f"{directory}: too many files {stem}…")

@@ -12,7 +12,7 @@ from dissect.source.packet import CaptureError
 DEFAULT: Final = "127.0.0.1:10102"
 #: Where a PLC listens (RFC 1006).
 PLC_PORT: Final = 102
-_DANGER: Final = "and whoever reaches it reaches the PLC"
+_DANGER: Final = "and anyone who reaches it reaches the PLC"
 #: Addresses of one name that are used.
 _MAX_ADDRESSES: Final = 8
 
@@ -63,7 +63,7 @@ def places_to_listen(address: Address, allow_remote: bool, danger: str = _DANGER
 def places_to_connect(address: Address) -> list[Place]:
     """Return what to try, in this order, to reach the server. Raises `ProxyError`."""
     if not address.port:
-        raise ProxyError(f"{address}: port 0 cannot be connected to: say the port of the PLC, {PLC_PORT} as a rule")
+        raise ProxyError(f"{address}: port 0 cannot be connected to: give the port of the PLC, {PLC_PORT} by default")
     return _resolved(address, 0)
 
 
@@ -80,7 +80,7 @@ def _resolved(address: Address, flags: int) -> list[Place]:
         if place not in places:
             places.append(place)
     if not places:
-        raise ProxyError(f"{address}: no address of IPv4 or IPv6")
+        raise ProxyError(f"{address}: not an IPv4 or IPv6 address")
     return places[:_MAX_ADDRESSES]
 
 
@@ -96,7 +96,7 @@ def listen_on(place: Place) -> socket.socket:
         listener.setblocking(False)
     except OSError as why:
         listener.close()
-        hint = ": ports below 1024 take rights, choose another one" if isinstance(why, PermissionError) else ""
+        hint = ": ports below 1024 need root; choose another" if isinstance(why, PermissionError) else ""
         raise ProxyError(f"cannot listen on {place}: {why.strerror or why}{hint}") from None
     return listener
 
@@ -110,6 +110,4 @@ def expect_no_circle(listeners: list[Place], targets: list[Place]) -> None:
                 continue
             same = place.address[0] == target.address[0]
             if same or (place.address[0] in anywhere and is_loopback(str(target.address[0]))):
-                raise ProxyError(
-                    f"--to {target} is where the proxy itself listens: it would connect to itself for ever"
-                )
+                raise ProxyError(f"--to {target} is the proxy's own address: it would connect to itself forever")

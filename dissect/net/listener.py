@@ -83,7 +83,7 @@ class Listener:
             client, name = listener.accept()
         except OSError as why:
             if why.errno in _NO_MORE:
-                self._tell(f"no client is accepted for a moment: {why.strerror}")
+                self._tell(f"accepting no clients for a moment: {why.strerror}")
                 self._paused_until = time.monotonic() + PAUSE_S
                 self._set(False)
             return None
@@ -97,7 +97,7 @@ class Listener:
     def count(self, inside: int) -> None:
         """Let in more, or nobody for now: so many are inside. To be said when somebody came, and from time to time."""
         if self.is_open and inside >= self._most:
-            self._tell(f"{inside} clients are connected; more have to wait until one of them is gone")
+            self._tell(f"{inside} clients are connected; more must wait until one disconnects")
             self._set(False)
         elif not self.is_open and inside < self._most and time.monotonic() >= self._paused_until:
             self._set(True)

@@ -18,7 +18,7 @@ from dissect.oracle.ours import Witness, take_joined
 from dissect.oracle.theirs import Frame
 from dissect.oracle.tshark import OracleError, Reader, read_tshark
 
-_GAVE_UP: Final = "Wireshark gave up where the capture is damaged"
+_GAVE_UP: Final = "Wireshark stopped where the capture is damaged"
 _WHOLE: Final = Place("", 0, grounds.WHOLE)
 _FRAME: Final = Place("", 0, grounds.FRAME)
 _OCTETS: Final = Place("", 0, grounds.OCTETS)

@@ -36,7 +36,7 @@ IN_DATA_ITEM: Final = "data item"
 #: Everything else in the parameters and the data of a PDU, numbered by its position.
 IN_BODY: Final = "octet"
 #: The same in the answer that several PDUs give together, where Wireshark shows it: in the last of them.
-IN_JOINED: Final = "joined octet"
+IN_JOINED: Final = "joined byte"
 
 #: Names of what is no field of a fixed header.
 CALLING_TSAP: Final = "cotp.src-tsap-bytes"

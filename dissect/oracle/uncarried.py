@@ -14,7 +14,7 @@ from typing import Final
 REASONS: Final = (
     (
         r"s7comm\.param\.userdata\.(head|length|reqres1)",
-        "old names (Wireshark up to 4.0) of the first octets of a userdata head, which are compared under the present ones",
+        "old names (Wireshark up to 4.0) of the first bytes of a userdata head, which are compared under the present ones",
     ),
     (
         r"s7comm\.param\.pi\.n_x\.\w+",
@@ -30,16 +30,16 @@ REASONS: Final = (
     ),
     (
         r"s7comm\.szl\.0132\.0004\.ken_ver[12]_(hw|awp)",
-        "checksums that Wireshark reads with the low octet first; we have the same octets as numbers like all others",
+        "checksums that Wireshark reads with the low byte first; we have the same bytes as numbers like all others",
     ),
     (
         r"s7comm\.varstat\.unknown",
-        "octets of programmer commands whose meaning nobody knows, which we keep without a name",
+        "bytes of programmer commands whose meaning nobody knows, which we keep without a name",
     ),
 )
 
 AGAIN: Final = (
-    "octets of a field that is compared, shown once more in pieces (bits, digits, the parts of an address or a time)"
+    "bytes of a field that is compared, shown once more in pieces (bits, digits, the parts of an address or a time)"
 )
 
 

@@ -77,7 +77,7 @@ def _counts(comparisons: list[Comparison]) -> str:
     unexplained = sum(len(one.unexplained) for one in comparisons)
     known = sum(one.known.total() for one in comparisons)
     kinds = ", ".join(f"{compared[kind]} {kind}s" for kind in (facts.TPDU, facts.PDU))
-    return f"{kinds}, {fields} fields; {unexplained} differences not explained, {known} known"
+    return f"{kinds}, {fields} fields; {unexplained} unexplained differences, {known} known"
 
 
 def _file(path: str, comparison: Comparison) -> dict[str, object]:

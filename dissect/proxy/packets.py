@@ -120,7 +120,7 @@ class Conversation:
 
     def _expect_open(self, side: int) -> None:
         if self._over or self._finished[side]:
-            raise ValueError(f"side {side} has closed, it cannot send any more")
+            raise ValueError(f"side {side} has closed, it can no longer send")
 
     def _segment(self, side: int, flags: int, payload: bytes = b"", options: bytes = b"") -> bytes:
         """Return a frame of ``side``, which acknowledges all that the other side has sent."""

@@ -207,7 +207,7 @@ class Relay:
             self._reset(end.link, reset.side)
             return
         except Exception as bug:  # noqa: BLE001 - whatever is wrong with one connection must not cost the others theirs
-            self._note(f"connection {end.link.number} is broken off: {type(bug).__name__}: {bug}")
+            self._note(f"connection {end.link.number} is aborted: {type(bug).__name__}: {bug}")
             self._reset(end.link, end.side)
             return
         if end.link.done:

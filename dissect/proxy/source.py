@@ -79,4 +79,4 @@ class RelayReader(LiveReader):
         if passed.kind == GONE:
             del self._conversations[passed.link]
             return []
-        raise ValueError(f"{passed.kind}: nothing that happens to a connection")
+        raise ValueError(f"{passed.kind}: not an event of a connection")

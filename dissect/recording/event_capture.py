@@ -195,7 +195,7 @@ class EventCapture(PacketSink):
         shortened = self._recent.shortened
         if not shortened:
             return ""
-        return f"s7dissect: memory ran short: up to now {shortened} packets left it before their time was over"
+        return f"s7dissect: memory ran short: so far {shortened} packets were dropped before their time was over"
 
     def _write(self, writer: PcapngWriter, packet: KeptPacket) -> None:
         try:

@@ -44,7 +44,7 @@ class RingLimits:
     def __init__(self, octets: int = 0, duration_ns: int = 0, files: int = 0) -> None:
         if files and not (octets or duration_ns):
             raise ValueError(
-                "files:N says how many files are kept, so filesize:KB or duration:SECONDS must be given too"
+                "files:N sets the number of files to keep, so filesize:KB or duration:SECONDS is needed as well"
             )
         self.octets = octets
         self.duration_ns = duration_ns
@@ -66,7 +66,7 @@ def parse_limits(words: Iterable[str]) -> RingLimits:
         elif kind == "files":
             files = int(_number(word, text, 1, _MAX_FILES))
         else:
-            raise ValueError(f"{word!r} is none of filesize:KB, duration:SECONDS, files:NUMBER")
+            raise ValueError(f"{word!r} is not one of filesize:KB, duration:SECONDS, files:NUMBER")
     return RingLimits(octets, duration_ns, files)
 
 

@@ -79,7 +79,7 @@ def _moment(text: str) -> Moment:
         return Moment(_START, int(found[1]) * _NS + _fraction(found[2]))
     found = _TIME.fullmatch(text)
     if not found:
-        raise ValueError(f"{text!r} is no time: expected HH:MM:SS, YYYY-MM-DDTHH:MM:SS (both UTC), or seconds")
+        raise ValueError(f"{text!r} is not a time: expected HH:MM:SS, YYYY-MM-DDTHH:MM:SS (both UTC), or seconds")
     hour, minute, second = int(found[4]), int(found[5]), int(found[6])
     if hour > 23 or minute > 59 or second > 60:
         raise ValueError(f"{text!r}: there is no such time of day")

@@ -16,17 +16,17 @@ _WARNING: Final = "warning"
 _IGNORED: Final = {
     "not_ip": "not IP",
     "not_tcp": "IP but not TCP",
-    "fragment_waiting": "fragments of datagrams that never became whole",
+    "fragment_waiting": "fragments of incomplete datagrams",
     "fragment_dropped": "dropped fragments",
-    "other_protocol": "of TCP connections that do not speak ISO-on-TCP",
-    "before_start": "from before the first octet seen of their connection",
+    "other_protocol": "TCP connections without ISO-on-TCP",
+    "before_start": "before the first captured byte of their connection",
     "after_close": "after the end of their connection",
-    "reset_ignored": "resets that were not believed",
-    "cut": "cut before the end of their headers",
-    "bad_header": "with impossible headers",
-    "bad_checksum": "with a wrong TCP or UDP checksum",
-    "link_type": "of a link type that is not supported",
-    "failed": "the analyzer failed on",
+    "reset_ignored": "RST or FIN outside the receive window",
+    "cut": "truncated inside their headers",
+    "bad_header": "invalid headers",
+    "bad_checksum": "wrong TCP or UDP checksum",
+    "link_type": "unsupported link type",
+    "failed": "packets the analyzer failed on",
 }
 
 
@@ -35,27 +35,30 @@ def completeness(pipeline: Pipeline) -> Iterator[tuple[str, str]]:
     counts = pipeline.counters.packet_counts()
     used = sum(counts[name] for name in CATEGORIES[:FIRST_IGNORED])
     repeated = counts["retransmission"] + counts["keep_alive"]
-    again = f", {words.count(repeated, 'of them a repetition', 'of them repetitions')} on TCP level" if repeated else ""
+    kind = "retransmission or keep-alive" if counts["keep_alive"] else "retransmission"
+    kinds = "retransmissions or keep-alives" if counts["keep_alive"] else "retransmissions"
+    again = f", {words.count(repeated, f'of them a TCP {kind}', f'of them TCP {kinds}')}" if repeated else ""
     yield f"{used} of {words.count(pipeline.frames, 'packet')} used{again}", _PLAIN
     for name in CATEGORIES[FIRST_IGNORED:]:
         if counts[name]:
-            yield f"{counts[name]} not used: {_IGNORED[name]}", _PLAIN
+            yield f"{counts[name]} ignored: {_IGNORED[name]}", _PLAIN
     if pipeline.counters.cut_frames:
-        yield f"{words.count(pipeline.counters.cut_frames, 'packet')} cut by the capture (snaplen)", _WARNING
+        yield f"{words.count(pipeline.counters.cut_frames, 'packet')} truncated by the capture (snaplen)", _WARNING
     octets = pipeline.counters.octets
     if octets.holes:
-        holes = words.count(octets.holes, "hole")
-        missing = words.count(octets.missing, "octet")
+        holes = words.count(octets.holes, "gap")
+        missing = words.count(octets.missing, "byte")
         yield f"{holes} in the TCP streams, {missing} missing from the capture", _WARNING
     else:
-        yield "no hole in the TCP streams", _PLAIN
+        yield "no gaps in the TCP streams", _PLAIN
     if octets.skipped:
-        yield f"{words.count(octets.skipped, 'octet')} skipped that belong to no message", _WARNING
+        verb = "belongs" if octets.skipped == 1 else "belong"
+        yield f"{words.count(octets.skipped, 'byte')} skipped that {verb} to no message", _WARNING
     if octets.buffered:
-        yield f"{words.count(octets.buffered, 'octet')} of unfinished messages at the end", _PLAIN
+        yield f"{words.count(octets.buffered, 'byte')} of unfinished messages at the end", _PLAIN
     evicted = pipeline.exchange.watch.operations.evicted
     if evicted:
-        yield f"{words.count(evicted, 'operation')} followed no further: too many at once", _WARNING
+        yield f"{words.count(evicted, 'operation')} no longer tracked: too many at once", _WARNING
     forgotten = pipeline.connections.scans.forgotten
     if forgotten:
         pairs = words.count(forgotten, "pair")

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 #: Why a connection ends without anybody closing it.
 _DROPPED: Final = {
-    REUSED: "its addresses were taken by a new connection",
-    EVICTED: "forgotten, too many connections were open",
+    REUSED: "replaced by a new connection on the same addresses",
+    EVICTED: "dropped, too many connections were open",
     REPLACED: "replaced by a new connection on the same addresses",
 }
 
@@ -54,9 +54,9 @@ def _before(ending: Ending, places: Places) -> str:
     if oldest is not None:
         at = places.phrase([int(ending.oldest_frame)])
         age = words.duration(int(ending.time_ns - ending.oldest_ns))
-        first = "" if ending.open_requests == 1 else "the first is "
+        first = "" if ending.open_requests == 1 else "the oldest is "
         open_then = words.count(ending.open_requests, "request")
-        parts = f" with {open_then} open: {first}{oldest.subject} ({at}), {age} old"
+        parts = f" with {open_then} pending: {first}{oldest.subject} ({at}), {age} old"
     elif ending.how in {FIN, DISCONNECT, OPEN}:
         return ""
     if ending.last_answer is not None:

@@ -80,7 +80,7 @@ def pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places) -> 
     said = f"  {body}" if (body := _body(pdu)) else ""
     function = f"  {pdu.function_name}" if pdu.function_name else ""
     if pdu.cut:
-        said += "  CUT by the capture"
+        said += "  TRUNCATED by the capture"
     if pdu.malformed:
         said += f"  MALFORMED {pdu.malformed[0]}"
     kind = pdu.rosctr_name if pdu.rosctr >= 0 else "?"
@@ -106,7 +106,7 @@ def plus_line(pdu: PlusPdu, connection: Connection, clock: Clock, places: Places
     if pdu.frames > 1:
         parts.append(f"in {pdu.frames} frames")
     if pdu.cut:
-        parts.append("CUT, its end is missing")
+        parts.append("CUT, the end is missing")
     if pdu.malformed:
         parts.append(f"MALFORMED {pdu.malformed[0]}")
     elif found.malformed and not pdu.cut:

@@ -63,7 +63,7 @@ def _carried(operation: Operation) -> str:
         parts.append(words.count(operation.pushes, "push", "pushes") + " of them")
     if operation.octets:
         announced = f" of {operation.announced}" if operation.announced not in {-1, operation.octets} else ""
-        parts.append(f"{operation.octets}{announced} octets")
+        parts.append(f"{operation.octets}{announced} bytes")
     return ", ".join(parts)
 
 

@@ -41,7 +41,7 @@ def plus_notes(pdu: PlusPdu) -> list[str]:
     if pdu.session_id >= 0:
         said.append(f"session 0x{pdu.session_id:08x}")
     if pdu.opcode == REQUEST and not pdu.wants_response:
-        said.append("wants no response")
+        said.append("expects no response")
     if pdu.subscription_id >= 0:
         said.append(f"subscription 0x{pdu.subscription_id:08x}")
         if pdu.sequence >= 0:
@@ -49,7 +49,7 @@ def plus_notes(pdu: PlusPdu) -> list[str]:
     if pdu.return_code > 0:
         said.append(f"return value 0x{pdu.return_value:x} {RETURN_CODES.name(pdu.return_code)}")
     if pdu.version == SYSTEM_EVENT and pdu.number >= 0:
-        said.append(f"{pdu.number} octets confirmed")
+        said.append(f"{pdu.number} bytes confirmed")
     elif pdu.version == KEEP_ALIVE and pdu.number >= 0:
         said.append(f"number {pdu.number}")
     if pdu.message:
@@ -71,7 +71,7 @@ def plus_subject(transaction: Transaction) -> str:
     if half.pdu.opcode == NOTIFICATION:
         said = plus_notes(half.pdu)
     else:
-        said = ["wants no response"] if asked is not None and not asked.pdu.wants_response else []
+        said = ["expects no response"] if asked is not None and not asked.pdu.wants_response else []
     items = join_items(asked, told, transaction.connection.plus)
     if items:
         return ", ".join(said + _some([item_text(item) for item in items]))

@@ -22,7 +22,7 @@ _DECIMAL: Final = frozenset(("abort", "response", "tid", "err", "sub", "seq", "s
 
 def scd_tree_lines(found: ScdMessage) -> Iterator[str]:
     """Yield the tree of a message and the hex view below it; octets count from the message's first one."""
-    at = f", from octet {found.offset} of {found.place or 'its datagram or TSDU'} on" if found.offset else ""
+    at = f", from byte {found.offset} of {found.place or 'its datagram or TSDU'} on" if found.offset else ""
     message = found.message
     if message.numbers:
         yield f"    SCD message, binding {printable(found.binding)}{at}"

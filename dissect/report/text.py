@@ -39,7 +39,7 @@ def analysis_lines(analysis: Analysis, interrupted: bool = False, clock: Clock |
     places = Places(analysis.files, len(analysis.files) > 1)
     yield from _files(analysis, places, clock or Clock())
     if interrupted:
-        yield Line("  INTERRUPTED: what follows covers what was read until then", "error")
+        yield Line("  INTERRUPTED: this report covers the packets read until then", "error")
     yield from _connections(analysis, places)
     yield from _transactions(analysis)
     yield from _scd(analysis)
@@ -229,13 +229,13 @@ def _scd(analysis: Analysis) -> Iterator[Line]:
     yield from table(rows, frozenset((1, 2, 3)))
     cut = sum(row["cut"] for row in found["bindings"])
     losses = {
-        "datagrams cut by the capture": cut,
-        "messages of no kind that can be paired": found["unpaired"],
-        "octets of streams skipped that are in no whole message": found["octets_skipped"],
-        "devices forgotten, too many are heard of": found["devices_forgotten"],
-        "values of constants not compared, a device has too many": found["constants_overlooked"],
-        "PDO counters forgotten, there are too many": found["counters_forgotten"],
-        "connections whose BSENDs were not put together, there are too many": found["blocks_forgotten"],
+        "datagrams truncated by the capture": cut,
+        "messages of a kind that cannot be paired": found["unpaired"],
+        "stream bytes skipped because they belong to no complete message": found["octets_skipped"],
+        "devices dropped, too many are known": found["devices_forgotten"],
+        "constants not compared, a device has too many": found["constants_overlooked"],
+        "PDO counters dropped, there are too many": found["counters_forgotten"],
+        "connections whose BSENDs were not reassembled, there are too many": found["blocks_forgotten"],
     }
     for what, count in losses.items():
         if count:

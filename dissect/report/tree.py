@@ -48,8 +48,8 @@ def tree_lines(pdu: Pdu, packet: bytes, through_gateway: bool = False) -> Iterat
         yield from _netlink(parse_packet(packet)) if through_gateway else _packet(packet)
     else:
         parts = "MPI packets" if through_gateway else "COTP fragments"
-        why = "cut by the capture" if pdu.cut else f"put together from several {parts}"
-        yield f"    {why}; octets count from the beginning of the S7 PDU"
+        why = "truncated by the capture" if pdu.cut else f"reassembled from several {parts}"
+        yield f"    {why}; offsets count from the start of the S7 PDU"
     yield from _layout(s7.ACK_HEADER if pdu.header_size == 12 else s7.HEADER, whole, base)
     if pdu.error_class > 0 or pdu.error_code > 0:
         code = (pdu.error_class << 8) | pdu.error_code
@@ -92,8 +92,8 @@ def plus_tree_lines(pdu: PlusPdu, packet: bytes) -> Iterator[str]:
     if packet:
         yield from _packet(packet)
     else:
-        why = "its end is missing" if pdu.cut else "put together from several frames or fragments"
-        yield f"    {why}; octets count from the beginning of the S7comm-plus PDU"
+        why = "the end is missing" if pdu.cut else "reassembled from several frames or fragments"
+        yield f"    {why}; offsets count from the start of the S7comm-plus PDU"
     at = base
     yield from _layout(s7plus.KEEP_ALIVE if pdu.version == KEEP_ALIVE else s7plus.HEADER, whole, at)
     at += s7plus.HEADER.size

@@ -48,7 +48,7 @@ _LIST_OF_TYPE: Final = (3, 2)
 REASONS: Final = {
     CONNECTION_CLOSED: "connection closed",
     CAPTURE_ENDED: "capture ends",
-    HOLE: "hole in the capture",
+    HOLE: "gap in the capture",
     REFERENCE_REUSED: "reference used again",
     TABLE_FULL: "too many open",
     CONNECTION_EVICTED: "too many connections",
@@ -116,7 +116,7 @@ def octets(data: bytes) -> str:
     said = f" '{text}'" if text else ""
     if len(data) <= _SHOWN_OCTETS:
         return (data.hex(" ") or "(empty)") + said
-    return f"{data[:_SHOWN_OCTETS].hex(' ')} … {len(data)} octets{said}"
+    return f"{data[:_SHOWN_OCTETS].hex(' ')} … {len(data)} bytes{said}"
 
 
 def spelled(data: bytes) -> str:

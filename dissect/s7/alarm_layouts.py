@@ -16,7 +16,7 @@ MESSAGE_REQUEST: Final = Layout(
     "message service",
     _SOURCE,
     [
-        Field("alarms", 1, "Alarms; which ones is told behind.", f"{_MASK}.alarms", bits=(0x80, 7)),
+        Field("alarms", 1, "Alarms; which ones follows.", f"{_MASK}.alarms", bits=(0x80, 7)),
         Field("unknown", 1, "0.", bits=(0x78, 3), shares=True),
         Field("user_diagnostics", 1, "Entries of users.", f"{_MASK}.userdefined", bits=(0x04, 2), shares=True),
         Field("system_diagnostics", 1, "System diagnostics.", f"{_MASK}.system", bits=(0x02, 1), shares=True),
@@ -69,7 +69,7 @@ ARCHIVE_COUNT: Final = Layout(
 )
 #: Octets of an archive, in the first part; the low octet first, unlike everything else.
 ARCHIVE_LENGTH: Final = Layout(
-    "archive length", _SOURCE, [Field("archive_length", 2, "Octets of all parts, low octet first.", means=little)]
+    "archive length", _SOURCE, [Field("archive_length", 2, "Bytes of all parts, low byte first.", means=little)]
 )
 ARCHIVE_DATA: Final = Layout(
     "archive data", _SOURCE, [Field("archive_data", REST, "As the program sent them.", "s7comm.data.userdata")]
@@ -96,7 +96,7 @@ OBJECTS_HEAD: Final = Layout("message objects", _SOURCE, [*_OBJECTS])
 
 _ITEM_HEAD: Final = [
     ITEM_HEAD.fields[0],
-    Field("length", 1, "Octets up to the last fixed field.", "s7comm.param.item.varspec_length", counts=COUNTS_REST),
+    Field("length", 1, "Bytes up to the last fixed field.", "s7comm.param.item.varspec_length", counts=COUNTS_REST),
     ITEM_HEAD.fields[2],
 ]
 _VALUES: Final = Field(
@@ -151,7 +151,7 @@ ALARM_QUERY_ANSWER: Final = Layout(
         Field(
             "complete_length",
             2,
-            "Octets of all alarms; 0xffff: until a length of 0.",
+            "Bytes of all alarms; 0xffff: until a length of 0.",
             "s7comm.alarm.query.complete_length",
         ),
     ],
@@ -161,7 +161,7 @@ ALARM_STATE: Final = Layout(
     "pending alarm",
     _SOURCE,
     [
-        Field("length", 1, "Octets from the alarm type on.", "s7comm.alarm.query.dataset_length"),
+        Field("length", 1, "Bytes from the alarm type on.", "s7comm.alarm.query.dataset_length"),
         Field("unknown_1", 2, "Unknown.", "s7comm.alarm.query.resunknown1"),
         Field("alarm_type", 1, "Kind of alarm.", "s7comm.alarm.query.alarmtype", ALARM_TYPES),
         _EVENT,

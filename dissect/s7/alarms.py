@@ -301,7 +301,7 @@ def parse_archive(cursor: Cursor, head: UserdataHead) -> None:
     length = cursor.take(ARCHIVE_LENGTH)
     if length is None:
         return
-    length.note = f"{size} octets"
+    length.note = f"{size} bytes"
     if size > cursor.left and not head.more:
         cursor.tell("length_beyond", "archive length", size, cursor.left)
     if cursor.left > 0 and size:

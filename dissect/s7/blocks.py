@@ -84,7 +84,7 @@ def header_fields(named: bool) -> list[Field]:
         Field("language", 1, "What it was written in.", name("s7comm.blockinfo.block_lang"), BLOCK_LANGUAGES),
         Field("block_kind", 1, "Type of the block.", name("s7comm.blockinfo.subblk_type"), BLOCK_KINDS),
         Field("block_number", 2, "Number of the block.", name("s7comm.blockinfo.block_num"), decimal=True),
-        Field("load_length", 4, "Octets in load memory.", name("s7comm.blockinfo.load_mem_len"), decimal=True),
+        Field("load_length", 4, "Bytes in load memory.", name("s7comm.blockinfo.load_mem_len"), decimal=True),
         Field("security", 4, "Protection.", name("s7comm.blockinfo.blocksecurity"), BLOCK_SECURITY),
         Field("code_time", 6, "Last change of the code.", name("s7comm.blockinfo.code_timestamp"), means=block_time),
         Field(
@@ -94,10 +94,10 @@ def header_fields(named: bool) -> list[Field]:
             name("s7comm.blockinfo.interface_timestamp"),
             means=block_time,
         ),
-        Field("ssb_length", 2, "Octets of the SSB.", name("s7comm.blockinfo.ssb_len"), decimal=True),
-        Field("add_length", 2, "Octets of the ADD.", name("s7comm.blockinfo.add_len"), decimal=True),
-        Field("local_length", 2, "Octets of local data.", name("s7comm.blockinfo.localdata_len"), decimal=True),
-        Field("mc7_length", 2, "Octets of MC7 code.", name("s7comm.blockinfo.mc7_len"), decimal=True),
+        Field("ssb_length", 2, "Bytes of the SSB.", name("s7comm.blockinfo.ssb_len"), decimal=True),
+        Field("add_length", 2, "Bytes of the ADD.", name("s7comm.blockinfo.add_len"), decimal=True),
+        Field("local_length", 2, "Bytes of local data.", name("s7comm.blockinfo.localdata_len"), decimal=True),
+        Field("mc7_length", 2, "Bytes of MC7 code.", name("s7comm.blockinfo.mc7_len"), decimal=True),
     ]
 
 
@@ -107,7 +107,7 @@ INFO: Final = Layout(
     _SOURCE,
     [
         Field("constant", 2, "0x0100 in captures.", "s7comm.blockinfo.blocktype"),
-        Field("info_length", 2, "Octets that follow.", "s7comm.blockinfo.res_infolength", counts=COUNTS_REST),
+        Field("info_length", 2, "Bytes that follow.", "s7comm.blockinfo.res_infolength", counts=COUNTS_REST),
         Field("unknown_info", 2, "0x2200 in captures.", "s7comm.blockinfo.res_unknown2"),
         *header_fields(True),
         Field("author", 8, "Who wrote it.", "s7comm.blockinfo.author", means=latin),

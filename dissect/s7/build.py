@@ -41,7 +41,7 @@ _USERDATA_HEAD: Final = 4
 def build_pdu(rosctr: int, parameters: bytes, data: bytes = b"", error: int = 0) -> bytes:
     """Return a PDU with reference 0; ``error`` is in the header of answers only. ValueError when no PDU is that long."""
     if max(len(parameters), len(data), len(parameters) + len(data) + ACK_HEADER_SIZE) > MAX_PDU:
-        raise ValueError(f"a PDU of {len(parameters)} and {len(data)} octets: no PDU has more than {MAX_PDU}")
+        raise ValueError(f"a PDU of {len(parameters)} and {len(data)} bytes: no PDU has more than {MAX_PDU}")
     head = struct.pack(">BBHHHH", PROTOCOL_ID, rosctr, 0, 0, len(parameters), len(data))
     if rosctr in {ACK, ACK_DATA}:
         head += error.to_bytes(2, "big")

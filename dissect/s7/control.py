@@ -27,7 +27,7 @@ PI_HEAD: Final = Layout(
         Field(
             "block_length",
             2,
-            "Octets of the parameter block.",
+            "Bytes of the parameter block.",
             "s7comm.param.pistart.parameterblock_len",
             counts=COUNTS_BUT_LAST,
         ),
@@ -37,7 +37,7 @@ PI_HEAD: Final = Layout(
 PI_NAME: Final = Layout(
     "service name",
     _SOURCE,
-    [Field("name_length", 1, "Octets of the name.", "s7comm.param.pi.n_x.string_len", counts=COUNTS_REST), _SERVICE],
+    [Field("name_length", 1, "Bytes of the name.", "s7comm.param.pi.n_x.string_len", counts=COUNTS_REST), _SERVICE],
 )
 #: Parameter block of services about blocks, and each of them.
 PI_BLOCKS: Final = Layout(
@@ -56,7 +56,7 @@ PI_ARGUMENT: Final = Layout(
     [Field("argument", REST, "What the service is to do.", "s7comm.param.pistart.argument", means=latin)],
 )
 _STRING_LENGTH: Final = Field(
-    "string_length", 1, "Octets of the text.", "s7comm.param.pi.n_x.string_len", counts=COUNTS_REST
+    "string_length", 1, "Bytes of the text.", "s7comm.param.pi.n_x.string_len", counts=COUNTS_REST
 )
 #: One of the arguments of a Sinumerik service.
 PI_STRING: Final = Layout(
@@ -75,7 +75,7 @@ PLC_STOP: Final = Layout(
     [
         FUNCTION.fields[0],
         Field("unknown", 5, "0.", _UNKNOWN),
-        Field("name_length", 1, "Octets of the name.", "s7comm.data.plccontrol.part2_len", counts=COUNTS_REST),
+        Field("name_length", 1, "Bytes of the name.", "s7comm.data.plccontrol.part2_len", counts=COUNTS_REST),
         _SERVICE,
     ],
 )
@@ -150,7 +150,7 @@ def _strings(block: Cursor, name: str) -> None:
             block.tell("length_beyond", "string_length", size - 1, block.left - 1)
             size = block.left
         if argument == SECRET:
-            block.take(PI_PASSWORD, size, f"password ({size - 1} octets, not shown)")
+            block.take(PI_PASSWORD, size, f"password ({size - 1} bytes, not shown)")
         else:
             part = block.take(PI_STRING, size)
             if part is not None:

@@ -57,7 +57,7 @@ RECORD_HEAD: Final = Layout(
     "reference section 4.7",
     [
         Field("reserved", 1, "0.", "s7comm.readrec.reserved1", means=plain),
-        Field("item_count", 1, "1; devices take no more.", "s7comm.param.itemcount"),
+        Field("item_count", 1, "1; devices accept no more.", "s7comm.param.itemcount"),
     ],
 )
 #: What stands between the return code and the status of a record that was read.
@@ -66,7 +66,7 @@ RECORD_STATUS: Final = Layout(
     "data record status",
     "reference section 4.7",
     [
-        Field("status_length", 1, "Octets of the status.", "s7comm.readrec.statuslen", counts=COUNTS_REST),
+        Field("status_length", 1, "Bytes of the status.", "s7comm.readrec.statuslen", counts=COUNTS_REST),
         Field("status", REST, "As STATUS of SFB 52.", "s7comm.readrec.status"),
     ],
 )
@@ -78,7 +78,7 @@ RECORD_NO_STATUS: Final = Layout(
 RECORD_LENGTH: Final = Layout(
     "data record length",
     "reference section 4.7",
-    [Field("record_length", 2, "Octets of the record.", "s7comm.readrec.len", counts=COUNTS_PARTS)],
+    [Field("record_length", 2, "Bytes of the record.", "s7comm.readrec.len", counts=COUNTS_PARTS)],
 )
 RECORD: Final = Layout(
     "record", "reference section 4.7", [Field("record", REST, "As the module gave it.", "s7comm.readrec.data")]
@@ -144,6 +144,6 @@ def parse_record(cursor: Cursor, head: UserdataHead) -> None:
             cursor.take_fill(1)
     length = cursor.take(RECORD_LENGTH) if good else None
     if length is not None:
-        length.note = f"{length.number('record_length')} octets"
+        length.note = f"{length.number('record_length')} bytes"
         if length.number("record_length"):
             cursor.take(RECORD, length.number("record_length"))

@@ -24,8 +24,8 @@ _HEAD: Final = [
     Field("rosctr", 1, "Kind of PDU.", "s7comm.header.rosctr", ROSCTR),
     Field("redundancy_id", 2, "Redundancy identification, 0.", "s7comm.header.redid"),
     Field("pdu_ref", 2, "PDU reference, echoed by the answer.", "s7comm.header.pduref"),
-    Field("param_length", 2, "Octets of the parameter block.", "s7comm.header.parlg"),
-    Field("data_length", 2, "Octets of the data block.", "s7comm.header.datlg"),
+    Field("param_length", 2, "Bytes of the parameter block.", "s7comm.header.parlg"),
+    Field("data_length", 2, "Bytes of the data block.", "s7comm.header.datlg"),
 ]
 
 #: Header of ROSCTR 1 (Job) and 7 (Userdata).
@@ -70,7 +70,7 @@ ITEM_HEAD: Final = Layout(
     "reference section 3.5",
     [
         Field("specification", 1, "Variable specification, 0x12.", "s7comm.param.item.varspec"),
-        Field("length", 1, "Octets of the item after this one.", "s7comm.param.item.varspec_length"),
+        Field("length", 1, "Bytes of the item after this one.", "s7comm.param.item.varspec_length"),
         Field("syntax_id", 1, "How the address is written.", "s7comm.param.item.syntaxid", SYNTAX_IDS),
     ],
 )
@@ -81,13 +81,13 @@ S7ANY_ITEM: Final = Layout(
     [
         *ITEM_HEAD.fields,
         Field("transport_size", 1, "Type of one element.", "s7comm.param.item.transp_size", TRANSPORT_SIZES),
-        Field("count", 2, "Elements, not octets.", "s7comm.param.item.length"),
+        Field("count", 2, "Elements, not bytes.", "s7comm.param.item.length"),
         Field("db", 2, "DB number, 0 outside DB areas.", "s7comm.param.item.db"),
         Field("area", 1, "Memory area.", "s7comm.param.item.area", AREAS),
         Field(
             "address",
             3,
-            "Octet times 8 plus bit; a plain number for counters and timers.",
+            "Byte times 8 plus bit; a plain number for counters and timers.",
             "s7comm.param.item.address",
         ),
     ],
@@ -99,7 +99,7 @@ DATA_ITEM: Final = Layout(
     [
         Field("return_code", 1, "0xff success; 0 in a write request.", "s7comm.data.returncode", RETURN_CODES),
         Field("transport_size", 1, "What the length counts.", "s7comm.data.transportsize", DATA_TRANSPORT_SIZES),
-        Field("length", 2, "Bits or octets, by transport size.", "s7comm.data.length"),
+        Field("length", 2, "Bits or bytes, by transport size.", "s7comm.data.length"),
     ],
 )
 
@@ -110,7 +110,7 @@ DATA_HEAD: Final = Layout(
     [
         Field("return_code", 1, "0xff success, 0x0a no payload.", "s7comm.data.returncode", RETURN_CODES),
         Field("transport_size", 1, "9 with payload, 0 without.", "s7comm.data.transportsize", DATA_TRANSPORT_SIZES),
-        Field("length", 2, "Octets of the payload.", "s7comm.data.length", counts=COUNTS_PARTS),
+        Field("length", 2, "Bytes of the payload.", "s7comm.data.length", counts=COUNTS_PARTS),
     ],
 )
 

@@ -43,7 +43,7 @@ NC_HEADER: Final = Layout(
     _SOURCE,
     [
         Field(
-            "file_length", 8, "Octets as text; blank for a folder.", "s7comm.data.ncprg.filelength", means=number_text
+            "file_length", 8, "Bytes as text; blank for a folder.", "s7comm.data.ncprg.filelength", means=number_text
         ),
         Field("file_time", 16, "Time as text.", "s7comm.data.ncprg.filetime", means=latin),
     ],
@@ -89,7 +89,7 @@ def _take_piece(cursor: Cursor) -> None:
         return
     header = cursor.take(NC_HEADER)
     if header is not None:
-        header.note = f"{header.text('file_length').strip() or 'no'} octets"
+        header.note = f"{header.text('file_length').strip() or 'no'} bytes"
     path = cursor.octets.find(_LINE_FEED, cursor.at, cursor.end)
     if path >= 0:
         cursor.take(NC_PATH, path + 1 - cursor.at, printable(cursor.octets[cursor.at : path]).rstrip("\r"))

@@ -19,7 +19,7 @@ _SOURCE: Final = "reference section 4.10"
 BSEND_LENGTH: Final = Layout(
     "BSEND length",
     _SOURCE,
-    [Field("total_length", 2, "Octets of all pieces.", "s7comm.pbc.req.bsend.len", decimal=True)],
+    [Field("total_length", 2, "Bytes of all pieces.", "s7comm.pbc.req.bsend.len", decimal=True)],
 )
 BSEND_DATA: Final = Layout(
     "BSEND data", _SOURCE, [Field("bsend_data", REST, "As the program sent them.", "s7comm.data.userdata")]
@@ -60,7 +60,7 @@ def parse_bsend(cursor: Cursor, head: UserdataHead) -> None:
     if not follows:
         length = cursor.take(BSEND_LENGTH)
         if length is not None:
-            length.note = f"{length.number('total_length')} octets"
+            length.note = f"{length.number('total_length')} bytes"
             if not head.more and length.number("total_length") > cursor.left:
                 cursor.tell("length_beyond", "total_length", length.number("total_length"), cursor.left)
     if cursor.left:

@@ -22,8 +22,8 @@ _SOURCE: Final = "reference section 4.8"
 _JOBS: Final = USERDATA_SUBFUNCTIONS[1]
 
 _SIZES: Final = [
-    Field("parameter_size", 2, "Octets of the parameter block.", "s7comm.tis.parametersize", decimal=True),
-    Field("data_size", 2, "Octets of the data block.", "s7comm.tis.datasize", decimal=True),
+    Field("parameter_size", 2, "Bytes of the parameter block.", "s7comm.tis.parametersize", decimal=True),
+    Field("data_size", 2, "Bytes of the data block.", "s7comm.tis.datasize", decimal=True),
 ]
 #: Before the parameter block and the data block of every programmer command.
 TEST_HEAD: Final = Layout("programmer command", _SOURCE, [*_SIZES])
@@ -38,7 +38,7 @@ TEST_REQUEST: Final = Layout(
         Field("parameter_1", 2, "0 in captures.", "s7comm.tis.param1"),
         Field("trigger_type", 2, "What the trigger does.", "s7comm.tis.param2", TEST_TRIGGER_TYPES),
         Field("frequency", 2, "How often.", "s7comm.tis.param3", TEST_FREQUENCIES),
-        Field("answer_size", 2, "Octets expected in the answer.", "s7comm.tis.answersize", decimal=True),
+        Field("answer_size", 2, "Bytes expected in the answer.", "s7comm.tis.answersize", decimal=True),
         Field("parameter_5", 2, "0 or 1 in captures.", "s7comm.tis.param5"),
         Field("parameter_6", 2, "1 in captures.", "s7comm.tis.param6"),
         Field("parameter_7", 2, "1 in captures.", "s7comm.tis.param7"),
@@ -103,7 +103,7 @@ _AREA: Final = Field("area", 1, "Area and width.", "s7comm.varstat.req.memory_ar
 _PLACE: Final = [
     Field("db", 2, "DB number, 0 outside data blocks.", "s7comm.varstat.req.db_number"),
     Field(
-        "octet", 2, "Octet address, or number of a timer or counter.", "s7comm.varstat.req.startaddress", decimal=True
+        "octet", 2, "Byte address, or number of a timer or counter.", "s7comm.varstat.req.startaddress", decimal=True
     ),
 ]
 #: A variable; the low nibble of the area is the width.
@@ -178,7 +178,7 @@ BLOCK_STATUS_START: Final = Layout(
 )
 #: What the registers held; which ones and in how many lines stands in the request.
 BLOCK_STATUS_DATA: Final = Layout(
-    "registers", _SOURCE, [Field("registers", REST, "As the request asked for.", "s7comm.tis.blockstat.data")]
+    "registers", _SOURCE, [Field("registers", REST, "As requested.", "s7comm.tis.blockstat.data")]
 )
 
 _DB_TYPES: Final = [
@@ -250,7 +250,7 @@ BSTACK_CLASS: Final = Layout(
 BSTACK_TIME: Final = Layout("start time", _SOURCE, [_TIME])
 #: What is left of a start time when the data size is too small by four, as one firmware tells it.
 BSTACK_REST: Final = Layout(
-    "start time, cut", _SOURCE, [Field("rest", REST, "First octets of the time.", "s7comm.tis.bstack.reserved")]
+    "start time, cut", _SOURCE, [Field("rest", REST, "First bytes of the time.", "s7comm.tis.bstack.reserved")]
 )
 
 LSTACK_REQUEST: Final = Layout(
@@ -261,10 +261,10 @@ LSTACK_REQUEST: Final = Layout(
 LSTACK: Final = Layout(
     "LSTACK",
     _SOURCE,
-    [*_INTERRUPTED, Field("size", 2, "Octets of local data.", "s7comm.tis.lstack.size", counts="local data")],
+    [*_INTERRUPTED, Field("size", 2, "Bytes of local data.", "s7comm.tis.lstack.size", counts="local data")],
 )
 LSTACK_DATA: Final = Layout(
-    "local data", _SOURCE, [Field("local_data", REST, "As they stand.", "s7comm.tis.lstack.data")]
+    "local data", _SOURCE, [Field("local_data", REST, "As on the wire.", "s7comm.tis.lstack.data")]
 )
 LSTACK_CLASS: Final = Layout(
     "priority class",

@@ -37,7 +37,7 @@ def encode_password(password: bytes) -> bytes:
     Raises ValueError for a longer one.
     """
     if len(password) > PASSWORD_SIZE:
-        message = f"a password has up to {PASSWORD_SIZE} octets, this one has {len(password)}: give a shorter one"
+        message = f"a password has up to {PASSWORD_SIZE} bytes, this one has {len(password)}: give a shorter one"
         raise ValueError(message)
     encoded = bytearray()
     for at, octet in enumerate(password.ljust(PASSWORD_SIZE)):
@@ -54,4 +54,4 @@ def parse_password(cursor: Cursor, head: UserdataHead) -> None:
     """Cut the password of a request; answers carry nothing."""
     if head.type == REQUEST:
         size = cursor.left
-        cursor.take(ENCODED_PASSWORD, PASSWORD_SIZE, f"password ({min(size, PASSWORD_SIZE)} octets, not shown)")
+        cursor.take(ENCODED_PASSWORD, PASSWORD_SIZE, f"password ({min(size, PASSWORD_SIZE)} bytes, not shown)")

@@ -100,7 +100,7 @@ _DP_INTERRUPT: Final = _start(
         _RESERVED_1,
         _IO_FLAG,
         _MODULE,
-        Field("length", 1, "Octets of the additional information.", f"{_OB}inf_len", decimal=True),
+        Field("length", 1, "Bytes of the additional information.", f"{_OB}inf_len", decimal=True),
         Field("type", 1, "Type of the interrupt.", f"{_OB}alarm_type"),
         Field("slot", 1, "Slot.", f"{_OB}alarm_slot", decimal=True),
         Field("specifier", 1, "Specifier.", f"{_OB}alarm_spec"),

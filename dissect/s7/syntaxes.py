@@ -36,7 +36,7 @@ _ROOT_MEMORY: Final = 0x0000
 
 _HEAD: Final = [
     ITEM_HEAD.fields[0],
-    Field("length", 1, "Octets of the item after this one.", "s7comm.param.item.varspec_length", counts=COUNTS_REST),
+    Field("length", 1, "Bytes of the item after this one.", "s7comm.param.item.varspec_length", counts=COUNTS_REST),
     ITEM_HEAD.fields[2],
 ]
 #: The R_ID that BSEND and USEND name a connection of a program with.
@@ -88,7 +88,7 @@ DB_AREA: Final = Layout(
     [
         Field("area_size", 1, "Octets.", "s7comm.param.item.dbread.length", decimal=True),
         Field("db", 2, "DB number.", "s7comm.param.item.dbread.db"),
-        Field("start", 2, "First octet.", "s7comm.param.item.dbread.startaddress", decimal=True),
+        Field("start", 2, "First byte.", "s7comm.param.item.dbread.startaddress", decimal=True),
     ],
 )
 _SYMBOL: Final = [

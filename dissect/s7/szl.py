@@ -48,7 +48,7 @@ SZL_HEAD: Final = Layout(
     [
         _ID,
         _INDEX,
-        Field("record_length", 2, "Octets of each record.", "s7comm.data.userdata.szl_id.partlist_len", decimal=True),
+        Field("record_length", 2, "Bytes of each record.", "s7comm.data.userdata.szl_id.partlist_len", decimal=True),
         Field(
             "record_count", 2, "Records of the whole list.", "s7comm.data.userdata.szl_id.partlist_cnt", decimal=True
         ),
@@ -143,7 +143,7 @@ def _take_list(cursor: Cursor, whole: bool) -> None:
         if cursor.left < length:
             if whole:
                 cursor.tell("too_short", "SZL record", length, cursor.left)
-            cursor.rest("first octets of a record")
+            cursor.rest("first bytes of a record")
             return
         _take_record(cursor, szl_id, length)
 
@@ -190,7 +190,7 @@ def _counted(part: Part) -> str:
     """Return the note of a record that has a number of something, or a text."""
     layout = part.layout
     if layout is MEMORY_AREA:
-        return f"{_name(part, 'index')} {part.number('memory_size')} octets"
+        return f"{_name(part, 'index')} {part.number('memory_size')} bytes"
     if layout is SYSTEM_AREA:
         return f"{_name(part, 'index')} {part.number('quantity')}"
     if layout is BLOCK_TYPE:

@@ -153,7 +153,7 @@ CAPABILITY_RECORDS: Final[dict[int, Layout]] = {
                " user_db=0003.funkt_2.user_db"),
         *flags(f"{_OPERATOR}.funkt_3", "- - - - fast_counters=hs_counter iec_timers=iec_timer"
                " iec_counters=iec_counter timers=s7_timer"),
-        _count("consistent_size", 2, "Most octets that are read consistently.", f"{_OPERATOR}.data"),
+        _count("consistent_size", 2, "Most bytes that are read consistently.", f"{_OPERATOR}.data"),
         _count("cyclic_jobs", 2, "Most cyclic jobs.", f"{_OPERATOR}.anz"),
         _count("shortest_period", 2, "Shortest period, in 100 ms.", f"{_OPERATOR}.per_min"),
         _count("longest_period", 2, "Longest period, in 100 ms.", f"{_OPERATOR}.per_max"),
@@ -209,7 +209,7 @@ CAPABILITY_RECORDS: Final[dict[int, Layout]] = {
         Field("reserved_1", 1, "Reserved.", f"{_GD}.funkt_1"),
         *flags(f"{_GD}.obj_0", "- - db counters=c timers=t outputs=piq inputs=pii bit_memory=m"),
         Field("reserved_3", 1, "Reserved.", f"{_GD}.obj_1"),
-        _count("consistent_size", 1, "Consistent octets.", f"{_GD}.kons"),
+        _count("consistent_size", 1, "Consistent bytes.", f"{_GD}.kons"),
         _count("send_rate", 1, "Smallest scan rate for sending.", f"{_GD}.sen"),
         _count("receive_rate", 1, "Smallest scan rate for receiving.", f"{_GD}.rec"),
         Field("monitoring", 1, "Time monitoring on receiving.", f"{_GD}.time"),
@@ -222,8 +222,8 @@ CAPABILITY_RECORDS: Final[dict[int, Layout]] = {
         _count("received_of_circle", 1, "Most packets received of a circle.", f"{_GD}.ek_1"),
         _count("received", 1, "Most packets received of all circles.", f"{_GD}.ek_2"),
         _count("packet_size", 1, "Longest packet.", f"{_GD}.len_1"),
-        _count("packet_head", 1, "Octets of a packet's head.", f"{_GD}.len_2"),
-        _count("object_head", 1, "Octets of an object's head.", f"{_GD}.len_3"),
+        _count("packet_head", 1, "Bytes of a packet's head.", f"{_GD}.len_2"),
+        _count("object_head", 1, "Bytes of an object's head.", f"{_GD}.len_3"),
         reserved("reserved", 19, f"{_GD}.res"),
     ]),
     0x08: _record("s7comm.szl.0131.0008", CAPABILITIES, 0x08, [

@@ -60,10 +60,10 @@ def mac_address(octets: bytes) -> str | None:
 RECORD: Final = Layout(
     "SZL record",
     _SECTION,
-    [Field("octets", REST, "As they stand.", "s7comm.param.userdata.szl_part_list")],
+    [Field("octets", REST, "As on the wire.", "s7comm.param.userdata.szl_part_list")],
 )
 #: What a record has behind the fields that are known.
-RECORD_REST: Final = Layout("rest of the SZL record", _SECTION, [Field("octets", REST, "As they stand.")])
+RECORD_REST: Final = Layout("rest of the SZL record", _SECTION, [Field("octets", REST, "As on the wire.")])
 
 SZL_ID: Final = Layout(
     "SZL id of the module", _SECTION, [Field("listed_id", 2, "An id.", "s7comm.szl.0000.0000.szl_id", SZL_IDS)]
@@ -116,15 +116,15 @@ MEMORY_AREA: Final = Layout(
     [
         Field("index", 2, "Which area.", f"{_MEMORY}.index", MEMORY_AREAS),
         Field("kind", 2, "Kind of memory.", f"{_MEMORY}.code", MEMORY_KINDS),
-        Field("memory_size", 4, "Octets in all.", f"{_MEMORY}.size", decimal=True),
+        Field("memory_size", 4, "Bytes in all.", f"{_MEMORY}.size", decimal=True),
         *flags(f"{_MEMORY}.mode", "- - - - - - - - - - - together=cd_tog separate=cd_sep mixed=mixed_mem"
                " non_volatile=nvol_mem volatile=vol_mem"),
         Field("granularity", 2, "Granularity.", f"{_MEMORY}.granu"),
-        Field("volatile_size", 4, "Octets of the volatile area.", f"{_MEMORY}.ber1", decimal=True),
-        Field("volatile_used", 4, "Octets of it in use.", f"{_MEMORY}.belegt1", decimal=True),
+        Field("volatile_size", 4, "Bytes of the volatile area.", f"{_MEMORY}.ber1", decimal=True),
+        Field("volatile_used", 4, "Bytes of it in use.", f"{_MEMORY}.belegt1", decimal=True),
         Field("volatile_block", 4, "Largest free block of it.", f"{_MEMORY}.block1", decimal=True),
-        Field("non_volatile_size", 4, "Octets of the non-volatile area.", f"{_MEMORY}.ber2", decimal=True),
-        Field("non_volatile_used", 4, "Octets of it in use.", f"{_MEMORY}.belegt2", decimal=True),
+        Field("non_volatile_size", 4, "Bytes of the non-volatile area.", f"{_MEMORY}.ber2", decimal=True),
+        Field("non_volatile_used", 4, "Bytes of it in use.", f"{_MEMORY}.belegt2", decimal=True),
         Field("non_volatile_block", 4, "Largest free block of it.", f"{_MEMORY}.block2", decimal=True),
     ],
 )  # fmt: skip
@@ -147,7 +147,7 @@ BLOCK_TYPE: Final = Layout(
         Field("index", 2, "Block type.", "s7comm.szl.xy15.000x.index", SZL_BLOCK_TYPES),
         Field("blocks", 2, "Most blocks.", "s7comm.szl.xy15.000x.maxanz", decimal=True),
         Field("total_size", 2, "Most KiB to be loaded.", "s7comm.szl.xy15.000x.maxlng", decimal=True),
-        Field("block_size", 4, "Most octets of a block in work memory.", "s7comm.szl.xy15.000x.maxabl", decimal=True),
+        Field("block_size", 4, "Most bytes of a block in work memory.", "s7comm.szl.xy15.000x.maxabl", decimal=True),
     ],
 )
 
@@ -184,7 +184,7 @@ OPERATING_MODE: Final = Layout(
         Field("event", 2, "Event that caused the transition.", "s7comm.szl.0424.0000.ereig", EVENTS),
         Field("ae", 1, "Reserved.", "s7comm.szl.0424.0000.ae"),
         Field("previous", 1, "Mode before.", "s7comm.szl.0424.0000.bzu_id.pre", OPERATING_MODES, (0xF0, 4)),
-        Field("mode", 1, "Mode asked for or reached.", "s7comm.szl.0424.0000.bzu_id.req", OPERATING_MODES, (0x0F, 0),
+        Field("mode", 1, "Mode requested or reached.", "s7comm.szl.0424.0000.bzu_id.req", OPERATING_MODES, (0x0F, 0),
               True),
         reserved("reserved", 4, "s7comm.szl.0424.0000.res"),
         Field("startup_1", 1, "Start-up information 1.", "s7comm.szl.0424.0000.anlinfo1"),
@@ -213,7 +213,7 @@ ETHERNET: Final = Layout(
         Field("address", 2, "Logical base address."),
         Field("ip_address", 4, "IP address.", means=address),
         Field("subnet_mask", 4, "Subnet mask.", means=address),
-        Field("router", 4, "Default router; the own address when there is none.", means=address),
+        Field("router", 4, "Default router; the own address if there is none.", means=address),
         Field("mac_address", 6, "Ethernet address.", means=mac_address),
         Field("address_source", 1, "Where the IP address comes from.", codes=ADDRESS_SOURCES),
         Field("reserved", 1, "0."),

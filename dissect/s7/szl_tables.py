@@ -144,7 +144,7 @@ SZL_IDS: Final = SzlIds(
             "Extended information on one DP or PROFINET IO system.",
         ),
         (0x00A0, "diagnostic buffer of the CPU", "All entries possible in the current mode."),
-        (0x00B1, "module diagnostics, data record 0", "First four diagnostic octets of a module."),
+        (0x00B1, "module diagnostics, data record 0", "First four diagnostic bytes of a module."),
         (
             0x00B2,
             "module diagnostics, data record 1, by rack and slot",
@@ -382,14 +382,14 @@ SYSTEM_AREAS: Final = CodeTable(
     "system area",
     4,
     [
-        (1, "process image of inputs", "In octets."),
-        (2, "process image of outputs", "In octets."),
+        (1, "process image of inputs", "In bytes."),
+        (2, "process image of outputs", "In bytes."),
         (3, "bit memory", "In bits."),
         (4, "timers", ""),
         (5, "counters", ""),
-        (6, "logical address area", "In octets."),
-        (7, "local data", "Of the whole CPU, in octets."),
-        (8, "bit memory octets", "In octets."),
+        (6, "logical address area", "In bytes."),
+        (7, "local data", "Of the whole CPU, in bytes."),
+        (8, "bit memory bytes", "In bytes."),
         (9, "local data, large", "Of the whole CPU, in KiB."),
     ],
 )

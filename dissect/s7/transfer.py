@@ -46,7 +46,7 @@ UPLOAD_HEAD: Final = Layout("upload", _UPLOAD, [*_STATUS, _UNKNOWN_2, _UPLOAD_ID
 UPLOAD_END: Final = Layout("end upload", _UPLOAD, [*_STATUS, _ERROR, _UPLOAD_ID])
 
 _NAME_LENGTH: Final = Field(
-    "name_length", 1, "Octets of the name.", "s7comm.param.blockcontrol.filename_len", counts=COUNTS_REST
+    "name_length", 1, "Bytes of the name.", "s7comm.param.blockcontrol.filename_len", counts=COUNTS_REST
 )
 #: The name of a block as a file, as devices write it, and as python-snap7 does.
 FILE_NAME: Final = Layout(
@@ -79,8 +79,8 @@ LENGTHS: Final = Layout(
     [
         Field("lengths_length", 1, "13.", "s7comm.data.blockcontrol.part2_len", counts=COUNTS_REST),
         Field("unknown_digit", 1, "1 as text.", "s7comm.data.blockcontrol.part2_unknown", means=latin),
-        Field("load_length", 6, "Octets in load memory.", "s7comm.data.blockcontrol.loadmem_len", means=number_text),
-        Field("mc7_length", 6, "Octets of MC7 code.", "s7comm.data.blockcontrol.mc7code_len", means=number_text),
+        Field("load_length", 6, "Bytes in load memory.", "s7comm.data.blockcontrol.loadmem_len", means=number_text),
+        Field("mc7_length", 6, "Bytes of MC7 code.", "s7comm.data.blockcontrol.mc7code_len", means=number_text),
     ],
 )
 #: What the answer to start upload says of the size.
@@ -89,7 +89,7 @@ UPLOAD_LENGTH: Final = Layout(
     _UPLOAD,
     [
         Field("length_length", 1, "7.", "s7comm.param.blockcontrol.upl_lenstring_len", counts=COUNTS_REST),
-        Field("total", REST, "Octets of all pieces.", "s7comm.param.blockcontrol.upl_lenstring", means=number_text),
+        Field("total", REST, "Bytes of all pieces.", "s7comm.param.blockcontrol.upl_lenstring", means=number_text),
     ],
 )
 #: Before a piece of a block.
@@ -97,7 +97,7 @@ PIECE: Final = Layout(
     "piece of a block",
     _UPLOAD,
     [
-        Field("length", 2, "Octets of the piece.", "s7comm.data.length", counts=COUNTS_PARTS),
+        Field("length", 2, "Bytes of the piece.", "s7comm.data.length", counts=COUNTS_PARTS),
         Field("unknown", 2, "0x00fb.", _UNKNOWN),
     ],
 )
@@ -167,7 +167,7 @@ def _take_lengths(cursor: Cursor) -> None:
     if size == _LENGTHS_SIZE:
         part = cursor.take(LENGTHS)
         if part is not None:
-            part.note = f"{part.text('load_length')} octets, {part.text('mc7_length')} of them MC7 code"
+            part.note = f"{part.text('load_length')} bytes, {part.text('mc7_length')} of them MC7 code"
     elif size >= 0:
         cursor.tell("length_below" if size < _LENGTHS_SIZE else "bad_value", "lengths_length", _LENGTHS_SIZE, size)
         cursor.rest()  # no other form of it is known
@@ -177,7 +177,7 @@ def _take_length(cursor: Cursor) -> None:
     size = _told_size(cursor, UPLOAD_LENGTH, "length_length")
     part = cursor.take(UPLOAD_LENGTH, 1 + size) if size >= 0 else None
     if part is not None and part.text("total"):
-        part.note = f"{part.text('total')} octets"
+        part.note = f"{part.text('total')} bytes"
 
 
 def _told_size(cursor: Cursor, layout: Layout, field: str) -> int:
@@ -198,7 +198,7 @@ def parse_data(cursor: Cursor, answer: bool) -> None:
     if piece is None:
         return
     size = piece.number("length")
-    piece.note = f"{size} octets" if answer else f"{size} octets, sent with the job"
+    piece.note = f"{size} bytes" if answer else f"{size} bytes, sent with the job"
     if size > cursor.left:
         cursor.tell("length_beyond", "length", size, cursor.left)
         size = cursor.left
@@ -213,4 +213,4 @@ def parse_data(cursor: Cursor, answer: bool) -> None:
 
 def _about(header: Part) -> str:
     protected = ", know-how protected" if header.text("security").startswith("know") else ""
-    return f"block {header_text(header)}, {header.text('language')}, {header.number('load_length')} octets{protected}"
+    return f"block {header_text(header)}, {header.text('language')}, {header.number('load_length')} bytes{protected}"

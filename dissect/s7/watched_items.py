@@ -41,7 +41,7 @@ def parse_test_item(octets: bytes, offset: i64) -> Item:
         known = _AREAS.get(area >> 4)
         width = _WIDTHS.get(area & 0x0F)
         if known is None or width is None:
-            item.address = f"area 0x{area:02x}, octet {place}"
+            item.address = f"area 0x{area:02x}, byte {place}"
             return item
         item.area = known
         item.transport_size = width

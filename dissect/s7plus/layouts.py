@@ -40,7 +40,7 @@ _BEGINNING: Final = [
 
 #: Header of every frame but the keep-alive; with length 0 it is the trailer that ends a PDU.
 HEADER: Final = Layout(
-    "S7comm-plus header", "reference section 1.4", [*_BEGINNING, Field("length", 2, "Octets after the header.")]
+    "S7comm-plus header", "reference section 1.4", [*_BEGINNING, Field("length", 2, "Bytes after the header.")]
 )
 
 #: The keep-alive, which is nothing but a header.
@@ -52,13 +52,13 @@ KEEP_ALIVE: Final = Layout(
 
 #: Before the data of every V3 frame; as many octets of a digest as it says follow.
 INTEGRITY: Final = Layout(
-    "S7comm-plus integrity part", "reference section 1.4", [Field("digest_length", 1, "Octets of the digest, 32.")]
+    "S7comm-plus integrity part", "reference section 1.4", [Field("digest_length", 1, "Bytes of the digest, 32.")]
 )
 
 _HEAD: Final = [
     Field("opcode", 1, "Request or response.", codes=OPCODES),
     Field("reserved_1", 2, "0."),
-    Field("function", 2, "What is asked for.", codes=FUNCTIONS),
+    Field("function", 2, "What is requested.", codes=FUNCTIONS),
     Field("reserved_2", 2, "0."),
     Field("sequence", 2, "Sequence number, echoed by the response."),
 ]
@@ -83,7 +83,7 @@ NOTIFICATION: Final = Layout(
     _SOURCE,
     [
         Field("opcode", 1, "0x33.", codes=OPCODES),
-        Field("subscription_id", 4, "The subscription that tells it."),
+        Field("subscription_id", 4, "The subscription that sends it."),
         Field("unknown_1", 2, "0x0400 in captures."),
         Field("unknown_2", 2, "0 in captures."),
         Field("unknown_3", 2, "0 in captures."),
@@ -100,7 +100,7 @@ EVENT: Final = Layout(
     _SOURCE,
     [
         Field("reserved_1", 4, "0."),
-        Field("confirmed_octets", 4, "Octets received until now."),
+        Field("confirmed_octets", 4, "Bytes received until now."),
         Field("reserved_2", 4, "0."),
         Field("reserved_3", 4, "0."),
     ],

@@ -22,9 +22,9 @@ KEEP_ALIVE: Final = 0xFF
 VERSIONS: Final = CodeTable("S7comm-plus version", 2, [
     (V1, "V1", "First version, and the session set-up of all others."),
     (V2, "V2", "S7-1500 before firmware 1.5, and everything inside TLS."),
-    (V3, "V3", "An integrity part stands before the opcode."),
-    (SYSTEM_EVENT, "system event", "Tells how many octets arrived, or a text; no opcode."),
-    (KEEP_ALIVE, "keep-alive", "Four octets in all: a number and a reserved octet."),
+    (V3, "V3", "An integrity part precedes the opcode."),
+    (SYSTEM_EVENT, "system event", "Number of bytes received, or a text; no opcode."),
+    (KEEP_ALIVE, "keep-alive", "Four bytes in all: a number and a reserved byte."),
 ])  # fmt: skip
 
 REQUEST: Final = 0x31
@@ -33,9 +33,9 @@ NOTIFICATION: Final = 0x33
 RESPONSE2: Final = 0x02
 
 OPCODES: Final = CodeTable("S7comm-plus opcode", 2, [
-    (REQUEST, "Request", "Asks for a function."),
+    (REQUEST, "Request", "Requests a function."),
     (RESPONSE, "Response", "Answers the request of the same sequence number."),
-    (NOTIFICATION, "Notification", "What a subscription tells without being asked."),
+    (NOTIFICATION, "Notification", "An indication of a subscription."),
     (RESPONSE2, "Response2", "An answer seen with cyclic data of older panels."),
 ])  # fmt: skip
 
@@ -95,7 +95,7 @@ TAGS: Final = CodeTable("S7comm-plus element", 2, [
     (OBJECT_TAG, "object", "An object begins."),
     (OBJECT_END_TAG, "end of object", "The object ends."),
     (ATTRIBUTE_TAG, "attribute", "An attribute and its value."),
-    (RELATION_TAG, "relation", "A reference to another object."),
+    (RELATION_TAG, "relation", "A reference to a different object."),
     (TAG_DESCRIPTION_TAG, "tag description", "A variable of an S7-1200 with firmware 2."),
     (TAG_DESCRIPTION_END_TAG, "end of tag description", "It ends."),
     (VARIABLES_TAG, "list of variables", "Types and places of the variables of a block."),

@@ -50,7 +50,7 @@ STRUCT: Final = 0x17
 
 VALUE_TYPES: Final = CodeTable("S7comm-plus value type", 2, [
     (NULL, "Null", "No value."),
-    (BOOL, "Bool", "One octet, 0 or 1."),
+    (BOOL, "Bool", "One byte, 0 or 1."),
     (USINT, "USInt", "8 bits, unsigned."),
     (UINT, "UInt", "16 bits, unsigned."),
     (UDINT, "UDInt", "32 bits, unsigned, of variable size."),
@@ -65,14 +65,14 @@ VALUE_TYPES: Final = CodeTable("S7comm-plus value type", 2, [
     (LWORD, "LWord", "64 bits."),
     (REAL, "Real", "IEEE 754, 32 bits."),
     (LREAL, "LReal", "IEEE 754, 64 bits."),
-    (TIMESTAMP, "Timestamp", "Nanoseconds since 1970, eight octets."),
+    (TIMESTAMP, "Timestamp", "Nanoseconds since 1970, eight bytes."),
     (TIMESPAN, "Timespan", "Nanoseconds, signed, of variable size."),
-    (RID, "RID", "Id of an object, four octets."),
+    (RID, "RID", "Id of an object, four bytes."),
     (AID, "AID", "Id of an attribute, of variable size."),
-    (BLOB, "Blob", "Octets, behind the id of a root."),
+    (BLOB, "Blob", "Bytes, after the ID of a root."),
     (WSTRING, "WString", "A text in UTF-8."),
     (VARIANT, "Variant", "A value with a type of its own."),
-    (STRUCT, "Struct", "An id, then members with ids, or packed octets."),
+    (STRUCT, "Struct", "An id, then members with ids, or packed bytes."),
 ])  # fmt: skip
 
 #: Octets of the types that have a fixed size.

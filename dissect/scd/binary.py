@@ -42,7 +42,7 @@ def build_file(body: Body) -> bytes:
     octets, minor = _content(body)
     size = HEADER_SIZE + len(octets)
     if size > MAX_FILE:
-        raise DictionaryError("file", f"{size} octets, a dictionary has at most {MAX_FILE}")
+        raise DictionaryError("file", f"{size} bytes, a dictionary has at most {MAX_FILE}")
     header = _HEADER.pack(MAGIC, MAJOR, minor, HEADER_SIZE, size, zlib.crc32(octets), bytes(12), wire_id(body))
     return header + octets
 
@@ -71,31 +71,31 @@ def is_compiled(octets: bytes) -> bool:
 def _parse(octets: bytes) -> Body:
     size = len(octets)
     if size > MAX_FILE:
-        raise DictionaryError("file", f"{size} octets, a dictionary has at most {MAX_FILE}")
+        raise DictionaryError("file", f"{size} bytes, a dictionary has at most {MAX_FILE}")
     if octets[:8] != MAGIC[:size]:
         damaged = " (damaged as by a text-mode transfer)" if is_compiled(octets) else ""
-        raise DictionaryError("header, octet 0", f"no compiled dictionary: the magic number differs{damaged}")
+        raise DictionaryError("header, byte 0", f"not a compiled dictionary: the magic number differs{damaged}")
     if size < HEADER_SIZE:
-        raise DictionaryError(f"header, octet {size}", f"the file ends within the header of {HEADER_SIZE} octets")
+        raise DictionaryError(f"header, byte {size}", f"the file ends within the header of {HEADER_SIZE} bytes")
     _, major, minor, header_size, file_size, crc, spare, identity = _HEADER.unpack_from(octets)
     if major != MAJOR:
-        raise DictionaryError("header, octet 8", f"format {major}.{minor} is not known here, only {MAJOR}")
+        raise DictionaryError("header, byte 8", f"format {major}.{minor} is unknown, expected {MAJOR}")
     if header_size < HEADER_SIZE or header_size > size or (minor <= MINOR and header_size != HEADER_SIZE):
-        raise DictionaryError("header, octet 10", f"a header of {header_size} octets")
+        raise DictionaryError("header, byte 10", f"a header of {header_size} bytes")
     if file_size != size:
-        raise DictionaryError("header, octet 12", f"the file should have {file_size} octets and has {size}")
+        raise DictionaryError("header, byte 12", f"the file should have {file_size} bytes and has {size}")
     content = memoryview(octets)[header_size:]
     if zlib.crc32(content) != crc:
-        raise DictionaryError("header, octet 16", f"the CRC-32 of the body is {zlib.crc32(content):08x}, not {crc:08x}")
+        raise DictionaryError("header, byte 16", f"the CRC-32 of the body is {zlib.crc32(content):08x}, not {crc:08x}")
     if minor <= MINOR and any(spare):
-        raise DictionaryError("header, octet 20", "the reserved octets are not 0")
+        raise DictionaryError("header, byte 20", "the reserved bytes are not 0")
     body = _decode(content, header_size)
     if minor <= MINOR and _content(body) != (bytes(content), minor):
         raise DictionaryError(
             "body", "not in the one form a dictionary has: fields too many, or numbers written longer"
         )
     if minor <= MINOR and wire_id(body) != identity:
-        raise DictionaryError("header, octet 32", "the wire id is not that of the body")
+        raise DictionaryError("header, byte 32", "the wire id is not that of the body")
     return body
 
 
@@ -107,12 +107,12 @@ def _decode(content: memoryview, start: int) -> Body:
         raise DictionaryError(f"body {path.strip('`')}".rstrip(), text) from None
     except msgspec.DecodeError as error:
         match = _POSITION.search(str(error))
-        where = f"body, octet {start + int(match[1])}" if match else f"body, octet {start + len(content)}"
+        where = f"body, byte {start + int(match[1])}" if match else f"body, byte {start + len(content)}"
         raise DictionaryError(where, str(error)) from None
     except UnicodeDecodeError as error:
         at = bytes(content).find(error.object) if error.object else -1
-        where = f"body, octet {start + at + error.start}" if at >= 0 else "body"
-        raise DictionaryError(where, f"a name or text is no UTF-8: {error.reason}", rule="R42") from None
+        where = f"body, byte {start + at + error.start}" if at >= 0 else "body"
+        raise DictionaryError(where, f"a name or text is not UTF-8: {error.reason}", rule="R42") from None
     except RecursionError:
         raise DictionaryError("body", "arrays in arrays without end") from None
 

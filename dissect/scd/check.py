@@ -43,7 +43,7 @@ def find_troubles(body: Body) -> list[DictionaryError]:
     troubles = Troubles()
     if body.encoding not in ENCODINGS:
         with troubles:
-            raise DictionaryError("dictionary", f"encoding {shown(body.encoding)} is none of {', '.join(ENCODINGS)}")
+            raise DictionaryError("dictionary", f"encoding {shown(body.encoding)} is not one of {', '.join(ENCODINGS)}")
     for rows, what in ((body.types, "type"), (body.structs, "type"), (body.objects, "object")):
         with troubles:
             _ascend(rows, what)
@@ -96,7 +96,7 @@ def _ascend(rows: Iterable[_Entry], what: str) -> None:
         if not 0 <= row.index <= 0xFFFF:
             raise DictionaryError(where, "an index has 16 bits", rule="R57", index=row.index)
         if row.index == last:
-            raise DictionaryError(where, "the index is there twice", rule="R57", index=row.index)
+            raise DictionaryError(where, "the index occurs twice", rule="R57", index=row.index)
         if row.index < last:
             raise DictionaryError(where, f"stands after 0x{last:04x}; indices ascend", rule="R57", index=row.index)
         last = row.index
@@ -156,7 +156,7 @@ def _check_fields(fields: Sequence[FieldRecord], simple: dict[int, SimpleType], 
         if field.type:
             trouble = _name_trouble(field.name)
             if not trouble and "." in field.name:
-                trouble = "a point separates the names of object and field and cannot stand in one"
+                trouble = "a dot separates the names of object and field and cannot be part of one"
             if not trouble and (field.name in names or field.name == "count"):
                 trouble = "the name is there twice, or is that of sub-index 0"
             if trouble:
@@ -239,7 +239,7 @@ def _check_traits(traits: Traits | None, kind: SimpleType, where: str, index: in
     elif len(numbers) > MAX_TEXTS or numbers != sorted(set(numbers)):
         trouble = f"texts ascend by their numbers, each once, at most {MAX_TEXTS}"
     elif traits == Traits():
-        trouble = "unit, scale, limits and texts that say nothing"
+        trouble = "unit, scale, limits and texts without effect"
     elif kind.kind not in (Kind.INT, Kind.UINT, Kind.REAL, Kind.BOOL):
         trouble = f"a {kind.name} has neither unit nor scale, limits or texts"
     else:
@@ -288,7 +288,7 @@ class _Objects:
         if section.holds != "object":
             raise self.fail(f"0x{section.first:04x} to 0x{section.last:04x} ({section.name}) holds no objects", "R77")
         if row.values and row.values[-1] is None:
-            raise self.fail("default values end with one that says nothing", "C36")
+            raise self.fail("the last default value has no effect", "C36")
         if row.object_class == NULL:
             plain = ObjectRecord(row.index, NULL, row.name, 0, 0, "", row.mandatory, False)
             if row != plain:

@@ -256,7 +256,7 @@ class Codec:
         surplus = b""
         if len(octets) != packing.size:
             if len(octets) < packing.size:
-                raise Error(E_SHORT, packing.where, f"{len(octets)} octets of {packing.size}")
+                raise Error(E_SHORT, packing.where, f"{len(octets)} bytes of {packing.size}")
             surplus = octets[packing.size :]
             flags[TRAILING] = ()
         values = packing.unpack(octets, flags, self.strict_pad)

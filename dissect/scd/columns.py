@@ -44,7 +44,7 @@ def decode_columns(packing: Packing, octets: Octets, offsets: ArrayLike | Sequen
         low, high = int(starts.min()), int(starts.max())
         if low < 0 or high + packing.size > len(data):
             at = low if low < 0 else high
-            raise Error(E_SHORT, packing.where, f"{packing.size} octets at {at} of {len(data)}")
+            raise Error(E_SHORT, packing.where, f"{packing.size} bytes at {at} of {len(data)}")
         rows = np.zeros((len(starts), packing.size + _SPARE), np.uint8)
         if packing.size:
             rows[:, : packing.size] = np.lib.stride_tricks.sliding_window_view(data, packing.size)[starts]

@@ -58,14 +58,14 @@ def _text(octets: bytes, encoding: str, notes: Notes) -> str:
             octets.decode(encoding)
         except UnicodeDecodeError:
             encoding = "latin-1"
-            notes.add("the file is no UTF-8 and read as Latin-1; if its names are wrong, say the encoding")
+            notes.add("the file is not UTF-8 and read as Latin-1; if its names are wrong, say the encoding")
     try:
         text = octets.decode(encoding)
     except UnicodeDecodeError as error:
         line = octets.count(b"\n", 0, error.start) + 1
-        raise DictionaryError(f"octet {error.start}", f"no {encoding}: {error.reason}", line=line) from None
+        raise DictionaryError(f"byte {error.start}", f"no {encoding}: {error.reason}", line=line) from None
     except LookupError:
-        raise DictionaryError("encoding", f"{encoding!r} is no encoding") from None
+        raise DictionaryError("encoding", f"{encoding!r} is not an encoding") from None
     return "\n".join([line.strip() for line in text.replace("\r\n", "\n").replace("\r", "\n").split("\n")])
 
 
@@ -185,7 +185,7 @@ class _File:
         if kind not in (ARRAY, RECORD):
             # python-canopen has no place for them: a type's are told with the type, a NULL object has no data.
             if kind not in (DEFTYPE, DEFSTRUCT):
-                self._notes.add(f"sub-indices of a {CLASSES.get(kind, 'VAR')} are left out", index)
+                self._notes.add(f"sub-indices of a {CLASSES.get(kind, 'VAR')} are omitted", index)
             return
         self._section(copy, name, f"{index:04X}sub{sub:X}", (index, sub))
 
@@ -196,7 +196,7 @@ class _File:
         is_object = wanted[4:] == ""
         kind = self._number(name, "ObjectType", VAR)
         if is_object and kind not in CLASSES:
-            raise self._fail(name, "ObjectType", f"{kind} is no class of objects", "R63")
+            raise self._fail(name, "ObjectType", f"{kind} is not a class of objects", "R63")
         values["ObjectType"] = str(kind)
         if not is_object or kind in (VAR, DOMAIN) or "CompactSubObj" in values:
             code = self._number(name, "DataType", DOMAIN_TYPE if kind == DOMAIN else None)
@@ -226,7 +226,7 @@ class _File:
             title = self._parser.get(name, "ParameterName")
             entry = ForeignEntry(index, title, kind, index in self._mandatory, {})
             if kind in (DEFTYPE, DEFSTRUCT):
-                self._notes.add("left out: a definition of a type in an EDS", index)
+                self._notes.add("omitted: a definition of a type in an EDS", index)
                 continue
             if kind in (ARRAY, RECORD):
                 found = od[index]
@@ -279,7 +279,7 @@ def _parsed(text: str) -> Parser:
         parser.read_string(text)
     except (DuplicateSectionError, DuplicateOptionError) as error:
         option = f", {error.option}" if isinstance(error, DuplicateOptionError) else ""
-        raise DictionaryError(f"[{error.section}]{option}", "is there twice", line=error.lineno or 0) from None
+        raise DictionaryError(f"[{error.section}]{option}", "occurs twice", line=error.lineno or 0) from None
     except MissingSectionHeaderError as error:
         raise DictionaryError("INI", "no section such as [FileInfo] begins the file", line=error.lineno) from None
     except ParsingError as error:

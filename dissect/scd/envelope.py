@@ -132,7 +132,7 @@ class Envelope:
         self._tail, self.tail_size = _places(record.fields[at + 1 :], "after")
         self._size = next((place for place in self._head if place.field.role == "size"), None)
         if self._size is None and "size" in roles:
-            raise Error(E_DICTIONARY, "envelope", "the size has to stand before the data that it counts")
+            raise Error(E_DICTIONARY, "envelope", "the size must come before the data that it counts")
         self._crc_in_head = any(place.field.role == "crc" for place in self._head)
         crcs = [place.field for place in self._head + self._tail if place.field.role == "crc"]
         if len(crcs) > 1 or (crcs and crcs[0].bits != 16):
@@ -196,16 +196,16 @@ class Envelope:
         """
         head = bytes(octets[at : at + self.head_size])
         if len(head) < self.head_size:
-            detail = f"{len(head)} octets, the header has {self.head_size}"
+            detail = f"{len(head)} bytes, the header has {self.head_size}"
             return Wrapped({}, b"", 0, Error(E_SHORT, "envelope", detail))
         numbers = self._plan.numbers(head)
         there = len(octets) - at
         total, error = (there, None) if self._size is None else self._total(head)
         if error is None and total > there:
-            error = Error(E_SHORT, "envelope", f"{there} octets of {total}")
+            error = Error(E_SHORT, "envelope", f"{there} bytes of {total}")
         elif error is None and total < self.head_size + self.tail_size:
             error = Error(
-                E_SHORT, "envelope", f"{total} octets, without data there are {self.head_size + self.tail_size}"
+                E_SHORT, "envelope", f"{total} bytes, without data there are {self.head_size + self.tail_size}"
             )
         if error is not None:
             return Wrapped(numbers, bytes(octets[at + self.head_size :]), 0, self._signature(head, self._head) or error)
@@ -241,12 +241,12 @@ class Envelope:
         if unknown or not _UNNUMBERED.isdisjoint(numbers):
             raise Error(E_VALUE, "envelope", f"no field to be given for {', '.join(unknown) or 'size, data or crc'}")
         if len(data) > MAX_OCTETS:
-            raise Error(E_LENGTH, "envelope", f"{len(data)} octets of data, a message has at most {MAX_OCTETS} (C27)")
+            raise Error(E_LENGTH, "envelope", f"{len(data)} bytes of data, a message has at most {MAX_OCTETS} (C27)")
         given = dict(numbers)
         if self._size is not None:
             given["size"] = self._counted(len(data))
             if given["size"] >> self._size.field.bits:
-                raise Error(E_LENGTH, "envelope", f"{len(data)} octets of data are more than the size field can tell")
+                raise Error(E_LENGTH, "envelope", f"{len(data)} bytes of data are more than the size field can hold")
         head = _write_all(self._head, given, self.head_size)
         tail = _write_all(self._tail, given, self.tail_size)
         if self._crc is None:
@@ -278,9 +278,7 @@ class Envelope:
         data = told - self._counted(0)
         if 0 <= data <= MAX_OCTETS:
             return self.head_size + data + self.tail_size, None
-        return 0, Error(
-            E_LENGTH, "envelope", f"a size of {told} leaves {data} octets for the data, not 0..{MAX_OCTETS}"
-        )
+        return 0, Error(E_LENGTH, "envelope", f"a size of {told} leaves {data} bytes for the data, not 0..{MAX_OCTETS}")
 
     def _signature(self, octets: bytes, places: list[_Place]) -> Error | None:
         """Return the error when a field that never changes is there with another value."""
@@ -313,9 +311,9 @@ def _places(fields: list[EnvelopeField], side: str) -> tuple[list[_Place], int]:
         if not 0 < field.bits <= 64 and field.role != "reserved":
             raise Error(E_DICTIONARY, where, f"it has 1 to 64 bits, not {field.bits}")
         if (field.big or field.role == "crc") and (offset % 8 or field.bits % 8):
-            raise Error(E_DICTIONARY, where, "a big-endian field or a crc begins and ends with an octet")
+            raise Error(E_DICTIONARY, where, "a big-endian field or a crc begins and ends with a byte")
         if field.role == "size" and field.counts == "rest" and (offset + field.bits) % 8:
-            raise Error(E_DICTIONARY, where, "a size that counts the rest ends with an octet")
+            raise Error(E_DICTIONARY, where, "a size that counts the rest ends with a byte")
         places.append(_Place(field, offset))
         offset += field.bits
     if offset % 8:

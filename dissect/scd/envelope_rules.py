@@ -26,10 +26,10 @@ def check_envelope(record: EnvelopeRecord) -> None:
     for number, field in enumerate(fields, 1):
         bit = _check_field(field, bit, f"envelope, field {number} ({field.role})")
     if bit % 8:
-        raise _fail(f"{bit} bits beside the data, which is no number of whole octets")
+        raise _fail(f"{bit} bits beside the data, which is not a whole number of bytes")
     roles = [field.role for field in fields]
     if times["size"] and roles.index("size") > roles.index("data"):
-        raise _fail("size stands before the data that it counts")
+        raise _fail("size must come before the data that it counts")
     if times["crc"] != (record.crc is not None):
         raise _fail("a field of the role crc and a table crc belong together")
     if record.crc is not None:
@@ -45,20 +45,20 @@ def _check_field(field: EnvelopeField, bit: int, where: str) -> int:
     """Check one field that begins at ``bit`` of all but the data; return where the next begins."""
     if field.role == "data":
         if bit % 8:
-            raise _fail("data begins at a whole octet", where)
+            raise _fail("data begins at a whole byte", where)
         if field != EnvelopeField("data"):
             raise _fail("data has no type of its own", where)
         return bit
     if not 1 <= field.bits <= 64:
         raise _fail(f"{field.bits} bits, a field has 1 to 64", where)
     if field.big and (bit % 8 or field.bits % 8):
-        raise _fail("a big-endian field begins and ends at whole octets", where)
+        raise _fail("a big-endian field begins and ends at whole bytes", where)
     if field.role in ("response", "abort") and field.bits != 1:
         raise _fail("has one bit", where)
     if field.role == "crc" and (field.bits != 16 or bit % 8):
-        raise _fail("has the two octets of scd_crc_t, at whole octets", where)
+        raise _fail("has the two bytes of scd_crc_t, at whole bytes", where)
     if field.counts == "rest" and (bit + field.bits) % 8:
-        raise _fail("a size that counts the rest ends at a whole octet", where)
+        raise _fail("a size that counts the rest ends at a whole byte", where)
     if (field.role == "size") != bool(field.counts):
         raise _fail("size says what it counts (data, data+crc, rest, total), and nothing else does", where)
     if field.signed and field.role != "err":

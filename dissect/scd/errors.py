@@ -36,17 +36,17 @@ CODES: Final = MappingProxyType(
         E_DICTIONARY: "the dictionary breaks a rule",
         E_INDEX: "no object of this index",
         E_KIND: "no such kind of message",
-        E_LENGTH: "the value is longer than its field, or a block of another length",
-        E_LONG: "octets are left over",
+        E_LENGTH: "the value is longer than its field, or a block of a different length",
+        E_LONG: "bytes are left over",
         E_MAP: "the variable cannot be mapped like this",
         E_PDO_NUMBER: "no PDO of this number",
-        E_PROTOCOL: "a field that never changes has another value",
+        E_PROTOCOL: "a constant field has a different value",
         E_RANGE: "the number is outside of its type",
-        E_SHORT: "octets are missing",
+        E_SHORT: "bytes are missing",
         E_SUB: "no sub-index of this number",
         E_TYPE: "no type of this index or name",
-        E_UTF8: "the string is no text in its encoding",
-        E_VALUE: "a value of another kind",
+        E_UTF8: "the string is invalid in its encoding",
+        E_VALUE: "a value of a different kind",
     }
 )
 
@@ -73,7 +73,7 @@ ERROR_TEXTS: Final = MappingProxyType(
         -17: "value cannot be stored",
         -18: "refused, local control",
         -19: "refused in this state of the device",
-        -20: "no dictionary, or another one",
+        -20: "no dictionary, or a different one",
         -21: "CRC error",
     }
 )

@@ -40,8 +40,8 @@ _LOSSES: Final = MappingProxyType(
     {
         OCTET_STRING: "OCTET_STRING is read as a block, as type 10 of SCD is a text",
         UNICODE_STRING: "UNICODE_STRING (UTF-16) is read as a block, as texts of SCD are UTF-8",
-        TIME_OF_DAY: "TIME_OF_DAY is read as a block of 6 octets",
-        TIME_DIFFERENCE: "TIME_DIFFERENCE is read as a block of 6 octets, as the interval of SCD has 8",
+        TIME_OF_DAY: "TIME_OF_DAY is read as a block of 6 bytes",
+        TIME_DIFFERENCE: "TIME_DIFFERENCE is read as a block of 6 bytes, as the interval of SCD has 8",
     }
 )
 _SIX_OCTETS: Final = frozenset((TIME_OF_DAY, TIME_DIFFERENCE))
@@ -96,7 +96,7 @@ def whole_of_node(text: str, node_id: int | None) -> int:
     if not _NODE_ID.search(text):
         return whole_octal(text)
     if node_id is None:
-        raise ValueError("depends on the node id, which the file does not say: give it (--node)")
+        raise ValueError("depends on the node id, which the file does not give: set it (--node)")
     return whole_octal(_NODE_ID.sub("", text).strip().strip("+") or "0") + node_id
 
 
@@ -127,7 +127,7 @@ def parse_limit(text: str, kind: SimpleType) -> float | int:
     octal = kind.kind is not Kind.REAL and is_octal(text)
     found = whole_octal(text) if octal else written_value(text, kind)
     if not isinstance(found, (int, float)) or not math.isfinite(found):
-        raise ValueError("is no finite number")
+        raise ValueError("is not a finite number")
     if kind.kind is not Kind.REAL:
         try:
             kind.check(found)

@@ -40,7 +40,7 @@ def expand(lists: Mapping[str, list[Table]]) -> dict[str, list[Table]]:
         used.add(name)
         for device in devices:
             if not isinstance(device, int) or isinstance(device, bool) or not 0 <= device < ranges.DEVICES:
-                raise order.fail("devices", f"{shown(device)} is no device 0 to 7", "R93")
+                raise order.fail("devices", f"{shown(device)} is not a device 0 to 7", "R93")
             if (name, device) in placed:
                 raise order.fail("devices", f"{shown(name)} is device {device} already", "R93")
             placed.add((name, device))

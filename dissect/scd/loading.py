@@ -71,7 +71,7 @@ def import_file(path: str | os.PathLike[str], encoding: str = "", node: int | No
     suffix = Path(path).suffix.lower()
     if suffix not in INI_SUFFIXES + XML_SUFFIXES:
         suffixes = ", ".join(INI_SUFFIXES + XML_SUFFIXES)
-        raise DictionaryError("file", f"{suffix or 'no suffix'!r} is none of {suffixes}", path=os.fspath(path))
+        raise DictionaryError("file", f"{suffix or 'no suffix'!r} is not one of {suffixes}", path=os.fspath(path))
     octets = _read(Path(path), MAX_DESCRIPTION)
     if suffix in INI_SUFFIXES:
         from dissect.scd.eds import import_eds
@@ -95,9 +95,9 @@ def _from_source(octets: bytes, path: str) -> Dictionary:
 def _read(path: Path, most: int = MAX_FILE) -> bytes:
     size = path.stat().st_size
     if size > most:
-        raise DictionaryError("file", f"{size} octets, a dictionary has at most {most}", path=os.fspath(path))
+        raise DictionaryError("file", f"{size} bytes, a dictionary has at most {most}", path=os.fspath(path))
     with path.open("rb") as stream:
         octets = stream.read(most + 1)
     if len(octets) > most:
-        raise DictionaryError("file", f"more than {most} octets", path=os.fspath(path))
+        raise DictionaryError("file", f"more than {most} bytes", path=os.fspath(path))
     return octets

@@ -43,7 +43,7 @@ def entries_of(values: Iterable[int], wide: bool, where: str) -> list[Entry]:
         if wide:
             entry = Entry(value & 0xFFFF, value >> 16 & 0xFF, value >> 32 & 0xFFFF, value >> 48)
             if value >> 24 & 0xFF:
-                raise Error(E_MAP, f"{where} entry {number}", "octet 3 of an entry is 0")
+                raise Error(E_MAP, f"{where} entry {number}", "byte 3 of an entry is 0")
         else:
             entry = Entry(value >> 16, value >> 8 & 0xFF, end, value & 0xFF)
         if is_static_type(entry.target):
@@ -98,7 +98,7 @@ def width_trouble(variable: Variable, bits: int) -> str:
     if not variable.type.variable:
         return "" if bits == variable.bits else f"has {variable.bits} bits, not {bits}"
     if not bits or bits % 8:
-        return f"is mapped with whole octets, not {bits} bits"
+        return f"is mapped with whole bytes, not {bits} bits"
     if variable.bits and bits > variable.bits:
         return f"has at most {variable.bits} bits, not {bits}"
     return ""

@@ -268,12 +268,12 @@ def decode_value(
     if kind.kind in SIZED:
         most = width // 8
         if width and (len(data) > most or (kind.kind is Kind.BLOCK and len(data) != most)):
-            raise Error(E_LENGTH, where or kind.name, f"{len(data)} octets, {most} are declared")
+            raise Error(E_LENGTH, where or kind.name, f"{len(data)} bytes, {most} are declared")
         return text_of(data, where or kind.name, kind.form or "utf-8") if kind.kind is Kind.STRING else data
     packing = single(kind, width)
     if len(data) != packing.size:
         code = E_SHORT if len(data) < packing.size else E_LONG
-        raise Error(code, where or kind.name, f"{len(data)} octets, the value has {packing.size}")
+        raise Error(code, where or kind.name, f"{len(data)} bytes, the value has {packing.size}")
     found: Flags = {}
     values = packing.unpack(data, found, strict_pad=strict_pad)
     for name in found:
@@ -317,7 +317,7 @@ def text_of(octets: bytes, where: str, encoding: str = "utf-8") -> str:
     try:
         return octets.rstrip(b"\0").decode(encoding)
     except UnicodeDecodeError as error:
-        detail = f"no {encoding.upper()}: {error.reason} at octet {error.start} of {octets.hex(' ')}"
+        detail = f"no {encoding.upper()}: {error.reason} at byte {error.start} of {octets.hex(' ')}"
         raise Error(E_UTF8, where, detail) from None
 
 

@@ -42,7 +42,7 @@ class Table:
         self.place = place
         self._line = line
         if not isinstance(content, Mapping):
-            raise DictionaryError(where, f"{shown(content)} is no table", line=self.line)
+            raise DictionaryError(where, f"{shown(content)} is not a table", line=self.line)
         self.content: Mapping[str, Any] = content
         self._asked: set[str] = set()
 
@@ -104,7 +104,7 @@ class Table:
             except UnicodeEncodeError:
                 raise self.fail(key, f"{shown(found)} has no UTF-8 form", "R42") from None
             return found
-        raise self.fail(key, f"{shown(found)} is no text")
+        raise self.fail(key, f"{shown(found)} is not a string")
 
     def number(self, key: str, default: object = _MISSING) -> int:
         """Return a whole number of at most 64 bits; JSON may write it as a text such as "0x6000"."""
@@ -112,7 +112,7 @@ class Table:
         number = whole_number(found) if isinstance(found, str) else found
         if isinstance(number, int) and not isinstance(number, bool) and LOWEST <= number <= HIGHEST:
             return number
-        raise self.fail(key, f"{shown(found)} is no whole number of at most 64 bits")
+        raise self.fail(key, f"{shown(found)} is not a whole number of at most 64 bits")
 
     def name_or_number(self, key: str) -> str | int:
         """Return a name, or an index written as a number."""
@@ -134,21 +134,21 @@ class Table:
         if isinstance(found, str) and found in choices:
             return found
         hint = close_to(found, choices) if isinstance(found, str) else ""
-        raise self.fail(key, f"{shown(found)} is none of {', '.join(choices)}{hint}")
+        raise self.fail(key, f"{shown(found)} is not one of {', '.join(choices)}{hint}")
 
     def items(self, key: str) -> list[Any]:
         """Return an array, empty where the key is missing."""
         found = self._get(key, [])
         if isinstance(found, list):
             return found
-        raise self.fail(key, f"{shown(found)} is no array")
+        raise self.fail(key, f"{shown(found)} is not an array")
 
     def real(self, key: str) -> float | int | None:
         """Return a finite number, None where the key is missing."""
         found = self._get(key, None)
         if found is None or (isinstance(found, (int, float)) and not isinstance(found, bool) and math.isfinite(found)):
             return found
-        raise self.fail(key, f"{shown(found)} is no finite number")
+        raise self.fail(key, f"{shown(found)} is not a finite number")
 
     def value(self, key: str, kind: SimpleType, bits: int) -> Plain:
         """Return a default value of a type as it is kept, None where the key is missing."""
@@ -167,7 +167,7 @@ class Table:
         for written, item in found.items():
             sub = whole_number(written)
             if sub is None or not 1 <= sub <= MAX_SUB or sub in values:
-                raise self.fail(key, f"{shown(written)} is no sub-index 1 to {MAX_SUB}, or is there twice", "R62")
+                raise self.fail(key, f"{shown(written)} is not a sub-index 1 to {MAX_SUB}, or occurs twice", "R62")
             values[sub] = self._plain(f"{key} {sub}", item, kind, bits)
         return [values.get(sub) for sub in range(1, max(values, default=0) + 1)]
 
@@ -191,7 +191,7 @@ class Table:
             try:
                 found = bytes.fromhex(found)
             except ValueError:
-                raise self.fail(key, f"{shown(found)} is no hexadecimal text", "R53") from None
+                raise self.fail(key, f"{shown(found)} is not hexadecimal text", "R53") from None
         if kind.kind is Kind.REAL and found == "nan":
             found = math.nan
         try:
@@ -294,7 +294,7 @@ def _envelope_field(row: Table) -> EnvelopeField:
         written = row.text("type")
         kind = STANDARD[STANDARD_NAMES[written]] if written in STANDARD_NAMES else None
         if kind is None or kind.kind not in (Kind.BOOL, Kind.INT, Kind.UINT):
-            raise row.fail("type", f"{shown(written)} is no whole number of the text's types", "profile 3.3")
+            raise row.fail("type", f"{shown(written)} is not a whole number of the text's types", "profile 3.3")
         bits, signed = kind.bits, kind.kind is Kind.INT
     if row.has("bits"):
         if row.has("type"):

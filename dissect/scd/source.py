@@ -218,7 +218,7 @@ class _Reader:
         kind = own.kind if own is not None else _KINDS.get(written)
         if kind is None:
             hint = close_to(written, self._simple)
-            detail = f"{shown(written)} is no kind: {', '.join(_KINDS)}, or a type of the text{hint}"
+            detail = f"{shown(written)} is not a kind: {', '.join(_KINDS)}, or a type of the text{hint}"
             raise table.fail("base", detail, "R66")
         bits = table.number("bits", -1) if not table.has("size") else 8 * table.number("size")
         if bits < 0:
@@ -242,7 +242,7 @@ class _Reader:
         written = table.name_or_number("type")
         if written in self._struct_tables and written not in self._simple:  # wherever it stands, itself too
             name = written if isinstance(written, str) else f"0x{written:04x}"
-            raise table.fail("type", f"{name} is no simple type: no records of records", "R73")
+            raise table.fail("type", f"{name} is not a simple type: no records of records", "R73")
         found = self._any_type(table)
         assert isinstance(found, SimpleType)
         return found
@@ -273,7 +273,7 @@ class _Reader:
         found = self._any_type(table) if table.has("type") or object_class != DOMAIN else STANDARD[15]
         if isinstance(found, StructRecord):
             what = "no arrays of records" if object_class == ARRAY else "its objects are RECORDs"
-            raise table.fail("type", f"{found.name} is no simple type: {what}", "R73, C34")
+            raise table.fail("type", f"{found.name} is not a simple type: {what}", "R73, C34")
         bits = 8 * table.number("size", 0)
         row = ObjectRecord(
             index, object_class, name, found.index, bits, access, mandatory, mappable, traits=traits_of(table)

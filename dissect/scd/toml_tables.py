@@ -37,7 +37,7 @@ def source_text(octets: bytes, path: str) -> str:
         line = octets[len(mark) : at].decode(encoding, "ignore").count("\n") + 1
         said = f"invalid {encoding.upper()}" + (", which its byte order mark says it is" if mark else "")
         hint = "" if mark else "; save the file as UTF-8"
-        raise DictionaryError(f"octet {at}", f"{said}: {error.reason}{hint}", path=path, line=line) from None
+        raise DictionaryError(f"byte {at}", f"{said}: {error.reason}{hint}", path=path, line=line) from None
 
 
 def parse_tables(text: str, path: str = "") -> dict[str, Any]:

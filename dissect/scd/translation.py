@@ -82,7 +82,7 @@ class _Translator:
                 code = entry.subs[0].code if 0 in entry.subs else -1
                 found = basic.translate(code)
                 if found is None:
-                    self._notes.add("left out: a type made of one that SCD does not have", entry.index)
+                    self._notes.add("omitted: a type made of one that SCD does not have", entry.index)
                     continue
                 name = _printable(entry.name)
                 if not name or name in STANDARD_NAMES or any(row.name == name for row in own.values()):
@@ -105,7 +105,7 @@ class _Translator:
         except (ValueError, KeyError):
             fields = []
         if not fields:
-            self._notes.add("left out: a structure whose fields are not all described by types of SCD", entry.index)
+            self._notes.add("omitted: a structure whose fields are not all described by types of SCD", entry.index)
             return None
         return StructRecord(entry.index, _printable(entry.name) or f"type_{entry.index:04x}", fields)
 
@@ -114,11 +114,11 @@ class _Translator:
     def _object(self, entry: ForeignEntry) -> ObjectRecord | None:
         if entry.object_class in (DEFTYPE, DEFSTRUCT):
             if ranges.section_of(entry.index).holds not in {"static", "complex"}:
-                self._notes.add("left out: a definition of a type where SCD has none", entry.index)
+                self._notes.add("omitted: a definition of a type where SCD has none", entry.index)
             return None
         section = ranges.section_of(entry.index)
         if section.holds != "object":
-            self._notes.add(f"left out: SCD has no objects there ({section.name})", entry.index)
+            self._notes.add(f"omitted: SCD has no objects there ({section.name})", entry.index)
             return None
         entry.name = self._object_name(entry)
         if entry.object_class == NULL:
@@ -128,7 +128,7 @@ class _Translator:
         if entry.object_class in (ARRAY, RECORD):
             return self._parts(entry)
         if ranges.is_communication(entry.index):
-            self._notes.add("left out: the communication parameter of a PDO is a RECORD", entry.index)
+            self._notes.add("omitted: the communication parameter of a PDO is a RECORD", entry.index)
             return None
         return self._single(entry)
 
@@ -155,7 +155,7 @@ class _Translator:
             row = entry.subs.get(sub)
             fields.append(FieldRecord("", 0, 0) if row is None else self._field(entry, row, fields))
         if not any(field.type for field in fields):
-            self._notes.add("left out: it has no variables", entry.index)
+            self._notes.add("omitted: it has no variables", entry.index)
             return None
         if entry.object_class == ARRAY and not ranges.is_communication(entry.index):
             if len({_form(field) for field in fields}) == 1 and fields[0].type:
@@ -189,7 +189,7 @@ class _Translator:
         codes = {row.code for row in rows.values()}
         if entry.object_class not in (ARRAY, RECORD) or codes not in ({_NARROW}, {_WIDE}):
             self._notes.add(
-                "left out: no mapping of UNSIGNED32 (CANopen) or UNSIGNED64 (POWERLINK) elements", entry.index
+                "omitted: no mapping of UNSIGNED32 (CANopen) or UNSIGNED64 (POWERLINK) elements", entry.index
             )
             return None
         kind = STANDARD[codes.pop()]
@@ -220,13 +220,13 @@ class _Translator:
         bits = found.bits
         if found.type.kind in SIZED and not found.type.bits and not bits:
             if found.type.kind is Kind.BLOCK and not value:
-                text = "left out: a block in an object of several needs a length, which the file does not say"
+                text = "omitted: a block in an object of several needs a length, which the file does not give"
                 self._notes.add(text, entry.index, sub.sub)
                 return FieldRecord("", 0, 0)
             octets = len(value) if isinstance(value, bytes) else 0
             bits = 8 * (octets if found.type.kind is Kind.BLOCK else max(octets, TEXT_OCTETS))
-            text = "the value's own length" if found.type.kind is Kind.BLOCK else f"{TEXT_OCTETS} octets"
-            self._notes.add(f"the file does not say how long it is, taken is {text}", entry.index, sub.sub)
+            text = "the value's own length" if found.type.kind is Kind.BLOCK else f"{TEXT_OCTETS} bytes"
+            self._notes.add(f"the file does not give its length; assumed: {text}", entry.index, sub.sub)
         return FieldRecord(
             self._field_name(entry, sub, before), found.type.index, bits, None, self._access(entry, sub), sub.mappable, value,
             self._traits(entry, sub, found),
@@ -237,7 +237,7 @@ class _Translator:
         place = sub.sub if entry.object_class in (ARRAY, RECORD) else -1
         if found is None:
             what = "no type is given" if sub.code < 0 else f"SCD has no simple type for type 0x{sub.code:04x}"
-            self._notes.add(f"left out: {what}", entry.index, place)
+            self._notes.add(f"omitted: {what}", entry.index, place)
         elif found.loss:
             self._notes.add(found.loss, entry.index, place)
         return found
@@ -247,8 +247,8 @@ class _Translator:
         if written in {"rwr", "rww"}:
             self._notes.add("rwr and rww are rw: which PDOs may carry the variable is not kept", entry.index, sub.sub)
         elif written not in _ACCESS:
-            what = f"access {written!r} is none of SCD's" if written else "no access is given"
-            self._notes.add(f"{what}, taken is rw", entry.index, sub.sub)
+            what = f"access {written!r} is not one of SCD's" if written else "no access is given"
+            self._notes.add(f"{what}; assumed: rw", entry.index, sub.sub)
         return _ACCESS.get(written, "rw")
 
     def _value(self, entry: ForeignEntry, sub: ForeignSub, found: Translated) -> Plain:
@@ -257,7 +257,7 @@ class _Translator:
         try:
             value = parse_value(sub.value, sub.code, found.type, found.bits, self._description.node_id)
         except (ValueError, OverflowError) as error:
-            self._notes.add(f"its value {sub.value[:40]!r} is left out: {error}", entry.index, sub.sub)
+            self._notes.add(f"its value {sub.value[:40]!r} is omitted: {error}", entry.index, sub.sub)
             return None
         return value or None if isinstance(value, bytes) else value
 
@@ -269,11 +269,11 @@ class _Translator:
             try:
                 limits.append(parse_limit(text, found.type) if text is not None and text.strip() else None)
             except (ValueError, OverflowError) as error:
-                self._notes.add(f"its limit {(text or '')[:40]!r} is left out: {error}", entry.index, sub.sub)
+                self._notes.add(f"its limit {(text or '')[:40]!r} is omitted: {error}", entry.index, sub.sub)
                 limits.append(None)
         low, high = limits
         if low is not None and high is not None and low > high:
-            self._notes.add("its limits are left out: the lower one is above the upper", entry.index, sub.sub)
+            self._notes.add("its limits are omitted: the lower one is above the upper", entry.index, sub.sub)
             low = high = None
         traits = Traits(_printable(sub.unit), sub.scale, 0.0, low, high)
         return None if traits == Traits() else traits
@@ -284,7 +284,7 @@ class _Translator:
         name = _printable(entry.name) or f"0x{entry.index:04x}"
         if name in self._names:
             name = f"{name[: MAX_NAME - 9]} (0x{entry.index:04x})"
-            self._notes.add("a name that another object has already got its index after it", entry.index)
+            self._notes.add("a name already used by a different object was extended by its index", entry.index)
         self._names.add(name)
         return name
 
@@ -292,7 +292,7 @@ class _Translator:
         name = (_printable(sub.name) or str(sub.sub)).replace(".", "_")
         taken = {"count", *(field.name for field in before)}
         if name in taken and entry.object_class != ARRAY:
-            self._notes.add("a name that another field has already got its number after it", entry.index, sub.sub)
+            self._notes.add("a name already used by a different field was extended by its number", entry.index, sub.sub)
         while name in taken:
             name = f"{name[: MAX_NAME - 5]} {sub.sub}"
         return name

@@ -103,7 +103,7 @@ def width_trouble(kind: Kind, bits: int) -> str:
         if kind is Kind.RESERVED:
             return "" if 0 <= bits <= 8 * MAX_OCTETS else f"reserved bits number 0 to {8 * MAX_OCTETS}, not {bits}"
         if bits % 8 or not 0 <= bits <= 8 * MAX_OCTETS:
-            return f"a {kind.name.lower()} has whole octets, at most {MAX_OCTETS}, not {bits} bits"
+            return f"a {kind.name.lower()} has whole bytes, at most {MAX_OCTETS}, not {bits} bits"
         return ""
     if bits in widths:
         return ""
@@ -132,7 +132,7 @@ def _number(value: object, where: str) -> int:
     native = _native(value)
     if isinstance(native, int) and not isinstance(native, bool):
         return native
-    raise Error(E_RANGE, where, f"{shown(value)} is no whole number")
+    raise Error(E_RANGE, where, f"{shown(value)} is not a whole number")
 
 
 def _int(value: object, bits: int, where: str) -> Value:
@@ -154,7 +154,7 @@ def _real(value: object, bits: int, where: str) -> Value:
     if not isinstance(value, (int, float)):
         value = _native(value)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise Error(E_RANGE, where, f"{shown(value)} is no number")
+        raise Error(E_RANGE, where, f"{shown(value)} is not a number")
     try:
         number = float(value)
         if bits == 32:
@@ -162,13 +162,13 @@ def _real(value: object, bits: int, where: str) -> Value:
     except OverflowError:
         raise Error(E_RANGE, where, f"{shown(value)} is too large for {bits} bits") from None
     if math.isinf(number):
-        raise Error(E_RANGE, where, "infinity is no value of this type, only finite numbers and NaN are (R41)")
+        raise Error(E_RANGE, where, "infinity is not a value of this type, only finite numbers and NaN are (R41)")
     return number
 
 
 def _string(value: object, bits: int, where: str, encoding: str = "utf-8") -> Value:
     if not isinstance(value, str):
-        raise Error(E_VALUE, where, f"{shown(value)} is no text")
+        raise Error(E_VALUE, where, f"{shown(value)} is not a string")
     try:
         size = len(value.encode(encoding))
     except UnicodeEncodeError:
@@ -177,16 +177,16 @@ def _string(value: object, bits: int, where: str, encoding: str = "utf-8") -> Va
         raise Error(E_VALUE, where, "a text cannot end in U+0000, which fills strings up")
     most = bits // 8 or MAX_OCTETS
     if size > most:
-        raise Error(E_LENGTH, where, f"{size} octets of text, {most} are there")
+        raise Error(E_LENGTH, where, f"{size} bytes of text, {most} are there")
     return value
 
 
 def _block(value: object, bits: int, where: str) -> Value:
     if not isinstance(value, (bytes, bytearray, memoryview)):
-        raise Error(E_VALUE, where, f"{shown(value)} is no block of octets")
+        raise Error(E_VALUE, where, f"{shown(value)} is not a block of bytes")
     octets = bytes(value)
     if (bits and len(octets) * 8 != bits) or len(octets) > MAX_OCTETS:
-        raise Error(E_LENGTH, where, f"{len(octets)} octets, the block has {bits // 8 or f'at most {MAX_OCTETS}'}")
+        raise Error(E_LENGTH, where, f"{len(octets)} bytes, the block has {bits // 8 or f'at most {MAX_OCTETS}'}")
     return octets
 
 
@@ -204,7 +204,7 @@ def _two_fields(value: object, where: str, form: str) -> tuple[int, int]:
 def _nettime(value: object, _bits: int, where: str, scale: str = "") -> Value:
     time = TaiTime if scale else NetTime
     if isinstance(value, Interval):
-        raise Error(E_VALUE, where, "an interval is no moment")
+        raise Error(E_VALUE, where, "an interval is not a moment")
     if isinstance(value, str):
         try:
             value = time.from_isoformat(value)
@@ -218,7 +218,7 @@ def _nettime(value: object, _bits: int, where: str, scale: str = "") -> Value:
 
 def _interval(value: object, _bits: int, where: str) -> Value:
     if isinstance(value, NetTime):
-        raise Error(E_VALUE, where, "a moment is no interval")
+        raise Error(E_VALUE, where, "a moment is not an interval")
     if isinstance(value, str):
         try:
             value = Interval.from_isoformat(value)
@@ -236,7 +236,7 @@ def _mac(value: object, _bits: int, where: str) -> Value:
             return MAC(value)
         except ValueError as error:
             raise Error(E_VALUE, where, str(error)) from None
-    raise Error(E_VALUE, where, f"{shown(value)} is no MAC address")
+    raise Error(E_VALUE, where, f"{shown(value)} is not a MAC address")
 
 
 def _ip(value: object, _bits: int, where: str) -> Value:
@@ -245,7 +245,7 @@ def _ip(value: object, _bits: int, where: str) -> Value:
             return IPv4Address(value)
         except AddressValueError:
             pass
-    raise Error(E_VALUE, where, f"{shown(value)} is no IP address such as 192.168.100.1")
+    raise Error(E_VALUE, where, f"{shown(value)} is not an IP address such as 192.168.100.1")
 
 
 def _reserved(_value: object, _bits: int, where: str) -> Value:

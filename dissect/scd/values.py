@@ -85,7 +85,7 @@ def _moment(text: str) -> tuple[int, int]:
     try:
         moment = datetime.fromisoformat(whole + rest[len(digits) :])
     except ValueError:
-        raise ValueError(f"{shown(text)} is no moment such as 2015-10-18T00:00:00Z") from None
+        raise ValueError(f"{shown(text)} is not a moment such as 2015-10-18T00:00:00Z") from None
     if moment.tzinfo is None:
         moment = moment.replace(tzinfo=UTC)
     return (moment - _EPOCH) // timedelta(seconds=1), int(digits.ljust(9, "0"))
@@ -118,7 +118,7 @@ class Interval(NamedTuple):
         """Return the interval of an ISO 8601 duration such as ``-PT1.5S`` or ``P1DT2H``. Raises ValueError."""
         match = _DURATION.fullmatch(text.strip().upper())
         if match is None or not any(match.group(2, 3, 4, 5)) or text.strip().upper().endswith("T"):
-            raise ValueError(f"{shown(text)} is no interval such as PT1.5S, or seconds and nanoseconds")
+            raise ValueError(f"{shown(text)} is not an interval such as PT1.5S, or seconds and nanoseconds")
         days, hours, minutes, seconds = [int(part or 0) for part in match.group(2, 3, 4, 5)]
         whole = ((24 * days + hours) * 60 + minutes) * 60 + seconds
         total_ns = whole * _SECOND + int((match[6] or "").ljust(9, "0"))
@@ -142,7 +142,7 @@ class MAC(bytes):
         """Take six octets or a text; raises ValueError."""
         octets = _mac_octets(address) if isinstance(address, str) else address
         if len(octets) != 6:
-            raise ValueError(f"{shown(address)} is no MAC address of six octets")
+            raise ValueError(f"{shown(address)} is not a MAC address of six bytes")
         return super().__new__(cls, octets)
 
     def __str__(self) -> str:
@@ -155,5 +155,5 @@ class MAC(bytes):
 def _mac_octets(text: str) -> bytes:
     parts = text.replace("-", ":").split(":")
     if [len(part) for part in parts] != [2] * 6:
-        raise ValueError(f"{shown(text)} is no MAC address such as 00:1B:44:11:3A:B7")
+        raise ValueError(f"{shown(text)} is not a MAC address such as 00:1B:44:11:3A:B7")
     return bytes.fromhex("".join(parts))

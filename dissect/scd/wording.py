@@ -126,7 +126,7 @@ def value_text(value: Value) -> str:
         return f'"{shortened(value, _TEXT)}"'
     if type(value) is bytes:
         shown = value[: _TEXT // 2].hex(" ")
-        return f"{len(value)} octets {shown}{' …' if len(value) > _TEXT // 2 else ''}".rstrip()
+        return f"{len(value)} bytes {shown}{' …' if len(value) > _TEXT // 2 else ''}".rstrip()
     return printable(str(value))
 
 

@@ -29,7 +29,7 @@ def whole(text: str) -> int:
     """Return a whole number, decimal or 0x…; raises ValueError."""
     written = "".join(text.split())
     if len(written) > _MOST_DIGITS or not _WHOLE.fullmatch(written):
-        raise ValueError("is no whole number")
+        raise ValueError("is not a whole number")
     return int(written, 16) if "x" in written.lower() else int(written)
 
 
@@ -103,7 +103,7 @@ def _raw_number(written: str, variable: Variable) -> object:
         return written_value(written, kind)
     unit = plain[number.end() :].strip()
     if marked and unit[:1].isdecimal():
-        raise ValueError("is no number of at most 40 digits")
+        raise ValueError("is not a number of at most 40 digits")
     if unit[:1].isdecimal() or not (marked or unit):
         if traits.scale != 1 or traits.shift:
             physical = f"'{plain} {traits.unit}'" if traits.unit else f"{PHYSICAL}{plain}"
@@ -145,7 +145,7 @@ def _ip(written: str) -> IPv4Address:
     try:
         return IPv4Address(written)
     except AddressValueError as error:
-        raise ValueError(f"is no IP address: {error}") from None
+        raise ValueError(f"is not an IP address: {error}") from None
 
 
 def _real(written: str, bits: int) -> float:
@@ -158,11 +158,11 @@ def _real(written: str, bits: int) -> float:
     try:
         return float(written)
     except ValueError:
-        raise ValueError("is no number") from None
+        raise ValueError("is not a number") from None
 
 
 def _octets(written: str) -> bytes:
     try:
         return bytes.fromhex(written.removeprefix("0x").removeprefix("0X"))
     except ValueError:
-        raise ValueError("is no hexadecimal text") from None
+        raise ValueError("is not hexadecimal text") from None

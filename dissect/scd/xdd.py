@@ -62,7 +62,9 @@ def _root(octets: bytes) -> Element:
     try:
         root: Element = fromstring(octets, forbid_dtd=True)
     except DefusedXmlException:
-        raise DictionaryError("XML", "a DTD or an entity, which no device description has: not read further") from None
+        raise DictionaryError(
+            "XML", "a DTD or an entity, which device descriptions do not have: reading stopped"
+        ) from None
     except ParseError as error:
         raise DictionaryError("XML", str(error), line=error.position[0]) from None
     except (ValueError, LookupError) as error:
@@ -89,13 +91,13 @@ def _description(root: Element, stem: str, notes: Notes, node: int | None) -> De
         elif tag == "parameter" and "uniqueID" in element.attrib:
             parameters[element.attrib["uniqueID"]] = element
     if not objects:
-        raise DictionaryError("XDD", "no Object in an ObjectList: this is no device description")
+        raise DictionaryError("XDD", "no Object in an ObjectList: not a device description")
     entries: dict[int, ForeignEntry] = {}
     for element in objects:
         entry = _entry(element, parameters, notes)
         if entry.index in entries:
             where = f"Object {entry.index:04X}"
-            raise DictionaryError(where, "the index is there twice", rule="R57", index=entry.index)
+            raise DictionaryError(where, "the index occurs twice", rule="R57", index=entry.index)
         entries[entry.index] = entry
     return Description(name or stem, version, node, entries)
 
@@ -107,7 +109,7 @@ def _hex(element: Element, key: str, where: str, default: int | None = None) -> 
         return default
     digits = text.removeprefix("0x").removeprefix("0X")
     if not _HEX.fullmatch(digits):
-        raise DictionaryError(where, f"{key} {text[:40]!r} is no hexadecimal number", rule="R57")
+        raise DictionaryError(where, f"{key} {text[:40]!r} is not a hexadecimal number", rule="R57")
     return int(digits, 16)
 
 
@@ -115,7 +117,7 @@ def _class(element: Element, where: str) -> int:
     text = element.get("objectType", str(VAR)).strip()
     if text.isascii() and text.isdecimal() and len(text) < 4 and int(text) in CLASSES:
         return int(text)
-    raise DictionaryError(where, f"objectType {text[:40]!r} is no class of objects", rule="R63")
+    raise DictionaryError(where, f"objectType {text[:40]!r} is not a class of objects", rule="R63")
 
 
 def _entry(element: Element, parameters: dict[str, Element], notes: Notes) -> ForeignEntry:
@@ -133,11 +135,11 @@ def _entry(element: Element, parameters: dict[str, Element], notes: Notes) -> Fo
         if sub > MAX_SUB:
             raise DictionaryError(f"{where}, SubObject {sub:02X}", "sub-indices have 8 bits", rule="R62", index=index)
         if sub in entry.subs and kind in (ARRAY, RECORD):
-            raise DictionaryError(f"{where}, SubObject {sub:02X}", "is there twice", rule="R62", index=index)
+            raise DictionaryError(f"{where}, SubObject {sub:02X}", "occurs twice", rule="R62", index=index)
         inherited = outer if kind == ARRAY and sub else -1
         code = _hex(child, "dataType", f"{where}, SubObject {sub:02X}", inherited)
         if kind in (VAR, DOMAIN):
-            notes.add("sub-indices of an object that is one variable are left out", index)
+            notes.add("sub-indices of an object that is one variable are omitted", index)
             break
         entry.subs[sub] = _variable(child, sub, code, parameters)
     return entry

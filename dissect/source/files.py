@@ -167,7 +167,7 @@ class PlainSource:
                 select.select([self._stream], [], [])
                 piece = self._stream.read(size)
         except OSError as error:
-            self.damage = f"reading failed after octet {self._taken}: {error.strerror or error}"
+            self.damage = f"reading failed after byte {self._taken}: {error.strerror or error}"
             return b""
         self._taken += len(piece)
         return piece
@@ -219,7 +219,7 @@ class _CompressedSource(ABC):
         return piece
 
     def _cut(self, what: str) -> _DamagedError:
-        return _DamagedError(self._source.damage or f"the {what} data is cut off at octet {self._taken}")
+        return _DamagedError(self._source.damage or f"the {what} data is cut off at byte {self._taken}")
 
 
 class GzipSource(_CompressedSource):
@@ -262,7 +262,7 @@ class GzipSource(_CompressedSource):
             try:
                 octets += before.decompress(self._pending[at : at + 1])
             except zlib.error:
-                self._corrupt = f"the gzip data is corrupt at octet {start + at} ({why})"
+                self._corrupt = f"the gzip data is corrupt at byte {start + at} ({why})"
                 break
         return bytes(octets)
 
@@ -279,7 +279,9 @@ class GzipSource(_CompressedSource):
             self._between = False
         else:
             end = self._taken - len(self._pending)
-            raise _DamagedError(f"the gzip data ends at octet {end}; what follows is none, and was left out")
+            raise _DamagedError(
+                f"the gzip data ends at byte {end}; the data after it is not compressed data and was ignored"
+            )
 
 
 class ZstdSource(_CompressedSource):
@@ -307,7 +309,7 @@ class ZstdSource(_CompressedSource):
         except self._error as error:
             why = str(error).rpartition(": ")[2]
             raise _DamagedError(
-                f"the zstd data is corrupt between octets {start} and {self._offset()} ({why})"
+                f"the zstd data is corrupt between bytes {start} and {self._offset()} ({why})"
             ) from None
 
     def _offset(self) -> int:
@@ -327,7 +329,9 @@ class ZstdSource(_CompressedSource):
             self._skip(int.from_bytes(self._take(4), "little"))
             return b""
         if magic != _ZSTD_MAGIC:
-            raise _DamagedError(f"the zstd data ends at octet {start}; what follows is none, and was left out")
+            raise _DamagedError(
+                f"the zstd data ends at byte {start}; the data after it is not compressed data and was ignored"
+            )
         descriptor = self._take(1)
         flags = descriptor[0]
         single = flags >> 5 & 1
@@ -355,7 +359,7 @@ class ZstdSource(_CompressedSource):
         word = int.from_bytes(header, "little")
         size = 1 if word >> 1 & 3 == _ZSTD_RLE else word >> 3
         if size > _ZSTD_MAX_BLOCK:
-            raise _DamagedError(f"the zstd data is corrupt at octet {self._offset() - 3} (a block of {size} octets)")
+            raise _DamagedError(f"the zstd data is corrupt at byte {self._offset() - 3} (a block of {size} bytes)")
         body = self._take(size)
         if word & 1:
             self._next = self._end_frame if self._checksum else self._begin_frame

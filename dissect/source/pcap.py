@@ -41,7 +41,7 @@ _FILE_HEADER: Final = 24
 
 _ODD_FRACTION: Final = "a time stamp holds {} parts of a second, a whole second or more, and was read as it stands"
 #: What is noted of a packet whose wire length cannot be; for pcapng too.
-SHORT_WIRE: Final = "a packet claims only {} octets on the wire, fewer than were captured, and was taken as uncut"
+SHORT_WIRE: Final = "a packet claims only {} bytes on the wire, fewer than were captured, and was treated as complete"
 _ODD_VERSION: Final = "the file says it is version {} of the format, and was read as version 2.4"
 
 
@@ -86,7 +86,7 @@ class _Oddity:
 
     def __str__(self) -> str:
         times = f", the first of {self.count} like it" if self.count > 1 else ""
-        return f"{self.text} (at octet {self.offset}{times})"
+        return f"{self.text} (at byte {self.offset}{times})"
 
 
 class ChunkReader(Reader):
@@ -145,14 +145,14 @@ class ChunkReader(Reader):
         """End where the source ended; ``inside`` says what is cut if octets are left over."""
         damage = self._source.damage
         if self._pos < len(self._buf):
-            cut = f"cut off at octet {self.octets}, {inside}"
+            cut = f"cut off at byte {self.octets}, {inside}"
             damage = f"{damage}; what it held is {cut}" if damage else cut
         self._end(damage)
 
     def _stop(self, at: i64, why: str) -> None:
         """End at ``_buf[at]`` because what stands there cannot be read and nothing after it can be found."""
         packets = "1 packet" if self.packets == 1 else f"{self.packets} packets"
-        self._end(f"damaged at octet {self._offset(at)}, after {packets}: {why}")
+        self._end(f"damaged at byte {self._offset(at)}, after {packets}: {why}")
 
     def _end(self, damage: str) -> None:
         self.damage = damage
@@ -274,4 +274,4 @@ class PcapReader(ChunkReader):
             self.packets = count
             self._need = need
         if absurd:
-            self._stop(pos, f"a record claims a packet of {absurd} octets")
+            self._stop(pos, f"a record claims a packet of {absurd} bytes")

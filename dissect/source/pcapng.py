@@ -55,17 +55,17 @@ _MAX_TIME: Final = 2**63 - 1
 #: Octets of an interface's name that are kept.
 _MAX_NAME: Final = 255
 
-_OPTION_OVERRUN: Final = "an option claims {} octets, more than its block holds, and was left out with those after it"
-_OPTION_SIZE: Final = "a time option of an interface holds {} octets, which is not its size, and was left out"
+_OPTION_OVERRUN: Final = "an option claims {} bytes, more than its block holds, and was ignored with those after it"
+_OPTION_SIZE: Final = "a time option of an interface holds {} bytes, which is not its size, and was ignored"
 _ODD_RESOLUTION: Final = (
-    "an interface claims a time resolution of 10 or 2 to the minus {}, and was given the finest believed"
+    "an interface claims a time resolution of 10 or 2 to the minus {}, and was given the finest one supported"
 )
 _ODD_TIME: Final = "the time of a packet is before 1970 or after 2262, and was put to the nearest of the two"
 _NO_TIME: Final = "a Simple Packet Block has no time, and was given that of the packet before it"
-_TRAILER: Final = "a block repeats its length as {} at its end, which is not what it says at its front"
-_SHORT_BLOCK: Final = "a block of {} octets is shorter than its kind must be"
+_TRAILER: Final = "a block repeats its length as {} at its end, which differs from the length at its start"
+_SHORT_BLOCK: Final = "a block of {} bytes is shorter than its kind must be"
 _NO_INTERFACE: Final = "a packet names interface {}, which its section has not described"
-_LONG_PACKET: Final = "a packet claims {} captured octets, more than its block holds or its link can carry"
+_LONG_PACKET: Final = "a packet claims {} captured bytes, more than its block holds or its link can carry"
 _MANY_INTERFACES: Final = f"a section describes more than {MAX_INTERFACES} interfaces"
 
 
@@ -145,7 +145,7 @@ class PcapngReader(ChunkReader):
             return False
         if not self._fill(self._need):
             after = f", after packet {self.packets}" if self.packets else ""
-            self._finish(f"inside the block at octet {self._offset(self._pos)}{after}")
+            self._finish(f"inside the block at byte {self._offset(self._pos)}{after}")
             return False
         self._scan(sink)
         self._tell()
@@ -173,7 +173,7 @@ class PcapngReader(ChunkReader):
                     return
                 total = self._u32(at + 4)
             if total < _MIN_BLOCK or total > MAX_BLOCK or total & 3:
-                self._stop(at, f"a block claims a length of {total} octets")
+                self._stop(at, f"a block claims a length of {total} bytes")
                 return
             if at + total > size:
                 self._need = total
@@ -212,7 +212,7 @@ class PcapngReader(ChunkReader):
     def _contradiction(self, sink: PacketSink, kind: i64, at: i64, total: i64, trailer: i64) -> None:
         """Judge a block whose lengths differ; sections and interfaces are read anyway, what follows needs them."""
         if self._doubt:
-            self._stop(at, "two blocks one after the other have lengths that differ at front and end")
+            self._stop(at, "two blocks one after the other have different lengths at start and end")
             return
         self._doubt = True
         if kind == SECTION or kind == INTERFACE:
@@ -239,12 +239,12 @@ class PcapngReader(ChunkReader):
     def _section(self, at: i64, total: i64) -> None:
         """Begin a section: what the one before said about interfaces is over."""
         if total < _MIN_SECTION:
-            self._stop(at, f"a section header claims a length of {total} octets")
+            self._stop(at, f"a section header claims a length of {total} bytes")
             return
         version = self._u32(at + 12)
         major = version >> 16 if self._big else version & 0xFFFF
         if major != 1:
-            self._stop(at, f"a section is of version {major} of the format, which nobody has defined")
+            self._stop(at, f"a section is of version {major} of the format, which is not defined")
             return
         self._interfaces = []
         self.statistics = {}

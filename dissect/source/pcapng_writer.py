@@ -83,7 +83,7 @@ def section_mark(head: bytes) -> str:
 def interface_block(link_type: int, name: str = "", snaplen: int = 0) -> bytes:
     """Return an Interface Description Block with nanoseconds. ``snaplen`` 0: no limit. ValueError for no LINKTYPE number."""
     if not 0 <= link_type <= 0xFFFF:
-        raise ValueError(f"{link_type} is no link type: it takes 16 bits")
+        raise ValueError(f"{link_type} is not a link type: it must fit 16 bits")
     options = [(IF_NAME, _cut(printable(name).encode()))] if name else []
     options.append((IF_TSRESOL, _NANOSECONDS))
     return _block(INTERFACE, _INTERFACE_HEAD.pack(link_type, snaplen) + _options(options))
@@ -109,7 +109,7 @@ def packet_block(
         options = _options([(OPT_COMMENT, text) for text in _comments(comments, room)])
     total = 32 + size + pad + len(options)
     if total > MAX_BLOCK:
-        raise ValueError(f"a packet of {size} octets is larger than a pcapng block may be ({MAX_BLOCK} octets)")
+        raise ValueError(f"a packet of {size} bytes is larger than a pcapng block may be ({MAX_BLOCK} bytes)")
     time_ns = min(max(time_ns, 0), _MAX_COUNT)
     head = _PACKET_HEAD.pack(
         ENHANCED_PACKET, total, interface, time_ns >> 32, time_ns & _MASK, size, max(wire_length, size)
@@ -152,7 +152,7 @@ def _comments(comments: Sequence[str], room: int) -> list[bytes]:
         octets = comment_octets(comment)
         room -= len(octets) + 8
         if room < 0:
-            told.append(f"{len(comments) - index} more comments were left out".encode())
+            told.append(f"{len(comments) - index} more comments were dropped".encode())
             break
         if octets:
             told.append(octets)

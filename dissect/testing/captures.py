@@ -93,7 +93,7 @@ def path_of(what: object, captures: CaptureFolder) -> Path:
         return Path(capture())
     if isinstance(what, (str, os.PathLike)):
         return captures(what).path
-    raise TypeError(f"{what!r} is no capture, no session and no path")
+    raise TypeError(f"{what!r} is not a capture, a session or a path")
 
 
 def near(path: str | os.PathLike[str]) -> str:

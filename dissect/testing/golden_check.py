@@ -77,11 +77,11 @@ class GoldenCheck:
     def _check(self, what: object, name: str | None, ignore: Iterable[str], latency: str | None) -> str:
         __tracebackhide__ = True
         if name is not None and not isinstance(name, str):
-            raise TypeError(f"name={name!r}: the name of a golden is a text")
+            raise TypeError(f"name={name!r}: the name of a golden must be a string")
         options = DiffOptions([ignore] if isinstance(ignore, str) else ignore, latency)
         place = golden_of(self._folder, self._stem, name)
         if place in self._checked:
-            raise ValueError(f"{self._shown(place)} was checked in this test already: give this one a name (name=...)")
+            raise ValueError(f"{self._shown(place)} was already checked in this test: give this one a name (name=...)")
         self._checked.add(place)
         self._ledger.used.add(place)
         session = what if isinstance(what, Session) else read_session(path_of(what, self._captures))
@@ -107,7 +107,7 @@ class GoldenCheck:
         """Write a golden and note it among those ``kept``, or return why not."""
         if self._asked_else():
             return (
-                f"{self._shown(place)} is not written: a fake PLC was asked what its recording has no answer to, "
+                f"{self._shown(place)} is not written: a fake PLC received a request that was not recorded, "
                 "so what was refused would be kept"
             )
         path = self._ledger.goldens / place
@@ -145,16 +145,16 @@ def _missing(golden: str, session: Session) -> str:
     return (
         f"there is no golden {golden} yet.\n"
         f"  recorded: {held}, in {near(session.name)}\n"
-        "To keep what was recorded: pytest --s7-update new, then read what it wrote and commit it."
+        "To keep the recording: pytest --s7-update new, then review and commit the golden."
     )
 
 
 def _changed(golden: str, session: Session, lines: list[str]) -> str:
     told = "\n".join([f"  {line}" for line in lines])
     return (
-        f"not the session of {golden} (was: the golden, is: this run):\n{told}\n"
+        f"session differs from golden {golden} (was = golden, is = this run):\n{told}\n"
         f"  recorded: {near(session.name)}\n"
-        "Where the change is meant: pytest --s7-update all, then look at what it changed and commit it."
+        "If the change is intended: pytest --s7-update all, then review and commit the changes."
     )
 
 

@@ -42,7 +42,7 @@ class Ask:
 
     def __init__(self, octets: bytes) -> None:
         if len(octets) < HEADER_SIZE:
-            raise ValueError(f"{octets.hex(' ')}: a PDU has at least {HEADER_SIZE} octets")
+            raise ValueError(f"{octets.hex(' ')}: a PDU has at least {HEADER_SIZE} bytes")
         self.octets = octets
 
 
@@ -87,7 +87,7 @@ def write(*items: str) -> Ask:
     """Write variables: ``write("DB10.DBW4 INT = -5", "M0.0 = true", "DB10.DBB0 x2 = <01 02>")``."""
     lines = [_line(item) for item in items]
     if any([line.data is None for line in lines]):
-        raise ValueError("each item of a write takes a value: DB10.DBW4 INT = 5")
+        raise ValueError("each item of a write needs a value: DB10.DBW4 INT = 5")
     return Ask(build_request(WRITE_VAR, lines))
 
 
@@ -146,7 +146,7 @@ class Piece(Tell):
             texts = [_text(element) for element in self._elements]
             data = b"".join([value_octets(text, int(item.transport_size)) for text in texts])
         if item.size >= 0 and len(data) != item.size:
-            raise ValueError(f"{item.label} has {item.size} octets, the answer {len(data)}")
+            raise ValueError(f"{item.label} has {item.size} bytes, the answer {len(data)}")
         return ItemLine(item.octets, data, SUCCESS, usual_size(item))
 
     def build(self, asked: Pdu) -> bytes:
@@ -163,7 +163,7 @@ class _Items(Tell):
         if asked.function not in {READ_VAR, WRITE_VAR}:
             raise ValueError(f"only a read or a write has items, not {asked.function_name}")
         if len(wanted) != len(self._pieces):
-            raise ValueError(f"{len(wanted)} items were asked for, the answer has {len(self._pieces)}")
+            raise ValueError(f"{len(wanted)} items were requested, the answer has {len(self._pieces)}")
         pairs = zip(self._pieces, wanted, strict=True)
         if asked.function == WRITE_VAR:
             return build_answer(WRITE_VAR, [ItemLine(item.octets, None, piece.code, 0) for piece, item in pairs])
@@ -194,7 +194,7 @@ class _Userdata(Tell):
     def build(self, asked: Pdu) -> bytes:
         head = asked.parameters.userdata
         if head is None:
-            raise ValueError(f"{asked.function_name} is no userdata")
+            raise ValueError(f"{asked.function_name} is not userdata")
         parameters = build_userdata_head(RESPONSE, head.group, head.subfunction, head.sequence, error=self._code)
         return build_pdu(USERDATA, parameters, build_payload(self._payload))
 
@@ -250,7 +250,7 @@ def octets(content: bytes) -> Piece:
 def refused(code: int = OBJECT_DOES_NOT_EXIST) -> Piece:
     """An item that is refused with a return code."""
     if not 0 <= code <= 0xFF or code == SUCCESS:
-        raise ValueError(f"0x{code:02x} is no return code that refuses")
+        raise ValueError(f"0x{code:02x} is not a return code for a refusal")
     return Piece(code=code)
 
 

@@ -177,9 +177,9 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     """Say which goldens were written, and which nobody needs."""
     ledger = config.stash[_LEDGER]
     kinds = (
-        (_WRITTEN, sorted(ledger.written), "read them, and commit them"),
-        (_CHANGED, sorted(ledger.changed), "look at what changed, and commit it"),
-        (_UNUSED, _unused(ledger, config), "no test uses them: delete them where that is meant"),
+        (_WRITTEN, sorted(ledger.written), "review and commit them"),
+        (_CHANGED, sorted(ledger.changed), "review and commit the changes"),
+        (_UNUSED, _unused(ledger, config), "no test uses them: delete them if that is intended"),
     )
     if not any([paths for _, paths, _ in kinds]):
         return

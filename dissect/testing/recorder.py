@@ -45,7 +45,9 @@ def address_of(to: object) -> Address:
     port = getattr(to, "port", None)
     if isinstance(port, int):
         return Address(str(getattr(to, "host", LOOPBACK)), port)
-    raise TypeError(f"to={to!r}: say where the PLC is: (host, port), 'HOST:PORT', a port, or a server of s7_server")
+    raise TypeError(
+        f"to={to!r}: give the address of the PLC: (host, port), 'HOST:PORT', a port, or a server of s7_server"
+    )
 
 
 class _Keeper(PacketSink):
@@ -110,9 +112,9 @@ class Recorder:
                     "how: let clients end before the capture is asked for, or call close() first"
                 )
         for error in self._errors:
-            raise RecordError(f"the recording broke off: {error}") from error
+            raise RecordError(f"the recording stopped: {error}") from error
         if self._tap.lost:
-            raise RecordError(f"{self._tap.lost} pieces were relayed and not kept, that was not fast enough")
+            raise RecordError(f"{self._tap.lost} segments were relayed but not recorded: the recorder was too slow")
         return self.path
 
     def session(self, wait_s: float = PATIENCE_S) -> Session:

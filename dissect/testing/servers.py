@@ -68,13 +68,13 @@ class Servers:
             if total == before:
                 continue
             self._watched[number] = total
-            told.append(f"the fake PLC of {near(server.recording.name)} was asked what its recording has no answer to:")
+            told.append(f"the fake PLC of {near(server.recording.name)} received a request that was not recorded:")
             new = list(server.unmatched)[before - total :]
             told += [f"  {printable(str(request))}" for request in new[:_MOST]]
             if total - before > _MOST:
                 told.append(f"  and {total - before - _MOST} more")
         if told:
-            told.append('Record it as well, or say s7_server(..., unmatched="allow") where that is meant.')
+            told.append('Record it as well, or use s7_server(..., unmatched="allow") if that is intended.')
         return "\n".join(told)
 
     def close(self) -> None:

@@ -150,7 +150,7 @@ class Talk:
             waiting = self._open[1 - side]
             if not waiting:
                 who = "server" if side == SERVER else "client"
-                raise ValueError(f"the {who} answers, but nothing that was asked of it is open")
+                raise ValueError(f"the {who} answers, but no request to it is pending")
             asked = waiting[0]
             said = with_reference(message.build(parse_pdu(asked)), asked[4:6])
             waiting.popleft()
@@ -169,7 +169,7 @@ class Talk:
     def unanswered(self) -> Self:
         """The oldest open request of the client is not answered any more."""
         if not self._open[CLIENT]:
-            raise ValueError("the client has no request open")
+            raise ValueError("the client has no pending request")
         self._open[CLIENT].popleft()
         return self
 

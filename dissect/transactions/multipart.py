@@ -71,7 +71,7 @@ class Chain:
 
     def __repr__(self) -> str:
         state = "whole" if self.whole else "open"
-        return f"Chain({self.group}, {self.subfunction}, {self.size} octets in {self.transactions}, {state})"
+        return f"Chain({self.group}, {self.subfunction}, {self.size} bytes in {self.transactions}, {state})"
 
     @property
     def octets(self) -> bytes:

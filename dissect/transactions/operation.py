@@ -30,15 +30,15 @@ DELETE: Final = "delete"
 #: Every kind with a sentence.
 KINDS: Final[dict[str, str]] = {
     CONNECT: "A connection is set up: TCP, COTP and Setup communication.",
-    DOWNLOAD: "A block is loaded into the PLC; the PLC asks for its pieces.",
-    UPLOAD: "A block is read out of the PLC, piece by piece.",
-    LONG_ANSWER: "An answer that did not fit one PDU was asked for part by part.",
-    BSEND: "A program sends to the program of its partner more than fits one PDU, piece by piece.",
-    CYCLIC: "Values are subscribed to, and the PLC sends them in cycles or on change.",
-    MESSAGES: "Messages of the PLC are subscribed to: modes, diagnostics, alarms.",
+    DOWNLOAD: "A block is loaded into the PLC; the PLC requests it in segments.",
+    UPLOAD: "A block is read from the PLC in segments.",
+    LONG_ANSWER: "An answer too long for one PDU is requested in parts.",
+    BSEND: "A program sends data too long for one PDU to its partner's program, in segments.",
+    CYCLIC: "A client subscribes to values, and the PLC sends them cyclically or on change.",
+    MESSAGES: "A client subscribes to messages of the PLC: modes, diagnostics, alarms.",
     TEST_JOB: "A test function of the programming device runs: monitor, modify, force, block status.",
     PASSWORD: "A password is sent to the PLC.",
-    SESSION: "A client opens a session of S7comm-plus, until it deletes it.",
+    SESSION: "A client opens an S7comm-plus session and later deletes it.",
     DELETE: "A block is deleted from the PLC.",
 }
 
@@ -50,10 +50,10 @@ UNFINISHED: Final = "unfinished"
 RUNNING: Final = "running"
 #: Every result with a sentence.
 RESULTS: Final[dict[str, str]] = {
-    DONE: "It came to its end.",
+    DONE: "It completed.",
     REFUSED: "The first request was refused.",
-    FAILED: "It began well, and a later step was refused or reported an error.",
-    UNFINISHED: "Its end is missing: the connection or the capture ended first, or something went unanswered.",
+    FAILED: "It started, and a later step was refused or reported an error.",
+    UNFINISHED: "Its end is missing: the connection or the capture ended first, or a request was not answered.",
     RUNNING: "A subscription or test job that was running when the connection or the capture ended.",
 }
 

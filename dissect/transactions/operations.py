@@ -162,7 +162,7 @@ class Operations(OperationBook):
             operation.add(transaction)
         elif more:
             if operation is not None:
-                self.close(operation, UNFINISHED, "begun again")
+                self.close(operation, UNFINISHED, "restarted")
             operation = self.begin(LONG_ANSWER, key, transaction, subject_of(transaction))
         else:
             return False
@@ -190,7 +190,7 @@ class Operations(OperationBook):
             operation.add(transaction)
         else:
             if operation is not None:
-                self.close(operation, UNFINISHED, "begun again")
+                self.close(operation, UNFINISHED, "restarted")
             if r_id < 0 or head.last_data_unit == 0:
                 return
             operation = self.begin(BSEND, key, transaction, r_id_text(r_id))
@@ -200,7 +200,7 @@ class Operations(OperationBook):
         _join(operation, transaction)
         operation.complete = head.last_data_unit == 0
         if operation.complete and operation.octets != operation.announced and not operation.connection.tcp.has_holes:
-            detail = f"{operation.octets} octets, {operation.announced} announced"
+            detail = f"{operation.octets} bytes, {operation.announced} announced"
             operation.odd(WRONG_SIZE, detail, int(transaction.request_frame))
         if operation.complete or transaction.error_code:
             self.settle(operation, transaction, DONE, FAILED)

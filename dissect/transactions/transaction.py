@@ -49,7 +49,7 @@ CONNECTION_EVICTED: Final = "connection_evicted"
 NO_CODE: Final = -1
 _NO_CODE_TEXTS: Final = (
     "No return code",
-    "The answer has no return code for this item: whether it was written is not known.",
+    "The answer has no return code for this item: it is unknown whether it was written.",
 )
 #: Of `Transaction.flags`: the good answer to a write lacks return codes.
 UNCONFIRMED: Final = 2048
@@ -57,10 +57,10 @@ UNCONFIRMED: Final = 2048
 REASON_TEXTS: Final[dict[str, str]] = {
     CONNECTION_CLOSED: "the connection ended before an answer came",
     CAPTURE_ENDED: "the capture ends before an answer came",
-    HOLE: "octets of the answering side are missing from the capture, the answer may be among them",
-    REFERENCE_REUSED: "the asking side used the reference again without waiting for the answer",
-    TABLE_FULL: "too many requests were open at once, this one was dropped from the table",
-    CONNECTION_EVICTED: "too many connections were open at once, this one was dropped from the table",
+    HOLE: "bytes from the answering side are missing from the capture and may contain the answer",
+    REFERENCE_REUSED: "the requesting side reused the reference without waiting for the answer",
+    TABLE_FULL: "too many requests were pending at once; this one was dropped",
+    CONNECTION_EVICTED: "too many connections were open at once; this one was dropped",
 }
 
 

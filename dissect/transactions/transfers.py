@@ -83,7 +83,7 @@ class Transfers:
         name = _name(body)
         going = transaction.connection.operations.find(DOWNLOAD, name)
         if going is not None:
-            self._book.close(going, UNFINISHED, "begun again")
+            self._book.close(going, UNFINISHED, "restarted")
         operation = self._book.begin(DOWNLOAD, name, transaction, name)
         length = body.text("load_length")
         operation.announced = int(length) if length.isascii() and length.isdigit() else -1
@@ -96,7 +96,7 @@ class Transfers:
             return
         operation.add(transaction)
         if operation.complete:
-            operation.odd(BEYOND_END, "a piece was asked for after the last one", int(transaction.request_frame))
+            operation.odd(BEYOND_END, "a segment was requested after the last one", int(transaction.request_frame))
         piece = answer.find(PIECE) or body.find(PIECE)
         operation.octets += max(piece.number("length"), 0) if piece is not None else 0
         operation.complete = _last(transaction, answer)
@@ -125,9 +125,9 @@ class Transfers:
         if operation.connection.tcp.has_holes:
             return  # pieces may be in the holes
         if not operation.complete:
-            operation.odd(CUT_SHORT, f"ended after {operation.octets} octets, more was to follow", frame)
+            operation.odd(CUT_SHORT, f"ended after {operation.octets} bytes although more was announced", frame)
         elif operation.announced >= 0 and operation.octets != operation.announced:
-            detail = f"{operation.octets} octets, {operation.announced} announced"
+            detail = f"{operation.octets} bytes, {operation.announced} announced"
             operation.odd(WRONG_SIZE, detail, frame)
 
     # ---- from the PLC -----------------------------------------------------------------------------------------------
@@ -136,7 +136,7 @@ class Transfers:
         key = f"{transaction.asked_by}/{answer.number('upload_id')}"
         going = transaction.connection.operations.find(UPLOAD, key)
         if going is not None:
-            self._book.close(going, UNFINISHED, "begun again")
+            self._book.close(going, UNFINISHED, "restarted")
         operation = self._book.begin(UPLOAD, key, transaction, _name(body))
         length = answer.text("total")
         operation.announced = int(length) if length.isascii() and length.isdigit() else -1
@@ -151,7 +151,7 @@ class Transfers:
             return named
         going = [one for one in operations.these if one.kind == UPLOAD and one.asked_by == transaction.asked_by]
         if going:
-            detail = f"upload {body.number('upload_id')}, the PLC gave {going[-1].key.partition('/')[2]}"
+            detail = f"upload {body.number('upload_id')}, the PLC assigned {going[-1].key.partition('/')[2]}"
             going[-1].odd(WRONG_ID, detail, int(transaction.request_frame))
         return None
 
@@ -161,7 +161,7 @@ class Transfers:
             return
         operation.add(transaction)
         if operation.complete:
-            operation.odd(BEYOND_END, "a piece was asked for after the last one", int(transaction.request_frame))
+            operation.odd(BEYOND_END, "a segment was requested after the last one", int(transaction.request_frame))
         piece = answer.find(PIECE)
         operation.octets += max(piece.number("length"), 0) if piece is not None else 0
         operation.complete = _last(transaction, answer)
@@ -174,7 +174,7 @@ class Transfers:
             return
         operation.add(transaction)
         if not operation.octets and operation.parts == 2:
-            operation.odd(CUT_SHORT, "ended before a piece was asked for", int(transaction.request_frame))
+            operation.odd(CUT_SHORT, "ended before a segment was requested", int(transaction.request_frame))
         else:
             self._check_size(operation, transaction)
         self._book.settle(operation, transaction, DONE, FAILED)

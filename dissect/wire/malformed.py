@@ -55,7 +55,7 @@ class Malformed:
         return f"{self.layer}: {self._said()}"
 
     def _said(self) -> str:
-        where = f"{self.field} at octet {self.offset}"
+        where = f"{self.field} at byte {self.offset}"
         container = _CONTAINERS.get(self.limit, self.limit)
         if self.reason == "too_short":
             return f"{where} needs {_octets(self.needed)}, {container} has {self.available}"
@@ -66,11 +66,11 @@ class Malformed:
         if self.reason == "trailing_octets":
             behind = f" behind {self.field}" if self.field != "end" else ""
             surplus = _octets(self.available - self.needed)
-            return f"{surplus} too many{behind} at octet {self.offset}, in {container}"
+            return f"{surplus} too many{behind} at byte {self.offset}, in {container}"
         if self.reason == "count_mismatch":
             return f"{where}: {self.needed} announced, {self.available} there"
         if self.reason == "unknown_type":
-            return f"{where} is {self.available}, which is not known"
+            return f"{where} is {self.available}, which is unknown"
         return f"{where} is {self.available}, expected {self.needed}"
 
     def as_dict(self) -> dict[str, object]:
@@ -87,4 +87,4 @@ class Malformed:
 
 
 def _octets(count: int) -> str:
-    return f"{count} octet{'s' if count != 1 else ''}"
+    return f"{count} byte{'s' if count != 1 else ''}"

@@ -13,9 +13,9 @@ from dissect.wire.layout import REST, Field, FieldValue, Layout
 from dissect.wire.malformed import Malformed
 
 #: Octets whose meaning is not known, or whose meaning depends on something else than this message.
-OCTETS: Final = Layout("octets", "content without a known structure", [Field("octets", REST, "As they stand.")])
+OCTETS: Final = Layout("octets", "content of unknown structure", [Field("octets", REST, "As on the wire.")])
 #: Octets that stand where nothing may follow.
-SURPLUS: Final = Layout("surplus octets", "nothing is expected here", [Field("octets", REST, "As they stand.")])
+SURPLUS: Final = Layout("surplus bytes", "nothing is expected here", [Field("octets", REST, "As on the wire.")])
 #: The octet that makes an odd item even.
 FILL: Final = Layout(
     "fill", "reference section 3.5", [Field("fill", 1, "Makes an odd item even.", "s7comm.data.fillbyte")]

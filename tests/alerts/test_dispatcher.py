@@ -69,11 +69,11 @@ def test_a_full_queue_drops_counts_and_tells() -> None:
     assert held.began.acquire(timeout=WAIT)
     for number in range(7):
         dispatcher.submit(alert(f"{number}", actions=("held",)))
-    assert told == ["alerts: action held: 2 alerts wait already, dropped: warning rule: 0"]
+    assert told == ["alerts: action held: 2 alerts are already waiting, dropped: warning rule: 0"]
     now = 61.0
     dispatcher.submit(alert("late", actions=("held",)))
     assert told[1:] == [
-        "alerts: action held: 2 alerts wait already, dropped: warning rule: 5 (and 4 times more since it was last reported)"
+        "alerts: action held: 2 alerts are already waiting, dropped: warning rule: 5 (and 4 more times since the last report)"
     ]
     held.go.release(3)
     dispatcher.close(WAIT)
@@ -95,7 +95,7 @@ def test_the_heaviest_come_first_and_the_oldest_of_the_lightest_go() -> None:
     held.go.release(5)
     dispatcher.close(WAIT)
     assert held.done == ["first", "error 3", "error 5", "warning 1", "warning 4"]
-    assert told[0] == "alerts: action held: 4 alerts wait already, dropped: note rule: note 0"
+    assert told[0] == "alerts: action held: 4 alerts are already waiting, dropped: note rule: note 0"
     assert dispatcher.counts["held"].dropped == 3
 
 

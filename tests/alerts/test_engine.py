@@ -76,7 +76,7 @@ def test_a_finding_at_the_end_of_a_connection_knows_whose_it_is() -> None:
 
 
 def test_new_needs_a_baseline() -> None:
-    with pytest.raises(RuleError, match=r'\[\[rule\]\] 1, when: "new" of \'rule\' is told by a baseline: give one'):
+    with pytest.raises(RuleError, match=r'\[\[rule\]\] 1, when: "new" of \'rule\' needs a baseline: give one'):
         Kept('when = "new"')
     with pytest.raises(RuleError, match="is told by a baseline"):
         Kept('when = "rate"\nabove_learned = 2')
@@ -85,8 +85,8 @@ def test_new_needs_a_baseline() -> None:
 @pytest.mark.parametrize(
     ("of", "told"),
     [
-        ("", ["10.0.0.1 never read DB10 of 10.0.0.2 before", "10.0.0.1 never wrote DB12 of 10.0.0.2 before"]),
-        ('of = ["write"]', ["10.0.0.1 never wrote DB12 of 10.0.0.2 before"]),
+        ("", ["first read of DB10 on 10.0.0.2 by 10.0.0.1", "first write of DB12 on 10.0.0.2 by 10.0.0.1"]),
+        ('of = ["write"]', ["first write of DB12 on 10.0.0.2 by 10.0.0.1"]),
         ('of = ["client", "pair", "function"]', []),
     ],
 )
@@ -108,7 +108,7 @@ def test_a_new_client_is_told_at_once() -> None:
     Client(engine.wire, 0.0, "10.0.0.1", ports=(1, 102)).read(0.5)
     assert engine.alerts == []
     Client(engine.wire, 1.0, "10.0.0.7", ports=(2, 102))
-    assert engine.texts == ["client 10.0.0.7 was never seen before; it talks to 10.0.0.2"]
+    assert engine.texts == ["new client 10.0.0.7; it talks to 10.0.0.2"]
 
 
 def test_a_client_that_only_connects_is_told_as_time_passes() -> None:
@@ -119,7 +119,7 @@ def test_a_client_that_only_connects_is_told_as_time_passes() -> None:
     engine.tick(at_ns(1.5))
     assert engine.alerts == []
     engine.tick(at_ns(2.5))
-    assert engine.texts == ["client 10.0.0.7 was never seen before; it talks to 10.0.0.2"]
+    assert engine.texts == ["new client 10.0.0.7; it talks to 10.0.0.2"]
     engine.over()
     assert len(engine.alerts) == 1
 

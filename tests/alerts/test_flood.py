@@ -217,7 +217,7 @@ def test_a_webhook_that_comes_back_is_tried_again(hook: ThreadingHTTPServer, tmp
         while not Hook.got and time.monotonic() < end:
             time.sleep(0.01)
     assert len(Hook.got) == 1
-    assert "HTTP 503; it will be tried again" in told[0]
+    assert "HTTP 503; delivery will be retried" in told[0]
     assert dispatcher.counts["hook"].as_dict() == {"delivered": 1, "failed": 0, "dropped": 0}
 
 

@@ -133,32 +133,32 @@ M: Final = 'holds = "messages"'
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "[[binding]]: 0 of them, a file has 1 to 1024"),
-        ("[[bindings]]\n", "[bindings]: bindings are written [[binding]], nothing else is here"),
-        ("[binding]\nudp = 1\n", "[binding]: is written [[binding]]"),
-        ("binding = [1]\n", "[[binding]] 1: 1 is no table"),
+        ("", "[[binding]]: 0 bindings, expected 1 to 1024"),
+        ("[[bindings]]\n", "[bindings]: unknown key: a bindings file contains only [[binding]] tables"),
+        ("[binding]\nudp = 1\n", "[binding]: must be written as [[binding]]"),
+        ("binding = [1]\n", "[[binding]] 1: 1 is not a table"),
         ("\n[[binding]]\nudp = = 1\n", ":3: TOML: Invalid value"),
-        (table(M), ":1: [[binding]] 1, udp, tcp, tsap, s7, bsend: one of them is needed"),
-        (table("udp = 1", "tcp = 1", M), ":1: [[binding]] 1, udp, tcp: exclude each other: one table for each"),
+        (table(M), ":1: [[binding]] 1, udp, tcp, tsap, s7, bsend: one of them is required"),
+        (table("udp = 1", "tcp = 1", M), ":1: [[binding]] 1, udp, tcp: exclude each other: use one table for each"),
         (table("udp = 0", M), "udp: 0 is outside 1 to 65535"),
         (table("tcp = 65536", M), "tcp: 65536 is outside 1 to 65535"),
-        (table("udp = true", M), "udp: True is no whole number of at most 64 bits"),
+        (table("udp = true", M), "udp: True is not a whole number of at most 64 bits"),
         (table("bsend = 0x1_0000_0000", M), "bsend: 4294967296 is outside 0 to 4294967295"),
-        (table('tsap = ""', M), "tsap: '' is no TSAP: write 1 to 254 octets"),
+        (table('tsap = ""', M), "tsap: '' is not a TSAP: write 1 to 254 bytes"),
         (table('tsap = "0x010"', M), "tsap: '0x010' is no TSAP"),
         (table('tsap = "Связь"', M), "tsap: 'Связь' is no TSAP"),
         (table("tsap = [1, 256]", M), "tsap: [1, 256] is no TSAP"),
         (table("tsap = [true]", M), "tsap: [True] is no TSAP"),
         (table("tsap = 1", M), "tsap: 1 is no TSAP"),
-        (table('s7 = "DB10.DBX0.0"', M), "s7: 'DB10.DBX0.0' is no octet of an area: write"),
-        (table('area = "T"', M), "area: 'T' is none of "),
+        (table('s7 = "DB10.DBX0.0"', M), "s7: 'DB10.DBX0.0' is not a byte address: write"),
+        (table('area = "T"', M), "area: 'T' is not one of "),
         (table('area = "DB"', "offset = 0", M), "db: is missing"),
         (table('area = "M"', "db = 1", "offset = 0", "size = 12", M), "db: no such key here"),
         (table("udp = 1", "size = 9", M), "size: no such key here; these are: device, holds, host, name, udp"),
         (table("tcp = 1", "size = 9", M), "size: no such key here"),
         (table("udp = 1", 'host = "10.0.0"', M), "host: '10.0.0' is neither an address"),
         (table("udp = 1", 'host = "10.0.0.5/24"', M), "host: '10.0.0.5/24' is neither an address"),
-        (table("udp = 1", 'device = "me"', M), "device: 'me' is none of port, peer"),
+        (table("udp = 1", 'device = "me"', M), "device: 'me' is not one of port, peer"),
         (table('s7 = "MB0"', 'device = "peer"', 'holds = "T1"'), "device: an S7 area lies in the CPU"),
         (table("udp = 1", 'name = " "', M), "name: is empty"),
         (table("udp = 1"), "holds: is missing"),
@@ -178,9 +178,9 @@ M: Final = 'holds = "messages"'
         (table("udp = 1", 'holds = "0x0060"'), "no PDO, struct or object '0x0060' in the dictionary"),
         (table('s7 = "MB0"', M), "size: is missing: 'messages' has no size of its own"),
         (table("tcp = 1", 'holds = "Журнал"'), "size: is missing: 'Журнал' has no size of its own"),
-        (table('s7 = "MB0"', "size = 4", 'holds = "pump_t"'), "size: 'pump_t' has 3 octets, not 4"),
+        (table('s7 = "MB0"', "size = 4", 'holds = "pump_t"'), "size: 'pump_t' has 3 bytes, not 4"),
         (table('s7 = "MB0"', "size = 65536", M), "size: 65536 is outside 1 to 65535"),
-        (table('s7 = "MB2097150"', 'holds = "pump_t"'), "size: it ends behind octet 2097151"),
+        (table('s7 = "MB2097150"', 'holds = "pump_t"'), "size: it ends after byte 2097151"),
         (table("udp = 1", M, 'x = "\\u001b"'), "x: no such key here"),
     ],
 )
@@ -207,7 +207,7 @@ def test_an_error_says_file_line_table_and_key(load: Load, tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("first", "second", "message"),
     [
-        (("udp = 1", M), ("udp = 1", 'holds = "T1"'), "[[binding]] 2, udp: is bound already, by [[binding]] 1, line 1"),
+        (("udp = 1", M), ("udp = 1", 'holds = "T1"'), "[[binding]] 2, udp: is already bound by [[binding]] 1, line 1"),
         (("udp = 1", 'host = "10.0.0.5"', M), ("udp = 1", 'host = "10.0.0.5/32"', M), "udp: is bound already"),
         (("tcp = 1", 'name = "a"', M), ("tcp = 1", 'name = "b"', M), "tcp: is bound already"),
         (('tsap = "AB"', M), ("tsap = [0x41, 0x42]", M), "tsap: is bound already"),
@@ -215,12 +215,12 @@ def test_an_error_says_file_line_table_and_key(load: Load, tmp_path: Path) -> No
         (
             ('s7 = "DB1.DBB0"', 'holds = "pump_t"'),
             ('s7 = "DB1.DBB2"', 'holds = "T1"'),
-            "s7: octets are bound already, DB1.DBB0 to DB1.DBB2 by [[binding]] 1, line 1",
+            "s7: overlaps bytes that are bound already, DB1.DBB0 to DB1.DBB2 by [[binding]] 1, line 1",
         ),
         (
             ('s7 = "DB1.DBB0"', 'holds = "pump_t"'),
             ('s7 = "DB1.DBB0"', 'holds = "T1"', 'host = "10.0.0.5"'),
-            "s7: octets are bound already",
+            "s7: bytes are bound already",
         ),
         (("udp = 1", 'name = "a"', M), ("tcp = 1", 'name = "a"', M), "name: 'a' is the name of [[binding]] 1, line 1"),
         (("udp = 1", 'name = "tcp 1"', M), ("tcp = 1", M), "name: 'tcp 1' is the name of [[binding]] 1"),
@@ -265,7 +265,7 @@ def test_one_name_for_two_things(load: Load) -> None:
     for written, message in (
         ("both", '\'both\' is a struct and a value: write "0x0040" or "0x2000:0"'),
         ("T1", '\'T1\' is a pdo and a value: write "TPDO 1" or "0x2001:0"'),
-        ("nothing", "0x2002 'nothing' is a NULL, which holds nothing"),
+        ("nothing", "0x2002 'nothing' is a NULL, which holds no data"),
     ):
         with pytest.raises(BindingError) as caught:
             load(table("udp = 1", f'holds = "{written}"'), od)
@@ -280,11 +280,11 @@ def test_one_name_for_two_things(load: Load) -> None:
 def test_files_that_are_none(load: Load, tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         load_bindings(tmp_path / "none.toml", OD)
-    with pytest.raises(BindingError, match=r":2: octet 2: invalid UTF-8"):
+    with pytest.raises(BindingError, match=r":2: byte 2: invalid UTF-8"):
         load(b"#\n\xff")
-    with pytest.raises(BindingError, match=f"more than {MAX_FILE} octets"):
+    with pytest.raises(BindingError, match=f"more than {MAX_FILE} bytes"):
         load(b"#" * (MAX_FILE + 1))
-    with pytest.raises(BindingError, match=rf"{MAX_BINDINGS + 1} of them, a file has 1 to {MAX_BINDINGS}"):
+    with pytest.raises(BindingError, match=rf"{MAX_BINDINGS + 1} bindings, expected 1 to {MAX_BINDINGS}"):
         load("[[binding]]\n" * (MAX_BINDINGS + 1))
     with pytest.raises(BindingError, match="nest at most"):
         load(table(M, "udp = " + "[" * 40 + "]" * 40))

@@ -119,7 +119,7 @@ def test_messages_of_a_unit_have_a_bound_that_is_told() -> None:
     found = decode(CODEC, bound("messages"), READ * (MAX_MESSAGES + 3))
     assert len(found) == MAX_MESSAGES + 1
     assert [message.error for message in found[:-1]] == [None] * MAX_MESSAGES
-    assert str(found[-1].error) == "E_LONG: unit: more than 4096 messages, the last 36 octets were not looked at"
+    assert str(found[-1].error) == "E_LONG: unit: more than 4096 messages, the last 36 bytes were not decoded"
     assert found[-1].data == READ * 3
     assert len(decode(CODEC, bound("messages"), READ * MAX_MESSAGES)) == MAX_MESSAGES
 

@@ -165,7 +165,7 @@ def test_an_answer_about_another_object_is_told() -> None:
     assert [(one.request_frame, one.response_frame) for one in talk.transactions] == [(1, 2)]
     (finding,) = talk.findings
     assert finding.slug == "transaction.function_mismatch"
-    assert finding.detail == "SCD read 0x6044:0 Расход 1: answered as SCD read 0x6844:0 Расход 2"
+    assert finding.detail == "SCD read 0x6044:0 Расход 1: the answer names SCD read 0x6844:0 Расход 2"
 
 
 def test_what_is_not_asked_for_and_what_is_not_answered() -> None:

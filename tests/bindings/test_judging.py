@@ -95,7 +95,7 @@ def test_contents_in_s7_are_judged_with_their_place() -> None:
     talk = listening()
     message = plant.codec().encode("T2", {}, partial=True)
     talk.datagram(SERVER, message + b"\x00\x01", (49200, plant.BARE))
-    assert details(talk) == [("scd.odd_value", "PDO T2 Насос и давление 1: octets are left over")]
+    assert details(talk) == [("scd.odd_value", "PDO T2 Насос и давление 1: bytes are left over")]
 
 
 def test_an_error_names_code_and_place() -> None:
@@ -103,7 +103,7 @@ def test_an_error_names_code_and_place() -> None:
     talk.datagram(SERVER, plant.pdo()[:12])
     talk.datagram(CLIENT, plant.ask("0x6fff"))
     assert details(talk) == [
-        ("scd.malformed", "PDO: E_SHORT envelope: 12 octets of 19"),
+        ("scd.malformed", "PDO: E_SHORT envelope: 12 bytes of 19"),
         ("scd.unknown_object", "read 0x6fff:0: E_INDEX 0x6fff: no object 0x6fff"),
     ]
 

@@ -34,9 +34,9 @@ def test_writes_a_capture_and_tells_of_it(tmp_path: Path, capfdbinary: Capfd) ->
     lines = ran.out.splitlines()
     packets = len(drain(open_capture(str(source))).frames)
     assert lines[0] == f"{packets} of {packets} packets written"
-    assert "       2  IP addresses (different ones)" in lines
-    assert any(line.endswith("values (4 octets)") for line in lines)
-    assert "Left as it was" in lines
+    assert "       2  IP addresses (distinct)" in lines
+    assert any(line.endswith("values (4 bytes)") for line in lines)
+    assert "Left unchanged" in lines
     assert told(out) == told(source)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in.pcapng", "out.pcapng"]
 
@@ -118,7 +118,7 @@ def test_scd_by_its_dictionary(tmp_path: Path, capfdbinary: Capfd, key: Path) ->
     assert "belong together" in " ".join(ran.err.split())
     ran = run(capfdbinary, "anonymize", source, "-o", out, "--force")
     assert "28 of 86 packets written" in ran.out
-    assert "(so packets have other numbers in OUT than in FILE)" in ran.out
+    assert "(so packet numbers in OUT differ from those in FILE)" in ran.out
 
 
 def test_refusals(tmp_path: Path, capfdbinary: Capfd, key: Path) -> None:

@@ -63,7 +63,7 @@ def test_the_second_client_is_told(capfdbinary: Capture, tmp_path: Path) -> None
     assert told.code == 1
     assert told.out == (
         "2026-11-21 01:30:45.319452 UTC  ALERT warning  new: "
-        "127.0.0.1 never connected to 127.0.0.1 with TSAP 01.00 > 01.01 before\n"
+        "first connection with TSAP 01.00 > 01.01 to 127.0.0.1 by 127.0.0.1\n"
     )
 
 
@@ -127,7 +127,7 @@ def test_rules_are_tried(capfdbinary: Capture, tmp_path: Path) -> None:
         (("--against", "BAD"), "bad.toml:2: [[pair]] 1, client: is missing"),
         (("--update", "BAD"), "bad.toml:2: [[pair]] 1, client: is missing"),
         (("--rules", "BAD"), "bad.toml: file, format: no such key here"),
-        (("--rules", "NEW"), "\"new\" of 'n' is told by a baseline: give one with --against"),
+        (("--rules", "NEW"), "\"new\" of 'n' needs a baseline: give one with --against"),
         (("--against", "BAD", "-o", "x"), "--output and --update learn, --against and --rules compare: not together"),
         (("--against", "no.toml"), "no.toml: No such file"),
     ],

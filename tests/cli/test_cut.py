@@ -315,7 +315,7 @@ def test_a_damaged_capture_is_cut_as_far_as_it_goes(tmp_path: Path, capfdbinary:
     out = tmp_path / "out.pcapng"
     ran = cut(capfdbinary, ROOT / "captures" / "crafted" / "cut-pcapng.pcapng", "-o", out)
     assert ran.code == 3
-    assert "cut off at octet" in ran.err
+    assert "cut off at byte" in ran.err
     assert len(frames(out)) == 14
 
 
@@ -377,7 +377,7 @@ def test_the_capture_itself_is_never_overwritten(tmp_path: Path, capfdbinary: Ca
         (["--around", "-1"], "neither a number of packets nor a time"),
         (["--around", "5min"], "neither a number of packets nor a time"),
         (["--finding", "transaction.slo"], "did you mean transaction.slow"),
-        (["--finding", "0"], "is no severity and no finding"),
+        (["--finding", "0"], "is not a severity and no finding"),
         (["--connection", "0"], "x>=1"),
     ],
 )

@@ -129,7 +129,7 @@ def test_junit_counts_what_is_not_shown(capfdbinary: Capture, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--ignore", "everything"], "'everything' cannot be ignored; there are connections"),
+        (["--ignore", "everything"], "'everything' is not a kind of difference; known kinds: connections"),
         (["--latency", "fast"], "no tolerance such as 20% or 5ms"),
         (["--max", "-1"], "-1 is not in the range"),
         (["-T", "html"], "'html' is not one of"),

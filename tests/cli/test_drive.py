@@ -88,7 +88,7 @@ def test_0_when_all_is_well(s7dissect: Command, good: Path, command: str) -> Non
             b"These are notes, no capture.",
             "not a capture file (pcap or pcapng, plain or in gzip or zstd)",
         ),
-        ("short.pcap", b"\xd4\xc3", "only 2 octets, no capture"),
+        ("short.pcap", b"\xd4\xc3", "only 2 bytes, no capture"),
     ],
 )
 def test_2_when_there_is_nothing_to_read(
@@ -124,7 +124,7 @@ def test_2_on_wrong_use(capfdbinary: Capture, arguments: list[str]) -> None:
 def test_3_when_the_file_is_cut_with_the_results_until_there(s7dissect: Command, cut: Path, command: str) -> None:
     ran = s7dissect(command, cut)
     assert ran.returncode == 3
-    assert ran.stderr.decode().startswith(f"s7dissect: {cut}: cut off at octet ")
+    assert ran.stderr.decode().startswith(f"s7dissect: {cut}: cut off at byte ")
     assert ran.stderr.count(b"\n") == 1
     whole = s7dissect(command, cut.with_name("good.pcapng")).stdout
     assert ran.stdout
@@ -176,8 +176,8 @@ def test_130_when_interrupted_with_the_results_until_then(
         assert analysis["packets"]["read"] == 13
         assert complaints("analysis", analysis, exact=True) == []
     elif arguments == ("analyze",):
-        assert "  INTERRUPTED: what follows covers what was read until then\n" in told
-        assert told.endswith("\n  no hole in the TCP streams\n")
+        assert "  INTERRUPTED: this report covers the packets read until then\n" in told
+        assert told.endswith("\n  no gaps in the TCP streams\n")
     else:
         assert told.count("\n") == (4 if arguments == ("transactions",) else 10)
 

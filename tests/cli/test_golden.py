@@ -50,7 +50,7 @@ def test_what_belongs_to_one_recording_is_kept_when_asked_for(capfdbinary: Captu
     assert ran.out.count("  at 20") == 4
     refused = run(capfdbinary, "golden", capture, "--with", "times")
     assert refused.code == 2
-    assert "'times' is none of time, addresses, refs, latency" in refused.err
+    assert "'times' is not one of time, addresses, refs, latency" in refused.err
 
 
 def test_a_golden_is_written_anew(capfdbinary: Capture, tmp_path: Path) -> None:

@@ -93,7 +93,7 @@ def test_a_damaged_file_is_told(capfdbinary: pytest.CaptureFixture[bytes], tmp_p
     path.write_bytes(path.read_bytes()[:-7])
     ran = run(capfdbinary, "monitor", path)
     assert ran.code == 3
-    assert "cut off at octet" in ran.err
+    assert "cut off at byte" in ran.err
     assert "capture.damaged" in ran.out
 
 
@@ -293,7 +293,7 @@ def test_a_file_that_fails_later_is_told(tmp_path: Path) -> None:
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
     )
     assert ran.returncode == 5
-    assert f"the capture file failed and is off: {tmp_path / 'kept.pcapng'}: File too large" in ran.stderr
+    assert f"the capture file failed and was switched off: {tmp_path / 'kept.pcapng'}: File too large" in ran.stderr
     assert ran.stdout.count("Read Var") >= 300
 
 
@@ -330,9 +330,9 @@ def test_evidence_that_fails_later_is_told_and_the_rest_goes_on(tmp_path: Path) 
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
     )
     assert ran.returncode == 5
-    assert "PROBLEM the ring of files failed and is off: " in ran.stdout
+    assert "PROBLEM the ring of files failed and was switched off: " in ran.stdout
     assert ran.stdout.count("Read Var") >= 300
-    assert "s7dissect: the ring of files failed and is off: " in ran.stderr
+    assert "s7dissect: the ring of files failed and was switched off: " in ran.stderr
     assert "Traceback" not in ran.stderr
 
 

@@ -31,7 +31,7 @@ def test_text(capfdbinary: Capture) -> None:
         ["#7", "43→45"],
     ]
     assert lines[0].endswith("  connect  PDU 480, AmQ 1/1  done")
-    assert lines[2].endswith("  upload  DB 1, active  4 transactions, 636 octets  done")
+    assert lines[2].endswith("  upload  DB 1, active  4 transactions, 636 bytes  done")
     assert lines[3].endswith("  upload  DB 99, active  REFUSED 0xd209 Block not found")
 
 

@@ -183,7 +183,7 @@ def test_a_capture_that_cannot_be_written_any_more_does_not_stop_the_relay(tmp_p
         used(made.port)
         code, lines, told = made.ended()
     problems = [json.loads(line)["text"] for line in lines if json.loads(line).get("event") == "problem"]
-    assert (code, problems) == (5, [f"the capture file failed and is off: {path}: File too large"])
+    assert (code, problems) == (5, [f"the capture file failed and was switched off: {path}: File too large"])
     assert f"s7dissect: {problems[0]}\n" in told
     assert "4 transactions" in told
     assert tshark(path, WRONG, port=server.port) == []  # up to the last whole packet
@@ -235,8 +235,8 @@ def refused(capfdbinary: pytest.CaptureFixture[bytes], *arguments: str | Path) -
     [
         (("--to", "127.0.0.1", "--listen", "0.0.0.0:0"), "or add --allow-remote when that is meant"),
         (("--to", "127.0.0.1", "--listen", "[::]:0"), "or add --allow-remote when that is meant"),
-        (("--to", "a:b"), "'a:b' is no address: say HOST:PORT"),
-        (("--to", "127.0.0.1", "--listen", "102"), "'102' is no address: say HOST:PORT"),
+        (("--to", "a:b"), "'a:b' is not an address: say HOST:PORT"),
+        (("--to", "127.0.0.1", "--listen", "102"), "'102' is not an address: say HOST:PORT"),
         (("--to", "127.0.0.1:0", "--listen", "127.0.0.1:0"), "port 0 cannot be connected to"),
         (("--to", "no.such.host.invalid", "--listen", "127.0.0.1:0"), "s7dissect: no.such.host.invalid:102: "),
         (("--to", "127.0.0.1", "--listen", "192.0.2.1:0", "--allow-remote"), "s7dissect: cannot listen on 192.0.2.1:0"),
@@ -248,7 +248,7 @@ def refused(capfdbinary: pytest.CaptureFixture[bytes], *arguments: str | Path) -
             "would connect to itself for ever",
         ),
         (("--to", "127.0.0.1", "-w", "-", "-T", "jsonl"), "there is no room for lines"),
-        (("--to", "127.0.0.1", "--only", "nonsense"), "'nonsense' is none of connections, transactions,"),
+        (("--to", "127.0.0.1", "--only", "nonsense"), "'nonsense' is not one of connections, transactions,"),
         ((), "Missing option '--to'"),
     ],
 )

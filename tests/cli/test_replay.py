@@ -28,8 +28,8 @@ def test_the_same_answers_are_exit_code_0_and_what_was_withheld_is_told(capfdbin
     assert arrived == [0xF0, 0x04, 0x04]
     assert told.err.splitlines() == [
         "s7dissect: 3 requests sent on 1 connection, 3 answers",
-        "s7dissect: withheld: 1 transaction, writes are sent with --allow-write only (transaction 3)",
-        "s7dissect: withheld: 1 transaction, control is sent with --allow-control only (transaction 4)",
+        "s7dissect: withheld: 1 transaction, writes are only sent with --allow-write (transaction 3)",
+        "s7dissect: withheld: 1 transaction, control requests are only sent with --allow-control (transaction 4)",
     ]
 
 
@@ -131,7 +131,7 @@ def test_another_machine_is_reached_when_that_is_allowed(
     assert asked == [("192.0.2.1", 1102)] * 2
     assert told.code == 2
     assert "no connection: 192.0.2.1:1102: Connection refused" in told.err
-    assert "not sent any more: 3 transactions" in told.err
+    assert "not sent: 3 transactions" in told.err
 
 
 def test_over_ipv6_and_by_name(capfdbinary: Capture, tmp_path: Path) -> None:
@@ -161,8 +161,8 @@ def test_a_dry_run_opens_nothing_and_lists_everything(
         "connection 1: connect 01.00 -> 01.02, TPDU size 1024",
         "  send transaction 1, SETUP",
         "  send transaction 2, READ DB10.DBW4",
-        "  withhold transaction 3, WRITE DB10.DBW4: writes are sent with --allow-write only",
-        "  withhold transaction 4, PLC stop P_PROGRAM: control is sent with --allow-control only",
+        "  withhold transaction 3, WRITE DB10.DBW4: writes are only sent with --allow-write",
+        "  withhold transaction 4, PLC stop P_PROGRAM: control requests are only sent with --allow-control",
         "  send transaction 5, READ DB10.DBW4",
     ]
     assert "  send transaction 3, WRITE DB10.DBW4" in named.out
@@ -259,7 +259,7 @@ def test_too_many_connections_at_once_are_refused_before_any_packet(
     monkeypatch.setattr(socket, "socket", _never)
     told = run(capfdbinary, "replay", path, "--to", "127.0.0.1:1", *dry, "-w", tmp_path / "out.pcapng")
     assert (told.code, told.out) == (2, "")
-    assert "2 connections were open at once when this was recorded, at most 1 are played together" in told.err
+    assert "2 connections were open at once in the recording, at most 1 are played together" in told.err
     assert "nothing was sent; add --one-by-one" in told.err
     assert not (tmp_path / "out.pcapng").exists()
 

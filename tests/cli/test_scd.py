@@ -81,7 +81,7 @@ def test_compile_says_what_it_made(capfdbinary: Capture, tmp_path: Path) -> None
     od = scd.load(out)
     assert (ran.code, ran.err) == (0, "")
     assert ran.out.splitlines() == [
-        f"{out}: {len(od.octets)} octets",
+        f"{out}: {len(od.octets)} bytes",
         "  Насосная 1.0.0: 24 objects, 3 types, 4 TPDOs, 2 RPDOs, the default envelope",
         f"  file id  {hashlib.sha256(out.read_bytes()).hexdigest()}",
         f"  wire id  {od.wire_id.hex()}",
@@ -177,10 +177,10 @@ def test_check(capfdbinary: Capture, tmp_path: Path) -> None:
     good = run(capfdbinary, "scd", "check", PLANT)
     assert (good.code, good.err) == (0, "")
     assert good.out.splitlines()[0] == f"{PLANT}: valid"
-    assert "  T2   0x1a01  4 octets  Насос и давление 1" in good.out.splitlines()
+    assert "  T2   0x1a01  4 bytes  Насос и давление 1" in good.out.splitlines()
     both = run(capfdbinary, "scd", "check", bad, PLANT)
     assert (both.code, both.err) == (1, "")
-    assert both.out == f"{bad}: header, octet 12: the file should have 1817 octets and has 1816\n" + good.out
+    assert both.out == f"{bad}: header, byte 12: the file should have 1817 bytes and has 1816\n" + good.out
     assert run(capfdbinary, "scd", "check", tmp_path / "none.scd").code == 2
 
 
@@ -215,7 +215,7 @@ def test_check_for_programs(capfdbinary: Capture, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "code", "line"),
     [
-        ("", "", 0, "the same octets"),
+        ("", "", 0, "the same bytes"),
         ('"Журнал"', '"Log"', 1, "names  object 0x2003  name  Журнал → Log"),
         ("bits = 12", "bits = 13", 2, "wire  type 0x0060    bits     12 → 13"),
     ],
@@ -228,7 +228,7 @@ def test_diff(capfdbinary: Capture, tmp_path: Path, old: str, new: str, code: in
     assert line in ran.out
     last = ran.out.splitlines()[-1]
     said = [
-        "the same octets",
+        "the same bytes",
         "only names, texts, units or limits differ: both decode alike",
         "they decode differently",
     ]

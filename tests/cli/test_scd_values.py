@@ -41,7 +41,7 @@ def test_a_pdo_as_a_table(capfdbinary: Capture) -> None:
     ran = decode(capfdbinary, "--pdo", "T2", "C1 AB 24 FA")
     assert (ran.code, ran.err) == (0, "")
     assert ran.out == (
-        "PDO T2 Насос и давление 1  4 octets\n"
+        "PDO T2 Насос и давление 1  4 bytes\n"
         "  address   name           value  unit    raw\n"
         "  0x6000:1  Насос 1.run    true\n"
         "  0x6000:2  Насос 1.fault  false\n"
@@ -94,10 +94,10 @@ def test_messages(capfdbinary: Capture) -> None:
     ran = decode(capfdbinary, "--message", READ, RESPONSE, ABORT, TPDO)
     assert (ran.code, ran.err) == (0, "")
     assert [line for line in ran.out.splitlines() if not line.startswith(" ")] == [
-        "request  read 0x6041:0 Слово состояния 1  tid 7  port 0  err 0 good  0 octets",
-        "response  read 0x6041:0 Слово состояния 1  tid 7  port 0  err 0 good  2 octets",
-        "abort  read 0x6041:0 Слово состояния 1  tid 7  port 0  err -5 no such object  0 octets",
-        "push  PDO T1 Состояние 1  tid 42  port 0  err 0 good  7 octets",
+        "request  read 0x6041:0 Слово состояния 1  tid 7  port 0  err 0 good  0 bytes",
+        "response  read 0x6041:0 Слово состояния 1  tid 7  port 0  err 0 good  2 bytes",
+        "abort  read 0x6041:0 Слово состояния 1  tid 7  port 0  err -5 no such object  0 bytes",
+        "push  PDO T1 Состояние 1  tid 42  port 0  err 0 good  7 bytes",
     ]
     found = told(decode(capfdbinary, "--message", READ, RESPONSE, ABORT, TPDO, "-T", "json"))
     assert [one["phase"] for one in found] == ["request", "response", "abort", "push"]
@@ -109,7 +109,7 @@ def test_a_damaged_message_is_shown_as_far_as_it_goes(capfdbinary: Capture) -> N
     ran = decode(capfdbinary, "--message", RESPONSE, "DC", "02")
     assert (ran.code, ran.err) == (3, "")
     assert "567" in ran.out
-    assert ran.out.splitlines()[-1] == "  not decoded: E_SHORT: envelope: 2 octets, the header has 10"
+    assert ran.out.splitlines()[-1] == "  not decoded: E_SHORT: envelope: 2 bytes, the header has 10"
     wrong = decode(capfdbinary, "--message", RESPONSE[:-2] + "31")
     assert wrong.code == 3
     assert "not decoded: E_CRC: envelope: 0x311f received" in wrong.out
@@ -138,7 +138,7 @@ def test_octets_of_files_and_pipes(capfdbinary: Capture, tmp_path: Path, monkeyp
     assert decode(capfdbinary, "--pdo", "T2", "--raw", "-").out == wanted
     refused = decode(capfdbinary, "--pdo", "T2", plain)
     assert (refused.code, refused.out) == (2, "")
-    assert "no hexadecimal text; --raw takes the octets as they are" in refused.err
+    assert "not hexadecimal text; --raw reads plain bytes" in refused.err
 
 
 def test_a_file_too_large_and_an_empty_one(capfdbinary: Capture, tmp_path: Path) -> None:
@@ -148,7 +148,7 @@ def test_a_file_too_large_and_an_empty_one(capfdbinary: Capture, tmp_path: Path)
     assert "more than 1048576 bytes" in decode(capfdbinary, "--message", "--raw", large).err
     (tmp_path / "empty").touch()
     ran = decode(capfdbinary, "--pdo", "T2", tmp_path / "empty")
-    assert (ran.code, ran.err) == (2, "s7dissect: E_SHORT: T2 Насос и давление 1: 0 octets of 4\n")
+    assert (ran.code, ran.err) == (2, "s7dissect: E_SHORT: T2 Насос и давление 1: 0 bytes of 4\n")
 
 
 @pytest.mark.parametrize(
@@ -165,7 +165,7 @@ def test_a_file_too_large_and_an_empty_one(capfdbinary: Capture, tmp_path: Path)
         (("--object", "0x9000", "C1"), "E_INDEX: 0x9000: no object 0x9000"),
         (("--object", "Насос 1.run", "C1"), "this is a variable, not a whole object"),
         (("--value", "0x6000:9", "C1"), "E_SUB: 0x6000:9: 'Насос 1' has no sub-index 9"),
-        (("--value", "0x6001", "C1"), "E_SHORT: Давление 1: 1 octets, the value has 2"),
+        (("--value", "0x6001", "C1"), "E_SHORT: Давление 1: 1 bytes, the value has 2"),
         (("--value", "0x2002", "FF"), "E_UTF8: "),
     ],
 )
@@ -270,7 +270,7 @@ def test_a_name_may_have_an_equals_sign_in_it(capfdbinary: Capture, tmp_path: Pa
         (("--pdo", "T2", "nothing=1"), "E_INDEX: nothing: no object is called 'nothing'"),
         (("--pdo", "T2", "nothing=1=2"), "E_INDEX: nothing: no object"),
         (("--pdo", "T2", "--partial", "0x6001=raw:4096"), "E_RANGE: Давление 1: 4096 is outside 0..4095"),
-        (("--pdo", "T2", "--partial", "0x6001=much"), "E_VALUE: Давление 1: 'much' is no whole number"),
+        (("--pdo", "T2", "--partial", "0x6001=much"), "E_VALUE: Давление 1: 'much' is not a whole number"),
         (("--type", "pump_t", "flow=1"), "E_SUB: pump_t: no field 'flow'"),
         (("--type", "uint12", "a=1"), "no field 'a'"),
         (("--object", "0x2001", "--partial"), "--partial goes with --pdo and --type."),

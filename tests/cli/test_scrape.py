@@ -79,7 +79,7 @@ def test_a_port_that_is_taken_ends_it_before_anything_is_read(
         address = f"127.0.0.1:{other.getsockname()[1]}"
         ran = run(capfdbinary, "monitor", "--plain", "--metrics", address, tmp_path / "nothing.pcapng")
     assert (ran.code, ran.out) == (2, "")
-    assert "in use: say another port or address with --metrics" in ran.err
+    assert "in use: choose a different port or address with --metrics" in ran.err
     assert "nothing.pcapng" not in ran.err
 
 

@@ -75,7 +75,7 @@ def test_what_was_not_recorded_is_told_and_fails() -> None:
         code, told = plc.ended()
     assert code == 1
     assert told[1:] == [
-        "s7dissect: unmatched: request 2 on connection 1, Read Var DB7.DBB0 x2: nothing was recorded of DB7.DBB0 x2",
+        "s7dissect: unmatched: request 2 on connection 1, Read Var DB7.DBB0 x2: not recorded: DB7.DBB0 x2",
         "s7dissect: 1 connection, 2 requests, 1 unmatched",
     ]
 
@@ -105,9 +105,9 @@ def test_several_files_are_one_recording(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
-        (["--listen", "0.0.0.0:0"], "0.0.0.0:0 can be reached from other machines, which would take it for a PLC"),
+        (["--listen", "0.0.0.0:0"], "0.0.0.0:0 can be reached from other machines, which would mistake it for a PLC"),
         (["--listen", "nowhere"], "is not an address"),
-        (["--fault", "break:3"], "is no fault"),
+        (["--fault", "break:3"], "is not a fault"),
         (["--latency", "soon"], "say recorded, none, or milliseconds"),
         (["--latency", "-1"], "say recorded, none, or milliseconds"),
         (["-w", "-"], "say a file"),

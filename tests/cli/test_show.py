@@ -48,7 +48,7 @@ def test_text_has_a_line_for_each_pdu_and_what_else_is_said(capfdbinary: Capture
         "COTP DR",
     ]
     assert lines[4] == "     8  comment: here it comes"
-    assert lines[7].endswith("COTP DT  TLS, 22 octets: TLS 1.2 application data")
+    assert lines[7].endswith("COTP DT  TLS, 22 bytes: TLS 1.2 application data")
 
 
 def test_jsonl_has_a_line_for_each_pdu_and_what_else_is_said(capfdbinary: Capture, path: Path) -> None:
@@ -144,7 +144,7 @@ def test_a_pdu_over_several_segments_is_whole(capfdbinary: Capture, path: Path) 
 def test_a_pdu_in_fragments_counts_from_its_own_beginning(capfdbinary: Capture, path: Path) -> None:
     pdu = messages.read_job(1, [WORD])
     lines = show(capfdbinary, begun().send(0, fragments(pdu, [5, 12])), path, "-V", "--frame", "8")
-    assert "put together from several COTP fragments" in lines[1]
+    assert "reassembled from several COTP fragments" in lines[1]
     assert hex_view(lines) == pdu
 
 
@@ -158,8 +158,8 @@ def test_a_cut_pdu(capfdbinary: Capture, path: Path) -> None:
     packets = begun().send(0, dt(messages.read_job(1, [WORD]))).packets()
     packets[-1] = cut_to(packets[-1], 54 + 7 + 15)
     lines = run(capfdbinary, "show", "-V", "--frame", "8", saved(path, packets)).out.splitlines()
-    assert "CUT by the capture" in lines[0]
-    assert "cut by the capture; octets count from the beginning of the S7 PDU" in lines[1]
+    assert "TRUNCATED by the capture" in lines[0]
+    assert "truncated by the capture; offsets count from the start of the S7 PDU" in lines[1]
     assert hex_view(lines) == messages.read_job(1, [WORD])[:15]
 
 

@@ -60,7 +60,7 @@ def test_all_is_explained(capfdbinary: pytest.CaptureFixture[bytes], capture: Pa
     first, second, total, *known = ran.out.splitlines()
     assert first == second
     assert first.startswith(f"{capture}: ")
-    assert "0 differences not explained, " in first
+    assert "0 unexplained differences, " in first
     assert total.startswith(f"2 files, tshark {version()}: ")
     assert known
     assert all(int(line.split()[0]) % 2 == 0 and " is right: " in line for line in known)
@@ -81,8 +81,8 @@ def test_what_is_not_explained_is_told(capfdbinary: pytest.CaptureFixture[bytes]
     ran = run(capfdbinary, "verify", differing)
     assert ran.code == 1
     first, line, total, *_ = ran.out.splitlines()
-    assert "1 differences not explained, 1 known" in first
-    assert line == "  frame 4 PDU s7comm.header.pduref: ours 258 (0x102), theirs 259 (0x103) (not explained)"
+    assert "1 unexplained differences, 1 known" in first
+    assert line == "  frame 4 PDU s7comm.header.pduref: ours 258 (0x102), theirs 259 (0x103) (unexplained)"
     assert total.startswith("1 file, ")
 
 
@@ -138,7 +138,7 @@ def test_in_order_first(capfdbinary: pytest.CaptureFixture[bytes]) -> None:
 
 @pytest.mark.parametrize("name", ["nothing.pcap", "text.pcap"])
 def test_an_unreadable_file(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path, name: str) -> None:
-    (tmp_path / "text.pcap").write_text("this is no capture")
+    (tmp_path / "text.pcap").write_text("this is not a capture")
     ran = run(capfdbinary, "verify", tmp_path / name)
     assert (ran.code, ran.out) == (2, "")
     assert ran.err.startswith(f"s7dissect: {tmp_path / name}: ")

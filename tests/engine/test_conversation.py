@@ -178,7 +178,7 @@ def test_a_connection_that_ends_inside_a_tpkt() -> None:
     talk = poll(ready(), 1)
     talk.send(0, asked(2)[:20]).close()
     result = run(talk)
-    assert result.details("tpkt.unfinished") == ["20 octets from 10.0.0.1:49152"]
+    assert result.details("tpkt.unfinished") == ["20 bytes from 10.0.0.1:49152"]
     assert result.pipeline.counters.octets.buffered == 20
 
 
@@ -302,7 +302,7 @@ def test_a_tpdu_beyond_what_was_negotiated() -> None:
     talk.send(0, dt(setup(JOB, 0))).send(1, dt(setup(3, 0)))
     for size in (128 - 3 - 28, 128 - 3 - 27):
         talk.send(0, dt(write_job(size, [Item(0x02, size, 1, 0x84, 0)], [bytes(size)])))
-    assert run(talk).details("cotp.size_exceeded") == ["129 octets, 128 negotiated"]
+    assert run(talk).details("cotp.size_exceeded") == ["129 bytes, 128 negotiated"]
 
 
 # ---- S7 -------------------------------------------------------------------------------------------------------------
@@ -410,7 +410,7 @@ def test_a_lost_answer_does_not_count_as_an_open_request() -> None:
 def test_a_pdu_longer_than_negotiated() -> None:
     item = Item(0x02, 240 - 28 + 1, 1, 0x84, 0)
     talk = ready(length=240).send(0, dt(write_job(1, [item], [bytes(item.octets)])))
-    assert run(talk).details("session.pdu_too_long") == ["241 octets, 240 negotiated"]
+    assert run(talk).details("session.pdu_too_long") == ["241 bytes, 240 negotiated"]
 
 
 def test_answers_that_say_no() -> None:

@@ -206,7 +206,7 @@ def test_octets_that_are_no_packet_cost_nothing_else() -> None:
     link.end()
     assert link.outcomes() == ["answered"]
     assert [finding.detail for finding in link.findings] == [
-        "octets that begin no packet from 10.0.0.1:50000, first 0x55"
+        "bytes that begin no packet from 10.0.0.1:50000, first 0x55"
     ]
     assert link.pipeline.counters.octets.skipped == 7
 

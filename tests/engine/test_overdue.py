@@ -32,7 +32,7 @@ def test_it_says_what_waits_for_how_long(talk: Talk) -> None:
     assert talk.findings == []
     talk.silence(1)
     (finding,) = talk.findings
-    assert finding.detail == f"Read Var DB10.DBW4: asked 2.00 s ago in packet {asked}, still without answer"
+    assert finding.detail == f"Read Var DB10.DBW4: sent 2.00 s ago in packet {asked}, still unanswered"
     assert (finding.frames, finding.time_ns, finding.connection) == ([asked], talk.now_ns, 1)
     assert finding.severity == "warning"
 

@@ -345,7 +345,7 @@ def test_what_its_receiver_dropped_is_left_out_where_that_is_asked_for(verify: b
     (transaction,) = talk.transactions
     assert [result.value for result in transaction.results()] == [value]
     (finding,) = talk.findings
-    assert (finding.slug, finding.detail, finding.connection) == (slug, f"27 octets at {at}", 1)
+    assert (finding.slug, finding.detail, finding.connection) == (slug, f"27 bytes at {at}", 1)
     assert finding.frames == [forged if verify else true_one]
     counts = talk.pipeline.counters.packet_counts()
     assert counts["bad_checksum"] == verify
@@ -663,7 +663,7 @@ def test_a_hole_is_given_up_after_a_second_of_capture_time() -> None:
     assert result.pipeline.s7.pdus == 2
     result.feed(Packet(end + SECOND + 51 * MS, noise, len(noise)))
     assert result.pipeline.s7.pdus == 3
-    assert result.details("stream.hole") == ["7 octets from 10.0.0.1:49152, between TPKTs"]
+    assert result.details("stream.hole") == ["7 bytes from 10.0.0.1:49152, between TPKTs"]
 
 
 def test_a_clock_that_runs_backwards_is_told_and_stops_nothing() -> None:

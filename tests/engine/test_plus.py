@@ -244,7 +244,7 @@ def test_a_damaged_pdu_is_told() -> None:
     talk.tell(framed(told(1)))
     talk.close()
     assert talk.slugs() == ["s7.malformed"] * 2
-    said = "S7comm-plus 0x44 from 10.0.0.1:50000: s7plus: opcode at octet 4 is 68, which is not known"
+    said = "S7comm-plus 0x44 from 10.0.0.1:50000: s7plus: opcode at byte 4 is 68, which is unknown"
     assert said in talk.findings[0].detail
     assert talk.outcomes() == ["answered"]
 

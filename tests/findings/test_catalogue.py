@@ -468,10 +468,10 @@ def bad_confirm(talk: Talk) -> None:
         other.packet(SERVER, told)
     assert [finding.detail for finding in talk.findings] == [
         "destination reference 0x0002, the request has 0x0001",
-        "class 2, asked for 0",
-        "called TSAP 01.03, asked for 01.02",
-        "calling TSAP 02.03, asked for 01.00",
-        "TPDU size 2048, asked for 1024",
+        "class 2, requested 0",
+        "called TSAP 01.03, requested 01.02",
+        "calling TSAP 02.03, requested 01.00",
+        "TPDU size 2048, requested 1024",
     ]
 
 
@@ -954,7 +954,7 @@ def odd_data_code(talk: Talk) -> None:
         talk.ask(read(number, item(0x84, 1, 8 * number, 5)))
         talk.tell(ack_data(number, b"\x04\x01", good(4, b"\0\1")))
     assert [finding.detail for finding in talk.findings] == [
-        "Read Var DB1.DBW1: item 1, a INT, came as 0x04 instead of 0x05"
+        "Read Var DB1.DBW1: item 1, a INT, was returned as 0x04 instead of 0x05"
     ]
 
 
@@ -964,7 +964,7 @@ def write_size(talk: Talk) -> None:
     talk.ask(write(1, [dbw(1, 0)], written(4, bytes(4))))
     talk.tell(ack_data(1, b"\x05\x01", b"\x07"))
     told = [finding.detail for finding in talk.findings if finding.slug == "transaction.write_size"]
-    assert told == ["Write Var DB1.DBW0: item 1 (DB1.DBW0) takes 2 octets, 4 come with it"]
+    assert told == ["Write Var DB1.DBW0: item 1 (DB1.DBW0) needs 2 bytes, got 4"]
 
 
 @silent("transaction.write_size")

@@ -121,4 +121,4 @@ def test_a_write_of_another_size_without_answer(talk: Talk) -> None:
     talk.close()
     found = {finding.slug: finding.detail for finding in talk.findings}
     assert "transaction.unanswered" in found
-    assert found["transaction.write_size"].endswith("item 2 (DB1.DBW2) takes 2 octets, 4 come with it")
+    assert found["transaction.write_size"].endswith("item 2 (DB1.DBW2) needs 2 bytes, got 4")

@@ -62,9 +62,9 @@ def test_nobody_builds_a_sentence_in_vain() -> None:
     assert wanted == [True] * MAX_DETAILED + [False] * 3
     assert judge.counts["stream.hole"] == MAX_DETAILED + 3
     assert judge.fresh == []
-    judge.detail("stream.hole", 1, [4], 4, "7 octets")
+    judge.detail("stream.hole", 1, [4], 4, "7 bytes")
     assert judge.counts["stream.hole"] == MAX_DETAILED + 3
-    assert [finding.detail for finding in judge.fresh] == ["7 octets"]
+    assert [finding.detail for finding in judge.fresh] == ["7 bytes"]
 
 
 def test_a_slug_outside_the_catalogue_is_a_bug_of_ours() -> None:

@@ -27,7 +27,7 @@ def test_many_tsaps_are_a_scan_whatever_the_answer() -> None:
         watch.asked(asking(number), 10 + number, number * 1_000_000_000)
     (finding,) = judge.fresh
     assert (finding.slug, finding.frames) == ("security.tsap_scan", [10, 11, 12, 13, 14, 15])
-    said = "0.0.0.1:50000 asked 10.0.0.2:102 for 6 TSAPs within 5.00 s, 0 of them refused: 01.00, 01.01, 01.02"
+    said = "0.0.0.1:50000 tried 6 TSAPs of 10.0.0.2:102 within 5.00 s, 0 of them refused: 01.00, 01.01, 01.02"
     assert finding.detail.startswith(said)
     watch.asked(asking(99), 99, TSAPS * 1_000_000_000)
     assert judge.counts == {"security.tsap_scan": 1}

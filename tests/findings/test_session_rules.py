@@ -95,11 +95,11 @@ def test_a_setup_in_a_hole_is_not_missed() -> None:
 @pytest.mark.parametrize(
     ("asked", "told", "detail"),
     [
-        ((1, 1, 240), (1, 1, 480), "PDU length 480 granted, 240 asked"),
+        ((1, 1, 240), (1, 1, 480), "PDU length 480 granted, 240 requested"),
         ((1, 1, 480), (1, 1, 63), "PDU length 63 granted"),
         ((1, 1, 480), (1, 1, 0), "PDU length 0 granted"),
-        ((1, 1, 480), (1, 2, 480), "AmQ 1/2 granted, 1/1 asked"),
-        ((1, 1, 480), (2, 1, 480), "AmQ 2/1 granted, 1/1 asked"),
+        ((1, 1, 480), (1, 2, 480), "AmQ 1/2 granted, 1/1 requested"),
+        ((1, 1, 480), (2, 1, 480), "AmQ 2/1 granted, 1/1 requested"),
     ],
 )
 def test_a_grant_that_cannot_be_right(asked: tuple[int, int, int], told: tuple[int, int, int], detail: str) -> None:
@@ -146,7 +146,7 @@ def test_more_requests_open_than_granted(allowed: int) -> None:
     assert talk.findings == []
     one_more = talk.ask(userdata(99, head(1, 4, 1)))  # userdata requests count too
     (finding,) = found(talk, "session.too_many_jobs")
-    assert (finding.frames, finding.detail) == ([one_more], f"more requests open than the {allowed} granted (AmQ)")
+    assert (finding.frames, finding.detail) == ([one_more], f"more requests pending than the {allowed} granted (AmQ)")
 
 
 def test_a_grant_of_thousands_is_counted_as_well() -> None:
@@ -305,7 +305,7 @@ def test_one_side_only(side: int, pdus: int, count: int) -> None:
     assert len(findings) == count
     for finding in findings:
         assert finding.frames == [1, pdus]
-        assert finding.detail == f"only what 10.0.0.{1 + side}:{(50000, 102)[side]} sent was captured"
+        assert finding.detail == f"only packets from 10.0.0.{1 + side}:{(50000, 102)[side]} were captured"
     if count:
         assert set(talk.slugs()) == {"capture.one_sided"}
 

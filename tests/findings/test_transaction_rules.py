@@ -161,7 +161,7 @@ def test_a_reference_used_again(talk: Talk) -> None:
     talk.ask(read(1, dbw(1, 0)))
     talk.ask(read(1, dbw(1, 2)))
     assert only(talk, "transaction.unanswered").detail.startswith(
-        "Read Var DB1.DBW0: the asking side used the reference"
+        "Read Var DB1.DBW0: the requesting side reused the reference"
     )
 
 
@@ -203,7 +203,7 @@ def test_a_full_table_is_told_with_what_it_costs(talk: Talk) -> None:
 def test_another_function(talk: Talk) -> None:
     talk.ask(read(1, dbw(1, 0)))
     talk.tell(ack_data(1, b"\x05\x01", b"\xff"))
-    assert only(talk, "transaction.function_mismatch").detail == "Read Var DB1.DBW0: answered as Write Var"
+    assert only(talk, "transaction.function_mismatch").detail == "Read Var DB1.DBW0: the answer names Write Var"
     assert talk.slugs() == ["transaction.function_mismatch"]
 
 
@@ -211,19 +211,19 @@ def test_another_subfunction(talk: Talk) -> None:
     talk.ask(userdata(1, head(1, 3, 3)))
     talk.tell(userdata(1, head(2, 3, 2, 0, 0)))
     detail = only(talk, "transaction.function_mismatch").detail
-    assert detail == "block functions: get block info: answered as block functions: list blocks of type"
+    assert detail == "block functions: get block info: the answer names block functions: list blocks of type"
 
 
 def test_another_number_of_items(talk: Talk) -> None:
     talk.ask(read(1, dbw(1, 0), dbw(1, 2)))
     talk.tell(words(1, 1))
-    assert only(talk, "transaction.count_mismatch").detail.endswith("asked for 2 items, answered 1")
+    assert only(talk, "transaction.count_mismatch").detail.endswith("requested 2 items, got 1")
 
 
 def test_another_size(talk: Talk) -> None:
     talk.ask(read(1, dbw(1, 0), dbw(1, 2)))
     talk.tell(ack_data(1, b"\x04\x02", good(4, b"\0\1") + good(4, b"\0\1\2\3")))
-    assert only(talk, "transaction.size_mismatch").detail.endswith("item 2 (DB1.DBW2) asked for 2 octets, got 4")
+    assert only(talk, "transaction.size_mismatch").detail.endswith("item 2 (DB1.DBW2) requested 2 bytes, got 4")
 
 
 @pytest.mark.parametrize(
@@ -231,13 +231,13 @@ def test_another_size(talk: Talk) -> None:
     [
         (
             ack_data(1, b"\x04\x01", good(4, b"\0\1") + b"\0\0"),
-            "2 octets too many behind data items at octet 20, in the data part",
+            "2 bytes too many behind data items at byte 20, in the data part",
         ),
         (
             ack_data(1, b"\x04\x01", b"\xff\x04\x00\x10\x00"),
-            "data.length at octet 14 claims 2 octets, the data part has 1",
+            "data.length at byte 14 claims 2 bytes, the data part has 1",
         ),
-        (ack_data(1, b"\x04\x01"), "data items at octet 14: 1 announced, 0 there"),
+        (ack_data(1, b"\x04\x01"), "data items at byte 14: 1 announced, 0 there"),
     ],
 )
 def test_a_read_answer_that_contradicts_itself(talk: Talk, told: bytes, detail: str) -> None:
@@ -250,7 +250,7 @@ def test_a_read_answer_that_contradicts_itself(talk: Talk, told: bytes, detail: 
 def test_a_write_answer_that_contradicts_itself(talk: Talk) -> None:
     talk.ask(write(1, [dbw(1, 0)], written(4, b"\0\1")))
     talk.tell(ack_data(1, b"\x05\x01", b"\xff\xff"))
-    assert "return codes at octet 14: 1 announced, 2 there" in only(talk, "s7.malformed").detail
+    assert "return codes at byte 14: 1 announced, 2 there" in only(talk, "s7.malformed").detail
 
 
 @pytest.mark.parametrize("answered", [True, False])
@@ -262,7 +262,7 @@ def test_a_write_request_that_contradicts_itself(talk: Talk, answered: bool) -> 
     finding = only(talk, "s7.malformed")
     assert finding.frames == [asked]
     assert finding.detail == (
-        "Job from 10.0.0.1:50000, Write Var DB1.DBW0, DB1.DBW2: s7: data items at octet 42: 2 announced, 1 there"
+        "Job from 10.0.0.1:50000, Write Var DB1.DBW0, DB1.DBW2: s7: data items at byte 42: 2 announced, 1 there"
     )
 
 
@@ -281,4 +281,4 @@ def test_an_answer_before_its_request(talk: Talk) -> None:
     asked = talk.ask(request, after_ns=2 * MS)
     finding = only(talk, "transaction.reordered")
     assert (finding.frames, finding.time_ns) == ([asked, answered], talk.transactions[0].request_ns)
-    assert finding.detail == "Read Var DB1.DBW0: the answer stands 2.00 ms before the request"
+    assert finding.detail == "Read Var DB1.DBW0: the answer precedes the request by 2.00 ms"

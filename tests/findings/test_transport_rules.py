@@ -148,8 +148,8 @@ def test_a_confirm_with_several_faults_is_one_finding() -> None:
     talk.packet(SERVER, tpkt(bytes.fromhex("11d00009000220c1020100c2020103c0010d")))
     (finding,) = talk.findings
     assert finding.detail == (
-        "destination reference 0x0009, the request has 0x0001; class 2, asked for 0;"
-        " TPDU size 8192, asked for 1024; called TSAP 01.03, asked for 01.02"
+        "destination reference 0x0009, the request has 0x0001; class 2, requested 0;"
+        " TPDU size 8192, requested 1024; called TSAP 01.03, requested 01.02"
     )
 
 

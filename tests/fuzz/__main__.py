@@ -155,7 +155,7 @@ def again(options: argparse.Namespace) -> int:
         print(f"{path}: {kind or 'good'}\n{report}", end="")
         if kind and options.minimise:
             small = minimised(target, octets)
-            print(f"{len(small)} octets do the same: {small!r}")
+            print(f"{len(small)} bytes do the same: {small!r}")
     return 1 if failed else 0
 
 

@@ -64,7 +64,7 @@ def test_single_inputs_run_without_atheris(
     assert capsys.readouterr().out == f"{good}: good\n"
     monkeypatch.setitem(runner.targets(), "pdus", (picky, list, 10))
     assert runner.main(["pdus", "--run", str(good), str(bad), "--minimise"]) == 1
-    assert "1 octets do the same: b'\\xfe'" in capsys.readouterr().out
+    assert "1 bytes do the same: b'\\xfe'" in capsys.readouterr().out
 
 
 def test_the_summary_tells_what_libfuzzer_counted(capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,7 +18,7 @@ SEVEN = "DB1.DBW0 WORD, DB1.DBW2 WORD, DB1.DBW4 WORD, DB1.DBW6 WORD, DB1.DBW8 WO
     [
         ([A, B], [A, B, C], "asks for DB10.DBW4 WORD as well", "", "DB10.DBW4 WORD"),
         ([A, B, C], [C, A], "does not ask for DB10.DBW2 WORD any more", "DB10.DBW2 WORD", ""),
-        ([A, B], [A, C], "asks for DB10.DBW4 WORD in the place of DB10.DBW2 WORD", "DB10.DBW2 WORD", "DB10.DBW4 WORD"),
+        ([A, B], [A, C], "asks for DB10.DBW4 WORD instead of DB10.DBW2 WORD", "DB10.DBW2 WORD", "DB10.DBW4 WORD"),
         ([A, B], [B, A], "asks for the same items in another order", "DB10.DBW0 WORD, DB10.DBW2 WORD",
          "DB10.DBW2 WORD, DB10.DBW0 WORD"),
         ([A, A, B], [A, B], "does not ask for DB10.DBW0 WORD any more", "DB10.DBW0 WORD", ""),
@@ -28,7 +28,7 @@ SEVEN = "DB1.DBW0 WORD, DB1.DBW2 WORD, DB1.DBW4 WORD, DB1.DBW6 WORD, DB1.DBW8 WO
          "DB10.DBB0 BYTE", "DB10.DBB0 CHAR"),
         ([], [A], "asks for DB10.DBW0 WORD as well", "", "DB10.DBW0 WORD"),
         ([A], [dbw(1, 2 * number) for number in range(7)],
-         f"asks for {SEVEN} in the place of DB10.DBW0 WORD", "DB10.DBW0 WORD", SEVEN),
+         f"asks for {SEVEN} instead of DB10.DBW0 WORD", "DB10.DBW0 WORD", SEVEN),
     ],
 )  # fmt: skip
 def test_reads(before: list[bytes], after: list[bytes], text: str, was: str, is_: str) -> None:

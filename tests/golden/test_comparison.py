@@ -163,9 +163,9 @@ def test_the_order_on_each_side_counts() -> None:
     assert told(spoken("rrp"), spoken("prr", values=[0, 7])) == ["transaction 3, READ DB10.DBW2: was 1, is 7"]
     (text,) = told(spoken("rrp"), spoken("pprr"))
     assert "of the second" in text
-    assert "added (a message that wants no answer)" in text
+    assert "added (a message that expects no answer)" in text
     (text,) = told(spoken("pprr"), spoken("rpr"))
-    assert "missing (was a message that wants no answer)" in text
+    assert "missing (was a message that expects no answer)" in text
 
 
 def test_a_duplicate_is_one_added_request() -> None:

@@ -81,9 +81,7 @@ def test_types_that_nobody_knows(type_: int) -> None:
 def test_too_short_for_a_type(octets: bytes) -> None:
     tpdu = parse_tpdu(octets)
     assert (tpdu.type, tpdu.name, tpdu.fields, tpdu.data) == (-1, "TPDU", [], b"")
-    assert [str(fact) for fact in tpdu.malformed] == [
-        f"cotp: type at octet 0 needs 2 octets, the TPKT has {len(octets)}"
-    ]
+    assert [str(fact) for fact in tpdu.malformed] == [f"cotp: type at byte 0 needs 2 bytes, the TPKT has {len(octets)}"]
 
 
 @pytest.mark.parametrize("type_", range(16))

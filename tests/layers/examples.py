@@ -165,14 +165,14 @@ EXAMPLES: Final = [
         46,
         False,
         "0300002302f080320300000a000010000000001d000100000000070730303030323136",
-        "S7 Ack_Data Start upload ref=0x0a00 upload 7, 216 octets",
+        "S7 Ack_Data Start upload ref=0x0a00 upload 7, 216 bytes",
     ),
     Example(47, True, "0300001902f080320100000b00000800001e00000000000007", "S7 Job Upload ref=0x0b00 upload 7"),
     Example(
         48,
         False,
         "0300002102f080320300000b000002000c00001e00000800fb7070010105080001",
-        "S7 Ack_Data Upload ref=0x0b00 8 octets",
+        "S7 Ack_Data Upload ref=0x0b00 8 bytes",
     ),
     Example(49, True, "0300001902f080320100000c00000800001f00000000000007", "S7 Job End upload ref=0x0c00 upload 7"),
     Example(50, False, "0300001402f080320300000c000001000000001f", "S7 Ack_Data End upload ref=0x0c00"),
@@ -181,7 +181,7 @@ EXAMPLES: Final = [
         52,
         True,
         "0300003102f080320100000d00002000001a00010000000000095f30413030303031500d31303030323136303030303838",
-        "S7 Job Request download ref=0x0d00 DB 1, passive, 216 octets, 88 of them MC7 code",
+        "S7 Job Request download ref=0x0d00 DB 1, passive, 216 bytes, 88 of them MC7 code",
     ),
     Example(53, False, "0300001402f080320300000d000001000000001a", "S7 Ack_Data Request download ref=0x0d00"),
     Example(
@@ -194,7 +194,7 @@ EXAMPLES: Final = [
         55,
         True,
         "0300001f02f0803203000001650002000a00001b01000600fb7070010105aa",
-        "S7 Ack_Data Download block ref=0x0165 more to come, 6 octets",
+        "S7 Ack_Data Download block ref=0x0165 more to come, 6 bytes",
     ),
     Example(
         56,
@@ -353,7 +353,7 @@ EXAMPLES: Final = [
         84,
         True,
         "0300002502f080320700001e000008000c0001120411450100ff0900081110090a6d6d0b0c",
-        "S7 Userdata request security: PLC password ref=0x1e00 password (8 octets, not shown)",
+        "S7 Userdata request security: PLC password ref=0x1e00 password (8 bytes, not shown)",
     ),
     Example(
         85,
@@ -431,7 +431,7 @@ EXAMPLES: Final = [
         97,
         True,
         "0300002f02f080320700002300000c0012000112081246010000000000ff09000e12061300000000010004cafe0001",
-        "S7 Userdata request PBC (programmable block communication): BSEND ref=0x2300 R_ID 0x00000001, 4 octets",
+        "S7 Userdata request PBC (programmable block communication): BSEND ref=0x2300 R_ID 0x00000001, 4 bytes",
     ),
     Example(
         98,

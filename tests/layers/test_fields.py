@@ -57,5 +57,5 @@ def test_octets_shorter_than_the_fixed_part_are_raw() -> None:
 
 def test_a_number_too_large_for_its_field_is_refused() -> None:
     assert fill_number(b"abcd", 1, 2, 0x3132, "x") == b"a12d"
-    with pytest.raises(ValueError, match=r"the TPKT length would be 65536, more than its 2 octet"):
+    with pytest.raises(ValueError, match=r"the TPKT length would be 65536, more than its 2 byte"):
         fill_number(b"abcd", 2, 2, 65536, "the TPKT length")

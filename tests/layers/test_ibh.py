@@ -139,7 +139,7 @@ def test_any_octets_survive(octets: bytes) -> None:
 
 
 def test_too_much_for_the_length() -> None:
-    with pytest.raises(ValueError, match="the MPI length would be 302, more than its 1 octet"):
+    with pytest.raises(ValueError, match="the MPI length would be 302, more than its 1 byte"):
         bytes(IBH() / MPI() / bytes(300))
 
 

@@ -35,7 +35,7 @@ def test_addresses(address: str, area: int, db: int, place: int, size: int) -> N
 def test_another_transport_size() -> None:
     assert at("DB7.DBD8", transport_size="real").transport_size == 8
     assert at("DB7.DBB0", transport_size=3).transport_size == 3
-    with pytest.raises(ValueError, match="'FLOAT' is no transport size: give one of BIT, BYTE"):
+    with pytest.raises(ValueError, match="'FLOAT' is not a transport size: give one of BIT, BYTE"):
         at("DB7.DBD8", transport_size="FLOAT")
 
 
@@ -45,7 +45,7 @@ def test_another_transport_size() -> None:
      "DB70000.DBB0", "MB2097152", "RECORD1@2"],
 )  # fmt: skip
 def test_what_is_no_address_is_refused(address: str) -> None:
-    with pytest.raises(ValueError, match="is no address"):
+    with pytest.raises(ValueError, match="is not an address"):
         at(address)
 
 

@@ -19,13 +19,13 @@ def test_every_parameter_of_the_table_is_named_and_survives(code: int) -> None:
 @pytest.mark.parametrize(
     ("code", "value", "text"),
     [
-        (0xC0, "0a", "0a (1024 octets)"),
-        (0xC0, "10", "10 (65531 octets)"),
+        (0xC0, "0a", "0a (1024 bytes)"),
+        (0xC0, "10", "10 (65531 bytes)"),
         (0xC0, "05", "05"),
         (0xC1, "0100", "01.00 (PG, rack 0 slot 0)"),
         (0xC2, "0322", "03.22 (S7 basic, rack 1 slot 2)"),
         (0xC2, "53494d41", '"SIMA"'),
-        (0xF0, "0080", "0080 (16384 octets)"),
+        (0xF0, "0080", "0080 (16384 bytes)"),
         (0x85, "00c8", "00c8 (200 ms)"),
         (0x8B, "0005", "0005 (5 s)"),
         (0xF2, "00007530", "00007530 (30000 ms)"),
@@ -61,7 +61,7 @@ def test_the_three_of_every_connection() -> None:
 
 
 def test_a_tpdu_size_that_cannot_be_said_is_refused() -> None:
-    with pytest.raises(ValueError, match="a TPDU size of 1000 octets cannot be said: give one of 128, 256"):
+    with pytest.raises(ValueError, match="a TPDU size of 1000 bytes cannot be encoded: give one of 128, 256"):
         COTP_Parameter.tpdu_size(1000)
 
 

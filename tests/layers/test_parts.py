@@ -188,7 +188,7 @@ def test_what_a_service_needs_stands_before_its_name() -> None:
 def test_a_password_is_encoded() -> None:
     password = dissect.layers.S7_Password.of("secret")
     assert dissect.s7.security.decode_password(password.password) == b"secret  "
-    with pytest.raises(ValueError, match="up to 8 octets"):
+    with pytest.raises(ValueError, match="up to 8 bytes"):
         dissect.layers.S7_Password.of("secretsecret")
 
 
@@ -205,5 +205,5 @@ def test_octets_that_say_something_show_it() -> None:
 
 def test_octets_of_another_size_than_their_field() -> None:
     assert bytes(dissect.layers.S7_MessageRequest(user="PLC 1"))[2:] == b"PLC 1\0\0\0"
-    with pytest.raises(ValueError, match="user is 8 octet"):
+    with pytest.raises(ValueError, match="user is 8 byte"):
         bytes(dissect.layers.S7_MessageRequest(user="ABCDEFGHI"))

@@ -160,7 +160,7 @@ def test_without_a_dictionary_octets_are_told() -> None:
         "SCD read response tid=7 0x6041:0 data=3702",
         "SCD pdo tid=42 T1 data=370218fcffff08",
     ]
-    assert SCD(kind="pdo", data=bytes(17)).summary() == "SCD pdo tid=0 0x0000 data=17 octets"
+    assert SCD(kind="pdo", data=bytes(17)).summary() == "SCD pdo tid=0 0x0000 data=17 bytes"
 
 
 def test_building_by_name_gives_the_octets_of_the_reference(od: Dictionary) -> None:
@@ -262,7 +262,7 @@ def test_values_are_told_for_people(od: Dictionary) -> None:
     assert told("Насос 2.speed", -1500) == " = -1500 об/мин"
     assert told("Имя станции", "a = \x1b[31m") == ' = "a = \\x1b[31m"'
     assert told("Журнал", b"\x01\x02") == " = 0102"
-    assert told("Журнал", bytes(70)) == " = 70 octets"
+    assert told("Журнал", bytes(70)) == " = 70 bytes"
     assert told("Последняя авария.code", 2) == " = перегрев (2)"
     assert told("Последняя авария.time", (0, 5)) == " = 1970-01-01T00:00:00.000000005Z"
 

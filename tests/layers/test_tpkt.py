@@ -92,7 +92,7 @@ def test_a_port_can_be_added() -> None:
         assert S7 in segment(READ, sport=10102, dport=5)
     finally:
         TCP.payload_guess[:] = before
-    with pytest.raises(ValueError, match="70000 is no TCP port"):
+    with pytest.raises(ValueError, match="70000 is not a TCP port"):
         bind_port(70000)
 
 

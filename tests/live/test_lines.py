@@ -87,6 +87,6 @@ def test_the_summary_says_what_was_lost() -> None:
     assert told == [
         "9 packets, 0 connections, 3 transactions (1 unanswered, 2 with errors), 1 finding",
         "packets lost while capturing: 12 by the kernel, an unknown number by the interface",
-        "events not shown because the output was not taken fast enough: 5",
+        "events not shown because the output was too slow: 5",
     ]
     assert "does not say so" in summary_lines(status(), "pipe")[1]

@@ -310,7 +310,7 @@ def test_a_companion_that_fails_is_told_of_and_closed_and_the_run_goes_on(what: 
     run, told = run_of(Line(Clock(), [read(begun(), 1).packets()], ends=True), companions=[failing, good])
     while run.step():
         pass
-    assert run.failures == ["evidence failed and is off: [Errno 28] No space left on device"]
+    assert run.failures == ["evidence failed and was switched off: [Errno 28] No space left on device"]
     assert failing.log.count(what) == 1
     assert (failing.closed, good.closed) == (1, 1)
     assert len(good.seen) == 9

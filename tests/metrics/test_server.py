@@ -130,7 +130,7 @@ def test_ipv6() -> None:
 
 
 def test_a_port_that_is_taken_is_told_at_once(server: Server) -> None:
-    with pytest.raises(AddressError, match=r"in use: say another port or address with --metrics"):
+    with pytest.raises(AddressError, match=r"in use: choose a different port or address with --metrics"):
         serve(Metrics(), server.address)
 
 

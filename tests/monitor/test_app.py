@@ -335,7 +335,7 @@ def test_help_names_every_key() -> None:
 
 def test_a_problem_of_the_monitor_is_said() -> None:
     session = of_capture("nodes7-poll-missing")
-    session.run.failures.append("alerts failed and is off: no such file \x1b[2J")
+    session.run.failures.append("alerts failed and was switched off: no such file \x1b[2J")
     session._hand_over(session.run)
 
     async def act(app: MonitorApp, pilot: Pilot[bool]) -> None:

@@ -72,7 +72,7 @@ def test_more_than_there_is_room_for_wait_until_somebody_is_gone() -> None:
             ((visitor, _),) = happened(door)
             held.enter_context(visitor.socket)
             door.count(inside)
-        assert (door.is_open, told) == (False, ["2 clients are connected; more have to wait until one of them is gone"])
+        assert (door.is_open, told) == (False, ["2 clients are connected; more must wait until one disconnects"])
         held.enter_context(connected(door))
         assert happened(door, 0.05) == []
         door.count(2)

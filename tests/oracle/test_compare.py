@@ -215,7 +215,7 @@ def test_a_field_too_many_is_a_difference(capture: Path, frames: list[Frame]) ->
 
     comparison = compare(str(capture), says(changed(frames, change)))
     assert [str(one) for one in comparison.unexplained] == [
-        "frame 8 PDU s7comm.param.item.db of item 2: ours nothing, theirs 1 (0x01) (not explained)"
+        "frame 8 PDU s7comm.param.item.db of item 2: ours nothing, theirs 1 (0x01) (unexplained)"
     ]
 
 
@@ -303,9 +303,9 @@ def test_an_octet_that_only_we_read_otherwise_is_a_difference(
 @pytest.mark.parametrize(
     ("ours", "theirs", "text"),
     [
-        (16, 17, "frame 3 PDU name: ours 16 (0x10), theirs 17 (0x11) (not explained)"),
-        (b"\x01\x02", None, "frame 3 PDU name: ours 0102, theirs nothing (not explained)"),
-        (None, b"", "frame 3 PDU name: ours nothing, theirs empty (not explained)"),
+        (16, 17, "frame 3 PDU name: ours 16 (0x10), theirs 17 (0x11) (unexplained)"),
+        (b"\x01\x02", None, "frame 3 PDU name: ours 0102, theirs nothing (unexplained)"),
+        (None, b"", "frame 3 PDU name: ours nothing, theirs empty (unexplained)"),
     ],
 )
 def test_a_difference_reads_well(ours: Value | None, theirs: Value | None, text: str) -> None:

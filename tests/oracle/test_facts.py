@@ -68,7 +68,7 @@ def test_names_stand_where_they_belong() -> None:
 
 def test_a_place_reads_well() -> None:
     assert str(Place(IN_ITEM, 3, "s7comm.param.item.db")) == "s7comm.param.item.db of item 3"
-    assert str(Place(IN_BODY, 23, "s7comm.data.ts")) == "s7comm.data.ts at octet 23"
+    assert str(Place(IN_BODY, 23, "s7comm.data.ts")) == "s7comm.data.ts at byte 23"
     assert str(Place(IN_HEADER, 0, "s7comm.header.pduref")) == "s7comm.header.pduref"
 
 

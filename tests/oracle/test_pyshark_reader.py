@@ -50,7 +50,7 @@ def test_a_file_that_is_none(tmp_path: Path) -> None:
 
 def test_a_file_that_is_no_capture(tmp_path: Path) -> None:
     path = tmp_path / "text.pcap"
-    path.write_text("this is no capture")
+    path.write_text("this is not a capture")
     with pytest.raises(OracleError, match="isn't a capture file"):
         list(read_pyshark(str(path)))
 

@@ -331,7 +331,7 @@ def test_no_more_sockets_is_told_and_passes(monkeypatch: pytest.MonkeyPatch) -> 
             eventually(lambda: len(relay.problems) > 0)
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-        assert "no client is accepted for a moment: Too many open files" in relay.problems[0].text
+        assert "accepting no clients for a moment: Too many open files" in relay.problems[0].text
         accepted = held.enter_context(server.accept()[0])
         client.sendall(b"there")
         assert accepted.recv(100) == b"there"
@@ -387,7 +387,7 @@ def test_a_bug_costs_one_connection_only(monkeypatch: pytest.MonkeyPatch) -> Non
                     bad.recv(10)
             good.sendall(b"fine")
             assert good_server.recv(10) == b"fine"
-        assert [problem.text for problem in relay.problems] == ["connection 2 is broken off: RuntimeError: a bug"]
+        assert [problem.text for problem in relay.problems] == ["connection 2 is aborted: RuntimeError: a bug"]
 
 
 def test_a_relay_to_itself_is_refused_and_leaves_nothing_open() -> None:

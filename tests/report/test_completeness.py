@@ -24,7 +24,7 @@ def test_what_is_followed_no_further_is_told() -> None:
         asked, told = events.asks(number, 2, 1, events.CYCLIC), events.tells(number, 2, 1, b"\0\0\0\0", number)
         talk.send(0, dt(asked)).send(1, dt(told))
     analysis = analysed(talk.packets())
-    assert section(report(analysis), "Completeness")[-1] == "2 operations followed no further: too many at once"
+    assert section(report(analysis), "Completeness")[-1] == "2 operations no longer tracked: too many at once"
     assert (loss(analysis, "operations_evicted"), loss(analysis, "scan_pairs_forgotten")) == (2, 0)
 
 

@@ -47,7 +47,7 @@ def test_several_open_requests() -> None:
     talk.open(8, 8)
     talk.ask(read(2, dbw(1, 2)), read(3, dbw(1, 4)))
     talk.packet(SERVER, flags=RST, after_ns=SECOND)
-    said = "reset by the server at packet 9 with 2 requests open: the first is Read Var DB1.DBW2 (packet 8), 1.00 s old"
+    said = "reset by the server at packet 9 with 2 requests pending: the oldest is Read Var DB1.DBW2 (packet 8), 1.00 s old"
     assert phrase(connection(talk), PLACES) == f"{said}; last answer 1.00 s earlier"
 
 

@@ -155,15 +155,15 @@ def test_a_damaged_pdu_says_what_is_wrong() -> None:
     lying = bytearray(messages.read_job(1, [WORD]))
     lying[7] = 99  # parameter length
     (line,) = pdu_lines(begun().send(0, dt(bytes(lying))))
-    assert "MALFORMED s7: param_length at octet 6 claims 109 octets, the TSDU has 24" in line
+    assert "MALFORMED s7: param_length at byte 6 claims 109 bytes, the TSDU has 24" in line
 
 
 @pytest.mark.parametrize(
     ("kept", "said"),
     [
-        (23, "Job       ref 0x0001  Read Var  CUT by the capture"),
-        (12, "Job       ref 0x0001  Read Var  CUT by the capture"),
-        (10, "Job       ref 0x0001  CUT by the capture"),
+        (23, "Job       ref 0x0001  Read Var  TRUNCATED by the capture"),
+        (12, "Job       ref 0x0001  Read Var  TRUNCATED by the capture"),
+        (10, "Job       ref 0x0001  TRUNCATED by the capture"),
     ],
 )
 def test_a_cut_pdu_says_so(kept: int, said: str) -> None:
@@ -178,7 +178,7 @@ def test_a_header_that_is_not_all_there_has_no_invented_fields() -> None:
     lines = Lines()
     observed(lines, begun().send(0, dt(b"\x32\x01\x00\x00\x00\x07")).packets())
     said = lines.pdus[-1].partition("102  ")[2]
-    assert said == "Job       ref ?  MALFORMED s7: header at octet 0 needs 10 octets, the TSDU has 6"
+    assert said == "Job       ref ?  MALFORMED s7: header at byte 0 needs 10 bytes, the TSDU has 6"
 
 
 # ---- TPDUs and comments ---------------------------------------------------------------------------------------------
@@ -191,7 +191,7 @@ def test_tpdus_on_a_line() -> None:
     observed(lines, talk.packets())
     assert lines.tpdus[0] == "COTP CR  TSAP 01.00 (PG) → 01.02 (PG, rack 0 slot 2), TPDU size 1024"
     assert lines.tpdus[1] == "COTP CC  TSAP 01.00 (PG) → 01.02 (PG, rack 0 slot 2), TPDU size 1024"
-    assert lines.tpdus[5] == "COTP DT  TLS, 22 octets: TLS 1.2 application data"
+    assert lines.tpdus[5] == "COTP DT  TLS, 22 bytes: TLS 1.2 application data"
     assert lines.tpdus[6].startswith("COTP DR  ")
     assert lines.tpdus[6] != "COTP DR  "
     assert lines.tpdus[7].startswith("COTP ER  ")

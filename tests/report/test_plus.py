@@ -98,7 +98,7 @@ def found(talk: Talk) -> Everything:
 
 
 def test_lines(found: Everything) -> None:
-    damaged = "MALFORMED s7plus: length at octet 2 claims 18 octets, the TSDU has 16"
+    damaged = "MALFORMED s7plus: length at byte 2 claims 18 bytes, the TSDU has 16"
     credit = "0x70000e51.SubscriptionCreditLimit = Int 5"
     wanted = "DB3 LID 14 [CRC 0xaabbccdd], MW100"
     assert found.lines == [
@@ -106,9 +106,9 @@ def test_lines(found: Everything) -> None:
         "S7comm-plus Response      seq 5  GetMultiVariables  1: Int 5, 2: 0x8020ab0019d9fff4 Object not found",
         f"S7comm-plus Request       seq 6  GetMultiVariables  session 0x00000386  {wanted}",
         "S7comm-plus Response      seq 6  GetMultiVariables  return value 0xfffffffffffffff4 Object not found",
-        f"S7comm-plus Request       seq 7  SetVariable  session 0x00000386, wants no response  {credit}",
+        f"S7comm-plus Request       seq 7  SetVariable  session 0x00000386, expects no response  {credit}",
         "S7comm-plus Notification  subscription 0x70000e51, number 5",
-        "S7comm-plus system event  99 octets confirmed, LOG\\x1bOUT",
+        "S7comm-plus system event  99 bytes confirmed, LOG\\x1bOUT",
         "S7comm-plus keep-alive    number 7",
         f"S7comm-plus Request       seq 8  GetMultiVariables  session 0x00000386  {wanted}  in 2 frames",
         f"S7comm-plus Request       seq 9  GetMultiVariables  {damaged}",
@@ -121,7 +121,7 @@ def test_transactions(found: Everything) -> None:
     assert plus == [
         f"GetMultiVariables  {level} = Int 5, MW100: Object not found",
         f"GetMultiVariables  REFUSED 0xfff4 Object not found  {level}: Object not found, MW100: Object not found",
-        "SetVariable  one way  wants no response, 0x70000e51.SubscriptionCreditLimit = Int 5",
+        "SetVariable  one way  expects no response, 0x70000e51.SubscriptionCreditLimit = Int 5",
         "notification  push  subscription 0x70000e51, number 5",
         f"GetMultiVariables  NO ANSWER (capture ends)  {level}, MW100",
         "GetMultiVariables  NO ANSWER (capture ends)",
@@ -273,11 +273,11 @@ def test_a_tree_covers_every_octet(octets: bytes) -> None:
 def test_a_tree_of_several_frames_and_of_a_part() -> None:
     joined = framed(told(5, body=bytes(100)), 3, trailer=False) + framed(b"more", 3)
     lines = list(plus_tree_lines(parse_plus(joined), b""))
-    assert lines[0].startswith("    put together from several frames or fragments; octets count from")
+    assert lines[0].startswith("    reassembled from several frames or fragments; bytes count from")
     assert any(line.split() == ["data", "114", "bytes", "in", "2", "frames"] for line in lines)
     assert "    S7comm-plus trailer" in lines
     cut = list(plus_tree_lines(parse_plus(framed(asked(1))[:-4], cut=True), b""))
-    assert cut[0].startswith("    its end is missing")
+    assert cut[0].startswith("    the end is missing")
     assert "    S7comm-plus trailer" not in cut
 
 

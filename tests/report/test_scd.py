@@ -115,7 +115,7 @@ def test_a_message_on_a_line() -> None:
     assert [scd_summary(found) for found in talk.messages] == [
         "SCD request   tid 9    write 0x6001:0 Давление 1 = 50 кПа [access]",
         "SCD abort     tid 9    write 0x6001:0 Давление 1  err -4 write of a read-only object  [access]",
-        "SCD data      message  NOT DECODED E_SHORT 9 octets, the header has 10",
+        "SCD data      message  NOT DECODED E_SHORT 9 bytes, the header has 10",
     ]
     first = talk.messages[0]
     connection = talk.transactions[0].connection
@@ -229,13 +229,13 @@ def test_an_offset_and_a_struct() -> None:
         "0  pump_t.fault     fault = false, bit 1",
         "1-2  pump_t.speed     speed = 1480 об/мин, bits 8 to 23",
     ]
-    assert tree(state)[0] == "SCD bare T1, binding состояние в DB10, from octet 8 of DB10.DBB0 on"
+    assert tree(state)[0] == "SCD bare T1, binding состояние в DB10, from byte 8 of DB10.DBB0 on"
 
 
 @pytest.mark.parametrize(
     ("octets", "lines"),
     [
-        (plant.pdo()[:12], ["10-11  data             00 00", "MALFORMED  E_SHORT envelope: 12 octets of 19"]),
+        (plant.pdo()[:12], ["10-11  data             00 00", "MALFORMED  E_SHORT envelope: 12 bytes of 19"]),
         (b"\xdc\x02", ["0-1  data             dc 02"]),
         (plant.ask("0x6fff"), ["MALFORMED  E_INDEX 0x6fff: no object 0x6fff"]),
         (plant.ask("Давление 1", 100), ["odd        access", "10-11  0x6001:0         Давление 1 = 50 кПа [access], raw 100"]),
@@ -346,8 +346,8 @@ def test_losses_are_told() -> None:
     begin = told.index("SCD by the dictionary Насосная 1.0.0")
     assert told[begin + 2].split() == ["обмен", "1", "0", "1"]
     assert told[begin + 9 : begin + 12] == [
-        "datagrams cut by the capture: 1",
-        "messages of no kind that can be paired: 1",
-        "octets of streams skipped that are in no whole message: 5",
+        "datagrams truncated by the capture: 1",
+        "messages of a kind that cannot be paired: 1",
+        "stream bytes skipped because they belong to no complete message: 5",
     ]
     assert any("2 SCD messages" in text for text in told)

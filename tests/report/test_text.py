@@ -63,7 +63,7 @@ def test_a_report_from_top_to_bottom() -> None:
     ]
     refused = "DB99.DBB0 x4: Object does not exist, DB2.DBW99: Invalid address, IB500 x2: Invalid address"
     assert failed[4].endswith(f"Read Var   3 of 7 items refused: {refused}")
-    assert section(lines, "Completeness") == ["26 of 26 packets used", "no hole in the TCP streams"]
+    assert section(lines, "Completeness") == ["26 of 26 packets used", "no gaps in the TCP streams"]
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_how_connections_went(name: str, said: str) -> None:
     [
         ("cut-with-reset", "connection 1, packet 14: Read Var DB1.DBB8: the server reset the connection 100 µs later"),
         ("answer-slow", "the limit is 1.00 s"),
-        ("many-open", "connection 1, packet 13: more requests open than the 1 granted (AmQ)"),
+        ("many-open", "connection 1, packet 13: more requests pending than the 1 granted (AmQ)"),
         ("transfer-refused", "0xd241 Not permitted in current protection level"),
     ],
 )
@@ -182,7 +182,7 @@ def test_addresses_used_again() -> None:
     packets = first.packets() + [packet._replace(time_ns=packet.time_ns + 60 * MS) for packet in again.packets()]
     told = connection_of(packets)
     assert told[3].startswith(
-        "3 PDUs, 1 answered, 1 unanswered; its addresses were taken by a new connection with 1 request open: Read Var "
+        "3 PDUs, 1 answered, 1 unanswered; replaced by a new connection on the same addresses with 1 request open: Read Var "
     )
 
 
@@ -212,9 +212,9 @@ def test_holes_are_told() -> None:
     talk = begun().send(0, dt(messages.read_job(1, [WORD]))).skip(1, 29).send(0, dt(messages.read_job(2, [WORD])))
     talk.send(1, dt(messages.read_answer(2, [WORD], [b"\x00\x01"]))).ack(0)
     lines = report(analysed(talk.packets()))
-    assert "1 hole in the TCP streams, 29 octets missing from the capture" in section(lines, "Completeness")
+    assert "1 gap in the TCP streams, 29 bytes missing from the capture" in section(lines, "Completeness")
     assert [line for line in section(lines, "Findings") if line.startswith("warning  stream.hole")]
-    assert [line for line in section(lines, "Failed") if "NO ANSWER (hole in the capture)" in line]
+    assert [line for line in section(lines, "Failed") if "NO ANSWER (gap in the capture)" in line]
 
 
 def test_one_direction_only() -> None:
@@ -224,22 +224,22 @@ def test_one_direction_only() -> None:
     packets = captured([segment for segment in talk.segments if segment.side == 0])
     findings = section(report(analysed(packets)), "Findings")
     assert [line for line in findings if line.startswith("warning  capture.one_sided")]
-    assert [line for line in findings if "only what 10.0.0.1:49152 sent was captured" in line]
+    assert [line for line in findings if "only packets from 10.0.0.1:49152 were captured" in line]
 
 
 def test_cut_packets_are_told() -> None:
     packets = begun().send(0, dt(messages.read_job(1, [WORD]))).packets()
     packets[-1] = cut_to(packets[-1], 54 + 7 + 12)
     lines = report(analysed(packets))
-    assert "1 packet cut by the capture (snaplen)" in section(lines, "Completeness")
+    assert "1 packet truncated by the capture (snaplen)" in section(lines, "Completeness")
 
 
 def test_garbage_and_unfinished_messages_are_told() -> None:
     talk = begun().send(0, b"GET / HTTP/1.1\r\n\r\n" + dt(messages.read_job(1, [WORD])))
     talk.send(1, dt(messages.read_answer(1, [WORD], [b"\x00\x01"]))[:20])
     told = section(report(analysed(talk.packets())), "Completeness")
-    assert "18 octets skipped that belong to no message" in told
-    assert "20 octets of unfinished messages at the end" in told
+    assert "18 bytes skipped that belong to no message" in told
+    assert "20 bytes of unfinished messages at the end" in told
 
 
 def test_repetitions_are_told() -> None:
@@ -247,7 +247,7 @@ def test_repetitions_are_told() -> None:
     packets = talk.packets()
     packets.insert(9, packets[8])
     told = section(report(analysed(packets)), "Completeness")
-    assert told[0] == "10 of 10 packets used, 1 of them a repetition on TCP level"
+    assert told[0] == "10 of 10 packets used, 1 of them a TCP retransmission"
 
 
 def test_packets_that_were_not_used_are_told_by_reason() -> None:
@@ -258,18 +258,18 @@ def test_packets_that_were_not_used_are_told_by_reason() -> None:
     told = section(report(analysed(packets)), "Completeness")
     assert told[:4] == [
         "9 of 12 packets used",
-        "1 not used: not IP",
-        "1 not used: IP but not TCP",
-        "1 not used: of a link type that is not supported",
+        "1 ignored: not IP",
+        "1 ignored: IP but not TCP",
+        "1 ignored: unsupported link type",
     ]
 
 
 def test_a_damaged_file_and_notes() -> None:
     analysis = analysed(begun().packets())
-    analysis.files[0].damage = "cut off at octet 12\x1b[2J"
+    analysis.files[0].damage = "cut off at byte 12\x1b[2J"
     analysis.files[0].notes = [f"oddity {number}" for number in range(12)]
     lines = report(analysis)
-    assert lines[1] == "  DAMAGED: cut off at octet 12\\x1b[2J"
+    assert lines[1] == "  DAMAGED: cut off at byte 12\\x1b[2J"
     assert lines[2:12] == [f"  oddity {number}" for number in range(10)]
     assert lines[12] == "  and 2 more notes; -T json lists them"
 

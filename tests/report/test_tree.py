@@ -127,7 +127,7 @@ def test_the_octet_that_makes_an_item_even_is_called_so() -> None:
         ("write", "data", "00 01"),
         ("write answer", "item 2", "0x0a Object does not exist"),
         ("refusal", "error", "0xd241 Not permitted in current protection level. "),
-        ("service", "octets", "00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 … 20 octets"),
+        ("service", "octets", "00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 … 20 bytes"),
         ("userdata", "subfunction", "0x01 read SZL"),
         ("userdata", "group", "0x04 CPU functions"),
         ("userdata answer", "return_code", "0xff Success"),
@@ -154,7 +154,7 @@ def test_codes_nobody_knows_are_numbers() -> None:
 def test_a_pdu_in_several_fragments_counts_from_its_own_first_octet() -> None:
     pdu = messages.read_job(1, [WORD])
     lines = list(tree_lines(parse_pdu(pdu), b""))
-    assert lines[0] == "    put together from several COTP fragments; octets count from the beginning of the S7 PDU"
+    assert lines[0] == "    reassembled from several COTP fragments; offsets count from the start of the S7 PDU"
     assert rows(lines)[0] == (range(1), "protocol_id", "0x32")
     assert covered(lines) == list(range(len(pdu)))
     assert view(lines) == pdu
@@ -169,7 +169,7 @@ def test_an_empty_dt_before_the_pdu_changes_no_offset() -> None:
 def test_a_cut_pdu_shows_what_is_there(kept: int) -> None:
     pdu = messages.read_job(1, [WORD])[:kept]
     lines = tree(pdu, cut=True)
-    assert lines[0] == "    cut by the capture; octets count from the beginning of the S7 PDU"
+    assert lines[0] == "    truncated by the capture; offsets count from the start of the S7 PDU"
     assert view(lines) == pdu
     assert set(covered(lines)) <= set(range(kept))
 
@@ -180,9 +180,9 @@ def test_offsets_of_what_is_malformed_are_those_of_the_tree() -> None:
     lines = tree(bytes(pdu))
     (told,) = [line for line in lines if "MALFORMED" in line]
     octets = next(octets for octets, name, _ in rows(lines) if name == "param_length")
-    assert told.endswith(f" (octet {octets.start} here)")
+    assert told.endswith(f" (byte {octets.start} here)")
     (told,) = [line for line in list(tree_lines(parse_pdu(bytes(pdu)), b"")) if "MALFORMED" in line]
-    assert f"at octet {octets.start - 7} " in told
+    assert f"at byte {octets.start - 7} " in told
 
 
 # ---- TPDUs ----------------------------------------------------------------------------------------------------------
@@ -204,7 +204,7 @@ def test_a_connect_request_with_its_parameters() -> None:
 def test_user_data_of_another_protocol() -> None:
     packet = dt(b"\x72\x01" + bytes(30))
     lines = list(tpdu_tree_lines(packet))
-    assert rows(lines)[-1] == (range(7, 39), "user data", "72 01 " + "00 " * 13 + "00 … 32 octets")
+    assert rows(lines)[-1] == (range(7, 39), "user data", "72 01 " + "00 " * 13 + "00 … 32 bytes")
     assert covered(lines) == list(range(len(packet)))
 
 

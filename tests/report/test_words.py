@@ -98,7 +98,7 @@ def test_value(value: Value, text: str) -> None:
 def test_octets() -> None:
     assert words.octets(b"") == "(empty)"
     assert words.octets(bytes(16)) == "00 " * 15 + "00"
-    assert words.octets(bytes(17)) == "00 " * 15 + "00 … 17 octets"
+    assert words.octets(bytes(17)) == "00 " * 15 + "00 … 17 bytes"
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ def test_octets() -> None:
         (b"abc", "61 62 63"),
         (b"\x41\x33\x85\x1f", "41 33 85 1f"),
         (b"    ", "20 20 20 20"),
-        (b"it's" * 10, "69 74 27 73 69 74 27 73 69 74 27 73 69 74 27 73 … 40 octets '" + "it's" * 8 + "…'"),
+        (b"it's" * 10, "69 74 27 73 69 74 27 73 69 74 27 73 69 74 27 73 … 40 bytes '" + "it's" * 8 + "…'"),
     ],
 )
 def test_octets_that_spell_a_text(content: bytes, text: str) -> None:
@@ -205,7 +205,7 @@ def test_a_hole_explains_what_is_missing() -> None:
     talk.send(0, dt(messages.read_job(1, [WORD]))).skip(1, 29).send(0, dt(messages.read_job(2, [WORD])))
     talk.send(1, dt(messages.read_answer(2, [WORD], [b"\x00\x01"]))).ack(0)
     told = transactions(talk.packets())[1:]
-    assert sorted(words.outcome(transaction) for transaction in told) == ["", "NO ANSWER (hole in the capture)"]
+    assert sorted(words.outcome(transaction) for transaction in told) == ["", "NO ANSWER (gap in the capture)"]
 
 
 @pytest.mark.parametrize("syntax", [b"\x12\x08\xb0" + b"\x1b" * 7, b"\x12\x60\xa2" + b"\x9b" * 95])

@@ -184,10 +184,10 @@ def test_archive_data_in_one_part_and_in_several() -> None:
     whole = body(userdata(PUSH, 4, 0x10, archive + "0300 616263"))
     assert whole.malformed == []
     assert names(whole) == ["archive", "archive length", "archive data"]
-    assert whole.notes == ["AR_ID 0x00000005", "3 octets"]
+    assert whole.notes == ["AR_ID 0x00000005", "3 bytes"]
     first = body(userdata(PUSH, 4, 0x10, archive + "0a00 616263", 0, 3, 1))
     assert first.malformed == []
-    assert first.notes == ["AR_ID 0x00000005", "10 octets"]
+    assert first.notes == ["AR_ID 0x00000005", "10 bytes"]
     middle = body(userdata(PUSH, 4, 0x10, archive + "0000 616263", 0, 3, 1))
     assert middle.notes == ["AR_ID 0x00000005", "continuation"]
     last = body(userdata(PUSH, 4, 0x10, archive + "6465", 0, 3, 0))

@@ -37,7 +37,7 @@ UNKNOWN: Final = {
     (0x20, 0x03): "data record routing: nobody published more than the names",
 }
 #: A part of a list in several PDUs: it is decoded whole when its parts are joined (`parse_joined`).
-IN_PARTS: Final = frozenset(("continuation", "first octets of a record"))
+IN_PARTS: Final = frozenset(("continuation", "first bytes of a record"))
 READ_SZL: Final = (4, 1)
 #: Captures with wrong messages in them on purpose, and those whose server answers with wrong lengths.
 FAULTY: Final = frozenset((

@@ -114,7 +114,7 @@ def test_a_password_is_not_read_out() -> None:
     password = found.find(PI_PASSWORD)
     assert password is not None
     assert (password.note, password.text("password"), password.octets("password")) == (
-        "password (7 octets, not shown)",
+        "password (7 bytes, not shown)",
         "",
         b"SUNRISE",
     )

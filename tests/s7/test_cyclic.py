@@ -43,7 +43,7 @@ EXAMPLES = [
             "data record", "return code", "data record transport size", "data record status", "fill",
             "data record length", "record",
         ],
-        ["3 octets"],
+        ["3 bytes"],
     ),
     (RESPONSE, 8, "00010a02c0a0", 0, ["data record", "return code", "data record status"], []),
 ]  # fmt: skip

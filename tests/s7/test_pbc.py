@@ -23,9 +23,9 @@ def usend(data: str, head: str = "00 01 12 06 13 00 00000001") -> bytes:
 @pytest.mark.parametrize(
     ("payload", "sequence", "unit", "last", "layouts", "notes"),
     [
-        (ALONE, 0, 0, 0, [PBC_ID, BSEND_LENGTH, BSEND_DATA], ["R_ID 0x00000001", "4 octets"]),
-        (ALONE, 2, 0, 0, [PBC_ID, BSEND_LENGTH, BSEND_DATA], ["R_ID 0x00000001", "4 octets"]),
-        (ID + "0008 cafe0001", 0, 7, 1, [PBC_ID, BSEND_LENGTH, BSEND_DATA], ["R_ID 0x00000001", "8 octets"]),
+        (ALONE, 0, 0, 0, [PBC_ID, BSEND_LENGTH, BSEND_DATA], ["R_ID 0x00000001", "4 bytes"]),
+        (ALONE, 2, 0, 0, [PBC_ID, BSEND_LENGTH, BSEND_DATA], ["R_ID 0x00000001", "4 bytes"]),
+        (ID + "0008 cafe0001", 0, 7, 1, [PBC_ID, BSEND_LENGTH, BSEND_DATA], ["R_ID 0x00000001", "8 bytes"]),
         (ID + "0008 cafe0001", 2, 7, 1, [PBC_ID, BSEND_DATA], ["R_ID 0x00000001", "continuation"]),
         (ID + "00080001", 2, 7, 0, [PBC_ID, BSEND_DATA], ["R_ID 0x00000001", "continuation"]),
         (ID, 0, 0, 0, [PBC_ID], ["R_ID 0x00000001"]),

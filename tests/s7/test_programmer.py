@@ -179,8 +179,8 @@ def test_each_longer_form_of_the_parameters_adds_at_the_end(more: str, parts: li
         ("7301 0001 0008", "DB1.DBD8"),
         ("5401 0000 0005", "T5"),
         ("6403 0000 0005", "C5 x3"),
-        ("4101 0000 0005", "area 0x41, octet 5"),
-        ("0501 0000 0005", "area 0x05, octet 5"),
+        ("4101 0000 0005", "area 0x41, byte 5"),
+        ("0501 0000 0005", "area 0x05, byte 5"),
     ],
 )
 def test_addresses(octets: str, text: str) -> None:

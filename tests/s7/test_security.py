@@ -26,7 +26,7 @@ def test_a_password_is_there_and_not_read_out() -> None:
     assert found.malformed == []
     (part,) = payload_parts(found)
     assert part.layout is ENCODED_PASSWORD
-    assert part.note == "password (8 octets, not shown)"
+    assert part.note == "password (8 bytes, not shown)"
     assert [value.meaning for value in part.values] == [""]
     assert part.octets("password") == bytes.fromhex(ENCODED)
     stands_cuts(octets)
@@ -41,7 +41,7 @@ def test_who_asks_gets_it() -> None:
 
 
 def test_a_password_that_is_too_long_is_refused() -> None:
-    with pytest.raises(ValueError, match="up to 8 octets, this one has 9: give a shorter one"):
+    with pytest.raises(ValueError, match="up to 8 bytes, this one has 9: give a shorter one"):
         encode_password(bytes(9))
 
 

@@ -133,7 +133,7 @@ def test_notes_of_records() -> None:
     assert notes(szl(0x0124, mode)) == ["RUN, before: STARTUP (warm restart), event 0x4302 STARTUP to RUN"]
     event = bytes.fromhex("4302ff68") + bytes(8) + bytes.fromhex("2311142215306213")
     assert notes(szl(0x00A0, event)) == ["0x4302 STARTUP to RUN, DT#2023-11-14-22:15:30.621"]
-    assert notes(szl(0x0013, struct.pack(">HHI", 1, 1, 196608) + bytes(28))) == ["work memory 196608 octets"]
+    assert notes(szl(0x0013, struct.pack(">HHI", 1, 1, 196608) + bytes(28))) == ["work memory 196608 bytes"]
     assert notes(szl(0x0014, struct.pack(">4H", 4, 1, 256, 0))) == ["timers 256"]
     assert notes(szl(0x0015, struct.pack(">3HI", 0x0A00, 16001, 64, 65536))) == ["DB: at most 16001"]
     assert notes(szl(0x0D91, struct.pack(">8H", 0, 0x0200, 0, 0, 0, 0, 2, 0x11))) == ["module at 0x0000/0x0200"]
@@ -231,7 +231,7 @@ def test_the_parts_of_an_answer() -> None:
 def test_a_first_part_may_end_within_a_record() -> None:
     parts = body(struct.pack(">4H", 0x001C, 0, 34, 10) + struct.pack(">H24s8x", 1, b"station") + b"\0\x02ab", 5, 1)
     assert [part.layout for part in parts] == [SZL_HEAD, COMPONENT_RECORDS[1], OCTETS]
-    assert parts[2].note == "first octets of a record"
+    assert parts[2].note == "first bytes of a record"
 
 
 @pytest.mark.parametrize(

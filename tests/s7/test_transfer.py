@@ -42,7 +42,7 @@ EXAMPLES: list[tuple[str, bool, str, Rows, list[str]]] = [
             ("function", "Request download"), *STATUS_ROWS, ("unknown", 0x0100), ("unknown_id", 0), *NAME_ROWS,
             ("lengths_length", 13), ("unknown_digit", "1"), ("load_length", "216"), ("mc7_length", "88"),
         ],
-        ["DB 1, passive", "216 octets, 88 of them MC7 code"],
+        ["DB 1, passive", "216 bytes, 88 of them MC7 code"],
     ),
     (
         "1b 00 0000 00000000" + NAME, False, "",
@@ -65,7 +65,7 @@ EXAMPLES: list[tuple[str, bool, str, Rows, list[str]]] = [
             ("function", "Start upload"), *STATUS_ROWS, ("unknown", 0x0100), ("upload_id", 7),
             ("length_length", 7), ("total", "216"),
         ],
-        ["upload 7", "216 octets"],
+        ["upload 7", "216 bytes"],
     ),
     (
         "1d 00 0100 00000007", True, "",
@@ -83,7 +83,7 @@ EXAMPLES: list[tuple[str, bool, str, Rows, list[str]]] = [
             ("function", "Upload"), ("status_rest", 0), ("error", 0), ("more", 1),
             ("length", 8), ("unknown", 0xFB), ("content", "7070010105080001"),
         ],
-        ["more to come", "8 octets"],
+        ["more to come", "8 bytes"],
     ),
     (
         "1f 00 0000 00000007", False, "",
@@ -130,7 +130,7 @@ def test_the_first_piece_has_the_header_of_the_block() -> None:
     found = body(answer("1b 01", "0028 00fb" + HEADER + "aabbccdd"))
     assert found.malformed == []
     assert [part.layout.name for part in found.data] == [PIECE.name, "block header", CONTENT.name]
-    assert found.data[1].note == "block DB 1, DB, 216 octets, know-how protected"
+    assert found.data[1].note == "block DB 1, DB, 216 bytes, know-how protected"
     assert found.text("code_time") == "2015-11-06 10:21:53.945"
     assert (found.number("mc7_length"), found.number("linked"), found.number("load_length")) == (88, 1, 216)
     stands_cuts("1b 01", "0028 00fb" + HEADER + "aabbccdd", 3)
@@ -182,7 +182,7 @@ def test_lengths_of_another_size_are_told_and_not_read(size: int) -> None:
 def test_a_client_that_asks_for_blocks_itself_may_send_data_with_the_job() -> None:
     found = body(job("1b 00 0000 00000000" + SHORT, "0002 00fb aabb"))
     assert found.malformed == []
-    assert found.data[0].note == "2 octets, sent with the job"
+    assert found.data[0].note == "2 bytes, sent with the job"
 
 
 def test_an_answer_of_another_size() -> None:

@@ -147,7 +147,7 @@ def test_every_function(function: int, body: bytes, version: int, answer: bool) 
         assert read == [head, *[part.end for part in found.parts]]
     found = contents(function, body + b"\x99", version, answer)
     assert [fact.reason for fact in found.malformed] == ["trailing_octets"]
-    assert found.parts[-1].layout.name == "surplus octets"
+    assert found.parts[-1].layout.name == "surplus bytes"
 
 
 def test_what_no_capture_shows_stays_octets() -> None:

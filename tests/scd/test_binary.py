@@ -133,13 +133,13 @@ def test_cut_at_every_octet(cut: int) -> None:
 def test_a_body_cut_at_every_octet_with_all_sums_right(cut: int) -> None:
     body = FILE[64:][:-cut]
     error = error_of(sealed(body, OD.wire_id))
-    assert error.where == f"body, octet {64 + len(body)}"
+    assert error.where == f"body, byte {64 + len(body)}"
 
 
 @pytest.mark.parametrize(
     ("place", "where"),
-    [(0, "octet 0"), (4, "octet 0"), (8, "octet 8"), (10, "octet 10"), (12, "octet 12"), (16, "octet 16"), (20, "octet 20"),
-     (32, "octet 32"), (64, "octet 16"), (len(FILE) - 1, "octet 16")],
+    [(0, "byte 0"), (4, "byte 0"), (8, "byte 8"), (10, "byte 10"), (12, "byte 12"), (16, "byte 16"), (20, "byte 20"),
+     (32, "byte 32"), (64, "byte 16"), (len(FILE) - 1, "byte 16")],
 )  # fmt: skip
 def test_one_octet_differs(place: int, where: str) -> None:
     damaged = bytearray(FILE)
@@ -152,7 +152,7 @@ def test_text_mode_damage_is_named() -> None:
 
 
 def test_trailing_octets() -> None:
-    assert error_of(FILE + b"\0").where == "header, octet 12"
+    assert error_of(FILE + b"\0").where == "header, byte 12"
     assert "malformed" in str(error_of(sealed(FILE[64:] + b"\0", OD.wire_id)))
 
 
@@ -227,7 +227,7 @@ def test_a_name_that_is_no_utf8() -> None:
     at = FILE.index("Насос".encode(), 100)
     octets = FILE[64:at] + b"\xff" + FILE[at + 1 :]
     error = error_of(sealed(octets, OD.wire_id))
-    assert (error.where, error.rule) == (f"body, octet {at}", "R42")
+    assert (error.where, error.rule) == (f"body, byte {at}", "R42")
 
 
 def test_a_huge_count_allocates_nothing() -> None:

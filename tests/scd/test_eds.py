@@ -359,29 +359,29 @@ def test_every_loss_is_told_once_with_its_places(pump: Imported) -> None:
     told = {note.text: note.places for note in pump.notes}
     assert told == {
         "listed in [OptionalObjects] and not described": ("0x1fff",),
-        "its value '$NODEID+0x80' is left out: depends on the node id, which the file does not say: give it (--node)": (
+        "its value '$NODEID+0x80' is omitted: depends on the node id, which the file does not give: set it (--node)": (
             "0x1014:0",
         ),
-        "its value '$NODEID+0x180' is left out: depends on the node id, which the file does not say: give it (--node)": (
+        "its value '$NODEID+0x180' is omitted: depends on the node id, which the file does not give: set it (--node)": (
             "0x1800:1",
         ),
         "rwr and rww are rw: which PDOs may carry the variable is not kept": ("0x1018:4",),
-        "the file does not say how long it is, taken is 255 octets": ("0x2000:1",),
-        "the file does not say how long it is, taken is the value's own length": ("0x2000:2", "0x2000:4"),
+        "the file does not give its length; assumed: 255 bytes": ("0x2000:1",),
+        "the file does not give its length; assumed: the value's own length": ("0x2000:2", "0x2000:4"),
         "OCTET_STRING is read as a block, as type 10 of SCD is a text": ("0x2000:2", "0x2000:3"),
         "UNICODE_STRING (UTF-16) is read as a block, as texts of SCD are UTF-8": ("0x2000:4",),
-        "a name that another field has already got its number after it": ("0x2000:2", "0x2000:4"),
-        "left out: a block in an object of several needs a length, which the file does not say": ("0x2000:3",),
-        "TIME_OF_DAY is read as a block of 6 octets": ("0x2001",),
-        "TIME_DIFFERENCE is read as a block of 6 octets, as the interval of SCD has 8": ("0x2002",),
-        "no access is given, taken is rw": ("0x2003:0", "0x6042:0"),
-        "its value '256' is left out: 256 is outside 0..255": ("0x2006:0",),
-        "its limits are left out: the lower one is above the upper": ("0x2006:0",),
-        "left out: SCD has no simple type for type 0x0040": ("0x2007",),
+        "a name already used by a different field was extended by its number": ("0x2000:2", "0x2000:4"),
+        "omitted: a block in an object of several needs a length, which the file does not give": ("0x2000:3",),
+        "TIME_OF_DAY is read as a block of 6 bytes": ("0x2001",),
+        "TIME_DIFFERENCE is read as a block of 6 bytes, as the interval of SCD has 8": ("0x2002",),
+        "no access is given; assumed: rw": ("0x2003:0", "0x6042:0"),
+        "its value '256' is omitted: 256 is outside 0..255": ("0x2006:0",),
+        "its limits are omitted: the lower one is above the upper": ("0x2006:0",),
+        "omitted: SCD has no simple type for type 0x0040": ("0x2007",),
         "the names of the elements are not kept: an ARRAY numbers them": ("0x6000",),
         "an ARRAY whose elements differ is a RECORD": ("0x6001",),
-        "a name that another object has already got its index after it": ("0x6042",),
-        "left out: SCD has no objects there (reserved)": ("0xc000",),
+        "a name already used by a different object was extended by its index": ("0x6042",),
+        "omitted: SCD has no objects there (reserved)": ("0xc000",),
         "the PDO is switched off: no object 0x7000": ("0x1600",),
     }
     assert [str(note) for note in pump.notes if note.places[0] == "0x2007"] == [
@@ -443,12 +443,12 @@ OBJECT = "[1000]\nParameterName=a\nDataType=7\nAccessType=ro\n"
         ("[1a00]\nParameterName=a\n[1A00]\nParameterName=b\n", "x.eds:3: [1A00]: the same as [1a00] of line 1 (R57)"),
         ("\n[1000]\nDataType=7\n", "x.eds:2: [1000], ParameterName: is missing (R71)"),
         ("[1000]\nParameterName=a\n", "x.eds:1: [1000], DataType: is missing"),
-        ("[1000]\nParameterName=a\nDataType=seven\n", "x.eds:1: [1000], DataType: 'seven' is no whole number"),
-        ("[1000]\nParameterName=a\nObjectType=3\n", "x.eds:1: [1000], ObjectType: 3 is no class of objects (R63)"),
+        ("[1000]\nParameterName=a\nDataType=seven\n", "x.eds:1: [1000], DataType: 'seven' is not a whole number"),
+        ("[1000]\nParameterName=a\nObjectType=3\n", "x.eds:1: [1000], ObjectType: 3 is not a class of objects (R63)"),
         (OBJECT + "[1001sub1]\nParameterName=a\nDataType=7\n", "x.eds:5: [1001sub1]: belongs to no object: [1001] is missing"),
-        (OBJECT + "PDOMapping=x\n", "x.eds:1: [1000], PDOMapping: 'x' is no whole number"),
+        (OBJECT + "PDOMapping=x\n", "x.eds:1: [1000], PDOMapping: 'x' is not a whole number"),
         (OBJECT + "[1003]\nParameterName=e\nObjectType=8\nDataType=7\nCompactSubObj=999\n", "CompactSubObj: 999 elements"),
-        (OBJECT + "[MandatoryObjects]\n1=none\n", "x.eds:5: [MandatoryObjects], 1: 'none' is no whole number"),
+        (OBJECT + "[MandatoryObjects]\n1=none\n", "x.eds:5: [MandatoryObjects], 1: 'none' is not a whole number"),
         (OBJECT + "[DeviceComissioning]\nNodeID=me\n", "[DeviceComissioning], NodeID: 'me'"),
         (OBJECT + "[1000sub1]\nParameterName=a\nDataType=7\n[1000sub01]\nParameterName=a\nDataType=7\n",
          "the same as [1000sub1]"),
@@ -469,7 +469,7 @@ def test_octets_of_another_encoding(tmp_path: Path) -> None:
     path.write_bytes(b"[1000]\nParameterName=\xff\n")
     with pytest.raises(DictionaryError, match=r"x\.eds:2: octet 21: no utf-8"):
         import_file(path, "utf-8")
-    with pytest.raises(DictionaryError, match="'klingon' is no encoding"):
+    with pytest.raises(DictionaryError, match="'klingon' is not an encoding"):
         import_file(path, "klingon")
 
 
@@ -479,7 +479,7 @@ def test_a_file_too_large_or_of_another_kind(tmp_path: Path) -> None:
         file.truncate(MAX_DESCRIPTION + 1)
     with pytest.raises(DictionaryError, match="octets, a dictionary has at most"):
         import_file(path)
-    with pytest.raises(DictionaryError, match=r"'\.toml' is none of \.eds"):
+    with pytest.raises(DictionaryError, match=r"'\.toml' is not one of \.eds"):
         import_file(tmp_path / "x.toml")
 
 
@@ -594,9 +594,9 @@ def test_sub_sections_where_nothing_can_be_cost_nothing_else() -> None:
     found = import_eds(TYPES.encode(), "x.eds")
     assert [obj.index for obj in found.dictionary] == [0x1000, 0x2000, 0x2001, 0x2002, 0x2003]
     told = {note.text: note.places for note in found.notes}
-    assert told["left out: a definition of a type in an EDS"] == ("0x0040", "0x0060")
-    assert told["sub-indices of a NULL are left out"] == ("0x2000",)
-    assert told["sub-indices of a VAR are left out"] == ("0x2001",)
+    assert told["omitted: a definition of a type in an EDS"] == ("0x0040", "0x0060")
+    assert told["sub-indices of a NULL are omitted"] == ("0x2000",)
+    assert told["sub-indices of a VAR are omitted"] == ("0x2001",)
 
 
 def test_numbers_with_a_zero_in_front_are_octal() -> None:
@@ -624,7 +624,7 @@ def test_a_limit_that_the_type_does_not_have_is_left_out() -> None:
     text = TYPES.replace("HighLimit=0x7FFF", "HighLimit=40000")
     found = import_eds(text.encode(), "x.eds")
     assert found.dictionary[0x2001][0].traits.high is None
-    assert any("its limit '40000' is left out: 40000 is outside" in note.text for note in found.notes)
+    assert any("its limit '40000' is omitted: 40000 is outside" in note.text for note in found.notes)
 
 
 def test_an_eds_as_toml_can_be_edited() -> None:

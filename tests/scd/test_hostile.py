@@ -68,12 +68,12 @@ def toml_error(text: str) -> DictionaryError:
 @pytest.mark.parametrize(
     ("form", "at", "wrong", "where"),
     [
-        ("B", 8, (0, 2, 255), "octet 8"),
-        ("<H", 10, (0, 63, 65, 0xFFFF), "octet 10"),
-        ("<I", 12, (0, 64, len(FILE) - 1, len(FILE) + 1, 2**32 - 1), "octet 12"),
-        ("<I", 16, (0, zlib.crc32(FILE[64:]) ^ 1), "octet 16"),
-        ("12s", 20, (b"\1" + bytes(11), bytes(11) + b"\1"), "octet 20"),
-        ("32s", 32, (bytes(32), FILE[33:64] + b"\0"), "octet 32"),
+        ("B", 8, (0, 2, 255), "byte 8"),
+        ("<H", 10, (0, 63, 65, 0xFFFF), "byte 10"),
+        ("<I", 12, (0, 64, len(FILE) - 1, len(FILE) + 1, 2**32 - 1), "byte 12"),
+        ("<I", 16, (0, zlib.crc32(FILE[64:]) ^ 1), "byte 16"),
+        ("12s", 20, (b"\1" + bytes(11), bytes(11) + b"\1"), "byte 20"),
+        ("32s", 32, (bytes(32), FILE[33:64] + b"\0"), "byte 32"),
     ],
 )
 def test_every_field_of_the_header(form: str, at: int, wrong: tuple[object, ...], where: str) -> None:

@@ -195,14 +195,14 @@ WRONG = [
     ("R103", obj('type="uint8"\naccess="wo"') + '[[pdo]]\ndir="T"\nnumber=1\nmap=["x"]\n', 8, "cannot be read"),
     ("R103", obj('type="uint8"\naccess="ro"') + '[[pdo]]\ndir="R"\nnumber=1\nmap=["x"]\n', 8, "cannot be written"),
     ("R103", obj('type="uint8"\nmappable=false') + '[[pdo]]\ndir="T"\nnumber=1\nmap=["x"]\n', 8, "cannot be mapped"),
-    ("R103", obj('type="string"') + '[[pdo]]\ndir="T"\nnumber=1\nmap=["x"]\n', 7, "whole octets"),
+    ("R103", obj('type="string"') + '[[pdo]]\ndir="T"\nnumber=1\nmap=["x"]\n', 7, "whole bytes"),
     ("R93", obj('type="uint8"\ndevice="p"', 0x6000), 7, "no \\[\\[instance\\]\\]"),
     ("R93", obj('type="uint8"\ndevice="p"', 0x6000) + '[[instance]]\nof="p"\ndevices=[8]\n', 10, "no device 0 to 7"),
     ("R93", '[[instance]]\nof="p"\ndevices=[1]\n', 4, "device = 'p'"),
     ("R52", '[errors]\n"-129"="x"\n', 3, "8 bits"),
     ("profile 3.3", '[envelope]\nfields=[{role="index", type="uint16"}]\n', 3, "role data"),
     ("profile 3.3", '[envelope]\nfields=[{role="data"}, {role="crc", type="crc"}]\n', 3, "belong together"),
-    ("profile 3.3", '[envelope]\nfields=[{role="kind", bits=4}, {role="data"}]\n', 3, "whole octet"),
+    ("profile 3.3", '[envelope]\nfields=[{role="kind", bits=4}, {role="data"}]\n', 3, "whole byte"),
     ("C36", obj('type="uint8"\nlow=3\nhigh=2'), 3, "above the upper"),
 ]  # fmt: skip
 
@@ -392,7 +392,7 @@ def test_every_error_is_reported_at_once_with_the_line_of_its_key() -> None:
     found = [(error.line, error.detail.split(";")[0]) for error in errors_of_text(text)]
     assert [line for line, _ in found] == [6, 10, 17, 18, 29, 31]
     told = [str(error) for error in errors_of_text(text)]
-    assert "'unit' is no kind" in told[0]
+    assert "'unit' is not a kind" in told[0]
     assert "close to it: 'uint" in told[0]
     assert "name is missing; 'nmae' is there" in told[1]
     assert "no type 'int61'; close to it: 'int64', 'int16'" in told[2]
@@ -415,7 +415,7 @@ def test_structs_in_a_cycle_are_records_of_records() -> None:
     own = '[[type]]\nindex=0x42\nname="c_t"\nfields=[{name="c", type="c_t"}]\n'
     found = errors_of_text(one + other + own)
     assert [(error.rule, error.line) for error in found] == [("R73", 6), ("R73", 10), ("R73", 14)]
-    assert "b_t is no simple type: no records of records" in found[0].detail
+    assert "b_t is not a simple type: no records of records" in found[0].detail
 
 
 @pytest.mark.parametrize(
@@ -465,5 +465,5 @@ def test_strings_of_another_encoding() -> None:
     assert utf8.wire_id != od.wire_id
     with pytest.raises(Error, match="has no CP1251 form"):
         Codec(od).encode_value("x", "日")
-    with pytest.raises(DictionaryError, match="'cp1250' is none of utf-8, cp1251"):
+    with pytest.raises(DictionaryError, match="'cp1250' is not one of utf-8, cp1251"):
         parse_toml(text.replace("cp1251", "cp1250"))

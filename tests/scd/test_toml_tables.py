@@ -44,7 +44,7 @@ def test_what_is_no_toml(text: str, line: int, detail: str) -> None:
 
 def test_what_is_no_text() -> None:
     assert source_text("Насос".encode(), "") == "Насос"
-    with pytest.raises(DictionaryError, match=r"x\.toml:3: octet 3: invalid UTF-8"):
+    with pytest.raises(DictionaryError, match=r"x\.toml:3: byte 3: invalid UTF-8"):
         source_text(b"a\n\n\xff", "x.toml")
 
 
@@ -56,7 +56,7 @@ def test_byte_order_marks_are_read(encoding: str) -> None:
 
 
 def test_what_a_mark_says_and_is_not() -> None:
-    with pytest.raises(DictionaryError, match=r"x\.toml:2: octet 6: invalid UTF-16-LE, which its byte order mark says it is"):
+    with pytest.raises(DictionaryError, match=r"x\.toml:2: byte 6: invalid UTF-16-LE, which its byte order mark says it is"):
         source_text(b"\xff\xfe\x0a\x00\x61\x00"[:4] + b"\x0a\x00"[:0] + b"\x61\x00\x00", "x.toml")
     with pytest.raises(DictionaryError, match="save the file as UTF-8"):
         source_text("имя".encode("cp1251"), "x.toml")

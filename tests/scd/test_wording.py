@@ -47,8 +47,8 @@ def told(octets: bytes) -> list[str]:
         (plant.tell("Режим 1", 5), ["0x6061:0 Режим 1 = 5"]),
         (plant.tell("Насос 1.run", False), ["0x6000:1 Насос 1.run = false"]),
         (plant.tell("Имя станции", "Насосная"), ['0x2002:0 Имя станции = "Насосная"']),
-        (plant.tell("Журнал", b"\x01\x02"), ["0x2003:0 Журнал = 2 octets 01 02"]),
-        (plant.tell("Журнал", b""), ["0x2003:0 Журнал = 0 octets"]),
+        (plant.tell("Журнал", b"\x01\x02"), ["0x2003:0 Журнал = 2 bytes 01 02"]),
+        (plant.tell("Журнал", b""), ["0x2003:0 Журнал = 0 bytes"]),
         (
             plant.tell("Последняя авария.time", scd.NetTime(0, 1)),
             ["0x2000:1 Последняя авария.time = 1970-01-01T00:00:00.000000001Z"],
@@ -98,7 +98,7 @@ def test_a_line_names_eight_values_and_counts_the_rest() -> None:
         (0.1, "0.1", 0.1),
         (1 / 3, "0.3333333", 1 / 3),
         (float("nan"), "nan", "nan"),
-        (b"\x01\xff", "2 octets 01 ff", "01ff"),
+        (b"\x01\xff", "2 bytes 01 ff", "01ff"),
         ("ok", '"ok"', "ok"),
         (scd.MAC(bytes(6)), "00:00:00:00:00:00", "00:00:00:00:00:00"),
         (scd.Interval(-1, -5), "-PT1.000000005S", "-PT1.000000005S"),
@@ -119,5 +119,5 @@ def test_whatever_it_is_a_line_stays_a_line(value: Any, name: str, unit: str, te
 
 def test_long_values_are_shortened() -> None:
     assert len(value_text("x" * 1000)) < 90
-    assert value_text(bytes(1000)).startswith("1000 octets 00 00")
+    assert value_text(bytes(1000)).startswith("1000 bytes 00 00")
     assert len(value_text(bytes(1000))) < 110

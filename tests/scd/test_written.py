@@ -67,14 +67,14 @@ def test_nan() -> None:
 @pytest.mark.parametrize(
     ("name", "text", "code", "told"),
     [
-        ("bool", "yes", "E_VALUE", "'yes' is no whole number"),
+        ("bool", "yes", "E_VALUE", "'yes' is not a whole number"),
         ("bool", "2", "E_VALUE", "neither true nor false"),
         ("int8", "128", "E_RANGE", "outside"),
         ("int8", "0x100", "E_RANGE", "outside"),
         ("int8", "1e3", "E_VALUE", "no whole number"),
         ("int8", "9" * 5000, "E_VALUE", "no whole number"),
         ("uint64", "-1", "E_RANGE", "outside"),
-        ("float32", "one", "E_VALUE", "is no number"),
+        ("float32", "one", "E_VALUE", "is not a number"),
         ("float32", "inf", "E_RANGE", "infinity"),
         ("float32", "0x7F800000", "E_RANGE", "infinity"),
         ("float32", "0x100000000", "E_VALUE", "does not fit 32 bits"),
@@ -102,7 +102,7 @@ def test_what_the_dictionary_calls_a_value() -> None:
 
 @pytest.mark.parametrize("text", ["", "x", "0x", "--1", "1.0", "0b1", "١"])
 def test_no_whole_number(text: str) -> None:
-    with pytest.raises(ValueError, match="is no whole number"):
+    with pytest.raises(ValueError, match="is not a whole number"):
         whole(text)
 
 
@@ -140,7 +140,7 @@ def test_raw_and_physical_values(variable: Variable, text: str, raw: int) -> Non
         (PRESSURE, "1374 бар", "is in 'бар', the unit is 'кПа'"),
         (PRESSURE, "9 кПа", "E_RANGE"),
         (PRESSURE, "phys:1e999 кПа", "E_RANGE"),
-        (PRESSURE, "phys:1e9999 кПа", "is no number of at most 40 digits"),
+        (PRESSURE, "phys:1e9999 кПа", "is not a number of at most 40 digits"),
         (PRESSURE, "raw:70000", "outside 0..65535"),
         (PRESSURE, "raw:", "whole number"),
         (SPEED, "1 м/с", "the unit is 'об/мин'"),

@@ -166,17 +166,17 @@ def test_a_mapping_of_unsigned64(pump: Imported) -> None:
 
 def test_every_loss_is_told(pump: Imported) -> None:
     assert {note.text: note.places for note in pump.notes} == {
-        "left out: a definition of a type where SCD has none": ("0x0424",),
-        "the file does not say how long it is, taken is 255 octets": ("0x1018:4",),
+        "omitted: a definition of a type where SCD has none": ("0x0424",),
+        "the file does not give its length; assumed: 255 bytes": ("0x1018:4",),
         "the PDO is switched off: 5 entries, not all of them have a value": ("0x1600",),
         "the PDO is switched off: 2 entries, not all of them have a value": ("0x1602",),
-        "left out: no mapping of UNSIGNED32 (CANopen) or UNSIGNED64 (POWERLINK) elements": ("0x1601",),
-        "its value 'a.b.c.d' is left out: is no IP address: Only decimal digits permitted in 'a' in 'a.b.c.d'": (
+        "omitted: no mapping of UNSIGNED32 (CANopen) or UNSIGNED64 (POWERLINK) elements": ("0x1601",),
+        "its value 'a.b.c.d' is omitted: is not an IP address: Only decimal digits permitted in 'a' in 'a.b.c.d'": (
             "0x2004:0",
         ),
-        "no access is given, taken is rw": ("0x2006:0",),
-        "left out: no type is given": ("0x2007",),
-        "its limit 'x' is left out: is no number": ("0x2008:0",),
+        "no access is given; assumed: rw": ("0x2006:0",),
+        "omitted: no type is given": ("0x2007",),
+        "its limit 'x' is omitted: is not a number": ("0x2008:0",),
         "the PDO is switched off: Run has 1 bits, not 8": ("0x1a01",),
     }
 
@@ -215,11 +215,11 @@ TWICE = f'<Object index="1018" objectType="9">{SUBS}</Object>'
         ("<a>\n<b></a>", "x.xdd:2: XML: mismatched tag"),
         ("<a/>", "x.xdd: XDD: no Object in an ObjectList"),
         ('<?xml version="1.0" encoding="klingon"?><a/>', "XML: "),
-        (with_objects(VAR.format("", 7, "7")), "Object '': index '' is no hexadecimal number (R57)"),
-        (with_objects(VAR.format("12345", 7, "7")), "index '12345' is no hexadecimal number"),
-        (with_objects(VAR.format("1000", 3, "7")), "Object 1000: objectType '3' is no class of objects (R63)"),
-        (with_objects(VAR.format("1000", 7, "seven")), "Object 1000: dataType 'seven' is no hexadecimal number"),
-        (with_objects(VAR.format("1000", 7, "7") * 2), "Object 1000: the index is there twice (R57)"),
+        (with_objects(VAR.format("", 7, "7")), "Object '': index '' is not a hexadecimal number (R57)"),
+        (with_objects(VAR.format("12345", 7, "7")), "index '12345' is not a hexadecimal number"),
+        (with_objects(VAR.format("1000", 3, "7")), "Object 1000: objectType '3' is not a class of objects (R63)"),
+        (with_objects(VAR.format("1000", 7, "seven")), "Object 1000: dataType 'seven' is not a hexadecimal number"),
+        (with_objects(VAR.format("1000", 7, "7") * 2), "Object 1000: the index occurs twice (R57)"),
         (with_objects(TWICE), "Object 1018, SubObject 01: is there twice (R62)"),
         (with_objects(TWICE.replace('"1"', '"100"')), "Object 1018, SubObject 100: sub-indices have 8 bits (R62)"),
     ],

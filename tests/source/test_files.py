@@ -243,7 +243,7 @@ def test_cut_anywhere_gives_the_whole_records_and_tells(
         path.write_bytes(whole[:size])
         reader = _opened(path)
         if reader is None:
-            assert seen == 0, "refused is only what holds not even four octets of capture"
+            assert seen == 0, "refused is only what holds not even four bytes of capture"
             continue
         frames = drain(reader).frames
         assert frames == sample.frames_before(reader.octets)
@@ -254,9 +254,9 @@ def test_cut_anywhere_gives_the_whole_records_and_tells(
         elif "members" in compression or "frames" in compression:
             assert reader.damage or reader.octets in sample.boundaries
         else:
-            assert reader.damage.startswith(f"the {compression[:4]} data is cut off at octet {size}")
+            assert reader.damage.startswith(f"the {compression[:4]} data is cut off at byte {size}")
             inside = reader.octets not in sample.boundaries
-            assert ("; what it held is cut off at octet" in reader.damage) == inside
+            assert ("; what it held is cut off at byte" in reader.damage) == inside
     assert seen > len(sample.octets) - 100, "the last block, member or frame is all that may be lost"
 
 
@@ -293,7 +293,7 @@ def test_corrupt_gzip_gives_all_that_stands_before(tmp_path: Path) -> None:
     path.write_bytes(whole)
     reader, recorder = _read_all(path)
     assert recorder.frames == sample.frames
-    assert reader.damage.startswith("the gzip data is corrupt at octet ")
+    assert reader.damage.startswith("the gzip data is corrupt at byte ")
     assert "(incorrect data check)" in reader.damage
     # A block type that does not exist, in the middle: found by the decompressor alone.
     stored = zlib.compressobj(0, wbits=31)
@@ -302,9 +302,7 @@ def test_corrupt_gzip_gives_all_that_stands_before(tmp_path: Path) -> None:
     reader, recorder = _read_all(path)
     assert recorder.frames == sample.frames_before(200_000)
     assert reader.octets == 200_000
-    assert reader.damage.startswith(
-        f"the gzip data is corrupt at octet {len(front)} (invalid block type); what it held"
-    )
+    assert reader.damage.startswith(f"the gzip data is corrupt at byte {len(front)} (invalid block type); what it held")
 
 
 def test_corrupt_zstd_gives_all_that_stands_before(tmp_path: Path) -> None:
@@ -318,7 +316,7 @@ def test_corrupt_zstd_gives_all_that_stands_before(tmp_path: Path) -> None:
     path.write_bytes(whole)
     reader, recorder = _read_all(path)
     assert recorder.frames == sample.frames
-    assert reader.damage.startswith("the zstd data is corrupt between octets ")
+    assert reader.damage.startswith("the zstd data is corrupt between bytes ")
     assert "checksum" in reader.damage
     # The second block claims the type that is reserved.
     header = zstandard.frame_header_size(bytes(whole))
@@ -329,7 +327,7 @@ def test_corrupt_zstd_gives_all_that_stands_before(tmp_path: Path) -> None:
     reader, recorder = _read_all(path)
     assert recorder.frames == sample.frames_before(128 * 1024)
     assert reader.octets == 128 * 1024
-    assert reader.damage.startswith(f"the zstd data is corrupt between octets {second} and ")
+    assert reader.damage.startswith(f"the zstd data is corrupt between bytes {second} and ")
 
 
 @pytest.mark.parametrize("compression", ["gzip", "gzip members", "zstd", "zstd frames"])
@@ -342,7 +340,7 @@ def test_what_follows_compressed_data_is_left_out_and_told(compression: str, tmp
     assert recorder.frames == sample.frames
     assert (
         reader.damage
-        == f"the {compression[:4]} data ends at octet {len(whole)}; what follows is none, and was left out"
+        == f"the {compression[:4]} data ends at byte {len(whole)}; the data after it is not compressed data and was ignored"
     )
 
 
@@ -407,7 +405,7 @@ def test_what_gzip_holds_back_inside_is_given_before_the_cut_is_told(size: int) 
     cut = gzip.compress(bytes(50_000), mtime=0)[:-8]
     source = GzipSource(MemorySource(cut), b"")
     assert b"".join(iter(lambda: source.read(size), b"")) == bytes(50_000)
-    assert source.damage == f"the gzip data is cut off at octet {len(cut)}"
+    assert source.damage == f"the gzip data is cut off at byte {len(cut)}"
 
 
 def test_a_zstd_bomb_is_read_a_piece_at_a_time() -> None:
@@ -435,7 +433,7 @@ def test_a_bomb_of_no_capture_ends_at_its_first_record(tmp_path: Path) -> None:
     )
     reader, recorder = _read_all(path)
     assert recorder.frames == SAMPLES["pcapng"].frames
-    assert reader.damage == f"damaged at octet {len(front)}, after 8 packets: a block claims a length of 0 octets"
+    assert reader.damage == f"damaged at byte {len(front)}, after 8 packets: a block claims a length of 0 bytes"
     assert reader.octets <= 2 * CHUNK
 
 
@@ -485,15 +483,15 @@ def test_compressed_twice_is_not_followed(outer: str, inner: str, tmp_path: Path
     ("octets", "reason"),
     [
         (b"", "empty"),
-        (b"\xd4\xc3\xb2", "only 3 octets, no capture"),
+        (b"\xd4\xc3\xb2", "only 3 bytes, no capture"),
         (b"Hello, I am no capture at all", "not a capture file (pcap or pcapng, plain or in gzip or zstd)"),
         (bytes(1000), "not a capture file (pcap or pcapng, plain or in gzip or zstd)"),
         (b"\n\r\r\n" + bytes(100), "not a capture file (pcap or pcapng, plain or in gzip or zstd)"),
         (gzip.compress(b"", mtime=0), "empty"),
         (gzip.compress(b"text", mtime=0), "not a capture file (pcap or pcapng, plain or in gzip or zstd)"),
-        (gzip.compress(b"text", mtime=0)[:11], "the gzip data is cut off at octet 11"),
+        (gzip.compress(b"text", mtime=0)[:11], "the gzip data is cut off at byte 11"),
         (_zstd(b""), "empty"),
-        (_zstd(b"some text")[:12], "the zstd data is cut off at octet 12"),
+        (_zstd(b"some text")[:12], "the zstd data is cut off at byte 12"),
         (b"BZh91AY&SY", "a bzip2 file; decompress it first"),
         (b"snoop\0\0\0\0\0\0\2", "a snoop file; convert it first: editcap -F pcapng OLD NEW"),
     ],
@@ -579,12 +577,12 @@ def test_a_failing_disk_is_told_and_costs_only_what_was_not_read(compression: st
     reader = files.find_reader(PlainSource(stream, owned=True), "x")
     frames = drain(reader).frames
     assert frames == sample.frames_before(reader.octets)
-    assert reader.damage.startswith(f"reading failed after octet {len(whole) - 1}: Input/output error")
+    assert reader.damage.startswith(f"reading failed after byte {len(whole) - 1}: Input/output error")
     assert stream.closed
 
 
 def test_a_disk_that_fails_at_once_is_no_capture() -> None:
-    with pytest.raises(CaptureError, match=r"^x: reading failed after octet 0: Input/output error$"):
+    with pytest.raises(CaptureError, match=r"^x: reading failed after byte 0: Input/output error$"):
         files.find_reader(PlainSource(_FailingStream(b""), owned=True), "x")
 
 

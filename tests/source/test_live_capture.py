@@ -426,7 +426,7 @@ def test_a_dumpcap_that_closes_its_output_and_stays(monkeypatch: pytest.MonkeyPa
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/bin:/usr/bin")
     monkeypatch.setattr("dissect.source.live.dumpcap._END_S", 0.05)
-    with pytest.raises(LiveError, match="lo: dumpcap: ended without a word"):
+    with pytest.raises(LiveError, match="lo: dumpcap: ended without a message"):
         open_live("lo", engine="dumpcap")
 
 
@@ -437,5 +437,5 @@ def test_a_dumpcap_that_never_begins(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/bin:/usr/bin")
     monkeypatch.setattr("dissect.source.live.dumpcap._START_S", 0.2)
-    with pytest.raises(LiveError, match="lo: dumpcap did not begin within 0 s: busy"):
+    with pytest.raises(LiveError, match="lo: dumpcap did not start within 0 s: busy"):
         open_live("lo", engine="dumpcap")

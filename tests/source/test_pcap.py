@@ -72,9 +72,9 @@ def test_cut_anywhere_gives_the_whole_records_and_tells(sample: Pcap, piece: int
         assert drain(reader).frames == sample.frames_before(size)
         assert (reader.damage == "") == (size in sample.boundaries), size
         if size < 24:
-            assert reader.damage == f"cut off at octet {size}, inside the file header"
+            assert reader.damage == f"cut off at byte {size}, inside the file header"
         elif reader.damage:
-            assert reader.damage == f"cut off at octet {size}, inside the record of packet {reader.packets + 1}"
+            assert reader.damage == f"cut off at byte {size}, inside the record of packet {reader.packets + 1}"
 
 
 def test_a_microsecond_count_past_the_second_is_read_as_it_stands_and_told() -> None:
@@ -88,7 +88,7 @@ def test_a_microsecond_count_past_the_second_is_read_as_it_stands_and_told() -> 
     assert reader.damage == ""
     (note,) = reader.notes
     assert note.startswith("a time stamp holds 1000000 parts of a second, a whole second or more, and was read as it ")
-    assert note.endswith("stands (at octet 44, the first of 2 like it)")
+    assert note.endswith("stands (at byte 44, the first of 2 like it)")
 
 
 def test_nanoseconds_past_the_second_do_not_leave_64_bits() -> None:
@@ -103,7 +103,7 @@ def test_fewer_octets_on_the_wire_than_captured_is_told_and_no_cut() -> None:
     sample.add(sample.record(EPOCH, 0, 5, 2, b"abcde"), Frame(EPOCH * NS, b"abcde", 5, ETHERNET))
     reader = reader_of(sample.octets)
     assert drain(reader).frames == sample.frames
-    assert [note for note in reader.notes if "only 2 octets on the wire" in note] == reader.notes != []
+    assert [note for note in reader.notes if "only 2 bytes on the wire" in note] == reader.notes != []
 
 
 @pytest.mark.parametrize(("version", "swapped"), [((2, 2), True), ((2, 3), True), ((2, 4), False)])
@@ -140,7 +140,7 @@ def test_the_largest_packet_believed(link_type: int, beyond: int) -> None:
     frames = drain(reader).frames
     if beyond:
         assert frames == sample.frames[:1]
-        assert reader.damage == f"damaged at octet {at}, after 1 packet: a record claims a packet of {limit + 1} octets"
+        assert reader.damage == f"damaged at byte {at}, after 1 packet: a record claims a packet of {limit + 1} bytes"
     else:
         assert frames == sample.frames
         assert reader.damage == ""
@@ -160,7 +160,7 @@ def test_an_absurd_length_allocates_nothing(captured: int) -> None:
     finally:
         tracemalloc.stop()
     assert frames == sample.frames
-    assert f"claims a packet of {captured} octets" in reader.damage
+    assert f"claims a packet of {captured} bytes" in reader.damage
     assert source.taken == 4096
     assert source.closed
     assert peak < 100_000
@@ -176,7 +176,7 @@ def test_a_legal_record_that_is_not_there_costs_what_is_there() -> None:
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert reader.damage == f"cut off at octet {len(sample.octets)}, inside the record of packet 1"
+    assert reader.damage == f"cut off at byte {len(sample.octets)}, inside the record of packet 1"
     assert peak < 100_000
 
 

@@ -129,7 +129,7 @@ def test_cut_anywhere_gives_the_whole_blocks_and_tells(sample: Pcapng, piece: in
         if reader.damage:
             begin = max((end for end in sample.boundaries if end < size), default=0)
             after = f", after packet {reader.packets}" if reader.packets else ""
-            assert reader.damage == f"cut off at octet {size}, inside the block at octet {begin}{after}"
+            assert reader.damage == f"cut off at byte {size}, inside the block at byte {begin}{after}"
 
 
 @both_orders
@@ -168,7 +168,7 @@ def test_the_length_of_a_simple_packet_is_bound_by_the_snap_length(big: bool) ->
     at = len(Pcapng(big).octets) + 20
     (note,) = reader.notes
     assert note.startswith("a Simple Packet Block has no time, and was given that of the packet before it (")
-    assert note.endswith(f"(at octet {at}, the first of 3 like it)")
+    assert note.endswith(f"(at byte {at}, the first of 3 like it)")
 
 
 @given(
@@ -198,7 +198,7 @@ def test_an_absurd_resolution_is_told_with_its_number() -> None:
     reader = reader_of(sample.octets)
     drain(reader)
     assert reader.notes == [
-        "an interface claims a time resolution of 10 or 2 to the minus 127, and was given the finest believed (at octet 44)"
+        "an interface claims a time resolution of 10 or 2 to the minus 127, and was given the finest one supported (at byte 44)"
     ]
 
 
@@ -209,7 +209,7 @@ def test_clock_options_of_the_wrong_size_are_left_out_and_told(big: bool) -> Non
     sample.packet(US, EPOCH * NS, b"default clock")
     reader = reader_of(sample.octets)
     assert drain(reader).frames == sample.frames
-    assert [note for note in reader.notes if "holds 2 octets" in note and "first of 3" in note] == reader.notes != []
+    assert [note for note in reader.notes if "holds 2 bytes" in note and "first of 3" in note] == reader.notes != []
 
 
 @both_orders
@@ -224,7 +224,7 @@ def test_options_that_run_past_their_block_are_left_out_and_told(big: bool) -> N
     recorder = drain(reader)
     assert recorder.frames == sample.frames
     assert recorder.comments == [(1, "kept")]
-    assert [note for note in reader.notes if "claims 5 octets" in note and "first of 3" in note] == reader.notes != []
+    assert [note for note in reader.notes if "claims 5 bytes" in note and "first of 3" in note] == reader.notes != []
     assert reader.rejected == 0
 
 
@@ -243,18 +243,18 @@ def _rejected_blocks(sample: Pcapng) -> dict[str, tuple[bytes, str]]:
             sample.framed(2, struct.pack(f"{order}HH", 65535, 0) + packet[4:]),
             "names interface 65535",
         ),
-        "captured one too many": (sample.framed(6, captured(9)), "claims 9 captured octets"),
-        "captured 2**31": (sample.framed(6, captured(2**31)), "claims 2147483648 captured octets"),
-        "captured 2**32 - 1": (sample.framed(6, captured(2**32 - 1)), "claims 4294967295 captured octets"),
+        "captured one too many": (sample.framed(6, captured(9)), "claims 9 captured bytes"),
+        "captured 2**31": (sample.framed(6, captured(2**31)), "claims 2147483648 captured bytes"),
+        "captured 2**32 - 1": (sample.framed(6, captured(2**32 - 1)), "claims 4294967295 captured bytes"),
         "too large for Ethernet": (
             sample.framed(6, sample.enhanced(US, bytes(MAX_ETHERNET_PACKET + 4))),
-            f"claims {MAX_ETHERNET_PACKET + 4} captured octets",
+            f"claims {MAX_ETHERNET_PACKET + 4} captured bytes",
         ),
-        "simple one too many": (sample.framed(3, struct.pack(f"{order}I", 5) + b"four"), "claims 5 captured octets"),
-        "enhanced without fields": (sample.framed(6, b""), "of 12 octets is shorter"),
-        "enhanced short of its fields": (sample.framed(6, bytes(16)), "of 28 octets is shorter"),
-        "old short of its fields": (sample.framed(2, bytes(16)), "of 28 octets is shorter"),
-        "simple without fields": (sample.framed(3, b""), "of 12 octets is shorter"),
+        "simple one too many": (sample.framed(3, struct.pack(f"{order}I", 5) + b"four"), "claims 5 captured bytes"),
+        "enhanced without fields": (sample.framed(6, b""), "of 12 bytes is shorter"),
+        "enhanced short of its fields": (sample.framed(6, bytes(16)), "of 28 bytes is shorter"),
+        "old short of its fields": (sample.framed(2, bytes(16)), "of 28 bytes is shorter"),
+        "simple without fields": (sample.framed(3, b""), "of 12 bytes is shorter"),
         "trailer": (sample.framed(6, packet, back=44), "repeats its length as 44"),
         "trailer 0": (sample.framed(6, packet, back=0), "repeats its length as 0 "),
         "trailer of an unknown block": (sample.framed(77, packet, back=2**32 - 1), "repeats its length as 4294967295"),
@@ -277,7 +277,7 @@ def test_a_block_that_contradicts_itself_is_given_up_and_reading_goes_on(name: s
     assert reader.rejected == 2
     assert len(reader.notes) == 1
     assert words in reader.notes[0]
-    assert reader.notes[0].endswith(f"(at octet {at}, the first of 2 like it)")
+    assert reader.notes[0].endswith(f"(at byte {at}, the first of 2 like it)")
 
 
 def test_packets_before_any_interface_are_given_up() -> None:
@@ -315,7 +315,7 @@ def test_an_interface_that_cannot_be_read_keeps_its_number(big: bool) -> None:
     reader = reader_of(sample.octets)
     assert drain(reader).frames == sample.frames
     assert reader.rejected == 3
-    assert ["of 16 octets is shorter" in note for note in reader.notes] == [True, False]
+    assert ["of 16 bytes is shorter" in note for note in reader.notes] == [True, False]
 
 
 def test_the_lengths_of_sections_and_interfaces_may_differ_once() -> None:
@@ -342,7 +342,7 @@ def test_two_wrong_trailers_running_end_the_reading() -> None:
     sample.packet(US, EPOCH * NS, b"never reached")
     reader = reader_of(sample.octets)
     assert drain(reader).frames == kept
-    assert reader.damage.startswith(f"damaged at octet {at}, after 2 packets: two blocks one after the other")
+    assert reader.damage.startswith(f"damaged at byte {at}, after 2 packets: two blocks one after the other")
     assert reader.rejected == 1
 
 
@@ -357,7 +357,7 @@ def test_a_block_length_that_cannot_be_ends_the_reading(length: int, kind: int, 
     source = MemorySource(endless, 4096)
     reader = PcapngReader(source, source.read(4096))
     assert drain(reader).frames == sample.frames
-    assert reader.damage == f"damaged at octet {at}, after 2 packets: a block claims a length of {length} octets"
+    assert reader.damage == f"damaged at byte {at}, after 2 packets: a block claims a length of {length} bytes"
     assert source.taken == 4096
     assert source.closed
 
@@ -368,7 +368,7 @@ def test_a_section_too_short_for_its_fields_ends_the_reading() -> None:
     sample.add(sample.framed(0x0A0D0D0A, struct.pack("<IHH", 0x1A2B3C4D, 1, 0)))
     reader = reader_of(sample.octets)
     assert drain(reader).frames == sample.frames
-    assert reader.damage == f"damaged at octet {at}, after 2 packets: a section header claims a length of 20 octets"
+    assert reader.damage == f"damaged at byte {at}, after 2 packets: a section header claims a length of 20 bytes"
 
 
 @both_orders
@@ -378,7 +378,7 @@ def test_a_section_of_an_unknown_version_ends_the_reading(big: bool) -> None:
     sample.section(big, version=2)
     reader = reader_of(sample.octets)
     assert drain(reader).frames == sample.frames
-    assert reader.damage.startswith(f"damaged at octet {at}, after 2 packets: a section is of version 2 ")
+    assert reader.damage.startswith(f"damaged at byte {at}, after 2 packets: a section is of version 2 ")
 
 
 def test_a_section_without_byte_order_ends_the_reading() -> None:
@@ -387,7 +387,7 @@ def test_a_section_without_byte_order_ends_the_reading() -> None:
     sample.add(sample.framed(0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4E, 1, 0, -1)))
     reader = reader_of(sample.octets)
     assert drain(reader).frames == sample.frames
-    assert reader.damage.startswith(f"damaged at octet {at}, after 2 packets: a section header has no byte-order magic")
+    assert reader.damage.startswith(f"damaged at byte {at}, after 2 packets: a section header has no byte-order magic")
     assert "4e 3c 2b 1a" in reader.damage
 
 
@@ -411,7 +411,7 @@ def test_a_legal_block_that_is_not_there_costs_what_is_there() -> None:
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert reader.damage == f"cut off at octet {len(octets)}, inside the block at octet 28"
+    assert reader.damage == f"cut off at byte {len(octets)}, inside the block at byte 28"
     assert peak < 100_000
 
 
@@ -449,7 +449,7 @@ def test_fewer_octets_on_the_wire_than_captured_is_told_and_no_cut(big: bool) ->
     sample.frames[-1] = Frame(EPOCH * NS, b"abcde", 5, ETHERNET)
     reader = reader_of(sample.octets)
     assert drain(reader).frames == sample.frames
-    assert [note for note in reader.notes if "only 2 octets on the wire" in note] == reader.notes != []
+    assert [note for note in reader.notes if "only 2 bytes on the wire" in note] == reader.notes != []
 
 
 class _Failing(PacketSink):

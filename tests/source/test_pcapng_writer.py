@@ -171,7 +171,7 @@ def test_comments_have_bounds() -> None:
     assert comment_octets(long).decode().endswith("ж…")
     got = drain(reader_of(section_block() + interface_block(1) + packet_block(0, 1, ETHER, 60, [long] * 10)))
     assert len(got.comments) == 4
-    assert got.comments[-1][1] == "7 more comments were left out"
+    assert got.comments[-1][1] == "7 more comments were dropped"
 
 
 def test_a_packet_larger_than_a_block_is_refused() -> None:

@@ -113,7 +113,7 @@ def test_an_ignored_kind_that_is_none_is_an_error(project: Project) -> None:
     project.test(ONE.replace('"pump"', '"pump", ignore="nonsense"'))
     result = project.run("--s7-update", "new")
     result.assert_outcomes(failed=1)
-    result.stdout.fnmatch_lines(["*ValueError: 'nonsense' cannot be ignored; there are connections, *"])
+    result.stdout.fnmatch_lines(["*ValueError: 'nonsense' is not a kind of difference; known kinds: connections, *"])
     assert not project.goldens.exists()
 
 
@@ -202,7 +202,7 @@ def test_wrong(s7_golden):
     project.test(body)
     result = project.run("--s7-update", "new")
     result.assert_outcomes(passed=1, failed=1)
-    result.stdout.fnmatch_lines(["*TypeError: 42 is no capture, no session and no path"])
+    result.stdout.fnmatch_lines(["*TypeError: 42 is not a capture, a session or a path"])
     texts = {one.read_bytes() for one in project.goldens.rglob("*.s7.txt")}
     assert len(texts) == 1
     assert len(project.listed()) == 5

@@ -54,16 +54,16 @@ def test_pump(s7_golden, s7_server, s7_record, tmp_path):
     ("mistake", "told"),
     [
         ("s7_golden.check('pomp')", "FileNotFoundError: no capture tests/captures/pomp; *"),
-        ("s7_golden.check(None)", "TypeError: None is no capture, no session and no path"),
-        ("s7_golden.check('pump', name=3)", "TypeError: name=3: the name of a golden is a text"),
-        ("s7_golden.check('pump', ignore='all')", "ValueError: 'all' cannot be ignored; there are *"),
+        ("s7_golden.check(None)", "TypeError: None is not a capture, a session or a path"),
+        ("s7_golden.check('pump', name=3)", "TypeError: name=3: the name of a golden must be a string"),
+        ("s7_golden.check('pump', ignore='all')", "ValueError: 'all' is not a kind of difference; known kinds: *"),
         ("s7_golden.check('../test_pump.py')", "*CaptureError: *test_pump.py: not a capture file *"),
         ("s7_golden.check('../bad.s7.txt')", "*GoldenError: *bad.s7.txt*"),
         ("s7_server('pomp')", "FileNotFoundError: no capture tests/captures/pomp; *"),
         ("s7_server('../test_pump.py')", "*Error: *test_pump.py: not a capture file *"),
-        ("s7_server('pump', faults=['drop'])", "ValueError: 'drop' is no fault: say KIND:WHERE, *"),
-        ("s7_record(to=None)", "TypeError: to=None: say where the PLC is: *"),
-        ("s7_record(to='127.0.0.1:x')", "*AddressError: '127.0.0.1:x' is not an address: expected HOST:PORT, *"),
+        ("s7_server('pump', faults=['drop'])", "ValueError: 'drop' is not a fault: say KIND:WHERE, *"),
+        ("s7_record(to=None)", "TypeError: to=None: give the address of the PLC: *"),
+        ("s7_record(to='127.0.0.1:x')", "*AddressError: '127.0.0.1:x' is not an address: say HOST:PORT, *"),
     ],
 )
 def test_a_mistake_is_told_at_its_line_and_not_inside_the_plugin(project: Project, mistake: str, told: str) -> None:

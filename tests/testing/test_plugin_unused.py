@@ -13,7 +13,7 @@ def test_pump(s7_golden):
 def test_valve(s7_golden):
     s7_golden.check("pump", name="open")
 """
-ADVICE = "  no test uses them: delete them where that is meant"
+ADVICE = "  no test uses them: delete them if that is intended"
 
 
 @pytest.fixture
@@ -127,7 +127,7 @@ def test_under_xdist_workers_write_and_the_controller_tells(project: Project) ->
     result = distributed(project, "-n", "2", "--s7-update", "new")
     result.assert_outcomes(passed=6)
     told = [f"written tests/goldens/test_pump/{name}.s7.txt" for name in names]
-    assert section(result) == [*told, "  read them, and commit them"]
+    assert section(result) == [*told, "  review and commit them"]
     assert project.listed() == [f"test_pump/{name}.s7.txt" for name in names]
     project.golden("test_pump/test_gone").write_text("")
     project.change("BYTE = 116", "BYTE = 117", "test_pump/test_3")

@@ -106,7 +106,7 @@ def test_a_chain_that_never_ends() -> None:
     assert joined(joiner, transactions((question(1), answer(1, FIRST, 3, 213, 1)))) == []
     (chain,) = joiner.close()
     assert (chain.octets, chain.whole) == (FIRST, False)
-    assert repr(chain) == f"Chain(4, 1, {len(FIRST)} octets in 1, open)"
+    assert repr(chain) == f"Chain(4, 1, {len(FIRST)} bytes in 1, open)"
     assert (joiner.unfinished_count, joiner.open_count) == (1, 0)
 
 

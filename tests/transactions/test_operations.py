@@ -132,7 +132,7 @@ def test_parts_that_are_not_fetched(talk: Talk) -> None:
     talk.tell(events.tells(2, 4, 1, list_of(40), sequence=3, part=9))
     talk.close()
     assert [(one.result, one.reason) for one in talk.operations] == [
-        ("unfinished", "begun again"),
+        ("unfinished", "restarted"),
         ("unfinished", "connection_closed"),
     ]
 
@@ -187,12 +187,12 @@ def test_a_bsend_that_is_refused_begun_again_or_of_another_size(talk: Talk) -> N
     send(talk, events.bsend(4, b"ab", 4, part=8), 4)
     send(talk, events.bsend(5, b"cde", sequence=2, part=-9), 5)
     assert [(one.result, one.reason, one.error_code) for one in talk.operations] == [
-        ("unfinished", "begun again", 0),
+        ("unfinished", "restarted", 0),
         ("failed", "", 0xD209),
         ("done", "", 0),
     ]
     assert talk.operations[1].content == b""
-    assert [(odd.name, odd.detail) for odd in talk.operations[2].oddities] == [("wrong_size", "5 octets, 4 announced")]
+    assert [(odd.name, odd.detail) for odd in talk.operations[2].oddities] == [("wrong_size", "5 bytes, 4 announced")]
 
 
 def test_a_bsend_alone_or_without_its_beginning_is_no_operation(talk: Talk) -> None:

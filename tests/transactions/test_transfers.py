@@ -118,7 +118,7 @@ def test_an_upload_whose_step_names_another_id(talk: Talk) -> None:
     talk.tell(events.answered(2, 0x1E))
     talk.close()
     assert oddities(only(talk)) == ["wrong_id"]
-    assert only(talk).oddities[0].detail == "upload 8, the PLC gave 7"
+    assert only(talk).oddities[0].detail == "upload 8, the PLC assigned 7"
 
 
 def test_an_upload_that_is_ended_at_once(talk: Talk) -> None:

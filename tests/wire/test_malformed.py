@@ -14,17 +14,17 @@ FACT = Malformed("cotp", "length_beyond", "li", 4, 18, 9, "tpkt")
 @pytest.mark.parametrize(
     ("fact", "text"),
     [
-        (FACT, "cotp: li at octet 4 claims 18 octets, the TPKT has 9"),
-        (Malformed("s7", "too_short", "header", 0, 10, 1, "tsdu"), "s7: header at octet 0 needs 10 octets, the TSDU has 1"),
-        (Malformed("s7", "length_below", "item.length", 12, 10, 3, "item"), "s7: item.length at octet 12 is 3, less than 10"),
-        (Malformed("s7", "bad_value", "syntax_id", 4, 17, 18, "param"), "s7: syntax_id at octet 4 is 18, expected 17"),
+        (FACT, "cotp: li at byte 4 claims 18 bytes, the TPKT has 9"),
+        (Malformed("s7", "too_short", "header", 0, 10, 1, "tsdu"), "s7: header at byte 0 needs 10 bytes, the TSDU has 1"),
+        (Malformed("s7", "length_below", "item.length", 12, 10, 3, "item"), "s7: item.length at byte 12 is 3, less than 10"),
+        (Malformed("s7", "bad_value", "syntax_id", 4, 17, 18, "param"), "s7: syntax_id at byte 4 is 18, expected 17"),
         (Malformed("s7", "trailing_octets", "end", 21, 0, 1, "param"),
-         "s7: 1 octet too many at octet 21, in the parameter part"),
+         "s7: 1 byte too many at byte 21, in the parameter part"),
         (Malformed("s7", "trailing_octets", "pdu", 26, 26, 104, "tsdu"),
-         "s7: 78 octets too many behind pdu at octet 26, in the TSDU"),
+         "s7: 78 bytes too many behind pdu at byte 26, in the TSDU"),
         (Malformed("s7", "count_mismatch", "item_count", 11, 5, 1, "param"),
-         "s7: item_count at octet 11: 5 announced, 1 there"),
-        (Malformed("cotp", "unknown_type", "type", 1, 0, 3, "li"), "cotp: type at octet 1 is 3, which is not known"),
+         "s7: item_count at byte 11: 5 announced, 1 there"),
+        (Malformed("cotp", "unknown_type", "type", 1, 0, 3, "li"), "cotp: type at byte 1 is 3, which is unknown"),
     ],
 )  # fmt: skip
 def test_it_says_everything_in_a_sentence(fact: Malformed, text: str) -> None:

@@ -99,4 +99,4 @@ def test_limit_and_field_are_told() -> None:
     told: list[Malformed] = []
     at = Cursor(b"\0" * 8, 2, 5, "param", told)
     assert at.take(FIXED) is None
-    assert str(told[0]) == "s7: fixed at octet 2 needs 4 octets, the parameter part has 3"
+    assert str(told[0]) == "s7: fixed at byte 2 needs 4 bytes, the parameter part has 3"

@@ -45,7 +45,7 @@ class Download:
         """Return why it must not begin where ``pdu_length`` was granted (0 for not known), empty when it may."""
         longest = max([len(job.response) for job in self.jobs], default=0)
         if pdu_length and longest > pdu_length:
-            return f"a piece of {longest} octets does not fit the PDU length of {pdu_length} that was granted"
+            return f"a piece of {longest} bytes does not fit the PDU length of {pdu_length} that was granted"
         return ""
 
 

@@ -44,10 +44,10 @@ READING_USERDATA: Final = frozenset((
 ))  # fmt: skip
 
 #: Why a request is not sent.
-NO_WRITE: Final = "writes are sent with --allow-write only"
-NO_CONTROL: Final = "control is sent with --allow-control only"
+NO_WRITE: Final = "writes are only sent with --allow-write"
+NO_CONTROL: Final = "control requests are only sent with --allow-control"
 _NC_DOWNLOAD: Final = (0x3F, 0x01)
-DOWNLOAD: Final = "the NC would ask for the file, and what an NC asks is never answered"
+DOWNLOAD: Final = "the NC would request the file, and requests of an NC are never answered"
 
 
 def kind_of(octets: bytes) -> str:

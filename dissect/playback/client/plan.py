@@ -33,11 +33,11 @@ USUAL_SETUP: Final = Setup(1, 1, 960)
 
 #: Why something of a recording is not played.
 NOT_S7: Final = "only S7comm over TCP is replayed"
-SERVER_ASKED: Final = "what a PLC asks is answered in a download only"
-NOT_WHOLE: Final = "the recording does not have all that the PLC would ask for"
+SERVER_ASKED: Final = "requests of a PLC are only answered in a download"
+NOT_WHOLE: Final = "the recording lacks data that the PLC would request"
 NO_REQUEST: Final = "its request is not in the recording"
 FOLLOWS_WITHHELD: Final = "it belongs to a request that is withheld"
-CLIENT_PUSH: Final = "a message of the client that is no request"
+CLIENT_PUSH: Final = "a client message that is not a request"
 
 _NORMAL: Final = 0x80  # reason of a DR: ended by the user
 #: How either end ends a connection, where the recording sees it.
@@ -238,7 +238,7 @@ def plan_lines(plan: Sequence[Part], permissions: Permissions) -> list[str]:
         does = f"connect {calling} -> {called}, TPDU size {part.tpdu_size}" if _playable(part) else "not played"
         lines.append(f"connection {part.link.number}: {does}")
         if part.own_setup and _playable(part):
-            lines.append("  send SETUP of our own, none was recorded")
+            lines.append("  send a default SETUP, none was recorded")
         told = {one.transaction: one.reason for one in part.withheld}
         steps = {step.transaction.number: step for step in part.steps}
         for transaction in part.link.transactions:
@@ -247,12 +247,12 @@ def plan_lines(plan: Sequence[Part], permissions: Permissions) -> list[str]:
             if step is None:
                 lines.append(f"  withhold {about}: {told[transaction.number]}")
             elif step.kind == HEAR:
-                lines.append(f"  wait for {about}, which nobody asks for")
+                lines.append(f"  wait for {about}, which was not requested")
             elif step.kind == SERVE:
                 request = step.download.request.request if step.download is not None else b""
                 kept = bool(permissions.refusal(request))
                 lines.append(
-                    f"  withhold {about}: {FOLLOWS_WITHHELD}" if kept else f"  answer {about}, which the PLC asks"
+                    f"  withhold {about}: {FOLLOWS_WITHHELD}" if kept else f"  answer {about}, which the PLC requests"
                 )
             else:
                 reason = permissions.refusal(transaction.request)

@@ -27,8 +27,8 @@ MAX_TIMEOUTS: Final = 3
 _FIRST_REFERENCE: Final = 1
 _REFERENCE: Final = slice(4, 6)
 NOT_GRANTED: Final = "the Setup communication was not granted"
-HALF_LOADED: Final = "a download before it did not go on as it was recorded"
-NOT_LOADED: Final = "the download did not go on as it was recorded"
+HALF_LOADED: Final = "an earlier download did not proceed as recorded"
+NOT_LOADED: Final = "the download did not proceed as recorded"
 
 
 class Player:

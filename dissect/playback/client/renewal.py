@@ -17,7 +17,7 @@ _ASKED_ID: Final = slice(14, 18)
 _TOLD_ID: Final = slice(16, 20)
 _EXTENDED_END: Final = 22
 
-NO_UPLOAD: Final = "there is no upload that it could go on with"
+NO_UPLOAD: Final = "there is no upload to continue"
 NO_MORE: Final = "the answer before it was complete already"
 
 
@@ -41,7 +41,7 @@ class Renewal:
         """Return why a request cannot be sent now, empty when it can."""
         request = transaction.request
         if self.pdu_length and len(request) > self.pdu_length:
-            return f"its {len(request)} octets do not fit the PDU length of {self.pdu_length} that was granted"
+            return f"its {len(request)} bytes do not fit the PDU length of {self.pdu_length} that was granted"
         asked = parse_pdu(request)
         if asked.rosctr == JOB and asked.function in {UPLOAD, END_UPLOAD} and not self._upload_id:
             return NO_UPLOAD

@@ -71,10 +71,10 @@ class Outcome:
             lines[0] += f", {words.count(self.served, 'job')} of the server answered"
         lines += self.problems
         lines += _grouped("withheld", self.withheld)
-        lines += _grouped("not sent any more", self.not_sent)
+        lines += _grouped("not sent", self.not_sent)
         if self.server_jobs:
             more = "more " if self.served else ""
-            lines.append(f"the server asked {words.count(self.server_jobs, more + 'time')}; it was not answered")
+            lines.append(f"the server sent {words.count(self.server_jobs, more + 'time')}; it was not answered")
         return lines
 
     def as_dict(self) -> dict[str, object]:

@@ -74,7 +74,7 @@ def expect_few(plan: Sequence[Part]) -> None:
     most = open_at_once(plan)
     if most > MAX_OPEN:
         raise ReplayError(
-            f"{most} connections were open at once when this was recorded, at most {MAX_OPEN} are played together: "
+            f"{most} connections were open at once in the recording, at most {MAX_OPEN} can be replayed together: "
             f"nothing was sent; add --one-by-one (one_by_one=True), or choose some with --connection"
         )
 

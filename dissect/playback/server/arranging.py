@@ -116,10 +116,10 @@ def _note_losses(script: Script, recording: Recording, lost: int, unheard: int, 
         recording.note(f"{who}: {count} not served: {request} not in the recording")
     if unheard:
         count = words.count(unheard, "request has no answer", "requests have no answers")
-        recording.note(f"{who}: {count}: octets of the server are missing from the recording there")
+        recording.note(f"{who}: {count}: the recording lacks bytes of the server there")
     if early:
         count = words.count(early, "message of the server comes", "messages of the server come")
-        recording.note(f"{who}: {count} before any request and {'is' if early == 1 else 'are'} left out")
+        recording.note(f"{who}: {count} before any request and {'is' if early == 1 else 'are'} ignored")
 
 
 def _step(one: Seen) -> Step:

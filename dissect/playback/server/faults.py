@@ -20,10 +20,10 @@ SPLIT: Final = "split"
 KINDS: Final = {
     DROP: "no answer",
     DELAY: "the answer comes MS milliseconds later",
-    REFUSE: "the request is refused with CODE, 0x8104 unless said",
+    REFUSE: "the request is refused with CODE (default 0x8104)",
     CUT: "the connection is reset instead of an answer",
     WRONG_REF: "the answer has the reference of another request",
-    SPLIT: "the answer comes in segments of 7 octets",
+    SPLIT: "the answer comes in segments of 7 bytes",
 }
 _MAX_MS: Final = 3_600_000
 _HEX: Final = re.compile("0x[0-9a-fA-F]{1,4}")
@@ -56,7 +56,7 @@ def parse_fault(text: str) -> Fault:
     kind, _, where = text.partition(":")
     if kind not in KINDS or not where:
         raise ValueError(
-            f"{text!r} is no fault: say KIND:WHERE, KIND one of {', '.join(KINDS)}, WHERE a number or a pattern"
+            f"{text!r} is not a fault: expected KIND:WHERE, KIND one of {', '.join(KINDS)}, WHERE a number or a pattern"
         )
     value: float = NOT_AVAILABLE if kind == REFUSE else 0
     if kind == DELAY:

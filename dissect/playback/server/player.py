@@ -67,9 +67,9 @@ class Stage:
         """What of the recording had no room, a line each."""
         found = []
         if self.image is not None and self.image.full:
-            found.append("the recording shows more memory than is kept: what came late in it does not exist")
+            found.append("the recording has more memory than is kept: its last part is not served")
         if self.all.full:
-            found.append("the recording has more items than are kept: answers are put together of its beginning")
+            found.append("the recording has more items than are kept: answers use its first part")
         return found
 
     def book(self, script: Script) -> AnswerIndex:
@@ -163,7 +163,7 @@ class Player:
             return reply  # a device that kept to nothing is not made better
         if not self.pdu_length or len(reply.octets) <= self.pdu_length:
             return reply
-        lacking = f"the answer has {len(reply.octets)} octets, the client agreed to {self.pdu_length}"
+        lacking = f"the answer has {len(reply.octets)} bytes, the negotiated PDU length is {self.pdu_length}"
         return reply._replace(octets=refuse(asked, WRONG_PDU_SIZE), how="unmatched", lacking=lacking)
 
     def _unmatched(self, asked: Pdu) -> Reply:
@@ -171,7 +171,7 @@ class Player:
         # A push from a client is a request that mistakes its type, unless it is what programs send each other.
         told = head is not None and (head.type == RESPONSE or (head.type == PUSH and not is_plc_push(asked.parameters)))
         wants = asked.rosctr == JOB or (asked.rosctr == USERDATA and not told)
-        return Reply(refuse(asked) if wants else b"", "unmatched", lacking="nothing like it was recorded")
+        return Reply(refuse(asked) if wants else b"", "unmatched", lacking="no similar request was recorded")
 
     # ---- items ------------------------------------------------------------------------------------------------------
 
@@ -183,7 +183,7 @@ class Player:
             return Reply(
                 refuse(asked, WRONG_PDU_SIZE),
                 "unmatched",
-                lacking=f"the answer has {parameters.answer_size} octets or more",
+                lacking=f"the answer has {parameters.answer_size} bytes or more",
             )
         contents = [content.data for content in asked.data_items()] if writes else []
         answers: list[bytes] = []
@@ -202,7 +202,7 @@ class Player:
         if not missing:
             return Reply(answer_items(asked, answers), how, latency_ns)
         more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
-        lacking = f"nothing was recorded of {', '.join(missing[:5])}{more}"
+        lacking = f"not recorded: {', '.join(missing[:5])}{more}"
         return Reply(answer_items(asked, answers), "unmatched", latency_ns, lacking=lacking)
 
     def _recorded(self, key: bytes) -> ItemAnswer | None:

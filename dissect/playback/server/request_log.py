@@ -112,7 +112,7 @@ class RequestLog:
         """Take note of what a client sent that is no request of S7comm, and that nothing is said to."""
         self.total += 1
         kept = octets[:MAX_KEPT]
-        self._keep(Request(self.total, connection, time.time_ns(), what, (), kept, "unmatched", "it is not answered"))
+        self._keep(Request(self.total, connection, time.time_ns(), what, (), kept, "unmatched", "ignored"))
 
     def _keep(self, request: Request) -> None:
         with self._lock:

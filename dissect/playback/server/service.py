@@ -37,7 +37,7 @@ TAKE_S: Final = 30.0
 #: How long it waits for the client's end after its own, in seconds.
 LEAVE_S: Final = 2.0
 _LOOK_S: Final = 0.5
-_DANGER: Final = "which would take it for a PLC"
+_DANGER: Final = "which would mistake it for a PLC"
 _JOIN_S: Final = 10.0
 
 _READ: Final = selectors.EVENT_READ
@@ -81,7 +81,7 @@ class Server:
         if repeat not in {LAST, CYCLE}:
             raise ValueError(f"repeat is {LAST!r} or {CYCLE!r}, not {repeat!r}")
         if not 0 <= port <= 0xFFFF:
-            raise ValueError(f"{port} is no port")
+            raise ValueError(f"{port} is not a port")
         places = places_to_serve(Address(host, port), allow_remote)
         self.recording = recording if isinstance(recording, Recording) else load_recording(recording)
         told = [parse_fault(fault) if isinstance(fault, str) else fault for fault in faults]
@@ -208,7 +208,7 @@ class Server:
         except BrokenError:
             self._drop(line, CLIENT)
         except Exception as bug:  # noqa: BLE001 - whatever is wrong with one client must not cost the others theirs
-            self.problems.append(f"connection {line.number} is broken off: {type(bug).__name__}: {bug}")
+            self.problems.append(f"connection {line.number} is aborted: {type(bug).__name__}: {bug}")
             self._drop(line, SERVER)
 
     def _take(self, line: ClientSocket, octets: bytes) -> None:
@@ -264,7 +264,7 @@ class Server:
                 if now >= line.not_before:
                     self._work_on(line, 0)
             elif line.queue and now - line.moved > TAKE_S:
-                self.problems.append(f"connection {line.number} is ended: it takes nothing for {TAKE_S:g} s")
+                self.problems.append(f"connection {line.number} is ended: it accepted no data for {TAKE_S:g} s")
                 self._drop(line, SERVER)
             elif now > line.deadline and not line.peer.connected:
                 self.problems.append(f"connection {line.number} is ended: no connect request within {CONNECT_S:g} s")
@@ -301,5 +301,5 @@ class Server:
         if self._tape is not None:
             self._tape.close()
             if self._tape.trouble:
-                self.problems.append(f"the capture file is not whole: {self._tape.trouble}")
+                self.problems.append(f"the capture file is incomplete: {self._tape.trouble}")
                 self._tape.trouble = ""

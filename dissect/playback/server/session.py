@@ -77,7 +77,7 @@ class ClientSession:
                 break
             self._tpdu(packet[HEADER:])
         if (framer.faults or not framer.synced) and not self.over:
-            self._desk.problems.append(f"connection {self.number} is ended: what the client sends is not TPKT")
+            self._desk.problems.append(f"connection {self.number} is ended: the client sends data that is not TPKT")
             self._end(ABORT)
         return self._deeds
 
@@ -97,12 +97,12 @@ class ClientSession:
         elif tpdu.type == DT and self._player is not None and not tpdu.malformed:
             tsdu = self._assembler.push(tpdu.data, tpdu.field("eot") == 1)
             if self._assembler.overflows:
-                self._desk.problems.append(f"connection {self.number} is ended: a message without end")
+                self._desk.problems.append(f"connection {self.number} is ended: an endless message")
                 self._end(ABORT)
             elif tsdu:
                 self._tsdu(self._player, tsdu)
         else:
-            self._desk.problems.append(f"connection {self.number} is ended: {tpdu.name} is not expected there")
+            self._desk.problems.append(f"connection {self.number} is ended: {tpdu.name} is unexpected")
             self._end(ABORT)
 
     def _connect(self, request: Tpdu) -> None:
@@ -134,7 +134,7 @@ class ClientSession:
             self._asked -= self._jobs.pop(asked)
             self._follow(0)
         elif pdu.rosctr in {ACK, ACK_DATA}:
-            self._desk.stranger(self.number, tsdu, f"{pdu.rosctr_name} that nobody asked for")
+            self._desk.stranger(self.number, tsdu, f"{pdu.rosctr_name} without a request")
         else:
             self._request(player, pdu)
 

@@ -230,5 +230,5 @@ def _explain(program: str, interface: str, expression: str, said: list[str], *, 
     if "not up" in lower or "network is down" in lower:
         return LiveError(f"{interface}: it is down", advice.interface_down(interface))
     if timeout:
-        return LiveError(f"{interface}: dumpcap did not begin within {_START_S:.0f} s{': ' if text else ''}{text}")
+        return LiveError(f"{interface}: dumpcap did not start within {_START_S:.0f} s{': ' if text else ''}{text}")
     return LiveError(f"{interface}: dumpcap: {text or 'ended without a word'}")

@@ -43,9 +43,9 @@ def open_live(
     ``buffer_mib`` is what the kernel holds when we are late. Raises `LiveError`, with advice, when it cannot be done.
     """
     if engine not in {"auto", *ENGINES}:
-        raise LiveError(f"{engine!r} is no engine: there are auto, {', '.join(ENGINES)}")
+        raise LiveError(f"{engine!r} is not an engine: choose auto, {', '.join(ENGINES)}")
     if not 0 <= snaplen <= MAX_SNAPLEN or not 1 <= buffer_mib <= MAX_BUFFER_MIB:
-        raise LiveError(f"a snap length is 0 to {MAX_SNAPLEN} octets, a buffer 1 to {MAX_BUFFER_MIB} MiB")
+        raise LiveError(f"a snap length is 0 to {MAX_SNAPLEN} bytes, a buffer 1 to {MAX_BUFFER_MIB} MiB")
     if "\0" in interface + expression:
         raise LiveError("neither an interface nor a capture filter holds a NUL")
     if interface == "-":

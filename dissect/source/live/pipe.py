@@ -83,7 +83,7 @@ class PipeSource:
         except BlockingIOError:
             raise StillNothingError from None
         except OSError as error:
-            self.damage = f"reading failed after octet {self._taken}: {error.strerror or error}"
+            self.damage = f"reading failed after byte {self._taken}: {error.strerror or error}"
             return b""
         self._taken += len(piece)
         return piece

@@ -24,7 +24,7 @@ _NOBODY: Final = 65534
 _NUMBER: Final = re.compile(r"[0-9]{1,10}")
 _RIGHTS: Final = re.compile(rb"^Cap(?:Inh|Prm|Eff|Amb):\s*0*([0-9a-f]*)$", re.MULTILINE)
 _USERS: Final = re.compile(rb"^Uid:\s*(.*)$", re.MULTILINE)
-_CHOOSE: Final = "-Z USER names another user, -Z root keeps all rights"
+_CHOOSE: Final = "-Z USER names a different user, -Z root keeps all privileges"
 
 
 class User(NamedTuple):
@@ -108,7 +108,7 @@ def relinquish(user: User | None) -> None:
         ) from None
     left = rights_left()
     if left:
-        raise LiveError(f"rights were to be given up and are still there: {left}")
+        raise LiveError(f"privileges should have been dropped but remain: {left}")
 
 
 def rights_left() -> str:
@@ -137,7 +137,7 @@ def unreadable(user: User | None) -> LiveError:
     who = str(user) if user is not None else "this user"
     return LiveError(
         f"the screens need the files of Python in {Path(os.__file__).parent}, which {who} may not read",
-        ("--plain shows a line an event without them", f"or {_CHOOSE}"),
+        ("--plain shows one line per event without them", f"or {_CHOOSE}"),
     )
 
 

@@ -61,7 +61,7 @@ def trouble() -> LiveError | None:
 
 def _new_socket() -> socket.socket:
     if not hasattr(socket, "AF_PACKET"):
-        raise UnavailableError("the ring is a way of Linux, and this is none", advice.dumpcap_missing()[:1])
+        raise UnavailableError("the ring needs Linux", advice.dumpcap_missing()[:1])
     try:
         return socket.socket(socket.AF_PACKET, socket.SOCK_RAW, 0)
     except PermissionError:
@@ -225,9 +225,9 @@ def _program(expression: str, interface: NetworkInterface) -> list[Instruction]:
         return compile_with_libpcap(expression, interface.name)
     except LookupError:
         raise LiveError(
-            f"the capture filter {shown(expression)} is more than the ring understands by itself",
+            f"the capture filter {shown(expression)} is more than the ring supports without libpcap",
             (
-                "install libpcap, or use only what the ring knows: tcp, udp, port N, host ADDRESS, net, vlan, and, or, not",
+                "install libpcap, or use only tcp, udp, port N, host ADDRESS, net, vlan, and, or, not",
                 "more: s7dissect help live",
             ),
         ) from None

@@ -195,7 +195,7 @@ def test_more_pieces_than_were_recorded_are_not_answered_and_told(tmp_path: Path
     outcome, after = unfinished(asks, tmp_path)
     assert after == [piece(1, 0), piece(2, 1)]
     assert (outcome.served, outcome.server_jobs) == (2, 1)
-    assert "the server asked 1 more time; it was not answered" in outcome.summary()
+    assert "the server sent 1 more time; it was not answered" in outcome.summary()
     assert any("Download block" in line and "added" in line for line in texts(outcome))
 
 
@@ -291,7 +291,7 @@ def test_pieces_that_do_not_fit_what_was_granted_keep_the_download_here() -> Non
     assert begun_ == [b"_0A00010", b"_0A00099"]
     assert outcome.served == 2
     told = {one.transaction: one.reason for one in outcome.withheld}
-    assert told[13] == "a piece of 480 octets does not fit the PDU length of 240 that was granted"
+    assert told[13] == "a piece of 480 bytes does not fit the PDU length of 240 that was granted"
     assert [told[number] for number in (14, 15, 16)] == [FOLLOWS_WITHHELD] * 3
 
 
@@ -314,7 +314,7 @@ def test_a_download_that_is_not_whole_in_the_recording_does_not_begin(tmp_path: 
 
 def test_a_dry_run_says_what_would_be_answered() -> None:
     plan = make_plan(load_recorded(TRANSFER))
-    assert "  answer transaction 11, Download block DB 10, passive, which the PLC asks" in plan_lines(plan, ALL)
+    assert "  answer transaction 11, Download block DB 10, passive, which the PLC requests" in plan_lines(plan, ALL)
     assert f"  withhold transaction 11, Download block DB 10, passive: {FOLLOWS_WITHHELD}" in plan_lines(
         plan, Permissions()
     )

@@ -93,7 +93,7 @@ def test_where_the_beginning_was_not_recorded_it_is_a_usual_one() -> None:
     tpdu = parse_tpdu(part.connect_request(1))
     assert (tpdu.parameter(CALLING_TSAP), tpdu.parameter(CALLED_TSAP), tpdu.tpdu_size) == (b"\x01\0", b"\x01\x02", 1024)
     assert part.own_setup[10] == 0xF0
-    assert "  send SETUP of our own, none was recorded" in plan_lines([part], Permissions())
+    assert "  send a default SETUP, none was recorded" in plan_lines([part], Permissions())
 
 
 @pytest.mark.parametrize(

@@ -202,7 +202,7 @@ def test_what_a_server_asks_is_never_answered(tmp_path: Path) -> None:
         outcome = play(reads(tmp_path / "a.pcapng", 2), address, ALL, SOON)
     assert outcome.server_jobs == 1
     assert all(parse_pdu(octets).rosctr == 1 for octets in wires[0].asked)
-    assert "the server asked 1 time; it was not answered" in outcome.summary()
+    assert "the server sent 1 time; it was not answered" in outcome.summary()
     assert any("added" in line for line in texts(outcome))
 
 

@@ -37,7 +37,7 @@ NOTHING: Final = {
 #: What is withheld of a recording beside jobs of a PLC and answers whose request was lost.
 WITHHELD: Final = {
     "crafted/coverage-userdata.pcapng": {CLIENT_PUSH, FOLLOWS_WITHHELD, DOWNLOAD},
-    "crafted/negotiation.pcapng": {"its 241 octets do not fit the PDU length of 240 that was granted"},
+    "crafted/negotiation.pcapng": {"its 241 bytes do not fit the PDU length of 240 that was granted"},
     "crafted/netlink-faults.pcapng": {NOT_S7},
     "s7comm_and_s7commplus_sll.pcap": {NOT_S7},
 }

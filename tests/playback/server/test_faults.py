@@ -36,9 +36,9 @@ def test_a_fault_is_read(text: str, fault: Fault) -> None:
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("", "is no fault"),
-        ("drop", "is no fault"),
-        ("drop:", "is no fault"),
+        ("", "is not a fault"),
+        ("drop", "is not a fault"),
+        ("drop:", "is not a fault"),
         ("lose:3", "one of drop, delay, refuse, cut, wrong-ref, split"),
         ("drop:0", "counted from 1"),
         ("delay:3", "for example delay:3:250"),

@@ -106,7 +106,7 @@ def test_an_odd_item_is_filled_up_unless_it_is_the_last() -> None:
 def test_an_item_that_nobody_recorded_does_not_exist() -> None:
     answer = reply(player(small()), read("DB10.DBW4", "DB10.DBW100", "T5"))
     assert parse_pdu(answer.octets).return_codes() == [0xFF, 0x0A, 0x0A]
-    assert (answer.how, answer.lacking) == ("unmatched", "nothing was recorded of DB10.DBW100, T5")
+    assert (answer.how, answer.lacking) == ("unmatched", "not recorded: DB10.DBW100, T5")
 
 
 def test_a_write_of_another_value_is_the_same_write() -> None:
@@ -115,7 +115,7 @@ def test_a_write_of_another_value_is_the_same_write() -> None:
     assert reply(plc, write("DB10.DBW8 = 6")).how == "valued"
     answer = reply(plc, write("DB10.DBW8 = 1", "DB10.DBW90 = 2"))
     assert parse_pdu(answer.octets).return_codes() == [0xFF, 0x0A]
-    assert answer.lacking == "nothing was recorded of DB10.DBW90"
+    assert answer.lacking == "not recorded: DB10.DBW90"
 
 
 @pytest.mark.parametrize(
@@ -166,7 +166,7 @@ def test_an_answer_that_is_larger_than_agreed_is_refused() -> None:
     told(plc, setup(240))
     answer = reply(plc, read("DB1.DBB0 x300"))
     assert parse_pdu(answer.octets).error_class == 0x85
-    assert "the client agreed to 240" in answer.lacking
+    assert "the negotiated PDU length is 240" in answer.lacking
     plc = player(talk.recording())
     told(plc, setup(480))
     assert reply(plc, read("DB1.DBB0 x300")).how == "same"

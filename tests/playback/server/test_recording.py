@@ -100,7 +100,7 @@ def as_golden(path: Path, tmp_path: Path) -> Recording:
             "crafted/holes",
             [
                 "connection 1: 4 answers are not served: their requests are not in the recording",
-                "connection 1: 4 requests have no answers: octets of the server are missing from the recording there",
+                "connection 1: 4 requests have no answers: bytes of the server are missing from the recording there",
             ],
         ),
         ("crafted/ip-fragments", ["connection 1: 1 answer is not served: its request is not in the recording"]),

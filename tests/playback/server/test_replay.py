@@ -28,14 +28,14 @@ NOTHING: Final = {
 }
 #: Connections that break off here, by number: what the client sends there no server can go on with.
 BROKEN: Final = {
-    ("cotp-endless", 1): "a message without end",
-    ("cotp-faults", 1): "DT is not expected there",  # its header is longer than the TPDU
-    ("cotp-faults", 4): "CR is not expected there",
-    ("cotp-tpdus", 1): "ED is not expected there",  # class 2, which is answered in class 0
-    ("cotp-tpdus", 2): "ED is not expected there",
-    ("cotp-tpdus", 3): "ED is not expected there",
-    ("reference-examples", 4): "ED is not expected there",
-    ("reuse-without-syn", 1): "CR is not expected there",  # another connection, whose beginning was not captured
+    ("cotp-endless", 1): "an endless message",
+    ("cotp-faults", 1): "DT is unexpected",  # its header is longer than the TPDU
+    ("cotp-faults", 4): "CR is unexpected",
+    ("cotp-tpdus", 1): "ED is unexpected",  # class 2, which is answered in class 0
+    ("cotp-tpdus", 2): "ED is unexpected",
+    ("cotp-tpdus", 3): "ED is unexpected",
+    ("reference-examples", 4): "ED is unexpected",
+    ("reuse-without-syn", 1): "CR is unexpected",  # another connection, whose beginning was not captured
 }
 #: Connections of which the messages are compared, not the octets around them.
 WHOLE: Final = {

@@ -51,7 +51,7 @@ def test_over_ipv6() -> None:
 def test_what_is_wrong_with_the_arguments_is_told_before_it_listens() -> None:
     with pytest.raises(ValueError, match="'last' or 'cycle'"):
         Server(small(), repeat="often")
-    with pytest.raises(ValueError, match="is no fault"):
+    with pytest.raises(ValueError, match="is not a fault"):
         Server(small(), faults=["break:1"])
 
 
@@ -70,7 +70,7 @@ def test_requests_and_what_was_not_recorded_are_told() -> None:
             (3, "Read Var", ("DB10.DBW6", "DB7.DBW0"), "unmatched"),
         ]
         assert server.unmatched == [asked[2]]
-        text = "request 3 on connection 1, Read Var DB10.DBW6, DB7.DBW0: nothing was recorded of DB7.DBW0"
+        text = "request 3 on connection 1, Read Var DB10.DBW6, DB7.DBW0: not recorded: DB7.DBW0"
         assert str(asked[2]) == text
         assert list(server.problems) == [f"unmatched: {text}"]
 
@@ -118,7 +118,7 @@ def test_a_bug_met_by_one_client_costs_the_others_nothing(monkeypatch: pytest.Mo
         client.send(read("DB10.DBW4"))
         assert client.ended() == "reset"
         assert other.words("DB10.DBW4") == [1]
-        assert "connection 2 is broken off: RuntimeError: a bug" in server.problems
+        assert "connection 2 is aborted: RuntimeError: a bug" in server.problems
 
 
 def test_answers_take_as_long_as_was_recorded() -> None:
@@ -197,7 +197,7 @@ def test_a_full_disk_costs_the_capture_and_nothing_else(tmp_path: Path, monkeypa
         monkeypatch.setattr(writer, "packet", full)
         assert client.words("DB10.DBW4") == [1]
         server.close()
-        assert "the capture file is not whole: No space left on device" in server.problems
+        assert "the capture file is incomplete: No space left on device" in server.problems
 
 
 # ---- hostile clients ------------------------------------------------------------------------------------------------
@@ -252,7 +252,7 @@ def test_a_message_without_end_is_not_collected() -> None:
                 assert client.ended() == "reset"
             except ConnectionError:
                 pass
-        eventually(lambda: "connection 1 is ended: a message without end" in server.problems)
+        eventually(lambda: "connection 1 is ended: an endless message" in server.problems)
         assert alive(server)
 
 
