@@ -268,8 +268,8 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "Programs, passwords and tools can be changed this way: see which service it was.", "command_message"),
     ("security.unknown_service", WARNING, SECURITY, "A PLC was given a command (PI service) that is in no table.",
      "What it does is not known here: find out what sends it, and what the PLC did afterwards.", "command_message"),
-    ("security.flood", WARNING, SECURITY, "A connection carried more messages within a second than PLCs answer.",
-     "A client without pauses, or an attempt to keep the PLC busy.", "denial_of_service"),
+    ("security.flood", WARNING, SECURITY, "A connection floods a PLC with messages, or with writes of the same variables.",
+     "A client without pauses, or an attempt to keep the PLC busy: find out which program it is.", "denial_of_service"),
     ("security.tsap_scan", WARNING, SECURITY, "Somebody tries one TSAP after another: a scan for racks and slots.",
      "Find out who it is; engineering tools and inventory scanners do this as well as intruders.", "system_discovery"),
     # Ourselves.

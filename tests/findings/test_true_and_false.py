@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
+import dissect
 from dissect.tcp.stream import MASK
 from tests.transactions.talk import (
     CLIENT,
@@ -67,6 +70,74 @@ def test_a_new_writer_was_not_there_before(midway: bool) -> None:
         second.tell(ack_data(number, b"\x05\x01", b"\xff"))
     first.close()
     assert ("security.new_writer" in slugs(first)) is not midway
+
+
+@pytest.mark.parametrize(
+    ("variables", "answer_ns", "pause_ns", "polls", "found"),
+    [
+        (1, 4 * MS, MS // 2, 0, True),
+        (2, 4 * MS, MS // 2, 0, True),
+        (512, 4 * MS, MS // 2, 0, False),  # a recipe, variable by variable
+        (1, 4 * MS, 96 * MS, 0, False),  # a heartbeat
+        (1, 50 * MS, 50 * MS, 0, False),  # a heartbeat for a slow PLC
+        (1, 4 * MS, 8 * MS, 0, False),  # the PLC rests more than it works
+        (1, 4 * MS, MS // 2, 2, False),  # a panel that polls, and writes what was polled
+    ],
+)
+def test_a_flood_of_writes_is_judged_by_how_fast_the_plc_answers(
+    variables: int, answer_ns: int, pause_ns: int, polls: int, found: bool
+) -> None:
+    talk = Talk()
+    talk.open()
+    for number in range(1, 513):
+        for _ in range(polls):
+            talk.ask(read(number, dbw(2, 0)), after_ns=pause_ns)
+            talk.tell(words(number, 1), after_ns=answer_ns)
+        talk.ask(write(number, [dbw(1, 2 * (number // 7 % variables))], written(4, b"\x00\x01")), after_ns=pause_ns)
+        talk.tell(ack_data(number, b"\x05\x01", b"\xff"), after_ns=answer_ns)
+    talk.close()
+    assert ("security.flood" in slugs(talk)) is found
+
+
+_JUDGED = ("security.flood", "security.new_writer", "security.reconnaissance", "security.protected")
+_EVENTS: dict[str, dict[str, int]] = {
+    "faults/flood_of_writes_part.pcap": {"security.flood": 1},
+    # Tools that ask who the PLC is and what is loaded: engineering stations, scanners.
+    "blocks/tia_s300_downloadOb1.pcapng": {"security.reconnaissance": 1},
+    "s7comm_downloading_block_db1.pcap": {"security.reconnaissance": 1},
+    "s7comm_reading_plc_status.pcap": {"security.reconnaissance": 1},
+    "s7comm_reading_setting_plc_time.pcap": {"security.reconnaissance": 1},
+    "s7ident_refused_upload.pcap": {"security.reconnaissance": 1},
+    "tia_s300_goOnline.pcapng": {"security.reconnaissance": 1},
+    # Panels and clients at their daily work.
+    "faults/wincc_s400_first_part.pcapng": {},
+    "faults/retransmitted_request.pcapng": {},
+    "wincc_s300_setup-alarm-read-write.pcapng": {},
+    "water_pump_hmi.pcapng": {},
+    "s7comm_clean.pcap": {},
+    "s7comm_varservice_libnodavedemo.pcap": {},
+    "step7_s300_rwVarTab.pcapng": {},
+    "plc4x_manual_test_tpdu_nr.pcapng": {},
+    "rdp-proprietary-encryption.pcap": {},
+    "faults/rdp_part.pcap": {},
+}
+
+
+@pytest.mark.parametrize("name", _EVENTS)
+def test_shared_captures(corpus: Path, name: str) -> None:
+    """Which of the rules about floods, writers, looking around and protection speak on which capture."""
+    pipeline = dissect.analyze(corpus / name).pipeline
+    assert pipeline is not None
+    counts = pipeline.finding_counts
+    assert {slug: count for slug, count in counts.items() if slug in _JUDGED} == _EVENTS[name]
+
+
+def test_no_capture_of_daily_work_is_a_flood(corpus: Path) -> None:
+    for folder in ("s7plus", "blocks", "tags"):
+        for path in sorted((corpus / folder).glob("*.pcap*")):
+            pipeline = dissect.analyze(path).pipeline
+            assert pipeline is not None
+            assert "security.flood" not in pipeline.finding_counts, path
 
 
 @pytest.mark.parametrize(("age_ns", "failed"), [(15 * MS, False), (52 * MS, False), (3 * SECOND, True)])
