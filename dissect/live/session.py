@@ -28,7 +28,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
-from dissect.transactions.transaction import UNANSWERED, Transaction
+from dissect.transactions.transaction import Transaction
 
 #: Kinds of events. A ``PROBLEM`` is a sentence about the monitor itself.
 OPENED: Final = "connection_opened"
@@ -100,7 +100,7 @@ class _Collector(Observer):
 
     def transaction(self, transaction: Transaction) -> None:
         self.transactions += 1
-        if transaction.outcome == UNANSWERED:
+        if transaction.missed:
             self.unanswered += 1
         if transaction.has_errors:
             self.with_errors += 1

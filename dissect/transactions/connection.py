@@ -114,6 +114,7 @@ class Connection:
         "setup_open",
         "setup_seen",
         "state",
+        "still_open",
         "subscriptions",
         "tcp",
         "told",
@@ -177,6 +178,7 @@ class Connection:
         self.pdus: i64 = 0
         self.answered: i64 = 0
         self.unanswered: i64 = 0
+        self.still_open: i64 = 0  # of those: the capture ended before their answer was due
         self.orphans: i64 = 0
         self.unsolicited: i64 = 0
         self.errors: i64 = 0
@@ -205,6 +207,11 @@ class Connection:
     def server(self) -> Endpoint:
         """The other end."""
         return self.tcp.ends[1 - self.client_side]
+
+    @property
+    def missed(self) -> i64:
+        """Requests whose answer was due and did not come (`Transaction.missed`)."""
+        return self.unanswered - self.still_open
 
     def role(self, side: i64) -> str:
         """Name a side: ``client`` or ``server``."""

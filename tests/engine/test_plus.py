@@ -312,4 +312,4 @@ def test_shared_captures(
     odd = {
         slug for slug in analysis.pipeline.finding_counts if not slug.startswith("security.")
     }  # of S7comm in the same file
-    assert odd == set()
+    assert odd <= {"session.idle"}  # keep-alive probes of connections that say nothing

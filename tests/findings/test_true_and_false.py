@@ -7,10 +7,14 @@ from pathlib import Path
 import pytest
 
 import dissect
+from dissect.report.analysis import Analysis
 from dissect.tcp.stream import MASK
+from dissect.transactions.transaction import STILL_OPEN, UNCONFIRMED
 from tests.transactions.talk import (
+    ACK,
     CLIENT,
     MS,
+    RST,
     SECOND,
     SERVER,
     Talk,
@@ -107,7 +111,7 @@ _EVENTS: dict[str, dict[str, int]] = {
     "s7comm_downloading_block_db1.pcap": {"security.reconnaissance": 1},
     "s7comm_reading_plc_status.pcap": {"security.reconnaissance": 1},
     "s7comm_reading_setting_plc_time.pcap": {"security.reconnaissance": 1},
-    "s7ident_refused_upload.pcap": {"security.reconnaissance": 1},
+    "s7ident_refused_upload.pcap": {"security.reconnaissance": 1, "security.protected": 1},
     "tia_s300_goOnline.pcapng": {"security.reconnaissance": 1},
     # Panels and clients at their daily work.
     "faults/wincc_s400_first_part.pcapng": {},
@@ -180,3 +184,39 @@ def test_the_latency_runs_from_the_first_whole_copy_of_a_request() -> None:
     [transaction] = talk.transactions
     assert transaction.request_frame == first
     assert transaction.latency_ns == 230 * MS
+
+
+def test_a_request_whose_answer_was_not_due_is_in_no_list_of_failures() -> None:
+    talk = Talk()
+    talk.open(3, 3)
+    talk.ask(read(1, dbw(1, 0)), after_ns=2 * SECOND)
+    talk.ask(read(2, dbw(1, 2)), after_ns=2 * SECOND)
+    talk.packet(CLIENT, after_ns=15 * MS)
+    talk.finish()
+    analysis = Analysis()
+    for transaction in talk.transactions:
+        analysis.transaction(transaction)
+    assert [transaction.number for transaction in analysis.failed] == [2]
+    assert (analysis.unanswered, analysis.still_open) == (2, 1)
+    assert (talk.connections[0].missed, talk.connections[0].still_open) == (1, 1)
+    assert slugs(talk) == {"transaction.unanswered"}
+
+
+def test_a_write_that_is_still_open_is_not_called_unconfirmed() -> None:
+    assert not STILL_OPEN & UNCONFIRMED
+
+
+@pytest.mark.parametrize("midway", [False, True])
+@pytest.mark.parametrize("flags", [RST, RST | ACK])
+def test_requests_killed_by_a_reset_are_found(midway: bool, flags: int) -> None:
+    """Also where nothing but the reset, which acknowledges nothing, was captured of the server."""
+    talk = Talk()
+    if not midway:
+        talk.open(3, 3)
+    for number in (1, 2, 3):
+        talk.ask(read(number, dbw(1, 2 * number)))
+    talk.packet(SERVER, flags=flags, after_ns=300_000)
+    talk.finish()
+    assert talk.slugs() == ["session.cut"] + 3 * ["transaction.unanswered"]
+    assert talk.findings[-1].detail == "Read Var DB1.DBW6: the server reset the connection 300 µs later"
+    assert all(transaction.failed for transaction in talk.transactions)
