@@ -143,6 +143,8 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "It is open but idle: nothing of what it was used for was captured.", ""),
     ("session.foreign_on_102", NOTE, PROTOCOL, "Something other than S7comm and S7comm-plus speaks on port 102.",
      "It was named as far as it can be told, counted, and not decoded.", ""),
+    ("session.encrypted", NOTE, PROTOCOL, "A connection goes on encrypted by TLS.",
+     "What is said inside is not visible: values, transactions and findings of this connection end here.", ""),
     ("session.cut", WARNING, NEGOTIATION, "A connection was cut before what was asked on it was answered.",
      "Look at who cut it. A server that closes at once has no such TSAP or no free connection; a client gives up in the end.",
      ""),

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import dissect
+from dissect.findings.catalogue import CATALOGUE
 from dissect.report.analysis import Analysis
 from dissect.tcp.stream import MASK
 from dissect.transactions.transaction import STILL_OPEN, UNCONFIRMED
@@ -167,6 +168,30 @@ def test_a_foreign_protocol_gets_no_findings_of_iso() -> None:
     talk.close()
     assert slugs(talk) == set()
     assert [connection.protocol for connection in talk.connections] in (["rdp"], [])
+
+
+def test_tds_gets_no_findings_of_tcp_or_iso() -> None:
+    """SQL Server: a packet type, a status and a length, and octets that a retransmission shows otherwise."""
+    talk = Talk(server_port=1433)
+    talk.hello()
+    for number in range(20):
+        start = talk.seq[CLIENT]
+        talk.packet(CLIENT, b"\x12\x01\x00\x10\x00\x00\x01\x00" + bytes(8))
+        talk.packet(CLIENT, b"\x12\x01\x00\x10\x00\x00\x01\x00" + bytes(7) + b"\x01", seq=start)
+        talk.packet(SERVER, b"\x04\x01\x00\x0c\x00\x33\x01\x00\x03\x00\x00" + bytes((number,)))
+    talk.close()
+    assert slugs(talk) == set()
+
+
+def test_rdp_gets_no_findings(corpus: Path) -> None:
+    pipeline = dissect.analyze(corpus / "faults" / "rdp_part.pcap").pipeline
+    assert pipeline is not None
+    kinds = {
+        CATALOGUE[slug].kind
+        for slug in pipeline.finding_counts
+        if slug.startswith(("tpkt.", "cotp.", "s7.", "session."))
+    }
+    assert kinds == set()
 
 
 def test_the_latency_runs_from_the_first_whole_copy_of_a_request() -> None:
