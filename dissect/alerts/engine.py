@@ -107,6 +107,8 @@ class AlertEngine(Observer):
             if self._covers(watch.rule, pair):
                 if int(connection.number) not in watch.connections:
                     watch.opened(connection, pair, self.now_ns)
+                if watch.ends(pair, connection, self.now_ns):
+                    self._cooldown.state(watch.rule, watch.about(pair, connection), self.now_ns, None)
                 watch.take(pair, transaction, self.now_ns)
 
     def finding(self, finding: Finding) -> None:

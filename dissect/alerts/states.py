@@ -100,6 +100,10 @@ class StateWatch:
     def take(self, pair: Pair, transaction: Transaction, now_ns: int) -> None:
         """Take a transaction of a pair that the rule covers."""
 
+    def ends(self, pair: Pair, connection: Connection, now_ns: int) -> bool:
+        """Tell whether a transaction that is about to be taken ends at once what the rule looks for."""
+        return False
+
     def look(self, now_ns: int) -> Iterator[Found]:
         """Give what is measured now."""
         yield from ()
@@ -320,6 +324,13 @@ class SilenceWatch(StateWatch):
         super().closed(connection)
         if self.rule.per == PER_CONNECTION:
             self._last.pop(int(connection.number), None)
+
+    def ends(self, pair: Pair, connection: Connection, now_ns: int) -> bool:
+        """Tell whether it was silent until now: the next look may come after so long that it is silent again."""
+        about = self.about(pair, connection)
+        last_ns = self._last.get(about)
+        limit = self._limit(about)
+        return last_ns is not None and limit is not None and now_ns - last_ns > limit
 
     def take(self, pair: Pair, transaction: Transaction, now_ns: int) -> None:
         """Note a transaction."""

@@ -12,6 +12,7 @@ from dissect.engine.observer import Observer, Options
 from dissect.engine.payload import PayloadDecoder
 from dissect.engine.watch import Watch
 from dissect.findings.reporter import Reporter
+from dissect.findings.security_rules import SAMPLED
 from dissect.findings.session_rules import judge_grant
 from dissect.findings.transaction_rules import judge_transaction, judge_unanswered
 from dissect.s7.parameters import Parameters
@@ -130,7 +131,13 @@ class Exchange:
             if transaction.rosctr <= USERDATA or transaction.is_plus:
                 self.watch.take(transaction)
         else:
-            if parameters.written & ~transaction.connection.traits.written:
+            traits = transaction.connection.traits
+            if function == WRITE_VAR:
+                writes = traits.writes
+                writes.count += 1
+                if writes.count % SAMPLED == 0:
+                    self.watch.security.sample(transaction)
+            if parameters.written & ~traits.written:
                 self.watch.security.write(transaction)
             if transaction.has_errors:
                 self.watch.security.refused_items(transaction)

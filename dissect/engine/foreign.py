@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from mypy_extensions import i64
 
 from dissect.engine.exchange import Exchange
-from dissect.iso.foreign import identify
+from dissect.iso.foreign import chosen_version, identify
 from dissect.iso.upper import RDP, S7COMM_PLUS, TLS, UNKNOWN, UPPER_NAMES
 from dissect.transactions.connection import FOREIGN, ISO_TSAP_PORT, Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
+
+
+#: Before the version in `Connection.identified_by` that a ServerHello chose.
+_CHOSE: Final = ", the server chose "
 
 
 def on_102(side: Side) -> bool:
@@ -37,12 +43,16 @@ class Foreign(Protocol):
 
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
         """Count octets of a connection that speaks something else."""
+        if side.connection.protocol == UPPER_NAMES[TLS]:
+            self._tls(side, buf, at, at + size, time_ns)
         side.framer.skipped += size
 
     def tsdu(self, side: Side, upper: i64, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
         """Name a TSDU of protocol ``upper``; on port 102 that is reported once for a protocol and connection."""
         connection = side.connection
         name = UPPER_NAMES[upper]
+        if upper == TLS:
+            self._tls(side, buf, at, at + size, time_ns)
         if name == "empty" or connection.protocol == name:
             return
         key: i64 = connection.number * len(UPPER_NAMES) + upper
@@ -62,9 +72,21 @@ class Foreign(Protocol):
         if upper == TLS and connection.protocol == UPPER_NAMES[S7COMM_PLUS]:
             after = "InitSSL" if connection.identified_by == "InitSSL" else "S7comm-plus"
             connection.identified_by = f"{after}, then {identity}"
-            identity = f"{identity}, after {after}"
+            self._exchange.reporter.note(
+                "session.encrypted", connection.number, [frame], time_ns, f"{identity}, after {after}"
+            )
+            return
         if on_102(side):
             self._note(connection, name, identity, frame, time_ns)
+
+    def _tls(self, side: Side, buf: bytes, at: i64, end: i64, time_ns: i64) -> None:
+        """Take a TLS record: when the server spoke last, and which version it chose for the session."""
+        connection = side.connection
+        if side.index != connection.client_side:
+            connection.last_encrypted_ns = time_ns
+        chosen = chosen_version(buf, at, end)
+        if chosen and _CHOSE not in connection.identified_by:
+            connection.identified_by = f"{connection.identified_by}{_CHOSE}{chosen}".removeprefix(", ")
 
     def forget(self, connection: Connection) -> None:
         """A connection is over: its number may be forgotten."""

@@ -27,7 +27,6 @@ from dissect.iso.upper import (
     classify,
     is_rdp_connect,
     is_sound,
-    stated_size,
 )
 from dissect.transactions.connection import FOREIGN, ISO, Connection
 from dissect.transactions.protocol import Protocol
@@ -73,7 +72,17 @@ class IsoOnTcp(Protocol):
                 length: i64 = u16(buf, at + 2)
                 if length < 7 or at + length > end:
                     break
-                if buf[at + 4] != 2 or (length > 7 and stated_size(buf, at + 7, at + length) != length - 7):
+                if buf[at + 4] != 2:
+                    break
+                if length > 16 and buf[at + 7] == 0x32:
+                    # `stated_size` in place, one call less for each PDU.
+                    stated: i64 = u16(buf, at + 13) + u16(buf, at + 15) + 17
+                    rosctr: i64 = buf[at + 8]
+                    if rosctr == 2 or rosctr == 3:
+                        stated += 2
+                    if stated != length:
+                        break
+                elif length > 7 and not is_sound(buf, at + 7, at + length):
                     break  # not simply one S7 PDU: what else its length covers is for the framer to see
                 framer.framed += length
                 at += length

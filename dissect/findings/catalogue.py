@@ -150,6 +150,8 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
     ("session.cut", WARNING, NEGOTIATION, "A connection was closed before all its requests were answered.",
      "Check which side closed it: a server that closes at once lacks the TSAP or a free connection; a client may just give up.",
      ""),
+    ("session.encrypted", NOTE, PROTOCOL, "A connection switched to TLS encryption.",
+     "Values, transactions and findings of this connection end here. Its content is not visible without the session keys.", ""),
     # SCD, where bindings say that it travels.
     ("scd.malformed", ERROR, PROTOCOL, "An SCD message cannot be decoded.",
      "Its size or a value does not fit the dictionary: the binding, the dictionary or the sender is wrong.", ""),
@@ -279,8 +281,8 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "It can change programs, passwords and tools; the detail names the service.", "command_message"),
     ("security.unknown_service", WARNING, SECURITY, "A client sent an unknown PLC command (PI service).",
      "Its effect is unknown: identify the sender, and check how the PLC reacted.", "command_message"),
-    ("security.flood", WARNING, SECURITY, "A connection carried more messages within a second than PLCs answer.",
-     "A client without pauses, or an attempt to overload the PLC.", "denial_of_service"),
+    ("security.flood", WARNING, SECURITY, "A connection floods a PLC with messages, or with writes of the same variables.",
+     "A client without pauses, or an attempt to keep the PLC busy: identify the program that sends them.", "denial_of_service"),
     ("security.tsap_scan", WARNING, SECURITY, "A client tries one TSAP after another: a scan for racks and slots.",
      "Inventory and engineering tools also scan: suspicious if you run none from this host. Identify it.", "system_discovery"),
     # Ourselves.

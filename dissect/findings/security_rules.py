@@ -70,6 +70,15 @@ _LOOKED_AT: Final = 100
 
 #: PDUs of one connection within a second that are a flood: no PLC answers so many.
 PACE: Final = 2048
+#: Writes of one connection that are judged together, and of which one in `SAMPLED` is looked at.
+_WRITES: Final = 256
+SAMPLED: Final = 16
+#: They are a flood when they come within so long, are most of what the connection carries, repeat so few requests, and the
+#: client leaves the server no more time than that takes to answer: so no recipe is written and no heartbeat beats.
+_WRITES_NS: Final = 5_000_000_000
+_MOST: Final = 0.75
+_FEW_VARIABLES: Final = 4
+_BUSY: Final = 0.5
 #: Variables that the finding of a modification or force names, and octets of each.
 _NAMED: Final = 8
 _NAMED_OCTETS: Final = 16
@@ -118,6 +127,30 @@ class SecurityWatch:
         elif first != client and (client, server) not in self._pairs:
             self._pairs.add((client, server))
             self.tell("security.new_writer", transaction, f"until now only {first} wrote to {server}")
+
+    def sample(self, transaction: Transaction) -> None:
+        """Take one write in `SAMPLED`; each `_WRITES` of a connection are judged by its own pace: are they a flood?"""
+        connection = transaction.connection
+        writes = connection.traits.writes
+        now_ns = int(max(transaction.request_ns, transaction.response_ns))
+        writes.variables.add(transaction.parameters.octets)
+        if transaction.outcome == ANSWERED:
+            writes.answer_ns += transaction.response_ns - transaction.request_ns
+        if writes.count % _WRITES:
+            return
+        took_ns = now_ns - int(writes.since_ns or connection.tcp.first_ns)
+        share = 2 * _WRITES / max(1, int(connection.pdus - writes.pdus))
+        busy = SAMPLED * int(writes.answer_ns) / max(1, took_ns)
+        few = len(writes.variables) <= _FEW_VARIABLES
+        if 0 <= took_ns <= _WRITES_NS and few and share >= _MOST and busy >= _BUSY:
+            if connection.traits.first("security.flood"):
+                each = duration_text(int(writes.answer_ns) * SAMPLED // _WRITES)
+                what = f"{_WRITES} writes within {duration_text(took_ns)}, each answered after {each}"
+                self.tell("security.flood", transaction, f"{transaction.parameters.subject}: {what}")
+        writes.since_ns = now_ns
+        writes.pdus = connection.pdus
+        writes.answer_ns = 0
+        writes.variables = set()
 
     # ---- everything else --------------------------------------------------------------------------------------------
 

@@ -18,7 +18,7 @@ from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, Ending
 from dissect.transactions.pairing import GIVEN_UP_NS
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
-from dissect.wire.durations import distance_text, duration_text
+from dissect.wire.durations import duration_text
 
 #: The smallest PDU length a setup answer can mean: it has 20 octets itself, and no real device goes below 240.
 _MIN_PDU_LENGTH: Final = 64
@@ -198,8 +198,7 @@ def judge_cut(judge: Reporter, side: Side, ending: Ending) -> None:
     elif ending.oldest is not None:
         age = duration_text(int(ending.time_ns - ending.oldest_ns))
         said += f" with {ending.open_requests} requests pending, the oldest is {ending.oldest.subject}, {age} old"
-        if ending.last_answer is not None:
-            said += f"; last answer {distance_text(int(ending.time_ns - ending.last_answer_ns))}"
+        said += ending.last_heard()
     frames = [frame for frame in (ending.oldest_frame, ending.frame) if frame]
     judge.note("session.cut", connection.number, [int(frame) for frame in frames], ending.time_ns, said)
 

@@ -65,6 +65,7 @@ def judge_unanswered(judge: Reporter, transaction: Transaction, now_ns: i64, slo
         return
     if transaction.reason == CAPTURE_ENDED and now_ns - transaction.request_ns <= slow_ns:
         transaction.flags |= STILL_OPEN
+        transaction.connection.still_open += 1
         return
     if transaction.reason == TABLE_FULL:
         judge.note(

@@ -37,6 +37,9 @@ _HANDSHAKES: Final = {
     14: "ServerHelloDone",
     16: "ClientKeyExchange",
 }
+_TLS_1_2: Final = 0x0303
+_SERVER_HELLO: Final = 2
+_HANDSHAKE: Final = 0x16
 _SERVER_NAME: Final = 0
 _SUPPORTED_VERSIONS: Final = 43
 
@@ -113,7 +116,22 @@ def _tls(octets: bytes) -> str:
             told, name = _hello(hello, octets[5] == 1)
             version = told or version
     server = f", server name {name}" if name else ""
-    return f"{_TLS_VERSIONS.get(version, f'version 0x{version:04x}')} {kind}{server}"
+    said = _TLS_VERSIONS.get(version, f"version 0x{version:04x}")
+    if version == _TLS_1_2 and octets[0] != _HANDSHAKE:
+        said = "TLS 1.2 or 1.3"  # records of both say 1.2 (RFC 8446 section 5.1)
+    return f"{said} {kind}{server}"
+
+
+def chosen_version(octets: bytes, start: i64, end: i64) -> str:
+    """Return the version that the ServerHello at ``start`` chooses for its session; empty where none is.
+
+    In TLS 1.3 it stands in supported_versions only (RFC 8446 section 4.2.1).
+    """
+    if end - start < 44 or octets[start] != 0x16 or octets[start + 1] != 3 or octets[start + 5] != _SERVER_HELLO:
+        return ""
+    hello = octets[start + 9 : min(end, start + 9 + u24(octets, start + 6))]
+    version, _ = _hello(hello, False)
+    return _TLS_VERSIONS.get(version, "")
 
 
 def _hello(hello: bytes, from_client: bool) -> tuple[int, str]:

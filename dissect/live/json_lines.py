@@ -49,7 +49,8 @@ class JsonLines:
         if isinstance(what, tuple):
             return self._pdus.scd_line(what[0], what[1])
         if isinstance(what, Connection):
-            return self._event(event.kind, event.time_ns, "connection", connection_as_dict(what, self._places))
+            facts = event.facts or connection_as_dict(what, self._places)
+            return self._event(event.kind, event.time_ns, "connection", facts)
         if isinstance(what, Finding):
             return self._event(event.kind, event.time_ns, "finding", finding_as_dict(what, self._places))
         return self._event(event.kind, event.time_ns, "text", encodable(what))

@@ -82,8 +82,8 @@ class PlainLines:
         name = f"  {named(connection)}" if connection.protocol not in {"", "s7comm"} else ""
         refused = f"  REFUSED: {connection.refused}" if connection.refused else ""
         counts = [f"{connection.answered} answered"]
-        if connection.unanswered:
-            counts.append(f"{connection.unanswered} UNANSWERED")
+        if connection.missed:
+            counts.append(f"{connection.missed} UNANSWERED")
         if connection.errors:
             counts.append(f"{connection.errors} with errors")
         return f"{who}{name}  {endings.phrase(connection, self._places)}{refused}  ({', '.join(counts)})"

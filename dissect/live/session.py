@@ -22,13 +22,15 @@ from typing import Final, NamedTuple
 from dissect.engine.observer import Observer, Options
 from dissect.findings.finding import Finding
 from dissect.live.run import Companion, Limits, LiveRun
+from dissect.report.contract import connection_as_dict
+from dissect.report.places import Places
 from dissect.source.live.reader import Drops, LiveReader
 from dissect.source.packet import Reader
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
-from dissect.transactions.transaction import UNANSWERED, Transaction
+from dissect.transactions.transaction import Transaction
 
 #: Kinds of events. A ``PROBLEM`` is a sentence about the monitor itself.
 OPENED: Final = "connection_opened"
@@ -49,12 +51,14 @@ _PATIENCE_S: Final = 0.1
 class Event(NamedTuple):
     """Something happened: ``what`` it is about, by ``kind``, and when by the clock of the capture.
 
-    What it is about may go on changing where it is a connection that is open.
+    What it is about may go on changing where it is a connection that is open; ``facts`` are those of a connection, as JSON has
+    them, when it happened.
     """
 
     kind: str
     time_ns: int
     what: Connection | Transaction | Operation | Finding | tuple[ScdMessage, Connection] | str
+    facts: dict[str, object] | None = None
 
 
 class Status(NamedTuple):
@@ -88,19 +92,24 @@ class _Collector(Observer):
         self.unanswered = 0
         self.with_errors = 0
         self.now_ns: Callable[[], int] = lambda: 0
+        self._places = Places([], False)
 
     def connection_opened(self, connection: Connection) -> None:
         self.opened += 1
-        self.fresh.append(Event(OPENED, int(connection.tcp.last_ns), connection))
+        self.fresh.append(Event(OPENED, int(connection.tcp.last_ns), connection, self._facts(connection)))
 
     def connection_closed(self, connection: Connection) -> None:
         self.closed += 1
         ending = connection.ending
-        self.fresh.append(Event(CLOSED, int(ending.time_ns if ending is not None else self.now_ns()), connection))
+        time_ns = int(ending.time_ns if ending is not None else self.now_ns())
+        self.fresh.append(Event(CLOSED, time_ns, connection, self._facts(connection)))
+
+    def _facts(self, connection: Connection) -> dict[str, object]:
+        return connection_as_dict(connection, self._places)
 
     def transaction(self, transaction: Transaction) -> None:
         self.transactions += 1
-        if transaction.outcome == UNANSWERED:
+        if transaction.missed:
             self.unanswered += 1
         if transaction.has_errors:
             self.with_errors += 1

@@ -125,7 +125,7 @@ def _facts(listed: _Listed, now_ns: int) -> ConnectionFacts:
         listed.latency_ns,
         pulse.worst(now_ns, SECONDS),
         int(connection.answered),
-        int(connection.unanswered),
+        int(connection.missed),
         int(connection.errors),
         sum([int(side.count) for side in connection.open_requests]),
     )

@@ -48,6 +48,7 @@ class Analysis(Observer):
         self.total: i64 = 0
         self.answered: i64 = 0
         self.unanswered: i64 = 0
+        self.still_open: i64 = 0  # of those: the capture ended before their answer was due, so nothing failed
         self.orphans: i64 = 0
         self.unsolicited: i64 = 0
         self.with_errors: i64 = 0
@@ -111,7 +112,10 @@ class Analysis(Observer):
             self.unanswered += 1
             statistics.unanswered += 1
             self.unanswered_reasons[transaction.reason] = self.unanswered_reasons.get(transaction.reason, 0) + 1
-            self._keep_failed(transaction)
+            if transaction.missed:
+                self._keep_failed(transaction)
+            else:
+                self.still_open += 1
         elif outcome == ORPHAN:
             self.orphans += 1
         elif outcome == PUSH:

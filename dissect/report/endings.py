@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Final
 from dissect.report import words
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, REUSED
 from dissect.wire.clock import Clock
-from dissect.wire.durations import distance_text
 
 if TYPE_CHECKING:
     from dissect.report.places import Places
@@ -59,11 +58,9 @@ def _before(ending: Ending, places: Places) -> str:
         parts = f" with {open_then} pending: {first}{oldest.subject} ({at}), {age} old"
     elif ending.how in {FIN, DISCONNECT, OPEN}:
         return ""
-    if ending.last_answer is not None:
-        ago = distance_text(int(ending.time_ns - ending.last_answer_ns))
-        kind = "answer, a refusal," if ending.last_error_ns == ending.last_answer_ns else "answer"
-        parts += f"; last {kind} {ago}"
-    return parts
+    return parts + ending.last_heard(
+        "answer, a refusal," if ending.last_error_ns == ending.last_answer_ns else "answer"
+    )
 
 
 def ending_as_dict(connection: Connection, places: Places) -> dict[str, object] | None:

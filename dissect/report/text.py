@@ -130,7 +130,7 @@ def _number(connection: Connection) -> int:
 
 
 def _trouble(connection: Connection) -> tuple[int, int, int]:
-    trouble = connection.unanswered + connection.errors + (1 if connection.refused else 0)
+    trouble = connection.missed + connection.errors + (1 if connection.refused else 0)
     return -int(trouble), -int(connection.pdus), int(connection.number)
 
 
@@ -168,8 +168,10 @@ def _counts(connection: Connection) -> str:
     if not connection.pdus:
         return "no S7 PDU"
     parts = [words.count(connection.pdus, "PDU"), f"{connection.answered} answered"]
-    if connection.unanswered:
-        parts.append(f"{connection.unanswered} unanswered")
+    if connection.missed:
+        parts.append(f"{connection.missed} unanswered")
+    if connection.still_open:
+        parts.append(f"{connection.still_open} still open")
     if connection.orphans:
         parts.append(words.count(connection.orphans, "answer without request", "answers without request"))
     if connection.unsolicited:
@@ -187,8 +189,10 @@ def _transactions(analysis: Analysis) -> Iterator[Line]:
         return
     yield Line("")
     said = [f"{analysis.answered} answered"]
-    if analysis.unanswered:
-        said.append(f"{analysis.unanswered} unanswered")
+    if analysis.unanswered > analysis.still_open:
+        said.append(f"{analysis.unanswered - analysis.still_open} unanswered")
+    if analysis.still_open:
+        said.append(f"{analysis.still_open} still open at the end")
     if analysis.orphans:
         said.append(words.count(analysis.orphans, "answer without request", "answers without request"))
     if analysis.unsolicited:
@@ -261,7 +265,7 @@ def _failed(analysis: Analysis, places: Places) -> Iterator[Line]:
     if not analysis.failed:
         return
     shown = analysis.failed[:_FAILED]
-    total = int(analysis.with_errors + analysis.unanswered)
+    total = int(analysis.with_errors + analysis.unanswered - analysis.still_open)
     yield Line("")
     yield Line("Failed transactions" + (f" (first {len(shown)} of {total})" if total > len(shown) else ""), HEADING)
     yield from _rows(shown, places)

@@ -93,6 +93,7 @@ class Connection:
         "iso_ended_ns",
         "last_answer",
         "last_answer_ns",
+        "last_encrypted_ns",
         "last_error",
         "last_error_code",
         "last_error_ns",
@@ -114,6 +115,7 @@ class Connection:
         "setup_open",
         "setup_seen",
         "state",
+        "still_open",
         "subscriptions",
         "tcp",
         "told",
@@ -177,6 +179,7 @@ class Connection:
         self.pdus: i64 = 0
         self.answered: i64 = 0
         self.unanswered: i64 = 0
+        self.still_open: i64 = 0  # of those: the capture ended before their answer was due
         self.orphans: i64 = 0
         self.unsolicited: i64 = 0
         self.errors: i64 = 0
@@ -185,6 +188,7 @@ class Connection:
         self.last_request_ns: i64 = 0
         self.last_answer: Parameters | None = None
         self.last_answer_ns: i64 = 0
+        self.last_encrypted_ns: i64 = 0  # of the server, in TLS: what it says is not visible, that it speaks is
         self.last_error: Parameters | None = None
         self.last_error_ns: i64 = 0
         self.last_error_code: i64 = 0
@@ -205,6 +209,11 @@ class Connection:
     def server(self) -> Endpoint:
         """The other end."""
         return self.tcp.ends[1 - self.client_side]
+
+    @property
+    def missed(self) -> i64:
+        """Requests whose answer was due and did not come (`Transaction.missed`)."""
+        return self.unanswered - self.still_open
 
     def role(self, side: i64) -> str:
         """Name a side: ``client`` or ``server``."""

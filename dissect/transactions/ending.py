@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
+from dissect.wire.durations import distance_text
+
 if TYPE_CHECKING:
     from dissect.s7.parameters import Parameters
     from dissect.transactions.connection import Connection
@@ -38,7 +40,7 @@ class Ending:
     for none) and ``time_ns`` when that was. ``open_requests`` were without answer, but for those whose answer may stand in a
     hole of the capture (``hole_frames``: packets at which the latest hole in the answers to each side was given up);
     ``oldest`` is what the one asked first wants, with its packet and time. The last request, answer and refusal before the
-    end are told as what was asked and when (None and 0 for none); ``last_error_code`` is the code of the whole answer, 0
+    end are told as what was asked and when (None and 0 for none), the server's last message inside TLS only as when; ``last_error_code`` is the code of the whole answer, 0
     when only an item was refused. ``connecting`` tells that the connect request was still without answer of any kind.
     ``reset_side``, ``reset_frame`` and ``reset_ns`` are the side, packet and time of a RST that came after that end had begun
     otherwise, as S7-1200/1500 answer a FIN (-1, 0 and 0 for none).
@@ -50,6 +52,7 @@ class Ending:
         "how",
         "last_answer",
         "last_answer_ns",
+        "last_encrypted_ns",
         "last_error",
         "last_error_code",
         "last_error_ns",
@@ -98,6 +101,7 @@ class Ending:
         self.last_request_ns: i64 = connection.last_request_ns
         self.last_answer: Parameters | None = connection.last_answer
         self.last_answer_ns: i64 = connection.last_answer_ns
+        self.last_encrypted_ns: i64 = connection.last_encrypted_ns
         self.last_error: Parameters | None = connection.last_error
         self.last_error_ns: i64 = connection.last_error_ns
         self.last_error_code: i64 = connection.last_error_code
@@ -123,6 +127,14 @@ class Ending:
         self.frame = frame
         self.time_ns = time_ns
 
+    def last_heard(self, answer: str = "answer") -> str:
+        """Say what the server sent last and when, empty for nothing: ``; last answer 1.20 s earlier``."""
+        if self.last_encrypted_ns > self.last_answer_ns:
+            return f"; last encrypted message of the server {distance_text(self.time_ns - self.last_encrypted_ns)}"
+        if self.last_answer is None:
+            return ""
+        return f"; last {answer} {distance_text(self.time_ns - self.last_answer_ns)}"
+
     def deed(self, connection: Connection) -> str:
         """Say who ended the connection and how, empty when neither side did: ``the server reset the connection``."""
         if self.how not in _DEEDS:
@@ -137,6 +149,6 @@ class Ending:
 
     @property
     def silence_ns(self) -> int | None:
-        """Time from the last request or answer to the end, None when there was neither."""
-        last: int = max(self.last_request_ns, self.last_answer_ns)
+        """Time from the last request, answer or encrypted message to the end, None when there was none."""
+        last: int = max(self.last_request_ns, self.last_answer_ns, self.last_encrypted_ns)
         return self.time_ns - last if last else None

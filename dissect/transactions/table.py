@@ -107,8 +107,8 @@ class Side:
 
     @property
     def captured(self) -> bool:
-        """True when any packet of this side was captured."""
-        return self.last_ack >= 0 or self.stream.start_seq >= 0
+        """True when any packet of this side was captured; a RST need not acknowledge anything."""
+        return self.last_ack >= 0 or self.stream.start_seq >= 0 or self.tcp.reset_by == self.index
 
 
 class _Syn:

@@ -10,6 +10,23 @@ from mypy_extensions import i64
 MAX_REMEMBERED: Final = 256
 
 
+class Writes:
+    """The latest writes of a connection: how many they are, and a sample of them.
+
+    ``count`` counts all writes ever; the others begin anew with each look: ``since_ns`` and ``pdus`` are the time and the PDUs of
+    the connection when it began, ``variables`` and ``answer_ns`` the requests of the sample and the time their answers took.
+    """
+
+    __slots__ = ("answer_ns", "count", "pdus", "since_ns", "variables")
+
+    def __init__(self) -> None:
+        self.count: i64 = 0
+        self.since_ns: i64 = 0
+        self.pdus: i64 = 0
+        self.answer_ns: i64 = 0
+        self.variables: set[bytes] = set()
+
+
 class Traits:
     """The memory of one connection; every part of it is bounded.
 
@@ -17,11 +34,12 @@ class Traits:
     are said once for a connection; ``szl_ids`` and ``loaded`` are what was asked for and loaded.
     """
 
-    __slots__ = ("inquiries", "loaded", "pace_ns", "refusals", "szl_ids", "told", "written")
+    __slots__ = ("inquiries", "loaded", "pace_ns", "refusals", "szl_ids", "told", "writes", "written")
 
     def __init__(self) -> None:
         self.written: i64 = 0
         self.pace_ns = 0
+        self.writes: Writes = Writes()
         self.inquiries = 0
         self.refusals = 0
         self.told: set[str] = set()

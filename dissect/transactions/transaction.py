@@ -95,7 +95,7 @@ class TransactionError:
 
 
 #: Bit of `Transaction.flags`: the capture ended before the answer was due, so that nothing is wrong.
-STILL_OPEN: Final = 2048
+STILL_OPEN: Final = 4096
 
 
 class Transaction:
@@ -232,9 +232,14 @@ class Transaction:
         return self.response_ns - self.request_ns if self.outcome == ANSWERED else None
 
     @property
+    def missed(self) -> bool:
+        """True when no answer came though it was due: the one rule for what counts as unanswered."""
+        return self.outcome == UNANSWERED and not self.flags & STILL_OPEN
+
+    @property
     def failed(self) -> bool:
-        """True when the answer says no to anything, or never came; not while it could still come (`STILL_OPEN`)."""
-        return self.has_errors or (self.outcome == UNANSWERED and not self.flags & STILL_OPEN)
+        """True when the answer says no to anything, or was `missed`."""
+        return self.has_errors or self.missed
 
     @property
     def request_octets(self) -> bytes:

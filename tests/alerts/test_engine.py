@@ -245,6 +245,17 @@ def test_a_silence_between_transactions_is_told_without_ticks() -> None:
     assert engine.texts[0].endswith("no transactions for 6.50 s; more than 6.00 s")
 
 
+def test_a_lone_transaction_ends_a_silence() -> None:
+    """Without ticks the next look comes with the next transaction, when it has been silent again."""
+    engine = Kept('when = "silence"\nlonger = "5s"\nof = "transactions"\ncooldown = "60s"')
+    client = Client(engine.wire)
+    for at in (1.0, 101.0, 201.0, 301.0):
+        client.read(at)
+    engine.over()
+    assert [alert.time_ns for alert in engine.alerts] == [at_ns(101.001), at_ns(201.001), at_ns(301.001)]
+    assert all(text.endswith("no transactions for 100.00 s; more than 5.00 s") for text in engine.texts)
+
+
 def test_who_is_known_is_waited_for() -> None:
     engine = Kept('when = "silence"\nlonger = "5s"\nclient = "10.0.0.3"\nserver = "10.0.0.2"')
     learned = Kept('when = "silence"\nlonger_than_learned = 3', norm(longest_silence=2.0))

@@ -26,7 +26,7 @@ from tests.s7plus.pdus import (
     notified,
     told,
 )
-from tests.transactions.talk import ACK, CLIENT, MS, SERVER, Talk, dt, read, words
+from tests.transactions.talk import ACK, CLIENT, FIN, MS, SECOND, SERVER, Talk, dt, read, words
 
 HELLO = bytes.fromhex("1603010005010000010a")
 
@@ -271,8 +271,32 @@ def test_tls_after_init_ssl() -> None:
     assert connection.protocol == "s7comm_plus"
     assert connection.identified_by == "InitSSL, then TLS 1.0 ClientHello"
     assert [(one.slug, one.detail) for one in talk.findings] == [
-        ("session.foreign_on_102", "tls: TLS 1.0 ClientHello, after InitSSL")
+        ("session.encrypted", "TLS 1.0 ClientHello, after InitSSL")
     ]
+
+
+def test_a_tls_session_tells_its_version_and_when_the_plc_spoke_last() -> None:
+    talk = begun()
+    talk.ask(framed(asked(1, INIT_SSL, 0, 0x30, bytes(4)), 1))
+    talk.tell(framed(told(1, INIT_SSL), 1))
+    talk.ask(HELLO)
+    body = b"\x03\x03" + bytes(32) + b"\x00\x13\x01\x00\x00\x06\x00\x2b\x00\x02\x03\x04"  # chooses TLS 1.3
+    hello = b"\x02" + len(body).to_bytes(3, "big") + body
+    talk.tell(b"\x16\x03\x03" + len(hello).to_bytes(2, "big") + hello)
+    record = b"\x17\x03\x03\x00\x04abcd"
+    talk.ask(record, after_ns=5 * SECOND)
+    last = talk.tell(record, after_ns=SECOND)
+    talk.packet(0, flags=FIN | ACK, after_ns=800_000)
+    talk.packet(1, flags=FIN | ACK)
+    talk.finish()
+    assert last
+    (connection,) = talk.connections
+    assert connection.identified_by == "InitSSL, then TLS 1.0 ClientHello, the server chose TLS 1.3"
+    ending = connection.ending
+    assert ending is not None
+    assert ending.silence_ns == 800_000
+    assert ending.last_heard() == "; last encrypted message of the server 800 µs earlier"
+    assert talk.slugs() == ["session.encrypted"]
 
 
 def test_functions_are_counted() -> None:
@@ -312,4 +336,4 @@ def test_shared_captures(
     odd = {
         slug for slug in analysis.pipeline.finding_counts if not slug.startswith("security.")
     }  # of S7comm in the same file
-    assert odd == set()
+    assert odd <= {"session.idle"}  # keep-alive probes of connections that say nothing

@@ -776,7 +776,13 @@ def data_before_setup(talk: Talk) -> None:
     talk.ask(read(1, dbw(1, 0)))
 
 
-@silent("session.data_before_setup", "session.bad_grant", "session.unusual_port", "session.foreign_on_102")
+@silent(
+    "session.data_before_setup",
+    "session.bad_grant",
+    "session.unusual_port",
+    "session.foreign_on_102",
+    "session.encrypted",
+)
 def setup_after_connect(talk: Talk) -> None:
     talk.connect()
     talk.ask(setup(1, 8, 8, 960))
@@ -813,6 +819,14 @@ def bad_grant(talk: Talk) -> None:
 def unusual_port(talk: Talk) -> None:
     other = Talk(50000, 4102, beside=talk)
     other.open()
+
+
+@speaks("session.encrypted")
+def encrypted(talk: Talk) -> None:
+    talk.hello()
+    talk.connect()
+    talk.ask(plus.framed(plus.asked(1), 1))
+    talk.ask(bytes.fromhex("1603010005010000010a"))
 
 
 @speaks("session.foreign_on_102")

@@ -51,7 +51,7 @@ def said(octets: bytes) -> str:
         (hello(1, server_name(b"\x1b[2J\xe9")), "TLS 1.2 ClientHello, server name \\x1b[2Jé"),
         (b"\x16\x03\x03\x00\x10\x0b" + bytes(15), "TLS 1.2 Certificate"),
         (b"\x16\x03\x03\x00\x10\xaa" + bytes(15), "TLS 1.2 handshake"),
-        (b"\x17\x03\x03\x00\x02ab", "TLS 1.2 application data"),
+        (b"\x17\x03\x03\x00\x02ab", "TLS 1.2 or 1.3 application data"),
         (b"\x15\x03\x01\x00\x02\x02\x28", "TLS 1.0 alert"),
         (b"\x14\x03\x09\x00\x01\x01", "version 0x0309 change cipher spec"),
         (b"\x16\x03\x01", ""),

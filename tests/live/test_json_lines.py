@@ -41,6 +41,13 @@ def test_a_connection_says_how_it_ended() -> None:
     assert closed["time"] == ending["time"]
 
 
+def test_a_connection_is_told_as_it_was_when_it_opened() -> None:
+    """However late the line is written: here when all is over."""
+    opened, closed = told_of("connections")
+    assert (opened["connection"]["pdus"], opened["connection"]["ending"]) == (0, None)
+    assert closed["connection"]["pdus"] > 0
+
+
 def test_lines_about_the_output_itself() -> None:
     lines = JsonLines(kinds_of([]))
     lost = json.loads(lines.lost(EPOCH_NS, {TRANSACTION: 3}))

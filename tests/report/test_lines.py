@@ -191,7 +191,7 @@ def test_tpdus_on_a_line() -> None:
     observed(lines, talk.packets())
     assert lines.tpdus[0] == "COTP CR  TSAP 01.00 (PG) → 01.02 (PG, rack 0 slot 2), TPDU size 1024"
     assert lines.tpdus[1] == "COTP CC  TSAP 01.00 (PG) → 01.02 (PG, rack 0 slot 2), TPDU size 1024"
-    assert lines.tpdus[5] == "COTP DT  TLS, 22 bytes: TLS 1.2 application data"
+    assert lines.tpdus[5] == "COTP DT  TLS, 22 bytes: TLS 1.2 or 1.3 application data"
     assert lines.tpdus[6].startswith("COTP DR  ")
     assert lines.tpdus[6] != "COTP DR  "
     assert lines.tpdus[7].startswith("COTP ER  ")

@@ -163,7 +163,7 @@ def test_an_unknown_client_is_no_arrow() -> None:
 @pytest.mark.parametrize(
     ("octets", "said"),
     [
-        (b"\x17\x03\x03\x00\x02ab", "10.0.0.2:102, TLS (TLS 1.2 application data)"),
+        (b"\x17\x03\x03\x00\x02ab", "10.0.0.2:102, TLS (TLS 1.2 or 1.3 application data)"),
         (b"hello", "10.0.0.2:102, unknown protocol (begins with 68 65 6c 6c 6f)"),
     ],
 )
