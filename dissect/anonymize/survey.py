@@ -28,12 +28,12 @@ from dissect.s7plus.tables import KEEP_ALIVE, PROTOCOL_ID
 from dissect.tcp.connection import TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.pairing import key_of
+from dissect.transactions.payloads import Backlog, ScdMessage
 from dissect.transactions.table import Side, reverse_key
 from dissect.wire.octets import u16
 
 if TYPE_CHECKING:
     from dissect.bindings.engine import ScdCarrier
-    from dissect.transactions.payloads import ScdMessage
 
 #: Directions remembered; the packets of those after them are written with zeros for contents.
 MAX_TRACKS: Final = 65_536
@@ -269,7 +269,7 @@ class Survey(Observer):
         at = int(found.offset)
         if side.connection.udp:
             self._in_datagram(int(frame), at, draft)
-        elif side.backlog is not None:
+        elif isinstance(side.kept, Backlog):
             self._in_stream(side, found, draft)
         elif self._tsdu:
             track, _ = self._direction(side)
@@ -293,7 +293,7 @@ class Survey(Observer):
 
         The latter where something else stands behind them. Were the place a wrong one, no octet of the capture would be shown.
         """
-        backlog = side.backlog
+        backlog = side.kept
         track, message = self._direction(side)
         if track is None or backlog is None:
             return

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from dissect.transactions.payloads import Backlog
+
 if TYPE_CHECKING:
     from dissect.bindings.binding import Binding
     from dissect.scd.envelope import Envelope
-    from dissect.transactions.payloads import Backlog
     from dissect.transactions.table import Side
 
 #: Places of a stream that may be the begin of a message whose end is not there yet, while its begin is searched for.
@@ -17,12 +18,12 @@ MAX_PENDING: Final = 64
 def cut_stream(side: Side, envelope: Envelope, binding: Binding, octets: bytes) -> tuple[list[bytes], int]:
     """Return the whole messages that ``octets`` complete, and how many octets were stepped over to find them.
 
-    What is left waits in the side's backlog, less than a message. Where the begin of a message is not known (the capture
+    What is left waits at the side (`Backlog`), less than a message. Where the begin of a message is not known (the capture
     begins in the middle, octets are missing, or something else is in the stream) the next one is searched for, and believed
     when its checksum is right.
     """
-    backlog = side.backlog
-    assert backlog is not None
+    backlog = side.kept
+    assert isinstance(backlog, Backlog)
     buffer = backlog.octets + octets
     if binding.size:
         units, at, skipped = _cut_equal(backlog, binding.size, buffer)
@@ -41,8 +42,8 @@ def skip_hole(side: Side, binding: Binding, size: int) -> int:
 
     Contents of one size go on where the next one begins; messages have to be found anew.
     """
-    backlog = side.backlog
-    assert backlog is not None
+    backlog = side.kept
+    assert isinstance(backlog, Backlog)
     lost = len(backlog.octets)
     if binding.size:
         rest = backlog.owed or -lost % binding.size

@@ -24,7 +24,7 @@ from dissect.cli.run import (
 from dissect.engine.observer import Observer, Options
 from dissect.engine.payload import PayloadDecoder
 from dissect.ibh.packet import parse_packet
-from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
+from dissect.ibh.tables import IBH_NETLINK, KIND_DATA, KIND_FRAGMENT
 from dissect.iso.cotp import parse_tpdu
 from dissect.iso.tables import DT, ED
 from dissect.report.jsonl import PduLines
@@ -48,7 +48,7 @@ from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.tables import JOB, SUCCESS
 from dissect.s7plus.message import parse_plus
 from dissect.session import Run
-from dissect.transactions.connection import IBH, Connection
+from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
@@ -193,7 +193,7 @@ class _Pdus(Observer):
         self._add(pdu_line(pdu, connection, self._clock, self._places), _says_no(pdu))
         if self._verbose:
             whole = self._packet if self._packet.endswith(octets) and not cut else b""
-            self._tree(tree_lines(pdu, whole, connection.state == IBH))
+            self._tree(tree_lines(pdu, whole, connection.protocol == IBH_NETLINK))
 
     def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7comm-plus PDU."""

@@ -19,7 +19,7 @@ from dissect.ibh.tables import (
 )
 from dissect.iso.upper import is_sound
 from dissect.transactions.accounts import OctetAccount
-from dissect.transactions.connection import IBH
+from dissect.transactions.connection import FOLLOWED
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
 
@@ -28,7 +28,7 @@ class IbhNetLink(Protocol):
     """Takes octets of a gateway's connection and hands the messages in them to ``messages``; counts packets by kind."""
 
     def __init__(self, exchange: Exchange, messages: IsoOnTcp) -> None:
-        super().__init__(IBH)
+        super().__init__(FOLLOWED)
         self._exchange: Exchange = exchange
         self._messages: IsoOnTcp = messages
         self.packets: list[int] = [0] * len(KINDS)

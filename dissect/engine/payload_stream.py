@@ -6,8 +6,7 @@ from mypy_extensions import i64
 
 from dissect.engine.exchange import Exchange
 from dissect.engine.payload import PayloadDecoder
-from dissect.transactions.accounts import OctetAccount
-from dissect.transactions.connection import CARRIED
+from dissect.transactions.connection import FOLLOWED
 from dissect.transactions.payloads import Backlog
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
@@ -17,7 +16,7 @@ class PayloadStream(Protocol):
     """Hands octets in order to the decoder, which frames and pairs them by itself."""
 
     def __init__(self, exchange: Exchange, decoder: PayloadDecoder) -> None:
-        super().__init__(CARRIED)
+        super().__init__(FOLLOWED)
         self._exchange: Exchange = exchange
         self._decoder: PayloadDecoder = decoder
 
@@ -29,8 +28,8 @@ class PayloadStream(Protocol):
         """A connection, or a conversation over UDP, is the decoder's."""
         peer = side.peer
         assert peer is not None
-        side.backlog = Backlog()
-        peer.backlog = Backlog()
+        side.kept = Backlog()
+        peer.kept = Backlog()
         side.framer.synced = at_start
         peer.framer.synced = side.tcp.known_start and peer.stream.octets == 0
 
@@ -49,20 +48,6 @@ class PayloadStream(Protocol):
             detail = f"{size} bytes from {side.tcp.ends[side.index]}"
             self._exchange.reporter.note("stream.hole", side.connection.number, [frame], time_ns, detail)
         self._decoder.hole(side, size, frame, time_ns)
-
-    def held(self, side: Side) -> i64:
-        """Return the octets that make no whole message yet."""
-        backlog = side.backlog
-        return super().held(side) + (len(backlog.octets) if backlog is not None else 0)
-
-    def add_up(self, side: Side, account: OctetAccount) -> None:
-        """Add the octets of messages, and those that make none."""
-        super().add_up(side, account)
-        backlog = side.backlog
-        if backlog is not None:
-            account.framed += backlog.framed
-            account.skipped += backlog.skipped
-            account.buffered += len(backlog.octets)
 
     def describe(self) -> dict[str, object]:
         """Return the section ``scd``."""

@@ -11,7 +11,7 @@ no clock, file or thread in here, time comes in with each packet. In the order i
 The common case goes straight down: a segment that is the next one and holds whole TPKTs, each a DT with a whole S7 PDU.
 Whatever is irregular leaves that road for `_slow_frame`, `_lifecycle` and `_irregular`, and meets it again as soon as it
 can, in `Timers.chunks`, where all that needs time to pass is. A connection that does not speak ISO-on-TCP is fed to what it
-does speak (`Protocol`): every connection begins with `Recognition`, and another protocol is another row of `protocols`.
+does speak (`Protocol`): every connection begins with `Recognition`, and another protocol is another row of ``streams``.
 """
 
 from __future__ import annotations
@@ -80,9 +80,10 @@ class Pipeline(PacketSink):
         self.plus: S7Plus = S7Plus(self.exchange)
         self.iso: IsoOnTcp = IsoOnTcp(self.exchange, self.connections, self.s7, self.plus)
         self.ibh: IbhNetLink = IbhNetLink(self.exchange, self.iso)
-        #: What is described in reports, in the order of their sections.
-        self.protocols: list[Protocol] = [self.iso, self.ibh, self.s7, self.plus]
+        #: What else may frame a stream, asked in this order whether a connection is theirs: a new protocol is a row here.
         streams: list[Protocol] = [self.ibh]
+        #: What is described in reports, in the order of their sections.
+        self.protocols: list[Protocol] = [self.iso, *streams, self.s7, self.plus]
         self.datagrams: Datagrams | None = None
         if chosen.decoder is not None:
             payloads = PayloadStream(self.exchange, chosen.decoder)

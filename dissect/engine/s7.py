@@ -13,7 +13,7 @@ from dissect.s7.message import header_size, parse_pdu, read_header
 from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, ParameterCache, Parameters, is_plc_push
 from dissect.s7.tables import ACK, ACK_DATA, JOB, ROSCTR, SETUP_COMMUNICATION, USERDATA
 from dissect.tcp.stream import HALF_SPACE, MASK
-from dissect.transactions.connection import IBH, Connection
+from dissect.transactions.connection import ISO, Connection
 from dissect.transactions.dialogue import BAD_DATA
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
@@ -113,7 +113,7 @@ class S7(Protocol):
         return True
 
     def _first_pdu(self, connection: Connection, frame: i64, time_ns: i64) -> None:
-        if connection.state != IBH:
+        if connection.state == ISO:  # a gateway stays what it is, whatever passes it
             connection.protocol = UPPER_NAMES[S7COMM]
         judge_port(self._exchange.reporter, connection, frame, time_ns)
 

@@ -7,13 +7,13 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.findings.reporter import Reporter
-from dissect.ibh.tables import NETLINK_PORT
+from dissect.ibh.tables import IBH_NETLINK, NETLINK_PORT
 from dissect.iso.cotp import Tpdu
 from dissect.iso.tables import DR_REASONS, ER_CAUSES
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import ACK, SETUP_COMMUNICATION
 from dissect.tcp.stream import HALF_SPACE, MASK
-from dissect.transactions.connection import IBH, ISO_TSAP_PORT, Connection
+from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, Ending
 from dissect.transactions.pairing import GIVEN_UP_NS
 from dissect.transactions.table import Side
@@ -141,7 +141,7 @@ def judge_grant(judge: Reporter, transaction: Transaction) -> None:
 def judge_port(judge: Reporter, connection: Connection, frame: i64, time_ns: i64) -> None:
     """S7 communication with neither end on port 102, that of ISO-on-TCP; said once a connection."""
     ends = connection.tcp.ends
-    usual = NETLINK_PORT if connection.state == IBH else ISO_TSAP_PORT
+    usual = NETLINK_PORT if connection.protocol == IBH_NETLINK else ISO_TSAP_PORT
     if ends[0].port != usual and ends[1].port != usual:
         who = f"server {connection.server}" if connection.client_known else f"between {ends[0]} and {ends[1]}"
         judge.note("session.unusual_port", connection.number, [frame], time_ns, who)

@@ -26,6 +26,7 @@ from dissect.transactions.transaction import (
     CAPTURE_ENDED,
     CONNECTION_CLOSED,
     HOLE,
+    ITEM,
     ORPHAN,
     PUSH,
     REASON_TEXTS,
@@ -182,7 +183,7 @@ def _judge_errors(judge: Reporter, transaction: Transaction) -> None:
         return
     slug = "transaction.item_error"
     for error in transaction.errors:
-        if error.where.startswith("item") and judge.wants(slug, transaction.connection.number):
+        if error.part == ITEM and judge.wants(slug, transaction.connection.number):
             judge.detail(
                 slug,
                 transaction.connection.number,

@@ -14,9 +14,10 @@ from dissect.golden.model import GoldenError, Link, Session, Transaction
 from dissect.golden.parsing import MAGIC, MAX_LINE, read_golden
 from dissect.golden.scd_lines import scd_lines
 from dissect.golden.writing import link_text
+from dissect.ibh.tables import IBH_NETLINK
 from dissect.session import Run
 from dissect.source.packet import CaptureError
-from dissect.transactions.connection import IBH, Connection
+from dissect.transactions.connection import Connection
 from dissect.transactions.ending import OPEN
 from dissect.transactions.transaction import Transaction as Seen
 
@@ -88,7 +89,7 @@ class SessionReader(Observer):
         """Put the transactions in order and keep what is known of the connection, now that all is."""
         link = self._link(connection)
         link.protocol = connection.protocol
-        link.carrier = "udp" if connection.udp else "ibh" if connection.state == IBH else "tcp"
+        link.carrier = "udp" if connection.udp else "ibh" if connection.protocol == IBH_NETLINK else "tcp"
         link.begun = not connection.udp and (connection.cr_seen or connection.tcp.known_start)
         link.calling = _octets(connection.tsap_calling)
         link.called = _octets(connection.tsap_called)

@@ -22,7 +22,15 @@ from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.source.live.reader import Drops
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
-from dissect.transactions.transaction import ANSWERED, UNANSWERED, Transaction, TransactionError
+from dissect.transactions.transaction import (
+    ANSWERED,
+    ITEM,
+    MESSAGE,
+    RETURN_VALUE,
+    UNANSWERED,
+    Transaction,
+    TransactionError,
+)
 
 #: Stands between the labels of one count where they are one key.
 SEPARATOR: Final = "\0"
@@ -105,20 +113,19 @@ class Metrics(Companion):
     def _count_errors(self, transaction: Transaction) -> None:
         errors = transaction.errors
         for error in errors:
-            where = "item" if error.where.startswith("item ") else error.where
-            key = f"{where}{SEPARATOR}{self._class(where, error)}"
+            key = f"{error.part}{SEPARATOR}{self._class(error)}"
             self.errors[key] = self.errors.get(key, 0) + 1
         if not errors:  # the answer says no in a way that has no code
             key = f"{OTHER}{SEPARATOR}{OTHER}"
             self.errors[key] = self.errors.get(key, 0) + 1
 
-    def _class(self, where: str, error: TransactionError) -> str:
+    def _class(self, error: TransactionError) -> str:
         """Return the class of a code: of one octet the code itself, of two the high octet; what has no name is ``other``."""
-        if where == "item":
+        if error.part == ITEM:
             return error.name if error.code in RETURN_CODES else OTHER
-        if where == "return value":
+        if error.part == RETURN_VALUE:
             return error.name if error.code in PLUS_CODES else OTHER
-        if where == "message":
+        if error.part == MESSAGE:
             return error.name
         number: int = error.code >> 8
         return ERROR_CLASSES.name(number) if number in ERROR_CLASSES or number in self._classes else OTHER

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from itertools import islice
 from typing import Final
 
+from dissect.ibh.tables import IBH_NETLINK
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rows import PLACES, entry_line
@@ -15,7 +16,7 @@ from dissect.report.scd_tree import scd_tree_lines
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.text import connection_lines, finding_lines
 from dissect.report.tree import plus_tree_lines, tree_lines
-from dissect.transactions.connection import IBH, Connection
+from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
 from dissect.wire.clock import Clock
@@ -75,7 +76,7 @@ def _halves(transaction: Transaction, clock: Clock) -> Iterator[Line]:
     for title, pdu, packet in (("Request", transaction.request, asked), ("Answer", transaction.response, told)):
         if pdu is not None:
             yield from _heading(title, pdu_line(pdu, connection, clock, PLACES))
-            yield from _plain(tree_lines(pdu, packet, connection.state == IBH))
+            yield from _plain(tree_lines(pdu, packet, connection.protocol == IBH_NETLINK))
     for title, plus, packet in (
         ("Request", transaction.plus_request, asked),
         ("Answer", transaction.plus_response, told),

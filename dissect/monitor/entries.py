@@ -10,8 +10,9 @@ from collections import deque
 from typing import Final
 
 from dissect.ibh.packet import HEADER, LONG_HEAD, SHORT_HEAD, parse_packet
+from dissect.ibh.tables import IBH_NETLINK
 from dissect.iso.cotp import parse_tpdu
-from dissect.transactions.connection import IBH, Connection
+from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.transaction import Transaction
@@ -98,7 +99,7 @@ def detached(transaction: Transaction) -> Transaction:
     copy.has_errors = transaction.has_errors
     copy.flags = transaction.flags
     copy.carried = transaction.carried
-    ibh = transaction.connection.state == IBH
+    ibh = transaction.connection.protocol == IBH_NETLINK
     head = _head(transaction.request_buf, int(transaction.request_offset), int(transaction.request_size), ibh)
     start = int(transaction.request_offset)
     copy.request_buf = bytes(transaction.request_buf[start - head : start + int(transaction.request_size)])

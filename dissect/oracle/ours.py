@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from dissect.engine.observer import Observer, Options
+from dissect.ibh.tables import IBH_NETLINK
 from dissect.iso import layouts as iso
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZE, Tpdu, parse_tpdu
 from dissect.oracle import facts
@@ -23,7 +24,7 @@ from dissect.s7.pbc import BSEND
 from dissect.s7.syntaxes import PBC_ID
 from dissect.s7.tables import READ_VAR, ROSCTR, USERDATA, WRITE_VAR
 from dissect.session import Run
-from dissect.transactions.connection import IBH, ISO_TSAP_PORT, Connection
+from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.table import Side
 from dissect.wire.layout import Layout
 
@@ -76,7 +77,7 @@ class Witness(Observer):
 
     def connection_opened(self, connection: Connection) -> None:
         """Note a port that nobody would take for ISO-on-TCP."""
-        if connection.state == IBH:
+        if connection.protocol == IBH_NETLINK:
             return
         ends = connection.tcp.ends
         if any(end.port == ISO_TSAP_PORT for end in ends):
@@ -92,7 +93,7 @@ class Witness(Observer):
 
     def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
         """Keep an S7 PDU, unless it came in packets that Wireshark shows as data."""
-        if side.connection.state == IBH:
+        if side.connection.protocol == IBH_NETLINK:
             self.not_comparable[NO_DISSECTOR] += 1
         else:
             self.found[facts.PDU].append((frame, octets))

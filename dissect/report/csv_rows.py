@@ -15,7 +15,7 @@ from dissect.report.lines import reference
 from dissect.report.places import Places
 from dissect.s7.tables import RETURN_CODES, USERDATA
 from dissect.transactions.results import ItemResult
-from dissect.transactions.transaction import Transaction, TransactionError
+from dissect.transactions.transaction import ITEM, Transaction, TransactionError
 from dissect.wire.clock import Clock
 from dissect.wire.text import cell
 
@@ -39,7 +39,6 @@ _COLUMNS: Final = [
 ]
 FILE_COLUMNS: Final = ["request_file", "response_file"]
 _FILES_AT: Final = _COLUMNS.index("response_frame") + 1
-_ITEM: Final = "item"
 
 
 class _Item(NamedTuple):
@@ -140,7 +139,7 @@ def _with_files(values: list[str], names: list[str]) -> list[str]:
 def _items(transaction: Transaction) -> Iterator[_Item]:
     """Yield the items of a read or write, then the values of SCD; what is in neither is the subject of a row of its own."""
     results = transaction.results()
-    whole = "; ".join([_error(error) for error in transaction.errors if not error.where.startswith(_ITEM)])
+    whole = "; ".join([_error(error) for error in transaction.errors if error.part != ITEM])
     for number, result in enumerate(results, 1):
         yield _result(number, result, _errors_of(transaction, number, whole))
     at = len(results)
@@ -178,7 +177,7 @@ def _result(number: int, result: ItemResult, errors: str) -> _Item:
 
 
 def _errors_of(transaction: Transaction, number: int, whole: str) -> str:
-    mine = [_error(error) for error in transaction.errors if error.where == f"{_ITEM} {number}"]
+    mine = [_error(error) for error in transaction.errors if error.part == ITEM and error.item == number]
     return "; ".join([text for text in (*mine, whole) if text])
 
 

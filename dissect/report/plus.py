@@ -16,7 +16,6 @@ from dissect.s7plus.parameters import PlusParameters
 from dissect.s7plus.summary import summary
 from dissect.s7plus.tables import KEEP_ALIVE, NOTIFICATION, REQUEST, RETURN_CODES, SYSTEM_EVENT
 from dissect.transactions.connection import Connection
-from dissect.transactions.plus import plus_halves, plus_items
 from dissect.transactions.transaction import Transaction
 from dissect.wire.part import Part
 from dissect.wire.text import shortened
@@ -64,7 +63,7 @@ def plus_summary(pdu: PlusPdu, found: Contents) -> list[str]:
 
 def plus_subject(transaction: Transaction) -> str:
     """Return what an S7comm-plus transaction is about: the session, or the subscription that tells it."""
-    asked, told = plus_halves(transaction)
+    asked, told = transaction.plus_halves()
     half = asked if asked is not None else told
     if half is None:
         return ""
@@ -91,7 +90,7 @@ def item_text(item: PlusItem) -> str:
 
 def plus_item_texts(transaction: Transaction) -> list[str]:
     """Return every item with what became of it, in wire order."""
-    return [item_text(item) for item in plus_items(transaction)]
+    return [item_text(item) for item in transaction.plus_items()]
 
 
 def _some(texts: list[str]) -> list[str]:
@@ -123,7 +122,7 @@ def plus_as_dict(pdu: PlusPdu) -> dict[str, object]:
 
 def plus_json(transaction: Transaction) -> str:
     """Return the keys that only transactions of S7comm-plus have, behind a comma."""
-    asked, told = plus_halves(transaction)
+    asked, told = transaction.plus_halves()
     values = {
         "asks": _noted(asked),
         "tells": _noted(told),

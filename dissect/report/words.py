@@ -18,6 +18,8 @@ from dissect.transactions.transaction import (
     CONNECTION_CLOSED,
     CONNECTION_EVICTED,
     HOLE,
+    ITEM,
+    MESSAGE,
     NO_CODE,
     ORPHAN,
     PUSH,
@@ -270,11 +272,11 @@ def _setup(transaction: Transaction) -> str:
 
 def error_text(error: TransactionError) -> str:
     """Return an error: a code of S7 as it stands on the wire with its name, one of SCD with what it means."""
-    if error.where == "message":
+    if error.part == MESSAGE:
         return f"{error.name} {error.code}: {printable(error.text)}"
     if error.code == NO_CODE:
         return error.name
-    code = f"0x{error.code:02x}" if error.where.startswith("item") else f"0x{error.code:04x}"
+    code = f"0x{error.code:02x}" if error.part == ITEM else f"0x{error.code:04x}"
     return f"{code} {error.name}"
 
 

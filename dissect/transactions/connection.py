@@ -27,17 +27,15 @@ from dissect.transactions.ending import Ending
 from dissect.transactions.operation import OpenOperations
 from dissect.transactions.pairing import OpenRequests
 from dissect.transactions.results import Subscription
-from dissect.transactions.traits import Traits
 
 if TYPE_CHECKING:
     from dissect.s7plus.session import PlusSession
 
-# What is known of the protocol a TCP connection carries.
+# What is known of the protocol a TCP connection carries; which one it is says `Connection.protocol`.
 PROBING: Final = 0
-ISO: Final = 1
-FOREIGN: Final = 2
-IBH: Final = 3
-CARRIED: Final = 4  # what a `PayloadDecoder` follows: SCD over TCP or UDP
+ISO: Final = 1  # apart from the others because nearly every packet asks for it
+FOREIGN: Final = 2  # only counted
+FOLLOWED: Final = 3  # read by another protocol of the engine: IBH-NetLink, SCD where a port is bound to it
 
 #: `Connection.dt_limit` while nothing is known against any size.
 NO_LIMIT: Final = 0x7FFFFFFF
@@ -60,6 +58,53 @@ _ASKED_BY_SERVER: Final = frozenset((DOWNLOAD_BLOCK, DOWNLOAD_ENDED))
 
 #: The port ISO-on-TCP is registered on.
 ISO_TSAP_PORT: Final = 102
+
+#: Distinct SZL-IDs, and blocks that were loaded, that are remembered of a connection.
+MAX_REMEMBERED: Final = 256
+
+
+class Writes:
+    """The latest writes of a connection: how many they are, and a sample of them.
+
+    ``count`` counts all writes ever; the others begin anew with each look: ``since_ns`` and ``pdus`` are the time and the PDUs of
+    the connection when it began, ``variables`` and ``answer_ns`` the requests of the sample and the time their answers took.
+    """
+
+    __slots__ = ("answer_ns", "count", "pdus", "since_ns", "variables")
+
+    def __init__(self) -> None:
+        self.count: i64 = 0
+        self.since_ns: i64 = 0
+        self.pdus: i64 = 0
+        self.answer_ns: i64 = 0
+        self.variables: set[bytes] = set()
+
+
+class Traits:
+    """What a connection has been used for so far, the memory of the rules about security; every part of it is bounded.
+
+    ``written`` has a bit for each kind of area that was written (`dissect.s7.items.AREA_BITS`); ``told`` has the slugs that
+    are said once for a connection; ``szl_ids`` and ``loaded`` are what was asked for and loaded.
+    """
+
+    __slots__ = ("inquiries", "loaded", "pace_ns", "refusals", "szl_ids", "told", "writes", "written")
+
+    def __init__(self) -> None:
+        self.written: i64 = 0
+        self.writes: Writes = Writes()
+        self.pace_ns = 0
+        self.inquiries = 0
+        self.refusals = 0
+        self.told: set[str] = set()
+        self.szl_ids: set[int] = set()
+        self.loaded: set[str] = set()
+
+    def first(self, slug: str) -> bool:
+        """Tell whether ``slug`` is said for the first time on this connection, and remember that it was."""
+        if slug in self.told:
+            return False
+        self.told.add(slug)
+        return True
 
 
 class Connection:
@@ -227,8 +272,8 @@ class Connection:
 
     @property
     def followed(self) -> bool:
-        """True while the octets of the connection are read: it speaks ISO-on-TCP or IBH-NetLink, or SCD where that is bound."""
-        return self.state == ISO or self.state == IBH or self.state == CARRIED
+        """True while the octets of the connection are read, by whatever protocol."""
+        return self.state == ISO or self.state == FOLLOWED
 
     @property
     def established(self) -> bool:

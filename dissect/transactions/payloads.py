@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64
 
 from dissect.s7.parameters import Parameters
+from dissect.transactions.protocol import Kept
 
 if TYPE_CHECKING:
     from dissect.scd.dictionary import Dictionary
@@ -115,19 +116,17 @@ class ScdParameters(Parameters):
         return f"{TITLE} {self.scd.subject}"
 
 
-class Backlog:
-    """The octets of one direction of a bound TCP connection that make no whole message yet, and what became of the others.
+class Backlog(Kept):
+    """What is kept of one direction of a bound TCP connection.
 
     While the begin of a message is searched for, ``pending`` are places in ``octets`` where one may begin, with its size, and
     ``scan`` is where the search goes on; ``owed`` octets are the rest of a content whose begin is missing.
     """
 
-    __slots__ = ("framed", "octets", "owed", "pending", "scan", "skipped")
+    __slots__ = ("owed", "pending", "scan")
 
     def __init__(self) -> None:
-        self.octets: bytes = b""
+        super().__init__()
         self.pending: list[tuple[int, int]] = []
         self.scan: i64 = 0
         self.owed: i64 = 0
-        self.framed: i64 = 0
-        self.skipped: i64 = 0

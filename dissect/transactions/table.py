@@ -18,8 +18,7 @@ from dissect.s7plus.assembly import PlusAssembler
 from dissect.tcp.connection import Endpoint, TcpConnection
 from dissect.tcp.stream import MASK, HalfStream
 from dissect.transactions.connection import Connection
-from dissect.transactions.payloads import Backlog
-from dissect.transactions.protocol import Protocol
+from dissect.transactions.protocol import Kept, Protocol
 
 MAX_CONNECTIONS: Final = 8192
 #: Connections that leave together when the table is full, so that looking for the idle ones stays cheap.
@@ -38,7 +37,6 @@ class Side:
 
     __slots__ = (
         "assembler",
-        "backlog",
         "connection",
         "end_seq",
         "framer",
@@ -47,6 +45,7 @@ class Side:
         "holes",
         "ibh",
         "index",
+        "kept",
         "key",
         "last_ack",
         "missing",
@@ -73,7 +72,7 @@ class Side:
         self.ibh: PacketFramer | None = None  # in the place of `framer` once the connection speaks IBH-NetLink
         self.assembler: Assembler = Assembler()
         self.plus: PlusAssembler | None = None  # there from the first S7comm-plus frame on
-        self.backlog: Backlog | None = None  # in the place of `framer` where a carrier follows the stream
+        self.kept: Kept | None = None  # of another protocol that frames the stream by itself, in the place of `framer`
         self.peer: Side | None = None
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
         self.end_seq: i64 = 0  # sequence number after the octets at hand
@@ -103,7 +102,7 @@ class Side:
             return False
         if self.plus is not None and self.plus.parts is not None:
             return False
-        return self.backlog is None
+        return self.kept is None
 
     @property
     def captured(self) -> bool:

@@ -11,8 +11,11 @@ from dissect.s7.items import DataItem, parse_data_items
 from dissect.s7.message import ACK_HEADER_SIZE, HEADER_SIZE, Pdu, parse_pdu
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, USERDATA, WRITE_VAR
+from dissect.s7plus.hiding import shown_half
+from dissect.s7plus.items import Half, PlusItem, join_items
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.parameters import PLUS, PlusParameters
+from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
@@ -24,6 +27,7 @@ from dissect.transactions.results import (
     userdata_results,
     write_results,
 )
+from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.transactions.connection import Connection
@@ -51,8 +55,10 @@ _NO_CODE_TEXTS: Final = (
     "No return code",
     "The answer has no return code for this item: it is unknown whether it was written.",
 )
-#: Of `Transaction.flags`: the good answer to a write lacks return codes.
+#: Bits of `Transaction.flags` (the others are in `dissect.transactions.checks`): the good answer to a write lacks return
+#: codes; the capture ended before the answer was due, so that nothing is wrong.
 UNCONFIRMED: Final = 2048
+STILL_OPEN: Final = 4096
 #: One sentence for each reason.
 REASON_TEXTS: Final[dict[str, str]] = {
     CONNECTION_CLOSED: "the connection ended before an answer came",
@@ -64,22 +70,37 @@ REASON_TEXTS: Final[dict[str, str]] = {
 }
 
 
+#: Parts of an answer that can refuse (`TransactionError.part`).
+HEADER: Final = "header"
+PARAMETER: Final = "parameter"
+RETURN_VALUE: Final = "return value"  # of S7comm-plus
+ITEM: Final = "item"
+MESSAGE: Final = "message"  # of SCD
+
+
 class TransactionError:
     """One thing the answer says no to.
 
-    ``where`` is ``header``, ``parameter``, ``return value`` or ``item N`` (N counts from 1); ``code`` is the number on the
-    wire, `NO_CODE` where the answer has none for a written item, ``name`` and ``text`` its name and sentence; ``address``
-    is the item's address where there is one.
+    ``part`` is the part of the answer that says so: `HEADER`, `PARAMETER`, `RETURN_VALUE`, `ITEM` or `MESSAGE`; ``item`` the
+    number of the item, counted from 1, 0 for the other parts. ``code`` is the number on the wire, `NO_CODE` where the answer
+    has none for a written item, ``name`` and ``text`` its name and sentence; ``address`` is the item's address where there is
+    one.
     """
 
-    __slots__ = ("address", "code", "name", "text", "where")
+    __slots__ = ("address", "code", "item", "name", "part", "text")
 
-    def __init__(self, where: str, code: int, name: str, text: str, address: str = "") -> None:
-        self.where = where
+    def __init__(self, part: str, code: int, name: str, text: str, item: int = 0, address: str = "") -> None:
+        self.part = part
+        self.item = item
         self.code = code
         self.name = name
         self.text = text
         self.address = address
+
+    @property
+    def where(self) -> str:
+        """The part for a person and for JSON: ``header``, ``parameter``, ``return value``, ``message`` or ``item N``."""
+        return f"{self.part} {self.item}" if self.item else self.part
 
     def __repr__(self) -> str:
         return f"TransactionError({self.where!r}, 0x{self.code:x}, {self.name!r})"
@@ -94,10 +115,6 @@ class TransactionError:
         }
 
 
-#: Bit of `Transaction.flags`: the capture ended before the answer was due, so that nothing is wrong.
-STILL_OPEN: Final = 4096
-
-
 class Transaction:
     """A request and its answer.
 
@@ -105,10 +122,12 @@ class Transaction:
     side it was sent to). Times are nanoseconds since 1970; frames count from 1, 0 means there is none. ``outcome`` is one of
     the numbers above, ``reason`` tells why a request stayed unanswered. ``flags`` gathers what was odd (`flag` values).
 
-    The octets of both PDUs are kept as (buffer, offset, size) and read only when somebody looks.
+    The octets of both PDUs are kept as (buffer, offset, size) and read only when somebody looks; `results` are kept after the
+    first look, because a refusal is looked at by rules and outputs alike.
     """
 
     __slots__ = (
+        "_results",
         "asked_by",
         "carried",
         "connection",
@@ -172,6 +191,7 @@ class Transaction:
         self.earlier: Transaction | None = None  # an identical request with the same reference, still open
         self.subscribed: Subscription | None = None  # of a push: what asked for it, where that is known
         self.carried: list[ScdMessage] | None = None  # SCD in the items or the block of an S7 transaction
+        self._results: list[ItemResult] | None = None
 
     def __repr__(self) -> str:
         return f"Transaction({self.number}, {self.function_name}, {self.outcome_name})"
@@ -287,11 +307,33 @@ class Transaction:
             self.response_octets, self.response_frame, self.response_ns, self.connection.number, 1 - self.asked_by
         )
 
+    def plus_halves(self) -> tuple[Half | None, Half | None]:
+        """Read request and response of S7comm-plus with their contents, without secrets; None for a half not there."""
+        asked, told = self.plus_request, self.plus_response
+        return (shown_half(asked) if asked is not None else None, shown_half(told) if told is not None else None)
+
+    def plus_items(self) -> list[PlusItem]:
+        """Return every item of an S7comm-plus read, write or notification joined with its answer, read anew at each call.
+
+        Empty for other functions.
+        """
+        asked, told = self.plus_halves()
+        return join_items(asked, told, self.connection.plus)
+
     def results(self) -> list[ItemResult]:
         """Return every item joined with what became of it, in wire order; empty for functions without items.
 
-        Of a read or write, of a cyclic service (in a push by what was `subscribed`), of a test function on variables.
+        Of a read or write, of a cyclic service (in a push by what was `subscribed`), of a test function on variables. Once the
+        transaction is complete this is the same list at each call: do not change it.
         """
+        if self._results is not None:
+            return self._results
+        results = self._read_results()
+        if self.outcome != OPEN:
+            self._results = results
+        return results
+
+    def _read_results(self) -> list[ItemResult]:
         function = self.function
         if self.rosctr == JOB:
             items = self.parameters.items if self.request_size else []
@@ -344,32 +386,47 @@ class Transaction:
             return self._scd_errors()
         errors = []
         if self.error_code:
-            where = "parameter" if self.parameters.userdata is not None else "header"
+            part = PARAMETER if self.parameters.userdata is not None else HEADER
             codes = ERROR_CODES
             if self.is_plus:
-                where, codes = "return value", PLUS_CODES
+                part, codes = RETURN_VALUE, PLUS_CODES
             errors.append(
-                TransactionError(where, self.error_code, codes.name(self.error_code), codes.text(self.error_code))
+                TransactionError(part, self.error_code, codes.name(self.error_code), codes.text(self.error_code))
             )
         if self.is_plus:
-            from dissect.transactions.plus import item_errors  # late: most runs never look
-
-            return errors + item_errors(self)
+            return errors + self._plus_item_errors()
         written = self.flags & UNCONFIRMED != 0
         for number, result in enumerate(self.results(), 1):
             code = result.return_code
             address = result.item.address if result.item is not None else ""
             if result.refused:
                 errors.append(
-                    TransactionError(f"item {number}", code, RETURN_CODES.name(code), RETURN_CODES.text(code), address)
+                    TransactionError(ITEM, code, RETURN_CODES.name(code), RETURN_CODES.text(code), number, address)
                 )
             elif code < 0 and written:
-                errors.append(TransactionError(f"item {number}", NO_CODE, *_NO_CODE_TEXTS, address))
+                errors.append(TransactionError(ITEM, NO_CODE, *_NO_CODE_TEXTS, number, address))
         return errors
+
+    def _plus_item_errors(self) -> list[TransactionError]:
+        """Return the refusals of single items, where not everything was refused at once."""
+        if self.error_code and self.error_code != PARTIAL_ERROR:
+            return []
+        return [
+            TransactionError(
+                ITEM,
+                item.return_code,
+                PLUS_CODES.name(item.return_code),
+                PLUS_CODES.text(item.return_code),
+                item.number,
+                printable(item.label),
+            )
+            for item in self.plus_items()
+            if item.return_code > 0
+        ]
 
     def _scd_errors(self) -> list[TransactionError]:
         told = self.response_parameters
         if not isinstance(told, ScdParameters):
             return []
         name = "abort" if told.scd.message.phase == "abort" else "error"
-        return [TransactionError("message", int(told.err), name, told.scd.dictionary.error_text(int(told.err)))]
+        return [TransactionError(MESSAGE, int(told.err), name, told.scd.dictionary.error_text(int(told.err)))]

@@ -24,6 +24,7 @@ from dissect.s7.tables import (
 )
 from dissect.s7.transfer import FILE_NAME, PIECE, PLAIN_FILE_NAME, SHORT_FILE_NAME
 from dissect.transactions.checks import NOT_LOADED
+from dissect.transactions.connection import MAX_REMEMBERED
 from dissect.transactions.operation import (
     BEYOND_END,
     CUT_SHORT,
@@ -38,7 +39,6 @@ from dissect.transactions.operation import (
     Operation,
     OperationBook,
 )
-from dissect.transactions.traits import MAX_REMEMBERED
 from dissect.transactions.transaction import ANSWERED, UNANSWERED, Transaction
 
 _NAMES: Final = (FILE_NAME, SHORT_FILE_NAME, PLAIN_FILE_NAME)

@@ -26,7 +26,7 @@ ENDLESS = bytes.fromhex("DC0207004160000000F0")
 def a_side(*, synced: bool = False) -> Side:
     tcp = TcpConnection(Endpoint(b"\x0a\0\0\1", 1), Endpoint(b"\x0a\0\0\2", 2), 0, 1, 1)
     side = Side(0, b"", tcp, Connection(1, tcp), Protocol())
-    side.backlog = Backlog()
+    side.kept = Backlog()
     side.framer.synced = synced
     return side
 
@@ -38,8 +38,8 @@ def cut(side: Side, *pieces: bytes, binding: Binding = MESSAGES) -> tuple[list[b
         found, stepped = cut_stream(side, plant.codec().envelope, binding, piece)
         units += found
         skipped += stepped
-    backlog = side.backlog
-    assert backlog is not None
+    backlog = side.kept
+    assert isinstance(backlog, Backlog)
     assert (backlog.skipped, backlog.framed) == (skipped, sum(len(unit) for unit in units))
     assert backlog.framed + backlog.skipped + len(backlog.octets) == sum(len(piece) for piece in pieces)
     return units, skipped
@@ -72,8 +72,8 @@ def test_what_never_ends_hides_nothing_however_it_is_cut(junk: list[bytes], data
 def test_places_that_are_waited_for_are_bounded() -> None:
     side = a_side()
     assert cut(side, ENDLESS * (MAX_PENDING + 50) + ASK) == ([], 0)
-    backlog = side.backlog
-    assert backlog is not None
+    backlog = side.kept
+    assert isinstance(backlog, Backlog)
     assert len(backlog.pending) == MAX_PENDING
     units, skipped = cut_stream(side, plant.codec().envelope, MESSAGES, bytes(0xF000 + 12 + 10 * MAX_PENDING))
     assert (units, skipped) == ([ASK], 10 * (MAX_PENDING + 50) + 0xF000 + 12 + 10 * MAX_PENDING)

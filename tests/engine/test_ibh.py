@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dissect.ibh.tables import IBH_NETLINK, KINDS
-from dissect.transactions.connection import FOREIGN, IBH, ISO
+from dissect.transactions.connection import FOLLOWED, FOREIGN, ISO
 from dissect.transactions.table import Side
 from tests.ibh.packets import ACK, ASK, CLAIM, CLAIMED, DISCONNECT, RECEIPT, TELL, long, short
 from tests.transactions.talk import ACK as ACK_FLAG
@@ -71,7 +71,7 @@ def test_a_session() -> None:
     told = {"mpi_data": 4, "mpi_ack": 2, "mpi_connect": 1, "mpi_confirm": 1, "mpi_disconnect": 1}
     assert link.kinds() == {**told, "receipt": 3, "service": 2}
     [connection] = link.connections
-    assert (connection.protocol, connection.state, connection.number, connection.pdus) == (IBH_NETLINK, IBH, 1, 4)
+    assert (connection.protocol, connection.state, connection.number, connection.pdus) == (IBH_NETLINK, FOLLOWED, 1, 4)
     assert (connection.pdu_length, connection.client.port, connection.client_known) == (240, 50000, True)
     assert connection.iso_ended.startswith("MPI disconnect from 10.0.0.1")
     assert link.transactions[1].results()[0].value == 42

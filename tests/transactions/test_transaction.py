@@ -4,10 +4,22 @@ import struct
 
 import pytest
 
+from dissect.report.words import subject
 from dissect.s7.values import Value
+from dissect.transactions import checks
 from dissect.transactions import transaction as module
 from dissect.transactions.results import ItemResult
-from dissect.transactions.transaction import OUTCOMES, REASON_TEXTS, Transaction
+from dissect.transactions.transaction import (
+    HEADER,
+    ITEM,
+    MESSAGE,
+    OUTCOMES,
+    PARAMETER,
+    REASON_TEXTS,
+    STILL_OPEN,
+    UNCONFIRMED,
+    Transaction,
+)
 from tests.layers.examples import BY_NUMBER
 from tests.transactions.talk import (
     Talk,
@@ -26,6 +38,23 @@ from tests.transactions.talk import (
     words,
     write,
     written,
+)
+
+#: Names of the bits of `Transaction.flags` that checks sets.
+FLAGS = frozenset(
+    [
+        "FUNCTION_MISMATCH",
+        "COUNT_MISMATCH",
+        "SIZE_MISMATCH",
+        "REORDERED",
+        "BAD_DATA",
+        "EXPECTED",
+        "BAD_REQUEST",
+        "WRITE_SIZE",
+        "ODD_DATA_CODE",
+        "NOT_LOADED",
+        "STRAY_PUSH",
+    ]
 )
 
 
@@ -227,6 +256,47 @@ def errors(transaction: Transaction) -> list[tuple[str, int, str, str]]:
     return [(error.where, error.code, error.name, error.address) for error in transaction.errors]
 
 
+def test_the_place_of_an_error_is_data_and_a_word_for_people() -> None:
+    answer = ack_data(1, b"\x04\x02", good(4, b"\0\1") + refused(0x0A))
+    (error,) = exchange(read(1, dbw(1, 0), dbw(1, 2)), answer).errors
+    assert (error.part, error.item, error.where, error.address) == (ITEM, 2, "item 2", "DB1.DBW2")
+    (error,) = exchange(read(1, dbw(1, 0)), ack_data(1, b"", b"", 0x8104)).errors
+    assert (error.part, error.item, error.where) == (HEADER, 0, "header")
+
+
+def test_results_are_read_once() -> None:
+    transaction = exchange(read(1, dbw(1, 0)), ack_data(1, b"\x04\x01", refused(0x0A)))
+    assert transaction.results() is transaction.results()
+    assert transaction.results()[0].return_code == 0x0A
+
+
+def test_results_of_an_open_transaction_are_not_kept() -> None:
+    talk = Talk()
+    talk.open(8, 8)
+    talk.ask(read(1, dbw(1, 0)))
+    (waiting,) = talk.pipeline.table.all_open()[0].connection.open_requests[0].table.values()
+    assert [result.return_code for result in waiting.results()] == [-1]
+    talk.tell(words(1, 7))
+    assert rows(talk.transactions[-1]) == [("DB1.DBW0", 0xFF, "0007", 7)]
+    assert talk.transactions[-1] is waiting
+
+
+def test_flags_are_bits_of_their_own() -> None:
+    flags = [value for name, value in vars(checks).items() if name.isupper() and name in FLAGS]
+    flags += [UNCONFIRMED, STILL_OPEN]
+    assert len(flags) == len(FLAGS) + 2
+    assert sum(flags) == (1 << len(flags)) - 1
+
+
+def test_a_write_that_is_still_open_is_not_one_without_return_codes() -> None:
+    talk = Talk()
+    talk.open(8, 8)
+    talk.ask(write(1, [dbw(1, 0)], written(4, b"\0\5")))
+    talk.pipeline.finish()
+    (transaction,) = talk.transactions
+    assert (transaction.failed, subject(transaction)) == (False, "DB1.DBW0 = 5")
+
+
 def test_errors_of_items_in_wire_order_with_place_and_address() -> None:
     items = [dbw(1, 0), dbw(1, 2), dbw(1, 4), item(0x1D, 0, 5, 0x1D)]
     answer = ack_data(1, b"\x04\x04", refused(0x0A) + good(4, b"\0\1") + refused(0x05) + refused(0x03))
@@ -350,6 +420,7 @@ def test_every_reason_has_its_sentence() -> None:
         for name, value in vars(module).items()
         if name.isupper() and isinstance(value, str) and name.lower() == value
     }
+    reasons -= {HEADER, PARAMETER, ITEM, MESSAGE}  # parts of an answer, not reasons
     assert set(REASON_TEXTS) == reasons
     assert len(reasons) == 6
     assert all(text[0].islower() and not text.endswith(".") for text in REASON_TEXTS.values())

@@ -10,6 +10,7 @@ from dissect.golden.exchange import S7
 from dissect.golden.model import GoldenError
 from dissect.golden.model import Session as Golden
 from dissect.golden.reading import is_golden, read_session
+from dissect.ibh.tables import IBH_NETLINK
 from dissect.iso.cotp import parse_tpdu
 from dissect.iso.tables import CC, DR, ER
 from dissect.iso.tpkt import HEADER
@@ -18,7 +19,7 @@ from dissect.playback.server.arranging import Seen, arrange
 from dissect.playback.server.model import ENDS, Recording, Script
 from dissect.session import Run
 from dissect.source.packet import CaptureError
-from dissect.transactions.connection import IBH, Connection
+from dissect.transactions.connection import Connection
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU
 from dissect.transactions.transaction import OUTCOMES, Transaction
 
@@ -114,7 +115,7 @@ class RecordingReader(Observer):
         """Make the script, now that all is known of the connection."""
         begun = self._begun.pop(int(connection.number), _Begun(int(connection.number)))
         script = begun.script
-        netlink = connection.state == IBH
+        netlink = connection.protocol == IBH_NETLINK
         if connection.udp or netlink or (connection.protocol not in _OURS and not begun.seen):
             carrier = "UDP" if connection.udp else "IBH-NetLink" if netlink else ""
             self._recording.unserved(script.number, connection.protocol, carrier)

@@ -1,0 +1,101 @@
+"""docs/architecture.md is true: the rooms are the rooms, and a packet goes the way that is written there."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from types import FrameType
+from typing import Final
+
+import pytest
+from click.testing import CliRunner
+
+import dissect
+from dissect.cli import transactions
+from dissect.wire.build import COMPILED
+from tests.test_house import ORDER
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+PACKAGE: Final = Path(dissect.__file__).resolve().parent
+MAP: Final = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+CAPTURE: Final = ROOT / "captures" / "nodes7-poll-missing.pcapng"
+#: Its packet 11 is the response to a Read Var of which two items are refused.
+RESPONSE: Final = 11
+#: Rooms of which no file may be missing on the map, and the one that does nothing when nobody overrides it.
+COMPLETE: Final = ("engine/", "transactions/")
+NOBODY: Final = "engine/observer.py"
+
+
+def ways() -> list[list[str]]:
+    """Return the numbered lists of files: reading, engine, text, JSON lines."""
+    found: list[list[str]] = []
+    section = MAP[MAP.index("## The way of a byte") : MAP.index("## Rooms")]
+    for number, file in re.findall(r"^(\d+)\. `([\w/]+\.py)`", section, re.MULTILINE):
+        if number == "1":
+            found.append([])
+        found[-1].append(file)
+        assert len(found[-1]) == int(number)
+    return found
+
+
+def traced(format_: str) -> tuple[list[str], list[str]]:
+    """Return the files of the package in the order in which they were reached: before the first packet, in the response."""
+    before: dict[str, None] = {}
+    inside: dict[str, None] = {}
+    packets = 0
+    depth: FrameType | None = None
+
+    def look(frame: FrameType, event: str, _argument: object) -> None:
+        nonlocal packets, depth
+        if event == "return" and frame is depth:
+            depth = None
+        if event != "call" or not frame.f_code.co_filename.startswith(f"{PACKAGE}/"):
+            return
+        file = Path(frame.f_code.co_filename).relative_to(PACKAGE).as_posix()
+        if (file, frame.f_code.co_name) == ("engine/pipeline.py", "frame"):
+            packets += 1
+            depth = frame if packets == RESPONSE else None
+        if depth is not None:
+            inside[file] = None
+        elif not packets:
+            before[file] = None
+
+    sys.setprofile(look)
+    try:
+        ran = CliRunner().invoke(transactions.command, ["-T", format_, str(CAPTURE)], standalone_mode=False)
+    finally:
+        sys.setprofile(None)
+    assert ran.exception is None
+    assert packets == 18
+    return list(before), list(inside)
+
+
+def in_order(way: list[str], reached: list[str]) -> bool:
+    return [file for file in reached if file in way] == way
+
+
+@pytest.mark.skipif(COMPILED, reason="compiled functions cannot be traced")
+def test_the_way_of_a_byte_is_the_one_that_is_written() -> None:
+    reading, engine, text, jsonl = ways()
+    assert len(engine) > 10
+    for format_, output in (("text", text), ("jsonl", jsonl)):
+        before, inside = traced(format_)
+        # The capture is pcapng, the map says pcap or pcapng.
+        assert in_order([file.replace("pcap.py", "pcapng.py") for file in reading], before)
+        assert in_order([*engine, *output], inside)
+        assert [file for file in inside if file.startswith(COMPLETE) and file not in {*engine, NOBODY}] == []
+
+
+def test_the_rooms_are_listed_in_their_order() -> None:
+    section = MAP[MAP.index("## Rooms") : MAP.index("## The seam")]
+    listed = re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)
+    there = {path.parent.name for path in PACKAGE.glob("*/__init__.py")} | {"session"}
+    assert listed == list(ORDER)
+    assert set(listed) == there
+
+
+def test_files_that_are_named_exist() -> None:
+    named = set(re.findall(r"`([\w/]+/[\w/]+\.py)`", MAP))
+    assert len(named) > 20
+    assert [file for file in sorted(named) if not (PACKAGE / file).exists() and not (ROOT / file).exists()] == []

@@ -1,0 +1,317 @@
+"""The recipes of CONTRIBUTING.md, each carried out once on a copy of the tree: the files it names are those it takes."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import struct
+import subprocess
+import sys
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+import dissect
+from dissect.transactions.transaction import Transaction
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+GUIDE: Final = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+#: What a recipe works with. Captures are read only.
+COPIED: Final = ("dissect", "tests", "docs", "scripts")
+#: How many files a protocol may cost outside its room.
+MOST: Final = 6
+
+
+def listed(recipe: str) -> set[str]:
+    """Return the files that the list of a recipe names."""
+    section = GUIDE[GUIDE.index(f"### {recipe}\n") :]
+    section = re.split(r"\n##+ ", section[4:])[0]
+    return set(re.findall(r"^- `([^`]+)`", section, re.MULTILINE))
+
+
+class Tree:
+    """A copy of the tree that may be changed."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        for name in COPIED:
+            shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
+        for name in ("captures", "benchmarks", "pyproject.toml", "README.md", "CONTRIBUTING.md"):
+            (root / name).symlink_to(ROOT / name)
+        self._before = self._contents()
+
+    def _contents(self) -> dict[str, bytes]:
+        return {
+            path.relative_to(self.root).as_posix(): path.read_bytes()
+            for name in COPIED
+            for path in (self.root / name).rglob("*")
+            if path.is_file() and path.suffix != ".pyc" and ".hypothesis" not in path.parts
+        }
+
+    def touched(self) -> set[str]:
+        """Return the files that were added or changed."""
+        return {name for name, content in self._contents().items() if self._before.get(name) != content}
+
+    def write(self, name: str, text: str) -> None:
+        path = self.root / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+
+    def replace(self, name: str, old: str, new: str) -> None:
+        path = self.root / name
+        text = path.read_text(encoding="utf-8")
+        assert text.count(old) == 1, f"{name} has {text.count(old)} times: {old}"
+        path.write_text(text.replace(old, new), encoding="utf-8")
+
+    def python(self, *arguments: str) -> str:
+        """Run Python on the copy, interpreted, and return what it printed."""
+        environment = {key: value for key, value in os.environ.items() if not key.startswith(("S7DISSECT_", "PYTEST_"))}
+        environment |= {"PYTHONPATH": str(self.root), "PYTHONSAFEPATH": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+        ran = subprocess.run(
+            [sys.executable, *arguments],
+            cwd=self.root,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert ran.returncode == 0, ran.stdout + ran.stderr
+        return ran.stdout
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Tree:
+    return Tree(tmp_path / "tree")
+
+
+def test_every_file_of_the_recipes_is_there() -> None:
+    recipes = re.findall(r"^### (To add .*)$", GUIDE, re.MULTILINE)
+    assert len(recipes) >= 4
+    for recipe in recipes:
+        assert listed(recipe)
+        for name in listed(recipe):
+            assert "NAME" in name or (ROOT / name).is_file(), f"{recipe}: {name}"
+
+
+# ---- a finding ------------------------------------------------------------------------------------------------------
+
+FINDING_ROW: Final = """    ("transaction.all_refused", NOTE, FUNCTION, "Every item of a request was refused.",
+     "Compare the data blocks of the project with those in the PLC.", ""),
+"""
+FINDING_RULE: Final = """    slug = "transaction.item_error"
+"""
+FINDING_RULE_MADE: Final = """    if transaction.results() and all(result.refused for result in transaction.results()):
+        _note(judge, "transaction.all_refused", transaction, transaction.parameters.subject)
+    slug = "transaction.item_error"
+"""
+FINDING_TEST: Final = """
+
+@speaks("transaction.all_refused")
+def all_refused(talk: Talk) -> None:
+    talk.open()
+    talk.ask(read(1, dbw(1, 0), dbw(1, 2)))
+    talk.tell(ack_data(1, b"\\x04\\x02", refused(0x0A) * 2))
+
+
+@silent("transaction.all_refused")
+def one_of_two_refused(talk: Talk) -> None:
+    talk.open()
+    talk.ask(read(1, dbw(1, 0), dbw(1, 2)))
+    talk.tell(ack_data(1, b"\\x04\\x02", refused(0x0A) + good(4, b"\\0\\1")))
+
+
+@speaks("transaction.item_error")
+"""
+
+#: The tests of the copy that such a change concerns, and what a capture gives.
+FINDING_TRIED: Final = """
+import json, sys
+import dissect
+from tests.findings import test_catalogue as catalogue
+catalogue.test_words("transaction.all_refused")
+catalogue.test_what_the_code_notes_is_the_catalogue()
+for scenarios, spoken in ((catalogue.SPEAKS, True), (catalogue.SILENT, False)):
+    talk = catalogue.Talk()
+    scenarios["transaction.all_refused"](talk)
+    talk.pipeline.finish()
+    assert ("transaction.all_refused" in talk.slugs()) is spoken
+found = dissect.analyze(sys.argv[1]).as_dict()["findings"]
+print(json.dumps({slug: count for slug, count in found.items() if slug == "transaction.all_refused"}))
+"""
+
+
+def test_to_add_a_finding(tree: Tree) -> None:
+    row = '    ("transaction.item_error", '
+    tree.replace("dissect/findings/catalogue.py", row, FINDING_ROW + row)
+    tree.replace("dissect/findings/transaction_rules.py", FINDING_RULE, FINDING_RULE_MADE)
+    tree.replace("tests/findings/test_catalogue.py", '\n\n@speaks("transaction.item_error")\n', FINDING_TEST)
+    tree.write("docs/findings.md", tree.python("scripts/findings_doc.py"))
+    assert tree.touched() == listed("To add a finding")
+    told = json.loads(tree.python("-c", FINDING_TRIED, "captures/item-errors.pcapng"))
+    refused = [
+        event
+        for event in dissect.open(ROOT / "captures/item-errors.pcapng")
+        if isinstance(event, Transaction) and event.results() and all(result.refused for result in event.results())
+    ]
+    assert told == {"transaction.all_refused": len(refused)}
+    assert len(refused) > 2
+
+
+# ---- a protocol -----------------------------------------------------------------------------------------------------
+
+#: Messages of the made protocol: a mark, the number of bytes that follow, these bytes.
+FRAMING: Final = '''"""Tally messages: 0xC5, a length of one byte, so many bytes."""
+
+from __future__ import annotations
+
+from typing import Final
+
+NAME: Final = "tally"
+MARK: Final = 0xC5
+
+
+def whole_messages(octets: bytes) -> tuple[int, int]:
+    """Return how many whole messages ``octets`` begin with, and how many bytes these are."""
+    count = at = 0
+    while at + 2 <= len(octets) and octets[at] == MARK and at + 2 + octets[at + 1] <= len(octets):
+        at += 2 + octets[at + 1]
+        count += 1
+    return count, at
+'''
+PROTOCOL: Final = '''"""Tally: messages are counted."""
+
+from __future__ import annotations
+
+from mypy_extensions import i64
+
+from dissect.tally.framing import MARK, NAME, whole_messages
+from dissect.transactions.connection import FOLLOWED
+from dissect.transactions.protocol import Kept, Protocol
+from dissect.transactions.table import Side
+
+
+class Tally(Protocol):
+    """Counts the messages of its connections."""
+
+    def __init__(self) -> None:
+        super().__init__(FOLLOWED)
+        self.messages: int = 0
+
+    def probe(self, side: Side, octets: bytes, at_start: bool) -> bool:
+        """Tell whether a connection begins with a message."""
+        return at_start and octets[0] == MARK
+
+    def begin(self, side: Side, at_start: bool) -> None:
+        """A connection speaks it."""
+        assert side.peer is not None
+        side.connection.protocol = NAME
+        side.kept = Kept()
+        side.peer.kept = Kept()
+
+    def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
+        """Take the next bytes of a connection."""
+        kept = side.kept
+        assert kept is not None
+        octets = kept.octets + buf[at : at + size]
+        count, used = whole_messages(octets)
+        self.messages += count
+        kept.framed += used
+        kept.octets = octets[used:]
+        if kept.octets and kept.octets[0] != MARK:
+            kept.skipped += len(kept.octets)
+            kept.octets = b""
+
+    def describe(self) -> dict[str, object]:
+        """Return the section ``tally``."""
+        return {"tally": {"messages": self.messages}}
+
+    def counted(self) -> list[tuple[int, str]]:
+        """Return the number of messages where there are any."""
+        return [(self.messages, "tally message")] if self.messages else []
+'''
+
+
+def tally_capture() -> bytes:
+    """A connection to port 7000 on which one side sends three messages in four segments, one of them cut in two."""
+    sent = [b"\xc5\x02ab", b"\xc5\x00\xc5\x05he", b"llo"]
+    pieces = [struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 262144, 1)]
+    seq = 1000
+
+    def packet(flags: int, payload: bytes = b"", *, back: bool = False) -> None:
+        ends = struct.pack(">HH", 7000, 50000) if back else struct.pack(">HH", 50000, 7000)
+        numbers = struct.pack(">II", 5000 + (not flags & 2), seq) if back else struct.pack(">II", seq, 5001)
+        tcp = ends + numbers + struct.pack(">BBHHH", 0x50, flags, 8192, 0, 0) + payload
+        hosts = bytes((10, 0, 0, 2, 10, 0, 0, 1) if back else (10, 0, 0, 1, 10, 0, 0, 2))
+        ip = struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(tcp), 1, 0, 64, 6, 0) + hosts
+        octets = bytes(12) + b"\x08\0" + ip + tcp
+        pieces.append(struct.pack("<IIII", 1_700_000_000, len(pieces) * 1000, len(octets), len(octets)) + octets)
+
+    packet(0x02)
+    seq += 1
+    packet(0x12, back=True)
+    for message in sent:
+        packet(0x18, message)
+        seq += len(message)
+    packet(0x11)
+    return b"".join(pieces)
+
+
+#: The tests of the copy that such a change concerns, `analyze -T json` of a capture with it and of one without.
+PROTOCOL_TRIED: Final = """
+import ast, json, sys
+from click.testing import CliRunner
+from dissect.cli import analyze
+from tests import test_architecture, test_house
+from tests.report import schemas
+trees = {test_house.module_name(path): ast.parse(path.read_bytes()) for path in test_house.PACKAGE.rglob("*.py")}
+for rule in test_house.RULES:
+    assert [wrong for module, tree in trees.items() if "tally" in module for wrong in rule(module, tree)] == []
+test_architecture.test_the_rooms_are_listed_in_their_order()
+def analysis(*words):
+    ran = CliRunner().invoke(analyze.command, words, standalone_mode=False)
+    assert ran.exception is None, ran.exception
+    return ran.stdout
+found = [json.loads(analysis("-T", "json", name)) for name in sys.argv[1:]]
+wrong = [wrong for each in found for wrong in schemas.complaints("analysis", each, exact=True)]
+assert wrong == [], wrong
+print(json.dumps([found[0], analysis(sys.argv[1]), found[1]]))
+"""
+
+
+def test_to_add_a_protocol(tree: Tree, tmp_path: Path) -> None:
+    tree.write("dissect/tally/__init__.py", '"""Tally messages."""\n')
+    tree.write("dissect/tally/framing.py", FRAMING)
+    tree.write("dissect/engine/tally.py", PROTOCOL)
+    pipeline = "dissect/engine/pipeline.py"
+    tree.replace(pipeline, "streams: list[Protocol] = [self.ibh]", "streams: list[Protocol] = [self.ibh, Tally()]")
+    timers = "from dissect.engine.timers import"
+    tree.replace(pipeline, timers, f"from dissect.engine.tally import Tally\n{timers}")
+    house = (tree.root / "tests/test_house.py").read_text(encoding="utf-8")
+    assert house.count('    "ibh",\n') == 2  # ORDER and PURE
+    tree.write("tests/test_house.py", re.sub(r'( +)"ibh",\n', r'\1"ibh",\n\1"tally",\n', house))
+    row = "| `s7` | "
+    tree.replace("docs/architecture.md", row, f"| `tally` | tally messages |\n{row}")
+    section = '    "s7": {\n      "type": "object",'
+    made = '    "tally": {"$ref": "#/$defs/counts", "description": "Tally messages: `messages`."},\n'
+    schema = "dissect/schema/analysis.schema.json"
+    tree.replace(schema, section, made + section)
+    tree.replace(schema, '"ibh_netlink", "scd"]', '"ibh_netlink", "tally", "scd"]')
+    tree.python("-m", "tests.report.schemas")
+    room, outside = "dissect/tally/", tree.touched()
+    files = {room if name.startswith(room) else name for name in outside}
+    assert files == {name.replace("NAME", "tally") for name in listed("To add a protocol")}
+    assert len(files - {room}) <= MOST
+
+    capture = tmp_path / "tally.pcap"
+    capture.write_bytes(tally_capture())
+    told, line, others = json.loads(tree.python("-c", PROTOCOL_TRIED, str(capture), "captures/crafted/netlink.pcapng"))
+    assert told["tally"] == {"messages": 3}
+    assert [(one["protocol"], one["client"]) for one in told["connections"]] == [("tally", "10.0.0.1:50000")]
+    octets = told["loss"]["octets"]
+    assert (octets["framed"], octets["skipped"], octets["buffered"]) == (13, 0, 0)
+    assert "3 tally messages" in line
+    assert (others["tally"], sum(others["ibh"].values()) > 0, others["s7"]["pdus"] > 0) == ({"messages": 0}, True, True)
