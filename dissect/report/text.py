@@ -9,7 +9,7 @@ from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.finding import SEVERITIES, Finding, Rule
 from dissect.ibh.tables import KINDS
 from dissect.iso.upper import UPPER_NAMES
-from dissect.report import endings, words
+from dissect.report import endings, facets, words
 from dissect.report.analysis import MAX_CONNECTIONS, Analysis
 from dissect.report.completeness import completeness
 from dissect.report.lines import PROTOCOLS, named
@@ -279,7 +279,7 @@ def _slowest(analysis: Analysis, places: Places) -> Iterator[Line]:
 def _rows(transactions: Sequence[Transaction], places: Places) -> Iterator[Line]:
     rows = []
     for transaction in transactions:
-        said = [part for part in (words.outcome(transaction), words.gist(transaction)) if part]
+        said = [part for part in (words.outcome(transaction), facets.gist(transaction)) if part]
         rows.append(
             [
                 f"#{transaction.number}",
