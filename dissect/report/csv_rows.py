@@ -93,8 +93,8 @@ class CsvRows:
         for found in transaction.scd:
             for row in found.values:
                 rows.append(
-                    own
-                    + [
+                    [
+                        *own,
                         str(len(rows) + 1),
                         cell(row.address),
                         cell(row.name),

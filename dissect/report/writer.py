@@ -8,14 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from mypy_extensions import mypyc_attr
+from mypy_extensions import i64, mypyc_attr
 
 from dissect.engine.observer import Observer
+from dissect.engine.payload import PayloadDecoder
+from dissect.ibh.packet import parse_packet
+from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
+from dissect.iso.cotp import parse_tpdu
+from dissect.iso.tables import DT, ED
+from dissect.report.lines import carried, message_name
 from dissect.report.places import Places
 from dissect.report.styled import Line
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
+from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.clock import Clock
 
@@ -87,3 +94,90 @@ class OperationFeed(Observer):
         """Hand on an operation."""
         if not self._kinds or operation.kind in self._kinds:
             self._writer.operation(operation)
+
+
+class PduFeed(Observer):
+    """Hands a writer PDUs, and the TPDUs and packets that carry none: all, or those that one of ``frames`` completes.
+
+    ``found`` are the packets of ``frames`` that the format had something to write of; ``decoder`` says which messages are SCD.
+    """
+
+    def __init__(
+        self, writer: Writer, frames: frozenset[int] = frozenset(), decoder: PayloadDecoder | None = None
+    ) -> None:
+        super().__init__()
+        self.wants_pdus = True
+        self.wants_tpdus = True
+        self.found: set[int] = set()
+        self._writer: Writer = writer
+        self._frames: frozenset[int] = frozenset(frames)
+        self._decoder: PayloadDecoder | None = decoder
+        self._before: int = 0  # lines before the message at hand
+
+    def comment(self, frame: i64, text: str) -> None:
+        """Hand on a comment."""
+        if self._wanted(frame):
+            self._writer.comment(frame, text)
+            self._find(frame)
+
+    def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        """Hand on the TPKT of the PDU in it, or one that carries no S7."""
+        self._writer.packet(octets)
+        if not self._wanted(frame):
+            return
+        tpdu = parse_tpdu(octets[4:])
+        if tpdu.type in {DT, ED}:
+            begins = side.assembler.parts is None and side.assembler.clear
+            if not (begins and carried(tpdu)) or (self._decoder and self._decoder.claims_tsdus(side.connection)):
+                return
+        self._writer.tpdu(frame, time_ns, side, octets)
+        self._find(frame)
+
+    def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        """Hand on the packet of the PDU in it, or one that carries no part of a PDU."""
+        self._writer.packet(octets)
+        if not self._wanted(frame):
+            return
+        packet = parse_packet(octets)
+        if packet.kind in {KIND_DATA, KIND_FRAGMENT} and packet.data:
+            if not side.assembler.clear or not message_name(packet.data):
+                return
+        self._writer.ibh_packet(frame, time_ns, side, octets)
+        self._find(frame)
+
+    def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        """Hand on an S7 PDU."""
+        if self._wanted(frame):
+            self._writer.pdu(frame, time_ns, side, octets, cut)
+            self._find(frame)
+
+    def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        """Hand on an S7comm-plus PDU."""
+        if self._wanted(frame):
+            self._writer.plus_pdu(frame, time_ns, side, octets, cut)
+            self._find(frame)
+
+    def scd(self, frame: i64, time_ns: i64, side: Side, found: ScdMessage) -> None:
+        """Hand on an SCD message of its own."""
+        self._scd(found, side.connection)
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Hand on the SCD in an S7 transaction; where it stood in a write, the packet is that of the request."""
+        for found in transaction.carried or ():
+            self._scd(found, transaction.connection)
+
+    def _scd(self, found: ScdMessage, connection: Connection) -> None:
+        if self._wanted(found.frame):
+            self._writer.scd_message(found, connection)
+            self._find(found.frame)
+
+    def _find(self, frame: i64) -> None:
+        """Note that a packet that was asked for has a message, if the format shows it."""
+        if self._frames and len(self._writer.lines) > self._before:
+            self.found.add(self._writer.places.number(int(frame)))
+
+    def _wanted(self, frame: i64) -> bool:
+        if not self._frames:
+            return True
+        self._before = len(self._writer.lines)
+        return self._writer.places.number(int(frame)) in self._frames
