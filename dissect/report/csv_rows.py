@@ -12,6 +12,7 @@ from dissect.report.facets import facet_of
 from dissect.report.json_text import SMALL
 from dissect.report.places import Places
 from dissect.s7.tables import RETURN_CODES, USERDATA
+from dissect.s7.values import BYTE, Value
 from dissect.transactions.connection import Connection
 from dissect.transactions.results import ItemResult
 from dissect.transactions.transaction import Transaction, TransactionError
@@ -197,18 +198,30 @@ def _error(error: TransactionError) -> str:
 
 def _value_cell(result: ItemResult) -> str:
     """Return the cell of a value; only text can hold what a spreadsheet would take for a formula."""
+    item = result.item
+    data = result.data
+    if item is not None and data and item.transport_size == BYTE and result.decodable:
+        texts = [SMALL[octet] for octet in data]  # as it would be decoded, without a list of numbers in between
+        return texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"
     value = result.value
     if value is None:
         return ""
+    if isinstance(value, str):
+        return cell(value)
+    if isinstance(value, list):
+        if all([isinstance(element, (int, float)) for element in value]):
+            return f"[{', '.join([_number(element) for element in value])}]"
+        return cell(_JSON.encode(value))
+    return _number(value)
+
+
+def _number(value: Value) -> str:
+    """Return a number or truth value as JSON writes it."""
     if value is True:
         return "true"
     if value is False:
         return "false"
-    if isinstance(value, int):
-        return str(value)
-    if isinstance(value, str):
-        return cell(value)
-    return cell(_JSON.encode(value))
+    return str(value) if isinstance(value, int) else _JSON.encode(value)
 
 
 def _text(value: object) -> str:

@@ -20,8 +20,6 @@ class Facet:
     Texts are safe to show. What ends in ``_json`` is a piece of a line of JSON (docs/json.md), a comma before each key.
     """
 
-    #: Whether its PDUs have a ROSCTR.
-    has_rosctr: bool = False
     #: Whether what is sent without a request goes either way, so that it is shown as it went.
     pushes_both_ways: bool = False
 

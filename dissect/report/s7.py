@@ -21,8 +21,6 @@ _LIST_OF_TYPE: Final = (3, 2)
 class S7Facet(Facet):
     """S7comm, and what stands for it in the table of facets."""
 
-    has_rosctr: bool = True
-
     def items(self, transaction: Transaction) -> list[str]:
         """Return every item with what became of it; those that a push says are unchanged are counted."""
         results = list(enumerate(transaction.results(), 1))
