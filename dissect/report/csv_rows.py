@@ -11,8 +11,8 @@ from dissect.report import words
 from dissect.report.facets import facet_of
 from dissect.report.json_text import SMALL
 from dissect.report.places import Places
-from dissect.s7.tables import RETURN_CODES, USERDATA
-from dissect.s7.values import BYTE, Value
+from dissect.s7.tables import BYTE, RETURN_CODES, USERDATA
+from dissect.s7.values import Value
 from dissect.transactions.connection import Connection
 from dissect.transactions.results import ItemResult
 from dissect.transactions.transaction import Transaction, TransactionError

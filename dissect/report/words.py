@@ -7,8 +7,8 @@ from typing import Final
 from dissect.iso.tsap import Tsap
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
-from dissect.s7.tables import RETURN_CODES
-from dissect.s7.values import BYTE, Value
+from dissect.s7.tables import BYTE, RETURN_CODES
+from dissect.s7.values import Value
 from dissect.transactions.results import ItemResult
 from dissect.transactions.transaction import (
     ANSWERED,

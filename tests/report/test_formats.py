@@ -86,9 +86,7 @@ def test_rows_have_their_names_and_take_only_known_kinds() -> None:
         FORMATS["csv"].maker(EVENTS)
 
 
-@pytest.mark.parametrize(
-    ("kind", "name"), [(kind, row.name) for kind in FEEDS for row in formats_for(kind)], ids=str
-)
+@pytest.mark.parametrize(("kind", "name"), [(kind, row.name) for kind in FEEDS for row in formats_for(kind)], ids=str)
 def test_every_row_writes_what_it_takes(kind: str, name: str) -> None:
     writer = FORMATS[name].writer(kind)
     observed(FEEDS[kind](writer), read(read(begun(), 1), 2).packets())
