@@ -32,9 +32,7 @@ def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str,
     pipeline = analysis.pipeline
     if pipeline is None:
         raise ValueError("this Analysis has not been filled by a run: call take() first, or use dissect.analyze()")
-    described: dict[str, object] = {}
-    for protocol in pipeline.protocols:
-        described.update(protocol.describe())
+    described = analysis.sections()
     clock = Clock()
     places = Places(analysis.files, len(analysis.files) > 1)
     lines = TransactionLines()
