@@ -46,7 +46,7 @@ class _FormatType(_ParamType):
         if row is None:
             near = close_names(value, names)
             hint = f" Did you mean {' or '.join(near)}?" if near else ""
-        self.fail(f"{value!r} is not one of {', '.join([repr(name) for name in names])}.{hint}", param, ctx)
+        raise click.BadParameter(f"{value!r} is not one of {', '.join([repr(name) for name in names])}.{hint}", ctx, param)
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         """Return the names that begin so."""

@@ -20,8 +20,9 @@ class Facet:
     Texts are safe to show. What ends in ``_json`` is a piece of a line of JSON (docs/json.md), a comma before each key.
     """
 
-    #: Whether what is sent without a request goes either way, so that it is shown as it went.
-    pushes_both_ways: bool = False
+    def pushes_both_ways(self) -> bool:
+        """Tell whether what is sent without a request goes either way, so that it is shown as it went."""
+        return False
 
     def reference(self, transaction: Transaction) -> str:
         """Return the number by which request and answer belong together, empty where there is none."""

@@ -52,7 +52,7 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> 
     begun = transaction.request_ns if transaction.request_frame else transaction.response_ns
     asked, answered = ends[transaction.asked_by], ends[1 - transaction.asked_by]
     facet = facet_of(transaction)
-    if facet.pushes_both_ways and transaction.outcome == PUSH:
+    if facet.pushes_both_ways() and transaction.outcome == PUSH:
         asked, answered = answered, asked  # shown as it went
     frames = places.pair(int(transaction.request_frame), int(transaction.response_frame))
     parts = [part for part in (words.outcome(transaction), facet.subject(transaction)) if part]

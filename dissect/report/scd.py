@@ -22,7 +22,9 @@ PROTOCOL: Final = UPPER_NAMES[SCD]
 class ScdFacet(Facet):
     """SCD that travels by itself; what stands in the items of S7comm is told with their transaction."""
 
-    pushes_both_ways: bool = True  # a PDO goes either way
+    def pushes_both_ways(self) -> bool:
+        """Return True: a PDO goes either way."""
+        return True
 
     def reference(self, transaction: Transaction) -> str:
         """Return the number of request and answer, empty where the envelope has none."""
