@@ -46,9 +46,20 @@ HOT: Final = (
     "dissect/findings/*.py",
     "dissect/engine/*.py",
     "dissect/report/analysis.py",
+    "dissect/report/csv_rows.py",
+    "dissect/report/facet.py",
+    "dissect/report/facets.py",
     "dissect/report/json_text.py",
     "dissect/report/jsonl.py",
     "dissect/report/latency.py",
+    "dissect/report/lines.py",
+    "dissect/report/places.py",
+    "dissect/report/s7.py",
+    "dissect/report/words.py",
+    "dissect/report/writer.py",
+    "dissect/report/writers/csv.py",
+    "dissect/report/writers/jsonl.py",
+    "dissect/report/writers/text.py",
 )
 
 #: What of these stays interpreted although it is imported by them: tables and layouts, which are made once and looked up

@@ -20,7 +20,7 @@ SOURCES: Final = ("dissect", "setup.py", "pyproject.toml", "MANIFEST.in", "READM
 
 #: What is compiled, said once more and independently of setup.py.
 HOT: Final = re.compile(
-    r"dissect/((wire|tcp|iso|ibh|s7|s7plus|transactions|findings)/\w+|source/(packet|pcap|pcapng)|conversation|gateway|datagrams|pipeline|waiting|report/(analysis|json_text|jsonl|latency))\.py"
+    r"dissect/((wire|tcp|iso|ibh|s7|s7plus|transactions|findings)/\w+|source/(packet|pcap|pcapng)|conversation|gateway|datagrams|pipeline|waiting|report/(analysis|csv_rows|facets?|json_text|jsonl|latency|lines|places|s7|words|writer|writers/(csv|jsonl|text)))\.py"
 )
 #: What of it is not: tables and layouts, and what parses acts that are rare on any line.
 COLD: Final = re.compile(

@@ -18,6 +18,7 @@ from dissect.anonymize.texts import replace_bit, replace_octets, replace_path, r
 from dissect.s7.layouts import DATA_ITEM
 from dissect.s7.services import PI_SERVICES
 from dissect.s7.szl_records import COMPONENT_RECORDS
+from dissect.s7.tables import DATA_BIT
 from dissect.wire.layout import FieldValue
 from dissect.wire.part import OCTETS, SURPLUS, Part
 
@@ -41,7 +42,6 @@ _ADDRESSES: Final = frozenset(("ip_address", "router"))
 _SERIAL_NUMBERS: Final = frozenset((0x05, 0x08))
 _SERIALS: Final = frozenset(id(layout) for number, layout in COMPONENT_RECORDS.items() if number in _SERIAL_NUMBERS)
 _COMPONENTS: Final = frozenset(id(layout) for layout in COMPONENT_RECORDS.values())
-_BIT: Final = 3
 _LETTERS: Final = frozenset(b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789 -._/\0")
 
 
@@ -83,7 +83,7 @@ class Rules:
         octets = value.octets or b""
         key = self._key
         if name in _VALUES:
-            self._value(draft, value.offset, value.end, transport_size == _BIT)
+            self._value(draft, value.offset, value.end, transport_size == DATA_BIT)
         elif name in _TELLS_NOTHING:
             if _readable(value, octets):
                 draft.keep(value.offset, value.end)

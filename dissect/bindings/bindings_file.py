@@ -158,7 +158,8 @@ class _Reader:
                 raise table.fail(trouble, f"{_told(binding, other)} {before.where}{_at(before)}")
         if first is not None:
             raise table.fail(
-                "name", f"{shown(binding.name)} is already the name of {first.where}{_at(first)}: choose a different one"
+                "name",
+                f"{shown(binding.name)} is already the name of {first.where}{_at(first)}: choose a different one",
             )
         if binding.carrier == "s7" and binding.offset + binding.size - 1 > MAX_OCTET:
             raise table.fail("size", f"it ends after byte {MAX_OCTET}, the last that an item can address")

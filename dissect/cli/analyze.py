@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.gate import fail_on_option, gate
-from dissect.cli.look import clock, write_lines
+from dissect.cli.look import clock
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
 from dissect.cli.run import (
@@ -16,10 +17,9 @@ from dissect.cli.run import (
     complain,
     drive,
     files_argument,
-    format_option,
     nanoseconds,
-    write,
 )
+from dissect.report.formats import ANALYSIS, Format
 
 if TYPE_CHECKING:
     from dissect.engine.payload import PayloadDecoder
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @click.command("analyze", epilog=EXIT_CODES)
 @files_argument
-@format_option("text", "json")
+@format_option(ANALYSIS)
 @click.option(
     "--slow",
     "slow_ns",
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 @scd_options
 def command(
     files: tuple[str, ...],
-    format_: str,
+    format_: Format,
     slow_ns: int,
     checksums: bool,
     fail_on: frozenset[str],
@@ -58,19 +58,13 @@ def command(
     """
     from dissect.engine.observer import Options
     from dissect.report.analysis import Analysis
+    from dissect.report.summary import Summary
     from dissect.session import Run
 
     analysis = Analysis()
     run = Run(files, analysis, Options(slow_ns, decoder=decoder, checksums=checksums))
     code = drive(run, files)
     analysis.take(run.pipeline, run.files)
-    if format_ == "json":
-        from dissect.report.contract import analysis_as_json
-
-        write([analysis_as_json(analysis, code == EXIT_INTERRUPTED)])
-    else:
-        from dissect.report.text import analysis_lines
-
-        write_lines(analysis_lines(analysis, code == EXIT_INTERRUPTED, clock()))
+    write_outcome(format_, ANALYSIS, Summary(analysis, code == EXIT_INTERRUPTED, clock()))
     complain(run, code)
     return gate(run, fail_on, code)

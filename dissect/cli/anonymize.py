@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING
 
 import click
 
+from dissect.cli.formats import format_option, write_out
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
-from dissect.cli.run import complain, drive, write
+from dissect.cli.run import complain, drive
 from dissect.cli.second_pass import check_files, name_of, written_whole
+from dissect.report.formats import OUTCOME, Format
+from dissect.report.outcome import WIDE_PAGE, Outcome
 
 if TYPE_CHECKING:
     from dissect.anonymize.account import Account, Choices
@@ -68,8 +70,7 @@ def _key(_ctx: click.Context, _param: click.Parameter, value: str) -> Key:
 @click.option(
     "--shift-time", is_flag=True, help="Shift all times into the future, by an offset that the key determines."
 )
-@click.option("-T", "--format", "format_", type=click.Choice(("text", "json")), default="text", show_default=True,
-              help="Format of the account of what was replaced.")  # fmt: skip
+@format_option(OUTCOME, help="Format of the account of what was replaced")
 @click.option("--force", is_flag=True, help="Overwrite OUT if it exists (never FILE).")
 @scd_options
 def command(
@@ -80,7 +81,7 @@ def command(
     keep_code: bool,
     keep_others: bool,
     shift_time: bool,
-    format_: str,
+    format_: Format,
     force: bool,
     decoder: PayloadDecoder | None,
 ) -> int:
@@ -120,12 +121,29 @@ def command(
     for kind, count in addresses.changed.items():
         if count:
             account.replaced[kind] = count
-    lines = [json.dumps(account.as_dict(), indent=2)] if format_ == "json" else account.lines()
+    lines = format_.lines(OUTCOME, _Replaced(account))
     if output == "-":
-        click.echo("\n".join(lines), err=True)
+        click.echo("\n".join([line if isinstance(line, str) else line.text for line in lines]), err=True)
     else:
-        write(lines)
+        write_out(lines)
     return code
+
+
+class _Replaced(Outcome):
+    """The account of what was replaced."""
+
+    layout = WIDE_PAGE
+
+    def __init__(self, account: Account) -> None:
+        self._account = account
+
+    def text(self) -> list[str]:
+        """Return it for a person."""
+        return self._account.lines()
+
+    def as_dict(self) -> dict[str, object]:
+        """Return it as values."""
+        return self._account.as_dict()
 
 
 def _write(

@@ -10,9 +10,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dissect.cli.look import clock, write_lines
+from dissect.cli.formats import format_option, write_outcome
+from dissect.cli.look import clock
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK, EXIT_USAGE
-from dissect.cli.run import complain, drive, files_argument, format_option, write
+from dissect.cli.run import complain, drive, files_argument, write
+from dissect.report.formats import ALERTS, Format
+from dissect.report.outcome import SPACED_LINE, Outcome
+from dissect.report.styled import HANG, Line
 from dissect.session import CONTINUES_NS, Run
 from dissect.wire.saving import is_special, save
 from dissect.wire.text import printable
@@ -21,6 +25,7 @@ if TYPE_CHECKING:
     from dissect.alerts import Alert, AlertRules
     from dissect.baseline import Baseline
     from dissect.engine.observer import Observer
+    from dissect.wire.clock import Clock
 
 _EXIT_CODES = (
     "Exit code: 0 success, or nothing new; 1 --against or --rules reported something; 2 wrong use, or an unreadable or "
@@ -61,7 +66,7 @@ _EXIT_CODES = (
     "--silence-factor", type=click.FloatRange(0, 1e6), default=0.0, show_default=True,
     help="With --against: report gaps longer than this multiple of the baseline; 0 disables.",
 )  # fmt: skip
-@format_option("text", "jsonl")
+@format_option(ALERTS)
 def command(
     files: tuple[str, ...],
     output: str | None,
@@ -70,7 +75,7 @@ def command(
     rules: str | None,
     rate_factor: float,
     silence_factor: float,
-    format_: str,
+    format_: Format,
 ) -> int:
     """Learn from captures which client requests what from which server and how often, as a TOML file to read and edit.
 
@@ -82,7 +87,7 @@ def command(
     if against is not None or rules is not None:
         if output is not None or update is not None:
             raise click.UsageError("--output and --update cannot be combined with --against and --rules.")
-        return _compare(files, against, rules, (rate_factor, silence_factor), format_ == "jsonl")
+        return _compare(files, against, rules, (rate_factor, silence_factor), format_)
     return _learn(files, output, update)
 
 
@@ -148,10 +153,9 @@ def _same(one: str, other: str) -> bool:
 
 
 def _compare(
-    files: Sequence[str], against: str | None, rules: str | None, factors: tuple[float, float], as_jsonl: bool
+    files: Sequence[str], against: str | None, rules: str | None, factors: tuple[float, float], format_: Format
 ) -> int:
     from dissect.alerts import AlertEngine, RuleError
-    from dissect.report.styled import HANG, Line
 
     baseline = _baseline(against) if against is not None else None
     asked = _rules(rules) if rules is not None else _usual_rules(*factors)
@@ -164,10 +168,8 @@ def _compare(
     times = clock()
 
     def show() -> None:
-        if as_jsonl:
-            write([alert.as_json() for alert in told])
-        else:
-            write_lines([Line(alert.line(times), alert.severity, HANG) for alert in told])
+        for alert in told:
+            write_outcome(format_, ALERTS, _Told(alert, times))
         told.clear()
 
     run = _Run(files, engine, engine.restart)
@@ -179,6 +181,24 @@ def _compare(
         lost = f"{engine.crowded} alerts lost, {engine.forgotten} pairs or connections no longer measured"
         click.echo(f"s7dissect: too many different alerts: {lost}", err=True)
     return EXIT_GATE if engine.count and code in {EXIT_OK, EXIT_DAMAGED} else code
+
+
+class _Told(Outcome):
+    """An alert."""
+
+    layout = SPACED_LINE
+
+    def __init__(self, alert: Alert, clock: Clock) -> None:
+        self._alert = alert
+        self._clock = clock
+
+    def text(self) -> list[str | Line]:
+        """Return its line."""
+        return [Line(self._alert.line(self._clock), self._alert.severity, HANG)]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return everything that is known of it."""
+        return self._alert.as_dict()
 
 
 def _usual_rules(rate_factor: float, silence_factor: float) -> AlertRules:

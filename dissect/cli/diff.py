@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-import json
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
-from xml.etree import ElementTree
 
 import click
 
+from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.golden import read_capture
-from dissect.cli.look import write_text
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
-from dissect.cli.run import format_option, write
 from dissect.golden.comparison import differences
 from dissect.golden.difference import KINDS, Difference, DiffOptions
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.reading import is_golden, load_golden
 from dissect.report import words
+from dissect.report.formats import DIFFERENCES, Format
+from dissect.report.outcome import WIDE_PAGE, Case, Outcome, plain
+from dissect.report.styled import Line
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ _IGNORABLE = "\n".join(
 @click.command("diff", epilog=f"{_EXIT_CODES}\n\n\b\nKinds of differences for --ignore:\n{_IGNORABLE}")
 @click.argument("first", metavar="A", type=click.Path())
 @click.argument("second", metavar="B", type=click.Path())
-@format_option("text", "json", "junit")
+@format_option(DIFFERENCES)
 @click.option(
     "--ignore",
     multiple=True,
@@ -67,7 +67,7 @@ _IGNORABLE = "\n".join(
 def command(
     first: str,
     second: str,
-    format_: str,
+    format_: Format,
     ignore: tuple[str, ...],
     latency: str | None,
     most: int,
@@ -94,10 +94,7 @@ def command(
     found = differences(a, b, options)
     shown = list(islice(found, most))
     rest = sum([1 for _ in found])
-    if format_ == "text":
-        write_text(text_lines(a, b, shown, rest))
-    else:
-        write((_json if format_ == "json" else junit_lines)(a, b, shown, rest))
+    write_outcome(format_, DIFFERENCES, Comparison(a, b, shown, rest))
     if code_a or code_b:
         return EXIT_USAGE
     return EXIT_GATE if shown or rest else EXIT_OK
@@ -109,77 +106,61 @@ def _load(path: str, decoder: PayloadDecoder | None) -> tuple[Session, int]:
     return read_capture((path,), decoder)
 
 
-def text_lines(_a: Session, _b: Session, shown: list[Difference], rest: int) -> Iterator[str]:
-    """Yield the differences as lines; ``rest`` more are not shown."""
-    for difference in shown:
-        yield difference.text
-    if rest:
-        yield f"and {words.count(rest, 'further difference')}"
+class Comparison(Outcome):
+    """The differences of two sessions, of which ``rest`` more are not shown.
 
-
-def _json(a: Session, b: Session, shown: list[Difference], rest: int) -> Iterator[str]:
-    yield from json_lines({"schema": DIFF_SCHEMA, **json_values(a, b, shown, rest)})
-
-
-def json_values(a: Session, b: Session, shown: list[Difference], rest: int) -> dict[str, object]:
-    """Return the differences as JSON-ready values; ``rest`` more are not shown."""
-    return {
-        "a": encodable(a.name),
-        "b": encodable(b.name),
-        "same": not shown and not rest,
-        "count": len(shown) + rest,
-        "not_shown": rest,
-        "damage": [encodable(text) for text in (*a.damage, *b.damage)],
-        "differences": [difference.as_dict() for difference in shown],
-    }
-
-
-def json_lines(values: dict[str, object]) -> Iterator[str]:
-    """Yield an object as JSON for people."""
-    yield json.dumps(values, indent=2).replace("\x7f", "\\u007f")
-
-
-def junit_lines(
-    a: Session, b: Session, shown: list[Difference], rest: int, errors: Iterable[tuple[str, str]] = ()
-) -> Iterator[str]:
-    """Yield them as JUnit XML: one test case for each connection of A, and one for what only B has.
-
-    Damage of the files and ``errors`` (type, text) are a case each that could not be tried.
+    ``errors`` (kind, text) are what could not be tried. Other values stand before and behind the differences in JSON.
     """
-    broken = [*[("damaged", text) for text in (*a.damage, *b.damage)], *errors]
-    cases: dict[int, list[Difference]] = {link.number: [] for link in a.links}
-    for difference in shown:
-        cases.setdefault(difference.connection, []).append(difference)
-    failed = len([1 for told in cases.values() if told])
-    suite = ElementTree.Element(
-        "testsuite",
-        name=printable(f"s7dissect diff {a.name} {b.name}"),
-        tests=str(len(cases) + bool(rest) + len(broken)),
-        failures=str(failed + bool(rest)),
-        errors=str(len(broken)),
-        skipped="0",
-    )
-    for number, told in sorted(cases.items()):
-        name = f"connection {number}" if number else "added connections"
-        _case(suite, name, printable(a.name), told)
-    if rest:
-        case = ElementTree.SubElement(suite, "testcase", classname=printable(a.name), name="further differences")
-        ElementTree.SubElement(
-            case, "failure", type="more", message=f"{words.count(rest, 'further difference')} not shown"
-        )
-    for kind, text in broken:
-        case = ElementTree.SubElement(suite, "testcase", classname=printable(a.name), name=printable(f"{kind}: {text}"))
-        ElementTree.SubElement(case, "error", type=kind, message=printable(text))
-    ElementTree.indent(suite)
-    yield '<?xml version="1.0" encoding="utf-8"?>'
-    yield ElementTree.tostring(suite, encoding="unicode")
 
+    layout = WIDE_PAGE
 
-def _case(suite: ElementTree.Element, name: str, classname: str, told: Iterable[Difference]) -> None:
-    case = ElementTree.SubElement(suite, "testcase", classname=classname, name=name)
-    found = list(told)
-    if found:
-        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
-        kinds = ",".join(sorted({difference.kind for difference in found}))
-        failure = ElementTree.SubElement(case, "failure", type=kinds, message=printable(found[0].text) + more)
-        failure.text = "\n".join([printable(difference.text) for difference in found])
+    def __init__(self, a: Session, b: Session, shown: list[Difference], rest: int) -> None:
+        self.a, self.b = a, b
+        self.shown = shown
+        self.rest = rest
+        self.errors: list[tuple[str, str]] = []
+        self.schema = DIFF_SCHEMA
+        self.more: dict[str, object] = {}
+
+    def text(self) -> Iterable[Line]:
+        """Return a line for each difference."""
+        rest = [f"and {words.count(self.rest, 'further difference')}"] if self.rest else []
+        return plain([*[difference.text for difference in self.shown], *rest])
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the differences as JSON-ready values."""
+        a, b = self.a, self.b
+        return {
+            "schema": self.schema,
+            "a": encodable(a.name),
+            "b": encodable(b.name),
+            "same": not self.shown and not self.rest,
+            "count": len(self.shown) + self.rest,
+            "not_shown": self.rest,
+            "damage": [encodable(text) for text in (*a.damage, *b.damage)],
+            "differences": [difference.as_dict() for difference in self.shown],
+            **self.more,
+        }
+
+    def cases(self) -> tuple[str, str, list[Case]]:
+        """Return a test for each connection of A, and one for what only B has.
+
+        Damage of the files and what could not be tried are a test each.
+        """
+        a, b = self.a, self.b
+        by_link: dict[int, list[Difference]] = {link.number: [] for link in a.links}
+        for difference in self.shown:
+            by_link.setdefault(difference.connection, []).append(difference)
+        cases = [
+            Case(
+                f"connection {number}" if number else "added connections",
+                tuple([(difference.kind, difference.text) for difference in told]),
+            )
+            for number, told in sorted(by_link.items())
+        ]
+        if self.rest:
+            text = f"{words.count(self.rest, 'further difference')} not shown"
+            cases.append(Case("further differences", (("more", text),), listed=False))
+        for kind, text in [*[("damaged", text) for text in (*a.damage, *b.damage)], *self.errors]:
+            cases.append(Case(f"{kind}: {text}", errors=((kind, text),)))
+        return f"s7dissect diff {a.name} {b.name}", a.name, cases

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
 import click
 
-from dissect.cli.look import write_text
+from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.main import EXIT_OK
-from dissect.cli.run import format_option, write
+from dissect.report.formats import OUTCOME, Format
+from dissect.report.outcome import Outcome, plain
+from dissect.report.styled import Line
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
@@ -26,8 +27,8 @@ _HEADINGS: Final = ("INTERFACE", "STATE", "LINK", "CAPTURE WITH", "ADDRESSES")
     "interfaces",
     epilog="Exit code: 0 success, also if nothing can capture, 2 wrong use, 5 the output could not be written.",
 )
-@format_option("text", "json")
-def command(format_: str) -> int:
+@format_option(OUTCOME)
+def command(format_: Format) -> int:
     """List the network interfaces: state, link type, addresses, and which engine can capture on each.
 
     dumpcap (part of Wireshark) has its own privileges and is preferred; the ring is the kernel's own interface and needs
@@ -35,13 +36,24 @@ def command(format_: str) -> int:
     """
     from dissect.source.live.opening import engine_states, listed
 
-    interfaces = listed()
-    states = engine_states()
-    if format_ == "json":
-        write([_as_json(interfaces, states)])
-    else:
-        write_text(_as_text(interfaces, states))
+    write_outcome(format_, OUTCOME, _Interfaces(listed(), engine_states()))
     return EXIT_OK
+
+
+class _Interfaces(Outcome):
+    """The interfaces, and what the engines can do."""
+
+    def __init__(self, interfaces: list[NetworkInterface], states: list[EngineState]) -> None:
+        self._interfaces = interfaces
+        self._states = states
+
+    def text(self) -> Iterator[Line]:
+        """Return a table, and what to do where an engine cannot capture."""
+        return plain(_as_text(self._interfaces, self._states))
+
+    def as_dict(self) -> dict[str, object]:
+        """Return everything that is known."""
+        return _as_dict(self._interfaces, self._states)
 
 
 def _as_text(interfaces: list[NetworkInterface], states: list[EngineState]) -> Iterator[str]:
@@ -65,10 +77,10 @@ def _as_text(interfaces: list[NetworkInterface], states: list[EngineState]) -> I
                 yield f"    {printable(line)}"
 
 
-def _as_json(interfaces: list[NetworkInterface], states: list[EngineState]) -> str:
+def _as_dict(interfaces: list[NetworkInterface], states: list[EngineState]) -> dict[str, object]:
     from dissect.source.live.opening import engines_for
 
-    told = {
+    return {
         "schema": INTERFACES_SCHEMA,
         "interfaces": [
             {
@@ -95,4 +107,3 @@ def _as_json(interfaces: list[NetworkInterface], states: list[EngineState]) -> s
             for state in states
         ],
     }
-    return json.dumps(told, indent=1).replace("\x7f", "\\u007f")

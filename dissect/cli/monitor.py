@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock, coloured
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT
 from dissect.cli.options.monitor import beside_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.rights import check_user, open_interface
-from dissect.cli.run import checksums_option, write
+from dissect.cli.run import checksums_option
 from dissect.cli.scrape import Scrape, allow_remote_option, metrics_option
 from dissect.cli.watching import (
     Interruption,
@@ -27,6 +28,7 @@ from dissect.cli.watching import (
     slow_option,
     write_events,
 )
+from dissect.report.formats import EVENTS, Format, formats_for
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -93,12 +95,8 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
     help=f"Size of the kernel's capture buffer, 1 to {MAX_BUFFER_MIB} MiB (default {BUFFER_MIB}).",
 )
 @click.option("--plain", is_flag=True, help="One line per event, even on a terminal.")
-@click.option(
-    "-T",
-    "--format",
-    "format_",
-    type=click.Choice(("text", "jsonl")),
-    help="Output format, one line per event. Without it, a terminal shows the screens.",
+@format_option(
+    EVENTS, optional=True, help="Output format, one line per event. Without it, a terminal shows the screens."
 )
 @only_option
 @slow_option
@@ -121,7 +119,7 @@ def command(
     user: str,
     buffer_mib: int | None,
     plain: bool,
-    format_: str | None,
+    format_: Format | None,
     topics: tuple[str, ...],
     slow_ns: int,
     overdue_ns: int,
@@ -158,7 +156,7 @@ def command(
         if on_screens:
             code = _on_screens(session, slow_ns)
         else:
-            code = _in_lines(session, format_ == "jsonl", topics)
+            code = _in_lines(session, format_ or formats_for(EVENTS)[0], topics)
     return gate(session.run, fail_on, code)
 
 
@@ -200,11 +198,9 @@ def _opened(opener: Callable[[], Reader], scrape: Scrape) -> Reader:
 # ---- the plain form -------------------------------------------------------------------------------------------------
 
 
-def _in_lines(session: Session, as_json: bool, topics: tuple[str, ...]) -> int:
+def _in_lines(session: Session, format_: Format, topics: tuple[str, ...]) -> int:
     """Write a line an event until the end; return the exit code."""
-    from dissect.live.json_lines import JsonLines
-
-    shower = new_shower(as_json, topics)
+    shower = new_shower(format_, topics)
     with Interruption(session.stop) as interruption:
         try:
             session.start()
@@ -214,8 +210,8 @@ def _in_lines(session: Session, as_json: bool, topics: tuple[str, ...]) -> int:
         if session.error is not None:
             raise session.error
         status = session.status()
-        if isinstance(shower, JsonLines):
-            write([shower.summary(status)])
+        if lines := shower.end(status):
+            write_out(lines)
         _summarise(session, status)
     return _code(session, interruption.asked)
 

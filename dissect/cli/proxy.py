@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_DAMAGED, EXIT_OK, EXIT_OUTPUT
 from dissect.cli.options.scd import scd_options
-from dissect.cli.run import format_option
 from dissect.cli.watching import (
     Interruption,
     LostEvents,
@@ -23,10 +23,11 @@ from dissect.cli.watching import (
     slow_option,
     write_events,
 )
+from dissect.report.formats import EVENTS, Format, formats_for
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable
 
     from dissect.engine.payload import PayloadDecoder
     from dissect.live.session import Event, Session
@@ -88,7 +89,7 @@ def _address(ctx: click.Context, param: click.Parameter, value: str, port: int |
     help="Write the traffic to this pcapng file; - is standard output, which then carries nothing else.",
 )
 @click.option("--force", is_flag=True, help="Overwrite OUT if it exists.")
-@format_option("text", "jsonl")
+@format_option(EVENTS)
 @only_option
 @slow_option
 @overdue_option
@@ -100,7 +101,7 @@ def command(
     allow_remote: bool,
     output: str | None,
     force: bool,
-    format_: str,
+    format_: Format,
     topics: tuple[str, ...],
     slow_ns: int,
     overdue_ns: int,
@@ -120,8 +121,10 @@ def command(
     from dissect.proxy.source import RelayReader
     from dissect.proxy.tap import Tap
 
-    if output == "-" and (format_ != "text" or topics):
-        raise click.UsageError("-w - writes the capture to standard output, so -T jsonl and --only cannot be used.")
+    if output == "-" and (format_ is not formats_for(EVENTS)[0] or topics):
+        raise click.UsageError(
+            f"-w - writes the capture to standard output, so -T {format_.name} and --only cannot be used."
+        )
     tap = Tap()
     relay = Relay(places_to_listen(listen, allow_remote), places_to_connect(to), tap)
     try:
@@ -133,7 +136,7 @@ def command(
     reader = RelayReader(side)
     options = Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns)
     session = Session(lambda: reader, options, companions=companions, name="proxy")
-    lines = _Lines(session, side, None if output == "-" else new_shower(format_ == "jsonl", topics))
+    lines = _Lines(session, side, None if output == "-" else new_shower(format_, topics))
     code = _Proxy(side, reader, session, lines).run(to)
     return gate(session.run, fail_on, code)
 
@@ -167,17 +170,17 @@ class _Lines:
                 if isinstance(event.what, str):
                     _say(event.what)
         elif events:
-            self._write(events, self._lost.lines())
+            shower, lost = self._shower, self._lost.lines()
+            self._write(lambda: write_events(shower, events, lost))
 
     def summarise(self) -> None:
         """Write what it all came to."""
-        from dissect.live.json_lines import JsonLines
         from dissect.live.lines import summary_lines
         from dissect.report import words
 
         status, relay = self._session.status(), self._relay
-        if isinstance(self._shower, JsonLines):
-            self._write([], [self._shower.summary(status)])
+        if self._shower is not None and (lines := self._shower.end(status)):
+            self._write(lambda: write_out(lines))
         sent = " and ".join(
             [f"{octets} bytes from {who}" for octets, who in zip(relay.octets, ("clients", "the PLC"), strict=True)]
         )
@@ -190,11 +193,11 @@ class _Lines:
         for failure in self._session.run.failures:
             _say(failure)
 
-    def _write(self, events: Sequence[Event], more: list[str]) -> None:
+    def _write(self, write: Callable[[], None]) -> None:
         if self.code != EXIT_OK or self._shower is None:
             return
         try:
-            write_events(self._shower, events, more)
+            write()
         except OSError as why:
             # Whatever is buffered goes nowhere either.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

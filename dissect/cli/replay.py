@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from dissect.cli.diff import json_lines, json_values, junit_lines, text_lines
+from dissect.cli.diff import Comparison
+from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.look import write_text
 from dissect.cli.main import EXIT_GATE, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
-from dissect.cli.run import format_option, write
 from dissect.golden.difference import DiffOptions
 from dissect.golden.model import GoldenError
 from dissect.report import words
+from dissect.report.formats import DIFFERENCES, Format, formats_for
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ def _pace(ctx: click.Context, param: click.Parameter, value: str) -> float | Non
 )
 @click.option("-w", "--write", "output", metavar="OUT", help="Write the traffic to this pcapng file.")
 @click.option("--force", is_flag=True, help="Overwrite OUT if it exists.")
-@format_option("text", "json", "junit")
+@format_option(DIFFERENCES)
 @click.option("--ignore", multiple=True, metavar="WHAT", help="Ignore this kind of difference, as in `s7dissect diff`.")
 @click.option("--latency", metavar="TOLERANCE", help="Also compare answer times, as in `s7dissect diff`.")
 @click.option(
@@ -146,7 +147,7 @@ def command(
     retries: int,
     output: str | None,
     force: bool,
-    format_: str,
+    format_: Format,
     ignore: tuple[str, ...],
     latency: str | None,
     most: int,
@@ -178,7 +179,7 @@ def command(
         expect_allowed(target, allow_remote)
     elif not dry_run:
         raise click.UsageError("missing --to HOST:PORT, the server (or --dry-run).")
-    if dry_run and format_ != "text":
+    if dry_run and format_ is not formats_for(DIFFERENCES)[0]:
         raise click.UsageError("--dry-run writes text only; -T applies to the result of a replay.")
     _check_output(file, output)
     recorded = load_recorded(file, decoder)
@@ -239,20 +240,16 @@ def _writer(output: str | None, force: bool) -> PcapngWriter:
     return PcapngWriter(str(output), application=f"s7dissect {__version__} replay", overwrite=force)
 
 
-def _report(outcome: Outcome, options: DiffOptions, format_: str, most: int) -> int:
+def _report(outcome: Outcome, options: DiffOptions, format_: Format, most: int) -> int:
     found = outcome.differences(options)
     shown = list(islice(found, most))
     rest = sum([1 for _ in found])
-    sides = (outcome.expected, outcome.came)
-    if format_ == "json":
-        values = {"schema": REPLAY_SCHEMA, **json_values(*sides, shown, rest), "replay": outcome.as_dict()}
-        write(json_lines(values))
-    elif format_ == "junit":
-        unreachable = words.count(outcome.unreachable, "connection")
-        errors = [("unreachable", f"{unreachable} failed")] if outcome.unreachable else []
-        write(junit_lines(*sides, shown, rest, errors))
-    else:
-        write_text(text_lines(*sides, shown, rest))
+    compared = Comparison(outcome.expected, outcome.came, shown, rest)
+    compared.schema = REPLAY_SCHEMA
+    compared.more["replay"] = outcome.as_dict()
+    if outcome.unreachable:
+        compared.errors.append(("unreachable", f"{words.count(outcome.unreachable, 'connection')} failed"))
+    write_outcome(format_, DIFFERENCES, compared)
     for line in outcome.summary():
         _say(line)
     if outcome.file_trouble:

@@ -64,19 +64,6 @@ EXIT_CODES: Final = (
 )
 
 
-def format_option(*formats: str) -> Callable[[Any], Any]:
-    """Return the ``-T`` option of a command that writes ``formats``, the first of them by default."""
-    return click.option(
-        "-T",
-        "--format",
-        "format_",
-        type=click.Choice(formats),
-        default=formats[0],
-        show_default=True,
-        help="Output format.",
-    )
-
-
 # ---- output ---------------------------------------------------------------------------------------------------------
 
 

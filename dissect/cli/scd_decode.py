@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from dissect.cli.look import write_text
+from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.main import EXIT_DAMAGED, EXIT_OK
-from dissect.cli.run import format_option, write
-from dissect.cli.scd_files import as_json, columns, node_option, open_dictionary
+from dissect.cli.scd_files import columns, node_option, open_dictionary
+from dissect.report.formats import OUTCOME, Format
+from dissect.report.outcome import LINE, Outcome, plain
+from dissect.report.styled import Line
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
@@ -70,11 +72,11 @@ def object_key(text: str) -> int | str:
 @click.option("--message", is_flag=True, help="Messages in their envelope, one after another.")
 @click.option("--raw", is_flag=True, help="FILE or - contains raw bytes, not hexadecimal text.")
 @click.option("--strict-pad", is_flag=True, help="Flag undefined bits that are set.")
-@format_option("text", "json")
+@format_option(OUTCOME)
 @click.argument("data", nargs=-1, required=True, metavar="HEX...|FILE|-")
 def decode_command(
     path: str, pdo: str | None, struct: str | None, whole: str | None, value: str | None, message: bool, raw: bool,
-    strict_pad: bool, format_: str, node: int | None, data: tuple[str, ...],
+    strict_pad: bool, format_: Format, node: int | None, data: tuple[str, ...],
 ) -> int:  # fmt: skip
     """Decode bytes: a PDO, a struct, a whole object, one value, or messages.
 
@@ -160,17 +162,31 @@ def _decoded(
 # ---- what is told ---------------------------------------------------------------------------------------------------
 
 
-def _tell(od: Dictionary, messages: Sequence[Message], format_: str, surplus: bytes) -> None:
-    from dissect.scd.wording import rows
-
+def _tell(od: Dictionary, messages: Sequence[Message], format_: Format, surplus: bytes) -> None:
     for message in messages:
-        found = rows(od, message)
-        if format_ == "json":
-            write([as_json(_as_dict(od, message, found, surplus))])
-        else:
-            write_text(
-                [*_heading(od, message, surplus), *columns(_table(found))] if found else _heading(od, message, surplus)
-            )
+        write_outcome(format_, OUTCOME, _Decoding(od, message, surplus))
+
+
+class _Decoding(Outcome):
+    """A message with its values."""
+
+    layout = LINE
+
+    def __init__(self, od: Dictionary, message: Message, surplus: bytes) -> None:
+        from dissect.scd.wording import rows
+
+        self._what = od, message, surplus
+        self._rows = rows(od, message)
+
+    def text(self) -> Iterator[Line]:
+        """Return the message, and its values as a table."""
+        table = columns(_table(self._rows)) if self._rows else ()
+        return plain([*_heading(*self._what), *table])
+
+    def as_dict(self) -> dict[str, object]:
+        """Return message and values."""
+        od, message, surplus = self._what
+        return _as_dict(od, message, self._rows, surplus)
 
 
 def _heading(od: Dictionary, message: Message, surplus: bytes) -> Iterator[str]:

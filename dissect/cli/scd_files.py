@@ -10,9 +10,12 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from dissect.cli.look import write_lines, write_text
+from dissect.cli.formats import format_option, write_outcome
+from dissect.cli.look import write_text
 from dissect.cli.main import EXIT_GATE, EXIT_OK
-from dissect.cli.run import format_option, write
+from dissect.cli.run import write
+from dissect.report.formats import OUTCOME, Format
+from dissect.report.outcome import LINE, Outcome, plain
 from dissect.report.styled import FAILED, Line
 from dissect.wire.saving import save
 from dissect.wire.text import encodable, printable
@@ -158,10 +161,10 @@ def dump_command(file: str, form: str, encoding: str, node: int | None) -> int:
     "be written.",
 )
 @click.argument("files", nargs=-1, required=True, type=_FILE, metavar="FILE...")
-@format_option("text", "json")
+@format_option(OUTCOME)
 @encoding_option
 @node_option
-def check_command(files: tuple[str, ...], format_: str, encoding: str, node: int | None) -> int:
+def check_command(files: tuple[str, ...], format_: Format, encoding: str, node: int | None) -> int:
     """Check dictionaries of any kind and list their contents: PDOs with their sizes, and identities.
 
     Every broken rule is reported with its place (line of the key, index, byte) and the requirement that it breaks.
@@ -174,18 +177,47 @@ def check_command(files: tuple[str, ...], format_: str, encoding: str, node: int
             dictionary, notes = open_dictionary(file, encoding, node)
         except DictionaryError as error:
             code = EXIT_GATE
-            errors = (error, *error.others)
-            if format_ == "json":
-                write([as_json(_error_json(file, errors))])
-            else:
-                write_lines([Line(printable(str(one)), FAILED, 4) for one in errors])
+            write_outcome(format_, OUTCOME, _Broken(file, (error, *error.others)))
             continue
-        if format_ == "json":
-            write([as_json(_check_json(file, dictionary, notes))])
-        else:
-            write_text([f"{printable(file)}: valid", *_summary(dictionary), *_pdos(dictionary)])
-            write_text([f"  not kept: {printable(str(note))}" for note in notes])
+        write_outcome(format_, OUTCOME, _Checked(file, dictionary, notes))
     return code
+
+
+class _Broken(Outcome):
+    """A dictionary that breaks rules."""
+
+    layout = LINE
+
+    def __init__(self, file: str, errors: Sequence[DictionaryError]) -> None:
+        self._file = file
+        self._errors = errors
+
+    def text(self) -> list[str | Line]:
+        """Return a line for each error."""
+        return [Line(printable(str(one)), FAILED, 4) for one in self._errors]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the errors with their places."""
+        return _error_json(self._file, self._errors)
+
+
+class _Checked(Outcome):
+    """A dictionary that keeps all rules."""
+
+    layout = LINE
+
+    def __init__(self, file: str, dictionary: Dictionary, notes: Sequence[Note]) -> None:
+        self._what = file, dictionary, notes
+
+    def text(self) -> Iterator[Line]:
+        """Return what it contains, and what of its source was not kept."""
+        file, dictionary, notes = self._what
+        lost = [f"  not kept: {printable(str(note))}" for note in notes]
+        return plain([f"{printable(file)}: valid", *_summary(dictionary), *_pdos(dictionary), *lost])
+
+    def as_dict(self) -> dict[str, object]:
+        """Return what it contains."""
+        return _check_json(*self._what)
 
 
 def _pdos(od: Dictionary) -> Iterator[str]:
@@ -236,10 +268,10 @@ def _error_json(file: str, errors: Sequence[DictionaryError]) -> dict[str, objec
 )
 @click.argument("first", type=_FILE, metavar="A")
 @click.argument("second", type=_FILE, metavar="B")
-@format_option("text", "json")
+@format_option(OUTCOME)
 @encoding_option
 @node_option
-def diff_command(first: str, second: str, format_: str, encoding: str, node: int | None) -> int:
+def diff_command(first: str, second: str, format_: Format, encoding: str, node: int | None) -> int:
     """Report how two dictionaries differ, and whether they decode differently ("wire")."""
     from dissect.scd.difference import compare
     from dissect.scd.loading import is_description
@@ -247,12 +279,29 @@ def diff_command(first: str, second: str, format_: str, encoding: str, node: int
     given = [(path, (encoding, node) if is_description(path) else ("", None)) for path in (first, second)]
     before, after = [open_dictionary(path, *how)[0] for path, how in given]
     found = compare(before, after)
-    if format_ == "json":
-        write([as_json(_diff_json(found, before, after))])
-    else:
-        write_text(columns([_change(change) for change in found.changes]))
-        write_text([f"{printable(first)} and {printable(second)}: {_LEVELS[found.level]}"])
+    write_outcome(format_, OUTCOME, _Compared(found, (first, second), (before, after)))
     return _DIFFERENT[found.level]
+
+
+class _Compared(Outcome):
+    """How two dictionaries differ: those of ``names``."""
+
+    layout = LINE
+
+    def __init__(self, found: Comparison, names: tuple[str, str], both: tuple[Dictionary, Dictionary]) -> None:
+        self._found = found
+        self._names = names
+        self._both = both
+
+    def text(self) -> Iterator[Line]:
+        """Return a line for each change, and what they mean."""
+        first, second = self._names
+        last = f"{printable(first)} and {printable(second)}: {_LEVELS[self._found.level]}"
+        return plain([*columns([_change(change) for change in self._found.changes]), last])
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the changes."""
+        return _diff_json(self._found, *self._both)
 
 
 def _change(change: Change) -> list[str]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import click
 
+from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
-from dissect.cli.look import clock, write_lines
+from dissect.cli.look import clock
 from dissect.cli.options.scd import scd_options
 from dissect.cli.run import (
     EXIT_CODES,
@@ -13,25 +14,20 @@ from dissect.cli.run import (
     complain,
     drive,
     files_argument,
-    format_option,
     nanoseconds,
     places_of,
-    write,
 )
-from dissect.engine.observer import Observer, Options
+from dissect.engine.observer import Options
 from dissect.engine.payload import PayloadDecoder
-from dissect.report.csv_rows import CsvRows
-from dissect.report.jsonl import Choice, TransactionLines
-from dissect.report.lines import styled_transaction
-from dissect.report.places import Places
-from dissect.report.styled import Line
+from dissect.report.formats import TRANSACTIONS, Format
+from dissect.report.writer import Choice, TransactionFeed
 from dissect.session import Run
 from dissect.transactions.transaction import Transaction
 
 
 @click.command("transactions", epilog=EXIT_CODES)
 @files_argument
-@format_option("text", "jsonl", "csv")
+@format_option(TRANSACTIONS)
 @click.option("--failed", is_flag=True, help="Only transactions with errors or without an answer.")
 @click.option(
     "--slow",
@@ -45,7 +41,7 @@ from dissect.transactions.transaction import Transaction
 @scd_options
 def command(
     files: tuple[str, ...],
-    format_: str,
+    format_: Format,
     failed: bool,
     slow_ns: int | None,
     checksums: bool,
@@ -60,27 +56,14 @@ def command(
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. A line is written once its
     transaction is complete, so an unanswered request appears where the wait for its answer ended.
     """
-    choose = _choice(failed, slow_ns)
     # What is slow is a finding as well.
     options = Options(decoder=decoder, checksums=checksums)
     if slow_ns is not None:
         options.slow_ns = slow_ns
-    if format_ == "jsonl":
-        lines = TransactionLines(choose)
-        run = Run(files, lines, options)
-        if len(files) > 1:
-            lines.locate = places_of(run, files).locate
-        code = drive(run, files, lambda: write(lines.take()))
-    elif format_ == "csv":
-        rows = CsvRows(choose)
-        run = Run(files, rows, options)
-        rows.begin(places_of(run, files))
-        code = drive(run, files, lambda: write(rows.take()))
-    else:
-        told = _Lines(choose)
-        run = Run(files, told, options)
-        told.places = places_of(run, files)
-        code = drive(run, files, lambda: write_lines(told.take()))
+    writer = format_.writer(TRANSACTIONS, clock())
+    run = Run(files, TransactionFeed(writer, _choice(failed, slow_ns)), options)
+    writer.begin(places_of(run, files))
+    code = drive(run, files, lambda: write_out(writer.take()))
     complain(run, code)
     if not run.pipeline.exchange.dialogue.count:
         click.echo(f"s7dissect: no S7 transaction: {_instead(run)}", err=True)
@@ -116,25 +99,3 @@ def _choice(failed: bool, slow_ns: int | None) -> Choice | None:
         return (latency is not None and latency > slow_ns) or (failed and transaction.failed)
 
     return wanted
-
-
-class _Lines(Observer):
-    """Collects transactions as lines of text."""
-
-    def __init__(self, choose: Choice | None) -> None:
-        super().__init__()
-        self.places = Places([], False)
-        self._choose = choose
-        self._clock = clock()
-        self._lines: list[Line] = []
-
-    def transaction(self, transaction: Transaction) -> None:
-        """Add the line of a transaction."""
-        if self._choose is None or self._choose(transaction):
-            self._lines.append(styled_transaction(transaction, self._clock, self.places))
-
-    def take(self) -> list[Line]:
-        """Return the lines collected since the last call."""
-        lines = self._lines
-        self._lines = []
-        return lines

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from dissect.cli.look import write_text
+from dissect.cli.formats import format_option, write_out, write_outcome
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK, EXIT_USAGE
-from dissect.cli.run import files_argument, format_option, write
+from dissect.cli.run import files_argument
+from dissect.report.formats import OUTCOME, Format
+from dissect.report.outcome import Outcome, plain
+from dissect.report.styled import Line
 from dissect.wire.text import printable
+
+if TYPE_CHECKING:
+    from dissect.oracle.verification import Verification
 
 _EXIT_CODES = (
     "Exit code: 0 all differences explained, 1 unexplained differences, 2 wrong use, an unreadable file, or tshark or pyshark "
@@ -20,11 +28,11 @@ _EXIT_CODES = (
 
 @click.command("verify", epilog=_EXIT_CODES)
 @files_argument
-@format_option("text", "json")
+@format_option(OUTCOME)
 @click.option("--known", "every", is_flag=True, help="Text: also list known differences, not only their number.")
 @click.option("--reorder", is_flag=True, help="Let Wireshark reassemble out-of-order TCP segments first.")
 @click.option("--pyshark", is_flag=True, help="Run tshark through pyshark instead of directly.")
-def command(files: tuple[str, ...], format_: str, every: bool, reorder: bool, pyshark: bool) -> int:
+def command(files: tuple[str, ...], format_: Format, every: bool, reorder: bool, pyshark: bool) -> int:
     """Compare our dissection of captures with Wireshark's, field by field: TPKT, COTP, S7comm.
 
     Each difference gives the packet, the field, our value and Wireshark's. Known faults of Wireshark are recognized by their
@@ -43,20 +51,40 @@ def command(files: tuple[str, ...], format_: str, every: bool, reorder: bool, py
             raise click.UsageError(f"{printable(file)}: a regular file is needed, because it is read several times.")
     try:
         verification = Verification(version(), every)
+        verified = _Verified(verification)
         for file in files:
             comparison = compare(file, read_pyshark if pyshark else read_tshark, reorder)
             if comparison.loss:
                 click.echo(f"s7dissect: {printable(file)}: {printable(comparison.loss)}", err=True)
-            lines = verification.take(file, comparison)
-            if format_ == "text":
-                write_text(lines)
+            verified.lines += verification.take(file, comparison)
+            if format_.piecewise:
+                write_out(verified.taken())
     except OracleError as error:
         click.echo(f"s7dissect: {printable(str(error))}", err=True)
         return EXIT_USAGE
-    if format_ == "json":
-        write([verification.as_json()])
-    else:
-        write_text(verification.summary())
+    write_outcome(format_, OUTCOME, verified)
     if verification.unexplained:
         return EXIT_GATE
     return EXIT_DAMAGED if any([comparison.loss for _, comparison in verification.files]) else EXIT_OK
+
+
+class _Verified(Outcome):
+    """A verification; ``lines`` are those of the captures that are not written yet."""
+
+    def __init__(self, verification: Verification) -> None:
+        self.lines: list[str] = []
+        self._verification = verification
+
+    def taken(self) -> Iterator[Line]:
+        """Return these lines, once."""
+        lines, self.lines = self.lines, []
+        return plain(lines)
+
+    def text(self) -> Iterator[Line]:
+        """Yield the lines not written yet, then the summary."""
+        yield from self.taken()
+        yield from plain(self._verification.summary())
+
+    def as_dict(self) -> Mapping[str, object]:
+        """Return all differences."""
+        return self._verification.as_dict()

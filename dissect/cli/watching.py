@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from types import FrameType
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol, cast
 
 import click
 
-from dissect.cli.look import clock, write_lines
-from dissect.cli.run import Signals, nanoseconds, write
-from dissect.report.styled import HANG, Line
+from dissect.cli.formats import write_out
+from dissect.cli.look import clock
+from dissect.cli.run import Signals, nanoseconds
+from dissect.report.formats import EVENTS, Format
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from dissect.live.session import Event, Session
+    from dissect.live.session import Event, Session, Status
+    from dissect.report.styled import Line
 
 _TOPICS: Final = ("connections", "transactions", "operations", "findings", "scd")
 
@@ -61,32 +63,29 @@ overdue_option: Final[Callable[[Any], Any]] = click.option(
 
 
 class Shower(Protocol):
-    """What makes lines of events."""
+    """What makes lines of events: made with the kinds of events that are wanted, and a clock."""
 
-    def lines(self, events: Iterable[Event]) -> list[str]:
-        """Return the lines of events, in their order."""
+    def written(self, events: Iterable[Event], lost: Iterable[str] = ()) -> list[str | Line]:
+        """Return the lines of events, in their order, and behind them those of `lost`."""
 
     def lost(self, now_ns: int, counts: dict[str, int]) -> str:
         """Return the line that says how many events, by kind, were left out."""
 
+    def end(self, status: Status) -> list[str | Line]:
+        """Return what stands behind the last event; what people want to know of a whole run is on standard error."""
 
-def new_shower(as_json: bool, topics: Iterable[str]) -> Shower:
+
+def new_shower(format_: Format, topics: Iterable[str]) -> Shower:
     """Return what makes lines of events, of ``topics`` only where there are any."""
-    from dissect.live.json_lines import JsonLines
-    from dissect.live.lines import PlainLines, kinds_of
+    from dissect.live.lines import kinds_of
 
-    kinds = kinds_of(topics)
-    return JsonLines(kinds) if as_json else PlainLines(kinds, clock())
+    return cast("Shower", format_.maker(EVENTS)(kinds_of(topics), clock()))
 
 
 def write_events(shower: Shower, events: Sequence[Event], lost: Iterable[str]) -> None:
     """Write the lines of events, and those about lost ones."""
-    from dissect.live.lines import PlainLines
-
-    if isinstance(shower, PlainLines):
-        write_lines([*shower.styled(events), *[Line(text, "warning", HANG) for text in lost]])
-    elif lines := [*shower.lines(events), *lost]:
-        write(lines)
+    if lines := shower.written(events, lost):
+        write_out(lines)
 
 
 class LostEvents:

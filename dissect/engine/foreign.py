@@ -13,7 +13,6 @@ from dissect.transactions.connection import FOREIGN, ISO_TSAP_PORT, Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
 
-
 #: Before the version in `Connection.identified_by` that a ServerHello chose.
 _CHOSE: Final = ", the server chose "
 

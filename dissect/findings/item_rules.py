@@ -16,11 +16,13 @@ from dissect.s7.parameters import GROUP_PBC, Parameters
 from dissect.s7.tables import (
     ACK_DATA,
     AREAS,
+    BIT,
     CPU_SERVICES,
     DB_AREAS,
     FUNCTIONS,
     JOB,
     NUMBERED_AREAS,
+    RECORD_AREA,
     S7ANY,
     SYNTAX_IDS,
     TRANSPORT_SIZES,
@@ -29,8 +31,6 @@ from dissect.s7.tables import (
 )
 from dissect.transactions.table import Side
 
-_BIT: Final = 0x01
-_RECORD: Final = 0x01
 #: Areas that have an element of their own, by the transport size of the same number.
 _OWN_SIZE: Final = frozenset((0x1C, 0x1D))
 #: Faults of a block that a finding names.
@@ -92,7 +92,7 @@ def _unknown_codes(parameters: Parameters) -> list[str]:
 def odd_address(item: Item) -> str:
     """Say what is odd about the address of an S7ANY item, empty when nothing is (reference 3.5)."""
     area: i64 = item.area
-    if area == _RECORD or area not in AREAS:
+    if area == RECORD_AREA or area not in AREAS:
         return ""  # a record has a logical id for an address, and of an area nobody knows nobody knows the rules
     if item.db and area not in DB_AREAS:
         return f"DB number {item.db} outside a DB"
@@ -101,6 +101,6 @@ def odd_address(item: Item) -> str:
         return f"transport size {TRANSPORT_SIZES.name(item.transport_size)}" if own else ""
     if item.start_bit >> 19:
         return "bits above the address are set"
-    if item.start_bit & 7 and item.transport_size != _BIT:
+    if item.start_bit & 7 and item.transport_size != BIT:
         return f"bit {item.start_bit & 7} in the address of a {TRANSPORT_SIZES.name(item.transport_size)}"
     return ""

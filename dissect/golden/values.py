@@ -10,7 +10,8 @@ import json
 import struct
 from typing import Final
 
-from dissect.s7.values import BIT, BYTE, CHAR, Value, decode_value
+from dissect.s7.tables import BIT, BYTE, CHAR
+from dissect.s7.values import Value, decode_value
 
 #: How scalars of a transport size are packed, where text and octets correspond one to one.
 _PACKED: Final = {0x02: ">B", 0x04: ">H", 0x05: ">h", 0x06: ">I", 0x07: ">i", 0x08: ">f", 0x30: ">d"}

@@ -6,11 +6,10 @@ from typing import Final
 
 from dissect.layers.variables import S7_Any
 from dissect.s7.address import MAX_DB, MAX_OCTET, parse_address
-from dissect.s7.tables import DB_AREAS, LETTER_AREAS, NUMBERED_AREAS, TRANSPORT_SIZES
+from dissect.s7.tables import BIT, DB_AREAS, LETTER_AREAS, NUMBERED_AREAS, TRANSPORT_SIZES
 
 #: Transport size of a width letter. No letter is one bit.
 _WIDTHS: Final = {"": 0x01, "X": 0x01, "B": 0x02, "W": 0x04, "D": 0x06, "L": 0x0F}
-_BIT: Final = 0x01
 _MAX_WORD: Final = 65535
 #: Areas that are written without a colon.
 _AREAS: Final = DB_AREAS | frozenset(LETTER_AREAS.values())
@@ -33,7 +32,7 @@ def at(address: str, count: int = 1, transport_size: str | int | None = None) ->
     if found.number > MAX_OCTET or found.db > MAX_DB:
         raise _no_address(address, "its numbers do not fit the fields of an item")
     size = _WIDTHS[found.width]
-    if (found.bit < 0) == (size == _BIT):
+    if (found.bit < 0) == (size == BIT):
         raise _no_address(address, "a bit has a place after the dot, anything wider has none")
     return _item(address, found.area, found.db, found.field, size, count, transport_size)
 

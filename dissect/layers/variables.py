@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any
 
 from scapy.fields import FieldLenField
 from scapy.packet import Packet, Raw, bind_top_down
@@ -26,11 +26,9 @@ from dissect.s7 import layouts, tables
 from dissect.s7.data_parts import CONTENT
 from dissect.s7.items import DATA_HEAD, SPECIFICATION, data_size_within, item_fill, parse_item
 from dissect.s7.syntaxes import layout_of as layout_of_item
+from dissect.s7.tables import DATA_BIT, DATA_BYTES
 from dissect.wire.part import FILL, OCTETS
 from dissect.wire.text import shortened
-
-_BIT: Final = 0x03
-_BYTES: Final = 0x04
 
 
 class S7_Item(WireLayer):
@@ -123,7 +121,9 @@ class S7_DataItem(WireLayer):
     name = "S7 data item"
     least = layouts.DATA_ITEM.size
     fields_desc = [
-        *header_fields(layouts.DATA_ITEM, {"return_code": tables.SUCCESS, "transport_size": _BYTES, "length": None}),
+        *header_fields(
+            layouts.DATA_ITEM, {"return_code": tables.SUCCESS, "transport_size": DATA_BYTES, "length": None}
+        ),
         OctetsField("octets", lambda pkt, s: data_size_within(pkt.transport_size, pkt.length, len(s))),
         FillField(),
     ]
@@ -132,7 +132,7 @@ class S7_DataItem(WireLayer):
         """Fill in the length (Scapy's interface)."""
         if self.getfieldval("length") is None:
             size = len(self.octets)
-            if self.transport_size == _BIT and size == 1:
+            if self.transport_size == DATA_BIT and size == 1:
                 length = 1
             else:
                 length = size * 8 if self.transport_size in tables.LENGTH_IN_BITS else size
@@ -150,7 +150,7 @@ class S7_WriteDataItem(S7_DataItem):
     name = "S7 write data item"
     least = layouts.DATA_ITEM.size
     fields_desc = [
-        *header_fields(layouts.DATA_ITEM, {"transport_size": _BYTES, "length": None}),
+        *header_fields(layouts.DATA_ITEM, {"transport_size": DATA_BYTES, "length": None}),
         *S7_DataItem.fields_desc[-2:],
     ]
 

@@ -16,6 +16,7 @@ from dissect.report.contract import connection_as_dict, finding_as_dict
 from dissect.report.jsonl import PduLines, TransactionLines
 from dissect.report.operations import operation_json
 from dissect.report.places import Places
+from dissect.report.styled import Line
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
@@ -26,11 +27,11 @@ EVENT_SCHEMA: Final = "s7dissect.event/1"
 
 
 class JsonLines:
-    """Events as lines of JSON; of ``kinds`` only."""
+    """Events as lines of JSON; of ``kinds`` only. Times are in UTC, however ``clock`` writes them for a person."""
 
-    def __init__(self, kinds: Collection[str]) -> None:
+    def __init__(self, kinds: Collection[str], clock: Clock | None = None) -> None:
         self._kinds = kinds
-        self._clock = Clock()
+        self._clock = clock or Clock()
         self._places = Places([], False)
         self._transactions = TransactionLines()
         self._pdus = PduLines()
@@ -38,6 +39,14 @@ class JsonLines:
     def lines(self, events: Iterable[Event]) -> list[str]:
         """Return the lines of events, in their order."""
         return [self.line(event) for event in events if event.kind in self._kinds]
+
+    def written(self, events: Iterable[Event], lost: Iterable[str] = ()) -> list[str | Line]:
+        """Return the lines of events, in their order, and behind them those of `lost`."""
+        return [*self.lines(events), *lost]
+
+    def end(self, status: Status) -> list[str | Line]:
+        """Return the counts of the whole run."""
+        return [self.summary(status)]
 
     def line(self, event: Event) -> str:
         """Return one event as a line, whatever is wanted."""

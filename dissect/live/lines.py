@@ -48,9 +48,16 @@ class PlainLines:
         """Return the lines of events, in their order."""
         return [self.line(event) for event in events if event.kind in self._kinds]
 
-    def styled(self, events: Iterable[Event]) -> list[Line]:
-        """Return the lines of events with their style, in their order."""
-        return [Line(self.line(event), _style(event), HANG) for event in events if event.kind in self._kinds]
+    def written(self, events: Iterable[Event], lost: Iterable[str] = ()) -> list[str | Line]:
+        """Return the lines of events with their style, in their order, and behind them those of `lost`."""
+        lines: list[str | Line] = [
+            Line(self.line(event), _style(event), HANG) for event in events if event.kind in self._kinds
+        ]
+        return lines + [Line(text, "warning", HANG) for text in lost]
+
+    def end(self, status: Status) -> list[str | Line]:
+        """Return nothing: `summary_lines` say it elsewhere."""
+        return []
 
     def line(self, event: Event) -> str:
         """Return one event as a line, whatever is wanted."""

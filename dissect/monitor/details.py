@@ -10,7 +10,7 @@ from dissect.ibh.tables import IBH_NETLINK
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rows import PLACES, entry_line
-from dissect.report import words
+from dissect.report import facets, words
 from dissect.report.lines import pdu_line, plus_line
 from dissect.report.scd_tree import scd_tree_lines
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
@@ -56,7 +56,7 @@ def _numbers(operation: Operation) -> str:
 
 
 def _transaction(transaction: Transaction, clock: Clock) -> Iterator[Line]:
-    for number, text in enumerate(words.items(transaction), 1):
+    for number, text in enumerate(facets.items(transaction), 1):
         yield Line(f"  item {number}  {text}", PLAIN, 4)
     for error in transaction.errors:
         said = f"  {error.where}: {words.error_text(error)}. {error.text}" if error.text else ""

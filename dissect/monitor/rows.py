@@ -13,7 +13,7 @@ from dissect.findings.finding import ERROR, WARNING, Finding
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rate_history import SECONDS, level
-from dissect.report import words
+from dissect.report import facets, words
 from dissect.report.lines import transaction_line
 from dissect.report.operations import NAMES, operation_line, result
 from dissect.report.places import Places
@@ -236,7 +236,7 @@ def _direction(entry: Entry) -> str:
 def _said(entry: Entry) -> str:
     what = entry.what
     if isinstance(what, Transaction):
-        about = words.gist(what) if what.has_errors else words.subject(what)  # what was refused must not be cut off
+        about = facets.gist(what) if what.has_errors else facets.subject(what)  # what was refused must not be cut off
         parts = [what.function_name, words.outcome(what), about]
     elif isinstance(what, Operation):
         parts = [NAMES[what.kind], what.subject[:_LONG], result(what)]

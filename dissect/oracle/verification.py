@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterator
 from typing import Final
@@ -65,10 +64,6 @@ class Verification:
             "files": [_file(path, comparison) for path, comparison in self.files],
             "known": {id_: _entry(_ENTRIES[id_], count) for id_, count in sorted(self.known.items())},
         }
-
-    def as_json(self) -> str:
-        """Return it as text: ASCII without control characters but the line feeds of its layout."""
-        return json.dumps(self.as_dict(), indent=1).replace("\x7f", "\\u007f")
 
 
 def _counts(comparisons: list[Comparison]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from typing import Final
+from typing import Any, Final
 
 from mypy_extensions import i64
 
@@ -82,6 +82,14 @@ class Analysis(Observer):
         for statistics in self.functions.values():
             together.merge(statistics.latencies)
         return together
+
+    def sections(self) -> dict[str, Any]:
+        """Return what each protocol says that it counted (`Protocol.describe`), in their order; empty before `take`."""
+        found: dict[str, Any] = {}
+        if self.pipeline is not None:
+            for protocol in self.pipeline.protocols:
+                found.update(protocol.describe())
+        return found
 
     def as_dict(self) -> dict[str, object]:
         """Return the analysis as the JSON contract has it (docs/json.md)."""

@@ -8,18 +8,15 @@ from typing import Final
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.finding import SEVERITIES, Finding
 from dissect.iso.tsap import Tsap
-from dissect.iso.upper import SCD, UPPER_NAMES
 from dissect.report import words
 from dissect.report.analysis import Analysis, FunctionStatistics
 from dissect.report.endings import ending_as_dict
+from dissect.report.facets import facet_of_row
 from dissect.report.jsonl import TransactionLines
 from dissect.report.places import Places
-from dissect.report.plus import PROTOCOL
-from dissect.s7plus.parameters import is_plus_key, names_function
 from dissect.source.packet import SourceFile
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
-from dissect.transactions.payloads import is_scd_key
 from dissect.wire.clock import Clock
 from dissect.wire.text import encodable
 
@@ -35,9 +32,7 @@ def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str,
     pipeline = analysis.pipeline
     if pipeline is None:
         raise ValueError("this Analysis is empty: call take() first, or use dissect.analyze()")
-    described: dict[str, object] = {}
-    for protocol in pipeline.protocols:
-        described.update(protocol.describe())
+    described = analysis.sections()
     clock = Clock()
     places = Places(analysis.files, len(analysis.files) > 1)
     lines = TransactionLines()
@@ -119,15 +114,7 @@ def _loss(pipeline: Pipeline) -> dict[str, object]:
 
 
 def _function(code: int, statistics: FunctionStatistics) -> dict[str, object]:
-    values: dict[str, object] = {"code": f"0x{code & 0xFF:02x}" if 0 <= code < 0x10000 else None}
-    if is_scd_key(code):
-        values = {"code": None, "protocol": UPPER_NAMES[SCD]}
-    elif is_plus_key(code):
-        values = {"code": f"0x{code & 0xFFFF:04x}" if names_function(code) else None, "protocol": PROTOCOL}
-    elif code >= 0x10000:
-        group = (code >> 8) & 0xFF
-        # The mode transition is the one userdata with a function octet of its own, and stands in group 0.
-        values = {"code": "0x00" if group else "0x01", "group": group, "subfunction": code & 0xFF}
+    values = facet_of_row(code).statistics(code)
     values["name"] = statistics.name
     values["total"] = statistics.total
     values["answered"] = statistics.answered

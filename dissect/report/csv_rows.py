@@ -1,26 +1,26 @@
-"""Transactions as CSV (docs/json.md): a row for each item, values whole, cells that a spreadsheet takes as they are."""
+"""Transactions as rows of CSV (docs/json.md): one for each item, values whole, cells that a spreadsheet takes as they are."""
 
 from __future__ import annotations
 
-import csv
-import io
 import json
-from collections.abc import Iterator
-from typing import Final, NamedTuple
+from typing import Final
 
-from dissect.engine.observer import Observer
+from mypy_extensions import i64
+
 from dissect.report import words
-from dissect.report.jsonl import Choice
-from dissect.report.lines import reference
+from dissect.report.facets import facet_of
+from dissect.report.json_text import SMALL
 from dissect.report.places import Places
-from dissect.s7.tables import RETURN_CODES, USERDATA
+from dissect.s7.tables import BYTE, RETURN_CODES, USERDATA
+from dissect.s7.values import Value
+from dissect.transactions.connection import Connection
 from dissect.transactions.results import ItemResult
-from dissect.transactions.transaction import ITEM, Transaction, TransactionError
+from dissect.transactions.transaction import Transaction, TransactionError
 from dissect.wire.clock import Clock
 from dissect.wire.text import cell
 
 #: Of the transaction, the same in all of its rows; with several files `FILE_COLUMNS` stand behind ``response_frame``.
-_COLUMNS: Final = [
+_COLUMNS: Final[list[str]] = [
     "number",
     "connection",
     "asked_by",
@@ -37,154 +37,193 @@ _COLUMNS: Final = [
     "outcome",
     "reason",
 ]
-FILE_COLUMNS: Final = ["request_file", "response_file"]
-_FILES_AT: Final = _COLUMNS.index("response_frame") + 1
+FILE_COLUMNS: Final[list[str]] = ["request_file", "response_file"]
+_FILES_AT: Final = 10  # in `_COLUMNS`, behind "response_frame"
+#: Of one item, or of a transaction that has none.
+_ITEM_COLUMNS: Final[list[str]] = [
+    "item",
+    "address",
+    "name",
+    "return_code",
+    "result",
+    "value",
+    "value_text",
+    "unit",
+    "octets",
+    "errors",
+    "subject",
+]
+CSV_COLUMNS: Final[list[str]] = _COLUMNS + _ITEM_COLUMNS
+
+#: Where an error is that belongs to an item.
+_ITEM: Final = "item"
+#: Cached cells are forgotten together when there are this many.
+_MAX_CACHED: Final = 8192
+#: One encoder for all values: to make one takes longer than to use it.
+_JSON: Final = json.JSONEncoder(ensure_ascii=False, default=str)
 
 
-class _Item(NamedTuple):
-    """What a row says of one item, or of a transaction that has none."""
+class CsvRows:
+    """Makes rows of transactions: cells in the order of `columns`, safe for spreadsheets."""
 
-    item: str = ""
-    address: str = ""
-    name: str = ""
-    return_code: str = ""
-    result: str = ""
-    value: str = ""
-    value_text: str = ""
-    unit: str = ""
-    octets: str = ""
-    errors: str = ""
-    subject: str = ""
+    def __init__(self, places: Places) -> None:
+        self._places: Places = places
+        self._clock: Clock = Clock()
+        self._ends: dict[int, list[str]] = {}
+        self._cells: dict[str, str] = {}
 
+    def columns(self) -> list[str]:
+        """Return the names of the columns."""
+        if not self._places.several:
+            return list(CSV_COLUMNS)
+        return CSV_COLUMNS[:_FILES_AT] + FILE_COLUMNS + CSV_COLUMNS[_FILES_AT:]
 
-CSV_COLUMNS: Final = [*_COLUMNS, *_Item._fields]
+    def rows(self, transaction: Transaction) -> list[list[str]]:
+        """Return the rows of a transaction, one at least: of the items of a read or write, then of the values of SCD.
 
+        What is in neither is the subject of a row of its own.
+        """
+        own = self._own(transaction)
+        rows: list[list[str]] = []
+        results = transaction.results()
+        errors = transaction.errors
+        whole = "; ".join([_error(error) for error in errors if not error.where.startswith(_ITEM)]) if errors else ""
+        for index, result in enumerate(results):
+            said = _errors_of(errors, index + 1, whole) if errors else ""
+            rows.append(own + self._result(str(index + 1), result, said))
+        for found in transaction.scd:
+            for row in found.values:
+                rows.append(
+                    [
+                        *own,
+                        str(len(rows) + 1),
+                        cell(row.address),
+                        cell(row.name),
+                        "",
+                        cell(", ".join(row.flags)),
+                        cell(_text(row.physical)),
+                        cell(row.text),
+                        cell(row.unit),
+                        "",
+                        cell(whole),
+                        cell(found.subject),
+                    ]
+                )
+        if not rows:
+            about = facet_of(transaction).subject_whole(transaction)
+            rows.append([*own, "", "", "", "", "", "", "", "", "", cell(whole), cell(about)])
+        return rows
 
-class CsvRows(Observer):
-    """Collects transactions as lines of CSV."""
+    def _own(self, transaction: Transaction) -> list[str]:
+        """Return the cells that all rows of a transaction share. Numbers and times are safe as they are."""
+        facet = facet_of(transaction)
+        asked: i64 = transaction.request_frame
+        told: i64 = transaction.response_frame
+        several = self._places.several
+        asked_by, answered_by = self._both(transaction.connection, transaction.asked_by)
+        latency = transaction.latency_ns
+        cells = [
+            str(transaction.number),
+            str(transaction.connection.number),
+            asked_by,
+            answered_by,
+            facet.reference(transaction),
+            str(transaction.rosctr) if transaction.rosctr <= USERDATA else "",
+            facet.function_number(transaction),
+            self._cell(transaction.function_name),
+            str(self._places.number(int(asked))) if asked else "",
+            str(self._places.number(int(told))) if told else "",
+        ]
+        if several:
+            cells.append(self._cell(self._places.locate(int(asked))[0]) if asked else "")
+            cells.append(self._cell(self._places.locate(int(told))[0]) if told else "")
+        cells.append(self._clock.iso(transaction.request_ns) if asked else "")
+        cells.append(self._clock.iso(transaction.response_ns) if told else "")
+        cells.append(str(latency) if latency is not None else "")
+        cells.append(transaction.outcome_name)
+        cells.append(transaction.reason)
+        return cells
 
-    def __init__(self, choose: Choice | None = None) -> None:
-        super().__init__()
-        self._choose = choose
-        self._clock = Clock()
-        self._places = Places([], False)
-        self._lines: list[str] = []
+    def _both(self, connection: Connection, asked_by: i64) -> list[str]:
+        """Return who asked and who answered."""
+        key: i64 = connection.number * 2 + asked_by
+        found = self._ends.get(key)
+        if found is None:
+            if len(self._ends) >= _MAX_CACHED:
+                self._ends.clear()
+            ends = connection.tcp.ends
+            found = [cell(str(ends[asked_by])), cell(str(ends[1 - asked_by]))]
+            self._ends[key] = found
+        return found
 
-    def begin(self, places: Places) -> None:
-        """Name packets with ``places``, and begin with the names of the columns."""
-        self._places = places
-        self._lines.append(_line(csv_columns(places)))
+    def _cell(self, text: str) -> str:
+        """Return the cell of a text that comes again and again."""
+        found = self._cells.get(text)
+        if found is None:
+            if len(self._cells) >= _MAX_CACHED:
+                self._cells.clear()
+            found = cell(text)
+            self._cells[text] = found
+        return found
 
-    def transaction(self, transaction: Transaction) -> None:
-        """Add the rows of a transaction."""
-        if self._choose is None or self._choose(transaction):
-            self._lines += [_line(cells) for cells in csv_rows(transaction, self._clock, self._places)]
-
-    def take(self) -> list[str]:
-        """Return the lines collected since the last call."""
-        lines = self._lines
-        self._lines = []
-        return lines
-
-
-def _line(cells: list[str]) -> str:
-    buffer = io.StringIO()
-    csv.writer(buffer, lineterminator="").writerow(cells)
-    return buffer.getvalue()
-
-
-def csv_columns(places: Places) -> list[str]:
-    """Return the names of the columns."""
-    return _with_files(CSV_COLUMNS, FILE_COLUMNS) if places.several else list(CSV_COLUMNS)
-
-
-def csv_rows(transaction: Transaction, clock: Clock, places: Places) -> Iterator[list[str]]:
-    """Yield the rows of a transaction, one at least, as cells in the order of `csv_columns`, safe for spreadsheets."""
-    own = _own(transaction, clock)
-    asked, told = int(transaction.request_frame), int(transaction.response_frame)
-    own[8:10] = [str(places.number(frame)) if frame else "" for frame in (asked, told)]
-    if places.several:
-        own = _with_files(own, [places.locate(frame)[0] if frame else "" for frame in (asked, told)])
-    safe = [cell(text) for text in own]
-    for item in _items(transaction):
-        yield [*safe, *[cell(text) for text in item]]
-
-
-def _own(transaction: Transaction, clock: Clock) -> list[str]:
-    ends = transaction.connection.tcp.ends
-    latency = transaction.latency_ns
-    return [
-        str(transaction.number),
-        str(transaction.connection.number),
-        str(ends[transaction.asked_by]),
-        str(ends[1 - transaction.asked_by]),
-        reference(transaction),
-        str(transaction.rosctr) if transaction.rosctr <= USERDATA else "",
-        str(transaction.function) if transaction.function >= 0 and not transaction.is_scd else "",
-        transaction.function_name,
-        "",
-        "",
-        clock.iso(transaction.request_ns) if transaction.request_frame else "",
-        clock.iso(transaction.response_ns) if transaction.response_frame else "",
-        str(latency) if latency is not None else "",
-        transaction.outcome_name,
-        transaction.reason,
-    ]
-
-
-def _with_files(values: list[str], names: list[str]) -> list[str]:
-    return [*values[:_FILES_AT], *names, *values[_FILES_AT:]]
-
-
-def _items(transaction: Transaction) -> Iterator[_Item]:
-    """Yield the items of a read or write, then the values of SCD; what is in neither is the subject of a row of its own."""
-    results = transaction.results()
-    whole = "; ".join([_error(error) for error in transaction.errors if error.part != ITEM])
-    for number, result in enumerate(results, 1):
-        yield _result(number, result, _errors_of(transaction, number, whole))
-    at = len(results)
-    for found in transaction.scd:
-        for row in found.values:
-            at += 1
-            yield _Item(
-                item=str(at),
-                address=row.address,
-                name=row.name,
-                result=", ".join(row.flags),
-                value=_text(row.physical),
-                value_text=row.text,
-                unit=row.unit,
-                errors=whole,
-                subject=found.subject,
-            )
-    if not at:
-        yield _Item(errors=whole, subject=words.subject_whole(transaction))
-
-
-def _result(number: int, result: ItemResult, errors: str) -> _Item:
-    item = result.item
-    answered = result.return_code >= 0
-    decoded = result.value
-    return _Item(
-        item=str(number),
-        address=item.label if item is not None else "",
-        return_code=str(result.return_code) if answered else "",
-        result=RETURN_CODES.name(result.return_code) if answered else "",
-        value=_text(decoded) if decoded is not None else "",
-        octets=result.data.hex() if result.data is not None else "",
-        errors=errors,
-    )
+    def _result(self, number: str, result: ItemResult, errors: str) -> list[str]:
+        """Return the cells of an item of a read or write."""
+        item = result.item
+        code: i64 = result.return_code
+        data = result.data
+        return [
+            number,
+            self._cell(item.label) if item is not None else "",
+            "",
+            SMALL[code] if code >= 0 else "",
+            self._cell(RETURN_CODES.name(int(code))) if code >= 0 else "",
+            _value_cell(result),
+            "",
+            "",
+            data.hex() if data is not None else "",
+            cell(errors) if errors else "",
+            "",
+        ]
 
 
-def _errors_of(transaction: Transaction, number: int, whole: str) -> str:
-    mine = [_error(error) for error in transaction.errors if error.part == ITEM and error.item == number]
-    return "; ".join([text for text in (*mine, whole) if text])
+def _errors_of(errors: list[TransactionError], number: int, whole: str) -> str:
+    where = f"{_ITEM} {number}"
+    mine = [_error(error) for error in errors if error.where == where]
+    return "; ".join([text for text in [*mine, whole] if text])
 
 
 def _error(error: TransactionError) -> str:
     return f"{error.where}: {words.error_text(error)}"
 
 
+def _value_cell(result: ItemResult) -> str:
+    """Return the cell of a value; only text can hold what a spreadsheet would take for a formula."""
+    item = result.item
+    data = result.data
+    if item is not None and data and item.transport_size == BYTE and result.decodable:
+        texts = [SMALL[octet] for octet in data]  # as it would be decoded, without a list of numbers in between
+        return texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"
+    value = result.value
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        return cell(value)
+    if isinstance(value, list):
+        if all([isinstance(element, (int, float)) for element in value]):
+            return f"[{', '.join([_number(element) for element in value])}]"
+        return cell(_JSON.encode(value))
+    return _number(value)
+
+
+def _number(value: Value) -> str:
+    """Return a number or truth value as JSON writes it."""
+    if value is True:
+        return "true"
+    if value is False:
+        return "false"
+    return str(value) if isinstance(value, int) else _JSON.encode(value)
+
+
 def _text(value: object) -> str:
     """Return a value whole: text as it is, everything else as JSON writes it."""
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=str)
+    return value if isinstance(value, str) else _JSON.encode(value)

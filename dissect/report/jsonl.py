@@ -7,23 +7,23 @@ written once and used for every transaction that repeats it.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from typing import Final
 
 from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
+from dissect.report.facet import Locate
+from dissect.report.facets import FACETS
 from dissect.report.json_text import SMALL, json_text, octets_value
-from dissect.report.plus import plus_function_json, plus_json, plus_pdu_line
-from dissect.report.scd import scd_function_json, scd_json, scd_line_json
+from dissect.report.plus import plus_pdu_line
+from dissect.report.scd import scd_json, scd_line_json
 from dissect.s7.items import DataItem, Item
 from dissect.s7.message import Pdu
 from dissect.s7.parameters import Parameters, UserdataHead
 from dissect.s7.tables import FUNCTIONS, READ_VAR, ROSCTR, SETUP_COMMUNICATION, SUCCESS, USERDATA_TYPES, WRITE_VAR
 from dissect.s7plus.message import PlusPdu
-from dissect.s7plus.parameters import PLUS, PlusParameters
 from dissect.transactions.connection import Connection
-from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
+from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.results import area_results
 from dissect.transactions.transaction import ANSWERED, NO_CODE, OUTCOMES, Transaction
 from dissect.wire.clock import Clock
@@ -51,14 +51,10 @@ _NO_ITEM: Final = (
 
 
 def function_text(parameters: Parameters) -> str:
-    """Return the ``function`` object of a parameter block, and for userdata the ``userdata`` object after it."""
+    """Return the ``function`` object of a parameter block of S7comm, and for userdata the ``userdata`` object after it."""
     if not parameters.fragment:
         code: i64 = parameters.function
-        if isinstance(parameters, PlusParameters):
-            text = plus_function_json(parameters)
-        elif isinstance(parameters, ScdParameters):
-            text = scd_function_json(parameters)
-        elif code < 0:
+        if code < 0:
             text = '{"code":null,"name":null}'
         else:
             text = f'{{"code":{code},"name":{json_text(FUNCTIONS.name(code))}}}'
@@ -97,22 +93,14 @@ def item_text(item: Item) -> str:
     return item.fragment
 
 
-#: Tells whether a transaction is wanted.
-Choice = Callable[[Transaction], bool]
-#: Tells the file of a packet and its number within it.
-Locate = Callable[[int], tuple[str, int]]
-
-
 class TransactionLines(Observer):
-    """Writes transactions as lines of JSON; ``lines`` collects them until somebody takes them away.
+    """Writes transactions as lines of JSON; ``lines`` collects those it is told of as an observer.
 
-    ``choose`` says which transactions are wanted, all when there is none. With ``locate`` packets are numbered within their
-    file, and its name stands beside the number.
+    With ``locate`` packets are numbered within their file, and its name stands beside the number.
     """
 
-    def __init__(self, choose: Choice | None = None) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._choose: Choice | None = choose
         self.locate: Locate | None = None
         self.lines: list[str] = []
         self._clock: Clock = Clock()
@@ -121,8 +109,7 @@ class TransactionLines(Observer):
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the line of a transaction."""
-        if self._choose is None or self._choose(transaction):
-            self.lines.append(self.line(transaction))
+        self.lines.append(self.line(transaction))
 
     def take(self) -> list[str]:
         """Return the lines collected since the last call."""
@@ -150,23 +137,28 @@ class TransactionLines(Observer):
         )
         latency = str(transaction.response_ns - transaction.request_ns) if outcome == ANSWERED else "null"
         reason = f'"{transaction.reason}"' if transaction.reason else "null"
-        reference = str(transaction.pdu_ref)
-        rosctr = SMALL[transaction.rosctr]
-        if transaction.rosctr == PLUS:  # which has neither a ROSCTR nor, in a notification, a reference
+        facet = FACETS.get(transaction.rosctr)
+        if facet is None:
+            reference = str(transaction.pdu_ref)
+            rosctr = SMALL[transaction.rosctr]
+            body = f'{self._setup(transaction)}{self._notes(transaction)},"items":[{self._items(transaction)}]'
+            tail = scd_json(transaction, self.locate) if transaction.carried is not None else ""
+            function = function_text(transaction.parameters)
+        else:
+            reference = facet.reference(transaction) or "null"
             rosctr = "null"
-            reference = reference if transaction.function >= 0 else "null"
-        elif transaction.rosctr == SCD:
-            rosctr = "null"
-            reference = _scd_reference(transaction)
-        carried = (
-            scd_json(transaction, self.locate) if transaction.rosctr == SCD or transaction.carried is not None else ""
-        )
+            body = facet.body_json(transaction)
+            tail = facet.tail_json(transaction, self.locate)
+            function = transaction.parameters.fragment
+            if not function:
+                function = facet.function_json(transaction.parameters)
+                transaction.parameters.fragment = function
         return (
             f"{_HEAD}{transaction.number}{self._connection(transaction.connection, transaction.asked_by)}"
-            f',"pdu_ref":{reference},"rosctr":{rosctr},"function":{function_text(transaction.parameters)}'
+            f',"pdu_ref":{reference},"rosctr":{rosctr},"function":{function}'
             f',"request_frame":{frames},"request_time":{at},"latency_ns":{latency}'
-            f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{self._setup(transaction)}{self._notes(transaction)}'
-            f'{self._items(transaction)},"errors":[{_errors(transaction)}]{carried}}}'
+            f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{body}'
+            f',"errors":[{_errors(transaction)}]{tail}}}'
         )
 
     def _places(self, asked: int, told: int, locate: Locate) -> str:
@@ -209,10 +201,6 @@ class TransactionLines(Observer):
         function: i64 = transaction.parameters.function
         if function == READ_VAR or function == WRITE_VAR or function == SETUP_COMMUNICATION:
             return ""
-        if transaction.rosctr == PLUS:
-            return plus_json(transaction)
-        if transaction.rosctr == SCD:
-            return ""
         asks = self._noted(transaction.request_octets, transaction, True)
         tells = self._noted(transaction.response_octets, transaction, False)
         return f',"asks":[{asks}],"tells":[{tells}]'
@@ -233,12 +221,6 @@ class TransactionLines(Observer):
         return found
 
     def _items(self, transaction: Transaction) -> str:
-        """Return the items; those of S7comm-plus stand in its notes already."""
-        if transaction.rosctr == PLUS:
-            return ""
-        return f',"items":[{self._s7_items(transaction)}]'
-
-    def _s7_items(self, transaction: Transaction) -> str:
         if transaction.outcome == ANSWERED and transaction.parameters.function == READ_VAR:
             items = transaction.parameters.items
             answers = transaction.answered_items()
@@ -254,12 +236,6 @@ class TransactionLines(Observer):
                     parts.append(_item(items[index], answer.return_code, answer.data if good else None))
                 return ",".join(parts)
         return ",".join([_item(result.item, result.return_code, result.data) for result in transaction.results()])
-
-
-def _scd_reference(transaction: Transaction) -> str:
-    """Return the number by which request and answer were paired, null where the envelope has none."""
-    found = transaction.scd
-    return str(found[0].message.tid) if found and "tid" in found[0].message.numbers else "null"
 
 
 def _item(item: Item | None, code: i64, data: bytes | None) -> str:

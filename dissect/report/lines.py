@@ -11,6 +11,7 @@ from dissect.iso.foreign import identify, identify_connect
 from dissect.iso.tables import CC, CR, DR, DT, ED, ER
 from dissect.iso.upper import EMPTY, S7COMM, S7COMM_PLUS, UPPER_NAMES, classify, is_rdp_connect
 from dissect.report import words
+from dissect.report.facets import facet_of
 from dissect.report.places import Places
 from dissect.report.plus import plus_notes, plus_summary
 from dissect.report.scd import scd_summary
@@ -50,10 +51,11 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> 
     ends = transaction.connection.tcp.ends
     begun = transaction.request_ns if transaction.request_frame else transaction.response_ns
     asked, answered = ends[transaction.asked_by], ends[1 - transaction.asked_by]
-    if transaction.is_scd and transaction.outcome == PUSH:
-        asked, answered = answered, asked  # a PDO goes either way: it is shown as it went
+    facet = facet_of(transaction)
+    if facet.pushes_both_ways() and transaction.outcome == PUSH:
+        asked, answered = answered, asked  # shown as it went
     frames = places.pair(int(transaction.request_frame), int(transaction.response_frame))
-    parts = [part for part in (words.outcome(transaction), words.subject(transaction)) if part]
+    parts = [part for part in (words.outcome(transaction), facet.subject(transaction)) if part]
     said = f"  {'  '.join(parts)}" if parts else ""
     return (
         f"{clock.moment(begun)}  #{transaction.number:<5} {frames:<12} {asked} → {answered}"
@@ -65,14 +67,6 @@ def styled_transaction(transaction: Transaction, clock: Clock, places: Places) -
     """Return `transaction_line` with its style: what failed stands out."""
     style = FAILED if transaction.failed else PLAIN
     return Line(transaction_line(transaction, clock, places), style, HANG)
-
-
-def reference(transaction: Transaction) -> str:
-    """Return the number by which request and answer belong together, empty where there is none."""
-    if transaction.is_scd:
-        message = transaction.scd[0].message
-        return str(message.tid) if "tid" in message.numbers else ""
-    return str(transaction.pdu_ref) if not transaction.is_plus or transaction.function >= 0 else ""
 
 
 def pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places) -> str:

@@ -6,13 +6,15 @@ import json
 from typing import Final
 
 from dissect.iso.upper import S7COMM_PLUS, UPPER_NAMES
+from dissect.report.facet import Facet
+from dissect.s7.parameters import Parameters
 from dissect.s7.tables import SUCCESS
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.hiding import shown_contents, without_secrets
 from dissect.s7plus.ids import DATA_BLOCK
 from dissect.s7plus.items import REFUSED, Half, PlusItem, join_items
 from dissect.s7plus.message import PlusPdu
-from dissect.s7plus.parameters import PlusParameters
+from dissect.s7plus.parameters import PlusParameters, names_function
 from dissect.s7plus.summary import summary
 from dissect.s7plus.tables import KEEP_ALIVE, NOTIFICATION, REQUEST, RETURN_CODES, SYSTEM_EVENT
 from dissect.transactions.connection import Connection
@@ -31,7 +33,38 @@ _ITEMS: Final = 20
 S7_AREAS: Final = {80: 0x81, 81: 0x82, 82: 0x83, 83: 0x1C, 84: 0x1D}
 DB_AREA: Final = 0x84
 
-_NO_FUNCTION: Final = {"code": None, "name": None}
+_NO_FUNCTION: Final[dict[str, object]] = {"code": None, "name": None}
+
+
+class PlusFacet(Facet):
+    """S7comm-plus."""
+
+    def reference(self, transaction: Transaction) -> str:
+        """Return the sequence number; a notification has none."""
+        return str(transaction.pdu_ref) if transaction.function >= 0 else ""
+
+    def items(self, transaction: Transaction) -> list[str]:
+        """Return every item with what became of it, in wire order."""
+        return [item_text(item) for item in plus_items(transaction)]
+
+    def subject(self, transaction: Transaction) -> str:
+        """Return what a transaction is about: the session, or the subscription that tells it."""
+        return plus_subject(transaction)
+
+    def function_json(self, parameters: Parameters) -> str:
+        """Return the ``function`` object of a transaction, and the protocol after it."""
+        function = _NO_FUNCTION
+        if isinstance(parameters, PlusParameters) and parameters.code >= 0:
+            function = {"code": int(parameters.code), "name": parameters.code_name}
+        return f'{_json(function)},"protocol":"{PROTOCOL}"'
+
+    def body_json(self, transaction: Transaction) -> str:
+        """Return the keys that only transactions of S7comm-plus have, and the items."""
+        return plus_json(transaction)
+
+    def statistics(self, code: int) -> dict[str, object]:
+        """Return the function code, None for rows of several functions."""
+        return {"code": f"0x{code & 0xFFFF:04x}" if names_function(code) else None, "protocol": PROTOCOL}
 
 
 def plus_notes(pdu: PlusPdu) -> list[str]:
@@ -86,11 +119,6 @@ def item_text(item: PlusItem) -> str:
         return f"{label}: {'refused' if item.return_code == REFUSED else RETURN_CODES.name(item.return_code)}"
     text = item.text
     return f"{label} = {shortened(text, _MESSAGE)}" if text else label
-
-
-def plus_item_texts(transaction: Transaction) -> list[str]:
-    """Return every item with what became of it, in wire order."""
-    return [item_text(item) for item in transaction.plus_items()]
 
 
 def _some(texts: list[str]) -> list[str]:
@@ -172,12 +200,6 @@ def _item_as_dict(item: PlusItem) -> dict[str, object]:
         "crc": f"0x{address.crc:08x}" if address is not None and address.crc else None,
         "path": [address.area, address.sub_area, *address.lids] if address is not None else None,
     }
-
-
-def plus_function_json(parameters: PlusParameters) -> str:
-    """Return the ``function`` object of a transaction, and the protocol after it."""
-    function = {"code": parameters.code, "name": parameters.code_name} if parameters.code >= 0 else _NO_FUNCTION
-    return f'{_json(function)},"protocol":"{PROTOCOL}"'
 
 
 def plus_pdu_line(pdu: PlusPdu, time: str, connection: Connection, place: tuple[str, int] | None) -> str:

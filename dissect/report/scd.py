@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from dissect.iso.upper import SCD, UPPER_NAMES
+from dissect.report.facet import Facet, Locate
+from dissect.s7.parameters import Parameters
 from dissect.transactions.payloads import ScdMessage, ScdParameters
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import encodable, printable
@@ -16,6 +17,40 @@ if TYPE_CHECKING:
 
 #: Name of the protocol in JSON.
 PROTOCOL: Final = UPPER_NAMES[SCD]
+
+
+class ScdFacet(Facet):
+    """SCD that travels by itself; what stands in the items of S7comm is told with their transaction."""
+
+    def pushes_both_ways(self) -> bool:
+        """Return True: a PDO goes either way."""
+        return True
+
+    def reference(self, transaction: Transaction) -> str:
+        """Return the number of request and answer, empty where the envelope has none."""
+        found = transaction.scd
+        return str(found[0].message.tid) if found and "tid" in found[0].message.numbers else ""
+
+    def function_number(self, transaction: Transaction) -> str:
+        """Return nothing: its functions have names alone."""
+        return ""
+
+    def subject(self, transaction: Transaction) -> str:
+        """Return objects, values, what is wrong."""
+        return scd_subject(transaction)
+
+    def function_json(self, parameters: Parameters) -> str:
+        """Return the ``function`` object of a transaction, and the protocol after it."""
+        name = encodable(parameters.name) if isinstance(parameters, ScdParameters) else None
+        return f'{_json({"code": None, "name": name})},"protocol":"{PROTOCOL}"'
+
+    def tail_json(self, transaction: Transaction, locate: Locate | None) -> str:
+        """Return the messages."""
+        return scd_json(transaction, locate)
+
+    def statistics(self, code: int) -> dict[str, object]:
+        """Return that there is no code."""
+        return {"code": None, "protocol": PROTOCOL}
 
 
 def scd_subject(transaction: Transaction) -> str:
@@ -144,7 +179,7 @@ def scd_as_dict(found: ScdMessage, asked_by: int, place: tuple[str, int] | None)
     return values
 
 
-def scd_json(transaction: Transaction, locate: Callable[[int], tuple[str, int]] | None) -> str:
+def scd_json(transaction: Transaction, locate: Locate | None) -> str:
     """Return the ``scd`` key of a transaction, behind a comma; empty when there is no SCD in it."""
     found = transaction.scd
     if not found:
@@ -152,11 +187,6 @@ def scd_json(transaction: Transaction, locate: Callable[[int], tuple[str, int]] 
     asked_by = int(transaction.asked_by)
     told = [scd_as_dict(one, asked_by, None if locate is None else locate(int(one.frame))) for one in found]
     return f',"scd":{_json(told)}'
-
-
-def scd_function_json(parameters: ScdParameters) -> str:
-    """Return the ``function`` object of a transaction, and the protocol after it."""
-    return f'{_json({"code": None, "name": encodable(parameters.name)})},"protocol":"{PROTOCOL}"'
 
 
 def scd_line_json(found: ScdMessage, time: str, connection: Connection, place: tuple[str, int] | None) -> str:

@@ -7,9 +7,7 @@ from typing import Final
 
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.finding import SEVERITIES, Finding, Rule
-from dissect.ibh.tables import KINDS
-from dissect.iso.upper import UPPER_NAMES
-from dissect.report import endings, words
+from dissect.report import endings, facets, words
 from dissect.report.analysis import MAX_CONNECTIONS, Analysis
 from dissect.report.completeness import completeness
 from dissect.report.lines import PROTOCOLS, named
@@ -79,17 +77,16 @@ def _files(analysis: Analysis, places: Places, clock: Clock) -> Iterator[Line]:
         yield Line(f"{begun} to {clock.moment(last)}, first to last packet read")
     else:
         yield Line(f"{begun}, {words.duration(last - first)}")
+    sections = analysis.sections()
     others = [
         f"{count} {PROTOCOLS[name]}"
-        for name, count in zip(UPPER_NAMES, pipeline.iso.tsdus, strict=True)
+        for name, count in sections["tsdus"].items()
         if count and name not in {"s7comm", "s7comm_plus", "scd", "empty"}
     ]
     passed = [words.count(number, kind) for protocol in pipeline.protocols for number, kind in protocol.counted()]
     said = f"  {', '.join(passed)}"
     yield Line(f"{said}; other messages: {', '.join(others)}" if others else said)
-    packets = [
-        f"{count} {kind.replace('_', ' ')}" for kind, count in zip(KINDS, pipeline.ibh.packets, strict=True) if count
-    ]
+    packets = [f"{count} {kind.replace('_', ' ')}" for kind, count in sections["ibh"].items()]
     if packets:
         yield Line(f"  IBH-NetLink packets: {', '.join(packets)}", PLAIN, 4)
 
@@ -219,8 +216,7 @@ def _transactions(analysis: Analysis) -> Iterator[Line]:
 
 def _scd(analysis: Analysis) -> Iterator[Line]:
     """What the bindings found."""
-    carrier = analysis.pipeline.exchange.decoder if analysis.pipeline is not None else None
-    found = carrier.as_dict() if carrier is not None else {}
+    found = analysis.sections().get("scd")
     if not found:
         return
     yield Line("")
@@ -283,7 +279,7 @@ def _slowest(analysis: Analysis, places: Places) -> Iterator[Line]:
 def _rows(transactions: Sequence[Transaction], places: Places) -> Iterator[Line]:
     rows = []
     for transaction in transactions:
-        said = [part for part in (words.outcome(transaction), words.gist(transaction)) if part]
+        said = [part for part in (words.outcome(transaction), facets.gist(transaction)) if part]
         rows.append(
             [
                 f"#{transaction.number}",

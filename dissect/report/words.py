@@ -1,16 +1,14 @@
-"""Small phrases that several faces share: durations, sizes, values, what a transaction says."""
+"""Small phrases that several faces share: durations, sizes, values, items, how a transaction ended."""
 
 from __future__ import annotations
 
 from typing import Final
 
 from dissect.iso.tsap import Tsap
-from dissect.report.plus import plus_item_texts, plus_subject
-from dissect.report.scd import scd_subject
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
-from dissect.s7.tables import READ_VAR, RETURN_CODES, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
-from dissect.s7.values import BYTE, Value
+from dissect.s7.tables import BYTE, RETURN_CODES
+from dissect.s7.values import Value
 from dissect.transactions.results import ItemResult
 from dissect.transactions.transaction import (
     ANSWERED,
@@ -25,7 +23,6 @@ from dissect.transactions.transaction import (
     PUSH,
     REFERENCE_REUSED,
     TABLE_FULL,
-    UNCONFIRMED,
     Transaction,
     TransactionError,
 )
@@ -40,13 +37,7 @@ _SHOWN_OCTETS: Final = 16
 _LEAST_TEXT: Final = 4
 #: Items or notes that a summary names, and characters of a note.
 _NAMED: Final = 3
-_NOTE: Final = 100
-#: Functions that say what they are about by their items, or by what they negotiate.
-_TOLD_BY_ITEMS: Final = frozenset((READ_VAR, WRITE_VAR, SETUP_COMMUNICATION))
-
-#: Group and subfunction that lists the blocks of a type.
-_LIST_OF_TYPE: Final = (3, 2)
-
+NOTE: Final = 100
 REASONS: Final = {
     CONNECTION_CLOSED: "connection closed",
     CAPTURE_ENDED: "capture ends",
@@ -163,75 +154,6 @@ def _content(result: ItemResult) -> str:
     return value(decoded)
 
 
-def items(transaction: Transaction) -> list[str]:
-    """Return every item with what became of it, in wire order; those that a push says are unchanged are counted."""
-    if transaction.is_plus:
-        return plus_item_texts(transaction)
-    results = list(enumerate(transaction.results(), 1))
-    unsure = transaction.flags & UNCONFIRMED != 0
-    said = [
-        f"{item(result, number)}{': no return code' if unsure and result.return_code < 0 else ''}"
-        for number, result in results
-        if not result.unchanged
-    ]
-    same = len(results) - len(said)
-    return [*said, f"{same} unchanged"] if same else said
-
-
-def subject(transaction: Transaction) -> str:
-    """Return what a transaction is about: all its items, the setup, or what request and answer say."""
-    if transaction.is_plus:
-        return plus_subject(transaction)
-    said = ", ".join(items(transaction)) or _setup(transaction) or notes(transaction)
-    if transaction.rosctr == USERDATA and transaction.results():
-        said = ": ".join([text for text in (_heads(transaction), said) if text])
-    if transaction.carried is not None:
-        said = "; ".join([text for text in (said, scd_subject(transaction)) if text])
-    return said
-
-
-def _heads(transaction: Transaction) -> str:
-    """Return what request and answer say in front of their items: interval, job number, block."""
-    from dissect.s7.cyclic import CYCLIC_REQUEST, CYCLIC_VALUES  # late: see `Pdu.body`
-    from dissect.s7.programmer_layouts import TEST_BLOCK, TEST_HEAD
-
-    said = [
-        part.note
-        for pdu in (transaction.request, transaction.response)
-        if pdu is not None
-        for part in pdu.body.parts
-        if part.note and part.layout in {CYCLIC_REQUEST, CYCLIC_VALUES, TEST_BLOCK, TEST_HEAD}
-    ]
-    first = said[0] if said else ""
-    return ", ".join([shortened(note, _NOTE) for note in dict.fromkeys(said) if not first.startswith(f"{note},")])
-
-
-def notes(transaction: Transaction) -> str:
-    """Return what request and answer say, for functions that have no items: a few notes of each."""
-    if transaction.is_plus:
-        return plus_subject(transaction)
-    if transaction.is_scd:
-        return scd_subject(transaction)
-    if transaction.function in _TOLD_BY_ITEMS:
-        return ""
-    asked, told = transaction.request, transaction.response
-    said = [body_notes(pdu) for pdu in (asked, told) if pdu is not None]
-    head = transaction.parameters.userdata
-    listed = (
-        head is not None and (head.group, head.subfunction) == _LIST_OF_TYPE
-    )  # the answer only goes on: SFC 0 (AWL), …
-    return (" " if listed else " → ").join([text for text in said if text])
-
-
-def subject_whole(transaction: Transaction) -> str:
-    """Return what a transaction without items is about, nothing left out."""
-    if transaction.is_plus or transaction.is_scd or transaction.function in _TOLD_BY_ITEMS:
-        return subject(transaction)
-    asked, told = transaction.request, transaction.response
-    said = [", ".join([printable(note) for note in pdu.body.notes]) for pdu in (asked, told) if pdu is not None]
-    return " → ".join([text for text in said if text])
-
-
 def body_notes(pdu: Pdu) -> str:
     """Return what the parts of a PDU are about: the first few notes, and how many more there are."""
     return some_notes(pdu.body.notes)
@@ -240,12 +162,11 @@ def body_notes(pdu: Pdu) -> str:
 def some_notes(found: list[str]) -> str:
     """Return the first few notes, and how many more there are."""
     more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
-    return ", ".join([shortened(note, _NOTE) for note in found[:_NAMED]]) + more
+    return ", ".join([shortened(note, NOTE) for note in found[:_NAMED]]) + more
 
 
-def gist(transaction: Transaction) -> str:
-    """Return what a transaction is about, as a summary: the items that failed, or else what was asked for, but never all."""
-    results = transaction.results()
+def items_in_short(results: list[ItemResult]) -> str:
+    """Return the items that failed, or else the first few of all, without values; empty when there are none."""
     numbered = list(enumerate(results, 1))
     refused = [(number, result) for number, result in numbered if result.refused]
     if refused:
@@ -254,20 +175,7 @@ def gist(transaction: Transaction) -> str:
         return total + ", ".join(some) + (", …" if len(refused) > _NAMED else "")
     names = [address(result.item) if result.item is not None else f"item {number}" for number, result in numbered]
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join(names[:_NAMED]) + more or _setup(transaction) or notes(transaction)
-
-
-def _setup(transaction: Transaction) -> str:
-    asked = transaction.parameters.setup
-    if asked is None:
-        return ""
-    answer = transaction.response_parameters
-    granted = answer.setup if answer is not None else None
-    wish = f"PDU {asked.pdu_length}, AmQ {asked.max_amq_calling}/{asked.max_amq_called}"
-    if granted is None or transaction.outcome != ANSWERED:
-        return f"asks {wish}"
-    given = f"PDU {granted.pdu_length}, AmQ {granted.max_amq_calling}/{granted.max_amq_called}"
-    return f"granted {given}" if given == wish else f"asks {wish}, granted {given}"
+    return ", ".join(names[:_NAMED]) + more
 
 
 def error_text(error: TransactionError) -> str:

@@ -10,12 +10,17 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.tables import AREA_LETTERS, DB_AREAS, ELEMENT_OCTETS, LETTER_AREAS, NUMBERED_AREAS
-
-_BIT: Final = 0x01
-_RECORD: Final = 0x01
-_DB: Final = 0x84
-_DI: Final = 0x85
+from dissect.s7.tables import (
+    AREA_LETTERS,
+    BIT,
+    DB,
+    DB_AREAS,
+    DI,
+    ELEMENT_OCTETS,
+    LETTER_AREAS,
+    NUMBERED_AREAS,
+    RECORD_AREA,
+)
 
 #: Areas whose letter is followed by a width letter (B, W, D).
 _LETTERED: Final = frozenset((0x80, 0x81, 0x82, 0x83, 0x86, 0x87))
@@ -51,7 +56,7 @@ class Address:
         self.number = number
         self.width = width
         self.bit = bit
-        plain = area in NUMBERED_AREAS or area == _RECORD
+        plain = area in NUMBERED_AREAS or area == RECORD_AREA
         self.field = number if plain else number * 8 + max(bit, 0)
 
 
@@ -61,9 +66,9 @@ def parse_address(text: str) -> Address | None:
     It takes all that `address_text` writes, and the German letters E, A and Z.
     """
     if found := _IN_BLOCK.fullmatch(text):
-        return Address(_DB if found[1] == "DB" else _DI, int(found[2]), int(found[4]), found[3], int(found[5] or -1))
+        return Address(DB if found[1] == "DB" else DI, int(found[2]), int(found[4]), found[3], int(found[5] or -1))
     if found := _IN_RECORD.fullmatch(text):
-        return Address(_RECORD, int(found[1]), int(found[2]))
+        return Address(RECORD_AREA, int(found[1]), int(found[2]))
     if found := _NUMBERED.fullmatch(text):
         return Address(_AREAS.get(found[1], LETTER_AREAS["Z"]), 0, int(found[2]))
     if (found := _ELSEWHERE.fullmatch(text)) and LETTER_AREAS.get(found[1], 0x1C) not in NUMBERED_AREAS:
@@ -85,19 +90,19 @@ def address_text(area: i64, db: i64, address: i64, transport_size: i64) -> str:
     if area in NUMBERED_AREAS:
         # C5, but C200:5 in the 200 family: C2005 is the S7 counter of that number.
         return f"{AREA_LETTERS[area]}{'' if area in _PLAIN else ':'}{address}"
-    if area == _RECORD:
+    if area == RECORD_AREA:
         return f"RECORD{db}@{address}"
     octet: i64 = address >> 3
     bit: i64 = address & 7
-    if transport_size == _BIT:
+    if transport_size == BIT:
         place = f"{octet}.{bit}"
         width = "X"
     else:
         place = str(octet) if bit == 0 else f"{octet}.{bit}"
         width = _WIDTHS.get(ELEMENT_OCTETS.get(transport_size, 1), "B")
-    if area == _DB:
+    if area == DB:
         return f"DB{db}.DB{width}{place}"
-    if area == _DI:
+    if area == DI:
         return f"DI{db}.DI{width}{place}"
     if area in _LETTERED:
         return f"{AREA_LETTERS[area]}{'' if width == 'X' else width}{place}"

@@ -16,8 +16,10 @@ from dissect.s7.parameters import Setup
 from dissect.s7.tables import (
     ACK,
     ACK_DATA,
+    DATA_BIT,
     LENGTH_IN_BITS,
     OBJECT_DOES_NOT_EXIST,
+    OCTET_STRING,
     S7ANY,
     SETUP_COMMUNICATION,
     SUCCESS,
@@ -29,8 +31,6 @@ NO_PAYLOAD: Final = bytes((OBJECT_DOES_NOT_EXIST, 0, 0, 0))
 #: Octets of a PDU: the length that Setup communication negotiates has 16 bits.
 MAX_PDU: Final = 0xFFFF
 
-_BIT: Final = 0x03
-_OCTET_STRING: Final = 0x09
 _SHORT: Final = 0x11
 _EXTENDED: Final = 0x12
 #: What an item's or a userdata head's length does not count: its own octet and those before it.
@@ -70,7 +70,7 @@ def build_item(transport_size: int, count: int, db: int, area: int, address: int
 
 def build_data_item(code: int, transport_size: int, data: bytes) -> bytes:
     """Return a data item; its length counts bits or octets by the transport size, one octet of BIT as one bit."""
-    in_bits = transport_size in LENGTH_IN_BITS and transport_size != _BIT
+    in_bits = transport_size in LENGTH_IN_BITS and transport_size != DATA_BIT
     return struct.pack(">BBH", code, transport_size, (len(data) * 8 if in_bits else len(data)) & 0xFFFF) + data
 
 
@@ -101,4 +101,4 @@ def build_userdata_head(
 
 def build_payload(payload: bytes) -> bytes:
     """Return the data of userdata: the four octets before a payload and the payload, or `NO_PAYLOAD`."""
-    return struct.pack(">BBH", SUCCESS, _OCTET_STRING, len(payload)) + payload if payload else NO_PAYLOAD
+    return struct.pack(">BBH", SUCCESS, OCTET_STRING, len(payload)) + payload if payload else NO_PAYLOAD

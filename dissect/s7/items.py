@@ -8,18 +8,12 @@ from mypy_extensions import i64
 
 from dissect.s7.address import address_text
 from dissect.s7.syntaxes import DB_AREA, DB_READ, DB_READ_ITEM, item_text
-from dissect.s7.tables import ELEMENT_OCTETS, LENGTH_IN_BITS, S7ANY, SUCCESS
+from dissect.s7.tables import BIT, BYTE, DB, ELEMENT_OCTETS, LENGTH_IN_BITS, OCTET_STRING, RECORD_AREA, S7ANY, SUCCESS
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u24
 
 SPECIFICATION: Final = 0x12
 DATA_HEAD: Final = 4
-_BIT: Final = 0x01
-BYTE: Final = 0x02
-_DB: Final = 0x84
-#: Data transport size of octets.
-OCTET_STRING: Final = 0x09
-_RECORD: Final = 0x01
 _S7ANY_SIZE: Final = 12
 #: Octets of a data item that its representation shows.
 _SHOWN: Final = 16
@@ -84,7 +78,7 @@ class Item:
         """
         if self.size >= 0:
             return self.size == size
-        return self.transport_size != _BIT or self.area == _RECORD or self.count == size
+        return self.transport_size != BIT or self.area == RECORD_AREA or self.count == size
 
     @property
     def label(self) -> str:
@@ -105,7 +99,7 @@ def parse_item(octets: bytes, offset: i64) -> Item:
         item.area = octets[8]
         item.start_bit = u24(octets, 9)
         element: i64 = ELEMENT_OCTETS.get(item.transport_size, -1)
-        if element > 0 and item.area != _RECORD and not (item.transport_size == _BIT and item.count != 1):
+        if element > 0 and item.area != RECORD_AREA and not (item.transport_size == BIT and item.count != 1):
             item.size = element * item.count
         item.address = address_text(item.area, item.db, item.start_bit, item.transport_size)
     else:
@@ -129,10 +123,10 @@ def _areas(octets: bytes, offset: i64) -> list[Item] | None:
         area.transport_size = BYTE
         area.count = octets[at]
         area.size = area.count
-        area.area = _DB
+        area.area = DB
         area.db = u16(octets, at + 1)
         area.start_bit = 8 * u16(octets, at + 3)
-        area.address = address_text(_DB, area.db, area.start_bit, BYTE)
+        area.address = address_text(DB, area.db, area.start_bit, BYTE)
         areas.append(area)
     return areas
 

@@ -119,6 +119,11 @@ LETTER_AREAS: Final[dict[str, int]] = {
 #: Areas whose address is a plain number of an object, not an octet address times 8.
 NUMBERED_AREAS: Final = frozenset((0x1c, 0x1d, 0x1e, 0x1f))
 
+#: Area of a data record, which has no addresses, and those of data blocks.
+RECORD_AREA: Final = 0x01
+DB: Final = 0x84
+DI: Final = 0x85
+
 #: Areas in which the DB number field is used.
 DB_AREAS: Final = frozenset((0x84, 0x85))
 
@@ -170,6 +175,12 @@ ELEMENT_OCTETS: Final[dict[int, int]] = {
     0x30: 8,
 }
 
+#: Request transport sizes that are treated apart: the others are numbers of the size in `ELEMENT_OCTETS`.
+BIT: Final = 0x01
+BYTE: Final = 0x02
+CHAR: Final = 0x03
+WCHAR: Final = 0x13
+
 DATA_TRANSPORT_SIZES: Final = CodeTable(
     "S7 transport size of a data item",
     2,
@@ -185,6 +196,11 @@ DATA_TRANSPORT_SIZES: Final = CodeTable(
         (0x12, "NCK ADDRESS2", "Items of addresses follow instead of values (Sinumerik)."),
     ],
 )
+
+#: Data transport sizes that are treated apart.
+DATA_BIT: Final = 0x03
+DATA_BYTES: Final = 0x04
+OCTET_STRING: Final = 0x09
 
 #: Data transport sizes whose length field counts bits (the others count octets).
 LENGTH_IN_BITS: Final = frozenset((0x03, 0x04, 0x05))

@@ -12,7 +12,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.tables import ELEMENT_OCTETS
+from dissect.s7.tables import BIT, CHAR, ELEMENT_OCTETS, WCHAR
 from dissect.wire.clock import civil
 from dissect.wire.octets import u16, u32
 
@@ -33,11 +33,6 @@ _FIRST_DIGITS: Final = bytes(
 )
 _MS_PER_DAY: Final = 86_400_000
 _S5_BASE_MS: Final = (10, 100, 1000, 10000)
-
-BIT: Final = 0x01
-BYTE: Final = 0x02
-CHAR: Final = 0x03
-WCHAR: Final = 0x13
 
 
 def decode_value(transport_size: i64, octets: bytes) -> Value:

@@ -8,7 +8,7 @@ from mypy_extensions import i64
 
 from dissect.s7.address import address_text
 from dissect.s7.items import Item
-from dissect.s7.tables import ELEMENT_OCTETS
+from dissect.s7.tables import BIT, ELEMENT_OCTETS
 from dissect.wire.octets import u16
 
 #: Octets of an address: area and width, repetition or bit number, DB, octet.
@@ -21,7 +21,6 @@ _WIDTHS: Final[dict[int, int]] = {0: 0x01, 1: 0x02, 2: 0x04, 3: 0x06}
 #: Timers and counters: (the letter of the address, area, transport size).
 _NUMBERED: Final[dict[int, tuple[str, int, int]]] = {0x54: ("T", 0x1D, 0x1D), 0x64: ("C", 0x1C, 0x1C)}
 _PERIPHERAL: Final = 0x3
-_BIT: Final = 0x01
 
 
 def parse_test_item(octets: bytes, offset: i64) -> Item:
@@ -46,7 +45,7 @@ def parse_test_item(octets: bytes, offset: i64) -> Item:
         item.area = known
         item.transport_size = width
         item.start_bit = 8 * place
-        if width == _BIT:
+        if width == BIT:
             item.count = 1
             item.start_bit += number
         item.db = u16(octets, 2)

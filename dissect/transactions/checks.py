@@ -19,6 +19,7 @@ from dissect.s7.tables import (
     ACK_DATA,
     ANSWER_TRANSPORT_SIZE,
     READ_VAR,
+    RECORD_AREA,
     S7ANY,
     SETUP_COMMUNICATION,
     SUCCESS,
@@ -48,7 +49,6 @@ NOT_LOADED: Final = 512  # a block is activated that was not loaded on this conn
 STRAY_PUSH: Final = 1024  # a push that belongs to no subscription of this connection
 ODD_DATA_CODE: Final = 256  # data of a read came with another transport size than CPUs answer with
 
-_RECORD: Final = 0x01
 _HEAD: Final = struct.Struct(">BBH")
 
 
@@ -251,7 +251,7 @@ def check_data_codes(transaction: Transaction) -> None:
 
 def odd_data_code(item: Item, answer: DataItem) -> bool:
     """Tell whether a good data item has another transport size than CPUs answer its request item with (reference 3.5)."""
-    if item.syntax_id != S7ANY or item.area == _RECORD:
+    if item.syntax_id != S7ANY or item.area == RECORD_AREA:
         return False
     expected: int = ANSWER_TRANSPORT_SIZE.get(item.transport_size, -1)
     return expected >= 0 and expected != answer.transport_size

@@ -10,14 +10,16 @@ from random import Random
 import pytest
 from mypy_extensions import i64
 
-from dissect.cli.show import _Pdus
-from dissect.cli.transactions import _Lines
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_json
-from dissect.report.csv_rows import CsvRows
 from dissect.report.jsonl import TransactionLines
 from dissect.report.places import Places
+from dissect.report.styled import Line
 from dissect.report.text import analysis_lines
+from dissect.report.writer import PduFeed, TransactionFeed
+from dissect.report.writers.csv import CsvWriter
+from dissect.report.writers.jsonl import JsonlWriter
+from dissect.report.writers.text import TextWriter
 from dissect.source.files import open_capture
 from dissect.source.packet import PacketSink, SourceFile
 from tests.cli.support import run, simple
@@ -79,24 +81,24 @@ def holds(packets: list[Packet]) -> None:
     observed(lines, packets)
     transactions = lines.take()
     assert len(transactions) == analysis.total
-    texts = _Lines(None)
-    texts.places = PLACES
-    observed(texts, packets)
-    told = [line.text for line in texts.take()]
+    texts = TextWriter()
+    texts.begin(PLACES)
+    observed(TransactionFeed(texts), packets)
+    told = [line.text for line in texts.take() if isinstance(line, Line)]
     assert len(told) == analysis.total
-    rows = CsvRows()
+    rows = CsvWriter()
     rows.begin(PLACES)
-    observed(rows, packets)
-    table = rows.take()
+    observed(TransactionFeed(rows), packets)
+    table = [str(line) for line in rows.take()]
     assert {int(line.partition(",")[0]) for line in table[1:]} == set(range(1, int(analysis.total) + 1))
     shown += told + table
-    pdus = _Pdus(True, frozenset(), False, None)
-    observed(pdus, packets)
-    pdu_lines = [line.text for line in pdus.take()]
+    pdus = JsonlWriter()
+    observed(PduFeed(pdus), packets)
+    pdu_lines = [str(line) for line in pdus.take()]
     assert len([line for line in pdu_lines if json.loads(line)["protocol"] != "cotp"]) == pipeline.s7.pdus
-    trees = _Pdus(False, frozenset(), True, None)
-    observed(trees, packets)
-    shown += [line.text for line in trees.take()]
+    trees = TextWriter(verbose=True)
+    observed(PduFeed(trees), packets)
+    shown += [line.text for line in trees.take() if isinstance(line, Line)]
     assert [line for line in (*shown, *transactions, *pdu_lines) if UNSAFE.search(line)] == []
     for name, each in (("transaction", transactions), ("pdu", pdu_lines)):
         for line in each[:10]:  # checking against the schema takes longer than all else

@@ -9,10 +9,11 @@ from xml.etree import ElementTree
 
 import pytest
 
-from dissect.cli.diff import junit_lines
+from dissect.cli.diff import Comparison
 from dissect.golden.difference import KINDS, Difference
 from dissect.golden.model import Session
 from dissect.playback.server.service import Server
+from dissect.report.writers.junit import junit_outcome
 from tests.cli.support import run, simple
 from tests.golden.support import WRITTEN
 from tests.playback.client.support import changed, free_port
@@ -62,7 +63,7 @@ def made(*differences: Difference, rest: int = 0, name: str = "a", damage: str =
     """Return the suite of differences between two sessions."""
     a, b = Session(name), Session(name)
     a.damage = [damage] if damage else []
-    return suite_of("\n".join(junit_lines(a, b, list(differences), rest)))
+    return suite_of("\n".join([str(line) for line in junit_outcome(Comparison(a, b, list(differences), rest))]))
 
 
 def test_diffs_of_captures(capfdbinary: Capture) -> None:

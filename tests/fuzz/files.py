@@ -23,8 +23,6 @@ from dissect.baseline.loading import parse_baseline
 from dissect.baseline.writing import baseline_toml
 from dissect.bindings.engine import ScdCarrier
 from dissect.cli.baseline import _usual_rules
-from dissect.cli.show import _Pdus
-from dissect.cli.transactions import _Lines
 from dissect.engine.observer import Observer, Options
 from dissect.engine.pipeline import Pipeline
 from dissect.golden.comparison import diff_sessions
@@ -37,10 +35,15 @@ from dissect.recording.cutter import Around, Cutter
 from dissect.recording.selection import Selection, Wanted
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_json
-from dissect.report.csv_rows import CsvRows, csv_columns
+from dissect.report.csv_rows import CSV_COLUMNS
 from dissect.report.jsonl import TransactionLines
 from dissect.report.places import Places
+from dissect.report.styled import Line
 from dissect.report.text import analysis_lines
+from dissect.report.writer import PduFeed, TransactionFeed
+from dissect.report.writers.csv import CsvWriter
+from dissect.report.writers.jsonl import JsonlWriter
+from dissect.report.writers.text import TextWriter
 from dissect.session import analyze
 from dissect.session import open as events_of
 from dissect.source.files import find_reader
@@ -128,43 +131,43 @@ def _analysis(octets: bytes, way: Way) -> None:
 
 
 def _transactions(octets: bytes, way: Way) -> None:
-    objects = TransactionLines(None)
+    objects = TransactionLines()
     if drive(octets, objects, way.carrier(), way.other) is None:
         return
     lines = objects.take()
     for line in lines:
         check_json(line)
     places = Places([SourceFile("fuzz.pcap", 1)], False)
-    texts = _Lines(None)
-    texts.places = places
-    drive(octets, texts, way.carrier(), way.other)
-    told = [line.text for line in texts.take()]
+    texts = TextWriter()
+    texts.begin(places)
+    drive(octets, TransactionFeed(texts), way.carrier(), way.other)
+    told = [line.text for line in texts.take() if isinstance(line, Line)]
     assert len(told) == len(lines)
     check_lines(told)
-    rows = CsvRows()
+    rows = CsvWriter()
     rows.begin(places)
-    drive(octets, rows, way.carrier(), way.other)
-    table = rows.take()
+    drive(octets, TransactionFeed(rows), way.carrier(), way.other)
+    table = [str(line) for line in rows.take()]
     assert len(table) > len(lines)
     check_lines(table)
     for cells in csv.reader(io.StringIO("\n".join(table))):
-        assert len(cells) == len(csv_columns(places))
+        assert len(cells) == len(CSV_COLUMNS)
         assert not any(cell.startswith(("=", "+", "@")) for cell in cells)
 
 
 def _tree(octets: bytes, way: Way) -> None:
-    shown = _Pdus(False, frozenset(), True, way.carrier())
-    shown.begin(Places([SourceFile("fuzz.pcap", 1)], False))
-    drive(octets, shown, way.carrier(), way.other)
-    check_lines([line.text for line in shown.take()])
+    writer = TextWriter(verbose=True)
+    writer.begin(Places([SourceFile("fuzz.pcap", 1)], False))
+    drive(octets, PduFeed(writer, decoder=way.carrier()), way.carrier(), way.other)
+    check_lines([line.text for line in writer.take() if isinstance(line, Line)])
 
 
 def _pdu_lines(octets: bytes, way: Way) -> None:
-    shown = _Pdus(True, frozenset(), False, way.carrier())
-    shown.begin(Places([SourceFile("fuzz.pcap", 1)], True))
-    drive(octets, shown, way.carrier(), way.other)
-    for line in shown.take():
-        check_json(line.text)
+    writer = JsonlWriter()
+    writer.begin(Places([SourceFile("fuzz.pcap", 1)], True))
+    drive(octets, PduFeed(writer, decoder=way.carrier()), way.carrier(), way.other)
+    for line in writer.take():
+        check_json(str(line))
 
 
 def _golden(octets: bytes, way: Way) -> None:

@@ -6,11 +6,12 @@ import csv
 import io
 import json
 
-from dissect.report.csv_rows import CSV_COLUMNS, CsvRows, csv_columns, csv_rows
+from dissect.report.csv_rows import CSV_COLUMNS, CsvRows
 from dissect.report.places import Places
+from dissect.report.writer import TransactionFeed
+from dissect.report.writers.csv import CsvWriter
 from dissect.source.packet import SourceFile
 from dissect.transactions.transaction import Transaction
-from dissect.wire.clock import Clock
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.report.support import WORD, begun, observed, read, transactions
@@ -20,7 +21,8 @@ SEVERAL = Places([SourceFile("one.pcap", 1), SourceFile("two.pcap", 9)], True)
 
 
 def rows(transaction: Transaction, places: Places = ONE) -> list[dict[str, str]]:
-    return [dict(zip(csv_columns(places), row, strict=True)) for row in csv_rows(transaction, Clock(), places)]
+    made = CsvRows(places)
+    return [dict(zip(made.columns(), row, strict=True)) for row in made.rows(transaction)]
 
 
 def test_a_read_of_one_item() -> None:
@@ -105,15 +107,17 @@ def test_files_are_named_when_there_are_several() -> None:
     (row,) = rows(transactions(read(begun(), 1).packets())[1], SEVERAL)
     assert (row["request_frame"], row["request_file"]) == ("8", "one.pcap")
     assert (row["response_frame"], row["response_file"]) == ("1", "two.pcap")
-    assert csv_columns(ONE) == CSV_COLUMNS
-    assert [name for name in csv_columns(SEVERAL) if not name.endswith("_file")] == CSV_COLUMNS
+    assert CsvRows(ONE).columns() == CSV_COLUMNS
+    assert [name for name in CsvRows(SEVERAL).columns() if not name.endswith("_file")] == CSV_COLUMNS
 
 
 def test_lines_are_rfc_4180() -> None:
-    collected = CsvRows(lambda transaction: transaction.number > 1)
+    collected = CsvWriter()
     collected.begin(ONE)
-    observed(collected, read(read(begun(), 1), 2).packets())
-    table = list(csv.reader(io.StringIO("\n".join(collected.take()))))
+    observed(
+        TransactionFeed(collected, lambda transaction: transaction.number > 1), read(read(begun(), 1), 2).packets()
+    )
+    table = list(csv.reader(io.StringIO("\n".join([str(line) for line in collected.take()]))))
     assert table[0] == CSV_COLUMNS
     assert [row[0] for row in table[1:]] == ["2", "3"]
     assert collected.take() == []

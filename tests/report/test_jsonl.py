@@ -13,6 +13,8 @@ from mypy_extensions import i64
 from dissect.engine.observer import Options
 from dissect.report.json_text import octets_value, value_text
 from dissect.report.jsonl import PduLines, TransactionLines
+from dissect.report.writer import TransactionFeed
+from dissect.report.writers.jsonl import JsonlWriter
 from dissect.s7.message import parse_pdu
 from dissect.s7.values import Value, decode_value
 from dissect.session import Run
@@ -239,9 +241,12 @@ def test_what_another_syntax_asks_for_is_kept_as_octets() -> None:
 
 
 def test_only_chosen_transactions_have_lines() -> None:
-    lines = TransactionLines(lambda transaction: transaction.failed)
-    observed(lines, read(read(begun(), 1), 2, WORD, 0x0A).packets())
-    assert [parsed(line)["pdu_ref"] for line in lines.take()] == [2]
+    lines = JsonlWriter()
+    observed(
+        TransactionFeed(lines, lambda transaction: transaction.failed),
+        read(read(begun(), 1), 2, WORD, 0x0A).packets(),
+    )
+    assert [parsed(str(line))["pdu_ref"] for line in lines.take()] == [2]
     assert lines.take() == []
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from dissect.engine.observer import Observer
 from dissect.report.contract import analysis_as_dict
-from dissect.report.csv_rows import CSV_COLUMNS, csv_rows
+from dissect.report.csv_rows import CSV_COLUMNS, CsvRows
 from dissect.report.jsonl import PduLines, TransactionLines
 from dissect.report.lines import plus_line, transaction_line
 from dissect.report.places import Places
@@ -69,7 +69,7 @@ class Everything(Observer):
 
     def transaction(self, transaction: Any) -> None:
         self.transactions.append(transaction_line(transaction, Clock(), PLACES))
-        self.cells += [dict(zip(CSV_COLUMNS, row, strict=True)) for row in csv_rows(transaction, Clock(), PLACES)]
+        self.cells += [dict(zip(CSV_COLUMNS, row, strict=True)) for row in CsvRows(PLACES).rows(transaction)]
         self.told.append(json.loads(self._transactions.line(transaction)))
 
 

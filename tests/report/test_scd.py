@@ -13,7 +13,7 @@ from dissect.bindings.binding import Binding, Bindings
 from dissect.bindings.engine import ScdCarrier
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.report.analysis import Analysis
-from dissect.report.csv_rows import CSV_COLUMNS, csv_rows
+from dissect.report.csv_rows import CSV_COLUMNS, CsvRows
 from dissect.report.jsonl import PduLines
 from dissect.report.lines import scd_line, transaction_line
 from dissect.report.places import Places
@@ -141,7 +141,7 @@ def test_contents_of_an_item_stand_behind_it() -> None:
 
 
 def rows(transaction: Transaction) -> list[dict[str, str]]:
-    return [dict(zip(CSV_COLUMNS, row, strict=True)) for row in csv_rows(transaction, Clock(), ALONE)]
+    return [dict(zip(CSV_COLUMNS, row, strict=True)) for row in CsvRows(ALONE).rows(transaction)]
 
 
 def test_csv_rows() -> None:

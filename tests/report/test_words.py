@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from dissect.iso.tsap import Tsap
-from dissect.report import words
+from dissect.report import facets, words
 from dissect.s7.values import Value
 from tests.properties import messages
 from tests.properties.messages import Item, dt
@@ -129,21 +129,21 @@ def test_octets_that_spell_a_text(content: bytes, text: str) -> None:
 )
 def test_an_item_with_what_became_of_it(item: Item, content: bytes | int, text: str) -> None:
     transaction = first_transaction(read(begun(), 1, item, content))
-    assert words.items(transaction) == [text]
-    assert words.subject(transaction) == text
+    assert facets.items(transaction) == [text]
+    assert facets.subject(transaction) == text
 
 
 def test_octets_that_are_no_value_are_shown_as_they_are() -> None:
     talk = begun().send(0, dt(messages.read_job(1, [WORD])))
     answer = messages.pdu(messages.ACK_DATA, 1, b"\x04\x01", b"\xff\x04\x00\x18\x01\x02\x03")
-    assert words.subject(first_transaction(talk.send(1, dt(answer)))) == "DB10.DBW4 = 01 02 03"
+    assert facets.subject(first_transaction(talk.send(1, dt(answer)))) == "DB10.DBW4 = 01 02 03"
 
 
 def test_an_answer_nobody_asked_for_has_items_without_names() -> None:
     talk = begun().send(1, dt(messages.read_answer(9, [WORD, WORD], [b"\x00\x01", 0x05])))
     transaction = first_transaction(talk)
     assert words.outcome(transaction) == "answer without request"
-    assert words.subject(transaction) == "item 1 = 00 01, item 2: Invalid address"
+    assert facets.subject(transaction) == "item 1 = 00 01, item 2: Invalid address"
 
 
 @pytest.mark.parametrize(
@@ -161,8 +161,8 @@ def test_a_setup(granted: int | None, text: str) -> None:
     if granted is not None:
         talk.send(1, dt(messages.setup(messages.ACK_DATA, 7, length=granted)))
     told = transactions(talk.packets())[-1]
-    assert words.subject(told) == text
-    assert words.gist(told) == text
+    assert facets.subject(told) == text
+    assert facets.gist(told) == text
 
 
 def test_the_gist_names_what_failed_and_never_everything() -> None:
@@ -173,12 +173,12 @@ def test_the_gist_names_what_failed_and_never_everything() -> None:
     read(talk, 3, WORD, 0x0A)
     read(talk, 4)
     _, failed, good, one, last = transactions(talk.packets())
-    assert words.gist(failed) == (
+    assert facets.gist(failed) == (
         "4 of 6 items refused: DB1.DBB1: Invalid address, DB1.DBB2: Invalid address, DB1.DBB3: Invalid address, …"
     )
-    assert words.gist(good) == "DB1.DBB0, DB1.DBB1, DB1.DBB2 and 3 more"
-    assert words.gist(one) == "DB10.DBW4: Object does not exist"
-    assert words.gist(last) == "DB10.DBW4"
+    assert facets.gist(good) == "DB1.DBB0, DB1.DBB1, DB1.DBB2 and 3 more"
+    assert facets.gist(one) == "DB10.DBW4: Object does not exist"
+    assert facets.gist(last) == "DB10.DBW4"
 
 
 def test_outcomes() -> None:
@@ -212,7 +212,7 @@ def test_a_hole_explains_what_is_missing() -> None:
 def test_an_address_of_another_syntax_is_safe_and_short(syntax: bytes) -> None:
     job = messages.pdu(messages.JOB, 1, b"\x04\x01" + syntax)
     transaction = first_transaction(begun().send(0, dt(job)))
-    shown = words.subject(transaction)
+    shown = facets.subject(transaction)
     assert not UNSAFE.search(shown)
     assert len(shown.removesuffix(": no return code")) < 130
 
@@ -220,10 +220,10 @@ def test_an_address_of_another_syntax_is_safe_and_short(syntax: bytes) -> None:
 def test_a_refused_write_shows_what_it_would_have_written() -> None:
     talk = begun().send(0, dt(messages.write_job(1, [WORD], [b"\x04\xd2"])))
     talk.send(1, dt(messages.pdu(messages.ACK_DATA, 1, b"\x05\x01", b"\x05")))
-    assert words.subject(first_transaction(talk)) == "DB10.DBW4 = 1234: Invalid address"
+    assert facets.subject(first_transaction(talk)) == "DB10.DBW4 = 1234: Invalid address"
 
 
 def test_a_write_without_return_code_is_not_called_written() -> None:
     talk = begun().send(0, dt(messages.write_job(1, [WORD, WORD], [b"\x04\xd2", b"\x00\x01"])))
     talk.send(1, dt(messages.pdu(messages.ACK_DATA, 1, b"\x05\x01", b"\xff")))
-    assert words.subject(first_transaction(talk)) == "DB10.DBW4 = 1234, DB10.DBW4 = 1: no return code"
+    assert facets.subject(first_transaction(talk)) == "DB10.DBW4 = 1234, DB10.DBW4 = 1: no return code"

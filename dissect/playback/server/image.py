@@ -14,10 +14,13 @@ from dissect.s7.items import DATA_HEAD, Item
 from dissect.s7.message import parse_pdu
 from dissect.s7.tables import (
     ANSWER_TRANSPORT_SIZE,
+    BIT,
+    DATA_BYTES,
     ELEMENT_OCTETS,
     JOB,
     NUMBERED_AREAS,
     READ_VAR,
+    RECORD_AREA,
     SUCCESS,
     WRITE_VAR,
 )
@@ -25,10 +28,6 @@ from dissect.s7.tables import (
 _PAGE: Final = 256
 #: Pages of 256 octets that are kept, all areas together.
 MAX_PAGES: Final = 65_536
-_BIT: Final = 0x01
-_BIT_DATA: Final = 0x03
-_RECORD: Final = 0x01
-_BYTES: Final = 0x04
 _ALL: Final = 0xFF
 
 _Key = tuple[int, int, int]
@@ -86,14 +85,14 @@ class Image:
         if data is None:
             return None
         asked = int(item.transport_size)
-        size = self._sizes.get(asked, ANSWER_TRANSPORT_SIZE.get(asked, _BYTES))
+        size = self._sizes.get(asked, ANSWER_TRANSPORT_SIZE.get(asked, DATA_BYTES))
         return build_data_item(SUCCESS, size, data)
 
     def get(self, item: Item) -> bytes | None:
         """Return the octets of an item, None when not all of them are known."""
         if not holds(item):
             return None
-        if item.transport_size == _BIT:
+        if item.transport_size == BIT:
             octet, mask = int(item.start_bit) >> 3, 1 << (int(item.start_bit) & 7)
             page = self._pages.get(self._key(item, octet))
             if page is None or not page.known[octet % _PAGE] & mask:
@@ -120,7 +119,7 @@ class Image:
 
     def _put(self, item: Item, data: bytes, fresh: bool) -> None:
         """Set octets, or with ``fresh`` only those bits that are not known yet."""
-        if item.transport_size == _BIT:
+        if item.transport_size == BIT:
             bit = 1 << (int(item.start_bit) & 7)
             self._set(item, int(item.start_bit) >> 3, bit if data[0] & 1 else 0, bit, fresh)
             return
@@ -149,9 +148,9 @@ class Image:
 
 def holds(item: Item) -> bool:
     """Tell whether an item names octets or one bit, so that it can be kept in memory."""
-    if item.size <= 0 or item.area == _RECORD or int(item.transport_size) not in ELEMENT_OCTETS:
+    if item.size <= 0 or item.area == RECORD_AREA or int(item.transport_size) not in ELEMENT_OCTETS:
         return False
-    return item.transport_size == _BIT or item.area in NUMBERED_AREAS or item.start_bit & 7 == 0
+    return item.transport_size == BIT or item.area in NUMBERED_AREAS or item.start_bit & 7 == 0
 
 
 def _first_octet(item: Item) -> int:

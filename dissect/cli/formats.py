@@ -1,0 +1,93 @@
+"""The option ``-T`` of all commands, and how what a format makes is written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any, cast
+
+import click
+from click.shell_completion import CompletionItem
+
+from dissect.cli.look import write_lines
+from dissect.cli.run import write
+from dissect.config.hints import close_names
+from dissect.report.formats import FORMATS, Format, formats_for
+
+if TYPE_CHECKING:
+    from dissect.report.outcome import Outcome
+    from dissect.report.styled import Line
+
+    _ParamType = click.ParamType[Format]
+else:
+    _ParamType = click.ParamType  # older ones of click are not generic
+
+
+class _FormatType(_ParamType):
+    """The name of a format that takes a kind of result. The table is asked when the name is read, not when it is imported."""
+
+    name = "format"
+
+    def __init__(self, kind: str) -> None:
+        self._kind = kind
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """Return the names for the help."""
+        return f"[{'|'.join([row.name for row in formats_for(self._kind)])}]"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Format:
+        """Return the format of a name; a wrong one is reported with the nearest."""
+        if isinstance(value, Format):
+            return value
+        row = FORMATS.get(value)
+        if row is not None and self._kind in row.writers:
+            return row
+        names = [row.name for row in formats_for(self._kind)]
+        hint = f" {value} is for {', '.join(row.writers)}." if row is not None else ""
+        if row is None:
+            near = close_names(value, names)
+            hint = f" Did you mean {' or '.join(near)}?" if near else ""
+        raise click.BadParameter(
+            f"{value!r} is not one of {', '.join([repr(name) for name in names])}.{hint}", ctx, param
+        )
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Return the names that begin so."""
+        return [
+            CompletionItem(row.name, help=row.about)
+            for row in formats_for(self._kind)
+            if row.name.startswith(incomplete)
+        ]
+
+
+def format_option(kind: str, *, optional: bool = False, help: str = "") -> Callable[[Any], Any]:  # noqa: A002 - as click
+    """Return the option ``-T`` of a command that writes results of a kind; the command is given a `Format` as ``format_``.
+
+    The first format is the default, or with ``optional`` None, for which ``help`` says what happens then.
+    """
+
+    def listed() -> str:
+        return ", ".join([f"{row.name} ({row.about})" for row in formats_for(kind)])
+
+    return click.option(
+        "-T",
+        "--format",
+        "format_",
+        type=_FormatType(kind),
+        default=None if optional else formats_for(kind)[0].name,
+        show_default=not optional,
+        help=f"{help or 'Output format'}: {listed()}." if not optional else help,
+    )
+
+
+def write_out(lines: Iterable[str | Line]) -> None:
+    """Write what a format made: text as it is, lines with a style as the terminal wants them."""
+    pieces = list(lines)
+    if pieces and isinstance(pieces[0], str):
+        write(cast("list[str]", pieces))
+    else:
+        write_lines(cast("list[Line]", pieces))
+
+
+def write_outcome(format_: Format, kind: str, outcome: Outcome) -> None:
+    """Write a single result."""
+    write_out(format_.lines(kind, outcome))

@@ -1,0 +1,99 @@
+"""The formats of ``-T``: one table, asked by every command; a new format is one file and one row.
+
+To add a format:
+1. Write one file in dissect/report/writers/: a subclass of `dissect.report.writer.Writer` with a method for each sort of
+   record it takes (`transaction`, `operation`, `pdu` …), or for single results a function from `Outcome` to lines.
+2. Add one row to `FORMATS` below: name, what its help says, and the class or function for each kind of result.
+3. No command changes: ``--help``, completion and the hint at a wrong name come from the row, wherever a kind is written.
+4. Lines are `str`, or `Line` to be wrapped and coloured on a terminal; escape what comes from the wire, hide secrets of PDUs.
+5. tests/report/test_formats.py tries every row; a schema of its own goes to dissect/schema, its columns to docs/.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
+
+if TYPE_CHECKING:
+    from dissect.report.outcome import Outcome
+    from dissect.report.styled import Line
+    from dissect.report.writer import Writer
+    from dissect.wire.clock import Clock
+
+# Kinds of results. Records come one after another and are given to a `Writer` …
+TRANSACTIONS: Final = "transactions"
+PDUS: Final = "PDUs"
+OPERATIONS: Final = "operations"
+#: … of what happens on a live line to a class like `dissect.live.lines.PlainLines` …
+EVENTS: Final = "events"
+# … and what a command came to is given to a function as an `Outcome`.
+ANALYSIS: Final = "analysis"
+ALERTS: Final = "alerts"
+DIFFERENCES: Final = "differences"
+OUTCOME: Final = "outcome"
+
+KINDS: Final = (TRANSACTIONS, PDUS, OPERATIONS, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME)
+
+
+class Format(NamedTuple):
+    """A format: its name, what it is in a few words, and for each kind that it takes what writes it, "module:name".
+
+    The modules are imported when something is written. ``verbose``: it has a long form of PDUs (option -V of `show`).
+    ``piecewise``: a result that takes long may be written piece by piece.
+    """
+
+    name: str
+    about: str
+    writers: Mapping[str, str]
+    verbose: bool = False
+    piecewise: bool = False
+
+    def writer(self, kind: str, clock: Clock | None = None, verbose: bool = False) -> Writer:
+        """Return a new writer of records of a kind; KeyError for a kind it does not take."""
+        return cast("Writer", self.maker(kind)(clock, verbose))
+
+    def lines(self, kind: str, outcome: Outcome) -> Iterable[str | Line]:
+        """Return the lines of a single result; KeyError for a kind it does not take."""
+        return cast("Iterable[str | Line]", self.maker(kind)(outcome))
+
+    def maker(self, kind: str) -> Callable[..., Any]:
+        """Return the class or function that writes a kind; KeyError for a kind it does not take."""
+        module, _, name = self.writers[kind].partition(":")
+        return cast("Callable[..., Any]", getattr(importlib.import_module(module), name))
+
+
+def _row(name: str, about: str, *writers: tuple[str, tuple[str, ...]], **options: bool) -> Format:
+    return Format(name, about, {kind: where for where, kinds in writers for kind in kinds}, **options)
+
+
+#: By name; a command offers those that take its kind, in this order, the first by default.
+FORMATS: Final[dict[str, Format]] = {
+    row.name: row
+    for row in (
+        _row(
+            "text",
+            "lines for a person",
+            ("dissect.report.writers.text:TextWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
+            ("dissect.live.lines:PlainLines", (EVENTS,)),
+            ("dissect.report.outcome:text_outcome", (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME)),
+            verbose=True,
+            piecewise=True,
+        ),
+        _row(
+            "jsonl",
+            "a JSON object on each line",
+            ("dissect.report.writers.jsonl:JsonlWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
+            ("dissect.live.json_lines:JsonLines", (EVENTS,)),
+            ("dissect.report.outcome:json_outcome", (ALERTS,)),
+        ),
+        _row("csv", "a row for each item", ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,))),
+        _row("json", "one JSON object", ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME))),
+        _row("junit", "JUnit XML", ("dissect.report.writers.junit:junit_outcome", (DIFFERENCES,))),
+    )
+}
+
+
+def formats_for(kind: str) -> list[Format]:
+    """Return the formats that take a kind of result, in the order of the table."""
+    return [row for row in FORMATS.values() if kind in row.writers]

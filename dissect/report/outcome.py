@@ -1,0 +1,62 @@
+"""What a command came to, in the forms that formats ask for: lines for a person, values for a program, cases of a test."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, Final, NamedTuple
+
+from dissect.report.styled import PLAIN, Line
+
+#: Arguments of `json.dumps`. The layout is part of what users compare, so each command keeps its own.
+PAGE: Final[Mapping[str, Any]] = {"indent": 1}
+WIDE_PAGE: Final[Mapping[str, Any]] = {"indent": 2}
+LINE: Final[Mapping[str, Any]] = {"separators": (",", ":")}
+SPACED_LINE: Final[Mapping[str, Any]] = {}
+
+
+def plain(lines: Iterable[str], hang: int = 4) -> Iterator[Line]:
+    """Yield lines without a style; what is continued on a terminal begins in column ``hang``."""
+    for line in lines:
+        yield Line(line, PLAIN, hang)
+
+
+class Case(NamedTuple):
+    """One test and what became of it, in pairs of kind and text; it passed when there are none.
+
+    ``errors`` are why it could not be tried. ``listed``: the failures are many lines, not one sentence.
+    """
+
+    name: str
+    failures: tuple[tuple[str, str], ...] = ()
+    errors: tuple[tuple[str, str], ...] = ()
+    listed: bool = True
+
+
+class Outcome:
+    """One result; a command overrides what its formats need. Lines are safe to show; values are as they are, in ASCII."""
+
+    #: How its JSON is laid out.
+    layout: Mapping[str, Any] = PAGE
+
+    def text(self) -> Iterable[str | Line]:
+        """Return it as lines for a person."""
+        raise NotImplementedError
+
+    def as_dict(self) -> Mapping[str, object]:
+        """Return it as JSON-ready values."""
+        raise NotImplementedError
+
+    def cases(self) -> tuple[str, str, list[Case]]:
+        """Return it as tests: the name of the suite, what it is of, and the tests."""
+        raise NotImplementedError
+
+
+def text_outcome(outcome: Outcome) -> Iterable[str | Line]:
+    """Return an outcome as lines for a person."""
+    return outcome.text()
+
+
+def json_outcome(outcome: Outcome) -> Iterator[str | Line]:
+    """Yield an outcome as JSON: ASCII without control characters but the line feeds of its layout."""
+    yield json.dumps(outcome.as_dict(), **outcome.layout).replace("\x7f", "\\u007f")

@@ -1,0 +1,31 @@
+"""What `analyze` came to, for the formats: the analysis of a run as lines and as values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from dissect.report.analysis import Analysis
+from dissect.report.outcome import Outcome
+from dissect.report.styled import Line
+from dissect.wire.clock import Clock
+
+
+class Summary(Outcome):
+    """An analysis. ``interrupted``: reading was broken off; ``clock`` writes times for a person, by default in UTC."""
+
+    def __init__(self, analysis: Analysis, interrupted: bool = False, clock: Clock | None = None) -> None:
+        self.analysis = analysis
+        self.interrupted = interrupted
+        self.clock = clock or Clock()
+
+    def text(self) -> Iterable[str | Line]:
+        """Return the report."""
+        from dissect.report.text import analysis_lines  # late: values do without it, and it without the contract
+
+        return analysis_lines(self.analysis, self.interrupted, self.clock)
+
+    def as_dict(self) -> Mapping[str, object]:
+        """Return the object of the JSON contract."""
+        from dissect.report.contract import analysis_as_dict
+
+        return analysis_as_dict(self.analysis, self.interrupted)

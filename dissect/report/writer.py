@@ -1,0 +1,183 @@
+"""What writes results in one format, and what hands it the results that a command is about.
+
+A `Writer` is told of results, as any observer is, and keeps what it makes of them in ``lines`` until `Writer.take`. A feed
+stands between the pipeline and the writer, because the pipeline tells of everything: of transactions, operations, findings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from mypy_extensions import i64, mypyc_attr
+
+from dissect.engine.observer import Observer
+from dissect.engine.payload import PayloadDecoder
+from dissect.ibh.packet import parse_packet
+from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
+from dissect.iso.cotp import parse_tpdu
+from dissect.iso.tables import DT, ED
+from dissect.report.lines import carried, message_name
+from dissect.report.places import Places
+from dissect.report.styled import Line
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import Operation
+from dissect.transactions.payloads import ScdMessage
+from dissect.transactions.table import Side
+from dissect.transactions.transaction import Transaction
+from dissect.wire.clock import Clock
+
+#: Tells whether a transaction is wanted.
+Choice = Callable[[Transaction], bool]
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Writer(Observer):
+    """Writes results in one format: override the methods for what it takes, and name that in `dissect.report.formats`.
+
+    ``lines`` are all text as it is to be written (`str`), or all lines with a style (`Line`), which a terminal wraps and
+    colours. ``clock`` writes times as the user wants to read them (`Clock.moment`, or `Clock.iso` for programs, always UTC),
+    ``verbose`` asks for everything there is (option -V of `show`). Names and values come from the wire: what goes to a person
+    passes `dissect.wire.text.printable`.
+
+    Of the methods of an observer it is told `transaction`, `operation`, and for PDUs `pdu`, `plus_pdu`, `tpdu` and
+    `ibh_packet` (only of those that carry no PDU), `comment`; beside them `packet` and `scd_message`. PDUs may hold passwords:
+    see `dissect.s7.hiding.without_secrets`.
+    """
+
+    def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
+        super().__init__()
+        self.places: Places = Places([], False)
+        self.clock: Clock = clock if clock is not None else Clock()
+        self.verbose: bool = verbose
+        self.lines: list[str | Line] = []
+
+    def begin(self, places: Places) -> None:
+        """Name packets with ``places``; called once, before the first result."""
+        self.places = places
+
+    def packet(self, octets: bytes) -> None:
+        """Take the TPKT or IBH-NetLink packet that the next PDU is in, header included."""
+
+    def scd_message(self, found: ScdMessage, connection: Connection) -> None:
+        """Take an SCD message: one of its own, or one in an item of S7."""
+
+    def take(self) -> list[str | Line]:
+        """Return the lines collected since the last call."""
+        lines = self.lines
+        self.lines = []
+        return lines
+
+
+class TransactionFeed(Observer):
+    """Hands transactions to a writer, all or those that are chosen."""
+
+    def __init__(self, writer: Writer, choose: Choice | None = None) -> None:
+        super().__init__()
+        self._writer: Writer = writer
+        self._choose: Choice | None = choose
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Hand on a transaction."""
+        if self._choose is None or self._choose(transaction):
+            self._writer.transaction(transaction)
+
+
+class OperationFeed(Observer):
+    """Hands operations to a writer, all or those of ``kinds``."""
+
+    def __init__(self, writer: Writer, kinds: frozenset[str] = frozenset()) -> None:
+        super().__init__()
+        self._writer: Writer = writer
+        self._kinds: frozenset[str] = kinds
+
+    def operation(self, operation: Operation) -> None:
+        """Hand on an operation."""
+        if not self._kinds or operation.kind in self._kinds:
+            self._writer.operation(operation)
+
+
+class PduFeed(Observer):
+    """Hands a writer PDUs, and the TPDUs and packets that carry none: all, or those that one of ``frames`` completes.
+
+    ``found`` are the packets of ``frames`` that the format had something to write of; ``decoder`` says which messages are SCD.
+    """
+
+    def __init__(
+        self, writer: Writer, frames: frozenset[int] = frozenset(), decoder: PayloadDecoder | None = None
+    ) -> None:
+        super().__init__()
+        self.wants_pdus = True
+        self.wants_tpdus = True
+        self.found: set[int] = set()
+        self._writer: Writer = writer
+        self._frames: frozenset[int] = frozenset(frames)
+        self._decoder: PayloadDecoder | None = decoder
+        self._before: int = 0  # lines before the message at hand
+
+    def comment(self, frame: i64, text: str) -> None:
+        """Hand on a comment."""
+        if self._wanted(frame):
+            self._writer.comment(frame, text)
+            self._find(frame)
+
+    def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        """Hand on the TPKT of the PDU in it, or one that carries no S7."""
+        self._writer.packet(octets)
+        if not self._wanted(frame):
+            return
+        tpdu = parse_tpdu(octets[4:])
+        if tpdu.type in {DT, ED}:
+            begins = side.assembler.parts is None and side.assembler.clear
+            if not (begins and carried(tpdu)) or (self._decoder and self._decoder.claims_tsdus(side.connection)):
+                return
+        self._writer.tpdu(frame, time_ns, side, octets)
+        self._find(frame)
+
+    def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        """Hand on the packet of the PDU in it, or one that carries no part of a PDU."""
+        self._writer.packet(octets)
+        if not self._wanted(frame):
+            return
+        packet = parse_packet(octets)
+        if packet.kind in {KIND_DATA, KIND_FRAGMENT} and packet.data:
+            if not side.assembler.clear or not message_name(packet.data):
+                return
+        self._writer.ibh_packet(frame, time_ns, side, octets)
+        self._find(frame)
+
+    def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        """Hand on an S7 PDU."""
+        if self._wanted(frame):
+            self._writer.pdu(frame, time_ns, side, octets, cut)
+            self._find(frame)
+
+    def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        """Hand on an S7comm-plus PDU."""
+        if self._wanted(frame):
+            self._writer.plus_pdu(frame, time_ns, side, octets, cut)
+            self._find(frame)
+
+    def scd(self, frame: i64, time_ns: i64, side: Side, found: ScdMessage) -> None:
+        """Hand on an SCD message of its own."""
+        self._scd(found, side.connection)
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Hand on the SCD in an S7 transaction; where it stood in a write, the packet is that of the request."""
+        for found in transaction.carried or ():
+            self._scd(found, transaction.connection)
+
+    def _scd(self, found: ScdMessage, connection: Connection) -> None:
+        if self._wanted(found.frame):
+            self._writer.scd_message(found, connection)
+            self._find(found.frame)
+
+    def _find(self, frame: i64) -> None:
+        """Note that a packet that was asked for has a message, if the format shows it."""
+        if self._frames and len(self._writer.lines) > self._before:
+            self.found.add(self._writer.places.number(int(frame)))
+
+    def _wanted(self, frame: i64) -> bool:
+        if not self._frames:
+            return True
+        self._before = len(self._writer.lines)
+        return self._writer.places.number(int(frame)) in self._frames
