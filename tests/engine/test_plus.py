@@ -286,6 +286,7 @@ def test_functions_are_counted() -> None:
         0x32: 2,
         0x33: 1,
     }
+    assert {code: count for code, count in enumerate(talk.pipeline.plus.versions) if count} == {2: 5}
     assert talk.pipeline.s7.pdus == 0
 
 

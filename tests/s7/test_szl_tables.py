@@ -75,6 +75,15 @@ def test_fields(layout: Layout) -> None:
     assert all(field.text.endswith(".") for field in layout.fields)
 
 
+def test_communication_functions_stand_in_the_octet_they_are_numbered_by() -> None:
+    """Their eight octets are numbered 0 to 7; Wireshark has the number in the name of each."""
+    for layout in (CAPABILITY_RECORDS[0x06], STATUS_RECORDS[0x06]):
+        values = [(value.offset - 2, value.field.wireshark) for value in layout.read(bytes(40))]
+        functions = [(octet, name) for octet, name in values if 0 <= octet < 8]
+        assert {octet for octet, _ in functions} == set(range(8))
+        assert [name for octet, name in functions if f"_{octet}" not in name[-16:]] == []
+
+
 def test_sizes_of_records() -> None:
     """Sizes of the reference, and of the Siemens manual for the lists that the reference does not lay out."""
     sizes = {number: record_size(number) for number in (*RECORDS, 0x1C, 0x31, 0x32)}
