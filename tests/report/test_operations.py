@@ -47,6 +47,19 @@ def test_a_long_answer_names_what_it_lists_and_how_many_more() -> None:
     )
 
 
+def test_a_long_subject_ends_in_dots() -> None:
+    """At most 120 characters, so that the result behind it stays in sight."""
+    talk = begun()
+    talk.ask(events.start_upload(1))
+    talk.tell(events.upload_started(1, 7, 300))
+    talk.close()
+    operation = only(talk)
+    operation.subject = "x" * 120
+    assert f"  upload  {'x' * 120}  " in line(operation)
+    operation.subject += "y"
+    assert f"  upload  {'x' * 120}… (121 characters)  " in line(operation)
+
+
 def test_the_head_of_a_list_is_not_named_again() -> None:
     content = bytes.fromhex("00a0000000140001 4302ff0000000000000000009401010000000002")
     assert "  SZL 0x00a0 diagnostic buffer of the CPU → 0x4302 STARTUP to RUN, DT#1994-01-01-00:00:00.000  2 trans" in (

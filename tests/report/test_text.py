@@ -79,7 +79,8 @@ def test_what_follows_a_finding_continues_under_its_first_word() -> None:
     assert [line.hang for line in lines[1:]] == [8] * 6
     for line in lines[1:]:
         first, *rest = line.wrapped(40)
-        assert first.startswith("      ") and first[6] != " "
+        assert first[:6].strip() == ""
+        assert first[6] != " "
         assert all([one.startswith(" " * 8) and one[8] != " " for one in rest])
 
 

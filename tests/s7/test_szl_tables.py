@@ -66,6 +66,10 @@ def test_what_an_index_picks() -> None:
     assert set(COMPONENT_RECORDS) == set(COMPONENTS.names())
     assert set(CAPABILITY_RECORDS) <= set(CAPABILITIES.names())
     assert set(STATUS_RECORDS) <= set(STATUS_SECTIONS.names())
+    for records, names in ((CAPABILITY_RECORDS, CAPABILITIES), (STATUS_RECORDS, STATUS_SECTIONS)):
+        assert {number: layout.name for number, layout in records.items()} == {
+            number: f"{names.title}: {names.name(number)}" for number in records
+        }
 
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.name)
