@@ -8,6 +8,7 @@ from dissect.report import words
 from dissect.report.places import Places
 from dissect.report.styled import FAILED, HANG, PLAIN, Line
 from dissect.s7.errors import ERROR_CODES
+from dissect.s7.szl import SZL_HEAD
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.operation import DONE, LONG_ANSWER, RUNNING, Operation
 from dissect.wire.clock import Clock
@@ -40,7 +41,9 @@ def operation_line(operation: Operation, clock: Clock, places: Places) -> str:
     what = shortened(operation.subject, _SUBJECT)
     told = ""
     if operation.kind == LONG_ANSWER:
-        told = words.some_notes([part.note for part in operation.content_parts()[1:] if part.note])
+        # The head of an SZL says what the subject says already.
+        parts = [part for part in operation.content_parts() if part.layout is not SZL_HEAD]
+        told = words.some_notes([part.note for part in parts if part.note])
     what = f"{what} → {told}" if told else what
     said = "  ".join([text for text in (what, _carried(operation), result(operation)) if text])
     return (

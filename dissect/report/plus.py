@@ -45,7 +45,7 @@ class PlusFacet(Facet):
 
     def items(self, transaction: Transaction) -> list[str]:
         """Return every item with what became of it, in wire order."""
-        return [item_text(item) for item in plus_items(transaction)]
+        return [item_text(item) for item in transaction.plus_items()]
 
     def subject(self, transaction: Transaction) -> str:
         """Return what a transaction is about: the session, or the subscription that tells it."""

@@ -11,7 +11,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.items import BITS, COUNTED, DataItem, Item, data_size_within, parse_data_items, walk_areas
+from dissect.s7.items import DataItem, Item, data_size_within, parse_data_items, walk_areas
 from dissect.s7.message import HEADER_SIZE
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import (
@@ -127,11 +127,7 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
             return_code, transport_size, length = _HEAD.unpack_from(buf, at)
         at += 4
         if return_code == SUCCESS:
-            counted: i64 = COUNTED[transport_size]
-            if counted == BITS:
-                size = (length + 7) >> 3
-            else:
-                size = length if counted == 0 else data_size_within(transport_size, length, end - at)
+            size = data_size_within(transport_size, length, end - at)
             if index < known:
                 wanted: i64 = items[index].size
                 if wanted != size and wanted >= 0:

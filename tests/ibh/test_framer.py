@@ -165,6 +165,18 @@ def test_it_takes_all_of_a_header_to_be_certain(whole: bytes) -> None:
         assert judge_beginning(whole, 0, size) == YES
 
 
+@pytest.mark.parametrize("behind", [RECEIPT, packet(b"", 0x97), CLAIMED])
+def test_a_length_that_covers_the_next_packet_gives_way_to_that_of_the_mpi_header(behind: bytes) -> None:
+    """The next one needs not be certain: it stands where the MPI header says that this one ends."""
+    lying = ASK[:2] + bytes((ASK[2] + 3,)) + ASK[3:]
+    assert fed(framer(), [lying + behind + TELL]) == [lying, behind, TELL]
+
+
+def test_without_a_packet_behind_the_mpi_header_the_first_length_counts() -> None:
+    lying = ASK[:2] + bytes((ASK[2] + 3,)) + ASK[3:]
+    assert fed(framer(), [lying + b"\x55\x55\x55" + TELL]) == [lying + b"\x55\x55\x55", TELL]
+
+
 def test_lengths_that_disagree_are_no_beginning() -> None:
     for at in (2, 12):
         octets = bytearray(ASK)

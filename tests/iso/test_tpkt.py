@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dissect.iso import tpkt
-from dissect.iso.tpkt import BAD_LENGTH, BAD_VERSION, NO, UNDECIDED, YES, Framer, judge_beginning, plausible
+from dissect.iso.tpkt import BAD_LENGTH, BAD_VERSION, HIDING, NO, UNDECIDED, YES, Framer, judge_beginning, plausible
 from tests.growth import assert_growth
 
 CR: Final = bytes.fromhex("0300001611e00000004b00c0010ac1020100c2020103")
@@ -63,6 +63,15 @@ def cut_at(octets: bytes, edges: list[int]) -> list[bytes]:
 #: Any TPKT whose header is right, whatever is in it.
 ANY_TPKT = st.binary(min_size=3, max_size=40).map(lambda tpdu: b"\x03\0" + (len(tpdu) + 4).to_bytes(2, "big") + tpdu)
 CUTS = st.lists(st.integers(1, 400), max_size=40)
+
+
+@pytest.mark.parametrize("before", [0, 1, 2])
+def test_a_length_beyond_the_segment_hides_nothing_behind_it(before: int) -> None:
+    """Wherever in its segment the lying TPKT stands."""
+    lying = READ[:2] + b"\x04\x00" + READ[4:]
+    made = framer()
+    assert fed(made, [READ * before + lying + READ]) == [READ] * before + [lying, READ]
+    assert faults(made) == [(HIDING, 0x400)]
 
 
 @given(st.lists(ANY_TPKT, max_size=12), CUTS, st.integers(0, 3))

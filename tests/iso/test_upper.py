@@ -58,6 +58,9 @@ CASES = [
     ("0dff0100" + "00" * 256, MMS),  # a long length
     ("0e020000", MMS),  # accept
     ("0c00", MMS),  # refuse
+    ("1900", MMS),  # abort
+    ("1800", UNKNOWN),
+    ("1a00", UNKNOWN),
     ("0900", MMS),  # finish
     ("0a00", MMS),  # disconnect
     ("1903110101", MMS),  # abort

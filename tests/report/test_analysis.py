@@ -9,6 +9,8 @@ from dissect.findings.finding import Finding
 from dissect.report.analysis import MAX_CONNECTIONS, MAX_FAILED, MAX_SLOWEST, Analysis
 from dissect.source.packet import SourceFile
 from dissect.transactions.transaction import Transaction
+from tests.findings.events import start_upload
+from tests.findings.operation_scenarios import read_out
 from tests.transactions.talk import (
     MS,
     SECOND,
@@ -35,6 +37,19 @@ def fold(talk: Talk) -> Analysis:
     for connection in talk.connections:
         analysis.connection_closed(connection)
     return analysis
+
+
+def test_operations_are_counted_by_kind_and_result() -> None:
+    talk = Talk()
+    talk.open()
+    read_out(talk)
+    read_out(talk)
+    talk.ask(start_upload(9))
+    talk.close()
+    analysis = Analysis()
+    for operation in talk.operations:
+        analysis.operation(operation)
+    assert analysis.operations == {"connect": {"done": 1}, "upload": {"done": 2, "unfinished": 1}}
 
 
 def sums(analysis: Analysis) -> dict[str, int]:

@@ -90,6 +90,12 @@ def talk() -> Talk:
     return read(talk, 1)
 
 
+def test_the_session_0_is_one_too() -> None:
+    """A client that has none yet asks with it."""
+    assert plus_notes(parse_plus(framed(asked(5, session=0)))) == ["session 0x00000000"]
+    assert plus_notes(parse_plus(framed(told(5, body=b"\0")))) == []
+
+
 @pytest.fixture
 def found(talk: Talk) -> Everything:
     everything = Everything()

@@ -4,9 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from dissect.findings.catalogue import CATALOGUE
+from dissect.findings.finding import Finding
 from dissect.report.analysis import Analysis
+from dissect.report.places import Places
 from dissect.report.styled import Line
-from dissect.report.text import analysis_lines, table
+from dissect.report.text import analysis_lines, finding_lines, table
 from dissect.source.packet import SourceFile
 from tests.properties import messages
 from tests.properties.messages import Item, dt, fragments
@@ -64,6 +67,21 @@ def test_a_report_from_top_to_bottom() -> None:
     refused = "DB99.DBB0 x4: Object does not exist, DB2.DBW99: Invalid address, IB500 x2: Invalid address"
     assert failed[4].endswith(f"Read Var   3 of 7 items refused: {refused}")
     assert section(lines, "Completeness") == ["26 of 26 packets used", "no gaps in the TCP streams"]
+
+
+def test_what_follows_a_finding_continues_under_its_first_word() -> None:
+    """Details, advice and techniques are indented by six; on a narrow screen they go on two further in."""
+    rule = CATALOGUE["security.program_change"]
+    found = [Finding(rule, 1, [number], 0, "word " * 12) for number in range(1, 30)]
+    lines = list(finding_lines(rule, len(found), found, Places([SourceFile("a.pcap", 1)], False)))
+    assert len(lines) == 3 + 4
+    assert lines[0].hang == 6
+    assert [line.hang for line in lines[1:]] == [8] * 6
+    for line in lines[1:]:
+        first, *rest = line.wrapped(40)
+        assert first[:6].strip() == ""
+        assert first[6] != " "
+        assert all([one.startswith(" " * 8) and one[8] != " " for one in rest])
 
 
 @pytest.mark.parametrize(

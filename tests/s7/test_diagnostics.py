@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.s7.bodies import parse_joined
-from dissect.s7.diagnostics import DIAGNOSTIC_EVENT, DIAGNOSTIC_MESSAGE, event_id, event_note
+from dissect.s7.diagnostics import DIAGNOSTIC_EVENT, DIAGNOSTIC_MESSAGE, DIRECTIONS, event_id, event_note
 from dissect.s7.parameters import PUSH, REQUEST
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import OCTETS, SURPLUS, Part
@@ -33,6 +33,11 @@ def test_the_example() -> None:
     assert event.text("coming") == "coming"
     assert [event.number(name) for name in ("external_error", "internal_error", "in_buffer", "coming")] == [0, 0, 1, 1]
     assert [event.number(name) for name in ("event_number", "priority_class", "ob")] == [4, 255, 132]
+
+
+def test_directions() -> None:
+    """One digit: the field is a bit."""
+    assert [DIRECTIONS.name(number) for number in range(3)] == ["going", "coming", "0x2"]
 
 
 @pytest.mark.parametrize("number", [0x0000, 0x1381, 0x39C4, 0x8F54, 0xFFFF])

@@ -66,6 +66,10 @@ def test_what_an_index_picks() -> None:
     assert set(COMPONENT_RECORDS) == set(COMPONENTS.names())
     assert set(CAPABILITY_RECORDS) <= set(CAPABILITIES.names())
     assert set(STATUS_RECORDS) <= set(STATUS_SECTIONS.names())
+    for records, names in ((CAPABILITY_RECORDS, CAPABILITIES), (STATUS_RECORDS, STATUS_SECTIONS)):
+        assert {number: layout.name for number, layout in records.items()} == {
+            number: f"{names.title}: {names.name(number)}" for number in records
+        }
 
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.name)
@@ -73,6 +77,15 @@ def test_fields(layout: Layout) -> None:
     names = [field.name for field in layout.fields]
     assert len(set(names)) == len(names)
     assert all(field.text.endswith(".") for field in layout.fields)
+
+
+def test_communication_functions_stand_in_the_octet_they_are_numbered_by() -> None:
+    """Their eight octets are numbered 0 to 7; Wireshark has the number in the name of each."""
+    for layout in (CAPABILITY_RECORDS[0x06], STATUS_RECORDS[0x06]):
+        values = [(value.offset - 2, value.field.wireshark) for value in layout.read(bytes(40))]
+        functions = [(octet, name) for octet, name in values if 0 <= octet < 8]
+        assert {octet for octet, _ in functions} == set(range(8))
+        assert [name for octet, name in functions if f"_{octet}" not in name[-16:]] == []
 
 
 def test_sizes_of_records() -> None:

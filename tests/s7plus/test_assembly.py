@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -28,6 +29,30 @@ def test_events_and_keep_alives_stand_between_frames() -> None:
     assert assembler.push(KEEP_ALIVE) == KEEP_ALIVE
     assert assembler.push(event(5)) == event(5)
     assert assembler.push(last) == first + last
+
+
+@pytest.mark.parametrize(
+    ("frame", "another"),
+    [
+        (framed(asked(2), trailer=False), True),
+        (framed(told(2), trailer=False), True),
+        (framed(notified()), True),
+        (framed(b"the rest", 3), True),  # another version
+        (framed(b"the rest"), False),
+        (framed(asked(2, 0x9999)), False),  # no function that is known
+        (framed(b"\x31\x00\x01" + asked(2)[3:]), False),  # both words beside the function are 0 where a PDU begins
+        (framed(asked(2)[:5] + b"\x01\x00" + asked(2)[7:]), False),
+        (framed(notified(subscription=0x70000000)), False),
+        (framed(b"", trailer=False), False),
+        (KEEP_ALIVE, False),
+        (event(5), False),
+    ],
+)
+def test_what_begins_another_pdu_interrupts_the_one_at_hand(frame: bytes, another: bool) -> None:
+    assembler = PlusAssembler()
+    assert not assembler.interrupted(frame)
+    assembler.push(framed(told(1), trailer=False))
+    assert assembler.interrupted(frame) == another
 
 
 def test_what_is_damaged_ends_what_is_open() -> None:

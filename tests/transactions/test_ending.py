@@ -41,6 +41,12 @@ def talk() -> Talk:
     return talk
 
 
+def test_nothing_refused_is_no_last_error(talk: Talk) -> None:
+    talk.packet(CLIENT, flags=FIN | ACK)
+    found = ending(talk)
+    assert (found.last_error, found.last_error_ns, found.last_error_code) == (None, 0, 0)
+
+
 @pytest.mark.parametrize(("side", "role"), [(CLIENT, "client"), (SERVER, "server")])
 @pytest.mark.parametrize(("flags", "how", "deed"), [(FIN | ACK, "fin", "closed"), (RST, "reset", "reset")])
 def test_a_side_ends_it(talk: Talk, side: int, role: str, flags: int, how: str, deed: str) -> None:

@@ -46,6 +46,12 @@ def test_a_connection_at_rest_keeps_its_latest_segments_only() -> None:
     assert kept(talk.packets()) <= before + 40
 
 
+def test_what_is_kept_is_counted_to_the_octet() -> None:
+    """A connection at rest keeps the latest segment of each side, and the one before it."""
+    talk = ready().send(0, asked(1)).send(1, answered(1)).send(0, asked(2)).send(1, answered(2))
+    assert kept(talk.packets()) == len(asked(1)) + len(answered(1)) + len(asked(2)) + len(answered(2))
+
+
 @pytest.mark.parametrize(
     ("what", "holds"),
     [

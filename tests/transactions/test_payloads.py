@@ -35,6 +35,11 @@ def test_parameters_name_their_function() -> None:
     assert one.octets == b""
 
 
+def test_parameters_address_nothing_and_refuse_nothing_until_told() -> None:
+    one = ScdParameters(3, "read", found(plant.ask("Режим 1")))
+    assert (one.index, one.sub, one.err, one.refused) == (-1, -1, 0, False)
+
+
 def test_functions_of_scd_equal_no_others() -> None:
     """The row of statistics of the function with the number 0 is none of S7comm, userdata or S7comm-plus."""
     assert is_scd_key(ScdParameters(0, "read", found(b"")).function)

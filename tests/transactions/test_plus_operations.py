@@ -90,6 +90,15 @@ def test_a_subscription_with_its_notifications() -> None:
     )
 
 
+def test_nothing_is_kept_of_a_connection_that_is_over() -> None:
+    talk = begun()
+    subscribe(talk)
+    kept = talk.pipeline.exchange.watch.plus._operations._open
+    assert len(kept) == 1
+    assert told_of(talk)[0][2] == "running"
+    assert kept == {}
+
+
 def test_a_subscription_to_alarms() -> None:
     talk = begun()
     subscribe(talk, PlusObject(211, 2662, 0, 0, 0, []))

@@ -173,6 +173,15 @@ def test_items_of_any_syntax_come_as_in_a_read() -> None:
     assert [rows(one) for one in talk.transactions[-2:]] == [wanted, wanted]
 
 
+def test_the_length_of_a_refused_item_hides_nothing_behind_it() -> None:
+    """As in a read: nothing follows a return code that is no success, whatever the length says."""
+    talk = Talk()
+    talk.open(8, 8)
+    talk.ask(subscribe(1, TRANSFER, dbw(1, 0), dbw(2, 0)))
+    talk.tell(sent(RESPONSE, TRANSFER, 1, b"\x0a\x04\x00\x10", b"\xff\x04\x00\x10\x00\x07", reference=1))
+    assert rows(talk.transactions[-1]) == [("DB1.DBW0", 0x0A, None), ("DB2.DBW0", 0xFF, "0007")]
+
+
 def test_of_a_push_whose_subscription_is_not_known_the_values_stand_alone() -> None:
     talk = Talk()
     talk.open(8, 8)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dissect.transactions.operation import Operation
+from dissect.transactions.traits import MAX_REMEMBERED
 from tests.findings import events
 from tests.findings.operation_scenarios import load, read_out
 from tests.transactions.talk import CLIENT, RST, SERVER, Talk, job
@@ -54,6 +55,21 @@ def test_a_client_that_sends_the_pieces_unasked(talk: Talk) -> None:
     talk.tell(events.answered(3, 0x1C))
     told = only(talk)
     assert (told.result, told.octets, told.announced, oddities(told)) == ("done", 50, 50, [])
+
+
+def test_loaded_blocks_are_remembered_up_to_a_bound(talk: Talk) -> None:
+    """Names of blocks come from the wire: a client that loads more of them than any plant has costs no more memory."""
+    for block in range(257):
+        name = f"_0A{block:05d}P"
+        talk.ask(events.request_download(1, name, size=10))
+        talk.tell(events.answered(1, 0x1A))
+        talk.tell(events.download_block(2, name))
+        talk.ask(events.piece(2, 0x1B, 10, False))
+        talk.tell(events.download_ended(3, name))
+        talk.ask(events.answered(3, 0x1C))
+    assert [one.result for one in talk.operations] == ["done"] * 257
+    (connection,) = {one.connection for one in talk.operations}
+    assert len(connection.traits.loaded) == MAX_REMEMBERED == 256
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from mypy_extensions import i64
 
 from dissect.ibh.packet import parse_packet
+from dissect.ibh.tables import IBH_NETLINK
 from dissect.iso.cotp import parse_tpdu
 from dissect.report.lines import (
     comment_line,
@@ -23,7 +24,7 @@ from dissect.report.writer import Writer
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.tables import JOB, SUCCESS
 from dissect.s7plus.message import parse_plus
-from dissect.transactions.connection import IBH, Connection
+from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
@@ -84,7 +85,7 @@ class TextWriter(Writer):
         if self.verbose:
             from dissect.report.tree import tree_lines
 
-            self._tree(tree_lines(pdu, self._whole(octets, cut), connection.state == IBH))
+            self._tree(tree_lines(pdu, self._whole(octets, cut), connection.protocol == IBH_NETLINK))
 
     def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7comm-plus PDU."""

@@ -1,0 +1,67 @@
+"""Operations on one line."""
+
+from __future__ import annotations
+
+from dissect.report.operations import operation_line
+from dissect.report.places import Places
+from dissect.source.packet import SourceFile
+from dissect.transactions.operation import Operation
+from dissect.wire.clock import Clock
+from tests.findings import events
+from tests.transactions.talk import Talk
+
+PLACES = Places([SourceFile("a.pcap", 1)], False)
+
+
+def only(talk: Talk) -> Operation:
+    (operation,) = talk.operations
+    return operation
+
+
+def begun() -> Talk:
+    talk = Talk()
+    talk.open()
+    talk.operations.clear()
+    return talk
+
+
+def line(operation: Operation) -> str:
+    return operation_line(operation, Clock(), PLACES)
+
+
+def long_answer(group: int, subfunction: int, question: bytes, content: bytes) -> Operation:
+    """Return the operation of an answer in two parts."""
+    talk = begun()
+    talk.ask(events.asks(1, group, subfunction, question))
+    talk.tell(events.tells(1, group, subfunction, content[:12], sequence=3, part=9))
+    talk.ask(events.asks(2, group, subfunction, sequence=3))
+    talk.tell(events.tells(2, group, subfunction, content[12:], sequence=3, part=-9))
+    return only(talk)
+
+
+def test_a_long_answer_names_what_it_lists_and_how_many_more() -> None:
+    blocks = b"".join([bytes((0, number, 0x22, 1)) for number in range(1, 7)])
+    assert line(long_answer(3, 2, b"0A", blocks)) == (
+        "2020-09-13 12:26:40.008000 UTC  #2    8→11         10.0.0.1:50000 → 10.0.0.2:102   3.00 ms  long answer"
+        "  DB → 1 (AWL/STL), 2 (AWL/STL), 3 (AWL/STL) and 3 more  2 transactions, 24 octets  done"
+    )
+
+
+def test_a_long_subject_ends_in_dots() -> None:
+    """At most 120 characters, so that the result behind it stays in sight."""
+    talk = begun()
+    talk.ask(events.start_upload(1))
+    talk.tell(events.upload_started(1, 7, 300))
+    talk.close()
+    operation = only(talk)
+    operation.subject = "x" * 120
+    assert f"  upload  {'x' * 120}  " in line(operation)
+    operation.subject += "y"
+    assert f"  upload  {'x' * 120}… (121 characters)  " in line(operation)
+
+
+def test_the_head_of_a_list_is_not_named_again() -> None:
+    content = bytes.fromhex("00a0000000140001 4302ff0000000000000000009401010000000002")
+    assert "  SZL 0x00a0 diagnostic buffer of the CPU → 0x4302 STARTUP to RUN, DT#1994-01-01-00:00:00.000  2 trans" in (
+        line(long_answer(4, 1, b"\0\xa0\0\0", content))
+    )
