@@ -104,7 +104,8 @@ def judge_beginning(octets: bytes, at: i64, end: i64) -> i64:
 def _size(octets: bytes, at: i64, end: i64) -> i64:
     """Return the size of the packet at ``at``, whose length must be there.
 
-    An MPI header may state less; that counts when what follows there looks like a packet, of which two octets say more than one.
+    An MPI header may state less; that counts when what follows there looks like a packet, of which two octets say more than
+    one.
     """
     size: i64 = HEADER + octets[at + _LENGTH_AT]
     head: i64 = mpi_head(little(octets, at + 6)) if end - at >= HEADER else 0

@@ -66,8 +66,8 @@ MAX_REMEMBERED: Final = 256
 class Writes:
     """The latest writes of a connection: how many they are, and a sample of them.
 
-    ``count`` counts all writes ever; the others begin anew with each look: ``since_ns`` and ``pdus`` are the time and the PDUs of
-    the connection when it began, ``variables`` and ``answer_ns`` the requests of the sample and the time their answers took.
+    ``count`` counts all writes ever; the others begin anew with each look: ``since_ns`` and ``pdus`` are the time and the PDUs
+    of the connection when it began, ``variables`` and ``answer_ns`` the requests of the sample and the time their answers took.
     """
 
     __slots__ = ("answer_ns", "count", "pdus", "since_ns", "variables")
