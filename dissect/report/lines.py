@@ -174,7 +174,7 @@ def tpdu_line(
             ]
         )
     elif tpdu.type in {DT, ED}:
-        said = f"  {carried(tpdu)}, {words.count(len(tpdu.data), 'octet')}"
+        said = f"  {carried(tpdu)}, {words.count(len(tpdu.data), 'byte')}"
         identity = identify(classify(tpdu.data, 0, len(tpdu.data)), tpdu.data, 0, len(tpdu.data))
         said += f": {identity}" if identity else ""
     if tpdu.malformed:
@@ -192,7 +192,7 @@ def netlink_line(
     if packet.acked >= 0:
         parts.append(f"of packet {packet.acked}")
     if packet.data:
-        parts.append(f"{message_name(packet.data)}, {words.count(len(packet.data), 'octet')}")
+        parts.append(f"{message_name(packet.data)}, {words.count(len(packet.data), 'byte')}")
     said = "  ".join(parts)
     if packet.malformed:
         said += f"  MALFORMED {packet.malformed[0]}"

@@ -74,7 +74,7 @@ def _files(analysis: Analysis, places: Places, clock: Clock) -> Iterator[Line]:
     first, last = int(pipeline.first_ns), int(pipeline.now_ns)
     begun = f"  from {clock.moment(first)}"
     if places.several or last < first:
-        yield Line(f"{begun} to {clock.moment(last)}, first to last packet read")
+        yield Line(f"{begun} to {clock.moment(last)}, first to last packet")
     else:
         yield Line(f"{begun}, {words.duration(last - first)}")
     sections = analysis.sections()
@@ -114,7 +114,7 @@ def _connections(analysis: Analysis, places: Places) -> Iterator[Line]:
     if total <= _CONNECTIONS:
         yield Line("Connections", HEADING)
     else:
-        yield Line(f"Connections ({_CONNECTIONS} of {total}: those with trouble first, then the busiest)", HEADING)
+        yield Line(f"Connections ({_CONNECTIONS} of {total}: those with most errors, then the busiest, by number)", HEADING)
         connections = sorted(sorted(connections, key=_trouble)[:_CONNECTIONS], key=_number)
     for connection in connections:
         yield from connection_lines(connection, places)
@@ -150,10 +150,10 @@ def connection_lines(connection: Connection, places: Places) -> Iterator[Line]:
         yield Line(f"     REFUSED: {connection.refused}", "error", 5)
     granted, asked = connection.granted, connection.setup_asked
     if granted is not None:
-        wish = f" (asked {asked.pdu_length})" if asked is not None and asked.pdu_length != granted.pdu_length else ""
+        wish = f" (requested {asked.pdu_length})" if asked is not None and asked.pdu_length != granted.pdu_length else ""
         jobs = [connection.jobs_allowed(side) for side in (connection.client_side, 1 - connection.client_side)]
         yield Line(
-            f"     PDU length {granted.pdu_length}{wish}, jobs open at once (AmQ): client {jobs[0]}, server {jobs[1]}",
+            f"     PDU length {granted.pdu_length}{wish}, parallel jobs (AmQ): client {jobs[0]}, server {jobs[1]}",
             PLAIN,
             5,
         )

@@ -150,7 +150,7 @@ def _headers(packet: IbhPacket) -> int:
 def _malformed(facts: list[Malformed], base: int) -> Iterator[str]:
     """Yield what a parser found wrong, in the words of the other reports, and which octet of the tree that is."""
     for fact in facts:
-        yield f"    MALFORMED  {fact}{f' (octet {fact.offset + base} here)' if base else ''}"
+        yield f"    MALFORMED  {fact}{f' (byte {fact.offset + base} here)' if base else ''}"
 
 
 def _octets(whole: bytes, hidden: Sequence[tuple[int, int]] = ()) -> Iterator[str]:

@@ -78,7 +78,7 @@ def test_a_finding_at_the_end_of_a_connection_knows_whose_it_is() -> None:
 def test_new_needs_a_baseline() -> None:
     with pytest.raises(RuleError, match=r'\[\[rule\]\] 1, when: "new" of \'rule\' needs a baseline: give one'):
         Kept('when = "new"')
-    with pytest.raises(RuleError, match="is told by a baseline"):
+    with pytest.raises(RuleError, match="needs a baseline"):
         Kept('when = "rate"\nabove_learned = 2')
 
 

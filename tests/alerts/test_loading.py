@@ -86,15 +86,15 @@ def test_actions() -> None:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("", " [[rule]]: none exists"),
+        ("", " [[rule]]: is missing: a rules file"),
         ("[rule]\n", " [[rule]]: is written [[rule]]"),
         ("[[rules]]\n", " file, rules: no such key here; close to it: 'rule'"),
         ('[[rule]]\nwhen = "new"\n', RULE + "name: is missing"),
         ('[[rule]]\nname = "a\\u001b"\n', RULE + "name: 'a\\x1b' is not a name"),
         ('[[rule]]\nname = "a"\nwhen = "ever"\n', RULE + "when: 'ever' is not one of finding, new, rate"),
-        (FINDING + FINDING, "5: [[rule]] 2, name: 'r' is the name of another rule"),
+        (FINDING + FINDING, "5: [[rule]] 2, name: 'r' is already the name of a rule"),
         (FINDING + "above = 1\n", RULE + "above: no such key here"),
-        (FINDING + 'for = "3s"\n', RULE + "for: what 'finding' looks for happens and does not last"),
+        (FINDING + 'for = "3s"\n', RULE + "for: what 'finding' reports is momentary and does not last"),
         (FINDING + 'cooldown = "soon"\n', RULE + "cooldown: 'soon' is not a duration"),
         (FINDING + "cooldown = -1\n", RULE + "cooldown: -1 is not a duration"),
         (FINDING + 'cooldown = "999d"\n', RULE + "cooldown: is more than a year"),
@@ -105,15 +105,15 @@ def test_actions() -> None:
         (FINDING + 'severity = "bad"\n', RULE + "severity: 'bad' is not one of error, warning, note"),
         (FINDING.replace('"error"', "[]"), RULE + "finding: is missing"),
         (FINDING.replace('"error"', "[3]"), RULE + "finding: 3 is not a string"),
-        (FINDING.replace('"error"', '"transaction.slo"'), RULE + "finding: 'transaction.slo' is not a severity"),
+        (FINDING.replace('"error"', '"transaction.slo"'), RULE + "finding: 'transaction.slo' is neither a severity"),
         (RATE.replace("above = 1", ""), RULE + "above: is missing, or below or above_learned"),
         (RATE + 'per = "connection"\n', RULE + "per: 'connection' is not one of pair, all"),
         (RATE + 'window = "1ms"\n', RULE + "window: is less than 10ms"),
         (RATE + 'above_learned = 2\nwindow = "5s"\n', RULE + "above_learned: a baseline holds"),
-        (RATE + 'above_learned = 2\nper = "all"\n', RULE + "above_learned: a baseline knows pairs"),
+        (RATE + 'above_learned = 2\nper = "all"\n', RULE + "above_learned: a baseline is kept per pair"),
         (RATE.replace("= 1", "= nan"), RULE + "above: nan is not a finite number"),
         (RATE.replace("= 1", "= -1"), RULE + "above: -1 is below 0"),
-        (FINDING.replace('when = "finding"\nfinding = "error"', 'when = "new"\nof = ["db"]'), RULE + "of: is a list of"),
+        (FINDING.replace('when = "finding"\nfinding = "error"', 'when = "new"\nof = ["db"]'), RULE + "of: must be a list of"),
         (RATE.replace("rate", "outcome").replace("above = 1", ""), RULE + "above: is missing: the number per minute"),
         (RATE.replace("rate", "latency") + "above_learned = 3\n", RULE + "above_learned: and above exclude"),
         (RATE.replace("rate", "silence"), RULE + "longer: is missing, or longer_than_learned"),
@@ -123,12 +123,12 @@ def test_actions() -> None:
         (ACTION + 'command = "true"\n', ACT + "command: 'true' is not an array"),
         (ACTION + "command = []\n", ACT + "command: must be a list of 1 to 64 texts"),
         (ACTION + 'command = ["true", 1]\n', ACT + "command: 1 is not a string"),
-        (ACTION + 'command = ["no-such-program"]\n', ACT + "command: 'no-such-program' is no program"),
+        (ACTION + 'command = ["no-such-program"]\n', ACT + "command: 'no-such-program' is not an executable program"),
         (ACTION + 'command = ["true", "{text}"]\n', ACT + "command: {text} is not a placeholder; known: {rule}"),
         (ACTION + 'command = ["true"]\nparallel = 9\n', ACT + "parallel: 9 is outside 1 to 8"),
         (ACTION + 'command = ["true"]\ntimeout = 0\n', ACT + "timeout: is not between 0 and an hour"),
         (ACTION + 'command = ["true"]\nshell = true\n', ACT + "shell: no such key here"),
-        (ACTION.replace('"a"', '"stderr"') + 'command = ["true"]\n', ACT + "name: 'stderr' is there already"),
+        (ACTION.replace('"a"', '"stderr"') + 'command = ["true"]\n', ACT + "name: 'stderr' exists already"),
         (ACTION + 'syslog = "/no/such/socket"\n', ACT + "syslog: there is no '/no/such/socket'"),
         (ACTION + 'syslog = "10.0.0.9:514"\n', ACT + "syslog: 10.0.0.9 is not this machine: name it in allow_hosts"),
         (ACTION + 'syslog = "a b"\n', ACT + "syslog: 'a b' is neither the path"),
@@ -149,7 +149,7 @@ def test_what_is_wrong_is_told(tmp_path: Path, text: str, told: str) -> None:
 
 
 def test_a_trial_needs_neither_programs_nor_sockets(tmp_path: Path) -> None:
-    tables = (('command = ["no-such-program"]', "is no program"), ('syslog = "/no/such/socket"', "there is no"))
+    tables = (('command = ["no-such-program"]', "is not an executable program"), ('syslog = "/no/such/socket"', "there is no"))
     for line, told in tables:
         path = saved(tmp_path, f"{ACTION}{line}\n")
         assert len(load_rules(path, trial=True).actions) == 1

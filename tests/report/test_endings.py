@@ -38,7 +38,7 @@ def test_a_cut_names_who_how_and_what_was_open() -> None:
     talk.tell(words(1, 7))
     talk.ask(read(2, dbw(1, 2)), after_ns=100 * MS)
     talk.packet(CLIENT, flags=RST, after_ns=2 * SECOND)
-    said = "reset by the client at packet 11 with 1 request open: Read Var DB1.DBW2 (packet 10), 2.00 s old"
+    said = "reset by the client at packet 11 with 1 request pending: Read Var DB1.DBW2 (packet 10), 2.00 s old"
     assert phrase(connection(talk), PLACES) == f"{said}; last answer 2.10 s earlier"
 
 

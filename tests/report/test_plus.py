@@ -279,7 +279,7 @@ def test_a_tree_covers_every_octet(octets: bytes) -> None:
 def test_a_tree_of_several_frames_and_of_a_part() -> None:
     joined = framed(told(5, body=bytes(100)), 3, trailer=False) + framed(b"more", 3)
     lines = list(plus_tree_lines(parse_plus(joined), b""))
-    assert lines[0].startswith("    reassembled from several frames or fragments; bytes count from")
+    assert lines[0].startswith("    reassembled from several frames or fragments; offsets count from")
     assert any(line.split() == ["data", "114", "bytes", "in", "2", "frames"] for line in lines)
     assert "    S7comm-plus trailer" in lines
     cut = list(plus_tree_lines(parse_plus(framed(asked(1))[:-4], cut=True), b""))

@@ -48,7 +48,7 @@ def test_a_report_from_top_to_bottom() -> None:
     assert connection[0].endswith(" → 127.0.0.1:102")
     assert connection[1:] == [
         "TSAP 01.00 (PG) → 01.02 (PG, rack 0 slot 2), TPDU size 1024",
-        "PDU length 480, jobs open at once (AmQ): client 1, server 1",
+        "PDU length 480, parallel jobs (AmQ): client 1, server 1",
         "16 PDUs, 8 answered, 7 with errors; closed by the client at packet 24",
     ]
     functions = [line.split() for line in section(lines, "Transactions")]
@@ -87,13 +87,13 @@ def test_what_follows_a_finding_continues_under_its_first_word() -> None:
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("cut-with-reset", "7 PDUs, 3 answered, 1 unanswered; reset by the server at packet 15 with 1 request open"),
+        ("cut-with-reset", "7 PDUs, 3 answered, 1 unanswered; reset by the server at packet 15 with 1 request pending"),
         ("cut-with-fin", "1 unanswered; closed by the server at packet"),
         ("client-killed", "1 unanswered; closed by the client at packet"),
         ("connect-close", "; ended by DR from 127.0.0.1:"),
         ("mid-stream", "1 answer without request; already open at the start, closed by the client at packet 11"),
         ("refused-full", "no S7 PDU; reset by the server at packet 15"),
-        ("setup-pdu-sizes", "PDU length 960, jobs open at once (AmQ): client 1, server 1"),
+        ("setup-pdu-sizes", "PDU length 960, parallel jobs (AmQ): client 1, server 1"),
         ("slivers", "12 PDUs, 6 answered, 1 with errors; closed by the client at packet 79"),
     ],
 )
@@ -170,7 +170,7 @@ def test_less_than_asked_is_granted() -> None:
     talk.next = [talk.segments[-1].ack, talk.segments[-1].seq + len(talk.segments[-1].payload)]
     talk.send(0, dt(messages.setup(messages.JOB, 1, 8, 960))).send(1, dt(messages.setup(messages.ACK_DATA, 1, 3, 240)))
     told = connection_of(talk.packets())
-    assert told[2] == "PDU length 240 (asked 960), jobs open at once (AmQ): client 3, server 3"
+    assert told[2] == "PDU length 240 (requested 960), parallel jobs (AmQ): client 3, server 3"
 
 
 def test_an_unknown_client_is_no_arrow() -> None:
@@ -200,7 +200,7 @@ def test_addresses_used_again() -> None:
     packets = first.packets() + [packet._replace(time_ns=packet.time_ns + 60 * MS) for packet in again.packets()]
     told = connection_of(packets)
     assert told[3].startswith(
-        "3 PDUs, 1 answered, 1 unanswered; replaced by a new connection on the same addresses with 1 request open: Read Var "
+        "3 PDUs, 1 answered, 1 unanswered; replaced by a new connection on the same addresses with 1 request pending: Read Var "
     )
 
 
@@ -214,7 +214,7 @@ def test_many_connections_are_a_choice_of_the_interesting_ones() -> None:
     packets = [packet for number in range(24) for packet in begun(Flow(ports=(20000 + number, 102))).packets()]
     packets += read(begun(Flow(ports=(30000, 102))), 1, WORD, 0x0A).packets()
     lines = report(analysed(packets))
-    assert "Connections (20 of 25: those with trouble first, then the busiest)" in lines
+    assert "Connections (20 of 25: those with most errors, then the busiest, by number)" in lines
     told = section(lines, "Connections")
     assert told[-1] == "and 5 more; -T json lists up to 1000"
     shown = [int(line.split()[0]) for line in told if "→" in line and not line.startswith("TSAP")]
@@ -306,7 +306,7 @@ def test_packets_of_several_files_are_named_by_file() -> None:
     lines = report(analysed(packets[:10], packets[10:]))
     assert [line.partition(":")[0] for line in lines[:2]] == ["1.pcap", "2.pcap"]
     assert lines[2] == (
-        "  from 2024-03-04 05:06:07.000000 UTC to 2024-03-04 05:06:07.012000 UTC, first to last packet read"
+        "  from 2024-03-04 05:06:07.000000 UTC to 2024-03-04 05:06:07.012000 UTC, first to last packet"
     )
     assert [line for line in section(lines, "Connections") if "reset by the server at packet 3 of 2.pcap" in line]
     assert [
@@ -320,7 +320,7 @@ def test_packets_of_several_files_are_named_by_file() -> None:
 def test_files_out_of_order_give_no_negative_duration() -> None:
     late = [packet._replace(time_ns=packet.time_ns + 10**12) for packet in begun().packets()]
     lines = report(analysed(late, begun(Flow(ports=(5, 102))).packets()))
-    assert " UTC to 2024-03-04 05:06:07.006000 UTC, first to last packet read" in lines[2]
+    assert " UTC to 2024-03-04 05:06:07.006000 UTC, first to last packet" in lines[2]
 
 
 # ---- form -----------------------------------------------------------------------------------------------------------
