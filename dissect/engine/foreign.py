@@ -13,7 +13,6 @@ from dissect.transactions.connection import FOREIGN, ISO_TSAP_PORT, Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
 
-
 #: Before the version in `Connection.identified_by` that a ServerHello chose.
 _CHOSE: Final = ", the server chose "
 
@@ -53,7 +52,7 @@ class Foreign(Protocol):
         name = UPPER_NAMES[upper]
         if upper == TLS:
             self._tls(side, buf, at, at + size, time_ns)
-        if name == "empty" or connection.protocol == name:
+        if name in {"empty", connection.protocol}:
             return
         key: i64 = connection.number * len(UPPER_NAMES) + upper
         fresh: bool = connection.protocol == "" or connection.protocol == UPPER_NAMES[UNKNOWN]

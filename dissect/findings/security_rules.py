@@ -129,7 +129,7 @@ class SecurityWatch:
             self.tell("security.new_writer", transaction, f"until now only {first} wrote to {server}")
 
     def sample(self, transaction: Transaction) -> None:
-        """Take one write in `SAMPLED`; each `_WRITES` of a connection are judged by its own pace: are they a flood?"""
+        """Take one write in `SAMPLED`; each `_WRITES` of a connection are judged by its own pace."""
         connection = transaction.connection
         writes = connection.traits.writes
         now_ns = int(max(transaction.request_ns, transaction.response_ns))

@@ -40,7 +40,8 @@ class Ending:
     for none) and ``time_ns`` when that was. ``open_requests`` were without answer, but for those whose answer may stand in a
     hole of the capture (``hole_frames``: packets at which the latest hole in the answers to each side was given up);
     ``oldest`` is what the one asked first wants, with its packet and time. The last request, answer and refusal before the
-    end are told as what was asked and when (None and 0 for none), the server's last message inside TLS only as when; ``last_error_code`` is the code of the whole answer, 0
+    end are told as what was asked and when (None and 0 for none), the server's last message inside TLS only as
+    when; ``last_error_code`` is the code of the whole answer, 0
     when only an item was refused. ``connecting`` tells that the connect request was still without answer of any kind.
     ``reset_side``, ``reset_frame`` and ``reset_ns`` are the side, packet and time of a RST that came after that end had begun
     otherwise, as S7-1200/1500 answer a FIN (-1, 0 and 0 for none).

@@ -75,7 +75,7 @@ class IdleSearch:
     def take(self) -> Side | None:
         """Return the longest idle connection that was found, None when there is none.
 
-        One that carried something since it was looked at stays, unless many in a row did: then the longest idle of these leaves.
+        One that carried something since it was looked at stays, unless many in a row did: then the longest idle of them leaves.
         """
         best: Side | None = None
         tried: i64 = 0

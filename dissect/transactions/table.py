@@ -147,7 +147,8 @@ def endpoints(key: bytes) -> tuple[Endpoint, Endpoint]:
 class ConnectionTable:
     """Open connections by the key of either direction.
 
-    A new connection begins with the protocol ``first``. ``evicted`` and ``half_open_evicted`` count what had to leave because the table was full.
+    A new connection begins with the protocol ``first``. ``evicted`` and ``half_open_evicted`` count what had to leave because
+    the table was full.
     """
 
     def __init__(self, first: Protocol | None = None) -> None:

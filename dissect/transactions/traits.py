@@ -13,7 +13,7 @@ MAX_REMEMBERED: Final = 256
 class Writes:
     """The latest writes of a connection: how many they are, and a sample of them.
 
-    ``count`` counts all writes ever; the others begin anew with each look: ``since_ns`` and ``pdus`` are the time and the PDUs of
+    ``count`` counts all writes ever; the others begin anew with each look: ``since_ns`` and ``pdus`` are the time and PDUs of
     the connection when it began, ``variables`` and ``answer_ns`` the requests of the sample and the time their answers took.
     """
 
