@@ -15,7 +15,6 @@ FORMAT: Final = 1
 
 _HEAD: Final = """\
 # What is normal on this network: which client requests what from which PLC, and how often. `s7dissect baseline` learned
-# it from captures; review it and adapt it to your plant. Everything that is not in here is reported by alerts
 # it from captures; review it and adapt it to your plant. Anything that is not in here is reported by alerts
 # `when = "new"` and by `s7dissect baseline --against THIS_FILE CAPTURE`.
 #

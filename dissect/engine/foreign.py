@@ -52,7 +52,7 @@ class Foreign(Protocol):
         name = UPPER_NAMES[upper]
         if upper == TLS:
             self._tls(side, buf, at, at + size, time_ns)
-        if name == "empty" or connection.protocol == name:
+        if name in {"empty", connection.protocol}:
             return
         key: i64 = connection.number * len(UPPER_NAMES) + upper
         fresh: bool = connection.protocol == "" or connection.protocol == UPPER_NAMES[UNKNOWN]

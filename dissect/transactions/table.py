@@ -19,10 +19,15 @@ from dissect.tcp.connection import Endpoint, TcpConnection
 from dissect.tcp.stream import MASK, HalfStream
 from dissect.transactions.connection import Connection
 from dissect.transactions.protocol import Kept, Protocol
+from dissect.transactions.idle import IdleSearch
+from dissect.transactions.payloads import Backlog
+from dissect.transactions.protocol import Protocol
 
 MAX_CONNECTIONS: Final = 8192
-#: Connections that leave together when the table is full, so that looking for the idle ones stays cheap.
-EVICTED_AT_ONCE: Final = 512
+#: The search for idle connections begins when there is room for so many more, and has to be over when as many are too much.
+RESERVE: Final = 512
+#: Connections that leave with one that opens.
+LEAVE_AT_ONCE: Final = 2
 MAX_HALF_OPEN: Final = 4096
 #: A closed connection is kept this long, because captures show packets out of order.
 LINGER_NS: Final = 1_000_000_000
@@ -153,6 +158,7 @@ class ConnectionTable:
         # Ordered, because finding the oldest entry of a plain dict is slow when many before it were deleted.
         self._half_open: OrderedDict[bytes, _Syn] = OrderedDict()
         self._lingering: deque[Side] = deque()
+        self._idle: IdleSearch = IdleSearch()
         self.evicted: i64 = 0
         self.half_open_evicted: i64 = 0
 
@@ -229,12 +235,23 @@ class ConnectionTable:
         return gone
 
     def overflow(self) -> list[Side]:
-        """Return one side of each connection that has to leave because too many are open."""
-        if len(self.sides) <= 2 * MAX_CONNECTIONS:
+        """Return one side of each connection that has to leave because too many are open; call it before each `open`."""
+        if len(self.sides) <= 2 * (MAX_CONNECTIONS - RESERVE):
             return []
-        idle = [(side.tcp.last_ns, side.tcp.first_frame, side.key) for side in self.sides.values() if side.index == 0]
-        idle.sort()
-        gone = [self.sides[key] for _, _, key in idle[:EVICTED_AT_ONCE]]
+        over: i64 = len(self.sides) - 2 * MAX_CONNECTIONS
+        idle = self._idle
+        if idle.running_out:
+            idle.begin(self.all_open())
+        idle.step()
+        if over > 2 * RESERVE:
+            idle.finish()
+        gone: list[Side] = []
+        while over > 0 and len(gone) < LEAVE_AT_ONCE:
+            side = idle.take()
+            if side is None:
+                break
+            gone.append(side)
+            over -= 2
         self.evicted += len(gone)
         return gone
 

@@ -13,7 +13,7 @@ from dissect.engine.timers import _MANY_WAITING
 from dissect.findings.reporter import MAX_DETAILED
 from dissect.tcp.ip import MAX_DATAGRAMS
 from dissect.transactions.connection import Connection
-from dissect.transactions.table import EVICTED_AT_ONCE, MAX_CONNECTIONS, MAX_HALF_OPEN, MAX_LINGERING
+from dissect.transactions.table import MAX_CONNECTIONS, MAX_HALF_OPEN, MAX_LINGERING
 from dissect.transactions.transaction import Transaction
 from tests.properties.books import Record, Result, check_books, facts, told, true
 from tests.properties.messages import (
@@ -353,21 +353,22 @@ def test_what_its_receiver_dropped_is_left_out_where_that_is_asked_for(verify: b
 
 
 def test_too_many_connections_push_out_the_idle_ones() -> None:
-    count = MAX_CONNECTIONS + 2
+    evicted = 100
+    count = MAX_CONNECTIONS + 1 + evicted
     opened = [
         Segment(Flow(f"10.{1 + (number >> 16)}.{number >> 8 & 255}.{number & 255}"), 0, 1, 1, ACK, connect() + asked(1))
         for number in range(count)
     ]
     result = Result(captured(opened, step_ns=1000))
     check_books(result.pipeline, result.record)
-    assert result.pipeline.table.evicted == EVICTED_AT_ONCE
-    assert result.counts["stream.evicted"] == EVICTED_AT_ONCE
+    assert result.pipeline.table.evicted == evicted
+    assert result.counts["stream.evicted"] == evicted
     reasons = [one.reason for one in result.transactions]
-    assert reasons.count("connection_evicted") == EVICTED_AT_ONCE
-    assert reasons.count("capture_ended") == count - EVICTED_AT_ONCE
+    assert reasons.count("connection_evicted") == evicted
+    assert reasons.count("capture_ended") == count - evicted
     # The longest idle ones had to go.
-    assert [one.reason for one in result.transactions[:EVICTED_AT_ONCE]] == ["connection_evicted"] * EVICTED_AT_ONCE
-    assert {one.request_frame for one in result.transactions[:EVICTED_AT_ONCE]} == set(range(1, EVICTED_AT_ONCE + 1))
+    assert [one.reason for one in result.transactions[:evicted]] == ["connection_evicted"] * evicted
+    assert {one.request_frame for one in result.transactions[:evicted]} == set(range(1, evicted + 1))
 
 
 def test_what_waits_is_bounded_when_the_clock_stands_still() -> None:

@@ -238,6 +238,7 @@ def test_an_analysis_says_what_the_contract_has() -> None:
         "total": 7,
         "answered": 4,
         "unanswered": 1,
+        "still_open": 0,
         "orphan_answers": 1,
         "unsolicited": 1,
         "with_errors": 3,

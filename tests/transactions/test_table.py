@@ -2,12 +2,13 @@ from __future__ import annotations
 
 import pytest
 
+from dissect.transactions.idle import LOOK_AT_ONCE
 from dissect.transactions.table import (
-    EVICTED_AT_ONCE,
     LINGER_NS,
     MAX_CONNECTIONS,
     MAX_HALF_OPEN,
     MAX_LINGERING,
+    RESERVE,
     ConnectionTable,
     Side,
     endpoints,
@@ -60,11 +61,10 @@ def test_a_connection_of_an_address_with_itself_can_be_told_and_leave() -> None:
     side = table.open(one, 0, 1, 0)
     assert table.all_open() == [side]
     for number in range(2 * MAX_CONNECTIONS):
+        assert table.overflow() == []
         host = (number + 1).to_bytes(4, "big")
         table.open(host * 2 + V4[8:10] * 2, 0, 1, number + 1)
-    gone = table.overflow()
-    assert len(gone) == EVICTED_AT_ONCE
-    assert gone[0] is side
+    assert table.overflow() == [side]
     table.remove(side)
     assert one not in table.sides
 
@@ -152,14 +152,33 @@ def test_the_longest_idle_leave_when_the_table_is_full() -> None:
         side = table.open(key(number), 0, number + 1, number)
         side.tcp.last_ns = (number * 7919) % MAX_CONNECTIONS
         sides.append(side)
-    assert table.overflow() == []
-    table.open(key(MAX_CONNECTIONS), 0, 1, 1 << 40)
-    gone = table.overflow()
-    assert len(gone) == table.evicted == EVICTED_AT_ONCE
-    assert sorted(side.tcp.last_ns for side in gone) == [*range(EVICTED_AT_ONCE)]
-    for side in gone:
-        table.remove(side)
-    assert table.overflow() == []
+    sides[5].tcp.last_ns = 1 << 40  # busy again
+    known = sorted([int(side.tcp.last_ns) for side in sides[: MAX_CONNECTIONS - RESERVE + 1]])
+    left: list[int] = []
+    for number in range(2000):
+        looks = table._idle.looks
+        gone = table.overflow()
+        assert table._idle.looks - looks <= LOOK_AT_ONCE
+        for side in gone:
+            left.append(int(side.tcp.last_ns))
+            table.remove(side)
+        table.open(key(MAX_CONNECTIONS + number), 0, 1, 1 << 41)
+    assert len(table.all_open()) == MAX_CONNECTIONS + 1
+    assert table.evicted == len(left) == 1999
+    assert left[:256] == known[:256]  # the first round
+    assert max(left) < 1 << 40
+
+
+def test_where_all_are_busy_the_table_is_bounded_all_the_same() -> None:
+    table = ConnectionTable()
+    for number in range(MAX_CONNECTIONS + 4000):
+        for side in table.overflow():
+            table.remove(side)
+        table.open(key(number), 0, number + 1, number)
+        if number >= MAX_CONNECTIONS - RESERVE and number % 64 == 0:
+            for side in table.all_open():
+                side.tcp.last_ns += 1
+    assert len(table.all_open()) <= MAX_CONNECTIONS + RESERVE + 1
 
 
 def test_closed_connections_linger_for_a_moment() -> None:
