@@ -90,7 +90,7 @@ def test_the_way_of_a_byte_is_the_one_that_is_written() -> None:
 def test_the_rooms_are_listed_in_their_order() -> None:
     section = MAP[MAP.index("## Rooms") : MAP.index("## The seam")]
     listed = re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)
-    there = {path.parent.name for path in PACKAGE.glob("*/__init__.py")} | {"session"}
+    there = {path.parent.name for path in (ROOT / "dissect").glob("*/__init__.py")} | {"session"}
     assert listed == list(ORDER)
     assert set(listed) == there
 
@@ -98,4 +98,6 @@ def test_the_rooms_are_listed_in_their_order() -> None:
 def test_files_that_are_named_exist() -> None:
     named = set(re.findall(r"`([\w/]+/[\w/]+\.py)`", MAP))
     assert len(named) > 20
-    assert [file for file in sorted(named) if not (PACKAGE / file).exists() and not (ROOT / file).exists()] == []
+    assert [
+        file for file in sorted(named) if not (ROOT / "dissect" / file).exists() and not (ROOT / file).exists()
+    ] == []
