@@ -320,3 +320,17 @@ def test_any_data_items(octets: bytes, count: int, response: bool) -> None:
 def test_data_items_begin_where_they_are_said_to() -> None:
     found, told = data_of(refused(5), 1, before=100)
     assert ([one.offset for one in found], told) == ([100], [])
+
+
+def test_the_areas_of_a_dbread_item_are_items_of_their_own() -> None:
+    octets = bytes.fromhex("120cb002 0200440160 0100480030")
+    (item_,), told = items_of(octets, 1)
+    assert told == []
+    assert item_.areas is not None
+    assert [(area.db, area.start_bit, area.count, area.size, area.address) for area in item_.areas] == [
+        (0x44, 8 * 0x160, 2, 2, "DB68.DBB352"),
+        (0x48, 8 * 0x30, 1, 1, "DB72.DBB48"),
+    ]
+    assert [area.octets for area in item_.areas] == [octets[4:9], octets[9:14]]
+    (short,), _ = items_of(bytes.fromhex("120bb002 0200440160 01004800"), 1)
+    assert short.areas is None

@@ -34,6 +34,11 @@ def test_who_is_the_client(port0: int, port1: int, initiator: int, client: int, 
     assert (one.client, one.server) == (one.tcp.ends[client], one.tcp.ends[1 - client])
 
 
+def test_it_says_who_asks_whom_as_far_as_that_is_known() -> None:
+    assert repr(connection(initiator=0)) == "Connection(1, 10.0.0.1:50000 → 10.0.0.2:102, 0 PDUs)"
+    assert repr(connection()) == "Connection(1, 10.0.0.1:50000 ↔ 10.0.0.2:102, 0 PDUs)"
+
+
 def test_the_first_evidence_counts() -> None:
     one = connection()
     one.set_client(1)
