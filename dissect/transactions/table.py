@@ -18,10 +18,8 @@ from dissect.s7plus.assembly import PlusAssembler
 from dissect.tcp.connection import Endpoint, TcpConnection
 from dissect.tcp.stream import MASK, HalfStream
 from dissect.transactions.connection import Connection
-from dissect.transactions.protocol import Kept, Protocol
 from dissect.transactions.idle import IdleSearch
-from dissect.transactions.payloads import Backlog
-from dissect.transactions.protocol import Protocol
+from dissect.transactions.protocol import Kept, Protocol
 
 MAX_CONNECTIONS: Final = 8192
 #: The search for idle connections begins when there is room for so many more, and has to be over when as many are too much.

@@ -149,7 +149,10 @@ def test_what_is_wrong_is_told(tmp_path: Path, text: str, told: str) -> None:
 
 
 def test_a_trial_needs_neither_programs_nor_sockets(tmp_path: Path) -> None:
-    tables = (('command = ["no-such-program"]', "is not an executable program"), ('syslog = "/no/such/socket"', "there is no"))
+    tables = (
+        ('command = ["no-such-program"]', "is not an executable program"),
+        ('syslog = "/no/such/socket"', "there is no"),
+    )
     for line, told in tables:
         path = saved(tmp_path, f"{ACTION}{line}\n")
         assert len(load_rules(path, trial=True).actions) == 1

@@ -305,9 +305,7 @@ def test_packets_of_several_files_are_named_by_file() -> None:
     packets = read(read(begun(), 1), 2, WORD, 0x0A).send(0, dt(messages.read_job(3, [WORD]))).reset(1).packets()
     lines = report(analysed(packets[:10], packets[10:]))
     assert [line.partition(":")[0] for line in lines[:2]] == ["1.pcap", "2.pcap"]
-    assert lines[2] == (
-        "  from 2024-03-04 05:06:07.000000 UTC to 2024-03-04 05:06:07.012000 UTC, first to last packet"
-    )
+    assert lines[2] == ("  from 2024-03-04 05:06:07.000000 UTC to 2024-03-04 05:06:07.012000 UTC, first to last packet")
     assert [line for line in section(lines, "Connections") if "reset by the server at packet 3 of 2.pcap" in line]
     assert [
         line
