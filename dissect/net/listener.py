@@ -14,7 +14,7 @@ from contextlib import suppress
 from typing import Any, Final, NamedTuple
 
 from dissect.net.addresses import Place, ProxyError, listen_on
-from dissect.proxy.link import prepare
+from dissect.net.sockets import prepare
 
 #: How long no client is accepted after the system had no more sockets, in seconds.
 PAUSE_S: Final = 1.0

@@ -9,15 +9,11 @@ from __future__ import annotations
 
 import errno
 import socket
-import struct
-from contextlib import suppress
 from typing import Final
 
 #: Octets that are read at once, and wait at most in one direction.
 PIECE: Final = 65_536
 
-#: Close with a reset, whatever is still to be sent.
-_AT_ONCE: Final = struct.pack("ii", 1, 0)
 _NOTHING: Final = memoryview(b"")
 
 
@@ -109,14 +105,6 @@ class Link:
         return self.ends[0].told and self.ends[1].told
 
 
-def prepare(one: socket.socket) -> None:
-    """Set a connection's options: nothing is held back, urgent octets stay where they are, who is gone is noticed."""
-    one.setblocking(False)
-    one.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    one.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    one.setsockopt(socket.SOL_SOCKET, socket.SO_OOBINLINE, 1)
-
-
 def trouble(one: socket.socket) -> int:
     """Return why nothing can be read any more, as an errno; 0 while something can be, or may still come.
 
@@ -131,10 +119,3 @@ def trouble(one: socket.socket) -> int:
             return one.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) or errno.ENOTCONN
         return why.errno or errno.EIO
     return 0
-
-
-def close_with_reset(one: socket.socket) -> None:
-    """Close a connection so that its other end is told of a reset."""
-    with suppress(OSError):  # it is broken already
-        one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _AT_ONCE)
-    one.close()

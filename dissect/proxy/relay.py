@@ -16,7 +16,8 @@ from typing import Final, NamedTuple
 
 from dissect.net.addresses import Place, ProxyError, expect_no_circle
 from dissect.net.listener import Accepted, Listener
-from dissect.proxy.link import End, Link, ResetError, close_with_reset, prepare, trouble
+from dissect.net.sockets import close_with_reset, prepare
+from dissect.proxy.link import End, Link, ResetError, trouble
 from dissect.proxy.packets import endpoint_of
 from dissect.proxy.tap import REFUSED, UNANSWERED, Tap
 

@@ -16,7 +16,8 @@ _MOTHER: Final = """
 import importlib, json, os, signal, sys
 for name in ("alerts", "anonymize.rewriter", "anonymize.survey", "baseline", "baseline.loading", "golden.reading",
              "live.evidence", "live.json_lines", "live.lines", "live.session", "recording.cutter",
-             "recording.ring_buffer", "playback.client", "playback.client.run", "report.tree", "scd.codec", "scd.loading", "source.live.opening",
+             "recording.ring_buffer", "playback.client", "playback.client.run", "report.tree", "scd.codec",
+             "scd.loading", "source.live.opening",
              "oracle.verification", "testing.golden_check"):
     importlib.import_module("dissect." + name)
 from dissect.cli.main import COMMANDS, group, main

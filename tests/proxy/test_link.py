@@ -8,7 +8,8 @@ import time
 
 import pytest
 
-from dissect.proxy.link import Link, ResetError, prepare, trouble
+from dissect.net.sockets import prepare
+from dissect.proxy.link import Link, ResetError, trouble
 from tests.proxy.support import eventually, listening, port_of_nobody, received, reset
 
 

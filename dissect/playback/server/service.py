@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final, Self
 from dissect.metrics.address import Address
 from dissect.net.addresses import Place, ProxyError, places_to_listen
 from dissect.net.listener import Accepted, Listener
+from dissect.net.sockets import close_with_reset
 from dissect.playback.server.capture_writer import CLIENT, SERVER, CaptureWriter
 from dissect.playback.server.faults import Fault, parse_fault
 from dissect.playback.server.model import Recording
@@ -23,7 +24,6 @@ from dissect.playback.server.recording import ServerError, load_recording
 from dissect.playback.server.request_log import Request, RequestLog
 from dissect.playback.server.session import ABORT, CLOSE, ClientSession, Deed
 from dissect.playback.server.socket import BrokenError, ClientSocket
-from dissect.proxy.link import close_with_reset
 
 if TYPE_CHECKING:
     from dissect.source.pcapng_writer import PcapngWriter
