@@ -161,6 +161,50 @@ def test_to_add_a_finding(tree: Tree) -> None:
     assert len(refused) > 2
 
 
+# ---- an output ------------------------------------------------------------------------------------------------------
+
+WRITER: Final = '''"""Transactions as a Markdown table."""
+
+from __future__ import annotations
+
+from dissect.report.places import Places
+from dissect.report.writer import Writer
+from dissect.transactions.transaction import Transaction
+
+
+class MarkdownWriter(Writer):
+    """Writes the head of the table, then a row for each transaction."""
+
+    def begin(self, places: Places) -> None:
+        """Begin with the head."""
+        super().begin(places)
+        self.lines += ["| number | function | outcome |", "|---|---|---|"]
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Add a row."""
+        self.lines.append(f"| {transaction.number} | {transaction.function_name} | {transaction.outcome_name} |")
+'''
+CSV_ROW: Final = """        _row("csv", "a row for each item", ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,))),
+"""
+MARKDOWN_ROW: Final = """        _row("markdown", "a Markdown table", ("dissect.report.writers.markdown:MarkdownWriter", (TRANSACTIONS,))),
+"""
+
+
+def test_to_add_an_output(tree: Tree) -> None:
+    tree.write("dissect/report/writers/markdown.py", WRITER)
+    tree.replace("dissect/report/formats.py", CSV_ROW, CSV_ROW + MARKDOWN_ROW)
+    assert {name.replace("markdown", "NAME") for name in tree.touched()} == listed("To add an output")
+    told = tree.python("-m", "dissect", "transactions", "-T", "markdown", "captures/item-errors.pcapng").splitlines()
+    expected = [
+        f"| {event.number} | {event.function_name} | {event.outcome_name} |"
+        for event in dissect.open(ROOT / "captures/item-errors.pcapng")
+        if isinstance(event, Transaction)
+    ]
+    assert told == ["| number | function | outcome |", "|---|---|---|", *expected]
+    assert len(expected) > 2
+    assert "markdown" in tree.python("-m", "dissect", "transactions", "--help")
+
+
 # ---- a protocol -----------------------------------------------------------------------------------------------------
 
 #: Messages of the made protocol: a mark, the number of bytes that follow, these bytes.
