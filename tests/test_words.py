@@ -12,7 +12,18 @@ from typing import Final
 import pytest
 
 ROOT: Final = Path(__file__).parents[1]
-ROOMS: Final = ("cli", "findings", "report", "monitor", "alerts", "baseline", "playback", "golden", "metrics", "testing")
+ROOMS: Final = (
+    "cli",
+    "findings",
+    "report",
+    "monitor",
+    "alerts",
+    "baseline",
+    "playback",
+    "golden",
+    "metrics",
+    "testing",
+)
 #: Phrases of translated English, and words that are not the field's.
 BANNED: Final = re.compile(
     r"\b(?:[Oo]ctets?|[Ss]omebody|[Tt]old once|[Ss]aid once|unless said|not any more|not believed|no hole|holes in the"
@@ -96,15 +107,19 @@ def test_schemas() -> None:
     for path in sorted((ROOT / "dissect" / "schema").glob("*.json")):
         texts = list(descriptions(json.loads(path.read_text("utf-8"))))
         assert texts, path
-        found += [
-            (path.name, phrase) for text in texts for phrase in wrong(path.name, re.sub(r"`[^`]*`", "", text))
-        ]
+        found += [(path.name, phrase) for text in texts for phrase in wrong(path.name, re.sub(r"`[^`]*`", "", text))]
     assert found == []
 
 
 @pytest.mark.parametrize(
     "text",
-    ["3 octets left", "Somebody told a PLC to stop.", "was not believed", "said once for a connection", "2 unless said"],
+    [
+        "3 octets left",
+        "Somebody told a PLC to stop.",
+        "was not believed",
+        "said once for a connection",
+        "2 unless said",
+    ],
 )
 def test_a_banned_phrase_is_found(text: str) -> None:
     assert wrong("dissect/report/text.py", text)

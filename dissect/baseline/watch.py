@@ -68,11 +68,11 @@ class BaselineWatch:
         found = []
         if norm is None:
             if client not in self._clients:
-                found.append(
-                    Deviation(CLIENT, pair, client, f"new client {client}; it talks to {server}")
-                )
+                found.append(Deviation(CLIENT, pair, client, f"new client {client}; it talks to {server}"))
             else:
-                found.append(Deviation(PAIR, pair, f"{client} > {server}", f"first connection from {client} to {server}"))
+                found.append(
+                    Deviation(PAIR, pair, f"{client} > {server}", f"first connection from {client} to {server}")
+                )
         port = int(connection.server.port)
         if norm is not None and norm.server_ports is not None and port not in norm.server_ports:
             found.append(Deviation(PORT, pair, str(port), f"first use of port {port} on {server} by {client}"))

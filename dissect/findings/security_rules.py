@@ -202,9 +202,7 @@ class SecurityWatch:
         if (traits.inquiries >= _INQUIRIES or len(traits.szl_ids) >= _MANY_LISTS) and traits.first(
             "security.reconnaissance"
         ):
-            self.tell(
-                "security.reconnaissance", transaction, f"inquiry {traits.inquiries}: {_named(transaction)}"
-            )
+            self.tell("security.reconnaissance", transaction, f"inquiry {traits.inquiries}: {_named(transaction)}")
 
     def password(self, transaction: Transaction) -> None:
         """Take a password that was sent, and count those that were refused."""

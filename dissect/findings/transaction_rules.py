@@ -106,9 +106,7 @@ def _judge_flags(judge: Reporter, transaction: Transaction) -> None:
         _note(judge, "transaction.function_mismatch", transaction, f"the answer names {said}")
     if flags & COUNT_MISMATCH and answer is not None:
         asked = transaction.parameters.item_count
-        _note(
-            judge, "transaction.count_mismatch", transaction, f"requested {asked} items, got {answer.item_count}"
-        )
+        _note(judge, "transaction.count_mismatch", transaction, f"requested {asked} items, got {answer.item_count}")
     if flags & SIZE_MISMATCH:
         _note(judge, "transaction.size_mismatch", transaction, _sizes(transaction))
     if flags & ODD_DATA_CODE and not transaction.connection.told & _DATA_CODES:
@@ -159,7 +157,9 @@ def _data_codes(transaction: Transaction) -> str:
         if answer.return_code == SUCCESS and odd_data_code(item, answer):
             asked = TRANSPORT_SIZES.name(item.transport_size)
             expected = ANSWER_TRANSPORT_SIZE[item.transport_size]
-            return f"item {number}, a {asked}, was returned as 0x{answer.transport_size:02x} instead of 0x{expected:02x}"
+            return (
+                f"item {number}, a {asked}, was returned as 0x{answer.transport_size:02x} instead of 0x{expected:02x}"
+            )
     return "an item has a different transport size"
 
 

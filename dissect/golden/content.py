@@ -111,7 +111,9 @@ def answer_changes(a: Transaction, b: Transaction) -> Iterator[Change]:
 def _setup(verb: str, was: Setup | None, is_: Setup | None) -> Iterator[Change]:
     if was is not None and is_ is not None and was.as_dict() != is_.as_dict():
         old, new = setup_text(was), setup_text(is_)
-        yield Change("negotiation", f"{'requested' if verb == 'asks' else verb}: was {old}, is {new}", old, new, address=verb)
+        yield Change(
+            "negotiation", f"{'requested' if verb == 'asks' else verb}: was {old}, is {new}", old, new, address=verb
+        )
 
 
 def _written(one: Exchange, other: Exchange) -> Iterator[Change]:

@@ -177,17 +177,17 @@ def _text_lines(file: BinaryIO, name: str) -> Iterator[str]:
 
 
 def read_session(
-    path: str | os.PathLike[str], *more: str | os.PathLike[str], carrier: PayloadDecoder | None = None
+    path: str | os.PathLike[str], *more: str | os.PathLike[str], decoder: PayloadDecoder | None = None
 ) -> Session:
     """Return the session of a capture (or of several, as `dissect.open` reads them) or of a golden; the content decides.
 
-    ``carrier`` decodes SCD (`dissect.bindings.load_carrier`). Raises `CaptureError` for what is no capture and GoldenError for
+    ``decoder`` decodes SCD (`dissect.bindings.load_carrier`). Raises `CaptureError` for what is no capture and GoldenError for
     a golden that is wrong or a session that is too long. Damage inside a capture is told in ``damage``.
     """
     if not more and os.fspath(path) != "-" and Path(path).is_file() and is_golden(path):
         return load_golden(path)
     reader = SessionReader(os.fspath(path))
-    run = Run([os.fspath(path), *[os.fspath(other) for other in more]], reader, Options(decoder=carrier))
+    run = Run([os.fspath(path), *[os.fspath(other) for other in more]], reader, Options(decoder=decoder))
     while run.step() and reader.too_long is None:
         pass
     run.finish()

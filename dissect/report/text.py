@@ -117,7 +117,9 @@ def _connections(analysis: Analysis, places: Places) -> Iterator[Line]:
     if total <= _CONNECTIONS:
         yield Line("Connections", HEADING)
     else:
-        yield Line(f"Connections ({_CONNECTIONS} of {total}: those with most errors, then the busiest, by number)", HEADING)
+        yield Line(
+            f"Connections ({_CONNECTIONS} of {total}: those with most errors, then the busiest, by number)", HEADING
+        )
         connections = sorted(sorted(connections, key=_trouble)[:_CONNECTIONS], key=_number)
     for connection in connections:
         yield from connection_lines(connection, places)
@@ -153,7 +155,9 @@ def connection_lines(connection: Connection, places: Places) -> Iterator[Line]:
         yield Line(f"     REFUSED: {connection.refused}", "error", 5)
     granted, asked = connection.granted, connection.setup_asked
     if granted is not None:
-        wish = f" (requested {asked.pdu_length})" if asked is not None and asked.pdu_length != granted.pdu_length else ""
+        wish = (
+            f" (requested {asked.pdu_length})" if asked is not None and asked.pdu_length != granted.pdu_length else ""
+        )
         jobs = [connection.jobs_allowed(side) for side in (connection.client_side, 1 - connection.client_side)]
         yield Line(
             f"     PDU length {granted.pdu_length}{wish}, parallel jobs (AmQ): client {jobs[0]}, server {jobs[1]}",
