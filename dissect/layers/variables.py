@@ -112,7 +112,7 @@ class S7_OtherItem(S7_Item):
 
 
 class S7_DataItem(WireLayer):
-    """A data item of an answer: return code, transport size, length (bits or octets, by transport size) and the octets.
+    """A data item of an answer: return code, transport size, length (bits or bytes, by transport size) and the bytes.
 
     ``length`` is filled in from the octets when left out; one octet of BIT counts as one bit. ``fill`` is the octet after an
     odd item that is not the last, put there when left out.
