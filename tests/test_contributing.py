@@ -186,7 +186,9 @@ class MarkdownWriter(Writer):
 '''
 CSV_ROW: Final = """        _row("csv", "a row for each item", ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,))),
 """
-MARKDOWN_ROW: Final = """        _row("markdown", "a Markdown table", ("dissect.report.writers.markdown:MarkdownWriter", (TRANSACTIONS,))),
+MARKDOWN_ROW: Final = """        _row(
+            "markdown", "a Markdown table", ("dissect.report.writers.markdown:MarkdownWriter", (TRANSACTIONS,))
+        ),
 """
 
 
