@@ -353,7 +353,7 @@ def ethertype(packet: Layer) -> int:
 
 
 @crafts(
-    "Frames truncated by the capture (snaplen): behind the S7 parameters, in the second TPKT of a segment, inside the "
+    "Frames cut by the capture (snaplen): behind the S7 parameters, in the second TPKT of a segment, inside the "
     "COTP header, inside the TCP header. What was cut is known to be missing, nothing is made up for it, and the "
     "stream goes on."
 )

@@ -18,7 +18,7 @@ def lost(talk: Talk, side: int, octets: bytes) -> None:
 
 @crafts(
     "Packets missing from the capture that the far end acknowledged: a request, an answer, the middle of a TPKT, "
-    "its end with the head of the next, its head, and each half of a message in two DTs. Each costs only packets from it "
+    "its end with the head of the next, its head, and each half of a message in two DTs. Each costs only what it "
     "held."
 )
 def holes(case: Case) -> None:
@@ -111,7 +111,7 @@ def filtered_export(case: Case) -> None:
 
 
 @crafts(
-    "Holes that nobody acknowledges, because only packets from the client were captured: given up after 16 segments, "
+    "Holes that nobody acknowledges, because only what the client sent was captured: given up after 16 segments, "
     "after a second, at the end."
 )
 def holes_unacknowledged(case: Case) -> None:

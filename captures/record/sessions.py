@@ -45,7 +45,7 @@ CONNECTIONS = [
     Session(
         "connect-close", 102, PYTHON, ("python connect-close",), Promise(1, 1),
         "The clean life of a connection: CR/CC, Setup, DR/DC. The client closes TCP behind its DR without waiting, so the "
-        "DC may be met with RST, which is not a fault.",
+        "DC may be met with RST, which is no fault.",
     ),
     Session(
         "setup-pdu-sizes", 102, NATIVE, ("native setup-pdu-sizes",), Promise(3, 3),

@@ -11,6 +11,7 @@ from dissect.engine.observer import Observer, Options
 from dissect.engine.payload import PayloadDecoder
 from dissect.golden.exchange import PLUS, S7, SCD, Exchange
 from dissect.golden.model import GoldenError, Link, Session, Transaction
+from dissect.golden.order import settle_places
 from dissect.golden.parsing import MAGIC, MAX_LINE, read_golden
 from dissect.golden.scd_lines import scd_lines
 from dissect.golden.writing import link_text
@@ -31,10 +32,11 @@ MAX_SIZE: Final = 1 << 30
 class _Entry:
     """A transaction and where it stood: the packet it began with and its number, which put it in order."""
 
-    __slots__ = ("asked_by", "place", "transaction")
+    __slots__ = ("asked_by", "has_request", "place", "transaction")
 
     def __init__(self, seen: Seen, transaction: Transaction) -> None:
         self.asked_by = int(seen.asked_by)
+        self.has_request = bool(seen.request_frame)
         self.place = (int(seen.request_frame or seen.response_frame), int(seen.number))
         self.transaction = transaction
 
@@ -103,6 +105,7 @@ class SessionReader(Observer):
             link.ended_by = connection.role(ending.side) if ending.side >= 0 else ""
             link.farewell = _by_role(connection.iso_ended, connection)
         entries = self._entries.pop(int(connection.number), [])
+        settle_places(entries)
         entries.sort(key=lambda entry: entry.place)
         for entry in entries:  # only now: who the client is may have become known later than the first request
             entry.transaction.asked_by = connection.role(entry.asked_by)

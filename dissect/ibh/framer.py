@@ -12,8 +12,9 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.ibh.packet import HEADER, little, mpi_head
+from dissect.ibh.packet import BEFORE_DATA, HEADER, little, mpi_head
 from dissect.ibh.tables import SERVICES
+from dissect.iso.upper import stated_size
 
 #: The longest packet: its length is one octet.
 MAX_PACKET: Final = HEADER + 255
@@ -104,15 +105,17 @@ def judge_beginning(octets: bytes, at: i64, end: i64) -> i64:
 def _size(octets: bytes, at: i64, end: i64) -> i64:
     """Return the size of the packet at ``at``, whose length must be there.
 
-    An MPI header may state less; that counts when what follows there looks like a packet, of which two octets say more than
-    one.
+    An MPI header may state less; that counts when what follows there looks like a packet, unless the S7 PDU in it says by its
+    own lengths that it ends where this one does.
     """
     size: i64 = HEADER + octets[at + _LENGTH_AT]
     head: i64 = mpi_head(little(octets, at + 6)) if end - at >= HEADER else 0
     if head and size >= HEADER + head and end - at >= HEADER + head:
         stated: i64 = HEADER + head + octets[at + HEADER + head - 1]
-        if stated < size and at + stated + 1 < end and channels_fit(octets, at + stated, end):
-            return stated
+        pdu: i64 = at + HEADER + head + BEFORE_DATA
+        if stated < size and at + stated < end and channels_fit(octets, at + stated, end):
+            if at + size > end or stated_size(octets, pdu, at + size) != at + size - pdu:
+                return stated
     return size
 
 

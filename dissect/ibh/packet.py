@@ -29,7 +29,7 @@ HEADER: Final = 8
 SHORT_HEAD: Final = 5
 LONG_HEAD: Final = 7
 #: Function and number: what stands between the length and the user data.
-_BEFORE_DATA: Final = 2
+BEFORE_DATA: Final = 2
 #: Octets a receipt of the gateway has behind its header.
 _RECEIPT_SIZE: Final = 5
 
@@ -153,13 +153,13 @@ def _read_mpi(packet: IbhPacket, octets: bytes, head: i64, end: i64) -> None:
         return
     packet.function = octets[at]
     packet.kind = KIND_OF.get(packet.function, KIND_MPI_OTHER)
-    if end - at >= _BEFORE_DATA:
+    if end - at >= BEFORE_DATA:
         packet.mpi_number = octets[at + 1]
     if packet.kind == KIND_DATA or packet.kind == KIND_FRAGMENT:
-        if end - at < _BEFORE_DATA:
-            packet.malformed.append(Malformed("MPI", "length_below", "length", at - 1, _BEFORE_DATA, length, "packet"))
+        if end - at < BEFORE_DATA:
+            packet.malformed.append(Malformed("MPI", "length_below", "length", at - 1, BEFORE_DATA, length, "packet"))
             return
-        packet.data_at = at + _BEFORE_DATA
-        packet.data = octets[at + _BEFORE_DATA : end]
-    elif packet.kind == KIND_ACK and end - at > _BEFORE_DATA:
-        packet.acked = octets[at + _BEFORE_DATA]
+        packet.data_at = at + BEFORE_DATA
+        packet.data = octets[at + BEFORE_DATA : end]
+    elif packet.kind == KIND_ACK and end - at > BEFORE_DATA:
+        packet.acked = octets[at + BEFORE_DATA]

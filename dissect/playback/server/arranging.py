@@ -22,6 +22,7 @@ class Seen:
         "answered_at",
         "asked_by",
         "by_client",
+        "has_request",
         "latency_ns",
         "outcome",
         "place",
@@ -37,6 +38,7 @@ class Seen:
         self.latency_ns = max(latency_ns or 0, 0)
         self.asked_by = 0
         self.by_client = True
+        self.has_request = False
         self.place = (0, 0)  # what puts it in order: the packet it began with, and its number
         self.answered_at = 0  # the packet it was over with
 

@@ -9,6 +9,7 @@ from dissect.engine.observer import Observer, Options
 from dissect.golden.exchange import S7
 from dissect.golden.model import GoldenError
 from dissect.golden.model import Session as Golden
+from dissect.golden.order import settle_places
 from dissect.golden.reading import is_golden, read_session
 from dissect.ibh.tables import IBH_NETLINK
 from dissect.iso.cotp import parse_tpdu
@@ -99,6 +100,7 @@ class RecordingReader(Observer):
         seen.asked_by = int(transaction.asked_by)
         asked_at, told_at = int(transaction.request_frame), int(transaction.response_frame)
         seen.place = (asked_at or told_at, int(transaction.number))
+        seen.has_request = asked_at > 0
         seen.answered_at = told_at or asked_at
         begun.seen.append(seen)
 
@@ -135,6 +137,7 @@ class RecordingReader(Observer):
         client = int(connection.client_side)
         for one in begun.seen:
             one.by_client = one.asked_by == client
+        settle_places(begun.seen)
         begun.seen.sort(key=lambda one: one.place)
         arrange(script, begun.seen, self._recording)
         if script.steps or connection.cr_seen:
