@@ -51,14 +51,14 @@ DECODED, BUILT, SEEN, COMPARED = "decoded", "built", "seen", "compared"
 Key = tuple[str, str]
 """Section and row."""
 
-_PROGRAMMER: Final = "octets: no source tells what its data mean"
-_ROUTING: Final = "octets: of data record routing nobody published more than the names"
-_RECORDS: Final = "head decoded, records octets: no source at hand describes them"
+_PROGRAMMER: Final = "bytes: no source tells what its data mean"
+_ROUTING: Final = "bytes: of data record routing nobody published more than the names"
+_RECORDS: Final = "head decoded, records bytes: no source at hand describes them"
 _ADDRESSES: Final = (
     "no capture shows one, and how Wireshark reads it (items instead of a length) no source confirms; as any data item"
 )
 _UNIT_DATA: Final = (
-    "belongs to connectionless transport, which does not run over TCP; kept as octets (`COTP_Unknown`) and reported"
+    "belongs to connectionless transport, which does not run over TCP; kept as bytes (`COTP_Unknown`) and reported"
 )
 #: Lists whose records are not known.
 _PLAIN_LISTS: Final = (0x16, 0x17, 0x18, 0x21, 0x23, 0x33, 0x81, 0x82, 0xB1, 0xB2, 0xB3, 0xB4)
@@ -83,7 +83,7 @@ def reasons() -> dict[tuple[str, str, str], str]:
     told = {(TPDUS, "UD", column): _UNIT_DATA for column in (DECODED, BUILT, SEEN, COMPARED)}
     for number, kind in ((0x06, PUSH), (0x06, REQUEST), (0x07, REQUEST), (0x16, REQUEST)):
         told[USERDATA, userdata_name(1, number, kind), DECODED] = _PROGRAMMER
-    told[USERDATA, userdata_name(4, 1, RESPONSE), DECODED] = "see the lists below: records of some are octets"
+    told[USERDATA, userdata_name(4, 1, RESPONSE), DECODED] = "see the lists below: records of some are bytes"
     for row in tables.USERDATA_SUBFUNCTIONS[0x20]:
         for kind in (REQUEST, RESPONSE):
             told[USERDATA, userdata_name(0x20, row.number, kind), DECODED] = _ROUTING
@@ -138,7 +138,7 @@ class Census(Observer):
                 one = self.count(PARAMETERS, f"0x{parameter.code:02x} {iso.PARAMETERS.name(parameter.code)}")
                 if layer is not None:
                     value = _VALUES.get(parameter.code)
-                    one.layouts.add("code, length, value" if value else "code, length; value as octets")
+                    one.layouts.add("code, length, value" if value else "code, length; value as bytes")
                     one.classes.add("COTP_Parameter")
                     one.fields |= facts.NAMES[facts.IN_PARAMETER] | ({value} if value else set())
         if layer is not None:
@@ -331,8 +331,8 @@ HEAD: Final = (
     "Made from the tables and the captures (`scripts/coverage_doc.py`); a test keeps it so, and fails for an empty cell",
     "that has no reason.",
     "",
-    "- *decoded as*: the structures that `parse_body` cuts, where no octets without a meaning are left",
-    "- *built by*: the Scapy classes that dissect such PDUs and give the same octets again",
+    "- *decoded as*: the structures that `parse_body` cuts, where no bytes without a meaning are left",
+    "- *built by*: the Scapy classes that dissect such PDUs and give the same bytes again",
     "- *seen*: PDUs in the public captures / recorded here / crafted here; PDUs with a fault are not counted",
     "- *compared*: how many fields have a name of Wireshark's. In every capture [the oracle](oracle.md) compares them with",
     f"  tshark, and none is unexplained; where they differ on purpose its entry is named ({len(known.KNOWN)} there in all).",

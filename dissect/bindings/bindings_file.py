@@ -231,7 +231,7 @@ def _tsap(table: Table) -> Binding:
     table.mark("tsap")
     octets = _tsap_octets(written)
     if octets is None or not 1 <= len(octets) <= _MAX_TSAP:
-        detail = f'{shown(written)} is no TSAP: write 1 to {_MAX_TSAP} bytes as "SCD1", "0x0102" or [1, 2]'
+        detail = f'{shown(written)} is not a TSAP: write 1 to {_MAX_TSAP} bytes as "SCD1", "0x0102" or [1, 2]'
         raise table.fail("tsap", detail)
     text = octets.decode("ascii", "replace")
     shown_as = f'"{text}"' if text.isascii() and text.isprintable() else f"0x{octets.hex()}"

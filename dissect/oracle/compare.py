@@ -46,7 +46,7 @@ class Difference:
 
     def __str__(self) -> str:
         sides = f"ours {_shown(self.ours)}, theirs {_shown(self.theirs)}"
-        return f"frame {self.frame} {self.kind} {self.field}: {sides} ({self.known or 'not explained'})"
+        return f"frame {self.frame} {self.kind} {self.field}: {sides} ({self.known or 'unexplained'})"
 
 
 def _shown(value: Value | None) -> str:

@@ -58,12 +58,12 @@ def _text(octets: bytes, encoding: str, notes: Notes) -> str:
             octets.decode(encoding)
         except UnicodeDecodeError:
             encoding = "latin-1"
-            notes.add("the file is not UTF-8 and read as Latin-1; if its names are wrong, say the encoding")
+            notes.add("the file is not UTF-8 and was read as Latin-1; if its names are wrong, specify the encoding")
     try:
         text = octets.decode(encoding)
     except UnicodeDecodeError as error:
         line = octets.count(b"\n", 0, error.start) + 1
-        raise DictionaryError(f"byte {error.start}", f"no {encoding}: {error.reason}", line=line) from None
+        raise DictionaryError(f"byte {error.start}", f"not {encoding}: {error.reason}", line=line) from None
     except LookupError:
         raise DictionaryError("encoding", f"{encoding!r} is not an encoding") from None
     return "\n".join([line.strip() for line in text.replace("\r\n", "\n").replace("\r", "\n").split("\n")])

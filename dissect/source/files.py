@@ -106,7 +106,7 @@ def find_reader(source: OctetSource, name: str) -> Reader:
     if source.damage and len(head) < _HEAD:
         raise CaptureError(f"{name}: {source.damage}")
     if len(head) < 4:
-        raise CaptureError(f"{name}: {f'only {len(head)} octets, no capture' if head else 'empty'}")
+        raise CaptureError(f"{name}: {f'only {len(head)} bytes, not a capture' if head else 'empty'}")
     for magic, what in _OTHER_MAGICS:
         if head.startswith(magic):
             raise CaptureError(f"{name}: {what}")

@@ -123,7 +123,7 @@ def test_a_content_without_size_is_given_one(load: Load) -> None:
 def test_messages_without_a_size_travel_where_units_end(load: Load) -> None:
     od = compile_text(UNFRAMED)
     assert [row.name for row in load(table("udp = 1", 'holds = "messages"'), od).all] == ["udp 1"]
-    with pytest.raises(BindingError, match="tell no size, so a TCP stream cannot be cut"):
+    with pytest.raises(BindingError, match="has no size field, so messages in a TCP stream cannot be separated"):
         load(table("tcp = 1", 'holds = "messages"'), od)
 
 
@@ -145,11 +145,11 @@ M: Final = 'holds = "messages"'
         (table("udp = true", M), "udp: True is not a whole number of at most 64 bits"),
         (table("bsend = 0x1_0000_0000", M), "bsend: 4294967296 is outside 0 to 4294967295"),
         (table('tsap = ""', M), "tsap: '' is not a TSAP: write 1 to 254 bytes"),
-        (table('tsap = "0x010"', M), "tsap: '0x010' is no TSAP"),
-        (table('tsap = "Связь"', M), "tsap: 'Связь' is no TSAP"),
-        (table("tsap = [1, 256]", M), "tsap: [1, 256] is no TSAP"),
-        (table("tsap = [true]", M), "tsap: [True] is no TSAP"),
-        (table("tsap = 1", M), "tsap: 1 is no TSAP"),
+        (table('tsap = "0x010"', M), "tsap: '0x010' is not a TSAP"),
+        (table('tsap = "Связь"', M), "tsap: 'Связь' is not a TSAP"),
+        (table("tsap = [1, 256]", M), "tsap: [1, 256] is not a TSAP"),
+        (table("tsap = [true]", M), "tsap: [True] is not a TSAP"),
+        (table("tsap = 1", M), "tsap: 1 is not a TSAP"),
         (table('s7 = "DB10.DBX0.0"', M), "s7: 'DB10.DBX0.0' is not a byte address: write"),
         (table('area = "T"', M), "area: 'T' is not one of "),
         (table('area = "DB"', "offset = 0", M), "db: is missing"),
@@ -159,7 +159,7 @@ M: Final = 'holds = "messages"'
         (table("udp = 1", 'host = "10.0.0"', M), "host: '10.0.0' is neither an address"),
         (table("udp = 1", 'host = "10.0.0.5/24"', M), "host: '10.0.0.5/24' is neither an address"),
         (table("udp = 1", 'device = "me"', M), "device: 'me' is not one of port, peer"),
-        (table('s7 = "MB0"', 'device = "peer"', 'holds = "T1"'), "device: an S7 area lies in the CPU"),
+        (table('s7 = "MB0"', 'device = "peer"', 'holds = "T1"'), "device: an S7 area is in the CPU"),
         (table("udp = 1", 'name = " "', M), "name: is empty"),
         (table("udp = 1"), "holds: is missing"),
         (table("udp = 1", 'holds = ""'), 'holds: is empty; write "messages", a PDO ("T1"), a struct or object'),
@@ -208,10 +208,10 @@ def test_an_error_says_file_line_table_and_key(load: Load, tmp_path: Path) -> No
     ("first", "second", "message"),
     [
         (("udp = 1", M), ("udp = 1", 'holds = "T1"'), "[[binding]] 2, udp: is already bound by [[binding]] 1, line 1"),
-        (("udp = 1", 'host = "10.0.0.5"', M), ("udp = 1", 'host = "10.0.0.5/32"', M), "udp: is bound already"),
-        (("tcp = 1", 'name = "a"', M), ("tcp = 1", 'name = "b"', M), "tcp: is bound already"),
-        (('tsap = "AB"', M), ("tsap = [0x41, 0x42]", M), "tsap: is bound already"),
-        (("bsend = 1", M), ("bsend = 1", M), "bsend: is bound already"),
+        (("udp = 1", 'host = "10.0.0.5"', M), ("udp = 1", 'host = "10.0.0.5/32"', M), "udp: is already bound by"),
+        (("tcp = 1", 'name = "a"', M), ("tcp = 1", 'name = "b"', M), "tcp: is already bound by"),
+        (('tsap = "AB"', M), ("tsap = [0x41, 0x42]", M), "tsap: is already bound by"),
+        (("bsend = 1", M), ("bsend = 1", M), "bsend: is already bound by"),
         (
             ('s7 = "DB1.DBB0"', 'holds = "pump_t"'),
             ('s7 = "DB1.DBB2"', 'holds = "T1"'),
@@ -220,10 +220,14 @@ def test_an_error_says_file_line_table_and_key(load: Load, tmp_path: Path) -> No
         (
             ('s7 = "DB1.DBB0"', 'holds = "pump_t"'),
             ('s7 = "DB1.DBB0"', 'holds = "T1"', 'host = "10.0.0.5"'),
-            "s7: bytes are bound already",
+            "s7: overlaps bytes that are bound already",
         ),
-        (("udp = 1", 'name = "a"', M), ("tcp = 1", 'name = "a"', M), "name: 'a' is the name of [[binding]] 1, line 1"),
-        (("udp = 1", 'name = "tcp 1"', M), ("tcp = 1", M), "name: 'tcp 1' is the name of [[binding]] 1"),
+        (
+            ("udp = 1", 'name = "a"', M),
+            ("tcp = 1", 'name = "a"', M),
+            "name: 'a' is already the name of [[binding]] 1, line 1",
+        ),
+        (("udp = 1", 'name = "tcp 1"', M), ("tcp = 1", M), "name: 'tcp 1' is already the name of [[binding]] 1"),
     ],
 )
 def test_two_for_one_place(load: Load, first: tuple[str, ...], second: tuple[str, ...], message: str) -> None:

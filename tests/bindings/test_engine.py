@@ -181,7 +181,7 @@ def test_what_is_not_asked_for_and_what_is_not_answered() -> None:
 
 def test_several_messages_of_a_datagram_have_their_offsets() -> None:
     talk = listening()
-    talk.pipeline.conversation.observer.wants_pdus = True
+    talk.pipeline.exchange.observer.wants_pdus = True
     talk.datagram(SERVER, plant.pdo(counter=1) + plant.pdo("T65", counter=1) + plant.ask("Расход 1"))
     assert [(found.offset, found.subject, found.frame) for found in talk.messages] == [
         (0, "PDO T1 Состояние 1", 1),

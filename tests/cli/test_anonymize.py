@@ -128,7 +128,7 @@ def test_refusals(tmp_path: Path, capfdbinary: Capfd, key: Path) -> None:
     out.write_bytes(b"something")
     refused: list[tuple[tuple[str | Path, ...], str]] = [
         ((source, "-o", out), "--force overwrites it"),
-        ((source, "-o", source, "--force"), "to be read and written"),
+        ((source, "-o", source, "--force"), "is both input and output; choose another OUT"),
         (("-", "-o", tmp_path / "x"), "read twice"),
         ((source, "-o", tmp_path / "x", "--key", short), "a key needs 16 or more"),
         ((source, "-o", tmp_path / "x", "--key", tmp_path / "none"), "No such file"),

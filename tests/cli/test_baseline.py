@@ -99,7 +99,7 @@ def test_what_somebody_wrote_is_not_overwritten(capfdbinary: Capture, tmp_path: 
     path.write_text("mine")
     told = run(capfdbinary, "baseline", POLL, "-o", path)
     assert (told.code, path.read_text()) == (2, "mine")
-    assert "is there already: --update it, or name another file" in told.err
+    assert "exists; use --update, or choose another file" in told.err
 
 
 def test_a_file_that_goes_on_is_one_capture(capfdbinary: Capture, tmp_path: Path) -> None:
@@ -128,7 +128,7 @@ def test_rules_are_tried(capfdbinary: Capture, tmp_path: Path) -> None:
         (("--update", "BAD"), "bad.toml:2: [[pair]] 1, client: is missing"),
         (("--rules", "BAD"), "bad.toml: file, format: no such key here"),
         (("--rules", "NEW"), "\"new\" of 'n' needs a baseline: give one with --against"),
-        (("--against", "BAD", "-o", "x"), "--output and --update learn, --against and --rules compare: not together"),
+        (("--against", "BAD", "-o", "x"), "--output and --update cannot be combined with --against and --rules"),
         (("--against", "no.toml"), "no.toml: No such file"),
     ],
 )

@@ -31,8 +31,8 @@ def test_with_both_options_scd_is_decoded(capfdbinary: Capture, command: str) ->
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--scd", DICT], "--bind BINDINGS, which says where SCD travels, is missing"),
-        (["--bind", BIND], "--scd DICT, the dictionary, is missing"),
+        (["--scd", DICT], "missing --bind BINDINGS, which says where SCD is carried"),
+        (["--bind", BIND], "missing --scd DICT, the dictionary"),
     ],
 )
 def test_one_without_the_other(capfdbinary: Capture, command: str, options: list[str | Path], said: str) -> None:
@@ -45,8 +45,8 @@ def test_one_without_the_other(capfdbinary: Capture, command: str, options: list
 @pytest.mark.parametrize(
     ("dictionary", "bindings", "said"),
     [
-        (BIND, BIND, "plant.bind.toml: [binding]"),
-        (DICT, DICT, "plant.toml: "),
+        (BIND, BIND, "plant.bind.toml:3: [binding]"),
+        (DICT, DICT, "plant.toml:3: [dictionary]: unknown key"),
         (PLANT / "nowhere.toml", BIND, "nowhere.toml: No such file or directory"),
         (DICT, PLANT / "nowhere.toml", "nowhere.toml: No such file or directory"),
         (DICT, PLANT, "plant.pcapng"),
@@ -65,7 +65,7 @@ def test_a_binding_that_is_wrong_names_line_table_and_key(capfdbinary: Capture, 
     wrong.write_text('# one\n[[binding]]\nudp = 5600\nholds = "T9"\n', encoding="utf-8")
     ran = run(capfdbinary, "show", "--scd", DICT, "--bind", wrong, CAPTURE)
     assert ran.err.strip().endswith(
-        f"{wrong}:2: [[binding]] 1, holds: no PDO T9 in the dictionary 'Насосная'; there are T1, T2, T65, T66, R1, R65"
+        f"{wrong}:4: [[binding]] 1, holds: no PDO T9 in the dictionary 'Насосная'; there are T1, T2, T65, T66, R1, R65"
     )
 
 

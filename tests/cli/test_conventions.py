@@ -48,7 +48,7 @@ scd check PLANT
 scd compile PLANT -o -
 scd diff PLANT PLANT
 scd decode -d PLANT --pdo T2 C1AB24FA
-scd encode -d PLANT --value 0x6001 5
+scd encode -d PLANT --value 0x6001 raw:5
 """
 #: Calls that cannot be carried out.
 WRONG: Final = """

@@ -130,7 +130,7 @@ def test_junit_counts_what_is_not_shown(capfdbinary: Capture, tmp_path: Path) ->
     ("arguments", "said"),
     [
         (["--ignore", "everything"], "'everything' is not a kind of difference; known kinds: connections"),
-        (["--latency", "fast"], "no tolerance such as 20% or 5ms"),
+        (["--latency", "fast"], "'fast' is not a tolerance such as 20% or 5ms"),
         (["--max", "-1"], "-1 is not in the range"),
         (["-T", "html"], "'html' is not one of"),
     ],

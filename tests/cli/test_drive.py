@@ -88,7 +88,7 @@ def test_0_when_all_is_well(s7dissect: Command, good: Path, command: str) -> Non
             b"These are notes, no capture.",
             "not a capture file (pcap or pcapng, plain or in gzip or zstd)",
         ),
-        ("short.pcap", b"\xd4\xc3", "only 2 bytes, no capture"),
+        ("short.pcap", b"\xd4\xc3", "only 2 bytes, not a capture"),
     ],
 )
 def test_2_when_there_is_nothing_to_read(

@@ -77,6 +77,7 @@ scd decode -d PLANT --pdo WORD 00
 scd encode -d MISSING --value 0x6001 5
 scd encode -d PLANT --value WORD 5
 schema WORD
+help WORD
 WORD
 """
 

@@ -72,7 +72,7 @@ def test_a_node_id_for_a_description(capfdbinary: Capture, tmp_path: Path) -> No
     assert (ran.code, "depends on the node id" in ran.err) == (0, False)
     assert f"default = {0x80 + 7}" in ran.out
     refused = run(capfdbinary, "scd", "check", PLANT, "--node", "7")
-    assert (refused.code, "--node is for device descriptions" in refused.err) == (2, True)
+    assert (refused.code, "--node applies to device descriptions (EDS, DCF, XDD, XDC) only" in refused.err) == (2, True)
 
 
 def test_compile_says_what_it_made(capfdbinary: Capture, tmp_path: Path) -> None:
@@ -109,8 +109,8 @@ def test_notes_of_an_import_go_to_stderr(capfdbinary: Capture, tmp_path: Path) -
         run(capfdbinary, "scd", "dump", path),
     ):
         assert ran.code == 0
-        assert f"s7dissect: {path}: 0xc000: left out: SCD has no objects there (reserved)\n" in ran.err
-        assert "left out" not in ran.out
+        assert f"s7dissect: {path}: 0xc000: omitted: SCD has no objects there (reserved)\n" in ran.err
+        assert "omitted" not in ran.out
         assert ran.err.count("\n") == len(scd.import_file(path).notes)
 
 
@@ -119,7 +119,7 @@ def test_an_eds_in_another_encoding(capfdbinary: Capture, tmp_path: Path) -> Non
     path.write_bytes("[1000]\nParameterName=Насос\nDataType=7\nAccessType=ro\n".encode("cp1251"))
     assert 'name = "Насос"' in run(capfdbinary, "scd", "dump", "--encoding", "cp1251", path).out
     guessed = run(capfdbinary, "scd", "dump", path)
-    assert "no UTF-8 and read as Latin-1" in guessed.err
+    assert "not UTF-8 and was read as Latin-1; if its names are wrong, specify the encoding" in guessed.err
     wrong = run(capfdbinary, "scd", "dump", "--encoding", "cp1251", PLANT)
     assert (wrong.code, wrong.out) == (2, "")
     assert "--encoding applies to EDS and DCF" in wrong.err
@@ -164,7 +164,7 @@ def test_a_failure_leaves_what_was_there(capfdbinary: Capture, tmp_path: Path, m
 
     monkeypatch.setattr(Path, "replace", full)
     ran = run(capfdbinary, "scd", "compile", PLANT, "-o", out)
-    assert (ran.code, ran.err) == (2, f"s7dissect: {out}: No space left on device\n")
+    assert (ran.code, ran.err) == (5, f"s7dissect: cannot write {out}: No space left on device\n")
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("out.scd", b"old")]
 
 
@@ -188,9 +188,9 @@ def test_check_shows_pdos_that_are_off_and_notes(capfdbinary: Capture, tmp_path:
     ran = run(capfdbinary, "scd", "check", source(tmp_path, "xdd"))
     assert ran.code == 0
     lines = [line.split() for line in ran.out.splitlines()]
-    assert ["T1", "0x1a00", "5", "octets", "TPDO_MappParam_AU64"] in lines
+    assert ["T1", "0x1a00", "5", "bytes", "TPDO_MappParam_AU64"] in lines
     assert ["T2", "0x1a01", "off", "TPDO_Bool8"] in lines
-    assert "  not kept: 0x2007: left out: no type is given" in ran.out.splitlines()
+    assert "  not kept: 0x2007: omitted: no type is given" in ran.out.splitlines()
 
 
 def test_check_for_programs(capfdbinary: Capture, tmp_path: Path) -> None:

@@ -138,7 +138,7 @@ def test_octets_of_files_and_pipes(capfdbinary: Capture, tmp_path: Path, monkeyp
     assert decode(capfdbinary, "--pdo", "T2", "--raw", "-").out == wanted
     refused = decode(capfdbinary, "--pdo", "T2", plain)
     assert (refused.code, refused.out) == (2, "")
-    assert "not hexadecimal text; --raw reads plain bytes" in refused.err
+    assert "not hexadecimal text; use --raw for raw bytes" in refused.err
 
 
 def test_a_file_too_large_and_an_empty_one(capfdbinary: Capture, tmp_path: Path) -> None:

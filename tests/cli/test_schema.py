@@ -53,7 +53,7 @@ def test_what_is_written_is_valid_by_what_is_written(capfdbinary: Capture, tmp_p
 def test_no_such_schema(capfdbinary: Capture, name: str) -> None:
     ran = run(capfdbinary, "schema", name)
     assert (ran.code, ran.out) == (2, "")
-    assert "there is no schema" in ran.err
+    assert "no schema '" in ran.err
     assert "alert, analysis" in ran.err
 
 

@@ -48,7 +48,7 @@ def test_text_has_a_line_for_each_pdu_and_what_else_is_said(capfdbinary: Capture
         "COTP DR",
     ]
     assert lines[4] == "     8  comment: here it comes"
-    assert lines[7].endswith("COTP DT  TLS, 22 bytes: TLS 1.2 application data")
+    assert lines[7].endswith("COTP DT  TLS, 22 bytes: TLS 1.2 or 1.3 application data")
 
 
 def test_jsonl_has_a_line_for_each_pdu_and_what_else_is_said(capfdbinary: Capture, path: Path) -> None:

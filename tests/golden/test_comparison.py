@@ -36,14 +36,14 @@ WHO = "connection 1, TSAPs: was TSAP 01.00 (PG) → 01.%02d (PG, rack 0 slot %d)
         ("REAL = 3.5", "REAL = 3.25", "values", "transaction 2, READ DB10.DBD8: was 3.5, is 3.25"),
         ("BIT = true", "BIT = false", "values", "transaction 2, READ M20.1: was true, is false"),
         ("INT = 1234", "INT = 1234 as BYTE/WORD/DWORD", "transport",
-         "transaction 2, READ DB10.DBW4: came as INTEGER, length 16, comes as BYTE/WORD/DWORD, length 16"),
+         "transaction 2, READ DB10.DBW4: data header was INTEGER, length 16; is BYTE/WORD/DWORD, length 16"),
         ("INT = 5", "INT = 6", "values", "transaction 3, WRITE DB10.DBW4: was 5, is 6"),
         ("INT = 5", "INT = 5 refused 0x05", "codes",
          "transaction 3, WRITE DB10.DBW4: was 5, is refused: Invalid address (0x05)"),
         ("gets PDU 240, AmQ 1/1", "gets PDU 480, AmQ 1/1", "negotiation",
          "transaction 1, SETUP: granted: was PDU 240, AmQ 1/1, is PDU 480, AmQ 1/1"),
         ("asks PDU 480, AmQ 1/1", "asks PDU 480, AmQ 2/1", "negotiation",
-         "transaction 1, SETUP: asks: was PDU 480, AmQ 1/1, is PDU 480, AmQ 2/1"),
+         "transaction 1, SETUP: requested: was PDU 480, AmQ 1/1, is PDU 480, AmQ 2/1"),
         ("    refused 0xd401", "    refused 0xd402", "codes",
          f"{SZL}: was refused: Invalid SZL id (0xd401), is refused: Invalid SZL index (0xd402)"),
         ("    refused 0xd401\n", "", "codes",
@@ -55,14 +55,14 @@ WHO = "connection 1, TSAPs: was TSAP 01.00 (PG) → 01.%02d (PG, rack 0 slot %d)
         ("no answer: connection_closed", "no answer: hole", "answers",
          f"{OPEN}, is unanswered: {REASON_TEXTS[HOLE]}"),
         ("DB10.DBW6 WORD", "DB10.DBW8 WORD", "requests",
-         "transaction 5, READ DB10.DBW6: asks for something else: was READ DB10.DBW6, is READ DB10.DBW8"),
+         "transaction 5, READ DB10.DBW6: requests READ DB10.DBW8 instead of READ DB10.DBW6"),
         ("3 client WRITE\n  DB10.DBW4 INT = 5\n", "", "missing", "transaction 3, WRITE DB10.DBW4: missing (was 5)"),
         ("3 client WRITE", "3 client READ\n  MB0 BYTE = 1\n\n4 client WRITE", "added",
          "transaction 3 of the second, READ MB0: added (1)"),
         ("  ends fin by client", "  ends reset by server", "endings",
          "connection 1, end: was fin by the client, is reset by the server"),
         ("  TPDU size 1024, asked 1024", "  TPDU size 512, asked 1024", "negotiation",
-         "connection 1, TPDU size: was 1024 (1024 asked), is 512 (1024 asked)"),
+         "connection 1, TPDU size: was 1024 (requested 1024), is 512 (requested 1024)"),
         ("server TSAP <01 02>", "server TSAP <01 03>", "tsaps",
          f"{WHO % (2, 2)}, is {WHO.partition('was ')[2] % (3, 3)}"),
         ("  TPDU size", "  begins before the capture\n  TPDU size", "endings",
@@ -101,7 +101,7 @@ def test_changes_in_packets() -> None:
     assert made(b"\x04\xd3") == ["transaction 3, READ DB10.DBW4: was 1234, is 1235"]
     assert made(0x0A) == ["transaction 3, READ DB10.DBW4: was 1234, is refused: Object does not exist (0x0a)"]
     assert made(b"\x04\xd2", 240) == [
-        "transaction 1, SETUP: asks: was PDU 480, AmQ 1/1, is PDU 240, AmQ 1/1",
+        "transaction 1, SETUP: requested: was PDU 480, AmQ 1/1, is PDU 240, AmQ 1/1",
         "transaction 1, SETUP: granted: was PDU 480, AmQ 1/1, is PDU 240, AmQ 1/1",
     ]
 
@@ -123,7 +123,7 @@ def test_times_references_ports_and_addresses_are_no_difference() -> None:
 
 def test_a_request_that_stands_elsewhere_is_reordered() -> None:
     one, other = session(reads(0, 2, 4, 6, 8).packets()), session(reads(0, 8, 2, 4, 6).packets())
-    assert told(one, other) == ["transaction 6, READ DB10.DBW8: reordered, is transaction 3 of the second"]
+    assert told(one, other) == ["transaction 6, READ DB10.DBW8: moved, now transaction 3 of the second"]
     assert told(one, other, "order:READ DB10.DBW8") == []
 
 
@@ -159,7 +159,7 @@ def test_the_order_on_each_side_counts() -> None:
     assert told(spoken("rrpjr"), spoken("prjrr")) == []
     (text,) = told(spoken("rrpj"), spoken("rjrp"))
     assert text.startswith("transaction ")
-    assert "reordered" in text
+    assert "moved, now transaction" in text
     assert told(spoken("rrp"), spoken("prr", values=[0, 7])) == ["transaction 3, READ DB10.DBW2: was 1, is 7"]
     (text,) = told(spoken("rrp"), spoken("pprr"))
     assert "of the second" in text
@@ -223,7 +223,7 @@ def test_connections_are_matched_by_who_and_what() -> None:
     (added,) = packets(one, two, three, reads(0, flow=Flow(ports=(50000, 102))))
     assert added.startswith("connection 1 of the second is added")
     assert packets(reads(0, 4, flow=flows[0]), two, three) == [
-        "transaction 3, READ DB10.DBW2: asks for something else: was READ DB10.DBW2, is READ DB10.DBW4"
+        "transaction 3, READ DB10.DBW2: requests READ DB10.DBW4 instead of READ DB10.DBW2"
     ]
 
 
@@ -231,7 +231,7 @@ def test_latency_is_compared_only_when_asked_and_known() -> None:
     one = session(reads(0, 2).packets())
     slow = session(captured(reads(0, 2).segments, step_ns=1_250_000))
     assert told(one, slow) == []
-    assert told(one, slow, latency="24%")[0] == "transaction 1, SETUP: answered in 1.00 ms, is in 1.25 ms"
+    assert told(one, slow, latency="24%")[0] == "transaction 1, SETUP: answer time was 1.00 ms, is 1.25 ms"
     assert len(told(one, slow, latency="24%")) == 3
     assert told(one, slow, latency="26%") == []
     assert told(one, slow, latency="251us") == []

@@ -94,9 +94,9 @@ def test_remarks_blanks_and_wrapped_lines_say_nothing() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "why"),
     [
-        ("golden 1", "golden 2", "format '2' is not known here"),
-        ("s7dissect golden 1", "something", "no golden"),
-        ("connection 1", "connexion 1", "line 3: 'connexion 1' begins neither"),
+        ("golden 1", "golden 2", "format '2' is unknown; this version reads 's7dissect golden 1'"),
+        ("s7dissect golden 1", "something", "not a golden: the first line is not 's7dissect golden 1'"),
+        ("connection 1", "connexion 1", "line 3: 'connexion 1' starts neither a connection nor a transaction"),
         ("  protocol s7comm", "  speaks s7comm", "line 4: 'speaks s7comm' does not apply to a connection"),
         ("INT = 1234", "INT = 123456", "line 15: 123456 is out of range for the type"),
         ("INT = 1234", "INT", "line 14: an item of an answered READ has neither a value nor 'refused'"),
@@ -104,12 +104,16 @@ def test_remarks_blanks_and_wrapped_lines_say_nothing() -> None:
         ("request Userdata", "request Nothing", "Nothing is not a kind of PDU"),
         ("    refused 0xd401", "    refuses 0xd401", "line 27: 'refuses 0xd401' is neither"),
         ("    refused 0xd401", "   refused 0xd401", "line 27: indented by 3"),
-        ("no answer: connection_closed", "no answer: tired", "tired is no reason"),
+        ("no answer: connection_closed", "no answer: tired", "tired is not a reason; known reasons: connection_closed"),
         ("  gets PDU 240, AmQ 1/1\n", "", "line 10: request or answer is missing"),
         ("data <0a 00 00 00>", "data <0a 00 00 0>", "not hexadecimal"),
         ("data <0a 00 00 00>", "data 0a 00 00 00", "angle brackets"),
-        ("DB10.DBD8 REAL", "DB10.DBX8 REAL", "DB10.DBX8 is not an address|does not suit"),
-        ("1 client SETUP", "  1 client SETUP", "line 10: '1 client SETUP' is nothing"),
+        (
+            "DB10.DBD8 REAL",
+            "DB10.DBX8 REAL",
+            "DB10.DBX8 REAL: the address does not fit the type, it would be DB10.DBD8",
+        ),
+        ("1 client SETUP", "  1 client SETUP", "line 10: '1 client SETUP' does not apply to a connection"),
     ],
 )
 def test_what_is_wrong_is_told_with_its_line(old: str, new: str, why: str) -> None:
@@ -155,7 +159,7 @@ def test_a_pdu_larger_than_any_is_told_with_its_line(line: str) -> None:
     ("below", "why"),
     [
         (b"\0" * 3_000_000, "a line is longer than 512 KiB"),
-        (b"connection 1\n" + b"\0" * 300, "octet 32 is NUL"),
+        (b"connection 1\n" + b"\0" * 300, "byte 32 is NUL: not a golden"),
         (b"connection 1\n" + b"        word\n" * 200_000, "line 2: longer than 512 KiB"),
     ],
 )

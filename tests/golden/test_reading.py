@@ -86,7 +86,7 @@ def test_damage_is_told(tmp_path: Path) -> None:
 def test_a_golden_that_cannot_be_read_says_why(tmp_path: Path) -> None:
     path = tmp_path / "bad.s7.txt"
     path.write_bytes(b"s7dissect golden 1\n\xff")
-    with pytest.raises(GoldenError, match="octet 19 is not UTF-8"):
+    with pytest.raises(GoldenError, match="byte 19 is not UTF-8"):
         read_session(path)
 
 

@@ -30,7 +30,7 @@ CAUSES: Final = {
     ),
     "hole-shown-later": (
         "docs/golden.md",
-        "the hole shows only in a later packet",
+        "the gap shows only in a later packet",
         "The answer is of a request that stood in it; tshark tells the hole where the next segment of that side comes.",
     ),
     "parts-joined": (
@@ -65,7 +65,7 @@ CAUSES: Final = {
     ),
     "unknown-rosctr": (
         "docs/golden.md",
-        "a PDU whose ROSCTR nobody knows",
+        "a PDU whose ROSCTR is unknown",
         "It neither asks nor answers; `s7.unknown_rosctr` tells it.",
     ),
     "seen-in-tcp": (
@@ -100,7 +100,7 @@ _LIST: Final = "# SZL 0x0000 index 0x0000"
 _ER: Final = 'no ends error_tpdu by server "ER from the server: invalid parameter'
 
 ROWS: Final = [
-    Row("bsend", "4, 7", {"no # 1500 octets": 1, "# 1500 octets": 1}, "parts-joined"),
+    Row("bsend", "4, 7", {"no # 1500 bytes": 1, "# 1500 bytes": 1}, "parts-joined"),
     Row("crafted/conflicts", "4-5", {_ORPHAN: 1, f"{_ORPHAN}: hole": 1}, "lost-by-tcp"),
     Row("crafted/cotp-refused", "connection 1", {f'{_ER} value", ends fin by server': 1}, "rejection-refused"),
     Row("crafted/cotp-refused", "connection 5", {'no refused "not used"': 1}, "reason-refused"),

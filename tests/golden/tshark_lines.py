@@ -107,23 +107,23 @@ def facts(pdu: Pdu) -> Iterator[str]:
         yield f"service {parameters['s7comm.param.pistart.servicename']}"
     if "s7comm.data.blockcontrol.loadmem_len" in parameters:
         code = parameters["s7comm.data.blockcontrol.mc7code_len"]
-        yield f"{int(parameters['s7comm.data.blockcontrol.loadmem_len'])} octets, {int(code)} of them MC7 code"
+        yield f"{int(parameters['s7comm.data.blockcontrol.loadmem_len'])} bytes, {int(code)} of them MC7 code"
     if parameters.get("s7comm.param.blockcontrol.upl_lenstring"):
-        yield f"{int(parameters['s7comm.param.blockcontrol.upl_lenstring'])} octets"
+        yield f"{int(parameters['s7comm.param.blockcontrol.upl_lenstring'])} bytes"
     if pdu.rosctr == ACK_DATA and number(
         inner(parameters, "s7comm.param.blockcontrol.functionstatus_tree"),
         "s7comm.param.blockcontrol.functionstatus.more",
     ):
         yield "more to come"
     if pdu.rosctr == ACK_DATA and "s7comm.data.blockcontrol.unknown1" in data:
-        yield f"{number(data, 's7comm.data.length')} octets"
+        yield f"{number(data, 's7comm.data.length')} bytes"
     yield from _blocks(pdu)
     if "s7comm.data.ts_tree" in data and pdu.group != PBC:
         yield from _time(inner(data, "s7comm.data.ts_tree"))
     if "s7comm.pbc.req.bsend.r_id" in data:
         yield f"R_ID 0x{number(data, 's7comm.pbc.req.bsend.r_id'):08x}"
         if "s7comm.pbc.req.bsend.len" in data:
-            yield f"{number(data, 's7comm.pbc.req.bsend.len')} octets"
+            yield f"{number(data, 's7comm.pbc.req.bsend.len')} bytes"
 
 
 def _files(tree: Tree) -> Iterator[str]:

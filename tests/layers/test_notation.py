@@ -51,7 +51,7 @@ def test_what_is_no_address_is_refused(address: str) -> None:
 
 @pytest.mark.parametrize("count", [0, -1, 65536])
 def test_counts_out_of_range_are_refused(count: int) -> None:
-    with pytest.raises(ValueError, match="elements of 'MB0' cannot be asked for"):
+    with pytest.raises(ValueError, match="elements of 'MB0' cannot be requested"):
         at("MB0", count)
 
 

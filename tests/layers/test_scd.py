@@ -480,7 +480,7 @@ def test_a_file_may_be_named(od: Dictionary, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("port", [0, -1, 65536])
 def test_no_port(port: int) -> None:
-    with pytest.raises(ValueError, match="no port"):
+    with pytest.raises(ValueError, match="is not a port: give one of 1 to 65535"):
         bind_scd(port)
 
 

@@ -135,12 +135,13 @@ def test_a_fragment_that_looks_like_s7_is_none(tmp_path: Path) -> None:
     talk = Talk().open()
     head = b"\x72\x01" + (len(READ) - 7).to_bytes(2, "big")
     talk.send("c", bytes(TPKT() / COTP_DT(eot=0) / Raw(head)))
-    end = TPKT() / COTP_DT() / Raw(READ[7:])
+    rest = READ[7:] + b"\x72\x01\x00\x00"
+    end = TPKT() / COTP_DT() / Raw(rest)
     assert S7 in TPKT(bytes(end))
     talk.send("c", bytes(end))
     _, last = seen(tmp_path, talk.packets)
     assert S7 not in last
-    assert bytes(last[S7Plus]) == head + READ[7:]
+    assert bytes(last[S7Plus]) == head + rest
 
 
 def test_a_pdu_that_the_capture_cut_comes_without_tpkt(tmp_path: Path) -> None:

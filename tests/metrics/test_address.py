@@ -43,7 +43,7 @@ def test_an_address(text: str, host: str, port: int) -> None:
     ],
 )
 def test_no_address(text: str) -> None:
-    with pytest.raises(AddressError, match=r"say HOST:PORT, for example 127\.0\.0\.1:9102"):
+    with pytest.raises(AddressError, match=r"expected HOST:PORT, for example 127\.0\.0\.1:9102"):
         parse_address(text)
 
 
@@ -67,7 +67,7 @@ def test_of_other_machines_too(host: str) -> None:
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.0.2.7", "::", "2001:db8::1"])
 def test_what_others_can_reach_takes_one_more_word(host: str) -> None:
     address = Address(host, 9102)
-    with pytest.raises(AddressError, match=r"other machines.*say 127\.0\.0\.1:9102, or add --allow-remote"):
+    with pytest.raises(AddressError, match=r"other machines.*use 127\.0\.0\.1:9102, or add --allow-remote"):
         resolve(address, False)
     assert resolve(address, True).address[:2] == (host, 9102)
 
@@ -80,5 +80,5 @@ def test_a_name_is_looked_up_once() -> None:
 
 @pytest.mark.parametrize("host", ["fe80::1%nosuch0", "x" * 300, "a..b"])
 def test_a_name_nobody_has(host: str) -> None:
-    with pytest.raises(AddressError, match="say a name or an address of this machine"):
+    with pytest.raises(AddressError, match="use a name or an address of this machine"):
         resolve(Address(host, 9102), True)

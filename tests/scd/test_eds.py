@@ -385,7 +385,7 @@ def test_every_loss_is_told_once_with_its_places(pump: Imported) -> None:
         "the PDO is switched off: no object 0x7000": ("0x1600",),
     }
     assert [str(note) for note in pump.notes if note.places[0] == "0x2007"] == [
-        "0x2007: left out: SCD has no simple type for type 0x0040"
+        "0x2007: omitted: SCD has no simple type for type 0x0040"
     ]
 
 
@@ -438,8 +438,8 @@ OBJECT = "[1000]\nParameterName=a\nDataType=7\nAccessType=ro\n"
         ("", "x.eds: file: no object is described"),
         ("hello\n", "x.eds:1: INI: no section"),
         (OBJECT + "nothing\n", "x.eds:5: INI: 'nothing"),
-        (OBJECT + OBJECT, "x.eds:5: [1000]: is there twice"),
-        (OBJECT + "DataType=8\n", "x.eds:5: [1000], DataType: is there twice"),
+        (OBJECT + OBJECT, "x.eds:5: [1000]: occurs twice"),
+        (OBJECT + "DataType=8\n", "x.eds:5: [1000], DataType: occurs twice"),
         ("[1a00]\nParameterName=a\n[1A00]\nParameterName=b\n", "x.eds:3: [1A00]: the same as [1a00] of line 1 (R57)"),
         ("\n[1000]\nDataType=7\n", "x.eds:2: [1000], ParameterName: is missing (R71)"),
         ("[1000]\nParameterName=a\n", "x.eds:1: [1000], DataType: is missing"),
@@ -467,7 +467,7 @@ def test_what_is_broken_is_told_with_its_place(text: str, told: str) -> None:
 def test_octets_of_another_encoding(tmp_path: Path) -> None:
     path = tmp_path / "x.eds"
     path.write_bytes(b"[1000]\nParameterName=\xff\n")
-    with pytest.raises(DictionaryError, match=r"x\.eds:2: octet 21: no utf-8"):
+    with pytest.raises(DictionaryError, match=r"x\.eds:2: byte 21: not utf-8"):
         import_file(path, "utf-8")
     with pytest.raises(DictionaryError, match="'klingon' is not an encoding"):
         import_file(path, "klingon")
@@ -477,7 +477,7 @@ def test_a_file_too_large_or_of_another_kind(tmp_path: Path) -> None:
     path = tmp_path / "x.eds"
     with path.open("wb") as file:
         file.truncate(MAX_DESCRIPTION + 1)
-    with pytest.raises(DictionaryError, match="octets, a dictionary has at most"):
+    with pytest.raises(DictionaryError, match="bytes, a dictionary has at most"):
         import_file(path)
     with pytest.raises(DictionaryError, match=r"'\.toml' is not one of \.eds"):
         import_file(tmp_path / "x.toml")

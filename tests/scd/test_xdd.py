@@ -220,7 +220,7 @@ TWICE = f'<Object index="1018" objectType="9">{SUBS}</Object>'
         (with_objects(VAR.format("1000", 3, "7")), "Object 1000: objectType '3' is not a class of objects (R63)"),
         (with_objects(VAR.format("1000", 7, "seven")), "Object 1000: dataType 'seven' is not a hexadecimal number"),
         (with_objects(VAR.format("1000", 7, "7") * 2), "Object 1000: the index occurs twice (R57)"),
-        (with_objects(TWICE), "Object 1018, SubObject 01: is there twice (R62)"),
+        (with_objects(TWICE), "Object 1018, SubObject 01: occurs twice (R62)"),
         (with_objects(TWICE.replace('"1"', '"100"')), "Object 1018, SubObject 100: sub-indices have 8 bits (R62)"),
     ],
 )

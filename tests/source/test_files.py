@@ -483,7 +483,7 @@ def test_compressed_twice_is_not_followed(outer: str, inner: str, tmp_path: Path
     ("octets", "reason"),
     [
         (b"", "empty"),
-        (b"\xd4\xc3\xb2", "only 3 bytes, no capture"),
+        (b"\xd4\xc3\xb2", "only 3 bytes, not a capture"),
         (b"Hello, I am no capture at all", "not a capture file (pcap or pcapng, plain or in gzip or zstd)"),
         (bytes(1000), "not a capture file (pcap or pcapng, plain or in gzip or zstd)"),
         (b"\n\r\r\n" + bytes(100), "not a capture file (pcap or pcapng, plain or in gzip or zstd)"),

@@ -30,7 +30,7 @@ def test_a_missing_golden_fails_and_says_what_to_do(project: Project) -> None:
         [
             "there is no golden tests/goldens/test_pump/test_pump.s7.txt yet.",
             "  recorded: 5 transactions on 1 connection, in tests/captures/pump.pcapng",
-            "To keep what was recorded: pytest --s7-update new, *",
+            "To keep the recording: pytest --s7-update new, *",
         ],
         consecutive=True,
     )
@@ -69,10 +69,10 @@ def test_a_change_fails_in_the_words_of_the_diff(project: Project) -> None:
         result.assert_outcomes(failed=1)
         result.stdout.fnmatch_lines(
             [
-                "not the session of tests/goldens/test_pump/test_pump.s7.txt *",
+                "session differs from golden tests/goldens/test_pump/test_pump.s7.txt (was = golden, is = this run):",
                 "  transaction 2, READ DB1.DBB116: was 117, is 116",
                 "  recorded: tests/captures/pump.pcapng",
-                "Where the change is meant: pytest --s7-update all, *",
+                "If the change is intended: pytest --s7-update all, *",
             ],
             consecutive=True,
         )
@@ -132,7 +132,7 @@ def test_answer_times_are_kept_and_compared_when_asked(project: Project) -> None
     project.change(times[1], "  latency 9000000000 ns")
     result = project.run()
     result.assert_outcomes(failed=1)
-    result.stdout.fnmatch_lines(["  transaction 2, READ *: answered in 9.00 s, is in *"])
+    result.stdout.fnmatch_lines(["  transaction 2, READ *: answer time was 9.00 s, is *"])
 
 
 def test_a_failure_says_as_much_as_can_be_read(project: Project) -> None:
@@ -153,7 +153,7 @@ def test_a_second_golden_of_a_test_takes_a_name(project: Project) -> None:
     project.test(ONE + '    s7_golden.check("pump")\n')
     result = project.run("--s7-update", "new")
     result.assert_outcomes(failed=1)
-    result.stdout.fnmatch_lines(["*test_pump.s7.txt was checked in this test already: give this one a name*"])
+    result.stdout.fnmatch_lines(["*test_pump.s7.txt was already checked in this test: give this one a name*"])
     project.test(ONE + '    s7_golden.check("pump", name="after the stop/start")\n')
     project.run("--s7-update", "new").assert_outcomes(passed=1)
     assert project.listed() == ["test_pump/test_pump-after the stop%2Fstart.s7.txt", "test_pump/test_pump.s7.txt"]

@@ -121,7 +121,7 @@ def test_what_was_not_recorded_fails_the_test(project: Project) -> None:
     result.stdout.fnmatch_lines(["*ERROR at teardown of test_late*", asked, request])
     result = project.run(f"{module}::test_many")
     result.assert_outcomes(failed=1)
-    assert result.stdout.str().count("nothing was recorded of") == 10
+    assert result.stdout.str().count(": not recorded: ") == 10
     result.stdout.fnmatch_lines(["  and 3 more"])
 
 
@@ -163,7 +163,7 @@ def test_chain(s7_server, s7_record, s7_golden):
     assert len(near.session().transactions) == 2
 
 def test_nowhere(s7_record):
-    with pytest.raises(TypeError, match="say where the PLC is"):
+    with pytest.raises(TypeError, match="give the address of the PLC"):
         s7_record(to=None)
 
 def test_unused(s7_record, s7_server):

@@ -32,9 +32,9 @@ def test_a_session_that_was_not_recorded_is_no_golden(project: Project, update: 
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(
         [
-            "*test_pump.s7.txt is not written: a fake PLC was asked *",
+            "*test_pump.s7.txt is not written: a fake PLC received a request that was not recorded, *",
             "*s7_server call*",
-            "*was recorded of DB1.DBB4000 x2",
+            "*: not recorded: DB1.DBB4000 x2",
         ]
     )
     assert "written tests" not in result.stdout.str()
@@ -61,9 +61,9 @@ def test_pump(s7_golden, s7_server, s7_record, tmp_path):
         ("s7_golden.check('../bad.s7.txt')", "*GoldenError: *bad.s7.txt*"),
         ("s7_server('pomp')", "FileNotFoundError: no capture tests/captures/pomp; *"),
         ("s7_server('../test_pump.py')", "*Error: *test_pump.py: not a capture file *"),
-        ("s7_server('pump', faults=['drop'])", "ValueError: 'drop' is not a fault: say KIND:WHERE, *"),
+        ("s7_server('pump', faults=['drop'])", "ValueError: 'drop' is not a fault: expected KIND:WHERE, *"),
         ("s7_record(to=None)", "TypeError: to=None: give the address of the PLC: *"),
-        ("s7_record(to='127.0.0.1:x')", "*AddressError: '127.0.0.1:x' is not an address: say HOST:PORT, *"),
+        ("s7_record(to='127.0.0.1:x')", "*AddressError: '127.0.0.1:x' is not an address: expected HOST:PORT, *"),
     ],
 )
 def test_a_mistake_is_told_at_its_line_and_not_inside_the_plugin(project: Project, mistake: str, told: str) -> None:

@@ -34,9 +34,9 @@ from tests.proxy.support import WRONG, tshark
 @pytest.mark.parametrize(
     ("wrong", "why"),
     [
-        (lambda: Talk() << words(1), "the server answers, but nothing"),
-        (lambda: Talk() >> words(1), "the client answers, but nothing"),
-        (lambda: Talk().unanswered(), "no request open"),
+        (lambda: Talk() << words(1), "the server answers, but no request to it is pending"),
+        (lambda: Talk() >> words(1), "the client answers, but no request to it is pending"),
+        (lambda: Talk().unanswered(), "the client has no pending request"),
         (lambda: Talk().close() >> read("MW0"), "the connection is over"),
         (lambda: Talk().reset().close(), "the connection is over"),
     ],

@@ -4,7 +4,7 @@ import struct
 
 import pytest
 
-from dissect.report.words import subject
+from dissect.report.facets import subject
 from dissect.s7.values import Value
 from dissect.transactions import checks
 from dissect.transactions import transaction as module

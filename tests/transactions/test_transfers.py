@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from dissect.transactions.connection import MAX_REMEMBERED
 from dissect.transactions.operation import Operation
-from dissect.transactions.traits import MAX_REMEMBERED
 from tests.findings import events
 from tests.findings.operation_scenarios import load, read_out
 from tests.transactions.talk import CLIENT, RST, SERVER, Talk, job

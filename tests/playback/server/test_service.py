@@ -374,7 +374,7 @@ def test_more_clients_than_are_served_wait(monkeypatch: pytest.MonkeyPatch) -> N
         assert waiting.words("DB10.DBW4") == [1]
         for client in (*clients, waiting):
             client.socket.close()
-        assert "3 clients are connected; more have to wait" in server.problems[0]
+        assert "3 clients are connected; more must wait until one disconnects" in server.problems[0]
 
 
 def test_a_hundred_clients_at_once() -> None:
@@ -410,7 +410,7 @@ def test_who_does_not_read_is_not_read_from_and_in_the_end_dropped(monkeypatch: 
 
         def dropped() -> bool:
             seen.extend([line.held for line in list(server._lines)])
-            return any("takes nothing" in text for text in server.problems)
+            return any("accepted no data" in text for text in server.problems)
 
         requests = dt(read("DB1.DBB0 x900").octets) * 1000
         sender = threading.Thread(target=send_until_it_ends, args=(client.socket, requests))
