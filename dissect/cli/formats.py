@@ -22,26 +22,26 @@ else:
     _ParamType = click.ParamType  # older ones of click are not generic
 
 
-class _FormatType(_ParamType):
+class FormatType(_ParamType):
     """The name of a format that takes a kind of result. The table is asked when the name is read, not when it is imported."""
 
     name = "format"
 
     def __init__(self, kind: str) -> None:
-        self._kind = kind
+        self.kind = kind
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
         """Return the names for the help."""
-        return f"[{'|'.join([row.name for row in formats_for(self._kind)])}]"
+        return f"[{'|'.join([row.name for row in formats_for(self.kind)])}]"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Format:
         """Return the format of a name; a wrong one is reported with the nearest."""
         if isinstance(value, Format):
             return value
         row = FORMATS.get(value)
-        if row is not None and self._kind in row.writers:
+        if row is not None and self.kind in row.writers:
             return row
-        names = [row.name for row in formats_for(self._kind)]
+        names = [row.name for row in formats_for(self.kind)]
         hint = f" {value} is for {', '.join(row.writers)}." if row is not None else ""
         if row is None:
             near = close_names(value, names)
@@ -54,7 +54,7 @@ class _FormatType(_ParamType):
         """Return the names that begin so."""
         return [
             CompletionItem(row.name, help=row.about)
-            for row in formats_for(self._kind)
+            for row in formats_for(self.kind)
             if row.name.startswith(incomplete)
         ]
 
@@ -72,7 +72,7 @@ def format_option(kind: str, *, optional: bool = False, help: str = "") -> Calla
         "-T",
         "--format",
         "format_",
-        type=_FormatType(kind),
+        type=FormatType(kind),
         default=None if optional else formats_for(kind)[0].name,
         show_default=not optional,
         help=f"{help or 'Output format'}: {listed()}." if not optional else help,

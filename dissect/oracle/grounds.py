@@ -291,14 +291,6 @@ def lost_by_tcp(case: Case) -> bool:
     return case.theirs is None and case.our_record is not None and case.evidence.stands(case.our_record)
 
 
-def before_its_turn(case: Case) -> bool:
-    """Whether tshark shows a TPKT in a segment before which octets were missing, and we when they had come."""
-    if case.our_record is None or case.their_record is None or case.their_record.frame >= case.our_record.frame:
-        return False
-    arrival = case.evidence.arrival(case.their_record.frame)
-    return arrival is not None and arrival.ahead and case.evidence.stands(case.our_record)
-
-
 def unfinished(case: Case) -> bool:
     """Whether tshark shows as much of a message as its segment holds, and we the whole when the rest had come."""
     record = case.their_record

@@ -353,15 +353,6 @@ KNOWN: Final = (
         grounds.lost_by_tcp,
     ),
     Known(
-        "before-its-turn",
-        OURS,
-        (FRAME,),
-        "A message is shown in the packet that brought it although bytes before it were still missing.",
-        "A stream is read in its order: the packet that filled the gap completed the message.",
-        "5.5",
-        grounds.before_its_turn,
-    ),
-    Known(
         "joined-over-a-gap",
         OURS,
         (WHOLE,),

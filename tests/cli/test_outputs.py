@@ -17,9 +17,11 @@ import click
 import pytest
 
 from dissect import scd
+from dissect.cli.formats import FormatType
 from dissect.cli.main import COMMANDS, group
 from dissect.oracle.tshark import version
 from dissect.playback.server import Server
+from dissect.report.formats import formats_for
 from tests.cli.support import Ran, run, simple
 from tests.playback.client.support import changed
 from tests.report.schemas import NAMES, ROOT, SCHEMAS, complaints, load
@@ -214,10 +216,8 @@ def test_decoded_octets(capfdbinary: Capture, arguments: list[str], codes: tuple
 
 def formats(command: click.Command) -> set[str]:
     """Return what a command may be asked to write."""
-    choices = [
-        each.type.choices for each in command.params if each.name == "format_" and isinstance(each.type, click.Choice)
-    ]
-    return {str(choice) for choice in choices[0]} if choices else set()
+    kinds = [each.type.kind for each in command.params if isinstance(each.type, FormatType)]
+    return {one.name for kind in kinds for one in formats_for(kind)}
 
 
 def commands() -> dict[str, click.Command]:

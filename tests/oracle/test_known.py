@@ -76,16 +76,6 @@ def late() -> list[bytes]:
     return connection.packets
 
 
-def early() -> list[bytes]:
-    """Two answers, the second of which comes first."""
-    connection = begun()
-    first, second = dt(PLAIN[1]), dt(PLAIN[2])
-    at = connection.sequence[1]
-    connection.put(1, PUSH_ACK, second, at + len(first))
-    connection.put(1, PUSH_ACK, first, at)
-    return connection.packets
-
-
 def again() -> list[bytes]:
     """An answer twice, which ends where sequence numbers begin anew."""
     connection = begun(sequence=1000)
@@ -205,7 +195,6 @@ EXAMPLES: Final[dict[str, Callable[[], list[bytes]]]] = {
     "rdp": desktop,
     "cut": lambda: sent(dt(ANSWER), tpdu(CONNECT_REQUEST, parameter(0xC2, bytes(80)))),
     "lost-by-tcp": late,
-    "before-its-turn": early,
     "unfinished": cut_by_a_segment,
     "shown-again": again,
     "parameter-of-an-ack": lambda: sent(

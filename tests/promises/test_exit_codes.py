@@ -45,6 +45,8 @@ CASES: Final = """
 1 baseline OTHER --against LEARNED
 2 baseline MISSING
 3 baseline CUT
+0 help live
+2 help nonsense
 0 golden GOOD
 2 golden MISSING
 3 golden CUT
@@ -176,7 +178,7 @@ def test_every_code_that_a_command_names_is_tested() -> None:
     said = set()
     for name, command in commands().items():
         (told,) = [part for part in (command.epilog or "").split("\n\n") if part.startswith("Exit code:")]
-        codes = re.findall(r"(?:^|[,;:] )(?:and )?(\d+) (?=[a-z])", told)
+        codes = re.findall(r"(?:^|[,;:] )(?:and )?(\d+) (?=[a-z-])", told)
         said |= {(name, code) for code in codes}
     assert said == tested | ELSEWHERE.keys() | UNTESTED
     for place in ELSEWHERE.values():

@@ -306,7 +306,7 @@ def test_more_clients_than_there_is_room_for_wait(monkeypatch: pytest.MonkeyPatc
         late = held.enter_context(connected(relay))  # in the queue of the system
         late.sendall(b"patient")
         eventually(lambda: len(relay.problems) == 1)
-        assert "3 clients are connected; more have to wait" in relay.problems[0].text
+        assert "3 clients are connected; more must wait until one disconnects" in relay.problems[0].text
         eventually(lambda: relay.connections == 3)
         clients[0].close()
         accepted[0].close()

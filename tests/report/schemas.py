@@ -50,8 +50,9 @@ def strict(schema: Schema) -> Schema:
 def _parts(value: object) -> Iterator[Schema]:
     if isinstance(value, dict):
         yield value
-        for inner in value.values():
-            yield from _parts(inner)
+        for key, inner in value.items():
+            if key != "if":  # a condition names only what it asks for
+                yield from _parts(inner)
     elif isinstance(value, list):
         for inner in value:
             yield from _parts(inner)

@@ -100,7 +100,7 @@ def as_golden(path: Path, tmp_path: Path) -> Recording:
             "crafted/holes",
             [
                 "connection 1: 4 answers are not served: their requests are not in the recording",
-                "connection 1: 4 requests have no answers: bytes of the server are missing from the recording there",
+                "connection 1: 4 requests have no answers: the recording lacks bytes of the server there",
             ],
         ),
         ("crafted/ip-fragments", ["connection 1: 1 answer is not served: its request is not in the recording"]),
@@ -128,7 +128,7 @@ def test_what_the_server_said_before_any_request_is_left_out_and_told() -> None:
     talk << push(4, 6, b"\x01")
     talk >> read("MW0") << words(1)
     found = talk.recording()
-    assert found.notes == ["connection 1: 1 message of the server comes before any request and is left out"]
+    assert found.notes == ["connection 1: 1 message of the server comes before any request and is ignored"]
     assert [len(step.then) for step in found.scripts[0].steps] == [0]
 
 
