@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.engine.payload import PayloadDecoder
-from dissect.transactions.table import MAX_CONNECTIONS, Side
+from dissect.transactions.table import MAX_CONNECTIONS, ConnectionTable, Side
 from tests.bindings import plant
 from tests.transactions.talk import CLIENT, MS, SERVER, Talk
 
@@ -33,6 +33,12 @@ class Heard(PayloadDecoder):
 
     def end(self, side: Side, frame: int, time_ns: int) -> None:
         self.ended += 1
+
+
+def flows_of(talk: Talk) -> ConnectionTable:
+    datagrams = talk.pipeline.datagrams
+    assert datagrams is not None
+    return datagrams.flows
 
 
 def hearing(carrier: Heard) -> Talk:
@@ -73,7 +79,7 @@ def test_what_nobody_claims_is_only_counted(port: int, takes: bool) -> None:
     talk.pipeline.finish()
     assert (carrier.heard, carrier.ended, talk.connections) == ([], 0, [])
     assert talk.pipeline.counters.packet_counts()["not_tcp"] == 3
-    assert talk.pipeline.datagrams.flows.sides == {}
+    assert flows_of(talk).sides == {}
 
 
 def test_without_a_carrier_udp_is_not_looked_at() -> None:
@@ -104,9 +110,9 @@ def test_too_many_conversations_are_told() -> None:
     for number in range(10_000):
         talk.hosts = [number & 0xFF, 2]
         talk.datagram(CLIENT, asked, (10_000 + (number >> 8), plant.MESSAGES))
-    assert len(talk.pipeline.datagrams.flows.sides) <= 2 * (MAX_CONNECTIONS + 1)  # before one leaves
+    assert len(flows_of(talk).sides) <= 2 * (MAX_CONNECTIONS + 1)  # before one leaves
     gone = [connection for connection in talk.connections if connection.tcp.ended == "evicted"]
-    assert len(gone) == talk.pipeline.datagrams.flows.evicted == 10_000 - len(talk.pipeline.datagrams.flows.sides) // 2
+    assert len(gone) == flows_of(talk).evicted == 10_000 - len(flows_of(talk).sides) // 2
     talk.pipeline.finish()
     reasons = [one.reason for one in talk.transactions]
     assert reasons.count("connection_evicted") == len(gone) > 0
