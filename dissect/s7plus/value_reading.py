@@ -78,7 +78,9 @@ def _read_one(walk: Walk, type_: int) -> object:
             double: float = DOUBLE.unpack(octets)[0]
             return double
         number = int.from_bytes(octets, "big", signed=type_ in SIGNED_TYPES)
-        return number != 0 if type_ == BOOL and number < 2 else number
+        if type_ == BOOL and number < 2:
+            return number != 0  # not as a conditional expression: compiled, that is a number
+        return number
     kind = VARIABLE_SIZES.get(type_, 0)
     if kind:
         return walk.number(kind, VALUE_TYPES.name(type_))

@@ -555,12 +555,12 @@ def test_local_time_in_lines_and_utc_for_programs(
 ) -> None:
     monkeypatch.setenv("TZ", "Asia/Kolkata")
     for command in ("analyze", "transactions", "operations", "show", "monitor"):
-        assert b"2024-03-04 05:06:07.0" in s7dissect(command, good).stdout
-        local = s7dissect(command, "--local-time", good).stdout.decode()
+        assert b"2024-03-04 05:06:07.0" in s7dissect.process(command, good).stdout
+        local = s7dissect.process(command, "--local-time", good).stdout.decode()
         assert re.search(r"2024-03-04 10:36:07\.\d{6} \+05:30", local), command
         assert "UTC" not in local
     for form in ("jsonl", "csv"):
-        told = s7dissect("transactions", "--local-time", "-T", form, good).stdout
+        told = s7dissect.process("transactions", "--local-time", "-T", form, good).stdout
         assert b"2024-03-04T05:06:07" in told
         assert b"10:36" not in told
 

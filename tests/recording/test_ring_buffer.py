@@ -237,8 +237,8 @@ def test_limits_are_those_of_dumpcap() -> None:
         ("duration:nan", "a number"),
         ("duration:1e3", "a number"),
         ("files:1000000", "to 100000"),
-        ("packets:7", "none of filesize:KB, duration:SECONDS, files:NUMBER"),
-        ("", "none of"),
+        ("packets:7", "not one of filesize:KB, duration:SECONDS, files:NUMBER"),
+        ("", "not one of"),
     ],
 )
 def test_wrong_limits_are_told(word: str, said: str) -> None:

@@ -231,4 +231,4 @@ def _explain(program: str, interface: str, expression: str, said: list[str], *, 
         return LiveError(f"{interface}: it is down", advice.interface_down(interface))
     if timeout:
         return LiveError(f"{interface}: dumpcap did not start within {_START_S:.0f} s{': ' if text else ''}{text}")
-    return LiveError(f"{interface}: dumpcap: {text or 'ended without a word'}")
+    return LiveError(f"{interface}: dumpcap: {text or 'ended without a message'}")
