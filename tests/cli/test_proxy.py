@@ -78,7 +78,7 @@ def test_what_passes_is_told_and_written(tmp_path: Path, s7dissect: Command) -> 
         assert code == 0
         joined = "\n".join(lines)
         assert re.search(
-            r"#\d+ +\S+ +127\.0\.0\.1:\d+ → 127\.0\.0\.1:\d+ .* Read Var  DB1\.DBB4 x4 = \[4, 5, 6, 7\]", joined
+            r"#\d+ +\S+ +127\.0\.0\.1:\d+ → 127\.0\.0\.1:\d+ .* Read Var  DB1\.DBB4 x4 = 04 05 06 07", joined
         )
         assert re.search(r"Write Var  DB1\.DBB0(?: x1)? = ", joined)
         assert "Read Var  DB99.DBB0 x4: Object does not exist" in joined
@@ -137,7 +137,7 @@ def test_a_server_that_is_not_there_is_told() -> None:
         code, lines, told = made.ended()
     assert code == 0
     assert any("PROBLEM 127.0.0.1:" in line and "cannot be reached: Connection refused" in line for line in lines)
-    assert "s7dissect: 0 connections relayed, 1 more could not be connected; " in told
+    assert "s7dissect: 0 connections relayed, 1 more failed to connect; " in told
 
 
 def test_a_client_that_is_connected_when_it_ends_is_disconnected() -> None:
@@ -162,7 +162,7 @@ def test_output_that_nobody_takes_does_not_stop_the_relay() -> None:
         used(made.port)
         code, _, told = made.ended()
     assert code == 0
-    assert "s7dissect: nothing is written any more (Broken pipe), what passes is still relayed\n" in told
+    assert "s7dissect: output failed (Broken pipe); traffic is still relayed\n" in told
     assert "s7dissect: 3 connections relayed; " in told
 
 
@@ -172,7 +172,7 @@ def test_output_that_is_full_does_not_stop_the_relay_either() -> None:
         used(made.port)
         code, _, told = made.ended()
     assert code == 5
-    assert "nothing is written any more (No space left on device)" in told
+    assert "output failed (No space left on device)" in told
     assert "s7dissect: 2 connections relayed; " in told
 
 
@@ -218,7 +218,7 @@ def test_a_dissection_that_breaks_off_does_not_stop_the_relay(
         ran = run(capfdbinary, "proxy", "--listen", f"127.0.0.1:{port}", "--to", f"127.0.0.1:{server.port}")
         thread.join()
     assert ran.code == 3
-    assert "s7dissect: the dissection broke off: RuntimeError('a bug'); what passes is still relayed\n" in ran.err
+    assert "s7dissect: the dissection failed: RuntimeError('a bug'); traffic is still relayed\n" in ran.err
     assert re.search(r"s7dissect: \d connections? relayed; [1-9]\d+ bytes from clients", ran.err)
     assert sys.getswitchinterval() == turn
 
@@ -233,10 +233,10 @@ def refused(capfdbinary: pytest.CaptureFixture[bytes], *arguments: str | Path) -
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--to", "127.0.0.1", "--listen", "0.0.0.0:0"), "or add --allow-remote when that is meant"),
-        (("--to", "127.0.0.1", "--listen", "[::]:0"), "or add --allow-remote when that is meant"),
-        (("--to", "a:b"), "'a:b' is not an address: say HOST:PORT"),
-        (("--to", "127.0.0.1", "--listen", "102"), "'102' is not an address: say HOST:PORT"),
+        (("--to", "127.0.0.1", "--listen", "0.0.0.0:0"), "or add --allow-remote if that is intended"),
+        (("--to", "127.0.0.1", "--listen", "[::]:0"), "or add --allow-remote if that is intended"),
+        (("--to", "a:b"), "'a:b' is not an address: expected HOST:PORT"),
+        (("--to", "127.0.0.1", "--listen", "102"), "'102' is not an address: expected HOST:PORT"),
         (("--to", "127.0.0.1:0", "--listen", "127.0.0.1:0"), "port 0 cannot be connected to"),
         (("--to", "no.such.host.invalid", "--listen", "127.0.0.1:0"), "s7dissect: no.such.host.invalid:102: "),
         (("--to", "127.0.0.1", "--listen", "192.0.2.1:0", "--allow-remote"), "s7dissect: cannot listen on 192.0.2.1:0"),
@@ -245,10 +245,10 @@ def refused(capfdbinary: pytest.CaptureFixture[bytes], *arguments: str | Path) -
                 "--to",
                 "127.0.0.1:10102",
             ),
-            "would connect to itself for ever",
+            "would connect to itself forever",
         ),
-        (("--to", "127.0.0.1", "-w", "-", "-T", "jsonl"), "there is no room for lines"),
-        (("--to", "127.0.0.1", "--only", "nonsense"), "'nonsense' is not one of connections, transactions,"),
+        (("--to", "127.0.0.1", "-w", "-", "-T", "jsonl"), "so -T jsonl and --only cannot be used"),
+        (("--to", "127.0.0.1", "--only", "nonsense"), "expected connections, transactions,"),
         ((), "Missing option '--to'"),
     ],
 )

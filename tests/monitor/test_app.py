@@ -272,7 +272,7 @@ def test_saving_what_is_shown(tmp_path: Path) -> None:
         assert f"to {first.name}" in screen(app)[-1]
         told = first.read_text(encoding="utf-8")
         assert "CONNECTIONS 0 open of 1" in told
-        assert "148 µs  Read Var  MB20 x2 = [20, 21]" in told
+        assert "148 µs  Read Var  MB20 x2 = 14 15" in told
         assert "transaction.item_error (4 times)" in told
         await press(pilot, "s", "enter", "s")
         assert len(files(tmp_path)) == 3

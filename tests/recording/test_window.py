@@ -1,4 +1,4 @@
-"""Stretches of time: every way to give an end, what they are counted from, and what is no time."""
+"""Stretches of time: every way to give an end, what they are counted from, and what is not a time."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ def test_a_window_is_what_it_says(text: str, begin: int, end: int) -> None:
         ("", "form BEGIN..END"),
         ("..", "form BEGIN..END"),
         ("12:00:00", "form BEGIN..END"),
-        ("12:00..", "is no time"),
-        ("-5..", "is no time"),
+        ("12:00..", "is not a time"),
+        ("-5..", "is not a time"),
         ("24:00:00..", "no such time of day"),
         ("..12:60:00", "no such time of day"),
         ("2015-02-29T00:00:00..", "no such day"),
         ("0000-01-01T00:00:00..", "no such day"),
-        ("1..2..3", "is no time"),
-        ("\u0661..", "is no time"),
+        ("1..2..3", "is not a time"),
+        ("\u0661..", "is not a time"),
     ],
 )
 def test_what_is_no_window_is_told(text: str, said: str) -> None:

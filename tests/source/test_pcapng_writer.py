@@ -177,7 +177,7 @@ def test_comments_have_bounds() -> None:
 def test_a_packet_larger_than_a_block_is_refused() -> None:
     with pytest.raises(ValueError, match="larger than a pcapng block"):
         packet_block(0, 1, bytes(16 * 1024 * 1024), 0)
-    with pytest.raises(ValueError, match="no link type"):
+    with pytest.raises(ValueError, match="not a link type"):
         interface_block(65536)
 
 
