@@ -68,7 +68,7 @@ def hostile() -> list[Packet]:
     """Return a talk in which the name of a PI service is `HOSTILE`, and the device refuses it."""
     name = HOSTILE.encode("utf-8")
     talk = begun()
-    talk.send(0, dt(pdu(1, 7, bytes(7).join([b"\x28", b"\xfd\x00\x00"]) + bytes((len(name),)) + name)))
+    talk.send(0, dt(pdu(1, 7, bytes(6).join([b"\x28", b"\xfd\x00\x00"]) + bytes((len(name),)) + name)))
     talk.send(1, dt(pdu(3, 7, b"\x28", error=0x8104)))
     return talk.packets()
 
