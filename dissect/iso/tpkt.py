@@ -460,7 +460,7 @@ class Framer:
                     self._sought = header[1:]
                 return at
             self._need = length
-            have = HEADER
+            return at  # what follows is looked at first, as when it comes in another segment
         take = min(self._need - have, end - at)
         pending += octets[at : at + take]
         if have + take == self._need:
