@@ -149,7 +149,7 @@ class _Replaced(Outcome):
 def _write(
     file: str, output: str, survey: Survey, addresses: AddressMap, choices: Choices, account: Account, shift_ns: int
 ) -> None:
-    """Read the file again and write what becomes of it."""
+    """Read the file again and write the anonymized copy."""
     from dissect.anonymize.packet import Packets
     from dissect.anonymize.rewriter import Rewriter
     from dissect.source.files import open_capture

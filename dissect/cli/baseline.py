@@ -202,7 +202,7 @@ class _Told(Outcome):
 
 
 def _usual_rules(rate_factor: float, silence_factor: float) -> AlertRules:
-    """Return the rules of a comparison without a file of rules: each thing is told once."""
+    """Return the default rules of a comparison, used when no rule file is given: each thing is reported once."""
     from dissect.alerts import AlertRules, Rule
     from dissect.alerts.rules import NEW, RATE, SILENCE
     from dissect.alerts.states import TRANSACTIONS

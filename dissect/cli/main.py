@@ -52,7 +52,7 @@ COMMANDS: Final = {
 }
 #: Commands whose output shows times.
 _TIMED: Final = frozenset(("analyze", "transactions", "operations", "show", "baseline", "monitor", "proxy"))
-#: What people type that is no command, and what it means.
+#: Words that people type as if they were commands, and the option that does it.
 _WORDS: Final = {"version": "--version"}
 
 #: What the system says when an output has no room, whatever its name is.

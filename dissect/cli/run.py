@@ -90,7 +90,7 @@ def drive(run: Run, files: Sequence[str], each: Callable[[], None] | None = None
     """Read every file of ``run``, call ``each`` after each step, and return the exit code.
 
     An interruption (SIGINT, SIGTERM) ends the reading between two steps, or while input is awaited; what was read is kept and
-    told, and the code says so. Raises `CaptureError` before anything is read when one of ``files`` is no capture.
+    reported, and the exit code says so. Raises `CaptureError` before anything is read if one of ``files`` is not a capture.
     """
     code = EXIT_OK
     _check(files)

@@ -31,7 +31,7 @@ KINDS: Final = (CAPTURE, PROTOCOL, NEGOTIATION, FUNCTION, SECURITY, OPERATION)
 class Rule:
     """One row of the catalogue: a stable slug, how much it weighs, what it is about, one sentence, and what to do about it.
 
-    ``techniques`` are those of MITRE ATT&CK for ICS that what it tells of may be part of; most rules have none.
+    ``techniques`` are the MITRE ATT&CK for ICS techniques that the finding may be part of; most rules have none.
     """
 
     __slots__ = ("advice", "kind", "sentence", "severity", "slug", "techniques")

@@ -47,7 +47,7 @@ _SLUGS: Final[dict[str, str]] = {
     WRITTEN: "security.write",
     WRITTEN_OUTPUTS: "security.write_outputs",
 }
-#: Said once for a connection.
+#: Reported once per connection.
 _ONCE: Final = frozenset((READ_OUT, TEST_JOB))
 _AREAS: Final[dict[str, int]] = {WRITTEN: WRITTEN_ELSEWHERE, WRITTEN_OUTPUTS: WRITTEN_IO}
 _ALL_WRITTEN: Final = WRITTEN_IO | WRITTEN_ELSEWHERE

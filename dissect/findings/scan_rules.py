@@ -1,7 +1,7 @@
-"""Somebody tries one TSAP after another: a scan for racks and slots (reference 7.1).
+"""A client tries one TSAP after another: a scan for racks and slots (reference 7.1).
 
 What is remembered is bounded: pairs of client and server, and TSAPs of each. A pair is looked at for `WINDOW_NS` at a time, so
-that a client which over days talks to all modules of a rack is no scan.
+that a client that talks to every module of a rack over several days is not reported as a scan.
 """
 
 from __future__ import annotations

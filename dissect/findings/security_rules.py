@@ -224,7 +224,7 @@ class SecurityWatch:
             self.password(transaction)
 
     def _inquiry(self, transaction: Transaction, inquiry: int) -> None:
-        """Somebody asks what the device is, by SZL-ID or (negative) block function: said once, if it is no mere look."""
+        """A client asks what the device is, by SZL-ID or (negative) block function: reported once, if it goes beyond a routine query."""
         traits = transaction.connection.traits
         if "security.reconnaissance" in traits.told:
             return
@@ -371,5 +371,5 @@ _USERDATA_SLUGS: Final[dict[tuple[int, int], str]] = {
     (_NC, _NC_DOWNLOAD): "security.program_change",
     (_NC, _NC_UPLOAD): "security.program_read",
 }
-#: Said once for a connection: what a session does again and again.
+#: Reported once per connection: what a session does repeatedly.
 _ONCE: Final = frozenset(("security.debug", "security.alarm_change"))

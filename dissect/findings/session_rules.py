@@ -45,7 +45,7 @@ def judge_request(judge: Reporter, side: Side, parameters: Parameters, open_now:
         if parameters.setup is not None:
             connection.setup_asked = parameters.setup
     elif not connection.mid_stream and not side.holes and _too_early(side):
-        connection.setup_seen = True  # said once
+        connection.setup_seen = True  # reported once
         connection.setup_open = False
         judge.note("session.data_before_setup", number, [frame], time_ns, parameters.function_name)
     allowed = connection.jobs_allowed(side.index)

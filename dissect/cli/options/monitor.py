@@ -168,7 +168,7 @@ class Beside:
             raise click.ClickException(printable(str(error))) from None
 
     def _say(self, line: str) -> None:
-        """Say an alert, or what there is to say about one, where somebody sees it."""
+        """Show an alert, or a message about one, where it will be seen."""
         if self._shown and self._session is not None:
             self._session.say(line)
             return
