@@ -224,7 +224,7 @@ class SecurityWatch:
             self.password(transaction)
 
     def _inquiry(self, transaction: Transaction, inquiry: int) -> None:
-        """A client asks what the device is, by SZL-ID or (negative) block function: reported once, if it goes beyond a routine query."""
+        """A client asks what the device is, by SZL-ID or (negative) block function: reported once, unless routine."""
         traits = transaction.connection.traits
         if "security.reconnaissance" in traits.told:
             return
