@@ -53,17 +53,18 @@ def command(
     A line gives the time of the request, the number and packets of the transaction, client and server, the answer time, the
     function, and each item with its value or the reason for its refusal. Unsolicited messages have a line too.
 
-    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. A line is written once its
-    transaction is complete, so an unanswered request appears where the wait for its answer ended.
+    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. A transaction stands where the
+    packet that completed it stands in the capture, an unanswered request where the wait for its answer ended.
     """
     # What is slow is a finding as well.
     options = Options(decoder=decoder, checksums=checksums)
     if slow_ns is not None:
         options.slow_ns = slow_ns
     writer = format_.writer(TRANSACTIONS, clock())
-    run = Run(files, TransactionFeed(writer, _choice(failed, slow_ns)), options)
+    feed = TransactionFeed(writer, _choice(failed, slow_ns))
+    run = Run(files, feed, options)
     writer.begin(places_of(run, files))
-    code = drive(run, files, lambda: write_out(writer.take()))
+    code = drive(run, files, lambda: write_out(feed.take(int(run.pipeline.timers.oldest_held()))))
     complain(run, code)
     if not run.pipeline.exchange.dialogue.count:
         click.echo(f"s7dissect: no S7 transaction: {_instead(run)}", err=True)
