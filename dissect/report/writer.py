@@ -122,7 +122,7 @@ class TransactionFeed(Observer):
         packets[at:at] = [packet] * fresh
 
     def take(self, held: int) -> list[str | Line]:
-        """Return the lines before packet ``held``, the first that is still held back (0 for none): nothing can come before them.
+        """Return the lines before packet ``held``, the first that is held back (0 for none); nothing can come before them.
 
         The others stay, at most ``most_lines`` of ``most_characters``: with more of them the oldest are returned as well.
         """
