@@ -53,7 +53,7 @@ class Stepwise(Talk):
         self.lines: list[str] = []
         self.most = 0
 
-    def packet(self, *of: object, **more: object) -> int:  # type: ignore[override]
+    def packet(self, *of: object, **more: object) -> int:
         number = super().packet(*of, **more)  # type: ignore[arg-type]
         if self.every:
             self.look()
