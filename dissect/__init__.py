@@ -22,7 +22,7 @@ _PUBLIC: Final = {
     "Finding": "dissect.findings.reporter",
     "Observer": "dissect.engine.observer",
     "Operation": "dissect.transactions.operation",
-    "Options": "dissect.engine.observer",
+    "Options": "dissect.engine.pipeline",
     "Analysis": "dissect.report.analysis",
     "Pdu": "dissect.s7.message",
     "Pipeline": "dissect.engine.pipeline",
