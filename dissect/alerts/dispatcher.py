@@ -1,6 +1,6 @@
-"""Delivers alerts in threads of their own, so that a slow receiver holds up nothing but itself. Every queue is bounded.
+"""Delivers alerts in threads of their own, so that a slow receiver delays nothing but itself. Every queue is bounded.
 
-Delivery through a spool: what cannot be delivered now is tried again, in order of weight, by this run or the next one.
+Actions with a spool keep what cannot be delivered now, and this run or the next one tries it again, most severe first.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The file that says where SCD travels: [[binding]] tables in TOML, apart from the dictionary (docs/scd-traffic.md).
+"""The file that says where SCD travels: [[binding]] tables in TOML, separate from the dictionary (docs/scd-traffic.md).
 
-What ``holds`` names: messages, or a PDO, struct, variable or object of the dictionary.
+``holds`` names what is there: messages, or a PDO, struct, variable or object of the dictionary.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""The beginning and the end of connections, whatever they speak: numbers, what is closed with them, who is told.
+"""Connections from their first octets to their end: which protocol, which number, what is closed with them, who is told.
 
-Protocols that are not ours: connections that are only counted, and messages inside ISO-on-TCP that are only named.
-
-Which protocol does a TCP connection speak? The first octets say, on any port (docs/decisions/0005).
+Every connection begins with `Recognition`. The first octets say which protocol it is, on any port (docs/decisions/0005): a
+protocol of ours takes it with `Connections.open`, anything else goes to `Foreign`, which only counts connections, and names
+the messages it meets inside ISO-on-TCP. `Connections.end` closes whatever is still open, in the one order in which nothing is
+reported twice: buffers first, then the ending is judged, then open requests, and the observer last.
 """
 
 from __future__ import annotations

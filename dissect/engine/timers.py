@@ -1,14 +1,13 @@
-"""What waits for time to pass: segments for those before them, answers for their requests, closed connections for stragglers.
+"""What waits for time to pass: segments for those before them, responses for their requests, closed connections for stragglers.
 
-Driven by the clock of the capture: packets move it, and on a silent line `Pipeline.tick` does. The pipeline looks at
+Driven by the clock of the capture: packets move it, and while none arrive `Pipeline.tick` does. The pipeline compares
 ``deadline_ns`` with each packet, which costs one comparison; what is behind it is looked at here.
 
-Requests that wait too long for their answers, told while they wait.
-
-A line may carry thousands of connections, and most requests are answered at once, so nothing is kept for a request. A side
-that asks is looked at when the request it asked then is due, and while some of its requests are open again when the next one
-is; one that has none is left alone until it asks again. So a side that polls costs one look for each `Options.overdue_ns`.
-What the capture does not show is not held against anybody: an answer in a hole, or a side of which nothing was captured.
+`OverdueWatch` reports requests that have waited too long while they are still waiting. A capture may hold thousands of
+connections, and most requests are answered at once, so nothing is stored for a request. A side that sends a request is looked
+at when that request is due, and again when the next of its open requests is; a side with none is left alone until it sends
+one. So a polling side costs one look per `Options.overdue_ns`. What the capture does not show counts against nobody: a
+response lost in a gap, or a side of which nothing was captured.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""What is worth saying about a transaction (reference sections 7.2 and 7.3).
+"""What is worth reporting about a transaction and about the items it names (reference sections 7.2 and 7.3).
 
-What is worth saying about parameter blocks and their items: codes nobody knows, addresses that cannot be (reference 7.3).
-
-A parameter block is judged where it is seen first (`Parameters.unjudged`), so that polling the same items for hours costs
-nothing.
+Parameter blocks are judged where they are first seen (`Parameters.unjudged`): codes that no table knows, addresses that
+cannot be right. Polling the same items for hours then costs nothing. Transactions come here only when the engine saw
+something odd in them.
 """
 
 from __future__ import annotations

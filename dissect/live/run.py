@@ -1,9 +1,9 @@
-"""A source joined to the pipeline while packets come: time that passes, packets that were lost, and when to end.
+"""A source joined to the pipeline while packets arrive: time that passes, packets that were lost, and when to end.
 
-The clock of the capture is that of the latest packet. While none comes, it goes on from there as the monotonic clock of this
-machine does, so that a silent line is told as silent, whatever time the capturing machine believes it is.
+The clock of the capture is that of the latest packet. While none arrive it goes on from there with the monotonic clock of
+this machine, so that silence is reported as silence, whatever time the capturing machine believes it is.
 
-One observer that stands for several: a failing one is reported once and dropped, and the others go on.
+`Fanout` is one observer that stands for several: one that fails is reported once and dropped, and the others go on.
 """
 
 from __future__ import annotations

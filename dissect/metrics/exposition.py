@@ -1,9 +1,8 @@
-"""The numbers in the text form that Prometheus fetches (exposition format 0.0.4), written by ``prometheus_client``.
+"""Every metric, once: name, type, labels, sentence and the number behind it; and the text that Prometheus fetches.
 
-Every metric there is, once: name, type, labels and sentence; and the numbers behind it at this moment.
-
-The table is what the exposition, the documentation and the dashboard are held to. Names follow Prometheus: seconds and octets
-in base units, counters end in ``_total``, no label ever holds an address or a text from the wire.
+The exposition, the documentation and the dashboard are checked against this table. Names follow Prometheus: seconds and bytes
+in base units, counters end in ``_total``, no label ever holds an address or text from the wire. The text (exposition format
+0.0.4) is written by ``prometheus_client``.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""The screens of `s7dissect monitor`: connections, what rolls by, findings, and what is behind each of them.
+"""The screens of `s7dissect monitor`: connections, what is scrolling by, findings, and what is behind each of them.
 
-The screen asks the session for events: five times a second while there are some, twice a second while there are none, each
-time a bounded number of them, and draws only what changed.
-
-Saving what is shown as a file of text: never over another one, and never through a link that somebody laid there.
+The screen asks the session for events: five times a second while there are some, twice a second while there are none, a
+bounded number each time, and redraws only what changed. What is shown can be saved as text, but never over an existing file,
+and never through a symbolic link that someone put there.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""More grounds (`dissect.oracle.grounds`): what differs within the parameters and the data of a PDU, by position.
+"""More grounds (`dissect.oracle.grounds`): differences within the parameters and the data of a PDU.
 
-More grounds (`dissect.oracle.grounds`): services of which Wireshark 4.0 reads less than we do, or by other names.
+By position, and for services of which Wireshark 4.0 reads less than we do or under other names.
 """
 
 from __future__ import annotations

@@ -1,12 +1,10 @@
 """The grounds on which a difference is explained: predicates over the octets, one for each entry of `dissect.oracle.known`.
 
-They look at the octets of the message and, where a difference begins in TCP, at the stream put together from tshark's own
-sequence numbers; never at what the engine makes of either, except to ask whether it reports the message as malformed.
-
-The TCP streams of a capture, put together from tshark's sequence numbers and payloads and from nothing else.
-
-They judge what Wireshark's own reassembly did with a packet, and are no part of what is compared: which octets a packet brought
-for the first time, whether octets before it were still missing, whether certain octets stand in a stream and in which order.
+They look at the octets of the message and, where a difference begins in TCP, at `Streams`; never at what the engine makes of
+either, except to ask whether it reports the message as malformed. `Streams` is put together from tshark's sequence numbers
+and payloads and from nothing else. It shows what Wireshark's own reassembly did with a packet, and is not compared itself:
+which octets a packet brought for the first time, whether octets before it were still missing, and whether certain octets are
+in a stream, and in which order.
 """
 
 from __future__ import annotations

@@ -1,12 +1,10 @@
 """The relay: accepts clients, connects each to the server, and passes on what they send. One thread, one selector.
 
-It knows nothing of S7. What passes is told to a `Tap` after it was passed on, and nothing that becomes of it there comes back.
+It knows nothing about S7. A `Tap` gets every piece after it was passed on, and nothing the tap does can come back.
 
-One client and one server, and what goes from either to the other.
-
-At most one piece waits in each direction, and while it does nothing more is read from its sender, so the sender feels what its
-receiver does not take: that is all the back-pressure there is, the rest is TCP's. The end of a stream and a reset are passed
-on as such.
+At most one piece waits in each direction, and while it does nothing more is read from its sender, so that a sender notices
+when its receiver stops reading: that is all the back-pressure there is, TCP does the rest. The end of a stream and a reset
+are passed on as such.
 """
 
 from __future__ import annotations

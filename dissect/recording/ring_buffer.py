@@ -1,14 +1,13 @@
 """A ring of capture files: packets are written as they pass, a new file begins when one is full or old, the oldest goes.
 
 A file is called ``NAME_00001_20160208T145137Z.pcapng.part`` (its number, and the time of its first packet, UTC) while it is
-written, and loses ``.part`` when it is finished: so whoever copies ``*.pcapng`` copies whole files only. The ``.part`` that a
-kill leaves behind is readable up to the last packet written. Where the number of files is limited, those of earlier runs count,
-such a ``.part`` too (`dissect.recording.ring_buffer`): the folder does not grow with each restart.
+written, and loses ``.part`` when it is finished: copying ``*.pcapng`` therefore copies only whole files. The ``.part`` that a
+killed process leaves behind is readable up to the last packet written.
 
-Files that a ring made in earlier runs: they count for its limits, and nothing else in the folder is touched.
-
-A file is the ring's own when its name is one that a ring of this name gives, and its first block says in a comment that such
-a ring wrote it. One that is being written by another process is left alone: its writer holds a lock on it.
+Where the number of files is limited, those of earlier runs count as well, ``.part`` files included, so that the folder does
+not grow with each restart. Nothing else in the folder is touched: a file belongs to the ring when a ring of this name would
+give it its name, and its first block says in a comment that such a ring wrote it. A file that another process is writing is
+left alone; its writer holds a lock on it.
 """
 
 from __future__ import annotations

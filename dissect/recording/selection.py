@@ -1,9 +1,8 @@
-"""Which packets of a capture are wanted: the first reading tells, and remembers it in little memory.
+"""Which packets of a capture are wanted: the first reading finds out, and remembers it in little memory.
 
 `Selection` watches an analysis. Afterwards `Selection.choice` gives what recognises the packets when they are read again:
-addresses and ports of connections, ranges of sequence numbers of transactions, numbers of the packets that show a finding.
-
-What a message needs around it to be understood alone: how its connection began, what was negotiated, how it ended.
+addresses and ports of connections, ranges of sequence numbers of transactions, numbers of the packets that show a finding. It
+adds what a message needs to be understood on its own: how its connection began, what was negotiated, how it ended.
 """
 
 from __future__ import annotations

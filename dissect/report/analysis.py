@@ -1,6 +1,6 @@
-"""The fold of a whole run: what `analyze` tells. Bounded: counters are exact, lists hold what weighs most.
+"""What `analyze` adds up over a whole run. Bounded: counters are exact, lists keep the entries that matter most.
 
-Answer times in bounded memory: exact for the first 16,384, then within one part in 128.
+Answer times are exact for the first 16,384, then within one part in 128 (docs/decisions/0007).
 """
 
 from __future__ import annotations

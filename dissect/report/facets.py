@@ -1,8 +1,7 @@
-"""The protocols that reports know, by `Transaction.rosctr`, and what they say of any transaction.
+"""The protocols that reports know, by `Transaction.rosctr`, and what they say about any transaction.
 
-A protocol whose transactions reports are to describe in its own words gets one subclass of `Facet` and one row here.
-
-What reports say of S7comm transactions in words; their JSON is the bulk and stands in `dissect.report.writers.jsonl`.
+A protocol whose transactions reports are to describe in its own words gets one subclass of `Facet` and one row here. S7comm
+is the default; its JSON is the bulk of all output and is in `dissect.report.writers.jsonl`.
 """
 
 from __future__ import annotations

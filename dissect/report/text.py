@@ -1,6 +1,6 @@
 """`analyze` for a person: connections, transactions by function, findings, failed and slowest transactions, completeness.
 
-What became of the packets and octets of a run, for a person: what was used, what is missing, what had to be given up.
+Completeness is what became of the packets and bytes of a run: what was used, what is missing, what had to be dropped.
 """
 
 from __future__ import annotations

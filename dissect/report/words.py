@@ -1,9 +1,8 @@
-"""Small phrases that several faces share: durations, sizes, values, items, how a transaction ended.
+"""Short phrases that all outputs share: packets, durations, sizes, values, items, how a transaction ended.
 
-Where a packet of a run stands: by its number in a single file, by file and number within it in several.
-
-The pipeline counts packets over the whole run. A person looks for them in a file, and so may a program, so every face gives
-the number within the file, and names the file as soon as more than one was given.
+`Places` names a packet: by its number in a single file, by file and number within it in several. The pipeline counts packets
+over the whole run, but a person looks for them in a file, and so may a program, so every output gives the number within the
+file, and names the file as soon as there is more than one.
 """
 
 from __future__ import annotations

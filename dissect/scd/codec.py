@@ -4,9 +4,8 @@ A payload is a bare PDO, a bare struct (R99), the value of one variable (an SDO'
 itself what it holds; which of them travels where is not part of a dictionary. Everything is all or nothing: when octets are
 wrong, `Error` is raised and no object has changed.
 
-Many equal payloads at once: one numpy array for each variable (extra "scd").
-
-For captures with millions of PDOs. The payloads stay where they are, in one buffer; what is given is where each begins.
+`decode_columns` decodes many equal payloads at once, into one numpy array for each variable (extra "scd"), for captures with
+millions of PDOs. The payloads stay in one buffer; the caller says where each begins.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""From a frame of any link and any IP to its TCP segment or UDP datagram; the common frame the pipeline reads itself.
+"""From a frame of any link and any IP version to its TCP segment or UDP datagram; the pipeline itself reads the common frame.
 
-Whether the checksum of a TCP segment or UDP datagram is right (RFC 9293 section 3.1, RFC 768; IPv6: RFC 8200 section 8.1).
-
-Ones' complement arithmetic is arithmetic modulo 65535, which lets whole numbers of any length do the adding.
+Checksums are verified on request (RFC 9293 section 3.1, RFC 768; IPv6: RFC 8200 section 8.1). Ones' complement arithmetic is
+arithmetic modulo 65535, which lets integers of any length do the adding.
 """
 
 from __future__ import annotations

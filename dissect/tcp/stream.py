@@ -1,18 +1,17 @@
-"""One direction of a TCP connection: segments in any order become octets in order, and holes told as holes.
+"""A TCP connection and the two directions of it: segments in any order become octets in order, and gaps reported as gaps.
 
 `HalfStream` does no I/O and knows no clock; time comes in with each segment. A segment that is exactly the next one is the
 common case and costs one comparison, which the pipeline makes itself (`next_seq`, `held`). Everything else comes here:
 
-* the first copy of an octet wins; a later copy that differs is counted as a conflict;
-* a segment ahead of its turn is held, in order of position, until the octets before it arrive or are given up;
-* octets are given up (a hole) when the far end acknowledged them and a short grace has passed, because captures also show
-  a segment after its own acknowledgement; else after `MAX_HELD` held segments; else after `HOLE_TIMEOUT_NS` of capture time;
-  else at the end of the stream. Nothing is ever filled in;
-* a segment far ahead, where no window reaches, counts only when the far end acknowledges it; else it is dropped (`outside`).
+* the first copy of an octet wins; a later copy that differs is counted as a conflict; * a segment ahead of its turn is held,
+in order of position, until the octets before it arrive or are given up; * octets are given up (a gap) when the far end
+acknowledged them and a short grace period has passed, because captures also show   a segment after its own acknowledgement;
+else after `MAX_HELD` held segments; else after `HOLE_TIMEOUT_NS` of capture time;   else at the end of the stream. Nothing is
+ever filled in; * a segment far ahead, where no window reaches, counts only when the far end acknowledges it; else it is
+dropped (`outside`).
 
-Positions are counted from the first octet seen, without wrap; sequence numbers wrap at 2**32.
-
-A TCP connection: its two ends, how it began and how it ended.
+Positions are counted from the first octet seen, without wrap; sequence numbers wrap at 2**32. `TcpConnection` knows the two
+ends, how the connection began and how it ended.
 """
 
 from __future__ import annotations

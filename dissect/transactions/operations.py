@@ -1,13 +1,11 @@
 """From transactions to operations: which belong together, what came of them (reference 3.7, 3.8, 4.3, 4.7 to 4.11).
 
-`Operations` is given every transaction but reads and writes, in the order in which they end, and collects the operations that
-are over in ``over``. It states facts; what they are worth is judged elsewhere. Transfers of blocks are followed in
-`dissect.transactions.operations`.
+`Operations` gets every transaction except reads and writes, in the order in which they end, and collects the operations that
+are over in ``over``. It states facts; findings are made elsewhere.
 
-Downloads and uploads as operations: who asks for which piece, and whether all of it came (reference 3.7 and 3.8).
-
-In a download the PLC asks for the pieces with jobs of its own; python-snap7's client sends them unasked instead. Both are one
-operation, begun by the request that names the block.
+`Transfers` follows downloads and uploads: who requests which piece, and whether all of it arrived (reference 3.7 and 3.8). In
+a download the PLC requests the pieces with jobs of its own; python-snap7's client sends them unrequested instead. Both are
+one operation, begun by the request that names the block.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The table of TCP connections: from the addresses in a packet to the side of a connection it belongs to.
 
-Bounded: connection attempts without answer wait in a small table of their own, and when too many connections are open the
-longest idle ones have to leave.
-
-Which connections are idle longest, found a little with each one that opens: a live line must not wait for a search.
+Strategy: one dictionary lookup for each packet, and a bound on everything. Connection attempts without a response wait in a
+small table of their own, so that a port scan cannot push out connections that carry traffic. When too many connections are
+open, the longest idle ones have to leave. `IdleSearch` finds them ahead of time, a few with each connection that opens,
+because a live capture must not stall while thousands of connections are searched.
 """
 
 from __future__ import annotations

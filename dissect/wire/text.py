@@ -1,10 +1,8 @@
-"""Text from outside, made safe to show: nothing a device or a file name says may steer a terminal, a spreadsheet or an eye.
+"""How text from outside, times and durations are written, once for every output.
 
-How long something took, for a person: one function, so that every text has the same units.
-
-Nanoseconds since 1970 as text. Integer arithmetic throughout: no rounding, no year in which it fails.
-
-Only the offset of a local time comes from the system's table of time zones.
+Text from outside is made safe to show: nothing that a device or a file name says may control a terminal, a spreadsheet or
+mislead the eye. Durations have the same units everywhere. Times are nanoseconds since 1970, written with integer arithmetic
+throughout: no rounding, and no year in which it fails. Only the offset of a local time comes from the system's time zones.
 """
 
 from __future__ import annotations

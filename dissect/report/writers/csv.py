@@ -1,7 +1,4 @@
-"""Transactions as CSV (docs/json.md): a row for each item.
-
-Transactions as rows of CSV (docs/json.md): one for each item, values whole, cells that a spreadsheet takes as they are.
-"""
+"""Transactions as CSV (docs/json.md): a row per item, values in full, no cell that a spreadsheet runs as a formula."""
 
 from __future__ import annotations
 

@@ -1,13 +1,9 @@
-"""Records as lines of JSON (docs/json.md).
-
-Transactions and PDUs as JSON lines, one object a line, keys in a fixed order (docs/json.md).
+"""Records as JSON lines: one object a line, keys in a fixed order (docs/json.md).
 
 This is the bulk output, so lines are put together from cached pieces: what a polled item or a request block looks like is
-written once and used for every transaction that repeats it.
-
-TPDUs that carry no S7 PDU as lines of `show -T jsonl`: connects with their TSAPs, disconnects and errors with reasons.
-
-Texts and values as JSON, written straight where polling needs it.
+written once and used for every transaction that repeats it. Values of the sizes that polling needs are written straight from
+their octets. TPDUs that carry no S7 PDU (connects with their TSAPs, disconnects and errors with reasons) are rare and go
+through the standard library.
 """
 
 from __future__ import annotations
@@ -291,7 +287,11 @@ class TransactionLines(Observer):
         return found
 
     def _items(self, transaction: Transaction) -> str:
-        if transaction.outcome == ANSWERED and not transaction.has_errors and transaction.parameters.function == READ_VAR:
+        if (
+            transaction.outcome == ANSWERED
+            and not transaction.has_errors
+            and transaction.parameters.function == READ_VAR
+        ):
             items = transaction.parameters.items
             answers = transaction.answered_items()
             if len(items) == len(answers):  # nearly always; each meets its own answer without an object in between

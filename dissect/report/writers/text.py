@@ -1,7 +1,4 @@
-"""Records as lines for a person.
-
-Transactions, PDUs and TPDUs for a person, one a line.
-"""
+"""Records for a person: transactions, operations, PDUs and TPDUs, one line each, and their trees with ``-V``."""
 
 from __future__ import annotations
 

@@ -1,14 +1,11 @@
 """The kernel's own packet ring (AF_PACKET, TPACKET_V3), with nothing but the standard library.
 
-The kernel writes packets into blocks of memory shared with us, and hands a block over when it is full or `_RETIRE_MS` old. Each
-block is copied once, given back, and its packets delivered out of the copy.
+The kernel writes packets into blocks of memory shared with us, and hands a block over when it is full or `_RETIRE_MS` old.
+Each block is copied once and given back; its packets are then read from the copy, which the kernel cannot change meanwhile
+(linux/if_packet.h).
 
-The socket is made for no protocol at all, given its filter, and only then bound to the interface: nothing that the filter does
-not want gets in before it.
-
-A block of a TPACKET_V3 ring, as the kernel lays it out (linux/if_packet.h): from octets to packets.
-
-Plain octets in, packets out: no socket, and no memory that the kernel may change meanwhile.
+The socket is created for no protocol at all, given its filter, and only then bound to the interface: nothing that the filter
+excludes gets in first.
 """
 
 from __future__ import annotations
