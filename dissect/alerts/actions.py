@@ -1,4 +1,4 @@
-"""What can be done with an alert: a line on stderr, a program, syslog, a webhook. Each is written in an [[action]]."""
+"""What can be done with an alert. `dissect.alerts.loading` makes an action from each [[action]] table; this is what all are."""
 
 from __future__ import annotations
 

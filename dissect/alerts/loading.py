@@ -1,4 +1,4 @@
-"""Reads rules and actions from TOML (docs/alerts.md). What is wrong is told with file, line, table and key."""
+"""Reads rules and actions from TOML (docs/alerts.md). Errors name file, line, table and key."""
 
 from __future__ import annotations
 

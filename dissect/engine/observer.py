@@ -1,4 +1,4 @@
-"""Who is told what happens."""
+"""The observer: who is told what happens. The engine itself never prints or writes; outputs override what they want to know."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Connections and UDP conversations whose port a payload decoder claims: their octets go to it (SCD, docs/scd-traffic.md)."""
+"""Connections and UDP conversations whose port a payload decoder claims: it gets their octets (SCD, docs/scd-traffic.md)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """IPv4 and IPv6: where the TCP segment or UDP datagram of a packet is, and the reassembly of fragments.
 
 The IP length is trusted, not the frame's: Ethernet trailers look like data. A length that reaches beyond the frame is cut to
-what was captured, and told.
+what was captured, and reported.
 """
 
 from __future__ import annotations
