@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import dissect
-from dissect.engine.observer import Observer, Options
-from dissect.engine.pipeline import Pipeline
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options, Pipeline
 from dissect.recording import subscriptions
 from dissect.recording.subscriptions import SubscriptionBook
 from dissect.transactions.transaction import Transaction

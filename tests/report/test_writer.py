@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.engine.observer import Observer, Options
-from dissect.engine.pipeline import Pipeline
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options, Pipeline
 from dissect.report.formats import FORMATS, TRANSACTIONS
 from dissect.report.places import Places
 from dissect.report.styled import Line
