@@ -38,6 +38,7 @@ HOT: Final = (
     "dissect/source/pcap.py",
     "dissect/source/pcapng.py",
     "dissect/tcp/*.py",
+    "dissect/tls/records.py",
     "dissect/iso/*.py",
     "dissect/ibh/*.py",
     "dissect/s7/*.py",

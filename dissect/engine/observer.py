@@ -8,6 +8,7 @@ from mypy_extensions import i64, mypyc_attr
 
 from dissect.engine.payload import PayloadDecoder
 from dissect.findings.finding import Finding
+from dissect.tls.key_log import KeyLog
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
@@ -29,6 +30,7 @@ class Options:
     ``memory`` bounds the octets that all connections together keep of unfinished packets, PDUs and transactions, within
     `LOOK_OCTETS`: when they keep more, those that hold most are given up and told (`stream.evicted`).
     ``checksums``: TCP segments and UDP datagrams with a wrong checksum are left out, as their receiver did.
+    ``tls_keys`` open TLS, beside those that a capture itself holds.
     """
 
     def __init__(
@@ -39,6 +41,7 @@ class Options:
         overdue_ns: int = 0,
         memory: int = MEMORY,
         checksums: bool = False,
+        tls_keys: KeyLog | None = None,
     ) -> None:
         self.slow_ns: i64 = slow_ns
         self.overdue_ns: i64 = overdue_ns
@@ -46,6 +49,7 @@ class Options:
         self.checksums: bool = checksums
         self.strict: bool = strict
         self.decoder: PayloadDecoder | None = decoder
+        self.tls_keys: KeyLog | None = tls_keys
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -33,6 +33,7 @@ from dissect.engine.plus import S7Plus
 from dissect.engine.recognition import Recognition
 from dissect.engine.s7 import S7
 from dissect.engine.timers import FAR_FUTURE, TICK_NS, Timers
+from dissect.engine.tls import Tls
 from dissect.engine.udp import Datagrams
 from dissect.iso.recognition import is_connect_request
 from dissect.iso.tpkt import MIN_LENGTH, sound_length
@@ -78,12 +79,13 @@ class Pipeline(PacketSink):
         self.connections: Connections = Connections(self.exchange)
         self.s7: S7 = S7(self.exchange)
         self.plus: S7Plus = S7Plus(self.exchange)
-        self.iso: IsoOnTcp = IsoOnTcp(self.exchange, self.connections, self.s7, self.plus)
+        self.tls: Tls = Tls(self.exchange, self.connections.foreign, self.s7, self.plus, chosen.tls_keys)
+        self.iso: IsoOnTcp = IsoOnTcp(self.exchange, self.connections, self.s7, self.plus, self.tls)
         self.ibh: IbhNetLink = IbhNetLink(self.exchange, self.iso)
         #: What else may frame a stream, asked in this order whether a connection is theirs: a new protocol is a row here.
         streams: list[Protocol] = [self.ibh]
         #: What is described in reports, in the order of their sections.
-        self.protocols: list[Protocol] = [self.iso, *streams, self.s7, self.plus]
+        self.protocols: list[Protocol] = [self.iso, *streams, self.s7, self.plus, self.tls]
         self.datagrams: Datagrams | None = None
         if chosen.decoder is not None:
             payloads = PayloadStream(self.exchange, chosen.decoder)
@@ -124,6 +126,10 @@ class Pipeline(PacketSink):
     def comment(self, text: str) -> None:
         """Take a comment the capture holds about the packet that comes next."""
         self.observer.comment(self.counters.frames + 1, text)
+
+    def secrets(self, text: bytes) -> None:
+        """Take the TLS key log of a Decryption Secrets Block."""
+        self.tls.secrets(text)
 
     def note_damage(self, detail: str) -> None:
         """The source found its capture damaged."""

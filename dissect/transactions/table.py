@@ -15,6 +15,7 @@ from dissect.ibh.framer import PacketFramer
 from dissect.iso.cotp import Assembler
 from dissect.iso.tpkt import Framer
 from dissect.s7plus.assembly import PlusAssembler
+from dissect.s7plus.stream import FrameStream
 from dissect.tcp.connection import Endpoint, TcpConnection
 from dissect.tcp.stream import MASK, HalfStream
 from dissect.transactions.connection import Connection
@@ -48,6 +49,7 @@ class Side:
         "holes",
         "ibh",
         "index",
+        "inner",
         "kept",
         "key",
         "last_ack",
@@ -75,6 +77,7 @@ class Side:
         self.ibh: PacketFramer | None = None  # in the place of `framer` once the connection speaks IBH-NetLink
         self.assembler: Assembler = Assembler()
         self.plus: PlusAssembler | None = None  # there from the first S7comm-plus frame on
+        self.inner: FrameStream | None = None  # of what was decrypted; there from the first of it on
         self.kept: Kept | None = None  # of another protocol that frames the stream by itself, in the place of `framer`
         self.peer: Side | None = None
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
