@@ -201,6 +201,10 @@ def _tell(cutter: Cutter, output: str, context: int) -> None:
     click.echo(
         f"s7dissect: {written} of {cutter.frames} packets written to {name_of(output)}{beside}{commented}", err=True
     )
+    if cutter.secrets_kept:
+        count = cutter.secrets_kept
+        blocks = "1 block of TLS session keys" if count == 1 else f"{count} blocks of TLS session keys"
+        click.echo(f"s7dissect: {name_of(output)} keeps {blocks}: it can be decrypted without other keys", err=True)
     if cutter.shortened:
         click.echo(
             f"s7dissect: {cutter.shortened} packets left memory before --around could select them; some may be missing",

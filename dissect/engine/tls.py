@@ -126,7 +126,7 @@ class Tls(Protocol):
         session = connection.tls
         if session is None or side.index:
             return
-        session.finish()
+        session.close()
         self.shut += session.shut
         self.opened += session.opened
         if session.is_open:

@@ -42,7 +42,7 @@ def _named(certificate: Certificate, connection: Connection, index: int) -> str:
 
 def judge_closed(judge: Reporter, connection: Connection, session: TlsSession, frame: int, time_ns: int) -> None:
     """The connection is over: where a key log was given, say why records stayed closed."""
-    why = session.closed()
+    why = session.why_closed
     if why:
         detail = f"{session.shut} of {session.shut + session.opened} encrypted records stay closed: {why}"
         judge.note("session.tls_closed", connection.number, [frame], time_ns, detail)

@@ -121,8 +121,8 @@ def _nanoseconds(time: datetime) -> int:
     return (time - _EPOCH) // timedelta(microseconds=1) * 1000
 
 
-def _is_self_signed(certificate: x509.Certificate) -> bool:
-    """Tell whether it is signed with its own key; where that cannot be verified, whether it names itself as issuer."""
+def _is_self_signed(certificate: x509.Certificate) -> bool | None:
+    """Tell whether it is signed with its own key, None where it claims to be and that cannot be verified."""
     from cryptography.exceptions import InvalidSignature
 
     if certificate.subject != certificate.issuer:
@@ -132,7 +132,7 @@ def _is_self_signed(certificate: x509.Certificate) -> bool:
     except InvalidSignature:
         return False
     except (TypeError, ValueError):
-        return True
+        return None
     return True
 
 

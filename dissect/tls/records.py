@@ -15,7 +15,9 @@ MAX_BODY: Final = (1 << 14) + 2048
 
 def begins_record(octets: bytes, at: i64, end: i64) -> bool:
     """Tell whether a record may begin at ``at``: type, version and length, as far as they are there, are those of one."""
-    if end - at < 2 or octets[at] < 0x14 or octets[at] > 0x18 or octets[at + 1] != 3:
+    if at >= end or octets[at] < 0x14 or octets[at] > 0x18:
+        return False
+    if end - at >= 2 and octets[at + 1] != 3:
         return False
     if end - at >= 3 and octets[at + 2] > 4:
         return False
@@ -52,7 +54,7 @@ class RecordReader:
         at: i64 = 0
         size: i64 = len(octets)
         while at < size:
-            if not begins_record(octets, at, size) and not (size - at == 1 and 0x14 <= octets[at] <= 0x18):
+            if not begins_record(octets, at, size):
                 self.skipped += size - at
                 return found
             if size - at < HEADER:

@@ -1,7 +1,7 @@
 """One TLS session, both directions: what its handshake says, and its content where the session keys are there.
 
 Octets come in as the transport delivers them, content goes out as `Content`, in the order in which it was sent. Nothing of
-the wire raises. What cannot be opened is counted, and `TlsSession.closed` says why.
+the wire raises. What cannot be opened is counted, and `TlsSession.why_closed` says why.
 """
 
 from __future__ import annotations
@@ -69,7 +69,8 @@ class TlsSession:
     """A TLS session as far as it was captured. ``directions`` are by side of the connection, ``client`` is the client's side.
 
     ``version`` and ``suite_code`` are what the server chose, 0 and -1 while unknown; ``server_name`` whom the client asked for.
-    ``shown`` are the sides whose certificates came since it was last emptied.
+    ``why_closed`` says, once it is over, why records stayed closed although there is a key log. ``malformed`` counts records and
+    messages that contradict themselves. ``shown`` are the sides whose certificates came since it was last emptied.
     """
 
     def __init__(self, keys: KeyRing, waiting: Waiting | None = None) -> None:
@@ -78,7 +79,8 @@ class TlsSession:
         self.version = 0
         self.suite_code = -1
         self.server_name = ""
-        self.malformed = 0  # records whose content contradicts itself
+        self.why_closed = ""
+        self.malformed = 0
         self.shown: list[int] = []
         self._keys = keys
         self._all = waiting if waiting is not None else Waiting()
@@ -121,8 +123,16 @@ class TlsSession:
         """``size`` octets of side ``index`` are missing here."""
         self.directions[index].lose(size)
 
-    def finish(self) -> None:
-        """The session is over: what still waits for a key gets none."""
+    def close(self) -> None:
+        """The session is over: say why what is closed stayed so, and forget its secrets."""
+        self._give_up_waiting()
+        self.why_closed = self._why()
+        self._secrets = {}
+        for direction in self.directions:
+            direction.renew(direction.stage)
+
+    def _give_up_waiting(self) -> None:
+        """What still waits for a key gets none."""
         for index, _, _, _ in self._waiting:
             self.directions[index].shut += 1
         self._drop_waiting()
@@ -171,14 +181,14 @@ class TlsSession:
         if self._suite is None or not self._installed:
             return False
         if self.version == TLS_1_3:
-            return self._missing(self.directions.index(direction)) != ""
+            return self._missing(self.directions.index(direction), direction.stage) != ""
         return key_log.MASTER not in self._secrets
 
     def _wait(self, index: int, record: bytes, frame: int, time_ns: int) -> bool:
         size = len(record)
         if self._waits + size > MAX_WAITING or self._all.octets + size > MAX_WAITING_ALL:
             self._overflown = True
-            self.finish()
+            self._give_up_waiting()
             return False
         self._waiting.append((index, record, frame, time_ns))
         self._waits += size
@@ -301,7 +311,7 @@ class TlsSession:
 
     def _begin_anew(self) -> None:
         """Another session begins on the connection: of the old one nothing but its counts stays."""
-        self.finish()
+        self._give_up_waiting()
         self.version = 0
         self._overflown = False
         for direction in self.directions:
@@ -354,18 +364,17 @@ class TlsSession:
         """True when application data of it was decrypted."""
         return any([one.content for one in self.directions])
 
-    def _missing(self, index: int) -> str:
-        """Return the label of the secret that records of side ``index`` need and the key log lacks, empty for none."""
-        direction = self.directions[index]
+    def _missing(self, index: int, first: int) -> str:
+        """Return the label of the secret that records of side ``index`` need from stage ``first`` on and the key log lacks."""
         if self.version != TLS_1_3:
             return "" if key_log.MASTER in self._secrets else key_log.MASTER
-        for stage in range(direction.stage, TRAFFIC + 1):
+        for stage in range(first, TRAFFIC + 1):
             label = self._label(index, stage)
             if label not in self._secrets:
                 return label
         return ""
 
-    def closed(self) -> str:
+    def _why(self) -> str:
         """Return why records stayed closed although there is a key log, as half a sentence; empty when none did."""
         if not self._keys.asked or not self.shut:
             return ""
@@ -384,7 +393,8 @@ class TlsSession:
         if not (self._installed and aead.is_installed()):
             return f"decrypting {NEEDS}"
         shut = [index for index in (0, 1) if self.directions[index].shut]
-        missing = [label for label in [self._missing(index) for index in shut] if label]
+        stages = [min(self.directions[index].stage, HANDSHAKING) for index in shut]
+        missing = [label for label in map(self._missing, shut, stages) if label]
         if missing:
             return f"the key log lacks {' and '.join(missing)} of its session"
         if any([self.directions[index].opened for index in shut]):

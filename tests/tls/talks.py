@@ -16,6 +16,8 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec, rsa
 from cryptography.x509.oid import NameOID
 
+from tests.transactions.talk import Talk, dt
+
 CLIENT: Final = 0
 SERVER: Final = 1
 
@@ -91,7 +93,6 @@ def wire(
             serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
         )
         path.write_bytes(private + (made or certificate(key)).public_bytes(serialization.Encoding.PEM))
-        server_context.load_cert_chain(path)
         client_context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
         client_context.check_hostname = False
         client_context.verify_mode = ssl.CERT_NONE
@@ -100,6 +101,7 @@ def wire(
             context.minimum_version = context.maximum_version = version
             if ciphers:
                 context.set_ciphers(ciphers)
+        server_context.load_cert_chain(path)
         into = (ssl.MemoryBIO(), ssl.MemoryBIO())
         out = (ssl.MemoryBIO(), ssl.MemoryBIO())
         client = client_context.wrap_bio(into[0], out[0], server_hostname=name)
@@ -110,6 +112,15 @@ def wire(
         assert cipher is not None
         found.suite = cipher[0]
     return found
+
+
+def in_tls(talk: Talk, found: Wire) -> None:
+    """A connection that carries TLS from its first message on."""
+    talk.hello()
+    talk.connect()
+    for side, octets in found.flights:
+        talk.packet(side, dt(octets))
+    talk.close()
 
 
 class _Tap:
