@@ -183,7 +183,7 @@ def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
     if not aead.is_installed():
         raise ImportError(aead.NEEDS)
     for path in paths:
-        found = KeyLog([GrowingFile(path).more])
+        found = KeyLog([GrowingFile(path).more])  # each by itself first, so that a wrong one is named
         found.look()
         if found.lines and found.wrong == found.lines:
             name = os.fspath(path)

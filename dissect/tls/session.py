@@ -69,8 +69,8 @@ class TlsSession:
     """A TLS session as far as it was captured. ``directions`` are by side of the connection, ``client`` is the client's side.
 
     ``version`` and ``suite_code`` are what the server chose, 0 and -1 while unknown; ``server_name`` whom the client asked for.
-    ``why_closed`` says, once it is over, why records stayed closed although there is a key log. ``malformed`` counts records and
-    messages that contradict themselves. ``shown`` are the sides whose certificates came since it was last emptied.
+    ``why_closed`` says, once it is over, why records stayed closed although there is a key log. ``malformed`` counts messages
+    and records that contradict themselves. ``shown`` are the sides whose certificates came since it was last emptied.
     """
 
     def __init__(self, keys: KeyRing, waiting: Waiting | None = None) -> None:

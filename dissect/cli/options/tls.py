@@ -45,6 +45,6 @@ def _keys(files: tuple[str, ...]) -> KeyLog | None:
     except OSError as error:
         raise click.ClickException(reason(error)) from None
     if keys.wrong:
-        lines = "1 line of it has" if keys.wrong == 1 else f"{keys.wrong} lines of it have"
-        click.echo(f"s7dissect: --tls-keys: {lines} another form and hold no key", err=True)
+        lines = "1 line has" if keys.wrong == 1 else f"{keys.wrong} lines have"
+        click.echo(f"s7dissect: --tls-keys: {lines} another form and no key", err=True)
     return keys
