@@ -234,8 +234,7 @@ def the_engine_is_pure(module: str, tree: ast.Module) -> list[str]:
     wrong = [
         f"{module}:{line}: imports {name}"
         for line, name in imports(tree)
-        if name.split(".")[0] not in PURE_IMPORTS | {"dissect"}
-        and LOCKED.get(name.split(".")[0]) != room_of(module)
+        if name.split(".")[0] not in PURE_IMPORTS | {"dissect"} and LOCKED.get(name.split(".")[0]) != room_of(module)
     ]
     wrong += [
         f"{module}:{line}: calls {name}()"

@@ -15,7 +15,7 @@ from dissect.cli.look import clock
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK, EXIT_USAGE
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import complain, drive, files_argument, write
-from dissect.engine.observer import Options
+from dissect.engine.pipeline import Options
 from dissect.report.formats import ALERTS, Format
 from dissect.report.outcome import SPACED_LINE, Outcome
 from dissect.report.styled import HANG, Line
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from dissect.baseline import Baseline
     from dissect.engine.observer import Observer
     from dissect.tls.key_log import KeyLog
-    from dissect.wire.clock import Clock
+    from dissect.wire.text import Clock
 
 _EXIT_CODES = (
     "Exit code: 0 success, or nothing new; 1 --against or --rules reported something; 2 wrong use, or an unreadable or "

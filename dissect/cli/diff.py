@@ -15,7 +15,7 @@ from dissect.cli.golden import read_capture
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.tls import tls_option
-from dissect.engine.observer import Options
+from dissect.engine.pipeline import Options
 from dissect.golden.comparison import differences
 from dissect.golden.difference import KINDS, Difference, DiffOptions
 from dissect.golden.model import GoldenError, Session
@@ -27,7 +27,7 @@ from dissect.report.styled import Line
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
     from dissect.tls.key_log import KeyLog
 
 DIFF_SCHEMA = "s7dissect.diff/1"

@@ -12,7 +12,7 @@ from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import complain, drive, files_argument, write
-from dissect.engine.observer import Options
+from dissect.engine.pipeline import Options
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.reading import SessionReader, is_golden, load_golden
 from dissect.golden.writing import EXTRAS, golden_lines
@@ -20,7 +20,7 @@ from dissect.wire.saving import save
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
     from dissect.tls.key_log import KeyLog
 
 _EXIT_CODES = (

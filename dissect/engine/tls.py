@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from mypy_extensions import i64
 
+from dissect.engine.connections import Foreign
 from dissect.engine.exchange import Exchange
-from dissect.engine.foreign import Foreign
 from dissect.findings.tls_rules import judge_certificates, judge_closed, judge_session
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, TLS, UPPER_NAMES, classify, is_sound
 from dissect.s7plus.stream import FrameStream
@@ -122,6 +122,7 @@ class Tls(Protocol):
 
     def end(self, side: Side, frame: i64, time_ns: i64) -> None:
         """The connection is over: say why what was encrypted stayed so. Called for either side, done once."""
+        side.inner = None
         connection = side.connection
         session = connection.tls
         if session is None or side.index:

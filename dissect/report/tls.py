@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from dissect.report import words
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 
 if TYPE_CHECKING:
     from dissect.tls.certificate import Certificate

@@ -228,7 +228,7 @@ def test_blocks_of_editcap(tmp_path: Path, trace: Path, keys: Path) -> None:
 
 def test_a_key_log_that_grows_while_it_is_read(trace: Path, keys: Path, spoken: Wire) -> None:
     """What a program writes into the file once the line is watched is taken when it is needed."""
-    from dissect.engine.observer import Options
+    from dissect.engine.pipeline import Options
     from dissect.report.analysis import Analysis
     from dissect.session import read_tls_keys
 
