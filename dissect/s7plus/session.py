@@ -36,8 +36,8 @@ _NEW_LIST: Final = 0x80000000
 MAX_SUBSCRIPTIONS: Final = 256
 MAX_ITEMS: Final = 4096
 #: The identification record: head, vendor, order number, serial number, hardware revision, software revision.
-_IM0_HEAD: Final = bytes.fromhex("002000380100")
-_IM0_SIZE: Final = 60
+IM0_HEAD: Final = bytes.fromhex("002000380100")
+IM0_SIZE: Final = 60
 
 
 class Identity:
@@ -141,7 +141,7 @@ class PlusSession:
         """Take the identification record of the CPU (I&M0, as IEC 61158-6-10 lays it out)."""
         blob = value.content
         octets = blob.octets if isinstance(blob, Blob) else b""
-        if len(octets) != _IM0_SIZE or not octets.startswith(_IM0_HEAD):
+        if len(octets) != IM0_SIZE or not octets.startswith(IM0_HEAD):
             return
         self.identity.order_number = octets[8:28].decode("latin-1").strip(" \0")
         self.identity.serial_number = octets[28:44].decode("latin-1").strip(" \0")
@@ -228,3 +228,13 @@ def parse_reference_list(numbers: list[int]) -> tuple[bool, list[int], list[tupl
         at = end
         added -= 1
     return bool(head & _NEW_LIST), gone, fresh
+
+
+def crc_places(numbers: list[int]) -> list[int]:
+    """Return where in a reference list the checksums of symbols stand; as far as its items fit, like `parse_reference_list`."""
+    places: list[int] = []
+    at = 3 + numbers[1] if len(numbers) > 3 else 0
+    while 0 < at and at + 6 <= len(numbers) and len(places) < numbers[2]:
+        places.append(at + 4)
+        at += 5 + max(numbers[at] & 0xFFFF, 1)
+    return places
