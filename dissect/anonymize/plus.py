@@ -63,6 +63,19 @@ class PlusRules:
     def __init__(self, contents: PlusContents, told: Account) -> None:
         self._contents = contents
         self._account = told
+        self._others: dict[int, Callable[[bytes, Part], bytes]] = {
+            id(layouts.ADDRESS): self._address,
+            id(layouts.VARIABLE): self._variable,
+            id(layouts.VARIABLE_NAME): self._name,
+            id(layouts.TAG_DESCRIPTION): self._tag,
+            id(layouts.PACKED): self._packed,
+            id(layouts.PACKED_TWICE): self._packed,
+            id(layouts.PIECE): self._counted,
+            id(layouts.DIGEST): self._counted,
+            id(layouts.EVENT_VALUE): self._event,
+            id(layouts.FILL): self._fill,
+            id(layouts.RESERVED): self._fill,
+        }
 
     def message(self, octets: bytes, side: Side) -> bytes | None:
         """Return what becomes of a whole PDU, its frames one behind the other, sent by ``side``.
@@ -105,8 +118,8 @@ class PlusRules:
                     meaning.ends()
             elif layout in _VALUES:
                 made = self._value(octets, part, meaning.of(part))
-            elif layout in _OTHERS:
-                made = _OTHERS[layout](self, octets, part)
+            elif layout in self._others:
+                made = self._others[layout](octets, part)
             else:
                 self._account.mask(account.UNKNOWN, octets)
                 continue
@@ -170,21 +183,6 @@ class PlusRules:
     def _fill(self, octets: bytes, _: Part) -> bytes:
         self._account.mask(account.UNKNOWN, octets)
         return bytes(len(octets))
-
-
-_OTHERS: Final[dict[int, Callable[[PlusRules, bytes, Part], bytes]]] = {
-    id(layouts.ADDRESS): PlusRules._address,
-    id(layouts.VARIABLE): PlusRules._variable,
-    id(layouts.VARIABLE_NAME): PlusRules._name,
-    id(layouts.TAG_DESCRIPTION): PlusRules._tag,
-    id(layouts.PACKED): PlusRules._packed,
-    id(layouts.PACKED_TWICE): PlusRules._packed,
-    id(layouts.PIECE): PlusRules._counted,
-    id(layouts.DIGEST): PlusRules._counted,
-    id(layouts.EVENT_VALUE): PlusRules._event,
-    id(layouts.FILL): PlusRules._fill,
-    id(layouts.RESERVED): PlusRules._fill,
-}
 
 
 class _Meaning:

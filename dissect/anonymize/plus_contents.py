@@ -22,6 +22,7 @@ from dissect.s7plus.value_tables import (
     BOOL,
     FIXED_SIZES,
     NULL,
+    PACKED_COUNT_TWICE,
     RID,
     SPARSE_ARRAY,
     STRUCT,
@@ -31,6 +32,7 @@ from dissect.s7plus.value_tables import (
     VARIABLE_SIZES,
     VARIANT,
     WSTRING,
+    is_packed,
 )
 from dissect.s7plus.walk import FormatError, Walk
 from dissect.wire.varint import SIGNED, SIGNED64, VLQ, build_varint, read_varint
@@ -91,7 +93,7 @@ class PlusContents:
 
         Of a structure ``octets`` are what stands before its members. Zeros where they do not fit their type.
         """
-        if type_ == STRUCT and not flags & SPARSE_ARRAY:
+        if type_ == STRUCT:
             return octets
         walk = Walk(octets, 0, len(octets), False)
         try:
@@ -131,8 +133,10 @@ class PlusContents:
         if not flags & (ARRAY | ADDRESS_ARRAY):
             return self._one(walk, type_, about)
         start = walk.at
-        count = walk.counted(VLQ, "count")
+        count = walk.number(VLQ, "count") if type_ == NULL else walk.counted(VLQ, "count")
         head = walk.octets[start : walk.at]
+        if type_ == NULL:
+            return head  # any number of elements without a byte
         if about == REFERENCE_LIST and type_ == UDINT:
             return head + self._references(walk, count)
         return head + b"".join([self._one(walk, type_, about) for _ in range(count)])
@@ -181,7 +185,7 @@ class PlusContents:
         if type_ == NULL:
             return b""
         if type_ == STRUCT:
-            return self._struct(walk, about)
+            return self._struct(walk, 0, about)
         return self._variant(walk, about)
 
     def _stays(self, type_: int, about: int) -> bool:
@@ -263,9 +267,21 @@ class PlusContents:
             return bytes(new)
         return bytes(len(octets))
 
-    def _struct(self, walk: Walk, about: int) -> bytes:
-        """Treat a structure inside a value: an element of a sparse array, or the content of a variant."""
-        return walk.take(4, "structure") + self._members(walk, about)
+    def _struct(self, walk: Walk, flags: int, about: int) -> bytes:
+        """Treat a structure inside a value, from its id on."""
+        start = walk.at
+        id_ = walk.fixed(4, "structure")
+        if is_packed(id_):
+            walk.take(8, "interface time")
+            twice = walk.number(VLQ, "transport flags") & PACKED_COUNT_TWICE
+            count = walk.number(VLQ, "count")
+            if twice:
+                count = walk.number(VLQ, "count")
+            head = walk.octets[start : walk.at]
+            return head + self._octets(walk.take(count, "packed structure"), about)
+        count = walk.counted(VLQ, "count") if flags & (ARRAY | ADDRESS_ARRAY) else 1
+        head = walk.octets[start : walk.at]
+        return head + b"".join([self._members(walk, about) for _ in range(count)])
 
     def _members(self, walk: Walk, about: int) -> bytes:
         new: list[bytes] = []
@@ -277,7 +293,7 @@ class PlusContents:
                 walk.depth -= 1
                 return b"".join((*new, walk.octets[start : walk.at]))
             new.append(walk.octets[start : walk.at])
-            new.append(self._variant(walk, about if about in SECRETS else id_))
+            new.append(self._variant(walk, about if about == PROCESS or about in SECRETS else id_))
 
     def _variant(self, walk: Walk, about: int) -> bytes:
         """Treat a value with its flags and type."""
@@ -285,7 +301,8 @@ class PlusContents:
         flags, type_ = walk.u8("flags"), walk.u8("type")
         head = walk.octets[start : walk.at]
         walk.enter("variant")
-        new = self._content(walk, flags, type_, about)
+        whole = type_ == STRUCT and not flags & SPARSE_ARRAY
+        new = self._struct(walk, flags, about) if whole else self._content(walk, flags, type_, about)
         walk.depth -= 1
         return head + new
 
@@ -298,11 +315,11 @@ def _least(size: int, kind: int) -> int:
 
 
 def _most(size: int, kind: int) -> int:
-    signed = kind == SIGNED or kind == SIGNED64
+    signed = kind in {SIGNED, SIGNED64}
     wide = 64 if kind not in {VLQ, SIGNED} else 32
     return int((1 << min(_bits(size, kind), wide - (1 if signed else 0))) - 1)
 
 
 def _bits(size: int, kind: int) -> int:
     """Return how many bits of a number so many bytes hold: seven each, eight in the ninth, one less where there is a sign."""
-    return 7 * size + (1 if size > 8 else 0) - (1 if kind == SIGNED or kind == SIGNED64 else 0)
+    return 7 * size + (1 if size > 8 else 0) - (1 if kind in {SIGNED, SIGNED64} else 0)
