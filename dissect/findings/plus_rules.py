@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.findings.plus_sessions import PlusSessions
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
@@ -14,8 +15,10 @@ from dissect.s7plus.events import (
     CHANGED,
     PASSWORD,
     READ_OUT,
+    REPLAYED,
     RESET,
     RUNNING,
+    SESSION,
     START,
     STOP,
     STOPPED,
@@ -44,6 +47,7 @@ _SLUGS: Final[dict[str, str]] = {
     CHANGED: "security.program_change",
     READ_OUT: "security.program_read",
     TEST_JOB: "security.debug",
+    REPLAYED: "security.replay",
     WRITTEN: "security.write",
     WRITTEN_OUTPUTS: "security.write_outputs",
 }
@@ -68,6 +72,7 @@ class PlusWatch:
         self._operations = PlusOperations(book)
         self._judge = judge
         self._security = security
+        self._sessions = PlusSessions(security)
         self._cpus: dict[str, tuple[Program, Identity]] = {}
 
     def take(self, transaction: Transaction) -> None:
@@ -78,11 +83,14 @@ class PlusWatch:
             session = self._begin(connection)
         if transaction.function < 0 and session.subscriptions:
             self._operations.notified(subscription_of(transaction.response_octets), transaction)
+        self._sessions.take(session, transaction)
         facts = take(session, transaction.function, transaction.request_octets, transaction.response_octets)
         if facts is not None:
             for event in facts.events:
                 self._operations.take(event, session, transaction)
                 self._tell(session, event, transaction)
+                if event.kind == SESSION:
+                    self._sessions.opened(session, event.object_id, transaction)
             if facts.malformed:
                 self._note("s7plus.malformed", transaction, str(facts.malformed[0]))
             if facts.exhausted:

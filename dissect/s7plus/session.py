@@ -25,6 +25,9 @@ _CLIENT_ID: Final = 289
 _COMMENT: Final = 301
 _SESSION_VERSION: Final = 306
 _VERSION_TEXT: Final = 319
+_CHALLENGE: Final = 303
+#: Attribute by which a client authenticates itself: the key of its session, encrypted for the CPU.
+SESSION_KEY: Final = 1830
 #: Attribute with the identification record of a module (I&M0), and the object that stands for the CPU.
 IDENTIFICATION: Final = 3753
 CPU_PROXY: Final = 49
@@ -56,22 +59,29 @@ class PlusSession:
     """What is known of one connection. Texts are from the wire and not escaped.
 
     ``program`` and ``identity`` are shared by all connections of a CPU. ``states`` are the subscriptions that report its
-    operating state. ``all_written`` tells that no further write is worth looking at.
+    operating state. ``all_written`` tells that no further write is worth looking at. ``tls``: the client asked for TLS.
+    ``challenged``: the CPU offers authentication, and ``authenticated``: the client took it. ``given`` are the ids of its
+    sessions; ``integrity`` is the latest (sequence number, integrity id) of each of the two counters that a client has.
     """
 
     __slots__ = (
         "all_written",
         "application",
+        "authenticated",
+        "challenged",
         "client_id",
         "explores",
+        "given",
         "host",
         "identity",
+        "integrity",
         "program",
         "role",
         "session_name",
         "states",
         "subscribed",
         "subscriptions",
+        "tls",
         "user",
     )
 
@@ -87,6 +97,11 @@ class PlusSession:
         self.explores = 0
         self.subscribed = False
         self.all_written = False
+        self.tls = False
+        self.challenged = False
+        self.authenticated = False
+        self.given: set[int] = set()
+        self.integrity: dict[bool, tuple[int, int]] = {}
         self.states: set[int] = set()
         self.subscriptions: dict[int, dict[int, Address]] = {}
 
@@ -122,11 +137,19 @@ class PlusSession:
                 self.role = one.number(_ROLE)
 
     def session_opened(self, told: Contents) -> None:
-        """Take the answer: its object says which CPU it is."""
+        """Take the answer: its object says which CPU it is, and whether clients can authenticate themselves there."""
+        self.challenged = False
+        self.authenticated = False
+        self.integrity.clear()
+        for id_ in told.ids[:1]:
+            if len(self.given) < MAX_SUBSCRIPTIONS:
+                self.given.add(id_)
         for one in told.objects:
             version = one.find(_SESSION_VERSION)
             if version is not None:
                 self._identify(version)
+            if one.find(_CHALLENGE) is not None:
+                self.challenged = True
 
     def _identify(self, version: Value) -> None:
         struct = version.content
@@ -147,6 +170,23 @@ class PlusSession:
         self.identity.serial_number = octets[28:44].decode("latin-1").strip(" \0")
         prefix, major, minor, patch = octets[46:50]
         self.identity.firmware = f"{chr(prefix)}{major}.{minor}.{patch}"
+
+    def repeats(self, writes: bool, sequence: int, integrity_id: int) -> bool:
+        """Take the integrity id of a request; True when it is not as far ahead of an earlier one as its sequence number.
+
+        Clients count requests that change something and all others on their own. Requests are taken in the order in which
+        they were answered.
+        """
+        before = self.integrity.get(writes)
+        if before is None:
+            self.integrity[writes] = (sequence, integrity_id)
+            return False
+        ahead = (sequence - before[0]) & 0xFFFF
+        later = ahead < 0x8000
+        if later:
+            self.integrity[writes] = (sequence, integrity_id)
+        grown = (integrity_id - before[1]) & 0xFFFFFFFF
+        return ahead != 0 and (grown == 0 or (grown < 0x80000000) != later)
 
     # ---- subscriptions ----------------------------------------------------------------------------------------------
 
@@ -234,7 +274,7 @@ def crc_places(numbers: list[int]) -> list[int]:
     """Return where in a reference list the checksums of symbols stand; as far as its items fit, like `parse_reference_list`."""
     places: list[int] = []
     at = 3 + numbers[1] if len(numbers) > 3 else 0
-    while 0 < at and at + 6 <= len(numbers) and len(places) < numbers[2]:
+    while at > 0 and at + 6 <= len(numbers) and len(places) < numbers[2]:
         places.append(at + 4)
         at += 5 + max(numbers[at] & 0xFFFF, 1)
     return places
