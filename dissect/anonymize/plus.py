@@ -53,6 +53,8 @@ _VALUES: Final = frozenset(id(layout) for layout in (
 _LISTED: Final = frozenset((GET_VAR_SUBSTREAMED, SET_VAR_SUBSTREAMED))
 #: Texts of system events.
 _EVENTS: Final = frozenset((b"LOGOUT",))
+#: What ends a request for a list of attributes.
+_LISTED_END: Final = b"\0\1"
 #: Where the checksum of a variable stands in its description.
 _CRC: Final = slice(4, 8)
 
@@ -181,6 +183,8 @@ class PlusRules:
         return bytes(len(octets))
 
     def _fill(self, octets: bytes, _: Part) -> bytes:
+        if octets == _LISTED_END:
+            return octets
         self._account.mask(account.UNKNOWN, octets)
         return bytes(len(octets))
 

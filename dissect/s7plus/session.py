@@ -79,7 +79,6 @@ class PlusSession:
         "role",
         "session_name",
         "states",
-        "subscribed",
         "subscriptions",
         "tls",
         "user",
@@ -95,7 +94,6 @@ class PlusSession:
         self.user = ""
         self.session_name = ""
         self.explores = 0
-        self.subscribed = False
         self.all_written = False
         self.tls = False
         self.challenged = False
@@ -197,7 +195,6 @@ class PlusSession:
             self.unsubscribe(id_)
             while len(self.subscriptions) >= MAX_SUBSCRIPTIONS:
                 self.unsubscribe(next(iter(self.subscriptions)))
-            self.subscribed = True
             self.subscriptions[id_] = {}
             value = one.find(REFERENCE_LIST)
             if value is not None:
@@ -225,10 +222,18 @@ class PlusSession:
         return known.get(reference) if known is not None else None
 
 
-def _change(known: dict[int, Address], value: Value) -> None:
+def _numbers(value: Value) -> list[int]:
     content = value.content
-    numbers = [one for one in content if isinstance(one, int)] if isinstance(content, list) else []
-    new, gone, fresh = parse_reference_list(numbers)
+    return [one for one in content if isinstance(one, int)] if isinstance(content, list) else []
+
+
+def references_of(value: Value) -> list[tuple[int, Address]]:
+    """Return what a reference list adds: references with their addresses."""
+    return parse_reference_list(_numbers(value))[2]
+
+
+def _change(known: dict[int, Address], value: Value) -> None:
+    new, gone, fresh = parse_reference_list(_numbers(value))
     if new:
         known.clear()
     for reference in gone:
