@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
-from dissect.engine.observer import Observer, Options
-from dissect.engine.payload import PayloadDecoder
-from dissect.engine.pipeline import Pipeline
-from dissect.findings.finding import Finding
+from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options, Pipeline
+from dissect.findings.reporter import Finding
 from dissect.report.analysis import Analysis
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus

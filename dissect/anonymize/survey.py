@@ -22,12 +22,13 @@ from dissect.iso.cotp import MAX_TSDU, parse_tpdu
 from dissect.iso.tables import DT
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, classify
 from dissect.s7.items import walk_areas
-from dissect.s7.message import HEADER_SIZE, parse_pdu
-from dissect.s7.message import PROTOCOL_ID as S7_PROTOCOL_ID
+from dissect.s7.message import parse_pdu
+from dissect.s7.parameters import HEADER_SIZE
+from dissect.s7.parameters import PROTOCOL_ID as S7_PROTOCOL_ID
 from dissect.s7.tables import ACK_DATA, SUCCESS
 from dissect.s7plus.assembly import PlusAssembler
 from dissect.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
-from dissect.tcp.connection import TcpConnection
+from dissect.tcp.stream import TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.pairing import key_of
 from dissect.transactions.payloads import Backlog, ScdMessage

@@ -22,7 +22,7 @@ from dissect.cli.run import (
 from dissect.report.formats import ANALYSIS, Format
 
 if TYPE_CHECKING:
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
 
 
 @click.command("analyze", epilog=EXIT_CODES)
@@ -56,7 +56,7 @@ def command(
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. Several files are read in
     order; one that continues where the previous one ended (a ring buffer) continues its connections.
     """
-    from dissect.engine.observer import Options
+    from dissect.engine.pipeline import Options
     from dissect.report.analysis import Analysis
     from dissect.report.summary import Summary
     from dissect.session import Run

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dissect.anonymize.addresses import AddressMap
     from dissect.anonymize.key import Key
     from dissect.anonymize.survey import Survey
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, or nothing to write, 3 a damaged or truncated file "
@@ -100,7 +100,7 @@ def command(
     from dissect.anonymize.scd import ScdRules, bindings_of
     from dissect.anonymize.survey import Survey
     from dissect.bindings.engine import ScdCarrier
-    from dissect.engine.observer import Options
+    from dissect.engine.pipeline import Options
     from dissect.session import Run
 
     check_files((file,), output, force)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from dissect.alerts import Alert, AlertRules
     from dissect.baseline import Baseline
     from dissect.engine.observer import Observer
-    from dissect.wire.clock import Clock
+    from dissect.wire.text import Clock
 
 _EXIT_CODES = (
     "Exit code: 0 success, or nothing new; 1 --against or --rules reported something; 2 wrong use, or an unreadable or "

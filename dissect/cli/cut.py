@@ -15,7 +15,7 @@ from dissect.cli.second_pass import check_files, name_of, written_whole
 from dissect.report.slugs import slugs_of
 
 if TYPE_CHECKING:
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
     from dissect.recording.cutter import Around, Cutter
     from dissect.recording.selection import Choice
     from dissect.recording.window import Window
@@ -141,7 +141,7 @@ def command(
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd. It is read twice, so it cannot be standard input.
     Several files are read as one capture and written to one OUT.
     """
-    from dissect.engine.observer import Options
+    from dissect.engine.pipeline import Options
     from dissect.recording.selection import Selection, Wanted
     from dissect.session import Run
 

@@ -25,7 +25,7 @@ from dissect.report.styled import Line
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
 
 DIFF_SCHEMA = "s7dissect.diff/1"
 

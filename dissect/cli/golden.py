@@ -18,7 +18,7 @@ from dissect.wire.saving import save
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, or an unreadable or unwritable file, 3 a damaged or truncated file (what could be read "
@@ -79,7 +79,7 @@ def _session(files: tuple[str, ...], decoder: PayloadDecoder | None) -> tuple[Se
 
 def read_capture(files: tuple[str, ...], decoder: PayloadDecoder | None) -> tuple[Session, int]:
     """Read captures and return their session and the exit code so far; what was odd is told on stderr."""
-    from dissect.engine.observer import Options
+    from dissect.engine.pipeline import Options
     from dissect.session import Run
 
     reader = SessionReader(files[0])

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from dissect.cli.options.monitor import Beside
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
     from dissect.live.session import Session, Status
     from dissect.metrics.address import Address
     from dissect.source.packet import Reader
@@ -137,7 +137,7 @@ def command(
     The source is an interface (-i), a capture in progress on standard input (-), for example from
     `ssh gateway tcpdump -U -w - tcp port 102`, or a FILE.
     """
-    from dissect.engine.observer import Options
+    from dissect.engine.pipeline import Options
     from dissect.live.run import Limits
     from dissect.live.session import Session
 

@@ -15,7 +15,7 @@ from dissect.cli.run import (
     files_argument,
     places_of,
 )
-from dissect.engine.observer import Options
+from dissect.engine.pipeline import Options
 from dissect.report.formats import OPERATIONS, Format
 from dissect.report.writer import OperationFeed
 from dissect.session import Run

@@ -29,7 +29,7 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
     from dissect.live.session import Event, Session
     from dissect.metrics.address import Address
     from dissect.proxy.capture_file import CaptureFile
@@ -113,7 +113,7 @@ def command(
     Clients connect to --listen instead of the PLC; each gets its own connection to the PLC. Data, FIN and RST are relayed
     unchanged; a copy is dissected and cannot delay them. Stop it with Ctrl-C or SIGTERM.
     """
-    from dissect.engine.observer import Options
+    from dissect.engine.pipeline import Options
     from dissect.live.session import Session
     from dissect.net.addresses import places_to_connect, places_to_listen
     from dissect.proxy.process import RelayProcess, RelayThread, possible

@@ -17,8 +17,8 @@ from dissect.cli.run import (
     files_argument,
     places_of,
 )
-from dissect.engine.observer import Options
-from dissect.engine.payload import PayloadDecoder
+from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.pipeline import Options
 from dissect.report.formats import PDUS, Format, formats_for
 from dissect.report.writer import PduFeed
 from dissect.session import Run

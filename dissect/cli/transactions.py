@@ -17,8 +17,8 @@ from dissect.cli.run import (
     nanoseconds,
     places_of,
 )
-from dissect.engine.observer import Options
-from dissect.engine.payload import PayloadDecoder
+from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.pipeline import Options
 from dissect.report.formats import TRANSACTIONS, Format
 from dissect.report.writer import Choice, TransactionFeed
 from dissect.session import Run

@@ -147,7 +147,7 @@ class IsoOnTcp(Protocol):
                 judge_data(exchange.reporter, side, length - 4, frame, time_ns)
             if buf[at + 6] & 0x7F:
                 judge_number(exchange.reporter, side, buf[at + 6] & 0x7F, frame, time_ns)
-            if buf[at + 6] >= 0x80 and side.assembler.parts is None and side.assembler.clear:
+            if buf[at + 6] >= 0x80 and side.assembler.clear:
                 self._tsdu(side, buf, at + 7, length - 7, frame, time_ns)
             else:
                 self._fragment(side, buf[at + 7 : at + length], buf[at + 6] >= 0x80, frame, time_ns)

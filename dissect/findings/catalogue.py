@@ -1,25 +1,57 @@
 """The catalogue of findings: every slug that can appear, its severity, its kind, its sentence and its advice.
 
-Slugs are stable: reports, gates and other people's scripts rely on them. The rules follow reference section 7.
+Slugs are stable: reports, gates and other people's scripts rely on them. The rules follow reference section 7. This page of
+rows is the only place that knows them: reports, documentation, `explain` and the tests all read it.
 """
 
 from __future__ import annotations
 
 from typing import Final
 
-from dissect.findings.finding import (
-    CAPTURE,
-    ERROR,
-    FUNCTION,
-    NEGOTIATION,
-    NOTE,
-    OPERATION,
-    PROTOCOL,
-    SECURITY,
-    WARNING,
-    Rule,
-)
-from dissect.findings.mitre import TECHNIQUES
+from dissect.findings.mitre import TECHNIQUES, Technique
+
+ERROR: Final = "error"
+WARNING: Final = "warning"
+NOTE: Final = "note"
+
+
+#: Severities from the heaviest to the lightest.
+SEVERITIES: Final = (ERROR, WARNING, NOTE)
+
+
+#: What a rule is about: the capture itself; the bytes of a protocol; what was agreed on; requests and answers; what an
+#: intruder would do; and what takes several requests.
+CAPTURE: Final = "capture"
+PROTOCOL: Final = "protocol"
+NEGOTIATION: Final = "negotiation"
+FUNCTION: Final = "function"
+SECURITY: Final = "security"
+OPERATION: Final = "operation"
+
+KINDS: Final = (CAPTURE, PROTOCOL, NEGOTIATION, FUNCTION, SECURITY, OPERATION)
+
+
+class Rule:
+    """One row of the catalogue: a stable slug, how much it weighs, what it is about, one sentence, and what to do about it.
+
+    ``techniques`` are the MITRE ATT&CK for ICS techniques that the finding may be part of; most rules have none.
+    """
+
+    __slots__ = ("advice", "kind", "sentence", "severity", "slug", "techniques")
+
+    def __init__(
+        self, slug: str, severity: str, kind: str, sentence: str, advice: str, techniques: tuple[Technique, ...] = ()
+    ) -> None:
+        self.slug = slug
+        self.severity = severity
+        self.kind = kind
+        self.sentence = sentence
+        self.advice = advice
+        self.techniques = techniques
+
+    def __repr__(self) -> str:
+        return f"Rule({self.slug!r}, {self.severity!r})"
+
 
 #: Slug, severity, kind, sentence, advice, and the keys of MITRE techniques with spaces between them.
 _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (

@@ -14,8 +14,7 @@ from typing import Final
 
 from dissect.s7.hiding import without_secrets
 from dissect.s7.items import DATA_HEAD, parse_data_items
-from dissect.s7.message import ACK_HEADER_SIZE, HEADER_SIZE, PROTOCOL_ID
-from dissect.s7.parameters import GROUP_PBC
+from dissect.s7.parameters import ACK_HEADER_SIZE, GROUP_PBC, HEADER_SIZE, PROTOCOL_ID
 from dissect.s7.tables import (
     ACK_DATA,
     CPU_SERVICES,

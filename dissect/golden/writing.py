@@ -30,8 +30,7 @@ from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import DataItem
 from dissect.s7.message import Pdu
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION, SUCCESS, USERDATA, WRITE_VAR
-from dissect.wire.clock import Clock
-from dissect.wire.text import printable
+from dissect.wire.text import Clock, printable
 
 FORMAT: Final = "s7dissect golden 1"
 #: What belongs to one recording and stands in a golden only when asked for.

@@ -13,13 +13,13 @@ from textual.binding import Binding, BindingType
 from textual.message import Message
 from textual.widget import Widget
 
-from dissect.findings.finding import ERROR
+from dissect.findings.catalogue import ERROR
 from dissect.monitor import rows
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rows import Piece
 from dissect.report.styled import Line
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 
 Row = TypeVar("Row")
 

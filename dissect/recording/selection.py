@@ -1,32 +1,79 @@
-"""Which packets of a capture are wanted: the first reading tells, and remembers it in little memory.
+"""Which packets of a capture are wanted: the first reading finds out, and remembers it in little memory.
 
 `Selection` watches an analysis. Afterwards `Selection.choice` gives what recognises the packets when they are read again:
-addresses and ports of connections, ranges of sequence numbers of transactions, numbers of the packets that show a finding.
+addresses and ports of connections, ranges of sequence numbers of transactions, numbers of the packets that show a finding. It
+adds what a message needs to be understood on its own: how its connection began, what was negotiated, how it ended.
 """
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Collection, Sequence
 from typing import Final
 
 from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.ibh.packet import parse_packet
 from dissect.ibh.tables import KIND_CONFIRM, KIND_CONNECT, KIND_DISCONNECT, KIND_GO_AHEAD, KIND_SERVICE
 from dissect.iso.tables import CC, CR, DC, DR
 from dissect.recording.comments import finding_comment
-from dissect.recording.context import ContextBook
 from dissect.recording.spans import Span, SpanBook
 from dissect.report.contract import by_weight
 from dissect.s7.tables import SETUP_COMMUNICATION as _SETUP
 from dissect.tcp import ip, link
-from dissect.tcp.connection import FIN, RST, SYN, TcpConnection
+from dissect.tcp.stream import FIN, RST, SYN, TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.table import Side, reverse_key
 from dissect.transactions.transaction import Transaction
 from dissect.wire.octets import u16, u32
+
+#: Connections remembered, and packets of each that opened or closed it above TCP.
+MAX_CONNECTIONS: Final = 16_384
+MAX_FRAMES: Final = 16
+
+
+class Beginning:
+    """``frames`` of TPDUs or IBH-NetLink packets that open or close; of the latest Setup its ``setup`` frames and spans."""
+
+    __slots__ = ("frames", "setup", "spans")
+
+    def __init__(self) -> None:
+        self.frames: list[int] = []
+        self.setup: list[int] = []
+        self.spans: list[Span] = []
+
+
+class ContextBook:
+    """Beginnings by the number of their connection; of too many, those seen least lately are forgotten."""
+
+    def __init__(self) -> None:
+        self._known: OrderedDict[int, Beginning] = OrderedDict()
+
+    def opened(self, number: int, frame: int) -> None:
+        """Packet ``frame`` opens or closes connection ``number``."""
+        beginning = self.of(number)
+        if len(beginning.frames) < MAX_FRAMES:
+            beginning.frames.append(frame)
+
+    def negotiated(self, number: int, frames: list[int], spans: list[Span]) -> None:
+        """A Setup communication took place in these packets."""
+        beginning = self.of(number)
+        beginning.setup = frames
+        beginning.spans = spans
+
+    def of(self, number: int) -> Beginning:
+        """Return what is known of a connection."""
+        beginning = self._known.get(number)
+        if beginning is None:
+            beginning = self._known[number] = Beginning()
+            if len(self._known) > MAX_CONNECTIONS:
+                self._known.popitem(last=False)
+        else:
+            self._known.move_to_end(number)
+        return beginning
+
 
 #: TPDUs that open and close a transport connection, and IBH-NetLink packets that do.
 _OPENING: Final = frozenset((CR, CC, DR, DC))

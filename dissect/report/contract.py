@@ -6,19 +6,19 @@ import json
 from typing import Final
 
 from dissect.engine.pipeline import Pipeline
-from dissect.findings.finding import SEVERITIES, Finding
+from dissect.findings.catalogue import SEVERITIES
+from dissect.findings.reporter import Finding
 from dissect.iso.tsap import Tsap
 from dissect.report import words
 from dissect.report.analysis import Analysis, FunctionStatistics
 from dissect.report.endings import ending_as_dict
 from dissect.report.facets import facet_of_row
-from dissect.report.jsonl import TransactionLines
-from dissect.report.places import Places
+from dissect.report.words import Places
+from dissect.report.writers.jsonl import TransactionLines
 from dissect.source.packet import SourceFile
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
-from dissect.wire.clock import Clock
-from dissect.wire.text import encodable
+from dissect.wire.text import Clock, encodable
 
 ANALYSIS_SCHEMA: Final = "s7dissect.analysis/1"
 

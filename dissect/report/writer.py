@@ -10,21 +10,20 @@ from collections.abc import Callable
 
 from mypy_extensions import i64, mypyc_attr
 
+from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.observer import Observer
-from dissect.engine.payload import PayloadDecoder
 from dissect.ibh.packet import parse_packet
 from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
 from dissect.iso.cotp import parse_tpdu
 from dissect.iso.tables import DT, ED
-from dissect.report.lines import carried, message_name
-from dissect.report.places import Places
 from dissect.report.styled import Line
+from dissect.report.words import Places, carried, message_name
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 
 #: Tells whether a transaction is wanted.
 Choice = Callable[[Transaction], bool]
@@ -127,7 +126,7 @@ class PduFeed(Observer):
             return
         tpdu = parse_tpdu(octets[4:])
         if tpdu.type in {DT, ED}:
-            begins = side.assembler.parts is None and side.assembler.clear
+            begins = side.assembler.clear
             if not (begins and carried(tpdu)) or (self._decoder and self._decoder.claims_tsdus(side.connection)):
                 return
         self._writer.tpdu(frame, time_ns, side, octets)

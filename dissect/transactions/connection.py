@@ -22,7 +22,7 @@ from dissect.s7.tables import (
     UPLOAD,
     WRITE_VAR,
 )
-from dissect.tcp.connection import Endpoint, TcpConnection
+from dissect.tcp.stream import Endpoint, TcpConnection
 from dissect.transactions.ending import Ending
 from dissect.transactions.operation import OpenOperations
 from dissect.transactions.pairing import OpenRequests
@@ -219,7 +219,7 @@ class Connection:
         self.open_requests: list[OpenRequests] = [OpenRequests(), OpenRequests()]
         self.operations: OpenOperations = OpenOperations()
         self.traits: Traits = Traits()
-        #: What its cyclic and test jobs send, by job (`dissect.transactions.subscriptions`).
+        #: What its cyclic and test jobs send, by job (`dissect.transactions.results`).
         self.subscriptions: dict[int, Subscription] = {}
         self.pdus: i64 = 0
         self.answered: i64 = 0

@@ -17,7 +17,7 @@ from dissect.anonymize.rules import Rules
 from dissect.anonymize.scd import ScdRules
 from dissect.anonymize.survey import Survey
 from dissect.bindings.engine import ScdCarrier
-from dissect.engine.observer import Options
+from dissect.engine.pipeline import Options
 from dissect.session import Run
 from dissect.source.files import open_capture
 from dissect.source.pcapng_writer import PcapngWriter

@@ -10,8 +10,7 @@ from typing import Final
 import pytest
 
 import dissect
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.finding import KINDS, SEVERITIES
+from dissect.findings.catalogue import CATALOGUE, KINDS, SEVERITIES
 from dissect.s7plus.assembly import MAX_PDU
 from dissect.s7plus.value_tables import DINT
 from dissect.s7plus.values import Value

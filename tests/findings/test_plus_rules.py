@@ -24,7 +24,7 @@ from dissect.s7plus.tables import (
 from dissect.s7plus.value_tables import BLOB, BOOL, DINT, INT, UDINT, UINT, WSTRING
 from dissect.s7plus.values import Blob, Value, build_value
 from dissect.s7plus.walk import MAX_WORK
-from dissect.tcp.connection import Endpoint
+from dissect.tcp.stream import Endpoint
 from dissect.transactions.operation import OperationBook
 from tests.findings.plus_scenarios import opened
 from tests.s7plus import bodies

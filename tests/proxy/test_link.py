@@ -9,7 +9,7 @@ import time
 import pytest
 
 from dissect.net.sockets import prepare
-from dissect.proxy.link import Link, ResetError, trouble
+from dissect.proxy.relay import Link, ResetError, trouble
 from tests.proxy.support import eventually, listening, port_of_nobody, received, reset
 
 

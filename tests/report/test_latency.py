@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.report.latency import EXACT, Latencies
+from dissect.report.analysis import EXACT, Latencies
 
 QUANTILES = (0.0, 0.001, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999, 1.0)
 MINUTE = 60_000_000_000

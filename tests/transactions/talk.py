@@ -14,9 +14,9 @@ from __future__ import annotations
 import struct
 from typing import Final
 
-from dissect.engine.payload import PayloadDecoder
+from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Observer, Options, Pipeline
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage

@@ -9,7 +9,8 @@ from collections import Counter
 from pathlib import Path
 from typing import Final, Self
 
-from dissect.engine.observer import Observer, Options
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options
 from dissect.iso.cotp import Assembler, parse_tpdu
 from dissect.iso.tables import DT
 from dissect.iso.tpkt import HEADER, Framer
