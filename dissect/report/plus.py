@@ -159,7 +159,9 @@ def plus_json(transaction: Transaction) -> str:
     """Return the keys that only transactions of S7comm-plus have, behind a comma."""
     asked, told = transaction.plus_halves()
     halves: dict[str, object] = {"request": _half_as_dict(asked), "response": _half_as_dict(told)}
-    alarms = [Alarm(one).as_dict() for one in told.contents.objects if one.class_id == ALARM] if told is not None else []
+    alarms = (
+        [Alarm(one).as_dict() for one in told.contents.objects if one.class_id == ALARM] if told is not None else []
+    )
     if alarms:
         halves["alarms"] = alarms
     values = {

@@ -40,7 +40,9 @@ class AlarmEvent:
         self.acknowledged = max(0, _number(struct, _ACKNOWLEDGED))
         value = struct.find(_VALUES)
         content = value.content if value is not None else None
-        self.values = [one.octets if isinstance(one, Blob) else b"" for one in content] if isinstance(content, list) else []
+        self.values = (
+            [one.octets if isinstance(one, Blob) else b"" for one in content] if isinstance(content, list) else []
+        )
 
     @property
     def text(self) -> str:

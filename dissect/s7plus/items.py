@@ -7,9 +7,9 @@ from typing import Final
 from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.ids import HIDDEN, SECRETS
 from dissect.s7plus.message import PlusPdu
+from dissect.s7plus.objects import every_object
 from dissect.s7plus.program import Found, symbol
 from dissect.s7plus.program_values import program_value
-from dissect.s7plus.objects import every_object
 from dissect.s7plus.session import REFERENCE_LIST, SUBSCRIPTION, PlusSession, references_of
 from dissect.s7plus.summary import single_address
 from dissect.s7plus.tables import (
