@@ -10,6 +10,7 @@ from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
@@ -25,6 +26,7 @@ from dissect.report.formats import TRANSACTIONS, Format
 from dissect.report.words import PROTOCOLS
 from dissect.report.writer import Choice, TransactionFeed
 from dissect.session import Run
+from dissect.tls.key_log import KeyLog
 from dissect.transactions.transaction import Transaction
 
 
@@ -42,6 +44,7 @@ from dissect.transactions.transaction import Transaction
 @checksums_option
 @fail_on_option
 @scd_options
+@tls_option
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -50,6 +53,7 @@ def command(
     checksums: bool,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    tls_keys: KeyLog | None,
 ) -> int:
     """List requests with their answers, one line each.
 
@@ -60,7 +64,7 @@ def command(
     packet that completed it stands in the capture, an unanswered request where the wait for its answer ended.
     """
     # What is slow is a finding as well.
-    options = Options(decoder=decoder, checksums=checksums)
+    options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys)
     if slow_ns is not None:
         options.slow_ns = slow_ns
     writer = format_.writer(TRANSACTIONS, clock())
