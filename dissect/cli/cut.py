@@ -85,7 +85,8 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
 @_numbers("--connection", "Packets of connection N of the analyze report, including its TCP handshake and end.")
 @_numbers(
     "--transaction",
-    "Packets that carried the request or answer of transaction N; if unanswered, also those that ended its connection.",
+    "Packets that carried the request or answer of transaction N; if unanswered, also those that ended its connection; of a "
+    "push, also the requests of its subscription.",
 )
 @click.option(
     "--finding",

@@ -16,12 +16,13 @@ from dissect.s7.body import Body
 from dissect.s7.control import PI_BLOCK
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.parameters import GROUP_PBC, HEADER_SIZE, UserdataHead
-from dissect.s7.services import LINK_IN, LINK_IN_SECOND
+from dissect.s7.services import LINK_IN, LINK_IN_SECOND, PROGRAM
 from dissect.s7.tables import (
     DOWNLOAD_BLOCK,
     DOWNLOAD_ENDED,
     END_UPLOAD,
     PI_SERVICE,
+    PLC_STOP,
     REQUEST_DOWNLOAD,
     SETUP_COMMUNICATION,
     START_UPLOAD,
@@ -36,6 +37,7 @@ from dissect.transactions.operation import (
     BEYOND_END,
     BSEND,
     CONNECT,
+    CONTROL,
     CUT_SHORT,
     CYCLIC,
     DONE,
@@ -44,6 +46,7 @@ from dissect.transactions.operation import (
     LONG_ANSWER,
     MESSAGES,
     PASSWORD,
+    POLLING,
     REFUSED,
     RUNNING,
     SESSION,
@@ -92,6 +95,10 @@ class Transfers:
             self._upload_piece(transaction, body, answer)
         elif function == END_UPLOAD:
             self._end_upload(transaction, body)
+        elif function == PLC_STOP or (function == PI_SERVICE and body.text("service") == PROGRAM):
+            what = transaction.function_name if function == PLC_STOP else subject_of(transaction)
+            operation = self._book.begin(CONTROL, "", transaction, what)
+            self._book.settle(operation, transaction, DONE, REFUSED)
         elif function == PI_SERVICE:
             _link_in(transaction, body)
 
@@ -243,7 +250,7 @@ _TEST_STOPS: Final = 0x0F
 _SEND_PASSWORD: Final = 0x01
 
 #: Kinds that run until somebody stops them.
-ENDLESS: Final = frozenset((CYCLIC, MESSAGES, TEST_JOB, SESSION))
+ENDLESS: Final = frozenset((CYCLIC, MESSAGES, TEST_JOB, SESSION, POLLING))
 _MAX_SUBJECT: Final = 200
 #: Where the header states the octets of the data block.
 _DATA_LENGTH_AT: Final = 8
@@ -266,6 +273,21 @@ def payload_size(transaction: Transaction) -> int:
     return max(int(stated) - DATA_HEAD.size, 0)
 
 
+def subscription_of(push: Transaction) -> Operation | None:
+    """Return the operation that a push of S7comm belongs to, None where no such one runs."""
+    going = push.connection.operations
+    head = push.parameters.userdata
+    if head is None:
+        return None
+    if head.group == _CYCLIC:
+        return going.find(CYCLIC, str(head.sequence))
+    if head.group == _TEST:
+        return going.find(TEST_JOB, f"{head.subfunction}/{head.sequence}")
+    if head.group == _MODE or (head.group == _CPU and head.subfunction in _ALARM_PUSHES):
+        return going.find(MESSAGES, str(push.asked_by))
+    return None
+
+
 class Operations(OperationBook):
     """Follows the operations of all connections."""
 
@@ -282,7 +304,7 @@ class Operations(OperationBook):
                 self._userdata(transaction, head)
         elif parameters.function == SETUP_COMMUNICATION:
             self._set_up(transaction)
-        elif REQUEST_DOWNLOAD <= parameters.function <= PI_SERVICE:
+        elif REQUEST_DOWNLOAD <= parameters.function <= PLC_STOP:
             if self._transfers is None:
                 from dissect.transactions.operations import Transfers
 
@@ -322,7 +344,7 @@ class Operations(OperationBook):
         answer = transaction.response_parameters
         told = answer.userdata if answer is not None else None
         if transaction.outcome == PUSH:
-            self._push(transaction, head)
+            self._push(transaction)
         elif head.group == GROUP_PBC:
             self._send(transaction, head)
         elif self._part_of_long_answer(transaction, head, told):
@@ -457,16 +479,9 @@ class Operations(OperationBook):
         if transaction.outcome != ANSWERED or transaction.error_code:
             self.settle(operation, transaction, DONE, REFUSED)
 
-    def _push(self, transaction: Transaction, head: UserdataHead) -> None:
+    def _push(self, transaction: Transaction) -> None:
         """Something was sent unasked: find the subscription it belongs to."""
-        going = transaction.connection.operations
-        operation: Operation | None = None
-        if head.group == _CYCLIC:
-            operation = going.find(CYCLIC, str(head.sequence))
-        elif head.group == _TEST:
-            operation = going.find(TEST_JOB, f"{head.subfunction}/{head.sequence}")
-        elif head.group == _MODE or (head.group == _CPU and head.subfunction in _ALARM_PUSHES):
-            operation = going.find(MESSAGES, str(transaction.asked_by))
+        operation = subscription_of(transaction)
         if operation is not None:
             operation.add(transaction)
             operation.pushes += 1

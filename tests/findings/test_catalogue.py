@@ -19,7 +19,7 @@ from dissect.s7plus.values import Value
 from dissect.tcp import ip
 from dissect.transactions.table import MAX_CONNECTIONS, MAX_HALF_OPEN
 from dissect.transactions.transaction import Transaction
-from tests.findings import operation_scenarios, scd_scenarios, security_scenarios
+from tests.findings import operation_scenarios, plus_scenarios, scd_scenarios, security_scenarios
 from tests.findings.registry import SILENT, SPEAKS, silent, speaks
 from tests.ibh import packets as ibh
 from tests.s7plus import bodies
@@ -1117,6 +1117,7 @@ def test_rule_keeps_silent(slug: str) -> None:
 def test_every_rule_has_both() -> None:
     assert {
         operation_scenarios.__name__,
+        plus_scenarios.__name__,
         scd_scenarios.__name__,
         security_scenarios.__name__,
     }  # importing them entered theirs
