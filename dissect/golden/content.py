@@ -16,7 +16,7 @@ from dissect.s7.blocks import BLOCK_COUNT, LISTED_BLOCK
 from dissect.s7.message import Pdu
 from dissect.s7.parameters import Setup
 from dissect.s7.tables import DATA_TRANSPORT_SIZES, READ_VAR, SETUP_COMMUNICATION, WRITE_VAR
-from dissect.wire.layout import FieldValue
+from dissect.wire.layout import HOLDS_TIME, FieldValue
 from dissect.wire.part import Part
 
 #: Types of items whose values tell a time.
@@ -183,8 +183,7 @@ def _field(half: str, part: Part, was: FieldValue, is_: FieldValue, exchange: Ex
     old, new = _meaning(was), _meaning(is_)
     if old == new or (was.octets is not None and is_.octets is not None and not was.meaning):
         old, new = octets_change(was.octets or b"", is_.octets or b"")
-    timely = "clock" in name or "time" in was.field.name or "date" in was.field.name
-    kind = "time" if timely else "contents"
+    kind = "time" if was.field.holds == HOLDS_TIME else "contents"
     targets = (name, exchange.function_name)
     return Change(
         kind,

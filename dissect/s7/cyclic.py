@@ -8,7 +8,7 @@ from dissect.s7.data_parts import RETURN_CODE, take_data_items, take_request_ite
 from dissect.s7.layouts import DATA_ITEM
 from dissect.s7.parameters import REQUEST, RESPONSE, UserdataHead
 from dissect.s7.tables import CYCLIC_TIME_BASES, SUCCESS
-from dissect.wire.layout import COUNTS_PARTS, COUNTS_REST, REST, Field, Layout, plain
+from dissect.wire.layout import COUNTS_PARTS, COUNTS_REST, HOLDS_VALUE, REST, Field, Layout, plain
 from dissect.wire.part import Cursor
 
 CYCLIC_TRANSFER: Final = 1
@@ -81,7 +81,9 @@ RECORD_LENGTH: Final = Layout(
     [Field("record_length", 2, "Bytes of the record.", "s7comm.readrec.len", counts=COUNTS_PARTS)],
 )
 RECORD: Final = Layout(
-    "record", "reference section 4.7", [Field("record", REST, "As the module gave it.", "s7comm.readrec.data")]
+    "record",
+    "reference section 4.7",
+    [Field("record", REST, "As the module gave it.", "s7comm.readrec.data", holds=HOLDS_VALUE)],
 )
 
 

@@ -11,7 +11,7 @@ from typing import Final
 
 from dissect.s7.block_names import number_text, printable
 from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, UserdataHead
-from dissect.wire.layout import REST, Field, Layout, latin
+from dissect.wire.layout import HOLDS_CODE, HOLDS_NUMBER, HOLDS_PATH, HOLDS_TIME, REST, Field, Layout, latin
 from dissect.wire.part import Cursor
 
 REQUEST_DOWNLOAD: Final = 1
@@ -29,7 +29,9 @@ _WINDOW: Final = [
     Field("unacknowledged", 1, "PDUs sent without an acknowledgement.", "s7comm.data.ncprg.unackcount", decimal=True),
     Field("unknown", 1, "Unknown.", "s7comm.data.blockcontrol.unknown1"),
 ]
-_PATH: Final = Field("file_name", REST, "Name or path.", "s7comm.param.blockcontrol.filename", means=latin)
+_PATH: Final = Field(
+    "file_name", REST, "Name or path.", "s7comm.param.blockcontrol.filename", means=latin, holds=HOLDS_PATH
+)
 
 NC_FILE: Final = Layout("NC file", _SOURCE, [_PATH])
 NC_UPLOAD: Final = Layout("NC upload", _SOURCE, [*_WINDOW, _PATH])
@@ -43,15 +45,24 @@ NC_HEADER: Final = Layout(
     _SOURCE,
     [
         Field(
-            "file_length", 8, "Bytes as text; blank for a folder.", "s7comm.data.ncprg.filelength", means=number_text
+            "file_length",
+            8,
+            "Bytes as text; blank for a folder.",
+            "s7comm.data.ncprg.filelength",
+            means=number_text,
+            holds=HOLDS_NUMBER,
         ),
-        Field("file_time", 16, "Time as text.", "s7comm.data.ncprg.filetime", means=latin),
+        Field("file_time", 16, "Time as text.", "s7comm.data.ncprg.filetime", means=latin, holds=HOLDS_TIME),
     ],
 )
 NC_PATH: Final = Layout(
-    "NC path", _SOURCE, [Field("path", REST, "Up to a line feed.", "s7comm.data.ncprg.filepath", means=latin)]
+    "NC path",
+    _SOURCE,
+    [Field("path", REST, "Up to a line feed.", "s7comm.data.ncprg.filepath", means=latin, holds=HOLDS_PATH)],
 )
-NC_DATA: Final = Layout("NC file data", _SOURCE, [Field("file_data", REST, "The file.", "s7comm.data.ncprg.filedata")])
+NC_DATA: Final = Layout(
+    "NC file data", _SOURCE, [Field("file_data", REST, "The file.", "s7comm.data.ncprg.filedata", holds=HOLDS_CODE)]
+)
 
 _PIECES: Final = frozenset((DOWNLOAD_BLOCK, START_UPLOAD, UPLOAD))
 _LINE_FEED: Final = b"\n"

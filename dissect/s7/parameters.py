@@ -15,8 +15,12 @@ from dissect.s7.tables import (
     ACK,
     CPU_SERVICES,
     FUNCTIONS,
+    GROUP_NC,
+    GROUP_PBC,
     JOB,
     MODE_TRANSITION,
+    PARAMETER_EXTENDED,
+    PARAMETER_SHORT,
     READ_VAR,
     SETUP_COMMUNICATION,
     USERDATA,
@@ -34,14 +38,10 @@ RESPONSE: Final = 2
 
 _SHORT: Final = 8
 _EXTENDED: Final = 12
-_SYNTAX_SHORT: Final = 0x11
-_SYNTAX_EXTENDED: Final = 0x12
 _USEND: Final = 0x13
 _USEND_SIZE: Final = 10
-#: Group of BSEND and USEND.
-GROUP_PBC: Final = 6
 #: Groups whose pushes go either way: BSEND and USEND, and what is sent to and from a numerical control.
-_EITHER_WAY: Final = frozenset((GROUP_PBC, 0x20, 0x3F))
+_EITHER_WAY: Final = frozenset((GROUP_PBC, 0x20, GROUP_NC))
 
 
 class Setup:
@@ -284,8 +284,10 @@ def _check_head(parameters: Parameters, octets: bytes, size: i64) -> None:
         _bad_head(parameters, "trailing_octets", "length", 3, rest, size - 4)
     elif rest != 4 and rest != 8:
         _bad_head(parameters, "bad_value", "length", 3, 4 if rest < 8 else 8, rest)
-    elif octets[4] != (_SYNTAX_SHORT if rest == 4 else _SYNTAX_EXTENDED):
-        _bad_head(parameters, "bad_value", "syntax_id", 4, _SYNTAX_SHORT if rest == 4 else _SYNTAX_EXTENDED, octets[4])
+    elif octets[4] != (PARAMETER_SHORT if rest == 4 else PARAMETER_EXTENDED):
+        _bad_head(
+            parameters, "bad_value", "syntax_id", 4, PARAMETER_SHORT if rest == 4 else PARAMETER_EXTENDED, octets[4]
+        )
 
 
 def _bad_head(parameters: Parameters, reason: str, field: str, offset: i64, needed: i64, available: i64) -> None:

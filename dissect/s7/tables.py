@@ -29,6 +29,20 @@ SUCCESS: Final = 0xFF
 OBJECT_DOES_NOT_EXIST: Final = 0x0A
 
 S7ANY: Final = 0x10
+# Syntax ids of the head of userdata.
+PARAMETER_SHORT: Final = 0x11
+PARAMETER_EXTENDED: Final = 0x12
+
+# Groups of userdata.
+GROUP_MODE: Final = 0
+GROUP_TEST: Final = 1
+GROUP_CYCLIC: Final = 2
+GROUP_BLOCKS: Final = 3
+GROUP_CPU: Final = 4
+GROUP_SECURITY: Final = 5
+GROUP_PBC: Final = 6
+GROUP_TIME: Final = 7
+GROUP_NC: Final = 0x3F
 
 ROSCTR: Final = CodeTable(
     "ROSCTR",

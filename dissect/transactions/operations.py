@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Final
 
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.message import HEADER_SIZE
-from dissect.s7.parameters import GROUP_PBC, UserdataHead
-from dissect.s7.tables import PI_SERVICE, REQUEST_DOWNLOAD, SETUP_COMMUNICATION, USERDATA
+from dissect.s7.parameters import UserdataHead
+from dissect.s7.tables import GROUP_PBC, PI_SERVICE, REQUEST_DOWNLOAD, SETUP_COMMUNICATION, USERDATA
 from dissect.transactions.checks import STRAY_PUSH
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import (
