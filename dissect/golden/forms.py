@@ -18,6 +18,7 @@ from dissect.s7.parameters import Setup
 from dissect.s7.tables import (
     ACK_DATA,
     ANSWER_TRANSPORT_SIZE,
+    DATA_BYTES,
     DATA_TRANSPORT_SIZES,
     JOB,
     READ_VAR,
@@ -27,7 +28,6 @@ from dissect.s7.tables import (
 )
 from dissect.wire.text import printable
 
-_BYTES: Final = 0x04
 #: Head of a refused item: transport size and length.
 _REFUSED: Final = bytes(3)
 
@@ -73,7 +73,7 @@ class ItemLine(NamedTuple):
 
 def usual_size(item: Item) -> int:
     """Return the data transport size that goes with an item as a rule."""
-    return ANSWER_TRANSPORT_SIZE.get(int(item.transport_size), _BYTES)
+    return ANSWER_TRANSPORT_SIZE.get(int(item.transport_size), DATA_BYTES)
 
 
 def item_text(line: ItemLine) -> str:

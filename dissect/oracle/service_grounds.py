@@ -8,11 +8,10 @@ from dissect.iso.cotp import parse_tpdu
 from dissect.oracle import facts
 from dissect.oracle.body_grounds import RECORD_OCTETS
 from dissect.oracle.grounds import Case
-from dissect.s7.alarms import AR_SEND, MESSAGE_SERVICE
 from dissect.s7.bodies import parse_body
-from dissect.s7.cyclic import READ_RECORD
 from dissect.s7.message import parse_pdu
 from dissect.s7.szl_records import RECORD
+from dissect.s7.tables import AR_SEND, MESSAGE_SERVICE, READ_RECORD
 
 CREDIT: Final = "cotp.credit"
 #: The parameter that holds a credit too.

@@ -142,6 +142,8 @@ SYNTAXES: Final[dict[int, Layout]] = {
     ),
 }
 
+_BY_TYPE: Final = 1
+_BY_EVENT: Final = 3
 _QUERY: Final = [
     *_ITEM_HEAD,
     Field("unknown_1", 1, "Unknown.", "s7comm.alarm.query.unknown1"),
@@ -155,6 +157,9 @@ QUERY_BY_TYPE: Final = Layout(
 )
 QUERY_BY_EVENT: Final = Layout("alarm query", _SOURCE, [*_QUERY, _EVENT])
 QUERY_OTHER: Final = Layout("alarm query", _SOURCE, [*_QUERY, Field("value", 4, "Unknown.")])
+#: Layouts of an item of a query by what it asks by, an octet that stands at `QUERY_TYPE_AT` in each.
+QUERIES: Final = {_BY_TYPE: QUERY_BY_TYPE, _BY_EVENT: QUERY_BY_EVENT}
+QUERY_TYPE_AT: Final = 4
 
 ALARM_QUERY_ANSWER: Final = Layout(
     "alarms",

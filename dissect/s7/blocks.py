@@ -21,10 +21,6 @@ from dissect.wire.layout import (
 from dissect.wire.octets import u16, u32
 from dissect.wire.part import Cursor, Part
 
-LIST_BLOCKS: Final = 1
-LIST_OF_TYPE: Final = 2
-BLOCK_INFO: Final = 3
-
 _SOURCE: Final = "reference section 4.6"
 _DAYS_TO_1984: Final = 5113
 _MS_PER_DAY: Final = 86_400_000

@@ -5,14 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.s7.parameters import REQUEST, RESPONSE, UserdataHead
+from dissect.s7.tables import SET_CLOCK, SET_CLOCK_SECOND
 from dissect.s7.values import date_and_time
 from dissect.wire.layout import HOLDS_TIME, Field, Layout
 from dissect.wire.part import Cursor
 
-READ_CLOCK: Final = 1
-SET_CLOCK: Final = 2
-READ_CLOCK_FOLLOWING: Final = 3
-SET_CLOCK_SECOND: Final = 4
 #: Subfunctions that set the clock.
 SETTING: Final = frozenset((SET_CLOCK, SET_CLOCK_SECOND))
 

@@ -14,8 +14,6 @@ from dissect.wire.codes import CodeTable
 from dissect.wire.layout import HOLDS_TIME, Field, Layout
 from dissect.wire.part import Cursor, Part
 
-DIAGNOSTIC_MESSAGE: Final = 3
-
 #: Whether an event came or went.
 DIRECTIONS: Final = CodeTable("direction of an event", 1, [(0, "going", ""), (1, "coming", "")])
 

@@ -13,9 +13,8 @@ from dissect.s7.bodies import parse_body
 from dissect.s7.body import Body
 from dissect.s7.control import PI_PASSWORD, PI_STRING
 from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, Pdu, parse_pdu
-from dissect.s7.security import PASSWORD
 from dissect.s7.services import PI_SERVICES, SECRET
-from dissect.s7.tables import JOB, PI_SERVICE, USERDATA
+from dissect.s7.tables import JOB, PI_SERVICE, SEND_PASSWORD, USERDATA
 from dissect.wire.layout import HOLDS_SECRET
 
 #: Of a userdata PDU: the octets with type and group, and with the subfunction; and what they hold in a request.
@@ -42,7 +41,7 @@ def secret_spans(octets: bytes) -> list[tuple[int, int]]:
     size = len(octets)
     if size <= _SUBFUNCTION_AT or octets[0] != PROTOCOL_ID:
         return []
-    if octets[1] == USERDATA and octets[_GROUP_AT] == _SECURITY_REQUEST and octets[_SUBFUNCTION_AT] == PASSWORD:
+    if octets[1] == USERDATA and octets[_GROUP_AT] == _SECURITY_REQUEST and octets[_SUBFUNCTION_AT] == SEND_PASSWORD:
         head = (octets[6] << 8) + octets[7]
         if head not in _HEADS or octets[_HEAD_LENGTH_AT] != head - 4:
             head = _FIRST_HEAD

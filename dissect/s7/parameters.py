@@ -21,6 +21,7 @@ from dissect.s7.tables import (
     MODE_TRANSITION,
     PARAMETER_EXTENDED,
     PARAMETER_SHORT,
+    PBC_R_ID,
     READ_VAR,
     SETUP_COMMUNICATION,
     USERDATA,
@@ -38,7 +39,6 @@ RESPONSE: Final = 2
 
 _SHORT: Final = 8
 _EXTENDED: Final = 12
-_USEND: Final = 0x13
 _USEND_SIZE: Final = 10
 #: Groups whose pushes go either way: BSEND and USEND, and what is sent to and from a numerical control.
 _EITHER_WAY: Final = frozenset((GROUP_PBC, 0x20, GROUP_NC))
@@ -249,7 +249,7 @@ def _parse_userdata(parameters: Parameters, octets: bytes, size: i64) -> None:
         _wrong_size(parameters, "userdata head", _SHORT, size)
         return
     parameters.item_count = octets[1]
-    if octets[4] == _USEND and octets[3] == _USEND_SIZE - 4:
+    if octets[4] == PBC_R_ID and octets[3] == _USEND_SIZE - 4:
         # A layout of its own too (reference 4.10): the R_ID stands where others have the type, the group and the subfunction.
         parameters.userdata = UserdataHead(PUSH, GROUP_PBC, 0, 0)
         parameters.userdata.usend = True
@@ -261,7 +261,7 @@ def _parse_userdata(parameters: Parameters, octets: bytes, size: i64) -> None:
     parameters.userdata = head
     rest: i64 = octets[3]
     # What looks like a USEND and is none has an R_ID where an error code would be read.
-    if size >= _EXTENDED and rest >= 8 and octets[4] != _USEND:
+    if size >= _EXTENDED and rest >= 8 and octets[4] != PBC_R_ID:
         head.extended = True
         head.data_unit_ref = octets[8]
         head.last_data_unit = octets[9]

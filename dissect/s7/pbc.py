@@ -11,8 +11,6 @@ from dissect.s7.syntaxes import PBC_ID, R_ID_FIELDS, r_id_text
 from dissect.wire.layout import HOLDS_VALUE, REST, Field, Layout
 from dissect.wire.part import Cursor
 
-BSEND: Final = 1
-
 _SOURCE: Final = "reference section 4.10"
 
 #: Before the first piece of a BSEND only.

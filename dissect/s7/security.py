@@ -12,8 +12,6 @@ from dissect.s7.parameters import REQUEST, UserdataHead
 from dissect.wire.layout import HOLDS_SECRET, REST, Field, Layout
 from dissect.wire.part import Cursor
 
-PASSWORD: Final = 1
-CLEAR_PASSWORD: Final = 2
 PASSWORD_SIZE: Final = 8
 _KEY: Final = 0x55
 

@@ -13,13 +13,11 @@ from mypy_extensions import i64
 from dissect.s7.items import DATA_HEAD, DataItem, Item, parse_data_items, parse_items, walk_areas
 from dissect.s7.message import HEADER_SIZE
 from dissect.s7.parameters import PUSH, REQUEST, Parameters, UserdataHead
-from dissect.s7.tables import SUCCESS
+from dissect.s7.tables import GROUP_CYCLIC, GROUP_TEST, SUCCESS
 from dissect.s7.values import Value, decode_value
 from dissect.s7.watched_items import ADDRESS_SIZE, parse_test_items
 from dissect.wire.octets import u16
 
-GROUP_TEST: Final = 1
-GROUP_CYCLIC: Final = 2
 #: Subfunctions of the cyclic services that have items: cyclic transfer, change driven transfer, its modification.
 CYCLIC_ITEMS: Final = frozenset((0x01, 0x05, 0x07))
 VARIABLE_STATUS: Final = 0x02

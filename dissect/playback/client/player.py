@@ -10,7 +10,7 @@ from dissect.golden.model import Transaction
 from dissect.net.addresses import Place
 from dissect.playback.client.channel import Channel, UnreachableError, connect
 from dissect.playback.client.download import Downloads
-from dissect.playback.client.permissions import CONTROL, kind_of
+from dissect.playback.client.permissions import kind_of
 from dissect.playback.client.plan import ASK, FOLLOWS_WITHHELD, HEAR, SERVE, Part, Step, Withheld, withheld
 from dissect.playback.client.renewal import Renewal
 from dissect.playback.client.settings import Asked, Shared
@@ -18,7 +18,7 @@ from dissect.s7.build import with_reference
 from dissect.s7.layouts import PDU_REF
 from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, Pdu, parse_pdu
 from dissect.s7.parameters import REQUEST, RESPONSE
-from dissect.s7.tables import ACK, ACK_DATA, JOB, SETUP_COMMUNICATION, USERDATA
+from dissect.s7.tables import ACK, ACK_DATA, CONTROL, JOB, SETUP_COMMUNICATION, USERDATA
 from dissect.transactions.ending import DISCONNECT, FIN, RESET
 
 #: How long to wait for the other side's end after ours, in seconds.
