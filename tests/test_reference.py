@@ -80,9 +80,11 @@ def test_userdata_groups_are_the_reference(reference: Path) -> None:
 
 #: What requests do, where our tables are finer than the classes of the reference.
 FINER = {
-    tables.ALARM_CHANGE: {"write"}, tables.CLOCK: {"write"}, tables.CONTROL: {"control", "read"}, tables.DEBUG: {"debug", "control"},
+    tables.ALARM_CHANGE: {"write"}, tables.CLOCK: {"write"}, tables.CONTROL: {"control", "read"},
+    tables.DEBUG: {"debug", "control"},
     tables.FLASH: {"control"}, tables.FORCE: {"write", "debug"}, tables.MEMORY: {"destructive"},
-    tables.ROUTING: {"session", "read/write"}, tables.TEST: {"debug", "read"}, tables.TRANSFER: {"program change", "program read"},
+    tables.ROUTING: {"session", "read/write"}, tables.TEST: {"debug", "read"},
+    tables.TRANSFER: {"program change", "program read"},
 }  # fmt: skip
 
 
