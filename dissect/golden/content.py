@@ -7,7 +7,6 @@ from typing import Final
 
 from dissect.golden.asked import other_items
 from dissect.golden.exchange import S7, SCD, Exchange, ItemRecord
-from dissect.golden.forms import setup_text
 from dissect.golden.keys import subject
 from dissect.golden.model import Transaction
 from dissect.golden.phrases import Change, code_text, item_state, octets_change, outcome, short, value_change
@@ -110,7 +109,7 @@ def answer_changes(a: Transaction, b: Transaction) -> Iterator[Change]:
 
 def _setup(verb: str, was: Setup | None, is_: Setup | None) -> Iterator[Change]:
     if was is not None and is_ is not None and was.as_dict() != is_.as_dict():
-        old, new = setup_text(was), setup_text(is_)
+        old, new = str(was), str(is_)
         yield Change(
             "negotiation", f"{'requested' if verb == 'asks' else verb}: was {old}, is {new}", old, new, address=verb
         )

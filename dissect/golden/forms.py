@@ -43,13 +43,8 @@ _ITEM: Final = re.compile(
 _SETUP: Final = re.compile(r"PDU ([0-9]{1,5}), AmQ ([0-9]{1,5})/([0-9]{1,5})")
 
 
-def setup_text(setup: Setup) -> str:
-    """Return what is negotiated: ``PDU 480, AmQ 1/1``."""
-    return f"PDU {setup.pdu_length}, AmQ {setup.max_amq_calling}/{setup.max_amq_called}"
-
-
 def parse_setup(text: str) -> Setup:
-    """Read what `setup_text` wrote. Raises ValueError."""
+    """Read a `Setup` as its text has it. Raises ValueError."""
     found = _SETUP.fullmatch(text)
     numbers = [int(number) for number in found.groups()] if found else [0x10000]
     if found is None or max(numbers) > 0xFFFF:

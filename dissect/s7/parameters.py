@@ -57,6 +57,10 @@ class Setup:
     def __repr__(self) -> str:
         return f"Setup({self.max_amq_calling}, {self.max_amq_called}, {self.pdu_length})"
 
+    def __str__(self) -> str:
+        """Return it as people read it and goldens hold it: ``PDU 480, AmQ 1/1``, the jobs of the caller first."""
+        return f"PDU {self.pdu_length}, AmQ {self.max_amq_calling}/{self.max_amq_called}"
+
     def as_dict(self) -> dict[str, object]:
         """Return the three values, JSON-ready."""
         return {

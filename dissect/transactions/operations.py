@@ -342,4 +342,4 @@ def _negotiated(transaction: Transaction) -> str:
     asked = transaction.parameters.setup
     if granted is None:
         return f"asks PDU {asked.pdu_length}" if asked is not None else "Setup communication"
-    return f"PDU {granted.pdu_length}, AmQ {granted.max_amq_calling}/{granted.max_amq_called}"
+    return str(granted)
