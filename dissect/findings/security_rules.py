@@ -265,10 +265,7 @@ class SecurityWatch:
         frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
         ends = transaction.connection.tcp.ends
         asked, told = ends[transaction.asked_by], ends[1 - transaction.asked_by]
-        if transaction.outcome == PUSH:
-            who = f"{told} reports to {asked}"
-        else:
-            who = f"{asked} to {told}"
+        who = f"{told} reports to {asked}" if transaction.outcome == PUSH else f"{asked} to {told}"
         result = ""
         if transaction.error_code:
             codes = PLUS_CODES if transaction.is_plus else ERROR_CODES

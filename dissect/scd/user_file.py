@@ -111,13 +111,17 @@ def read_file(
     A file of more than ``most`` octets, and one that is not UTF-8, is an error like any other.
     """
     try:
-        with Path(path).open("rb") as stream:
-            octets = stream.read(most + 1)
-        if len(octets) > most:
-            raise DictionaryError("file", f"more than {most} bytes")
-        return parse(source_text(octets, os.fspath(path)))
+        return parse(_text_of(path, most))
     except DictionaryError as error:  # what reads tables knows one error
         raise kind(os.fspath(path), error.line, error.where, error.detail, error.others) from None
+
+
+def _text_of(path: str | os.PathLike[str], most: int) -> str:
+    with Path(path).open("rb") as stream:
+        octets = stream.read(most + 1)
+    if len(octets) > most:
+        raise DictionaryError("file", f"more than {most} bytes")
+    return source_text(octets, os.fspath(path))
 
 
 def network_of(table: Table, key: str) -> IPv4Network | IPv6Network | None:
