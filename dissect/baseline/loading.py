@@ -12,7 +12,7 @@ from dissect.baseline.writing import FORMAT
 from dissect.scd.errors import shown
 from dissect.scd.reading import Table
 from dissect.scd.user_file import FileError, UserFile, names_of, read_file
-from dissect.tcp.ip import address_text
+from dissect.tcp.stream import address_text
 
 #: More pairs than a learner keeps: several baselines may have been put together.
 MAX_PAIRS: Final = 16384

@@ -13,8 +13,7 @@ from dissect.s7.body import Body
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
 from dissect.s7.layouts import DATA_HEAD
-from dissect.s7.message import HEADER_SIZE
-from dissect.s7.parameters import UserdataHead
+from dissect.s7.parameters import HEADER_SIZE, UserdataHead
 from dissect.s7.services import NC_PREFIX, PI_SERVICES
 from dissect.s7.tables import (
     ALARM_CHANGE,
@@ -45,9 +44,8 @@ from dissect.s7.tables import (
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import ANSWERED, PUSH, UNANSWERED, Transaction
-from dissect.wire.durations import duration_text
 from dissect.wire.octets import u16
-from dissect.wire.text import titled
+from dissect.wire.text import duration_text, titled
 
 #: SZL lists that tell what a device is, apart from its state (reference 7.4): id lists, identification. What it can do in
 #: communication (0x31, 0x32) panels ask at each start.

@@ -7,7 +7,6 @@ from typing import Final
 from dissect.s7.block_names import block_text, name_fields, type_text
 from dissect.s7.parameters import REQUEST, RESPONSE, UserdataHead
 from dissect.s7.tables import BLOCK_KINDS, BLOCK_LANGUAGES, BLOCK_SECURITY, BLOCK_TYPES
-from dissect.wire.clock import civil
 from dissect.wire.layout import (
     COUNTS_REST,
     HOLDS_BLOCK_TEXT,
@@ -20,6 +19,7 @@ from dissect.wire.layout import (
 )
 from dissect.wire.octets import u16, u32
 from dissect.wire.part import Cursor, Part
+from dissect.wire.text import civil
 
 _SOURCE: Final = "reference section 4.6"
 _DAYS_TO_1984: Final = 5113

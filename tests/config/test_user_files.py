@@ -66,11 +66,13 @@ def told(kind: Kind, path: Path, text: str) -> list[str]:
     path.write_text(text, encoding="utf-8")
     with pytest.raises((FileError, DictionaryError)) as caught:
         kind.read(path)
-    errors = (caught.value, *caught.value.others)
-    if isinstance(caught.value, FileError):
-        assert str(caught.value).count("\n") == len(errors) - 1, "each error has a line of its own"
-    wheres = [error.key if isinstance(error, FileError) else error.where for error in errors]
-    return [f"{error.line}: {where}: {error.detail}" for error, where in zip(errors, wheres, strict=True)]
+    first = caught.value
+    assert isinstance(first, (FileError, DictionaryError))
+    if isinstance(first, FileError):
+        assert str(first).count("\n") == len(first.others), "each error has a line of its own"
+    where = first.key if isinstance(first, FileError) else first.where
+    others = [f"{error.line}: {error.where}: {error.detail}" for error in first.others]
+    return [f"{first.line}: {where}: {first.detail}", *others]
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -119,8 +121,10 @@ def test_what_is_no_toml_has_its_line(name: str, octets: bytes, line: int, tmp_p
     path.write_bytes(octets)
     with pytest.raises((FileError, DictionaryError)) as caught:
         KINDS[name].read(path)
-    assert (caught.value.path, caught.value.line) == (str(path), line)
-    assert str(caught.value).startswith(f"{path}:{line}: ")
+    error = caught.value
+    assert isinstance(error, (FileError, DictionaryError))
+    assert (error.path, error.line) == (str(path), line)
+    assert str(error).startswith(f"{path}:{line}: ")
 
 
 def test_an_action_that_is_wrong_is_not_missed_by_the_rule_that_names_it(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from dissect.golden.reading import read_session
 from dissect.source.packet import CaptureError
 
 if TYPE_CHECKING:
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
 
 
 class ReplayError(CaptureError):

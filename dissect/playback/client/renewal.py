@@ -7,8 +7,8 @@ from typing import Final
 from dissect.golden.masking import DATA_UNIT, SEQUENCE
 from dissect.golden.model import Transaction
 from dissect.s7.layouts import PDU_REF, USERDATA_EXTENDED
-from dissect.s7.message import ACK_HEADER_SIZE, HEADER_SIZE, Pdu, parse_pdu
-from dissect.s7.parameters import REQUEST
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, REQUEST
 from dissect.s7.tables import END_UPLOAD, JOB, START_UPLOAD, UPLOAD, USERDATA
 from dissect.s7.transfer import UPLOAD_HEAD
 from dissect.wire.layout import HOLDS_REFERENCE
