@@ -14,7 +14,7 @@ from mypy_extensions import i64
 from dissect.findings.reporter import Reporter
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
-from dissect.s7.parameters import GROUP_PBC, Parameters
+from dissect.s7.parameters import Parameters
 from dissect.s7.tables import (
     ACK_DATA,
     ANSWER_TRANSPORT_SIZE,
@@ -23,6 +23,7 @@ from dissect.s7.tables import (
     CPU_SERVICES,
     DB_AREAS,
     FUNCTIONS,
+    GROUP_PBC,
     JOB,
     NUMBERED_AREAS,
     RECORD_AREA,

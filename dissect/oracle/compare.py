@@ -119,9 +119,9 @@ class _Bench:
             self._match(ours, theirs, True)
             self._match(ours, theirs, False)
             for record in ours:
-                self._differ(_WHOLE, record.octets, None, record, None, None)
+                self.result.differences.append(self._difference(_WHOLE, record.octets, None, record, None, None))
             for record, frame in theirs:
-                self._differ(_WHOLE, None, record.octets, None, record, frame)
+                self.result.differences.append(self._difference(_WHOLE, None, record.octets, None, record, frame))
         self.result.differences.sort(key=lambda difference: (difference.frame, difference.kind, difference.field))
         return self.result
 
@@ -148,7 +148,7 @@ class _Bench:
         self.result.other += theirs.other
         self.result.again += theirs.again
         if ours.octets != theirs.octets:
-            self._differ(_OCTETS, ours.octets, theirs.octets, ours, theirs, frame)
+            self.result.differences.append(self._difference(_OCTETS, ours.octets, theirs.octets, ours, theirs, frame))
         if theirs.joined:
             take_joined(ours, theirs.joined)
         for place in sorted(ours.facts.keys() | theirs.facts.keys()):
@@ -158,21 +158,12 @@ class _Bench:
                 self.result.fields += 1
                 if mine.offset != other.offset:
                     where = Place(place.part, place.number, f"position of {place.name}")
-                    self._differ(where, mine.offset, other.offset, ours, theirs, frame)
+                    self.result.differences.append(
+                        self._difference(where, mine.offset, other.offset, ours, theirs, frame)
+                    )
             if mine is None or other is None or not _same(mine.value, other.value):
                 told = mine.value if mine is not None else None, other.value if other is not None else None
-                self._differ(place, *told, ours, theirs, frame)
-
-    def _differ(
-        self,
-        place: Place,
-        mine: Value | None,
-        other: Value | None,
-        ours: Record | None,
-        theirs: Record | None,
-        frame: Frame | None,
-    ) -> None:
-        self.result.differences.append(self._difference(place, mine, other, ours, theirs, frame))
+                self.result.differences.append(self._difference(place, *told, ours, theirs, frame))
 
     def _difference(
         self,

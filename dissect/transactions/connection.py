@@ -8,11 +8,12 @@ from mypy_extensions import i64
 
 from dissect.iso.cotp import Tpdu
 from dissect.iso.tsap import Tsap
-from dissect.s7.parameters import GROUP_PBC, Parameters, Setup
+from dissect.s7.parameters import Parameters, Setup
 from dissect.s7.tables import (
     DOWNLOAD_BLOCK,
     DOWNLOAD_ENDED,
     END_UPLOAD,
+    GROUP_PBC,
     PI_SERVICE,
     PLC_STOP,
     READ_VAR,

@@ -115,7 +115,7 @@ def _body(pdu: Pdu) -> str:
         return f"error 0x{code:04x} {ERROR_CODES.name(code)}"
     if parameters.setup is not None:
         setup = parameters.setup
-        return f"PDU {setup.pdu_length}, AmQ {setup.max_amq_calling}/{setup.max_amq_called}"
+        return str(setup)
     if parameters.items and pdu.rosctr == JOB:
         return _requested(pdu, parameters.items)
     codes = pdu.return_codes()
