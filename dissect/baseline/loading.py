@@ -24,7 +24,7 @@ class BaselineError(PlantFileError):
 
 
 def load_baseline(path: str | os.PathLike[str]) -> Baseline:
-    """Return the baseline of a file. Raises `BaselineError`, OSError where there is no reading the file."""
+    """Return the baseline of a file. Raises `BaselineError`, OSError if the file cannot be read."""
     try:
         return parse_baseline(read_text(path))
     except DictionaryError as error:  # what reads tables knows one error

@@ -38,7 +38,7 @@ _INDEX: Final = re.compile(r"0[xX][0-9a-fA-F]{1,4}")
 
 
 class Content(NamedTuple):
-    """What stands at a place; see `Binding` for the fields."""
+    """What is at a place; see `Binding` for the fields."""
 
     holds: Holds
     key: str = ""
@@ -182,7 +182,7 @@ class BindingError(Exception):
 
 
 def load_bindings(path: str | os.PathLike[str], dictionary: Dictionary) -> Bindings:
-    """Return the bindings of a file for a dictionary. Raises `BindingError`, OSError where there is no reading the file."""
+    """Return the bindings of a file for a dictionary. Raises `BindingError`, OSError if the file cannot be read."""
     with Path(path).open("rb") as stream:
         octets = stream.read(MAX_FILE + 1)
     if len(octets) > MAX_FILE:

@@ -78,7 +78,7 @@ def _session(files: tuple[str, ...], decoder: PayloadDecoder | None) -> tuple[Se
 
 
 def read_capture(files: tuple[str, ...], decoder: PayloadDecoder | None) -> tuple[Session, int]:
-    """Read captures and return their session and the exit code so far; what was odd is told on stderr."""
+    """Read captures and return their session and the exit code so far; what was odd is reported on stderr."""
     from dissect.engine.pipeline import Options
     from dissect.session import Run
 
