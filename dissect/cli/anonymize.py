@@ -94,6 +94,8 @@ def command(
     """
     from dissect.anonymize.account import Account, Choices
     from dissect.anonymize.addresses import AddressMap
+    from dissect.anonymize.plus import PlusRules
+    from dissect.anonymize.plus_contents import PlusContents
     from dissect.anonymize.rules import Rules
     from dissect.anonymize.scd import ScdRules, bindings_of
     from dissect.anonymize.survey import Survey
@@ -107,7 +109,8 @@ def command(
     addresses = AddressMap(key)
     scd = decoder if isinstance(decoder, ScdCarrier) else None
     rules = Rules(key, addresses, choices, ScdRules(key, addresses, choices, scd, account))
-    survey = Survey(key, rules, account, scd)
+    plus = PlusRules(PlusContents(key, choices, account), account)
+    survey = Survey(key, rules, plus, account, scd)
     run = Run((file,), survey, Options(decoder=scd))
     code = drive(run, (file,))
     if code == EXIT_INTERRUPTED:

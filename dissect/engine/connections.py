@@ -15,10 +15,11 @@ from mypy_extensions import i64
 from dissect.engine.exchange import Exchange
 from dissect.findings.scan_rules import ScanWatch
 from dissect.findings.session_rules import judge_cut, judge_end
-from dissect.iso.foreign import chosen_version, identify
+from dissect.iso.foreign import identify
 from dissect.iso.recognition import HERE, OTHER, PROBES, WITHIN, raw_protocol, recognise
 from dissect.iso.upper import RDP, S7COMM_PLUS, TLS, UNKNOWN, UPPER_NAMES
 from dissect.tcp.stream import MASK
+from dissect.tls.handshake import chosen_version
 from dissect.transactions.connection import FOREIGN, ISO_TSAP_PORT, PROBING, Connection
 from dissect.transactions.ending import Ending
 from dissect.transactions.protocol import Protocol
@@ -55,7 +56,9 @@ class Foreign(Protocol):
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
         """Count octets of a connection that speaks something else."""
         if side.connection.protocol == UPPER_NAMES[TLS]:
-            self._tls(side, buf, at, at + size, time_ns)
+            if side.index != side.connection.client_side:
+                side.connection.last_encrypted_ns = time_ns
+            self._version(side, buf, at, at + size)
         side.framer.skipped += size
 
     def tsdu(self, side: Side, upper: i64, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
@@ -63,7 +66,7 @@ class Foreign(Protocol):
         connection = side.connection
         name = UPPER_NAMES[upper]
         if upper == TLS:
-            self._tls(side, buf, at, at + size, time_ns)
+            self._version(side, buf, at, at + size)
         if name in {"empty", connection.protocol}:
             return
         key: i64 = connection.number * len(UPPER_NAMES) + upper
@@ -90,11 +93,9 @@ class Foreign(Protocol):
         if on_102(side):
             self._note(connection, name, identity, frame, time_ns)
 
-    def _tls(self, side: Side, buf: bytes, at: i64, end: i64, time_ns: i64) -> None:
-        """Take a TLS record: when the server spoke last, and which version it chose for the session."""
+    def _version(self, side: Side, buf: bytes, at: i64, end: i64) -> None:
+        """Take the version that a ServerHello of TLS chooses for the session."""
         connection = side.connection
-        if side.index != connection.client_side:
-            connection.last_encrypted_ns = time_ns
         chosen = chosen_version(buf, at, end)
         if chosen and _CHOSE not in connection.identified_by:
             connection.identified_by = f"{connection.identified_by}{_CHOSE}{chosen}".removeprefix(", ")

@@ -31,6 +31,7 @@ from dissect.engine.payload import PayloadStream
 from dissect.engine.plus import S7Plus
 from dissect.engine.s7 import S7
 from dissect.engine.timers import FAR_FUTURE, TICK_NS, Timers
+from dissect.engine.tls import Tls
 from dissect.engine.udp import Datagrams
 from dissect.iso.recognition import is_connect_request
 from dissect.iso.tpkt import MIN_LENGTH, sound_length
@@ -38,6 +39,7 @@ from dissect.source.packet import PacketSink
 from dissect.tcp import stream
 from dissect.tcp.ip import UDP
 from dissect.tcp.stream import ACK, FIN, RST, SYN
+from dissect.tls.key_log import KeyLog
 from dissect.transactions import accounts
 from dissect.transactions.connection import FOREIGN, ISO, ISO_TSAP_PORT, PROBING
 from dissect.transactions.memory_limit import Room
@@ -77,6 +79,7 @@ class Options:
     ``memory`` bounds the octets that all connections together keep of unfinished packets, PDUs and transactions, within
     `LOOK_OCTETS`: when they keep more, those that hold most are given up and reported (`stream.evicted`).
     ``checksums``: TCP segments and UDP datagrams with a wrong checksum are left out, as their receiver did.
+    ``tls_keys`` open TLS, beside those that a capture itself holds.
     """
 
     def __init__(
@@ -87,6 +90,7 @@ class Options:
         overdue_ns: int = 0,
         memory: int = MEMORY,
         checksums: bool = False,
+        tls_keys: KeyLog | None = None,
     ) -> None:
         self.slow_ns: i64 = slow_ns
         self.overdue_ns: i64 = overdue_ns
@@ -94,6 +98,7 @@ class Options:
         self.checksums: bool = checksums
         self.strict: bool = strict
         self.decoder: PayloadDecoder | None = decoder
+        self.tls_keys: KeyLog | None = tls_keys
 
 
 class Pipeline(PacketSink):
@@ -112,12 +117,13 @@ class Pipeline(PacketSink):
         self.connections: Connections = Connections(self.exchange)
         self.s7: S7 = S7(self.exchange)
         self.plus: S7Plus = S7Plus(self.exchange)
-        self.iso: IsoOnTcp = IsoOnTcp(self.exchange, self.connections, self.s7, self.plus)
+        self.tls: Tls = Tls(self.exchange, self.connections.foreign, self.s7, self.plus, chosen.tls_keys)
+        self.iso: IsoOnTcp = IsoOnTcp(self.exchange, self.connections, self.s7, self.plus, self.tls)
         self.ibh: IbhNetLink = IbhNetLink(self.exchange, self.iso)
         #: What else may frame a stream, asked in this order whether a connection is theirs: a new protocol is a row here.
         streams: list[Protocol] = [self.ibh]
         #: What is described in reports, in the order of their sections.
-        self.protocols: list[Protocol] = [self.iso, *streams, self.s7, self.plus]
+        self.protocols: list[Protocol] = [self.iso, *streams, self.s7, self.plus, self.tls]
         self.datagrams: Datagrams | None = None
         if chosen.decoder is not None:
             payloads = PayloadStream(self.exchange, chosen.decoder)
@@ -158,6 +164,10 @@ class Pipeline(PacketSink):
     def comment(self, text: str) -> None:
         """Take a comment the capture holds about the packet that comes next."""
         self.observer.comment(self.counters.frames + 1, text)
+
+    def secrets(self, text: bytes) -> None:
+        """Take the TLS key log of a Decryption Secrets Block."""
+        self.tls.secrets(text)
 
     def note_damage(self, detail: str) -> None:
         """The source found its capture damaged."""

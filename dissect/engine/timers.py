@@ -228,6 +228,22 @@ class Timers:
         if self._overdue is None and not self._waiting and not lingering:
             self.deadline_ns = FAR_FUTURE
 
+    def oldest_held(self) -> i64:
+        """Return the first packet of which a segment or an answer is held back, 0 when nothing is."""
+        oldest: i64 = 0
+        for side in self._waiting:
+            held = side.stream.held
+            if held is not None:
+                for stretch in held:
+                    if oldest == 0 or stretch.frame < oldest:
+                        oldest = stretch.frame
+            orphans = side.connection.open_requests[1 - side.index].orphans
+            if orphans is not None:
+                for orphan in orphans:
+                    if oldest == 0 or orphan.transaction.response_frame < oldest:
+                        oldest = orphan.transaction.response_frame
+        return oldest
+
     def finish(self) -> None:
         """The capture ends: nothing waits."""
         self._waiting = []

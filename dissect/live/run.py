@@ -175,6 +175,9 @@ class _Door(PacketSink):
     def comment(self, text: str) -> None:
         self._pipeline.comment(text)
 
+    def secrets(self, text: bytes) -> None:
+        self._pipeline.secrets(text)
+
 
 class LiveRun:
     """Reads ``source`` into a pipeline that feeds ``observer`` and the ``companions``.

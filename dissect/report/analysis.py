@@ -23,6 +23,8 @@ from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED,
 
 #: Answer times kept as they are; from then on they are counted in buckets.
 EXACT: Final = 16384
+#: How many of those are counted in buckets with each one that comes then: no packet waits for all of them.
+_AT_ONCE: Final = 32
 #: Buckets to each doubling.
 _STEPS: Final = 128
 #: Buckets for every answer time that 63 bits can hold.
@@ -56,9 +58,15 @@ class Latencies:
         elif latency_ns > self.largest:
             self.largest = latency_ns
         self.count += 1
-        self._recent.append(latency_ns)
-        if len(self._recent) > EXACT:
-            self._fold()
+        buckets = self._buckets
+        if buckets is None:
+            self._recent.append(latency_ns)
+            if len(self._recent) > EXACT:
+                self._buckets = [0] * _BUCKETS
+            return
+        buckets[_bucket(latency_ns)] += 1
+        if self._recent:
+            self._fold(_AT_ONCE)
 
     @property
     def exact(self) -> bool:
@@ -76,7 +84,7 @@ class Latencies:
             if q == 0.5 and self.count % 2 == 0:
                 return (self._recent[rank - 1] + self._recent[rank]) // 2
             return self._recent[rank - 1]
-        self._fold()
+        self._fold(len(self._recent))
         seen = 0
         for bucket, count in enumerate(buckets):
             seen += count
@@ -96,15 +104,15 @@ class Latencies:
             "max": self.largest,
         }
 
-    def _fold(self) -> None:
+    def _fold(self, most: i64) -> None:
+        """Count up to ``most`` of those kept as they are in buckets instead."""
         buckets = self._buckets
         if buckets is None:
             buckets = [0] * _BUCKETS
             self._buckets = buckets
-        for latency in self._recent:
-            bucket: i64 = _bucket(latency)
-            buckets[bucket] = buckets[bucket] + 1
-        self._recent = []
+        recent = self._recent
+        for _ in range(min(most, len(recent))):
+            buckets[_bucket(recent.pop())] += 1
 
     def merge(self, other: Latencies) -> None:
         """Take all answer times of ``other``, which keeps them."""
@@ -117,7 +125,7 @@ class Latencies:
         self.count += other.count
         self._recent.extend(other._recent)
         if other._buckets is not None or len(self._recent) > EXACT:
-            self._fold()
+            self._fold(len(self._recent))
         if self._buckets is not None and other._buckets is not None:
             for bucket, count in enumerate(other._buckets):
                 self._buckets[bucket] += count

@@ -15,6 +15,7 @@ from dissect.report import endings, facets, words
 from dissect.report.analysis import MAX_CONNECTIONS, Analysis
 from dissect.report.operations import NAMES, shouted
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
+from dissect.report.tls import tls_lines
 from dissect.report.words import PROTOCOLS, Places, named
 from dissect.source.packet import SourceFile
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
@@ -206,6 +207,8 @@ def connection_lines(connection: Connection, places: Places) -> Iterator[Line]:
         said = words.tsaps(calling, called, connection.protocol in {"", "s7comm", "s7comm_plus"})
         size = f", TPDU size {connection.tpdu_size}" if connection.tpdu_size else ""
         yield Line(f"     {said}{size}", PLAIN, 5)
+    for said in tls_lines(connection):
+        yield Line(f"     {said}", PLAIN, 5)
     if connection.refused:
         yield Line(f"     REFUSED: {connection.refused}", "error", 5)
     granted, asked = connection.granted, connection.setup_asked

@@ -266,6 +266,21 @@ def payload_size(transaction: Transaction) -> int:
     return max(int(stated) - DATA_HEAD.size, 0)
 
 
+def subscription_of(push: Transaction) -> Operation | None:
+    """Return the operation that a push of S7comm belongs to, None where no such one runs."""
+    going = push.connection.operations
+    head = push.parameters.userdata
+    if head is None:
+        return None
+    if head.group == _CYCLIC:
+        return going.find(CYCLIC, str(head.sequence))
+    if head.group == _TEST:
+        return going.find(TEST_JOB, f"{head.subfunction}/{head.sequence}")
+    if head.group == _MODE or (head.group == _CPU and head.subfunction in _ALARM_PUSHES):
+        return going.find(MESSAGES, str(push.asked_by))
+    return None
+
+
 class Operations(OperationBook):
     """Follows the operations of all connections."""
 
@@ -322,7 +337,7 @@ class Operations(OperationBook):
         answer = transaction.response_parameters
         told = answer.userdata if answer is not None else None
         if transaction.outcome == PUSH:
-            self._push(transaction, head)
+            self._push(transaction)
         elif head.group == GROUP_PBC:
             self._send(transaction, head)
         elif self._part_of_long_answer(transaction, head, told):
@@ -457,16 +472,9 @@ class Operations(OperationBook):
         if transaction.outcome != ANSWERED or transaction.error_code:
             self.settle(operation, transaction, DONE, REFUSED)
 
-    def _push(self, transaction: Transaction, head: UserdataHead) -> None:
+    def _push(self, transaction: Transaction) -> None:
         """Something was sent unasked: find the subscription it belongs to."""
-        going = transaction.connection.operations
-        operation: Operation | None = None
-        if head.group == _CYCLIC:
-            operation = going.find(CYCLIC, str(head.sequence))
-        elif head.group == _TEST:
-            operation = going.find(TEST_JOB, f"{head.subfunction}/{head.sequence}")
-        elif head.group == _MODE or (head.group == _CPU and head.subfunction in _ALARM_PUSHES):
-            operation = going.find(MESSAGES, str(transaction.asked_by))
+        operation = subscription_of(transaction)
         if operation is not None:
             operation.add(transaction)
             operation.pushes += 1

@@ -18,6 +18,7 @@ from dissect.ibh.framer import PacketFramer
 from dissect.iso.cotp import Assembler
 from dissect.iso.tpkt import Framer
 from dissect.s7plus.assembly import PlusAssembler
+from dissect.s7plus.stream import FrameStream
 from dissect.tcp.stream import MASK, Endpoint, HalfStream, TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.protocol import Kept, Protocol
@@ -131,6 +132,7 @@ class Side:
         "holes",
         "ibh",
         "index",
+        "inner",
         "kept",
         "key",
         "last_ack",
@@ -158,6 +160,7 @@ class Side:
         self.ibh: PacketFramer | None = None  # in the place of `framer` once the connection speaks IBH-NetLink
         self.assembler: Assembler = Assembler()
         self.plus: PlusAssembler | None = None  # there from the first S7comm-plus frame on
+        self.inner: FrameStream | None = None  # of what was decrypted; there from the first of it on
         self.kept: Kept | None = None  # of another protocol that frames the stream by itself, in the place of `framer`
         self.peer: Side | None = None
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
