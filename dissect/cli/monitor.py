@@ -254,7 +254,7 @@ def _code(session: Session, interrupted: bool) -> int:
 
 
 def _screens_will_do() -> bool:
-    """Tell whether the terminal can show screens; one that cannot gets lines."""
+    """Return whether the terminal can show screens; one that cannot gets lines."""
     from dissect.monitor.terminal import will_do
 
     return will_do()

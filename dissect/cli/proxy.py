@@ -220,7 +220,7 @@ class _Proxy:
         self._lines = lines
 
     def run(self, to: Address) -> int:
-        """Relay and tell until a signal; return the exit code."""
+        """Relay and report until a signal; return the exit code."""
         turn = sys.getswitchinterval()
         sys.setswitchinterval(_TURN_S)
         try:

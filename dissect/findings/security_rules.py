@@ -111,7 +111,7 @@ class SecurityWatch:
         self.writer(transaction)
 
     def writer(self, transaction: Transaction) -> None:
-        """Take a write: a client other than the first that wrote to a PLC is told."""
+        """Take a write: a client other than the first that wrote to a PLC is reported."""
         client, server = _ends(transaction)
         if len(self._writers) >= _MAX_REMEMBERED or len(self._pairs) >= _MAX_REMEMBERED:
             self._writers.clear()
@@ -151,7 +151,7 @@ class SecurityWatch:
     # ---- everything else --------------------------------------------------------------------------------------------
 
     def take(self, transaction: Transaction) -> None:
-        """Judge a transaction that is no read or write."""
+        """Judge a transaction that is neither a read nor a write."""
         head = transaction.parameters.userdata
         if head is not None and transaction.rosctr == USERDATA:
             self._userdata(transaction, head)

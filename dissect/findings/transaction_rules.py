@@ -143,7 +143,7 @@ _DATA_CODES: Final = 256
 
 
 def judge_transaction(judge: Reporter, transaction: Transaction, slow_ns: i64) -> None:
-    """Note what is odd about a transaction that is not open any more. Call it for odd ones only: it is the slow path."""
+    """Note what is odd about a transaction that is no longer open. Call it for odd ones only: it is the slow path."""
     if transaction.outcome == ANSWERED:
         _judge_flags(judge, transaction)
         latency: int = transaction.response_ns - transaction.request_ns

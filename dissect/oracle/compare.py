@@ -75,7 +75,7 @@ class Comparison:
 
     @property
     def unexplained(self) -> list[Difference]:
-        """The differences nothing explains: a bug, ours or theirs, that nobody has looked at."""
+        """The differences nothing explains: a bug, ours or theirs, that no one has looked at."""
         return [difference for difference in self.differences if not difference.known]
 
     @property
@@ -181,14 +181,14 @@ class _Bench:
 
 
 def _same(ours: Value, theirs: Value) -> bool:
-    """Tell whether two values say the same; one side may have split octets into bits of which the other makes one number."""
+    """Return whether two values say the same; one side may have split octets into bits of which the other makes one number."""
     if isinstance(ours, bytes) != isinstance(theirs, bytes):
         ours, theirs = (int.from_bytes(one, "big") if isinstance(one, bytes) else one for one in (ours, theirs))
     return ours == theirs
 
 
 def _alike(ours: Record, theirs: Record) -> bool:
-    """Tell whether two records of other octets may yet be the same: TPDUs by their TPKT header, PDUs by their size."""
+    """Return whether two records of other octets may yet be the same: TPDUs by their TPKT header, PDUs by their size."""
     if ours.kind == facts.TPDU:
         return ours.octets[: facts.TPKT_SIZE] == theirs.octets[: facts.TPKT_SIZE]
     return len(ours.octets) == len(theirs.octets)

@@ -247,7 +247,7 @@ def _went_well(transaction: Transaction) -> bool:
 
 
 def _last(transaction: Transaction, answer: Body) -> bool:
-    """Tell whether an answer says that no more follows."""
+    """Return whether an answer says that no more follows."""
     return transaction.outcome != UNANSWERED and answer.number("more") != 1
 
 

@@ -285,6 +285,6 @@ class TextWriter(Writer):
 
 
 def _says_no(pdu: Pdu) -> bool:
-    """Tell whether a PDU is damaged, or refuses something."""
+    """Return whether a PDU is damaged, or refuses something."""
     refused = [code for code in pdu.return_codes() if code != SUCCESS] if pdu.rosctr != JOB else []
     return bool(pdu.malformed or pdu.error_class > 0 or pdu.error_code > 0 or refused)
