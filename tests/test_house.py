@@ -33,6 +33,7 @@ ORDER: Final = (
     "bindings",
     "report",
     "recording",
+    "select",
     "anonymize",
     "session",  # analyze() folds what it reads with report.analysis
     "golden",
@@ -391,6 +392,7 @@ def test_importing_is_cheap(statement: str) -> None:
         "scapy",
         "rich",
         "msgspec",
+        "lark",
         "pyshark",
         "asyncio",
         "logging",

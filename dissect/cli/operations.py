@@ -7,6 +7,7 @@ import click
 from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
+from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
@@ -17,7 +18,7 @@ from dissect.cli.run import (
 )
 from dissect.engine.observer import Options
 from dissect.report.formats import OPERATIONS, Format
-from dissect.report.writer import OperationFeed
+from dissect.report.writer import OperationChoice, OperationFeed
 from dissect.session import Run
 from dissect.transactions.operation import KINDS
 
@@ -33,10 +34,16 @@ from dissect.transactions.operation import KINDS
     metavar="KIND",
     help=f"Only this kind of operation: {', '.join(KINDS)}. Repeatable.",
 )
+@select_options("operation", results="operations")
 @checksums_option
 @fail_on_option
 def command(
-    files: tuple[str, ...], format_: Format, kinds: tuple[str, ...], checksums: bool, fail_on: frozenset[str]
+    files: tuple[str, ...],
+    format_: Format,
+    kinds: tuple[str, ...],
+    checksums: bool,
+    fail_on: frozenset[str],
+    chosen: Chosen,
 ) -> int:
     """List operations, one line each: several transactions that belong together.
 
@@ -46,9 +53,16 @@ def command(
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. A line is written when its
     operation ends.
     """
-    writer = format_.writer(OPERATIONS, clock())
-    run = Run(files, OperationFeed(writer, frozenset(kinds)), Options(checksums=checksums))
+    writer = chosen.writer(format_, OPERATIONS, clock())
+    feed = OperationFeed(writer, chosen.choice("operation", _choice(frozenset(kinds))))
+    run = Run(files, feed, chosen.narrow(Options(checksums=checksums)))
+    chosen.begin(run, files)
     writer.begin(places_of(run, files))
-    code = drive(run, files, lambda: write_out(writer.take()))
+    code = drive(run, files, lambda: write_out(writer.take()), lambda: chosen.full)
     complain(run, code)
     return gate(run, fail_on, code)
+
+
+def _choice(kinds: frozenset[str]) -> OperationChoice | None:
+    """Return what tells whether an operation is of one of ``kinds``; None when all are."""
+    return (lambda operation: operation.kind in kinds) if kinds else None

@@ -8,6 +8,7 @@ from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
@@ -36,6 +37,7 @@ from dissect.transactions.transaction import Transaction
     metavar="MS",
     help="Only transactions answered later than this many milliseconds; with --failed, these as well.",
 )
+@select_options("transaction", results="transactions")
 @checksums_option
 @fail_on_option
 @scd_options
@@ -47,6 +49,7 @@ def command(
     checksums: bool,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    chosen: Chosen,
 ) -> int:
     """List requests with their answers, one line each.
 
@@ -60,12 +63,14 @@ def command(
     options = Options(decoder=decoder, checksums=checksums)
     if slow_ns is not None:
         options.slow_ns = slow_ns
-    writer = format_.writer(TRANSACTIONS, clock())
-    run = Run(files, TransactionFeed(writer, _choice(failed, slow_ns)), options)
+    writer = chosen.writer(format_, TRANSACTIONS, clock())
+    feed = TransactionFeed(writer, chosen.choice("transaction", _choice(failed, slow_ns)))
+    run = Run(files, feed, chosen.narrow(options))
+    chosen.begin(run, files)
     writer.begin(places_of(run, files))
-    code = drive(run, files, lambda: write_out(writer.take()))
+    code = drive(run, files, lambda: write_out(writer.take()), lambda: chosen.full)
     complain(run, code)
-    if not run.pipeline.exchange.dialogue.count:
+    if not run.pipeline.exchange.dialogue.count and not run.pipeline.connections.left_out:
         click.echo(f"s7dissect: no S7 transaction: {_instead(run)}", err=True)
     return gate(run, fail_on, code)
 

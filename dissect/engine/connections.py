@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from mypy_extensions import i64
 
 from dissect.engine.exchange import Exchange
 from dissect.engine.foreign import Foreign
 from dissect.findings.scan_rules import ScanWatch
 from dissect.findings.session_rules import judge_cut, judge_end
-from dissect.transactions.connection import Connection
+from dissect.transactions.connection import LEFT_OUT, Connection
 from dissect.transactions.ending import Ending
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
@@ -16,11 +18,17 @@ from dissect.transactions.transaction import CONNECTION_CLOSED
 
 
 class Connections:
-    """Gives connections to protocols and takes them back. ``count`` is the number of those that were opened so far."""
+    """Gives connections to protocols and takes them back. ``count`` is the number of those that were opened so far.
 
-    def __init__(self, exchange: Exchange) -> None:
+    Those that ``only`` does not want get their number and no more; ``left_out`` counts them.
+    """
+
+    def __init__(self, exchange: Exchange, only: Callable[[Connection], bool] | None = None) -> None:
         self._exchange: Exchange = exchange
         self.count: i64 = 0
+        self.left_out: i64 = 0
+        self._only: Callable[[Connection], bool] | None = only
+        self._unread: Protocol = Protocol(LEFT_OUT)
         self.foreign: Foreign = Foreign(exchange)
         self.scans: ScanWatch = ScanWatch(exchange.reporter)
 
@@ -30,6 +38,10 @@ class Connections:
         side.speak(protocol)
         self.count += 1
         connection.number = self.count
+        if self._only is not None and not self._only(connection):
+            self.left_out += 1
+            side.speak(self._unread)
+            return
         protocol.begin(side, at_start)
         self._exchange.observer.connection_opened(connection)
 
@@ -51,6 +63,8 @@ class Connections:
 
     def end(self, side: Side, reason: str, frame: i64, now_ns: i64) -> None:
         """A connection is over (``reason`` is why its open requests stay unanswered): close what is open on both sides."""
+        if side.connection.state == LEFT_OUT:
+            return
         exchange = self._exchange
         peer = side.peer
         assert peer is not None

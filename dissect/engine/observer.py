@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 from mypy_extensions import i64, mypyc_attr
@@ -29,6 +30,8 @@ class Options:
     ``memory`` bounds the octets that all connections together keep of unfinished packets, PDUs and transactions, within
     `LOOK_OCTETS`: when they keep more, those that hold most are given up and told (`stream.evicted`).
     ``checksums``: TCP segments and UDP datagrams with a wrong checksum are left out, as their receiver did.
+    ``only`` tells of a connection, once it is recognised and has its number, whether it is to be read: of others nothing is
+    read and nothing told, but they keep their numbers.
     """
 
     def __init__(
@@ -39,11 +42,13 @@ class Options:
         overdue_ns: int = 0,
         memory: int = MEMORY,
         checksums: bool = False,
+        only: Callable[[Connection], bool] | None = None,
     ) -> None:
         self.slow_ns: i64 = slow_ns
         self.overdue_ns: i64 = overdue_ns
         self.memory: i64 = memory
         self.checksums: bool = checksums
+        self.only: Callable[[Connection], bool] | None = only
         self.strict: bool = strict
         self.decoder: PayloadDecoder | None = decoder
 

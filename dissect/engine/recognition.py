@@ -36,14 +36,14 @@ class Recognition(Protocol):
         for stream in self._streams:
             if stream.probe(side, octets, at_start):
                 self._connections.open(side, stream, at_start)
-                stream.feed(side, octets, 0, size, frame, time_ns)
+                side.protocol.feed(side, octets, 0, size, frame, time_ns)
                 return
         connection = side.connection
         found: i64 = recognise(octets, at_start, on_102(side), connection.probed)
         if found == HERE or found == WITHIN:
             # Garbage before the first TPKT is reported only when it is certain that nothing was missed.
             self._connections.open(side, self._iso, found == HERE or at_start)
-            self._iso.feed(side, octets, 0, size, frame, time_ns)
+            side.protocol.feed(side, octets, 0, size, frame, time_ns)
             return
         connection.probed += 1
         if connection.protocol == "":

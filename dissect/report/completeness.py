@@ -27,6 +27,7 @@ _IGNORED: Final = {
     "bad_checksum": "wrong TCP or UDP checksum",
     "link_type": "unsupported link type",
     "failed": "packets the analyzer failed on",
+    "left_out": "connections that are not selected",
 }
 
 

@@ -26,8 +26,9 @@ from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.clock import Clock
 
-#: Tells whether a transaction is wanted.
+#: Tells whether a transaction is wanted; and the same of an operation.
 Choice = Callable[[Transaction], bool]
+OperationChoice = Callable[[Operation], bool]
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -83,16 +84,16 @@ class TransactionFeed(Observer):
 
 
 class OperationFeed(Observer):
-    """Hands operations to a writer, all or those of ``kinds``."""
+    """Hands operations to a writer, all or those that are chosen."""
 
-    def __init__(self, writer: Writer, kinds: frozenset[str] = frozenset()) -> None:
+    def __init__(self, writer: Writer, choose: OperationChoice | None = None) -> None:
         super().__init__()
         self._writer: Writer = writer
-        self._kinds: frozenset[str] = kinds
+        self._choose: OperationChoice | None = choose
 
     def operation(self, operation: Operation) -> None:
         """Hand on an operation."""
-        if not self._kinds or operation.kind in self._kinds:
+        if self._choose is None or self._choose(operation):
             self._writer.operation(operation)
 
 
