@@ -29,6 +29,8 @@ from dissect.transactions.transaction import Transaction
 
 if TYPE_CHECKING:
     from dissect.scd.dictionary import Dictionary
+    from dissect.select import Where
+    from dissect.select.sieve import Sieve
 
 #: A file whose first packet comes this soon after the last one of the file before it continues its connections.
 CONTINUES_NS: Final = 60_000_000_000
@@ -162,6 +164,27 @@ def _decoder(
     return load_carrier(scd, bind)
 
 
+def _sieved(observer: Observer, where: str | Where | None, options: Options) -> Sieve | None:
+    """Return what lets ``observer`` know of a selection only, None without one; ``options`` then leave out what can be."""
+    if where is None:
+        return None
+    from dissect.select import Where
+    from dissect.select.sieve import Sieve
+
+    chosen = Where(where) if isinstance(where, str) else where
+    if chosen.narrows:
+        options.only = chosen.may_hold
+    return Sieve(observer, chosen)
+
+
+def _run(paths: Sequence[str | os.PathLike[str]], observer: Observer, sieve: Sieve | None, options: Options) -> Run:
+    if sieve is None:
+        return Run(paths, observer, options)
+    run = Run(paths, sieve, options)
+    sieve.begin(run.pipeline, run.files, len(paths) > 1)
+    return run
+
+
 def open(
     path: str | os.PathLike[str],
     *more: str | os.PathLike[str],
@@ -170,17 +193,21 @@ def open(
     scd: str | os.PathLike[str] | Dictionary | None = None,
     bind: str | os.PathLike[str] | None = None,
     checksums: bool = False,
+    where: str | Where | None = None,
 ) -> Iterator[Event]:
     """Iterate the events of one capture or several: PDUs, transactions, operations and findings, connections at their end.
 
     Events come in the order in which they become certain; a transaction follows its PDUs. ``pdus=False`` leaves the single
     PDUs out, which is faster. With the dictionary ``scd`` and the bindings file ``bind`` SCD is decoded (docs/scd-traffic.md).
-    ``checksums`` leaves packets out whose TCP or UDP checksum is wrong.
+    ``checksums`` leaves packets out whose TCP or UDP checksum is wrong. ``where`` selects, as option -Y does (docs/select.md):
+    events come that match, or belong to a transaction that does; PDUs only where they have all the fields that are asked for.
+    Raises `SelectError` for an expression that is wrong.
     Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding. Raises `scd.DictionaryError` or
     `dissect.bindings.BindingError` for a dictionary or a bindings file that is wrong.
     """
     queue = _Queue(pdus)
-    run = Run([path, *more], queue, Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums))
+    options = Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums)
+    run = _run([path, *more], queue, _sieved(queue, where, options), options)
     while run.step():
         yield from queue.events
         queue.events = []
@@ -194,15 +221,21 @@ def analyze(
     scd: str | os.PathLike[str] | Dictionary | None = None,
     bind: str | os.PathLike[str] | None = None,
     checksums: bool = False,
+    where: str | Where | None = None,
 ) -> Analysis:
     """Fold one capture or several into an `Analysis`: connections, transactions by function, answer times, findings, loss.
 
-    ``slow_ns``: an answer later than this many nanoseconds is a finding. ``scd``, ``bind`` and ``checksums`` as for `open`.
+    ``slow_ns``: an answer later than this many nanoseconds is a finding. ``scd``, ``bind``, ``checksums`` and ``where`` as
+    for `open`: only what is selected is added up, and `Analysis.part` says what was left out.
     Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding.
     """
     analysis = Analysis()
-    run = Run([path, *more], analysis, Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums))
+    options = Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums)
+    sieve = _sieved(analysis, where, options)
+    run = _run([path, *more], analysis, sieve, options)
     while run.step():
         pass
     analysis.take(run.pipeline, run.files)
+    if sieve is not None:
+        analysis.part = sieve.part(run.pipeline)
     return analysis

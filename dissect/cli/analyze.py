@@ -11,6 +11,7 @@ from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     metavar="MS",
     help="Report answers that take longer than this many milliseconds.",
 )
+@select_options()
 @checksums_option
 @fail_on_option
 @scd_options
@@ -47,6 +49,7 @@ def command(
     checksums: bool,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    chosen: Chosen,
 ) -> int:
     """Summarize captures: what they contain, how fast it was, what failed and why.
 
@@ -62,9 +65,12 @@ def command(
     from dissect.session import Run
 
     analysis = Analysis()
-    run = Run(files, analysis, Options(slow_ns, decoder=decoder, checksums=checksums))
+    observer = chosen.sieve(analysis)
+    run = Run(files, observer, chosen.narrow(Options(slow_ns, decoder=decoder, checksums=checksums)))
+    chosen.begin(run, files)
     code = drive(run, files)
     analysis.take(run.pipeline, run.files)
+    analysis.part = chosen.part(run)
     write_outcome(format_, ANALYSIS, Summary(analysis, code == EXIT_INTERRUPTED, clock()))
     complain(run, code)
-    return gate(run, fail_on, code)
+    return gate(run, fail_on, code, chosen.findings)

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 import click
 
 from dissect.cli.formats import format_option, write_outcome
-from dissect.cli.golden import read_capture
+from dissect.cli.golden import read_capture, refuse_selection
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import Chosen, select_options
 from dissect.golden.comparison import differences
 from dissect.golden.difference import KINDS, Difference, DiffOptions
 from dissect.golden.model import GoldenError, Session
@@ -63,6 +64,7 @@ _IGNORABLE = "\n".join(
     show_default=True,
     help="Maximum number of differences.",
 )
+@select_options("transaction", "connection")
 @scd_options
 def command(
     first: str,
@@ -72,6 +74,7 @@ def command(
     latency: str | None,
     most: int,
     decoder: PayloadDecoder | None,
+    chosen: Chosen,
 ) -> int:
     """Report what changed from A to B, each a capture or a golden (see `s7dissect golden`).
 
@@ -85,8 +88,8 @@ def command(
     if first == "-" and second == "-":
         raise click.UsageError("only one of A and B can be standard input.")
     try:
-        a, code_a = _load(first, decoder)
-        b, code_b = _load(second, decoder)
+        a, code_a = _load(first, decoder, chosen)
+        b, code_b = _load(second, decoder, chosen)
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
     if EXIT_INTERRUPTED in {code_a, code_b}:
@@ -100,10 +103,11 @@ def command(
     return EXIT_GATE if shown or rest else EXIT_OK
 
 
-def _load(path: str, decoder: PayloadDecoder | None) -> tuple[Session, int]:
+def _load(path: str, decoder: PayloadDecoder | None, chosen: Chosen) -> tuple[Session, int]:
     if path != "-" and Path(path).is_file() and is_golden(path):
+        refuse_selection(path, chosen)
         return load_golden(path), EXIT_OK
-    return read_capture((path,), decoder)
+    return read_capture((path,), decoder, chosen)
 
 
 class Comparison(Outcome):

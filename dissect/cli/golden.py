@@ -10,6 +10,7 @@ import click
 
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.run import complain, drive, files_argument, write
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.reading import SessionReader, is_golden, load_golden
@@ -51,15 +52,18 @@ def choices(known: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
     callback=choices(EXTRAS),
     help=f"Also include details that vary between recordings, comma-separated: {', '.join(EXTRAS)}.",
 )
+@select_options("transaction", "connection")
 @scd_options
-def command(files: tuple[str, ...], output: str, extras: frozenset[str], decoder: PayloadDecoder | None) -> int:
+def command(
+    files: tuple[str, ...], output: str, extras: frozenset[str], decoder: PayloadDecoder | None, chosen: Chosen
+) -> int:
     """Write the session in a capture as text: one transaction after another, with values and errors in words.
 
     The same session gives the same text whenever and wherever it was recorded: times, addresses, ports and reference numbers
     are left out, and connections are ordered by their content. FILE may also be such a text, which is then reformatted.
     """
     try:
-        session, code = _session(files, decoder)
+        session, code = _session(files, decoder, chosen)
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
     if code == EXIT_INTERRUPTED:
@@ -71,19 +75,29 @@ def command(files: tuple[str, ...], output: str, extras: frozenset[str], decoder
     return code
 
 
-def _session(files: tuple[str, ...], decoder: PayloadDecoder | None) -> tuple[Session, int]:
+def _session(files: tuple[str, ...], decoder: PayloadDecoder | None, chosen: Chosen) -> tuple[Session, int]:
     if len(files) == 1 and Path(files[0]).is_file() and is_golden(files[0]):
+        refuse_selection(files[0], chosen)
         return load_golden(files[0]), EXIT_OK
-    return read_capture(files, decoder)
+    return read_capture(files, decoder, chosen)
 
 
-def read_capture(files: tuple[str, ...], decoder: PayloadDecoder | None) -> tuple[Session, int]:
-    """Read captures and return their session and the exit code so far; what was odd is told on stderr."""
+def refuse_selection(file: str, chosen: Chosen) -> None:
+    """Refuse to select from a golden, which has no times, hosts and numbers any more."""
+    if chosen.where is not None:
+        raise click.UsageError(
+            f"{printable(file)} is a golden, and only captures can be selected from; write it with `golden -Y` instead."
+        )
+
+
+def read_capture(files: tuple[str, ...], decoder: PayloadDecoder | None, chosen: Chosen) -> tuple[Session, int]:
+    """Read what is selected of captures; return their session and the exit code so far; what was odd is told on stderr."""
     from dissect.engine.observer import Options
     from dissect.session import Run
 
     reader = SessionReader(files[0])
-    run = Run(files, reader, Options(decoder=decoder))
+    run = Run(files, chosen.sieve(reader), chosen.narrow(Options(decoder=decoder)))
+    chosen.begin(run, files)
     code = drive(run, files)
     complain(run, EXIT_DAMAGED if code == EXIT_INTERRUPTED else code)
     if code == EXIT_INTERRUPTED:

@@ -55,12 +55,12 @@ def command(
     """
     writer = chosen.writer(format_, OPERATIONS, clock())
     feed = OperationFeed(writer, chosen.choice("operation", _choice(frozenset(kinds))))
-    run = Run(files, feed, chosen.narrow(Options(checksums=checksums)))
+    run = Run(files, chosen.sieve(feed) if fail_on else feed, chosen.narrow(Options(checksums=checksums)))
     chosen.begin(run, files)
     writer.begin(places_of(run, files))
     code = drive(run, files, lambda: write_out(writer.take()), lambda: chosen.full)
     complain(run, code)
-    return gate(run, fail_on, code)
+    return gate(run, fail_on, code, chosen.findings)
 
 
 def _choice(kinds: frozenset[str]) -> OperationChoice | None:

@@ -65,14 +65,14 @@ def command(
         options.slow_ns = slow_ns
     writer = chosen.writer(format_, TRANSACTIONS, clock())
     feed = TransactionFeed(writer, chosen.choice("transaction", _choice(failed, slow_ns)))
-    run = Run(files, feed, chosen.narrow(options))
+    run = Run(files, chosen.sieve(feed) if fail_on else feed, chosen.narrow(options))
     chosen.begin(run, files)
     writer.begin(places_of(run, files))
     code = drive(run, files, lambda: write_out(writer.take()), lambda: chosen.full)
     complain(run, code)
     if not run.pipeline.exchange.dialogue.count and not run.pipeline.connections.left_out:
         click.echo(f"s7dissect: no S7 transaction: {_instead(run)}", err=True)
-    return gate(run, fail_on, code)
+    return gate(run, fail_on, code, chosen.findings)
 
 
 def _instead(run: Run) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from mypy_extensions import i64
 
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
-from dissect.report.writer import Writer
+from dissect.report.writer import COTP, NETLINK, Writer
 from dissect.select.fields import NAMES, Field
 from dissect.select.things import MESSAGE, OPERATION, TRANSACTION, Context, Message
 from dissect.transactions.connection import Connection
@@ -53,11 +53,11 @@ class FieldsWriter(Writer):
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Add the line of a TPDU that carries none."""
-        self._message("cotp", frame, time_ns, side, octets)
+        self._message(COTP, frame, time_ns, side, octets)
 
     def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Add the line of an IBH-NetLink packet that carries none."""
-        self._message("netlink", frame, time_ns, side, octets)
+        self._message(NETLINK, frame, time_ns, side, octets)
 
     def scd_message(self, found: ScdMessage, connection: Connection) -> None:
         """Add the line of an SCD message."""

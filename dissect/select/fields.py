@@ -13,6 +13,7 @@ from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.finding import KINDS as FINDING_KINDS
 from dissect.findings.finding import NOTE, SEVERITIES, Finding
 from dissect.iso.upper import UPPER_NAMES
+from dissect.report.writer import COTP, NETLINK
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.tables import (
     AREA_LETTERS,
@@ -56,9 +57,9 @@ from dissect.transactions.transaction import OUTCOMES, REASON_TEXTS
 class Field:
     """A field: its names, the type of its values, what it means, a condition as an example, and who has it.
 
-    ``getters`` are by the kind of thing (`dissect.select.things.KINDS`). ``of_item`` gives the value of one item, for those
-    that items have: these may have an index behind their name. ``decided`` tells that the ends and the number of a connection alone
-    say what its value is, so that what is not selected need not be read.
+    ``getters`` are by kind of thing (`dissect.select.things.KINDS`). ``of_item`` gives the value of one item, for those
+    that items have: these may have an index behind their name. ``decided`` tells that the ends and the number of a connection
+    alone say what its value is, so that what is not selected need not be read.
     """
 
     __slots__ = ("about", "also", "decided", "example", "getters", "kind", "name", "of_item")
@@ -213,7 +214,7 @@ _ROWS: Final = (
     Field("answered_by", Host(), "The other end.", "answered_by == 192.168.0.1", _all(of.answered_by, _TALK)),
     Field("connection", Number(), "Number of the connection, as `analyze` counts them.", "connection in {1, 3}",
           _connected(lambda connection: int(connection.number)), decided=True),
-    Field("protocol", Code(lambda: [*UPPER_NAMES, "ibh_netlink", "cotp", "netlink"]), "The protocol.",
+    Field("protocol", Code(lambda: [*UPPER_NAMES, "ibh_netlink", COTP, NETLINK]), "The protocol.",
           "protocol == s7comm_plus", _all(of.protocol, (TRANSACTION, CONNECTION, MESSAGE))),
     Field("calling_tsap", Text(), "TSAP of the client, where the connect request was captured.", 'calling_tsap == "01.00"',
           _connected(of.tsap(called=False)), ("calling_tsap.text",)),

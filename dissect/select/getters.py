@@ -87,7 +87,7 @@ def ends(thing: Any, _context: Context) -> Iterable[Endpoint] | None:
 def ports(thing: Any, context: Context) -> list[int] | None:
     """Return both ports."""
     found = ends(thing, context)
-    return [end.port for end in found] if found is not None else None
+    return [end.port for end in found if end.port >= 0] if found is not None else None
 
 
 def vlans(connection: Connection) -> list[int]:

@@ -8,13 +8,18 @@ that shows a packet of one.
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Sequence
 from typing import Final
 
 from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Pipeline
 from dissect.findings.finding import Finding
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
+from dissect.report.analysis import Part
+from dissect.report.places import Places
 from dissect.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION, Message
 from dissect.select.where import PLURALS, Where
+from dissect.source.packet import SourceFile
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
@@ -72,6 +77,26 @@ class Sieve(Observer):
         self._frames = Numbers()
         self._waiting: dict[int, list[Finding]] = {}
         self._by_itself = {kind: where.knows(kind) for kind in PLURALS}
+
+    def begin(self, pipeline: Pipeline, files: Sequence[SourceFile], several: bool) -> None:
+        """The run begins: its pipeline, and its files, by which packets are numbered where there are ``several``."""
+        context = self._where.context
+        context.start = lambda: int(pipeline.first_ns)
+        if several:
+            context.number = Places(files, several).number
+
+    def part(self, pipeline: Pipeline) -> Part:
+        """Return what an analysis says of the selection, after ``pipeline`` has finished."""
+        part = Part(self._where.text)
+        part.transactions = self.left_out[TRANSACTION]
+        part.operations = self.left_out[OPERATION]
+        part.connections = self.left_out[CONNECTION]
+        part.findings = self.left_out[FINDING]
+        part.not_read = pipeline.connections.left_out
+        judged = self.passed[FINDING] + self.left_out[FINDING]
+        part.findings_not_judged = max(0, sum(pipeline.finding_counts.values()) - judged)
+        part.finding_counts = dict(self.findings)
+        return part
 
     def connection_opened(self, connection: Connection) -> None:
         """Tell of a connection whose ends decide."""

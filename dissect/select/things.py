@@ -130,12 +130,15 @@ class Message:
 
 
 class Packet:
-    """A packet of a capture: its number and time, who sent it to whom where that is known, and the connection it belongs to."""
+    """A packet of a capture: its number and time, who sent it to whom where that is known, and its connection.
+
+    ``connection`` need have no more than a packet's fields ask for.
+    """
 
     __slots__ = ("connection", "ends", "frame", "time_ns")
 
     def __init__(
-        self, frame: int, time_ns: int, ends: tuple[Endpoint, Endpoint] | None, connection: Connection | None
+        self, frame: int, time_ns: int, ends: tuple[Endpoint, Endpoint] | None, connection: object | None
     ) -> None:
         self.frame = frame
         self.time_ns = time_ns

@@ -6,17 +6,21 @@ What they come to is a `Chosen`, which the command gets as ``chosen``.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 from click.shell_completion import CompletionItem
 
 if TYPE_CHECKING:
-    from dissect.engine.observer import Options
+    from dissect.engine.observer import Observer, Options
+    from dissect.live.selected import SelectedEvents
+    from dissect.live.session import Session
+    from dissect.report.analysis import Part
     from dissect.report.formats import Format
-    from dissect.report.writer import Writer
+    from dissect.report.writer import MessageChoice, Writer
     from dissect.select import Where
+    from dissect.select.sieve import Sieve
     from dissect.select.things import Context
     from dissect.session import Run
     from dissect.wire.clock import Clock
@@ -40,6 +44,7 @@ class Chosen:
         self.most = most
         self.columns = tuple(columns)
         self.taken = 0
+        self._sieve: Sieve | None = None
         self._context: Context | None = where.context if where is not None else None
 
     @property
@@ -72,6 +77,24 @@ class Chosen:
         if len(files) > 1:
             self.context.number = places_of(run, files).number
 
+    def sieve(self, observer: Observer, at_once: bool = False) -> Observer:
+        """Return what tells ``observer`` of what is selected only, or itself where all is; ``at_once`` as `Sieve` has it."""
+        if self.where is None:
+            return observer
+        from dissect.select.sieve import Sieve
+
+        self._sieve = Sieve(observer, self.where, at_once)
+        return self._sieve
+
+    @property
+    def findings(self) -> Mapping[str, int] | None:
+        """The findings that were let through, by slug; None where nothing was held back."""
+        return self._sieve.findings if self._sieve is not None else None
+
+    def part(self, run: Run) -> Part | None:
+        """Return what the analysis of a selection is of; None where it is of everything."""
+        return self._sieve.part(run.pipeline) if self._sieve is not None else None
+
     def choice(self, kind: str, also: Callable[[Any], bool] | None = None) -> Callable[[Any], bool] | None:
         """Return what tells whether a thing of a kind is wanted, by these options and ``also``; None when all are."""
         wanted = self.where.predicate(kind) if self.where is not None else None
@@ -87,6 +110,24 @@ class Chosen:
             return True
 
         return takes
+
+    def events(self, session: Session) -> SelectedEvents | None:
+        """Return what lets events of a live session pass; None where all do."""
+        if self.where is None:
+            return None
+        from dissect.live.selected import SelectedEvents
+
+        self.where.context.start = lambda: int(session.run.pipeline.first_ns)
+        return SelectedEvents(self.where)
+
+    def message_choice(self) -> MessageChoice | None:
+        """Return what tells whether a message of `show` is wanted; None when all are."""
+        takes = self.choice("message")
+        if takes is None:
+            return None
+        from dissect.select.things import Message
+
+        return lambda *message: takes(Message(*message))
 
     def writer(self, format_: Format, kind: str, clock: Clock, verbose: bool = False) -> Writer:
         """Return the writer of a format; UsageError where ``-e`` and ``-T fields`` do not come together."""
@@ -199,7 +240,7 @@ def select_options(
             where: str | None,
             numbers_of: tuple[int, ...] = (),
             window: str | None = None,
-            most: int | None = None,
+            first_results: int | None = None,
             columns: tuple[str, ...] = (),
             **options: Any,
         ) -> int:
@@ -208,7 +249,9 @@ def select_options(
                 also.append(f"connection in {{{', '.join([str(number) for number in numbers_of])}}}")
             if window is not None:
                 also.append(f"time in {{{window}}}")
-            return command(*arguments, chosen=Chosen(read_where(where, also, kinds), most or 0, columns), **options)
+            return command(
+                *arguments, chosen=Chosen(read_where(where, also, kinds), first_results or 0, columns), **options
+            )
 
         added: list[Callable[[Any], Any]] = [where_option(*kinds)]
         if numbers:
@@ -221,14 +264,14 @@ def select_options(
             added.append(
                 click.option(
                     "--time", "window", callback=_window, metavar="BEGIN..END",
-                    help="Only within this time range: times of day or dates and times (UTC), or seconds from the first packet; "
+                    help="Only within this time range: times of day, dates and times (UTC), or seconds from the first packet; "
                     "either end may be omitted.",
                 )
             )  # fmt: skip
         if results:
             added.append(
                 click.option(
-                    "-c", "--count", "most", type=click.IntRange(min=1), default=None, metavar="N",
+                    "-c", "--count", "first_results", type=click.IntRange(min=1), default=None, metavar="N",
                     help=f"Only the first N {results}; then stop reading.",
                 )
             )  # fmt: skip
