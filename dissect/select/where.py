@@ -60,7 +60,7 @@ class Where:
         self.context = context if context is not None else Context()
         self.texts = tuple([part for part in (text, *also) if part])
         self._kinds = tuple(kinds)
-        self._nodes = [self._checked(part) for part in self.texts]
+        self._nodes = [self._checked(part) for part in self.texts or (text,)]
         self._names = {field.name for node in self._nodes for field in _fields(node)}
         self._made: dict[str, Predicate] = {}
         self._judges: list[Judge] | None = None
