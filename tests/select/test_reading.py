@@ -65,11 +65,21 @@ def test_connections_that_are_ruled_out_are_not_read() -> None:
         assert [int(one.number) for one in part.connections] in ([number], [])
 
 
+NARROWING: Final = (
+    "port == 102",
+    "connection in {1, 3, 4}",
+    "not connection == 2",
+    "connection == 5 or failed",
+    "server == 127.0.0.1:102 and not failed",
+    "not (host == 127.0.0.1)",
+    "client == 10.0.0.1",
+)
+
+
 def test_what_is_not_read_would_not_have_been_selected() -> None:
     """The same transactions come, whether the rest was read or not; packets tell which they are."""
     for path in (ERRORS, MANY, REUSE, str(CAPTURES / "crafted" / "reuse-without-syn.pcapng")):
-        for expression in ("port == 102", "connection in {1, 3, 4}", "not connection == 2", "connection == 5 or failed",
-                           "server == 127.0.0.1:102 and not failed", "not (host == 127.0.0.1)", "client == 10.0.0.1"):  # fmt: skip
+        for expression in NARROWING:
             where = Where(expression)
             seen: list[list[tuple[int, int, int]]] = []
             for narrowed in (None, where):
