@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
-from dissect.engine.observer import Observer, Options
-from dissect.engine.payload import PayloadDecoder
-from dissect.engine.pipeline import Pipeline
-from dissect.findings.finding import Finding
+from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options, Pipeline
+from dissect.findings.reporter import Finding
 from dissect.report.analysis import Analysis
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from dissect.scd.dictionary import Dictionary
     from dissect.select import Where
     from dissect.select.sieve import Sieve
+    from dissect.tls.key_log import KeyLog
 
 #: A file whose first packet comes this soon after the last one of the file before it continues its connections.
 CONTINUES_NS: Final = 60_000_000_000
@@ -51,6 +52,9 @@ class _Joint(PacketSink):
 
     def comment(self, text: str) -> None:
         self._run.pipeline.comment(text)
+
+    def secrets(self, text: bytes) -> None:
+        self._run.pipeline.secrets(text)
 
 
 class Run:
@@ -185,6 +189,41 @@ def _run(paths: Sequence[str | os.PathLike[str]], observer: Observer, sieve: Sie
     return run
 
 
+class KeyLogError(ValueError):
+    """A file that is given for TLS keys holds none."""
+
+
+def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
+    """Return the session keys of key logs (SSLKEYLOGFILE form); what is written to them later is taken when it is needed.
+
+    An empty file is a key log: whoever will write it has not begun. Raises `KeyLogError` when no line of a file holds a key,
+    OSError when one cannot be read, and ImportError with a hint when the package is missing that decrypts.
+    """
+    from dissect.source.growing import GrowingFile
+    from dissect.tls import aead
+    from dissect.tls.key_log import KeyLog
+
+    if not aead.is_installed():
+        raise ImportError(aead.NEEDS)
+    for path in paths:
+        found = KeyLog([GrowingFile(path).more])  # each by itself first, so that a wrong one is named
+        found.look()
+        if found.lines and found.wrong == found.lines:
+            name = os.fspath(path)
+            raise KeyLogError(
+                f"{name}: not a TLS key log: no line has the form LABEL CLIENT_RANDOM SECRET (SSLKEYLOGFILE)"
+            )
+    keys = KeyLog([GrowingFile(path).more for path in paths])
+    keys.look()
+    return keys
+
+
+def _keys(given: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None) -> KeyLog | None:
+    if given is None:
+        return None
+    return read_tls_keys([given] if isinstance(given, (str, os.PathLike)) else given)
+
+
 def open(
     path: str | os.PathLike[str],
     *more: str | os.PathLike[str],
@@ -194,19 +233,20 @@ def open(
     bind: str | os.PathLike[str] | None = None,
     checksums: bool = False,
     where: str | Where | None = None,
+    tls_keys: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
 ) -> Iterator[Event]:
     """Iterate the events of one capture or several: PDUs, transactions, operations and findings, connections at their end.
 
     Events come in the order in which they become certain; a transaction follows its PDUs. ``pdus=False`` leaves the single
     PDUs out, which is faster. With the dictionary ``scd`` and the bindings file ``bind`` SCD is decoded (docs/scd-traffic.md).
-    ``checksums`` leaves packets out whose TCP or UDP checksum is wrong. ``where`` selects, as option -Y does (docs/select.md):
-    events come that match, or belong to a transaction that does; PDUs only where they have all the fields that are asked for.
-    Raises `SelectError` for an expression that is wrong.
+    ``checksums`` leaves packets out whose TCP or UDP checksum is wrong. ``tls_keys`` names files with the session keys of TLS
+    (docs/tls.md). ``where`` selects, as option -Y does (docs/select.md): events come that match, or belong to a transaction
+    that does; PDUs only where they have all the fields that are asked for. Raises `SelectError` for a wrong expression.
     Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding. Raises `scd.DictionaryError` or
-    `dissect.bindings.BindingError` for a dictionary or a bindings file that is wrong.
+    `dissect.bindings.BindingError` for a dictionary or a bindings file that is wrong, and what `read_tls_keys` raises.
     """
     queue = _Queue(pdus)
-    options = Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums)
+    options = Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums, tls_keys=_keys(tls_keys))
     run = _run([path, *more], queue, _sieved(queue, where, options), options)
     while run.step():
         yield from queue.events
@@ -222,15 +262,16 @@ def analyze(
     bind: str | os.PathLike[str] | None = None,
     checksums: bool = False,
     where: str | Where | None = None,
+    tls_keys: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
 ) -> Analysis:
     """Fold one capture or several into an `Analysis`: connections, transactions by function, answer times, findings, loss.
 
-    ``slow_ns``: an answer later than this many nanoseconds is a finding. ``scd``, ``bind``, ``checksums`` and ``where`` as
-    for `open`: only what is selected is added up, and `Analysis.part` says what was left out.
+    ``slow_ns``: an answer later than this many nanoseconds is a finding. ``scd``, ``bind``, ``checksums``, ``tls_keys`` and
+    ``where`` as for `open`: only what is selected is added up, and `Analysis.part` says what was left out.
     Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding.
     """
     analysis = Analysis()
-    options = Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums)
+    options = Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums, tls_keys=_keys(tls_keys))
     sieve = _sieved(analysis, where, options)
     run = _run([path, *more], analysis, sieve, options)
     while run.step():

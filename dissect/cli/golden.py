@@ -11,7 +11,9 @@ import click
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tls import tls_option
 from dissect.cli.run import complain, drive, files_argument, write
+from dissect.engine.pipeline import Options
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.reading import SessionReader, is_golden, load_golden
 from dissect.golden.writing import EXTRAS, golden_lines
@@ -19,7 +21,8 @@ from dissect.wire.saving import save
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
+    from dissect.tls.key_log import KeyLog
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, or an unreadable or unwritable file, 3 a damaged or truncated file (what could be read "
@@ -54,8 +57,14 @@ def choices(known: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
 )
 @select_options("transaction", "connection")
 @scd_options
+@tls_option
 def command(
-    files: tuple[str, ...], output: str, extras: frozenset[str], decoder: PayloadDecoder | None, chosen: Chosen
+    files: tuple[str, ...],
+    output: str,
+    extras: frozenset[str],
+    decoder: PayloadDecoder | None,
+    chosen: Chosen,
+    tls_keys: KeyLog | None,
 ) -> int:
     """Write the session in a capture as text: one transaction after another, with values and errors in words.
 
@@ -63,7 +72,7 @@ def command(
     are left out, and connections are ordered by their content. FILE may also be such a text, which is then reformatted.
     """
     try:
-        session, code = _session(files, decoder, chosen)
+        session, code = _session(files, Options(decoder=decoder, tls_keys=tls_keys), chosen)
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
     if code == EXIT_INTERRUPTED:
@@ -75,11 +84,11 @@ def command(
     return code
 
 
-def _session(files: tuple[str, ...], decoder: PayloadDecoder | None, chosen: Chosen) -> tuple[Session, int]:
+def _session(files: tuple[str, ...], options: Options, chosen: Chosen) -> tuple[Session, int]:
     if len(files) == 1 and Path(files[0]).is_file() and is_golden(files[0]):
         refuse_selection(files[0], chosen)
         return load_golden(files[0]), EXIT_OK
-    return read_capture(files, decoder, chosen)
+    return read_capture(files, options, chosen)
 
 
 def refuse_selection(file: str, chosen: Chosen) -> None:
@@ -90,14 +99,16 @@ def refuse_selection(file: str, chosen: Chosen) -> None:
         )
 
 
-def read_capture(files: tuple[str, ...], decoder: PayloadDecoder | None, chosen: Chosen) -> tuple[Session, int]:
+def read_capture(files: tuple[str, ...], options: Options, chosen: Chosen | None = None) -> tuple[Session, int]:
     """Read what is selected of captures; return their session and the exit code so far; what was odd is told on stderr."""
-    from dissect.engine.observer import Options
     from dissect.session import Run
 
     reader = SessionReader(files[0])
-    run = Run(files, chosen.sieve(reader), chosen.narrow(Options(decoder=decoder)))
-    chosen.begin(run, files)
+    if chosen is None:
+        run = Run(files, reader, options)
+    else:
+        run = Run(files, chosen.sieve(reader), chosen.narrow(options))
+        chosen.begin(run, files)
     code = drive(run, files)
     complain(run, EXIT_DAMAGED if code == EXIT_INTERRUPTED else code)
     if code == EXIT_INTERRUPTED:

@@ -8,6 +8,7 @@ from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
@@ -16,10 +17,11 @@ from dissect.cli.run import (
     files_argument,
     places_of,
 )
-from dissect.engine.observer import Options
+from dissect.engine.pipeline import Options
 from dissect.report.formats import OPERATIONS, Format
 from dissect.report.writer import OperationChoice, OperationFeed
 from dissect.session import Run
+from dissect.tls.key_log import KeyLog
 from dissect.transactions.operation import KINDS
 
 
@@ -37,6 +39,7 @@ from dissect.transactions.operation import KINDS
 @select_options("operation", results="operations")
 @checksums_option
 @fail_on_option
+@tls_option
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -44,6 +47,7 @@ def command(
     checksums: bool,
     fail_on: frozenset[str],
     chosen: Chosen,
+    tls_keys: KeyLog | None,
 ) -> int:
     """List operations, one line each: several transactions that belong together.
 
@@ -55,7 +59,8 @@ def command(
     """
     writer = chosen.writer(format_, OPERATIONS, clock())
     feed = OperationFeed(writer, chosen.choice("operation", _choice(frozenset(kinds))))
-    run = Run(files, chosen.sieve(feed) if fail_on else feed, chosen.narrow(Options(checksums=checksums)))
+    options = Options(checksums=checksums, tls_keys=tls_keys)
+    run = Run(files, chosen.sieve(feed) if fail_on else feed, chosen.narrow(options))
     chosen.begin(run, files)
     writer.begin(places_of(run, files))
     code = drive(run, files, lambda: write_out(writer.take()), lambda: chosen.full)

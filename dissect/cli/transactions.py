@@ -9,6 +9,7 @@ from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
@@ -18,11 +19,12 @@ from dissect.cli.run import (
     nanoseconds,
     places_of,
 )
-from dissect.engine.observer import Options
-from dissect.engine.payload import PayloadDecoder
+from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.pipeline import Options
 from dissect.report.formats import TRANSACTIONS, Format
 from dissect.report.writer import Choice, TransactionFeed
 from dissect.session import Run
+from dissect.tls.key_log import KeyLog
 from dissect.transactions.transaction import Transaction
 
 
@@ -41,6 +43,7 @@ from dissect.transactions.transaction import Transaction
 @checksums_option
 @fail_on_option
 @scd_options
+@tls_option
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -50,17 +53,18 @@ def command(
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
     chosen: Chosen,
+    tls_keys: KeyLog | None,
 ) -> int:
     """List requests with their answers, one line each.
 
     A line gives the time of the request, the number and packets of the transaction, client and server, the answer time, the
     function, and each item with its value or the reason for its refusal. Unsolicited messages have a line too.
 
-    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. A line is written once its
-    transaction is complete, so an unanswered request appears where the wait for its answer ended.
+    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. A transaction stands where the
+    packet that completed it stands in the capture, an unanswered request where the wait for its answer ended.
     """
     # What is slow is a finding as well.
-    options = Options(decoder=decoder, checksums=checksums)
+    options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys)
     if slow_ns is not None:
         options.slow_ns = slow_ns
     writer = chosen.writer(format_, TRANSACTIONS, clock())
@@ -68,7 +72,7 @@ def command(
     run = Run(files, chosen.sieve(feed) if fail_on else feed, chosen.narrow(options))
     chosen.begin(run, files)
     writer.begin(places_of(run, files))
-    code = drive(run, files, lambda: write_out(writer.take()), lambda: chosen.full)
+    code = drive(run, files, lambda: write_out(feed.take(int(run.pipeline.timers.oldest_held()))), lambda: chosen.full)
     complain(run, code)
     if not run.pipeline.exchange.dialogue.count and not run.pipeline.connections.left_out:
         click.echo(f"s7dissect: no S7 transaction: {_instead(run)}", err=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from dissect.engine.observer import Observer
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.live.session import CLOSED, Event
 from dissect.select import Where
 from dissect.select.sieve import Sieve

@@ -15,8 +15,7 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
-from dissect.wire.clock import Clock
-from dissect.wire.text import printable
+from dissect.wire.text import Clock, printable
 
 #: What stands between several values of a field, as tshark has it.
 SEPARATOR = ","

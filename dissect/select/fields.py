@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.finding import KINDS as FINDING_KINDS
-from dissect.findings.finding import NOTE, SEVERITIES, Finding
+from dissect.findings.catalogue import CATALOGUE, NOTE, SEVERITIES
+from dissect.findings.catalogue import KINDS as FINDING_KINDS
+from dissect.findings.reporter import Finding
 from dissect.iso.upper import UPPER_NAMES
 from dissect.report.writer import COTP, NETLINK
 from dissect.s7.errors import ERROR_CODES

@@ -30,7 +30,7 @@ from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.select.items import ItemFacts
 from dissect.select.literals import CodeValue
 from dissect.select.things import Context, Found, Message, Packet
-from dissect.tcp.connection import Endpoint
+from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import DONE, RUNNING, Operation
 from dissect.transactions.payloads import ScdMessage, ScdParameters

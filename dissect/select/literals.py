@@ -267,7 +267,7 @@ class Time(Kind):
 
     def shown(self, value: Any) -> str:
         """Return the moment in ISO 8601."""
-        from dissect.wire.clock import Clock
+        from dissect.wire.text import Clock
 
         return Clock().iso(value)
 

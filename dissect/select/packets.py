@@ -13,13 +13,13 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.recording.selection import AGAIN_NS, Choice, TimedSpan, key_of, packet_key
 from dissect.recording.spans import SpanBook
 from dissect.select.sieve import Numbers
 from dissect.select.things import FINDING, PACKET, TRANSACTION, Packet
 from dissect.select.where import Where
-from dissect.tcp.connection import Endpoint
+from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.table import Side, endpoints, reverse_key
 from dissect.transactions.transaction import Transaction

@@ -13,10 +13,10 @@ from typing import Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.report.analysis import Part
-from dissect.report.places import Places
+from dissect.report.words import Places
 from dissect.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION, Message
 from dissect.select.where import PLURALS, Where
 from dissect.source.packet import SourceFile

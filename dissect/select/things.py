@@ -10,11 +10,11 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Final
 
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.select.items import ItemFacts, ItemReader, Tagger, no_tags
-from dissect.tcp.connection import Endpoint
+from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import ScdMessage
 

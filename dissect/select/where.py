@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Final
 
 from dissect.config.hints import close_names
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.select.errors import SelectError
 from dissect.select.fields import FIELDS, NAMES, WIRESHARK, Field
 from dissect.select.getters import Getter

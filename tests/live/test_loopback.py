@@ -12,11 +12,12 @@ from pathlib import Path
 import pytest
 import snap7.error
 
-from dissect.engine.observer import Observer, Options
-from dissect.findings.finding import Finding
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options
+from dissect.findings.reporter import Finding
 from dissect.live.run import Companion
 from dissect.live.session import CLOSED, Event, Session
-from dissect.report.jsonl import TransactionLines
+from dissect.report.writers.jsonl import TransactionLines
 from dissect.session import Run
 from dissect.source.live.opening import open_live
 from dissect.source.pcapng_writer import PcapngWriter
@@ -184,7 +185,7 @@ def test_a_request_without_answer_is_told_while_the_line_is_silent(engine: str) 
         assert not speak.is_set()  # nothing has happened since
         (finding,) = late(events)
         assert isinstance(finding.what, Finding)
-        assert re.match(r"Read Var DB10\.DBW4: asked [0-9.]+ s ago", finding.what.detail)
+        assert re.match(r"Read Var DB10\.DBW4: sent [0-9.]+ m?s ago in packet 7, still unanswered", finding.what.detail)
         assert session.status().open_requests == 1
         (connection,) = [event.what for event in events if isinstance(event.what, Connection)]
         assert finding.time_ns - connection.last_request_ns >= limit

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from dissect.bindings import load_carrier
-from dissect.engine.observer import Observer, Options
-from dissect.findings.finding import Finding
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options
+from dissect.findings.reporter import Finding
 from dissect.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION, Context, Found, Message
 from dissect.session import Run
 from dissect.transactions.connection import Connection

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dissect
-from dissect.engine.observer import Observer, Options
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options
 from dissect.report.analysis import Analysis
 from dissect.select import SelectError, Where
 from dissect.select.packets import KINDS, PacketSelection

@@ -13,7 +13,8 @@ import click
 from click.shell_completion import CompletionItem
 
 if TYPE_CHECKING:
-    from dissect.engine.observer import Observer, Options
+    from dissect.engine.observer import Observer
+    from dissect.engine.pipeline import Options
     from dissect.live.selected import SelectedEvents
     from dissect.live.session import Session
     from dissect.report.analysis import Part
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from dissect.select.sieve import Sieve
     from dissect.select.things import Context
     from dissect.session import Run
-    from dissect.wire.clock import Clock
+    from dissect.wire.text import Clock
 
     _ParamType = click.ParamType[str]
 else:
