@@ -15,6 +15,7 @@ from dissect.cli.look import clock, coloured
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT
 from dissect.cli.options.monitor import beside_options
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.rights import check_user, open_interface
 from dissect.cli.run import checksums_option
@@ -106,6 +107,7 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
 @click.option(
     "-c", "--packets", type=click.IntRange(1), default=None, metavar="N", help="Stop after this many packets."
 )
+@select_options(numbers=False)
 @metrics_option
 @allow_remote_option
 @checksums_option
@@ -132,6 +134,7 @@ def command(
     checksums: bool,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    chosen: Chosen,
     tls_keys: KeyLog | None,
     beside: Beside,
 ) -> int:
@@ -156,11 +159,10 @@ def command(
         )
         scrape.watch(session)
         beside.watch(session, on_screens)
-        code = (
-            _on_screens(session, slow_ns)
-            if on_screens
-            else _in_lines(session, format_ or formats_for(EVENTS)[0], topics)
-        )
+        if on_screens:
+            code = _on_screens(session, slow_ns, chosen)
+        else:
+            code = _in_lines(session, format_ or formats_for(EVENTS)[0], topics, chosen)
     return gate(session.run, fail_on, code)
 
 
@@ -202,13 +204,13 @@ def _opened(opener: Callable[[], Reader], scrape: Scrape) -> Reader:
 # ---- the plain form -------------------------------------------------------------------------------------------------
 
 
-def _in_lines(session: Session, format_: Format, topics: tuple[str, ...]) -> int:
+def _in_lines(session: Session, format_: Format, topics: tuple[str, ...], chosen: Chosen) -> int:
     """Write a line an event until the end; return the exit code."""
     shower = new_shower(format_, topics)
     with Interruption(session.stop) as interruption:
         try:
             session.start()
-            _show(session, shower)
+            _show(session, shower, chosen)
         finally:
             session.close()
         if session.error is not None:
@@ -220,12 +222,13 @@ def _in_lines(session: Session, format_: Format, topics: tuple[str, ...]) -> int
     return _code(session, interruption.asked)
 
 
-def _show(session: Session, shower: Shower) -> None:
+def _show(session: Session, shower: Shower, chosen: Chosen) -> None:
     lost = LostEvents(session, shower)
+    selected = chosen.events(session)
     while True:
         running = session.running  # asked before: what it does last is taken then
         events = session.poll(POLL_S, POLL_MOST)
-        write_events(shower, events, lost.lines())
+        write_events(shower, selected.of(events) if selected is not None else events, lost.lines())
         if not events and not running:
             return
 
@@ -260,7 +263,7 @@ def _screens_will_do() -> bool:
     return will_do()
 
 
-def _on_screens(session: Session, slow_ns: int) -> int:
+def _on_screens(session: Session, slow_ns: int, chosen: Chosen) -> int:
     """Show the screens until they are left; return the exit code."""
     from dissect.monitor.terminal import NoKeyboardError, keyboard
 
@@ -278,7 +281,7 @@ def _on_screens(session: Session, slow_ns: int) -> int:
         with keyboard():
             session.start()
             try:
-                interrupted = run_app(session, slow_ns, clock())
+                interrupted = run_app(session, slow_ns, clock(), chosen.where)
             finally:
                 session.close()
     except NoKeyboardError as error:

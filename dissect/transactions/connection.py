@@ -38,6 +38,7 @@ PROBING: Final = 0
 ISO: Final = 1  # apart from the others because nearly every packet asks for it
 FOREIGN: Final = 2  # only counted
 FOLLOWED: Final = 3  # read by another protocol of the engine: IBH-NetLink, SCD where a port is bound to it
+LEFT_OUT: Final = 4  # recognised and numbered, but not selected: nothing of it is read
 
 #: `Connection.dt_limit` while nothing is known against any size.
 NO_LIMIT: Final = 0x7FFFFFFF
