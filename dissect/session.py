@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 from mypy_extensions import i64
 
@@ -22,6 +22,7 @@ from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.source.files import open_capture
 from dissect.source.packet import PacketSink, Reader, SourceFile
 from dissect.transactions.connection import Connection
+from dissect.transactions.naming import Naming
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
@@ -29,6 +30,10 @@ from dissect.transactions.transaction import Transaction
 
 if TYPE_CHECKING:
     from dissect.scd.dictionary import Dictionary
+    from dissect.tags import TagSet
+
+#: Files of tags: one, several, or what `dissect.tags.load_tags` made of them.
+Tags: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | TagSet | None"
 
 #: A file whose first packet comes this soon after the last one of the file before it continues its connections.
 CONTINUES_NS: Final = 60_000_000_000
@@ -149,6 +154,23 @@ class _Queue(Observer):
         self.events.append(connection)
 
 
+def _options(
+    slow_ns: int,
+    scd: str | os.PathLike[str] | Dictionary | None,
+    bind: str | os.PathLike[str] | None,
+    checksums: bool,
+    tags: Tags,
+) -> Options:
+    naming: Naming | None = None
+    if tags is not None:
+        from dissect.tags import TagSet, load_tags
+
+        if isinstance(tags, (str, os.PathLike)):
+            tags = load_tags([tags])
+        naming = (tags if isinstance(tags, TagSet) else load_tags(tags)).naming()
+    return Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums, naming=naming)
+
+
 def _decoder(
     scd: str | os.PathLike[str] | Dictionary | None, bind: str | os.PathLike[str] | None
 ) -> PayloadDecoder | None:
@@ -170,17 +192,20 @@ def open(
     scd: str | os.PathLike[str] | Dictionary | None = None,
     bind: str | os.PathLike[str] | None = None,
     checksums: bool = False,
+    tags: Tags = None,
 ) -> Iterator[Event]:
     """Iterate the events of one capture or several: PDUs, transactions, operations and findings, connections at their end.
 
     Events come in the order in which they become certain; a transaction follows its PDUs. ``pdus=False`` leaves the single
     PDUs out, which is faster. With the dictionary ``scd`` and the bindings file ``bind`` SCD is decoded (docs/scd-traffic.md).
-    ``checksums`` leaves packets out whose TCP or UDP checksum is wrong.
+    ``checksums`` leaves packets out whose TCP or UDP checksum is wrong. ``tags`` are files of tags, or what
+    `dissect.tags.load_tags` made of them: `dissect.transactions.naming.named_values` names the values of a transaction by them.
     Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding. Raises `scd.DictionaryError` or
-    `dissect.bindings.BindingError` for a dictionary or a bindings file that is wrong.
+    `dissect.bindings.BindingError` for a dictionary or a bindings file that is wrong, `dissect.tags.TagError` for files of
+    tags.
     """
     queue = _Queue(pdus)
-    run = Run([path, *more], queue, Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums))
+    run = Run([path, *more], queue, _options(slow_ns, scd, bind, checksums, tags))
     while run.step():
         yield from queue.events
         queue.events = []
@@ -194,14 +219,16 @@ def analyze(
     scd: str | os.PathLike[str] | Dictionary | None = None,
     bind: str | os.PathLike[str] | None = None,
     checksums: bool = False,
+    tags: Tags = None,
 ) -> Analysis:
     """Fold one capture or several into an `Analysis`: connections, transactions by function, answer times, findings, loss.
 
-    ``slow_ns``: an answer later than this many nanoseconds is a finding. ``scd``, ``bind`` and ``checksums`` as for `open`.
+    ``slow_ns``: an answer later than this many nanoseconds is a finding. ``scd``, ``bind``, ``checksums`` and ``tags`` as
+    for `open`.
     Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding.
     """
     analysis = Analysis()
-    run = Run([path, *more], analysis, Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums))
+    run = Run([path, *more], analysis, _options(slow_ns, scd, bind, checksums, tags))
     while run.step():
         pass
     analysis.take(run.pipeline, run.files)

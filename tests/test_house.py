@@ -31,6 +31,7 @@ ORDER: Final = (
     "findings",
     "engine",
     "bindings",
+    "tags",
     "report",
     "recording",
     "anonymize",

@@ -8,6 +8,7 @@ from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
@@ -22,6 +23,7 @@ from dissect.engine.payload import PayloadDecoder
 from dissect.report.formats import TRANSACTIONS, Format
 from dissect.report.writer import Choice, TransactionFeed
 from dissect.session import Run
+from dissect.transactions.naming import Naming
 from dissect.transactions.transaction import Transaction
 
 
@@ -39,6 +41,7 @@ from dissect.transactions.transaction import Transaction
 @checksums_option
 @fail_on_option
 @scd_options
+@tag_options
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -47,6 +50,7 @@ def command(
     checksums: bool,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    naming: Naming | None,
 ) -> int:
     """List requests with their answers, one line each.
 
@@ -57,7 +61,7 @@ def command(
     transaction is complete, so an unanswered request appears where the wait for its answer ended.
     """
     # What is slow is a finding as well.
-    options = Options(decoder=decoder, checksums=checksums)
+    options = Options(decoder=decoder, checksums=checksums, naming=naming)
     if slow_ns is not None:
         options.slow_ns = slow_ns
     writer = format_.writer(TRANSACTIONS, clock())

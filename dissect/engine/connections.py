@@ -30,6 +30,8 @@ class Connections:
         side.speak(protocol)
         self.count += 1
         connection.number = self.count
+        if self._exchange.naming is not None:
+            connection.naming = self._exchange.naming.of(connection)
         protocol.begin(side, at_start)
         self._exchange.observer.connection_opened(connection)
 
@@ -44,6 +46,7 @@ class Connections:
         connection = Connection(self.count, side.tcp)
         connection.state = old.state
         connection.told = old.told  # of the octets that are still on their way
+        connection.naming = old.naming
         for end in (side, peer):
             end.connection = connection
             end.requests = 0

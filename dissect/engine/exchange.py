@@ -18,6 +18,7 @@ from dissect.findings.transaction_rules import judge_transaction, judge_unanswer
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.transactions.dialogue import Dialogue
+from dissect.transactions.naming import Naming
 from dissect.transactions.subscriptions import follow
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import UNANSWERED, Transaction
@@ -32,6 +33,7 @@ class Exchange:
         self.dialogue: Dialogue = Dialogue()
         self.watch: Watch = Watch(observer, self.reporter)
         self.decoder: PayloadDecoder | None = options.decoder
+        self.naming: Naming | None = options.naming
         self.strict: bool = options.strict
         self._slow_ns: i64 = options.slow_ns
         if options.decoder is not None:

@@ -9,6 +9,7 @@ from mypy_extensions import i64, mypyc_attr
 from dissect.engine.payload import PayloadDecoder
 from dissect.findings.finding import Finding
 from dissect.transactions.connection import Connection
+from dissect.transactions.naming import Naming
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
@@ -23,7 +24,8 @@ LOOK_OCTETS: Final = 32 * 1024 * 1024
 class Options:
     """What a user can set. ``slow_ns``: an answer later than this is slow. ``strict``: a bug of ours raises.
 
-    ``decoder`` looks for another protocol in what passes. ``overdue_ns``: a request still open after this is told at once,
+    ``decoder`` looks for another protocol in what passes, ``naming`` knows names for addresses.
+    ``overdue_ns``: a request still open after this is told at once,
     before it is known what becomes of it; 0 for never, as in a file what becomes of it is known.
 
     ``memory`` bounds the octets that all connections together keep of unfinished packets, PDUs and transactions, within
@@ -39,6 +41,7 @@ class Options:
         overdue_ns: int = 0,
         memory: int = MEMORY,
         checksums: bool = False,
+        naming: Naming | None = None,
     ) -> None:
         self.slow_ns: i64 = slow_ns
         self.overdue_ns: i64 = overdue_ns
@@ -46,6 +49,7 @@ class Options:
         self.checksums: bool = checksums
         self.strict: bool = strict
         self.decoder: PayloadDecoder | None = decoder
+        self.naming: Naming | None = naming
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

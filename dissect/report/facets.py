@@ -49,4 +49,8 @@ def subject(transaction: Transaction) -> str:
 def gist(transaction: Transaction) -> str:
     """Return what a transaction is about, as a summary: the items that failed, or else what was asked for, but never all."""
     facet = facet_of(transaction)
-    return words.items_in_short(transaction.results()) or facet.setup(transaction) or facet.notes(transaction)
+    return (
+        words.items_in_short(transaction.results(), transaction.connection.naming)
+        or facet.setup(transaction)
+        or facet.notes(transaction)
+    )

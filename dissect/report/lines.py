@@ -23,6 +23,7 @@ from dissect.s7.tables import JOB, RETURN_CODES, SUCCESS
 from dissect.s7plus.hiding import shown_contents
 from dissect.s7plus.message import PlusPdu
 from dissect.transactions.connection import Connection
+from dissect.transactions.naming import Naming
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.results import ItemResult
 from dissect.transactions.transaction import PUSH, Transaction
@@ -71,7 +72,7 @@ def styled_transaction(transaction: Transaction, clock: Clock, places: Places) -
 
 def pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places) -> str:
     """Return one S7 PDU on one line."""
-    said = f"  {body}" if (body := _body(pdu)) else ""
+    said = f"  {body}" if (body := _body(pdu, connection.naming)) else ""
     function = f"  {pdu.function_name}" if pdu.function_name else ""
     if pdu.cut:
         said += "  TRUNCATED by the capture"
@@ -114,7 +115,7 @@ def _head(frame: int, time_ns: int, connection: Connection, side: int, clock: Cl
     return f"{places.mark(frame):>6}  {clock.moment(time_ns)}  {ends[side]} → {ends[1 - side]}"
 
 
-def _body(pdu: Pdu) -> str:
+def _body(pdu: Pdu, naming: Naming | None) -> str:
     parameters = pdu.parameters
     if pdu.error_class > 0 or pdu.error_code > 0:
         code = (pdu.error_class << 8) | pdu.error_code
@@ -123,7 +124,7 @@ def _body(pdu: Pdu) -> str:
         setup = parameters.setup
         return f"PDU {setup.pdu_length}, AmQ {setup.max_amq_calling}/{setup.max_amq_called}"
     if parameters.items and pdu.rosctr == JOB:
-        return _requested(pdu, parameters.items)
+        return _requested(pdu, parameters.items, naming)
     codes = pdu.return_codes()
     if codes:
         refused = [
@@ -142,13 +143,13 @@ def _body(pdu: Pdu) -> str:
     return f"{_KINDS[head.type]}, sequence {head.sequence}{more}{error}{f'  {said}' if said else ''}"
 
 
-def _requested(pdu: Pdu, items: list[Item]) -> str:
+def _requested(pdu: Pdu, items: list[Item], naming: Naming | None) -> str:
     """Return the items a job asks for, with the values it writes."""
     data = pdu.data_items()
     said = []
     for index, item in enumerate(items):
         written = data[index].data if index < len(data) else None
-        said.append(words.item(ItemResult(item, -1, written, None), index + 1))
+        said.append(words.item(ItemResult(item, -1, written, None), index + 1, naming))
     return ", ".join(said)
 
 

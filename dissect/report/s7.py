@@ -25,8 +25,9 @@ class S7Facet(Facet):
         """Return every item with what became of it; those that a push says are unchanged are counted."""
         results = list(enumerate(transaction.results(), 1))
         unsure = transaction.flags & UNCONFIRMED != 0
+        naming = transaction.connection.naming
         said = [
-            f"{words.item(result, number)}{': no return code' if unsure and result.return_code < 0 else ''}"
+            f"{words.item(result, number, naming)}{': no return code' if unsure and result.return_code < 0 else ''}"
             for number, result in results
             if not result.unchanged
         ]

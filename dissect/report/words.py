@@ -9,6 +9,7 @@ from dissect.s7.items import Item
 from dissect.s7.message import Pdu
 from dissect.s7.tables import BYTE, RETURN_CODES
 from dissect.s7.values import Value
+from dissect.transactions.naming import NamedValue, Naming
 from dissect.transactions.results import ItemResult
 from dissect.transactions.transaction import (
     ANSWERED,
@@ -33,6 +34,8 @@ from dissect.wire.text import printable, shortened
 _SHOWN: Final = 8
 _SHOWN_TEXT: Final = 32
 _SHOWN_OCTETS: Final = 16
+#: Tags of one item that a line names.
+_SHOWN_TAGS: Final = 16
 #: Fewer characters than these may be a chance.
 _LEAST_TEXT: Final = 4
 #: Items or notes that a summary names, and characters of a note.
@@ -132,15 +135,46 @@ def address(item: Item) -> str:
     return shortened(item.label, 100)
 
 
-def item(result: ItemResult, number: int) -> str:
-    """Return one item with what became of it: ``DB10.DBW4 = 1234``, ``DB99.DBW0: Object does not exist``."""
+def item(result: ItemResult, number: int, naming: Naming | None = None) -> str:
+    """Return one item with what became of it: ``DB10.DBW4 = 1234``, ``DB99.DBW0: Object does not exist``.
+
+    With ``naming`` the tags it covers stand for its value: ``DB10.DBB0 x6: Tank.Level = 3.5 m, Tank.Pump = true``.
+    """
     asked = result.item
     name = f"item {number}" if asked is None else address(asked)
-    if result.data is not None:
+    known = naming.named(result) if naming is not None else []
+    if known:
+        name = _with_names(name, known)
+    elif result.data is not None:
         name += f" = {_content(result)}"
     if result.unchanged:
         return f"{name}: unchanged"
     return f"{name}: {RETURN_CODES.name(result.return_code)}" if result.refused else name
+
+
+def _with_names(place: str, known: list[NamedValue]) -> str:
+    """Return an item with its tags: one that is all of it stands in front of the address, several behind it."""
+    if len(known) == 1:
+        only = named_value(known[0])
+        name, equals, content = only.partition(" = ")
+        return f"{name} ({place}){equals}{content}"
+    shown = [named_value(value) for value in known[:_SHOWN_TAGS]]
+    more = f", … {len(known)} in all" if len(known) > _SHOWN_TAGS else ""
+    return f"{place} {{{', '.join(shown)}{more}}}"
+
+
+def named_value(known: NamedValue) -> str:
+    """Return a value with its name and unit: ``Tank.Level = 3.5 m``; octets without a name by their address."""
+    size = len(known.data)
+    if not known.name:
+        place = f"{known.address} x{size}" if size > 1 else known.address
+        return f"{place}{f' ({known.remark})' if known.remark else ''} = {octets(known.data)}"
+    name = shortened(known.name, 100)
+    if known.value is None:
+        why = f" ({printable(known.remark)})" if known.remark else ""
+        return f"{name}{why} = {octets(known.data)}" if size else name
+    unit = f" {shortened(known.unit, 20)}" if known.unit else ""
+    return f"{name} = {value(known.value)}{unit}"
 
 
 def _content(result: ItemResult) -> str:
@@ -165,12 +199,12 @@ def some_notes(found: list[str]) -> str:
     return ", ".join([shortened(note, NOTE) for note in found[:_NAMED]]) + more
 
 
-def items_in_short(results: list[ItemResult]) -> str:
+def items_in_short(results: list[ItemResult], naming: Naming | None = None) -> str:
     """Return the items that failed, or else the first few of all, without values; empty when there are none."""
     numbered = list(enumerate(results, 1))
     refused = [(number, result) for number, result in numbered if result.refused]
     if refused:
-        some = [item(result, number) for number, result in refused[:_NAMED]]
+        some = [item(result, number, naming) for number, result in refused[:_NAMED]]
         total = f"{len(refused)} of {count(len(results), 'item')} refused: " if len(results) > 1 else ""
         return total + ", ".join(some) + (", …" if len(refused) > _NAMED else "")
     names = [address(result.item) if result.item is not None else f"item {number}" for number, result in numbered]
