@@ -15,7 +15,7 @@ from dissect.tags.csv_tables import looks_like_table, read_csv
 from dissect.tags.declarations import Block, Shape, looks_like_source, read_declarations
 from dissect.tags.decoding import EncodingError, decode_text
 from dissect.tags.json_lists import read_json
-from dissect.tags.layout import Layout, LayoutError
+from dissect.tags.layout import Layout, LayoutError, type_names
 from dissect.tags.model import Tag
 from dissect.tags.naming import TagNaming
 from dissect.tags.problems import ERROR, Problem
@@ -252,7 +252,9 @@ class _Joining:
 
     def _block(self, block: Block, file: TagFile) -> None:
         if block.optimized:
-            file.problems.warning(
+            others = [each for each in file.blocks if each.kind == "DATA_BLOCK" and not each.optimized]
+            complain = file.problems.warning if others or file.tags else file.problems.error
+            complain(
                 block.line,
                 f'DB "{block.name}" has S7_Optimized_Access TRUE: its members have no fixed addresses; '
                 "export it after switching optimised access off",
@@ -285,6 +287,8 @@ class _Joining:
                 )
                 return
             shape = named
+        if self._missing(shape, block, file):
+            return
         try:
             layout = Layout(shape, self._shape, self._constant)
         except LayoutError as error:
@@ -296,6 +300,28 @@ class _Joining:
         self._set.sizes[number] = layout.size
         self._set.names[number] = title
         self._fields(layout, title, DB, number, 0, file)
+
+    def _missing(self, shape: Shape, block: Block, file: TagFile) -> bool:
+        """Note every type that the block needs and no file declares; tell whether there is one."""
+        missing: dict[str, int] = {}
+        known: set[str] = set()
+        waiting = [shape]
+        while waiting:
+            for name, line in type_names(waiting.pop()):
+                if name.lower() in known:
+                    continue
+                known.add(name.lower())
+                inner = self._shape(name)
+                if inner is None:
+                    missing[name] = line
+                else:
+                    waiting.append(inner)
+        for name, line in missing.items():
+            file.problems.error(
+                line,
+                f"{block.name}: type {name!r} is not in this or the other files; export it too (.udt) and name both files",
+            )
+        return bool(missing)
 
     def _fields(self, layout: Layout, title: str, area: int, db: int, base: int, file: TagFile) -> None:
         doubts: Counter[str] = Counter()
