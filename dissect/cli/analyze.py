@@ -11,6 +11,7 @@ from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
@@ -23,6 +24,7 @@ from dissect.report.formats import ANALYSIS, Format
 
 if TYPE_CHECKING:
     from dissect.engine.payload import PayloadDecoder
+from dissect.transactions.naming import Naming
 
 
 @click.command("analyze", epilog=EXIT_CODES)
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
 @checksums_option
 @fail_on_option
 @scd_options
+@tag_options
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -47,6 +50,7 @@ def command(
     checksums: bool,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    naming: Naming | None,
 ) -> int:
     """Summarize captures: what they contain, how fast it was, what failed and why.
 
@@ -62,7 +66,7 @@ def command(
     from dissect.session import Run
 
     analysis = Analysis()
-    run = Run(files, analysis, Options(slow_ns, decoder=decoder, checksums=checksums))
+    run = Run(files, analysis, Options(slow_ns, decoder=decoder, checksums=checksums, naming=naming))
     code = drive(run, files)
     analysis.take(run.pipeline, run.files)
     write_outcome(format_, ANALYSIS, Summary(analysis, code == EXIT_INTERRUPTED, clock()))

@@ -10,6 +10,7 @@ import click
 
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.run import complain, drive, files_argument
 from dissect.cli.second_pass import check_files, name_of, written_whole
 from dissect.report.slugs import slugs_of
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from dissect.recording.cutter import Around, Cutter
     from dissect.recording.selection import Choice
     from dissect.recording.window import Window
+    from dissect.transactions.naming import Naming
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, or nothing to write, 3 a damaged or truncated file "
@@ -119,6 +121,7 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
 )
 @click.option("--force", is_flag=True, help="Overwrite OUT if it exists (never a FILE).")
 @scd_options
+@tag_options
 def command(
     files: tuple[str, ...],
     output: str,
@@ -131,6 +134,7 @@ def command(
     plain: bool,
     force: bool,
     decoder: PayloadDecoder | None,
+    naming: Naming | None,
 ) -> int:
     """Extract part of a capture to a pcapng file, with findings as comments on their packets.
 
@@ -150,7 +154,7 @@ def command(
     if context and not transaction:
         raise click.UsageError("--context needs --transaction.")
     selection = Selection(wanted, comments=not plain, context=context)
-    run = Run(files, selection, Options(decoder=decoder))
+    run = Run(files, selection, Options(decoder=decoder, naming=naming))
     code = drive(run, files)
     if code == EXIT_INTERRUPTED:
         click.echo(f"s7dissect: interrupted; {name_of(output)} was not written", err=True)

@@ -14,6 +14,7 @@ from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.golden import read_capture
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.tags import tag_options
 from dissect.golden.comparison import differences
 from dissect.golden.difference import KINDS, Difference, DiffOptions
 from dissect.golden.model import GoldenError, Session
@@ -26,6 +27,7 @@ from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
     from dissect.engine.payload import PayloadDecoder
+    from dissect.transactions.naming import Naming
 
 DIFF_SCHEMA = "s7dissect.diff/1"
 
@@ -64,6 +66,7 @@ _IGNORABLE = "\n".join(
     help="Maximum number of differences.",
 )
 @scd_options
+@tag_options
 def command(
     first: str,
     second: str,
@@ -72,6 +75,7 @@ def command(
     latency: str | None,
     most: int,
     decoder: PayloadDecoder | None,
+    naming: Naming | None,
 ) -> int:
     """Report what changed from A to B, each a capture or a golden (see `s7dissect golden`).
 
@@ -79,7 +83,7 @@ def command(
     Times, addresses and reference numbers are not compared; answer times only with --latency.
     """
     try:
-        options = DiffOptions([part for text in ignore for part in text.split(",") if part], latency)
+        options = DiffOptions([part for text in ignore for part in text.split(",") if part], latency, naming)
     except ValueError as error:
         raise click.UsageError(str(error)) from None
     if first == "-" and second == "-":

@@ -10,6 +10,7 @@ import click
 
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.run import complain, drive, files_argument, write
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.reading import SessionReader, is_golden, load_golden
@@ -19,6 +20,7 @@ from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.engine.payload import PayloadDecoder
+    from dissect.transactions.naming import Naming
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, or an unreadable or unwritable file, 3 a damaged or truncated file (what could be read "
@@ -52,7 +54,14 @@ def choices(known: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
     help=f"Also include details that vary between recordings, comma-separated: {', '.join(EXTRAS)}.",
 )
 @scd_options
-def command(files: tuple[str, ...], output: str, extras: frozenset[str], decoder: PayloadDecoder | None) -> int:
+@tag_options
+def command(
+    files: tuple[str, ...],
+    output: str,
+    extras: frozenset[str],
+    decoder: PayloadDecoder | None,
+    naming: Naming | None,
+) -> int:
     """Write the session in a capture as text: one transaction after another, with values and errors in words.
 
     The same session gives the same text whenever and wherever it was recorded: times, addresses, ports and reference numbers
@@ -65,9 +74,9 @@ def command(files: tuple[str, ...], output: str, extras: frozenset[str], decoder
     if code == EXIT_INTERRUPTED:
         return code
     if output == "-":
-        write(golden_lines(session, extras))
+        write(golden_lines(session, extras, naming))
     else:
-        save(output, "".join([f"{line}\n" for line in golden_lines(session, extras)]).encode())
+        save(output, "".join([f"{line}\n" for line in golden_lines(session, extras, naming)]).encode())
     return code
 
 

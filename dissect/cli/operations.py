@@ -7,6 +7,7 @@ import click
 from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
+from dissect.cli.options.tags import tag_options
 from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
@@ -19,6 +20,7 @@ from dissect.engine.observer import Options
 from dissect.report.formats import OPERATIONS, Format
 from dissect.report.writer import OperationFeed
 from dissect.session import Run
+from dissect.transactions.naming import Naming
 from dissect.transactions.operation import KINDS
 
 
@@ -35,8 +37,14 @@ from dissect.transactions.operation import KINDS
 )
 @checksums_option
 @fail_on_option
+@tag_options
 def command(
-    files: tuple[str, ...], format_: Format, kinds: tuple[str, ...], checksums: bool, fail_on: frozenset[str]
+    files: tuple[str, ...],
+    format_: Format,
+    kinds: tuple[str, ...],
+    checksums: bool,
+    fail_on: frozenset[str],
+    naming: Naming | None,
 ) -> int:
     """List operations, one line each: several transactions that belong together.
 
@@ -47,7 +55,7 @@ def command(
     operation ends.
     """
     writer = format_.writer(OPERATIONS, clock())
-    run = Run(files, OperationFeed(writer, frozenset(kinds)), Options(checksums=checksums))
+    run = Run(files, OperationFeed(writer, frozenset(kinds)), Options(checksums=checksums, naming=naming))
     writer.begin(places_of(run, files))
     code = drive(run, files, lambda: write_out(writer.take()))
     complain(run, code)

@@ -13,6 +13,7 @@ from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_DAMAGED, EXIT_OK, EXIT_OUTPUT
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.watching import (
     Interruption,
     LostEvents,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from dissect.proxy.capture_file import CaptureFile
     from dissect.proxy.process import RelayProcess, RelayThread
     from dissect.proxy.source import RelayReader
+    from dissect.transactions.naming import Naming
 
 #: How long a poll waits for something to happen, in seconds, and how much it takes.
 _WAIT_S: Final = 0.2
@@ -95,6 +97,7 @@ def _address(ctx: click.Context, param: click.Parameter, value: str, port: int |
 @overdue_option
 @fail_on_option
 @scd_options
+@tag_options
 def command(
     listen: Address,
     to: Address,
@@ -107,6 +110,7 @@ def command(
     overdue_ns: int,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    naming: Naming | None,
 ) -> int:
     """Relay TCP between clients and a PLC and report what passes; capture privileges are not needed.
 
@@ -134,7 +138,7 @@ def command(
         raise
     side: RelayThread | RelayProcess = RelayProcess(relay, tap) if possible() else RelayThread(relay, tap)
     reader = RelayReader(side)
-    options = Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns)
+    options = Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns, naming=naming)
     session = Session(lambda: reader, options, companions=companions, name="proxy")
     lines = _Lines(session, side, None if output == "-" else new_shower(format_, topics))
     code = _Proxy(side, reader, session, lines).run(to)

@@ -15,6 +15,7 @@ from mypy_extensions import i64
 
 from dissect.findings.reporter import Reporter
 from dissect.transactions.dialogue import Dialogue
+from dissect.transactions.naming import subject
 from dissect.transactions.table import MAX_CONNECTIONS, Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.durations import duration_text
@@ -103,5 +104,5 @@ class OverdueWatch:
             frame: int = transaction.request_frame
             waits: int = now_ns - transaction.request_ns
             ago = duration_text(int(waits))
-            detail = f"{transaction.parameters.subject}: sent {ago} ago in packet {frame}, still unanswered"
+            detail = f"{subject(transaction)}: sent {ago} ago in packet {frame}, still unanswered"
             self._judge.detail("transaction.overdue", connection.number, [frame], now_ns, detail)

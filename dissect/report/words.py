@@ -207,9 +207,19 @@ def items_in_short(results: list[ItemResult], naming: Naming | None = None) -> s
         some = [item(result, number, naming) for number, result in refused[:_NAMED]]
         total = f"{len(refused)} of {count(len(results), 'item')} refused: " if len(results) > 1 else ""
         return total + ", ".join(some) + (", …" if len(refused) > _NAMED else "")
-    names = [address(result.item) if result.item is not None else f"item {number}" for number, result in numbered]
+    names = [_short_name(result, number, naming) for number, result in numbered]
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     return ", ".join(names[:_NAMED]) + more
+
+
+def _short_name(result: ItemResult, number: int, naming: Naming | None) -> str:
+    """Return the address of an item, and the tags that it covers: ``Tank.Level (DB1.DBD0)``, ``DB1.DBB0 x10 (3 tags)``."""
+    if result.item is None:
+        return f"item {number}"
+    known = [value.name for value in naming.named(result) if value.name] if naming is not None else []
+    if not known:
+        return address(result.item)
+    return f"{shortened(known[0], 100)} ({address(result.item)})" if len(known) == 1 else f"{address(result.item)} ({len(known)} tags)"
 
 
 def error_text(error: TransactionError) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64, mypyc_attr
 
+from dissect.s7.tables import WRITE_VAR
 from dissect.s7.values import Value
 
 if TYPE_CHECKING:
@@ -78,6 +79,48 @@ class Naming:
     def named(self, result: ItemResult) -> list[NamedValue]:
         """Return the values of an item in the order of its octets, those without a name included; empty for no name at all."""
         return []
+
+
+#: Items and tags that a subject names, octets of a value without a name, and characters of a text.
+_NAMED: Final = 3
+_OCTETS: Final = 8
+_TEXT: Final = 32
+
+
+def subject(transaction: Transaction) -> str:
+    """Return what is asked, for a person: the function and what its items are about; of a write with the values.
+
+    Without tags it is `Parameters.subject`. Texts of the file and the wire are not escaped.
+    """
+    parameters = transaction.parameters
+    if transaction.connection.naming is None or not parameters.items:
+        return parameters.subject
+    writes = parameters.function == WRITE_VAR
+    said: list[str] = []
+    for result, named in zip(transaction.results(), named_items(transaction), strict=True):
+        names = [value for value in named if value.name]
+        item = result.item
+        if names:
+            said.extend([written(value) if writes else f"{value.name} ({value.address})" for value in names])
+        elif item is not None:
+            said.append(item.address)
+    more = f" and {len(said) - _NAMED} more" if len(said) > _NAMED else ""
+    return f"{parameters.function_name} {', '.join(said[:_NAMED])}{more}"
+
+
+def written(named: NamedValue) -> str:
+    """Return a tag with the value that is written to it: ``Tank.Setpoint = 80.0 °C (DB1.DBD4)``."""
+    value = named.value
+    if value is None or isinstance(value, list):
+        text = named.data[:_OCTETS].hex(" ") + (" …" if len(named.data) > _OCTETS else "")
+    elif isinstance(value, bool):
+        text = "true" if value else "false"
+    elif isinstance(value, str):
+        text = f"'{value[:_TEXT]}{'…' if len(value) > _TEXT else ''}'"
+    else:
+        text = str(value)
+    unit = f" {named.unit}" if named.unit and value is not None else ""
+    return f"{named.name} = {text}{unit} ({named.address})" if text else f"{named.name} ({named.address})"
 
 
 def named_items(transaction: Transaction) -> list[list[NamedValue]]:
