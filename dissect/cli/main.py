@@ -132,6 +132,7 @@ class _Main(LazyGroup):
 
 def _equipped(command: click.Command, path: str) -> click.Command:
     """Give a command what all have, once: the options on how its output looks, and its examples."""
+    from dissect.cli.configuration import config_option, wants_config
     from dissect.cli.examples import examples_of
     from dissect.cli.look import color_option, local_time_option
 
@@ -140,6 +141,8 @@ def _equipped(command: click.Command, path: str) -> click.Command:
     if path in _TIMED:
         command.params.append(local_time_option())
     command.params.append(color_option())
+    if wants_config(command):
+        command.params.append(config_option())
     command.epilog = "\n\n".join([text for text in (examples_of(path), command.epilog) if text])
     return command
 

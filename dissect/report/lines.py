@@ -59,7 +59,7 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> 
     parts = [part for part in (words.outcome(transaction), facet.subject(transaction)) if part]
     said = f"  {'  '.join(parts)}" if parts else ""
     return (
-        f"{clock.moment(begun)}  #{transaction.number:<5} {frames:<12} {asked} → {answered}"
+        f"{clock.moment(begun)}  #{transaction.number:<5} {frames:<12} {places.end(asked)} → {places.end(answered)}"
         f"  {words.duration(transaction.latency_ns):>8}  {transaction.function_name}{said}"
     )
 
@@ -112,7 +112,7 @@ def plus_line(pdu: PlusPdu, connection: Connection, clock: Clock, places: Places
 
 def _head(frame: int, time_ns: int, connection: Connection, side: int, clock: Clock, places: Places) -> str:
     ends = connection.tcp.ends
-    return f"{places.mark(frame):>6}  {clock.moment(time_ns)}  {ends[side]} → {ends[1 - side]}"
+    return f"{places.mark(frame):>6}  {clock.moment(time_ns)}  {places.end(ends[side])} → {places.end(ends[1 - side])}"
 
 
 def _body(pdu: Pdu, naming: Naming | None) -> str:

@@ -7,9 +7,10 @@ the number within the file, and names the file as soon as more than one was give
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from dissect.source.packet import SourceFile
+from dissect.tcp.connection import Endpoint
 from dissect.wire.text import encodable, printable
 
 
@@ -17,11 +18,21 @@ class Places:
     """Finds packets of a run in its files.
 
     ``files`` may still grow while it is asked. ``several`` says whether file names are told, whatever was read so far.
+    ``hosts`` are names of hosts by their address.
     """
 
-    def __init__(self, files: Sequence[SourceFile], several: bool) -> None:
+    def __init__(self, files: Sequence[SourceFile], several: bool, hosts: Mapping[str, str] | None = None) -> None:
         self._files = files
         self.several = several
+        self._hosts: dict[str, str] = {address: printable(name) for address, name in (hosts or {}).items()}
+
+    def end(self, end: Endpoint) -> str:
+        """Return an end of a connection as text for a person has it: address and port, the name of the host for its address."""
+        if self._hosts:
+            name = self._hosts.get(end.host)
+            if name is not None:
+                return f"{name}:{end.port}"
+        return str(end)
 
     def locate(self, frame: int) -> tuple[str, int]:
         """Return (file name, number within that file) of the packet that is number ``frame`` of the run."""

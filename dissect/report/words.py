@@ -219,7 +219,8 @@ def _short_name(result: ItemResult, number: int, naming: Naming | None) -> str:
     known = [value.name for value in naming.named(result) if value.name] if naming is not None else []
     if not known:
         return address(result.item)
-    return f"{shortened(known[0], 100)} ({address(result.item)})" if len(known) == 1 else f"{address(result.item)} ({len(known)} tags)"
+    place = address(result.item)
+    return f"{shortened(known[0], 100)} ({place})" if len(known) == 1 else f"{place} ({len(known)} tags)"
 
 
 def error_text(error: TransactionError) -> str:

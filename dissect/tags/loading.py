@@ -59,9 +59,9 @@ class TagSet:
         self.sizes: dict[int, int] = {}
         self.names: dict[int, str] = {}
 
-    def naming(self, hosts: frozenset[str] = frozenset()) -> TagNaming:
-        """Return what names values by these tags, of every CPU or of those at ``hosts`` (addresses as text)."""
-        return TagNaming(self.tags, hosts)
+    def naming(self) -> TagNaming:
+        """Return what names values by these tags."""
+        return TagNaming(self.tags)
 
     @property
     def problems(self) -> list[Problem]:

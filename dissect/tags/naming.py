@@ -20,18 +20,11 @@ _MAX_REMEMBERED: Final = 4096
 
 
 class TagNaming(Naming):
-    """Names by tags, of every CPU, or of those at ``hosts`` only."""
+    """Names by tags, of every CPU."""
 
-    def __init__(self, tags: list[Tag], hosts: frozenset[str] = frozenset()) -> None:
+    def __init__(self, tags: list[Tag]) -> None:
         self.index: TagIndex = TagIndex(tags)
-        self._hosts: frozenset[str] = hosts
         self._remembered: dict[tuple[bytes, bytes], list[NamedValue]] = {}
-
-    def of(self, connection: Connection) -> Naming | None:
-        """Return these tags where the CPU is one of theirs."""
-        if not self._hosts or any([end.host in self._hosts for end in connection.tcp.ends]):
-            return self
-        return None
 
     def cover(self, item: Item, size: i64) -> Cover | None:
         """Return the tags of an item of which ``size`` octets are there, None for none of them."""
@@ -69,6 +62,22 @@ class TagNaming(Naming):
             self._remembered.clear()
         self._remembered[key] = found
         return found
+
+
+class HostNaming(Naming):
+    """Names by tags of their own for single hosts, and for all others those of ``rest``, if there are any."""
+
+    def __init__(self, hosts: dict[str, TagNaming], rest: TagNaming | None) -> None:
+        self._hosts: dict[str, TagNaming] = hosts
+        self._rest: TagNaming | None = rest
+
+    def of(self, connection: Connection) -> Naming | None:
+        """Return the tags of the CPU of a connection: of the end that was called, else of the one that called."""
+        for end in (connection.server, connection.client):
+            found = self._hosts.get(end.host)
+            if found is not None:
+                return found
+        return self._rest
 
 
 def _values(cover: Cover, item: Item, data: bytes) -> list[NamedValue]:

@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import click
+from click.core import ParameterSource
 
 if TYPE_CHECKING:
     from dissect.tags import TagSet
     from dissect.tags.problems import Problem
     from dissect.transactions.naming import Naming
 
-_FILE: Final = click.Path(dir_okay=False)
 #: Problems of tags that are listed in full; of more their number.
 MAX_LISTED: Final = 50
 
@@ -25,10 +25,10 @@ def tag_options(command: Callable[..., int]) -> Callable[..., int]:
     @click.option(
         "--tags",
         "tags",
-        type=_FILE,
         multiple=True,
         metavar="FILE",
-        help="Names, types and units for addresses: a tag table, symbol table, source of a DB or CSV. Repeatable.",
+        help="Names, types and units for addresses: a tag table, symbol table, source of a DB or CSV; HOST=FILE for one PLC. "
+        "Repeatable.",
     )
     @functools.wraps(command)
     def with_naming(
@@ -85,10 +85,21 @@ def _numbers(ctx: click.Context, param: click.Parameter, texts: Sequence[str]) -
 def naming_of(paths: Sequence[str], encoding: str, numbers: dict[str, int]) -> Naming | None:
     """Return what names values by files of tags, None for no file. Raises `click.ClickException`."""
     if not paths:
-        if encoding or numbers:
-            raise click.UsageError("missing --tags FILE: --tags-encoding and --tags-db say how it is read.")
+        ctx = click.get_current_context()
+        for name in ("encoding", "numbers"):
+            if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+                raise click.UsageError("missing --tags FILE: --tags-encoding and --tags-db say how it is read.")
         return None
-    return load(paths, encoding, numbers).naming()
+    from dissect.config.settings import split_host
+    from dissect.tags.naming import HostNaming
+
+    by_host: dict[str, list[str]] = {}
+    for path in paths:
+        host, name = split_host(path)
+        by_host.setdefault(host, []).append(name)
+    found = {host: load(names, encoding, numbers).naming() for host, names in by_host.items()}
+    rest = found.pop("", None)
+    return HostNaming(found, rest) if found else rest
 
 
 def load(paths: Sequence[str], encoding: str, numbers: dict[str, int]) -> TagSet:
