@@ -58,7 +58,11 @@ class Head(NamedTuple):
 
 
 def delimiter_of(line: str) -> str:
-    """Return what separates the cells of a line: what stands in it most often, else a comma."""
+    """Return what separates the cells of a line: what makes an address and a name of it, else what stands in it most often."""
+    for mark in _DELIMITERS[1:]:
+        cells = line.split(mark)
+        if len(cells) > 1 and _pair(cells) is not None:
+            return mark
     return max(_DELIMITERS, key=lambda mark: (line.count(mark), -_DELIMITERS.index(mark)))
 
 
@@ -104,7 +108,7 @@ def read_csv(text: str, into: TagFile) -> None:
         address, name = pair
         for line, row in numbered:
             if len(row) > 1 and any([cell.strip() for cell in row]):
-                into.add(Row(line, row[name], row[address]))
+                into.add(Row(line, row[name].rstrip(","), row[address]))  # commas that a spreadsheet left behind
         return
     read_rows(numbered, into, decimal_comma=delimiter == ";")
 

@@ -121,6 +121,22 @@ def looks_like_source(text: str) -> bool:
     return _NEXT_BLOCK.search(text) is not None
 
 
+def essence(shape: Shape) -> list[object]:
+    """Return what of a shape decides its layout and names: everything but comments, lines and start values."""
+    return [
+        (
+            section.by_reference,
+            member.name,
+            member.type.lower(),
+            member.bounds,
+            member.overlay,
+            essence(member.shape or Shape([])),
+        )
+        for section in shape.sections
+        for member in section.members
+    ]
+
+
 def read_declarations(text: str, problems: Problems) -> tuple[list[Block], dict[str, int]]:
     """Return the blocks and types of a source, and the constants of its interfaces."""
     return _Reader(text, problems).read()

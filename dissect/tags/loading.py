@@ -12,7 +12,7 @@ from typing import Final
 from dissect.config.hints import close_to
 from dissect.s7.tables import DB
 from dissect.tags.csv_tables import looks_like_table, read_csv
-from dissect.tags.declarations import Block, Shape, looks_like_source, read_declarations
+from dissect.tags.declarations import Block, Shape, essence, looks_like_source, read_declarations
 from dissect.tags.decoding import EncodingError, decode_text
 from dissect.tags.json_lists import read_json
 from dissect.tags.layout import Layout, LayoutError, type_names
@@ -194,7 +194,7 @@ class _Joining:
         self._set = found
         self._numbers = numbers
         self._types: dict[str, Shape] = {}
-        self._instances: dict[str, str] = {}
+        self._first: dict[str, tuple[Block, TagFile]] = {}
         self._constants: dict[str, int] = {}
         self._symbols: dict[tuple[str, int], str] = {}
         self._blocks: dict[str, int] = {}
@@ -210,7 +210,7 @@ class _Joining:
                     self._blocks.setdefault(symbol.name.lower(), symbol.number)
         for file in self._set.files:
             for block in file.blocks:
-                self._declare(block)
+                self._declare(block, file)
         for name in self._numbers:
             known = [block.name for file in self._set.files for block in file.blocks if block.kind == "DATA_BLOCK"]
             if name not in [each.lower() for each in known] and self._set.files:
@@ -224,9 +224,16 @@ class _Joining:
             self._structured(file)
         self._collect()
 
-    def _declare(self, block: Block) -> None:
+    def _declare(self, block: Block, file: TagFile) -> None:
         if block.kind == "DATA_BLOCK":
             return
+        before = self._first.setdefault(block.name.lower(), (block, file))
+        other, where = before
+        if other is not block and essence(other.shape) != essence(block.shape):
+            file.problems.error(
+                block.line,
+                f"type {block.name!r} is declared differently in {where.path}, line {other.line}: which one is right?",
+            )
         names = [block.name.lower()]
         for (kind, number), symbol in self._symbols.items():
             if kind in {"UDT", "FB", "SFB"}:
