@@ -50,10 +50,11 @@ def _file(value: object, folder: Path) -> str:
 def _tag_files(value: object, folder: Path) -> list[str]:
     """Return files of tags; a CPU in front of one ("10.0.0.5=plc.xlsx") stays there."""
     rows = value if isinstance(value, list) else [value]
-    if not rows or not all([isinstance(row, str) and row.strip() for row in rows]):
+    texts = [row for row in rows if isinstance(row, str) and row.strip()]
+    if not rows or len(texts) != len(rows):
         raise ValueError('expected a file or a list of files, for example ["plc_tags.xlsx", "tank.awl"]')
     found = []
-    for row in rows:
+    for row in texts:
         host, name = split_host(row)
         found.append(f"{host}={folder / name}" if host else str(folder / name))
     return found

@@ -77,7 +77,7 @@ class AddressError(ValueError):
 class TagAddress(NamedTuple):
     """What an address names. ``byte`` is a number for timers and counters; ``bit`` -1 where none is written.
 
-    ``width`` is X, B, W, D, L or empty. ``type`` is the type where the address tells it, ``count`` the count or 0.
+    ``width`` is X, B, W, D, L or empty. ``type`` is the type where the address tells it, ``elements`` their count or 0.
     ``letters`` are those of the area. ``loose`` tells that a bit stands behind every address, whatever its type.
     """
 
@@ -87,7 +87,7 @@ class TagAddress(NamedTuple):
     bit: int
     width: str
     type: DataType | None
-    count: int
+    elements: int
     letters: str
     loose: bool = False
 
@@ -117,10 +117,9 @@ def parse_tag_address(text: str) -> TagAddress:
         address = _declared(text, DB, int(number), int(byte), bit, "", type_, "DB")
         return _checked(text, address._replace(loose=not type_))
     if found := _BLOCK_COMMA.fullmatch(plain) or _BLOCK_DOT.fullmatch(plain):
-        number, code, byte, first, second, *count = found.groups()
-        return _checked(
-            text, _coded(text, DB, int(number), code, int(byte), first, second, count[0] if count else None)
-        )
+        number, code, byte, first, second, *third = found.groups()
+        behind = third[0] if third else None  # of OPC: the count behind a second comma
+        return _checked(text, _coded(text, DB, int(number), code, int(byte), first, second, behind))
     if found := _AREA.fullmatch(plain):
         percent, letters, code, byte, first, second, count, type_ = found.groups()
         area = AREAS[letters]
@@ -227,12 +226,12 @@ def fitted(
             remark = (
                 "type by width only: the file does not tell INT, REAL and WORD apart" if base.kind != "BOOL" else ""
             )
-        if address.count > 1:
-            dims = [(0, checked_count(address.count, base) - 1)]
+        if address.elements > 1:
+            dims = [(0, checked_count(address.elements, base) - 1)]
         return base, dims, remark
     base, dims = declared
-    if address.count > 1 and not dims:
-        dims = [(0, checked_count(address.count, base) - 1)]
+    if address.elements > 1 and not dims:
+        dims = [(0, checked_count(address.elements, base) - 1)]
     if address.type is not None and address.type.bits != base.bits:
         raise AddressError(f"{shown} is {address.type.name}, the row says {base.name}: they differ in size")
     if address.area in NUMBERED_AREAS:

@@ -131,6 +131,13 @@ def named_items(transaction: Transaction) -> list[list[NamedValue]]:
     return [naming.named(result) for result in transaction.results()]
 
 
+def plain(value: object) -> Value:
+    """Return a value of SCD as the values of S7 are: what is no number, truth value or text becomes a text."""
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    return value.hex(" ") if isinstance(value, bytes) else str(value)
+
+
 def named_values(transaction: Transaction) -> list[tuple[int, NamedValue]]:
     """Return every value of a transaction that has a name: by tags, item by item, then those of SCD.
 
@@ -142,8 +149,8 @@ def named_values(transaction: Transaction) -> list[tuple[int, NamedValue]]:
     for message in transaction.scd:
         for row in message.values:
             value = NamedValue(row.name, row.address, "", SCD)
-            value.value = row.physical
-            value.raw = row.value
+            value.value = plain(row.physical)
+            value.raw = plain(row.value)
             value.unit = row.unit
             value.text = row.text
             value.remark = ", ".join(row.flags)

@@ -119,9 +119,10 @@ def load(paths: Sequence[str], encoding: str, numbers: dict[str, int]) -> TagSet
                 else listed
             )
         )
+    tags: TagSet = found
     for text in listing([problem for problem in found.problems if problem.severity == WARNING]):
         click.echo(f"s7dissect: {text}", err=True)
-    return found
+    return tags
 
 
 def guarded(read: Callable[[], Any], error: type[Exception]) -> Any:
