@@ -12,6 +12,7 @@ from dissect.cli.look import clock
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.tags import tag_options
+from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
@@ -23,8 +24,9 @@ from dissect.cli.run import (
 from dissect.report.formats import ANALYSIS, Format
 
 if TYPE_CHECKING:
-    from dissect.engine.payload import PayloadDecoder
-from dissect.transactions.naming import Naming
+    from dissect.engine.exchange import PayloadDecoder
+    from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
 
 
 @click.command("analyze", epilog=EXIT_CODES)
@@ -43,6 +45,7 @@ from dissect.transactions.naming import Naming
 @fail_on_option
 @scd_options
 @tag_options
+@tls_option
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -51,6 +54,7 @@ def command(
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
     naming: Naming | None,
+    tls_keys: KeyLog | None,
 ) -> int:
     """Summarize captures: what they contain, how fast it was, what failed and why.
 
@@ -60,13 +64,13 @@ def command(
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. Several files are read in
     order; one that continues where the previous one ended (a ring buffer) continues its connections.
     """
-    from dissect.engine.observer import Options
+    from dissect.engine.pipeline import Options
     from dissect.report.analysis import Analysis
     from dissect.report.summary import Summary
     from dissect.session import Run
 
     analysis = Analysis()
-    run = Run(files, analysis, Options(slow_ns, decoder=decoder, checksums=checksums, naming=naming))
+    run = Run(files, analysis, Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming))
     code = drive(run, files)
     analysis.take(run.pipeline, run.files)
     write_outcome(format_, ANALYSIS, Summary(analysis, code == EXIT_INTERRUPTED, clock()))

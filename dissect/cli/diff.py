@@ -15,6 +15,8 @@ from dissect.cli.golden import read_capture
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.tags import tag_options
+from dissect.cli.options.tls import tls_option
+from dissect.engine.pipeline import Options
 from dissect.golden.comparison import differences
 from dissect.golden.difference import KINDS, Difference, DiffOptions
 from dissect.golden.model import GoldenError, Session
@@ -26,7 +28,8 @@ from dissect.report.styled import Line
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
+    from dissect.tls.key_log import KeyLog
     from dissect.transactions.naming import Naming
 
 DIFF_SCHEMA = "s7dissect.diff/1"
@@ -67,6 +70,7 @@ _IGNORABLE = "\n".join(
 )
 @scd_options
 @tag_options
+@tls_option
 def command(
     first: str,
     second: str,
@@ -76,6 +80,7 @@ def command(
     most: int,
     decoder: PayloadDecoder | None,
     naming: Naming | None,
+    tls_keys: KeyLog | None,
 ) -> int:
     """Report what changed from A to B, each a capture or a golden (see `s7dissect golden`).
 
@@ -88,9 +93,10 @@ def command(
         raise click.UsageError(str(error)) from None
     if first == "-" and second == "-":
         raise click.UsageError("only one of A and B can be standard input.")
+    reading = Options(decoder=decoder, tls_keys=tls_keys)
     try:
-        a, code_a = _load(first, decoder)
-        b, code_b = _load(second, decoder)
+        a, code_a = _load(first, reading)
+        b, code_b = _load(second, reading)
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
     if EXIT_INTERRUPTED in {code_a, code_b}:
@@ -104,10 +110,10 @@ def command(
     return EXIT_GATE if shown or rest else EXIT_OK
 
 
-def _load(path: str, decoder: PayloadDecoder | None) -> tuple[Session, int]:
+def _load(path: str, options: Options) -> tuple[Session, int]:
     if path != "-" and Path(path).is_file() and is_golden(path):
         return load_golden(path), EXIT_OK
-    return read_capture((path,), decoder)
+    return read_capture((path,), options)
 
 
 class Comparison(Outcome):

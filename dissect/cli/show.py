@@ -10,6 +10,7 @@ from dissect.cli.look import clock
 from dissect.cli.main import EXIT_OK, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.tags import tag_options
+from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
@@ -18,11 +19,12 @@ from dissect.cli.run import (
     files_argument,
     places_of,
 )
-from dissect.engine.observer import Options
-from dissect.engine.payload import PayloadDecoder
+from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.pipeline import Options
 from dissect.report.formats import PDUS, Format, formats_for
 from dissect.report.writer import PduFeed
 from dissect.session import Run
+from dissect.tls.key_log import KeyLog
 from dissect.transactions.naming import Naming
 
 
@@ -42,6 +44,7 @@ from dissect.transactions.naming import Naming
 @fail_on_option
 @scd_options
 @tag_options
+@tls_option
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -51,6 +54,7 @@ def command(
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
     naming: Naming | None,
+    tls_keys: KeyLog | None,
 ) -> int:
     """List S7comm and S7comm-plus PDUs, one line each, or dissect them (-V).
 
@@ -65,7 +69,7 @@ def command(
         raise click.UsageError(f"-V applies to {names} only; -T {format_.name} has no longer form.")
     writer = format_.writer(PDUS, clock(), verbose)
     shown = PduFeed(writer, frozenset(frames), decoder)
-    run = Run(files, shown, Options(decoder=decoder, checksums=checksums, naming=naming))
+    run = Run(files, shown, Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming))
     writer.begin(places_of(run, files))
     code = drive(run, files, lambda: write_out(writer.take()))
     complain(run, code)

@@ -9,6 +9,7 @@ from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.tags import tag_options
+from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
@@ -18,11 +19,12 @@ from dissect.cli.run import (
     nanoseconds,
     places_of,
 )
-from dissect.engine.observer import Options
-from dissect.engine.payload import PayloadDecoder
+from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.pipeline import Options
 from dissect.report.formats import TRANSACTIONS, Format
 from dissect.report.writer import Choice, TransactionFeed
 from dissect.session import Run
+from dissect.tls.key_log import KeyLog
 from dissect.transactions.naming import Naming
 from dissect.transactions.transaction import Transaction
 
@@ -42,6 +44,7 @@ from dissect.transactions.transaction import Transaction
 @fail_on_option
 @scd_options
 @tag_options
+@tls_option
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -51,23 +54,25 @@ def command(
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
     naming: Naming | None,
+    tls_keys: KeyLog | None,
 ) -> int:
     """List requests with their answers, one line each.
 
     A line gives the time of the request, the number and packets of the transaction, client and server, the answer time, the
     function, and each item with its value or the reason for its refusal. Unsolicited messages have a line too.
 
-    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. A line is written once its
-    transaction is complete, so an unanswered request appears where the wait for its answer ended.
+    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. A transaction stands where the
+    packet that completed it stands in the capture, an unanswered request where the wait for its answer ended.
     """
     # What is slow is a finding as well.
-    options = Options(decoder=decoder, checksums=checksums, naming=naming)
+    options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
     if slow_ns is not None:
         options.slow_ns = slow_ns
     writer = format_.writer(TRANSACTIONS, clock())
-    run = Run(files, TransactionFeed(writer, _choice(failed, slow_ns)), options)
+    feed = TransactionFeed(writer, _choice(failed, slow_ns))
+    run = Run(files, feed, options)
     writer.begin(places_of(run, files))
-    code = drive(run, files, lambda: write_out(writer.take()))
+    code = drive(run, files, lambda: write_out(feed.take(int(run.pipeline.timers.oldest_held()))))
     complain(run, code)
     if not run.pipeline.exchange.dialogue.count:
         click.echo(f"s7dissect: no S7 transaction: {_instead(run)}", err=True)

@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.report import words
-from dissect.report.places import Places
 from dissect.report.styled import FAILED, HANG, PLAIN, Line
+from dissect.report.words import Places
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.szl import SZL_HEAD
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.operation import DONE, LONG_ANSWER, RUNNING, Operation
-from dissect.wire.clock import Clock
 from dissect.wire.codes import CodeTable
-from dissect.wire.text import shortened
+from dissect.wire.text import Clock, shortened
 
 OPERATION_SCHEMA: Final = "s7dissect.operation/1"
 

@@ -21,6 +21,7 @@ from dissect.s7plus.session import (
     OPERATING_STATE,
     REFERENCE_LIST,
     SERVER_SESSION,
+    SESSION_KEY,
     SUBSCRIPTION,
     PlusSession,
     reference_list_of,
@@ -28,8 +29,10 @@ from dissect.s7plus.session import (
 from dissect.s7plus.summary import NAME, single_address
 from dissect.s7plus.tables import (
     ATTRIBUTE_TAG,
+    BEGIN_SEQUENCE,
     CREATE_OBJECT,
     DELETE_OBJECT,
+    END_SEQUENCE,
     EXPLORE,
     GET_MULTI_VARIABLES,
     GET_VAR_SUBSTREAMED,
@@ -57,6 +60,7 @@ WRITTEN: Final = "write"
 WRITTEN_OUTPUTS: Final = "write outputs"
 PASSWORD: Final = "password"  # noqa: S105 - the name of a kind, no secret
 TEST_JOB: Final = "test job"
+REPLAYED: Final = "replay"
 SESSION: Final = "session"
 SUBSCRIBED: Final = "subscription"
 SUBSCRIBED_ALARMS: Final = "alarm subscription"
@@ -85,6 +89,10 @@ _EXPLORED_MARKS: Final = (
     *[bytes((ATTRIBUTE_TAG,)) + build_varint(id_, VLQ) for id_ in sorted(_CODE)],
     build_varint(TYPE_INFO, VLQ),
 )
+#: Functions that clients count on their own, for the integrity id.
+_COUNTED: Final = frozenset((
+    CREATE_OBJECT, DELETE_OBJECT, SET_VARIABLE, SET_MULTI_VARIABLES, SET_VAR_SUBSTREAMED, BEGIN_SEQUENCE, END_SEQUENCE,
+))  # fmt: skip
 _ALWAYS: Final = frozenset((CREATE_OBJECT, DELETE_OBJECT, EXPLORE))
 _REQUEST_SIZE: Final = 14
 _HEADER: Final = 4
@@ -134,6 +142,7 @@ def take(session: PlusSession, function: int, request: bytes, response: bytes) -
             return None
     facts = Facts()
     asked = _read(request, facts)
+    _judge_integrity(session, facts, *asked)
     told = _read(response, facts) if response else None
     answer = told[1] if told is not None and told[0].function == function else None
     good = answer is None or (told is not None and told[0].return_code < 0x8000)
@@ -150,6 +159,14 @@ def _read(octets: bytes, facts: Facts) -> tuple[PlusPdu, Contents]:
             fact.offset = pdu.place(fact.offset)
             facts.malformed.append(fact)
     return pdu, found
+
+
+def _judge_integrity(session: PlusSession, facts: Facts, pdu: PlusPdu, found: Contents) -> None:
+    id_ = found.integrity_id
+    if id_ >= 0 and pdu.session_id in session.given and session.repeats(pdu.function in _COUNTED, pdu.sequence, id_):
+        facts.events.append(
+            Event(REPLAYED, f"{pdu.function_name} has integrity id {id_} again, or a lower one than before")
+        )
 
 
 def _may_matter(session: PlusSession, function: int, octets: bytes) -> bool:
@@ -273,6 +290,8 @@ def _written(session: PlusSession, facts: Facts, asked: Contents, good: bool) ->
         last = address.lids[-1] if address.lids else address.sub_area
         if last in PASSWORDS:
             facts.events.append(Event(PASSWORD, ""))
+        elif last == SESSION_KEY:
+            session.authenticated = session.authenticated or good
         elif last == REFERENCE_LIST and value is not None and good:
             session.change(address.area, value)
         else:

@@ -12,8 +12,8 @@ from dissect.s7.tables import BIT, BYTE, TRANSPORT_SIZES
 from dissect.s7.values import Value, bcd, date_and_time, date_text, duration, real, s5time, time_of_day
 from dissect.tags.index import Part
 from dissect.tags.model import Tag
-from dissect.wire.clock import civil
 from dissect.wire.octets import u16, u24
+from dissect.wire.text import civil
 
 _DOUBLE: Final = struct.Struct(">d")
 _UNSIGNED: Final = frozenset(("BYTE", "WORD", "DWORD", "LWORD", "USINT", "UINT", "UDINT", "ULINT"))

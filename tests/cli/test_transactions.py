@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dissect.report.csv_rows import CSV_COLUMNS
+from dissect.report.writers.csv import CSV_COLUMNS
 from tests.cli.support import halves, run, simple
 from tests.properties import messages
 from tests.properties.messages import dt
