@@ -20,7 +20,7 @@ from dissect.s7.message import Pdu
 from dissect.s7.tables import BYTE, RETURN_CODES
 from dissect.s7.values import Value
 from dissect.source.packet import SourceFile
-from dissect.tcp.connection import Endpoint
+from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import NamedValue, Naming
 from dissect.transactions.results import ItemResult
