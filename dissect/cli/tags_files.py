@@ -228,7 +228,7 @@ class _Listed(Outcome):
     def text(self) -> Iterator[Line]:
         """Return a line for each tag."""
         rows = [(tag.address, tag.declared, shortened(_name(tag), _NAME), tag) for tag in self._tags]
-        widths = [max([len(row[at]) for row in rows], default=0) for at in (0, 1, 2)]
+        widths = [max([len(str(row[at])) for row in rows], default=0) for at in (0, 1, 2)]
         for address, type_, name, tag in rows:
             scale = f"x{tag.factor:g}{tag.shift:+g}" if tag.shift else f"x{tag.factor:g}" if tag.scaled else ""
             said = [scale, shortened(tag.unit, 20), shortened(tag.comment, 80), f"({tag.remark})" if tag.remark else ""]

@@ -14,7 +14,7 @@ from dissect.transactions.naming import named_values
 from dissect.transactions.transaction import Transaction
 from tests.cli.support import run
 from tests.report import schemas
-from tests.tags.support import tank_capture, tank_file
+from tests.tags.support import tank_capture, tank_file, write_captures
 
 Capture = pytest.CaptureFixture[bytes]
 
@@ -101,3 +101,66 @@ def test_python_gets_values_by_name(tmp_path: Path) -> None:
         (1, "Tank.Pump", True),
         (1, "Tank.Level", None),
     ]
+
+
+def test_a_difference_is_told_tag_by_tag_and_can_be_ignored_by_name(capfdbinary: Capture, tmp_path: Path) -> None:
+    a, b = write_captures(tmp_path)
+    tags = tank_file(tmp_path)
+    ran = run(capfdbinary, "diff", a, b, "--tags", tags)
+    assert ran.out.splitlines() == [
+        "transaction 2, READ Tank.Level (DB1.DBD0): was 3.5 m, is 4.0 m",
+        "transaction 2, READ DB1.DBB8: was 00 07, is 00 09",
+        "transaction 3, WRITE Tank.Temp (DB1.DBW6): was 80.0 °C, is 95.0 °C",
+    ]
+    ran = run(capfdbinary, "diff", a, b, "--tags", tags, "--ignore", "values:Tank.*")
+    assert ran.out.splitlines() == ["transaction 2, READ DB1.DBB8: was 00 07, is 00 09"]
+
+
+def test_a_golden_has_tags_as_remarks_and_reads_back_to_the_same(capfdbinary: Capture, tmp_path: Path) -> None:
+    a, _ = write_captures(tmp_path)
+    golden = tmp_path / "a.s7.txt"
+    assert run(capfdbinary, "golden", a, "--tags", tank_file(tmp_path), "-o", golden).code == 0
+    assert "    # Tank.Temp = 80.0 °C\n" in golden.read_text(encoding="utf-8")
+    assert run(capfdbinary, "diff", golden, a).code == 0
+
+
+def test_a_finding_names_what_was_written(capfdbinary: Capture, tmp_path: Path) -> None:
+    a, _ = write_captures(tmp_path)
+    ran = run(capfdbinary, "monitor", a, "--tags", tank_file(tmp_path), "--plain")
+    told = [line for line in ran.out.splitlines() if "security.write" in line]
+    assert len(told) == 1
+    assert told[0].endswith("Write Var Tank.Temp = 80.0 °C (DB1.DBW6)")
+
+
+def test_live_lines_and_single_messages_name_tags(capfdbinary: Capture, tmp_path: Path) -> None:
+    a, _ = write_captures(tmp_path)
+    tags = tank_file(tmp_path)
+    assert "Tank.Temp (DB1.DBW6) = 80.0 °C" in run(capfdbinary, "monitor", "--plain", a, "--tags", tags).out
+    assert "Tank.Temp (DB1.DBW6) = 80.0 °C" in run(capfdbinary, "show", a, "--tags", tags).out
+
+
+def test_check_lists_files_problems_overlaps_and_coverage(capfdbinary: Capture, tmp_path: Path) -> None:
+    text = "address,type,name\nDB1.DBD0,REAL,Level\nDB1.DBW2,WORD,Half\nDB1.DBW6,INTT,x\n"
+    path = tank_file(tmp_path, text)
+    ran = run(capfdbinary, "tags", "check", path, "--capture", tank_capture(tmp_path))
+    assert ran.code == 1
+    assert "error: line 4: x: type 'INTT' is not a type of S7; close to it: INT" in ran.out
+    assert "note: Level (DB1.DBD0) and Half (DB1.DBW2) share DB1.DBB2" in ran.out
+    assert "3 items of the capture, 2 of 2 tags seen" in ran.out
+    ran = run(capfdbinary, "tags", "check", path, "-T", "json", "--capture", tank_capture(tmp_path))
+    found = json.loads(ran.out)
+    assert schemas.complaints("tags-check", found, exact=True) == []
+    assert (found["valid"], found["overlaps"]["count"], found["coverage"]["tags_seen"]) == (False, 1, 2)
+    good = run(capfdbinary, "tags", "check", tank_file(tmp_path), "-T", "json")
+    assert (good.code, json.loads(good.out)["valid"]) == (0, True)
+
+
+def test_list_and_convert_write_what_was_read(capfdbinary: Capture, tmp_path: Path) -> None:
+    path = tank_file(tmp_path)
+    listed = json.loads(run(capfdbinary, "tags", "list", path, "-T", "json").out)
+    assert schemas.complaints("tags-list", listed, exact=True) == []
+    assert [row["address"] for row in listed["tags"]] == ["DB1.DBD0", "DB1.DBX4.0", "DB1.DBW6"]
+    assert run(capfdbinary, "tags", "convert", path).out == path.read_text(encoding="utf-8")
+    again = tmp_path / "again.csv"
+    assert run(capfdbinary, "tags", "convert", path, "-o", again).code == 0
+    assert again.read_text(encoding="utf-8") == path.read_text(encoding="utf-8")

@@ -7,7 +7,7 @@ import zipfile
 from pathlib import Path
 from typing import Final
 
-from tests.properties.messages import Item
+from tests.properties.messages import Item, dt, write_answer, write_job
 from tests.report.support import begun, read, saved
 
 TANK: Final = """address,type,name,unit,scale,comment
@@ -130,3 +130,15 @@ def example_files(folder: Path) -> None:
     (folder / "symbols.asc").write_text("".join([f"{line}\r\n" for line in table]), encoding="utf-8")
     lines = [sdf_line("Start", "%I0.0", "Bool", "кнопка"), sdf_line("Limit", "CONSTANT", "Int", "", "5")]
     (folder / "plc_tags.sdf").write_bytes("".join([f"{line}\r\n" for line in lines]).encode("cp1251"))
+
+
+def write_captures(folder: Path) -> tuple[Path, Path]:
+    """Write two captures of one session: the level that is read differs, the bytes behind it, and the setpoint written."""
+    paths = []
+    for name, level, setpoint, rest in (("a", 3.5, 80, 7), ("b", 4.0, 95, 9)):
+        talk = begun()
+        read(talk, 2, Item(2, 10, 1, 0x84, 0), struct.pack(">fBxhh", level, 1, 215, rest))
+        item = Item(4, 1, 1, 0x84, 48)
+        talk.send(0, dt(write_job(3, [item], [struct.pack(">h", setpoint * 10)]))).send(1, dt(write_answer(3, [0xFF])))
+        paths.append(saved(folder / f"{name}.pcapng", talk.packets()))
+    return paths[0], paths[1]
