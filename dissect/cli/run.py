@@ -78,9 +78,10 @@ def write(lines: Iterable[str]) -> None:
 
 def places_of(run: Run, files: Sequence[str]) -> Places:
     """Return how packets of ``run`` over ``files`` are named; it may be asked while the run goes on."""
+    from dissect.cli.configuration import hosts
     from dissect.report.words import Places
 
-    return Places(run.files, len(files) > 1)
+    return Places(run.files, len(files) > 1, hosts())
 
 
 # ---- the drive ------------------------------------------------------------------------------------------------------
