@@ -149,8 +149,12 @@ class Walk:
     def rest(self, malformed: list[Malformed], fault: FormatError | None = None, limit: str = "tsdu") -> None:
         """Cut what is left of the walk as octets, and tell the fault that ended it."""
         ended = [fault] if fault is not None and fault.reason != EXHAUSTED else []
-        for one in self.faults + ended:
-            malformed.append(Malformed("s7plus", one.reason, one.field, one.at, one.needed, one.available, limit))
+        malformed.extend(
+            [
+                Malformed("s7plus", one.reason, one.field, one.at, one.needed, one.available, limit)
+                for one in self.faults + ended
+            ]
+        )
         self.depth = 0
         if self.parts_end < self.end and self.shown:
             surplus = fault is not None and fault.reason == "trailing_octets"
