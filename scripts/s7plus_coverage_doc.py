@@ -17,7 +17,6 @@ from dissect.engine.observer import Observer
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.id_tables import IDS
-from dissect.s7plus.layouts import TAG_DESCRIPTION
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.tables import FUNCTIONS, NOTIFICATION, NOTIFIED, OPCODES, REQUEST, RESPONSE, RESPONSE2, TAGS, V3
 from dissect.s7plus.value_tables import ADDRESS_ARRAY, ARRAY, SPARSE_ARRAY, VALUE_TYPES
@@ -81,7 +80,7 @@ class Census(Observer):
 
     def _count(self, found: Contents) -> None:
         for part in found.parts:
-            kind = part.number("type") if part.layout is not TAG_DESCRIPTION else -1
+            kind = part.number("type")
             if part.find("flags") is not None and kind in VALUE_TYPES:
                 self.types[kind, _form(part.number("flags"))] += 1
             if part.find("tag") is not None:

@@ -133,6 +133,19 @@ def _read_blob(walk: Walk) -> Blob:
     return Blob(root, walk.take(walk.counted(VLQ, "length"), "blob"), head, kind)
 
 
+def parse_content(flags: int, type_: int, octets: bytes) -> Value | None:
+    """Return the value whose content ``octets`` are, None when they are not one content and nothing else.
+
+    Not for structures, whose content here ends where their members begin.
+    """
+    walk = Walk(octets, 0, len(octets), False)
+    try:
+        content = _read_content(walk, flags, type_)
+    except FormatError:
+        return None
+    return Value(flags, type_, content) if walk.left == 0 else None
+
+
 def _look_into_blobs(walk: Walk, value: Value) -> None:
     """Note the compressed blobs among the contents of a value, and those of them that do not keep what they promise."""
     content = value.content

@@ -13,6 +13,8 @@ from dissect.s7plus.layouts import (
     LIST_ID,
     NAME_LIST,
     TAG_DESCRIPTION,
+    TAG_DESCRIPTION_END,
+    TAG_VARIABLE,
     VARIABLE,
     VARIABLE_LIST,
     VARIABLE_NAME,
@@ -197,6 +199,8 @@ def read_tag_description(walk: Walk) -> TagDescription:
     start = walk.at
     kind = walk.u8("kind")
     name = walk.take(walk.counted(VLQ, "name length"), "name").decode("utf-8", "replace")
+    walk.part(TAG_DESCRIPTION, start - 1, name)
+    behind = walk.at
     walk.take(2, "type")  # an octet of unknown meaning, and the type of the value
     datatype = walk.number(VLQ, "datatype")
     walk.take(4, "flags")
@@ -221,12 +225,12 @@ def read_tag_description(walk: Walk) -> TagDescription:
     if kind & 0x08:
         _numbers(walk, 2)
     octets = walk.octets[start : walk.at]
+    walk.part(TAG_VARIABLE, behind, f"LID {lid} {DATATYPES.name(datatype)}" if walk.shown else "", 1)
     if walk.u8("end of tag description") != TAG_DESCRIPTION_END_TAG:
         raise FormatError(
             "bad_value", "end of tag description", walk.at - 1, TAG_DESCRIPTION_END_TAG, walk.octets[walk.at - 1]
         )
-    if walk.shown:
-        walk.part(TAG_DESCRIPTION, start - 1, f"LID {lid} {name} {DATATYPES.name(datatype)}")
+    walk.part(TAG_DESCRIPTION_END, walk.at - 1)
     return TagDescription(octets, name, datatype, lid)
 
 
