@@ -322,7 +322,9 @@ NOTIFIED_PLAIN: Final = Layout("notified value", _SOURCE, [_KIND, *_VALUE])
 NOTIFIED_REFUSAL: Final = Layout("refused item", _SOURCE, [_KIND, Field("reference", 4, "Number of the item.")])
 NOTIFIED_KIND: Final = Layout("notified objects", _SOURCE, [_KIND])
 SECOND_PART: Final = Layout(
-    "second part", _SOURCE, [Field("object_id", 4, "What it belongs to.", says=id_name), Field("unknown", 2, "Not known.")]
+    "second part",
+    _SOURCE,
+    [Field("object_id", 4, "What it belongs to.", says=id_name), Field("unknown", 2, "Not known.")],
 )
 
 # Ends.

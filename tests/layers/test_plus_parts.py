@@ -17,7 +17,6 @@ from dissect.layers import S7Plus, S7Plus_Request, plus_frames, plus_message, pl
 from dissect.layers.fields import Overlong
 from dissect.layers.parts import CLASSES
 from dissect.layers.plus_tables import PLUS_SECTIONS
-from dissect.s7plus import layouts
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address
 from dissect.s7plus.message import parse_plus
@@ -26,7 +25,6 @@ from dissect.s7plus.value_tables import ARRAY, BLOB, INT, NULL, REAL, SPARSE_ARR
 from dissect.s7plus.values import Blob, Packed, Struct, Value, build_value
 from dissect.s7plus.variables import TagDescription
 from dissect.s7plus.walk import Walk
-from dissect.wire.layout import Layout
 from dissect.wire.part import OCTETS, SURPLUS
 from tests.layers.support import forget, shown, survives
 from tests.s7plus import bodies
@@ -35,11 +33,6 @@ from tests.s7plus.strategies import OBJECTS, VALUES
 from tests.s7plus.test_shared_captures import pdus
 
 EXPLORE: Final = 0x04BB
-#: Layouts of frames and heads, which have classes of their own, and of what `S7Plus_Event` holds as its message.
-_HEADS: Final = {
-    layouts.HEADER, layouts.KEEP_ALIVE, layouts.INTEGRITY, layouts.REQUEST, layouts.RESPONSE, layouts.NOTIFICATION,
-    layouts.NOTIFICATION_V1, layouts.EVENT, layouts.EVENT_VALUE,
-}  # fmt: skip
 
 
 def octets_of(parts: list[Packet]) -> bytes:
@@ -50,13 +43,6 @@ def blank(parts: list[Packet]) -> list[Packet]:
     """The same without the numbers that building fills in."""
     found: list[Packet] = forget(S7Plus_Request(body=parts)).body
     return found
-
-
-def test_every_structure_has_a_class() -> None:
-    known = {row.layout for rows in PLUS_SECTIONS.values() for row in rows}
-    every = {one for one in vars(layouts).values() if isinstance(one, Layout)}
-    assert every - _HEADS == known
-    assert known <= CLASSES.keys()
 
 
 @pytest.mark.parametrize("name", [row.name for rows in PLUS_SECTIONS.values() for row in rows])
