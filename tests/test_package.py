@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import shutil
@@ -17,18 +18,6 @@ import dissect
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 SOURCES: Final = ("dissect", "setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "docs")
-
-#: What is compiled, said once more and independently of setup.py.
-HOT: Final = re.compile(
-    r"dissect/((wire|tcp|iso|ibh|s7|s7plus|transactions|findings)/\w+|source/(packet|pcap|pcapng)|conversation|gateway|datagrams|pipeline|waiting|report/(analysis|csv_rows|facets?|json_text|jsonl|latency|lines|places|s7|words|writer|writers/(csv|jsonl|text)))\.py"
-)
-#: What of it is not: tables and layouts, and what parses acts that are rare on any line.
-COLD: Final = re.compile(
-    r"dissect/(.*/__init__|\w+/(\w+_)?tables|(iso|s7|s7plus)/layouts|\w+/\w+_layouts|findings/(catalogue|mitre|operation_rules)"
-    r"|iso/foreign|s7/(alarms|block_names|blocks|clock|control|cyclic|data_parts|diagnostics|errors|hiding|nc|pbc|programmer"
-    r"|security|services|start_information|syntaxes|szl_communication|szl_modules|szl_records|transfer)"
-    r"|transactions/(accounts|transfers)|wire/hexdump)\.py"
-)
 
 #: The namespace of another project that responders to incidents have installed too.
 FOREIGN: Final = "dissect.util"
@@ -139,15 +128,32 @@ def test_wheel_holds_the_package_and_nothing_else(wheel: Path) -> None:
     assert {name for name in names if "/" not in name and not name.startswith("s7dissect__mypyc.")} == set()
 
 
+def patterns(name: str) -> list[str]:
+    """Return a list of patterns that setup.py holds, without running it."""
+    for statement in ast.parse((ROOT / "setup.py").read_text(encoding="utf-8")).body:
+        if (
+            isinstance(statement, ast.AnnAssign)
+            and isinstance(statement.target, ast.Name)
+            and statement.target.id == name
+        ):
+            assert statement.value is not None
+            return list(ast.literal_eval(statement.value))
+    pytest.fail(f"setup.py holds no {name}")
+
+
 def test_every_hot_module_is_compiled_and_keeps_its_source(wheel: Path) -> None:
     if not wheel_is_compiled(wheel):
         pytest.skip("no C compiler here, so the wheel is the interpreted one (CI refuses that)")
     compiled = {
         re.sub(r"\.[^/]*\.so$", ".py", name) for name in contents(wheel) if name.endswith(".so") and "/" in name
     }
-    hot = {name for name in sources() if HOT.fullmatch(name) and not COLD.fullmatch(name)}
-    assert "dissect/wire/build.py" in hot
-    assert compiled == hot
+    hot, cold = (
+        {path.relative_to(ROOT).as_posix() for pattern in patterns(name) for path in ROOT.glob(pattern)}
+        for name in ("HOT", "COLD")
+    )
+    assert compiled == {name for name in hot - cold if not name.endswith("__init__.py")}
+    # Every packet passes through these.
+    assert {f"dissect/{name}.py" for name in ("wire/build", "engine/pipeline", "iso/tpkt", "report/jsonl")} <= compiled
 
 
 def test_both_builds_hold_the_same_sources(wheel: Path, interpreted_build: Path) -> None:

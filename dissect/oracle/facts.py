@@ -34,7 +34,7 @@ IN_ITEM: Final = "item"
 IN_DATA: Final = "data"
 IN_DATA_ITEM: Final = "data item"
 #: Everything else in the parameters and the data of a PDU, numbered by its position.
-IN_BODY: Final = "octet"
+IN_BODY: Final = "byte"
 #: The same in the answer that several PDUs give together, where Wireshark shows it: in the last of them.
 IN_JOINED: Final = "joined byte"
 

@@ -291,6 +291,14 @@ def lost_by_tcp(case: Case) -> bool:
     return case.theirs is None and case.our_record is not None and case.evidence.stands(case.our_record)
 
 
+def shown_at_the_gap(case: Case) -> bool:
+    """Whether tshark, putting segments in order, shows a message where a gap closed, and we in the packet that brought it."""
+    if case.our_record is None or case.their_record is None or case.our_record.frame >= case.their_record.frame:
+        return False
+    arrival = case.evidence.arrival(case.our_record.frame)
+    return arrival is not None and arrival.ahead and case.evidence.stands(case.our_record)
+
+
 def unfinished(case: Case) -> bool:
     """Whether tshark shows as much of a message as its segment holds, and we the whole when the rest had come."""
     record = case.their_record

@@ -353,6 +353,15 @@ KNOWN: Final = (
         grounds.lost_by_tcp,
     ),
     Known(
+        "shown-at-the-gap",
+        OURS,
+        (FRAME,),
+        "With `--reorder`, a message that arrived before bytes ahead of it is shown in the packet that brought those bytes.",
+        "Its own bytes are in an earlier packet, and the time of that packet is when they were on the wire.",
+        "5.5",
+        grounds.shown_at_the_gap,
+    ),
+    Known(
         "joined-over-a-gap",
         OURS,
         (WHOLE,),

@@ -108,9 +108,9 @@ def test_several_files_are_one_recording(tmp_path: Path) -> None:
         (["--listen", "0.0.0.0:0"], "0.0.0.0:0 can be reached from other machines, which would mistake it for a PLC"),
         (["--listen", "nowhere"], "is not an address"),
         (["--fault", "break:3"], "is not a fault"),
-        (["--latency", "soon"], "say recorded, none, or milliseconds"),
-        (["--latency", "-1"], "say recorded, none, or milliseconds"),
-        (["-w", "-"], "say a file"),
+        (["--latency", "soon"], "expected recorded, none, or milliseconds"),
+        (["--latency", "-1"], "expected recorded, none, or milliseconds"),
+        (["-w", "-"], "needs a file"),
         (["--repeat", "often"], "often"),
     ],
 )

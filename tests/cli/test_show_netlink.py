@@ -76,9 +76,9 @@ def test_the_tree_has_both_headers_octet_by_octet(capfdbinary: Capture) -> None:
 def test_the_tree_of_a_packet_without_pdu(capfdbinary: Capture) -> None:
     told = run(capfdbinary, "show", "-V", "--frame", "12", PLAIN).out
     assert "0xb0 acknowledge" in told
-    assert re.search(r" 17 +bytes +01\n", told)
+    assert re.search(r" 17 +octets +01\n", told)
     whole = run(capfdbinary, "show", "-V", "--frame", "5", PLAIN).out
-    assert re.search(r" 8-9 +bytes +14 00\n", whole)
+    assert re.search(r" 8-9 +octets +14 00\n", whole)
 
 
 def test_the_tree_says_what_is_wrong_and_what_came_in_fragments(capfdbinary: Capture) -> None:

@@ -65,14 +65,14 @@ def test_items_look_like_this(text: str, octets: str) -> None:
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("DB10.DBD4 INT", "does not suit the type"),
+        ("DB10.DBD4 INT", "does not fit the type"),
         ("DB10.DBW4 NUMBER", "is not a type"),
         ("DB99999.DBW4 INT", "beyond"),
         ("somewhere INT", "is not an address"),
         ("DB10.DBW4", "is not an item such as"),
         ("DB10.DBW4 INT x70000", "beyond"),
-        ("item <12 05 82>", "second octet counts"),
-        ("DB10.DBW4 INT refused 0x05 head <00>", "three octets"),
+        ("item <12 05 82>", "second byte must count"),
+        ("DB10.DBW4 INT refused 0x05 head <00>", "three bytes"),
     ],
 )
 def test_an_item_that_is_none_is_refused(text: str, why: str) -> None:

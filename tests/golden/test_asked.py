@@ -16,19 +16,19 @@ SEVEN = "DB1.DBW0 WORD, DB1.DBW2 WORD, DB1.DBW4 WORD, DB1.DBW6 WORD, DB1.DBW8 WO
 @pytest.mark.parametrize(
     ("before", "after", "text", "was", "is_"),
     [
-        ([A, B], [A, B, C], "asks for DB10.DBW4 WORD as well", "", "DB10.DBW4 WORD"),
-        ([A, B, C], [C, A], "does not ask for DB10.DBW2 WORD any more", "DB10.DBW2 WORD", ""),
-        ([A, B], [A, C], "asks for DB10.DBW4 WORD instead of DB10.DBW2 WORD", "DB10.DBW2 WORD", "DB10.DBW4 WORD"),
-        ([A, B], [B, A], "asks for the same items in another order", "DB10.DBW0 WORD, DB10.DBW2 WORD",
+        ([A, B], [A, B, C], "requests DB10.DBW4 WORD as well", "", "DB10.DBW4 WORD"),
+        ([A, B, C], [C, A], "no longer requests DB10.DBW2 WORD", "DB10.DBW2 WORD", ""),
+        ([A, B], [A, C], "requests DB10.DBW4 WORD instead of DB10.DBW2 WORD", "DB10.DBW2 WORD", "DB10.DBW4 WORD"),
+        ([A, B], [B, A], "requests the same items in a different order", "DB10.DBW0 WORD, DB10.DBW2 WORD",
          "DB10.DBW2 WORD, DB10.DBW0 WORD"),
-        ([A, A, B], [A, B], "does not ask for DB10.DBW0 WORD any more", "DB10.DBW0 WORD", ""),
-        ([A], [B], "asks for something else: was READ DB10.DBW0, is READ DB10.DBW2", "READ DB10.DBW0",
+        ([A, A, B], [A, B], "no longer requests DB10.DBW0 WORD", "DB10.DBW0 WORD", ""),
+        ([A], [B], "requests READ DB10.DBW2 instead of READ DB10.DBW0", "READ DB10.DBW0",
          "READ DB10.DBW2"),
-        ([item(0x84, 10, 0, 2)], [CHARS], "asks for something else: was DB10.DBB0 BYTE, is DB10.DBB0 CHAR",
+        ([item(0x84, 10, 0, 2)], [CHARS], "requests DB10.DBB0 CHAR instead of DB10.DBB0 BYTE",
          "DB10.DBB0 BYTE", "DB10.DBB0 CHAR"),
-        ([], [A], "asks for DB10.DBW0 WORD as well", "", "DB10.DBW0 WORD"),
+        ([], [A], "requests DB10.DBW0 WORD as well", "", "DB10.DBW0 WORD"),
         ([A], [dbw(1, 2 * number) for number in range(7)],
-         f"asks for {SEVEN} instead of DB10.DBW0 WORD", "DB10.DBW0 WORD", SEVEN),
+         f"requests {SEVEN} instead of DB10.DBW0 WORD", "DB10.DBW0 WORD", SEVEN),
     ],
 )  # fmt: skip
 def test_reads(before: list[bytes], after: list[bytes], text: str, was: str, is_: str) -> None:
@@ -41,4 +41,4 @@ def test_writes() -> None:
     one = Exchange(S7, write(1, [A], written(4, b"\0\1")), b"")
     two = Exchange(S7, write(1, [A, D], written(4, b"\0\1") * 2), b"")
     assert other_items(one, two).text == "writes DB10.DBW6 WORD as well"
-    assert other_items(two, one).text == "does not write DB10.DBW6 WORD any more"
+    assert other_items(two, one).text == "no longer writes DB10.DBW6 WORD"

@@ -53,5 +53,5 @@ def test_what_is_read_back_says_the_same() -> None:
 
 def test_a_request_that_does_not_stand_before_it_is_told_with_its_line() -> None:
     text = golden_text(talk("feff7b")).replace("job of 1", "job of 3")
-    with pytest.raises(GoldenError, match=r"line [0-9]+: 'job of 3', but no transaction 3 stands before it"):
+    with pytest.raises(GoldenError, match=r"line [0-9]+: 'job of 3', but no transaction 3 precedes it here"):
         parse_golden(text)

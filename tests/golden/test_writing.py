@@ -31,7 +31,7 @@ def test_what_nobody_asked_for_is_said_by_its_sender() -> None:
     "text", [PUSH.replace("says", "answer"), PUSH.replace("wants no answer", "answer without request")]
 )
 def test_what_is_said_and_what_is_answered_are_told_apart(text: str) -> None:
-    with pytest.raises(GoldenError, match="line 8: 'says' stands below 'wants no answer'"):
+    with pytest.raises(GoldenError, match="line 8: use 'says' below 'wants no answer', and 'answer' after a request"):
         parse_golden(HEAD + text)
 
 
@@ -48,8 +48,8 @@ def test_a_read_without_items_says_so() -> None:
 
 def test_what_does_not_fit_is_told() -> None:
     short, cut = block("crafted/s7-lengths", 2), block("crafted/snaplen", 2)
-    assert "# does not fit: s7: param_length at octet 6 claims 210 octets, the TSDU has 24" in short
-    assert "# does not fit: s7: data_length at octet 8 claims 218 octets, the TSDU has 53" in cut
+    assert "# does not fit: s7: param_length at byte 6 claims 210 bytes, the TSDU has 24" in short
+    assert "# does not fit: s7: data_length at byte 8 claims 218 bytes, the TSDU has 53" in cut
     assert "does not fit" not in block("crafted/s7-lengths", 18)
 
 
@@ -62,5 +62,5 @@ def test_a_number_that_is_masked_is_no_job() -> None:
 
 def test_later_pieces_of_a_bsend_have_no_length() -> None:
     said = [block("bsend", number) for number in range(4, 8)]
-    assert ["# 1500 octets" in text for text in said] == [True, False, False, False]
+    assert ["# 1500 bytes" in text for text in said] == [True, False, False, False]
     assert ["# continuation" in text for text in said] == [False, True, True, True]

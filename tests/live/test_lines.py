@@ -37,7 +37,7 @@ def test_each_event_is_a_line() -> None:
         "WARNING  transaction.item_error  connection 1, packets 10, 11: Read Var DB10.DBW4: 0x0a "
     )
     assert heads[-2].startswith(
-        "connection 1  10.0.0.1:49152 → 10.0.0.2:102  reset by the server at packet 13 with 1 request open"
+        "connection 1  10.0.0.1:49152 → 10.0.0.2:102  reset by the server at packet 13 with 1 request pending"
     )
     assert heads[-2].endswith("(3 answered, 1 UNANSWERED, 1 with errors)")
     assert all("\n" not in line for line in lines)
@@ -89,4 +89,4 @@ def test_the_summary_says_what_was_lost() -> None:
         "packets lost while capturing: 12 by the kernel, an unknown number by the interface",
         "events not shown because the output was too slow: 5",
     ]
-    assert "does not say so" in summary_lines(status(), "pipe")[1]
+    assert "does not report it here" in summary_lines(status(), "pipe")[1]

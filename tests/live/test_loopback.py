@@ -184,7 +184,7 @@ def test_a_request_without_answer_is_told_while_the_line_is_silent(engine: str) 
         assert not speak.is_set()  # nothing has happened since
         (finding,) = late(events)
         assert isinstance(finding.what, Finding)
-        assert re.match(r"Read Var DB10\.DBW4: asked [0-9.]+ s ago", finding.what.detail)
+        assert re.match(r"Read Var DB10\.DBW4: sent [0-9.]+ m?s ago in packet 7, still unanswered", finding.what.detail)
         assert session.status().open_requests == 1
         (connection,) = [event.what for event in events if isinstance(event.what, Connection)]
         assert finding.time_ns - connection.last_request_ns >= limit

@@ -168,7 +168,7 @@ def test_a_companion_that_fails_is_an_event() -> None:
     session = Session(lambda: Line(Clock(), [packets()], ends=True), companions=[Failing()])
     session.start()
     problems = [event.what for event in to_the_end(session) if event.kind == PROBLEM]
-    assert problems == ["evidence failed and was switched off: [Errno 28] No space left on device"]
+    assert problems == ["evidence failed and was switched off: No space left on device"]
 
 
 def test_limits_are_handed_on(tmp_path: Path) -> None:

@@ -34,6 +34,7 @@ EXPECTED: Final = {
     "name-and-its-fields",
     "block-with-its-header",
     "mode-transition-as-head",
+    "shown-at-the-gap",
 }
 
 

@@ -21,7 +21,7 @@ from dissect.oracle.facts import (
     Record,
     Value,
 )
-from dissect.oracle.grounds import LENGTH, TRANSPORT_SIZE, WHOLE, Case, Evidence
+from dissect.oracle.grounds import FRAME, LENGTH, TRANSPORT_SIZE, WHOLE, Case, Evidence
 from dissect.oracle.ours import pdu_record, tpdu_record
 from dissect.oracle.streams import Arrival
 from dissect.oracle.theirs import Frame
@@ -311,6 +311,21 @@ def test_lost_by_tcp() -> None:
     assert grounds.lost_by_tcp(case(place, b"", None, OURS, evidence=Stub(stands=True)))
     assert not grounds.lost_by_tcp(case(place, b"", None, OURS, evidence=Stub(stands=False)))
     assert not grounds.lost_by_tcp(case(place, None, b"", None, THEIRS, evidence=Stub(stands=True)))
+
+
+@pytest.mark.parametrize(
+    ("ahead", "stands", "ours", "theirs", "holds"),
+    [
+        (True, True, 9, 12, True),
+        (False, True, 9, 12, False),
+        (True, False, 9, 12, False),
+        (True, True, 12, 9, False),
+    ],
+)
+def test_shown_at_the_gap(ahead: bool, stands: bool, ours: int, theirs: int, holds: bool) -> None:
+    mine, its = Record(PDU, ours, b"2", {}, 0), Record(PDU, theirs, b"2", {})
+    there = case(Place("", 0, FRAME), ours, theirs, mine, its, evidence=Stub(ahead=ahead, stands=stands))
+    assert grounds.shown_at_the_gap(there) == holds
 
 
 def test_brought_before() -> None:

@@ -76,6 +76,16 @@ def late() -> list[bytes]:
     return connection.packets
 
 
+def early() -> list[bytes]:
+    """Two answers, the second of which comes first."""
+    connection = begun()
+    first, second = dt(PLAIN[1]), dt(PLAIN[2])
+    at = connection.sequence[1]
+    connection.put(1, PUSH_ACK, second, at + len(first))
+    connection.put(1, PUSH_ACK, first, at)
+    return connection.packets
+
+
 def again() -> list[bytes]:
     """An answer twice, which ends where sequence numbers begin anew."""
     connection = begun(sequence=1000)
@@ -195,6 +205,7 @@ EXAMPLES: Final[dict[str, Callable[[], list[bytes]]]] = {
     "rdp": desktop,
     "cut": lambda: sent(dt(ANSWER), tpdu(CONNECT_REQUEST, parameter(0xC2, bytes(80)))),
     "lost-by-tcp": late,
+    "shown-at-the-gap": early,
     "unfinished": cut_by_a_segment,
     "shown-again": again,
     "parameter-of-an-ack": lambda: sent(
@@ -207,7 +218,8 @@ EXAMPLES: Final[dict[str, Callable[[], list[bytes]]]] = {
 
 def compared(tmp_path: Path, name: str) -> Comparison:
     most = 80 if name == "cut" else 65535
-    return compare(str(write_capture(tmp_path / "made.pcap", EXAMPLES[name](), most)))
+    path = str(write_capture(tmp_path / "made.pcap", EXAMPLES[name](), most))
+    return compare(path, reorder=name == "shown-at-the-gap")
 
 
 def test_every_entry_has_an_example() -> None:

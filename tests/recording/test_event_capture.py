@@ -22,7 +22,7 @@ from tests.source.craft import EPOCH, ETHERNET, NS, Recorder, drain, step_to_the
 TIME = EPOCH * NS
 STOP = "security.plc_stop"
 #: The comment of `found(STOP, …)`.
-SAID = "s7dissect: error security.plc_stop: Somebody told a PLC to stop. now (connection 3)"
+SAID = "s7dissect: error security.plc_stop: A client sent a PLC stop command. now (connection 3)"
 
 
 def found(slug: str, *frames: int, detail: str = "now") -> Finding:
@@ -153,7 +153,7 @@ def test_memory_is_bounded_and_the_file_says_so(tmp_path: Path) -> None:
     keeper.close()
     (path,) = keeper.finished
     assert seconds(path) == [6, 7, 8, 9]
-    assert b"up to now 6 packets left it before their time was over" in path.read_bytes()
+    assert b"so far 6 packets were dropped before their time was over" in path.read_bytes()
 
 
 def test_a_packet_larger_than_the_memory_is_kept_when_it_triggers(tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ def test_a_long_answer_names_what_it_lists_and_how_many_more() -> None:
     blocks = b"".join([bytes((0, number, 0x22, 1)) for number in range(1, 7)])
     assert line(long_answer(3, 2, b"0A", blocks)) == (
         "2020-09-13 12:26:40.008000 UTC  #2    8→11         10.0.0.1:50000 → 10.0.0.2:102   3.00 ms  long answer"
-        "  DB → 1 (AWL/STL), 2 (AWL/STL), 3 (AWL/STL) and 3 more  2 transactions, 24 octets  done"
+        "  DB → 1 (AWL/STL), 2 (AWL/STL), 3 (AWL/STL) and 3 more  2 transactions, 24 bytes  done"
     )
 
 

@@ -91,7 +91,7 @@ def test_every_thread_is_nobody_before_the_first_packet(tmp_path: Path, metrics:
     def task() -> None:
         with monitor("--plain", *metrics) as process:
             line = told(process, "interface opened")
-            assert "going on as nobody (" in line
+            assert "now running as nobody (" in line
             nobody = pwd.getpwnam("nobody")
             play()
             assert process.stdout is not None

@@ -156,4 +156,4 @@ def test_jobs_that_the_server_asked_at_once_are_answered_in_any_order() -> None:
     assert peer.feed(answer(3)) == []  # nobody answered it when it was recorded; nothing is wrong with an answer
     assert desk.unmatched == []
     peer.feed(answer(3))
-    assert [request.lacking for request in desk.unmatched] == ["it is not answered"]
+    assert [request.lacking for request in desk.unmatched] == ["ignored"]
