@@ -113,7 +113,7 @@ class TextField(XStrField):
 
     def __init__(self, name: str, end: bytes = b"") -> None:
         self.end = end
-        super().__init__(name, "")
+        super().__init__(name, b"")
 
     def any2i(self, pkt: Packet | None, x: Any) -> Any:
         """Take a text or octets (Scapy's interface)."""
@@ -151,7 +151,7 @@ class _LittleField(XLEIntField):
         rest, number = super().getfield(pkt, s)
         return rest, number
 
-    def addfield(self, pkt: Packet | None, s: bytes, val: Any) -> bytes:
+    def addfield(self, pkt: Packet, s: bytes, val: Any) -> bytes:
         """Append the number (Scapy's interface)."""
         octets: bytes = s + val if isinstance(val, bytes) else super().addfield(pkt, s, val)
         return octets

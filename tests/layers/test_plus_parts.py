@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,8 +36,14 @@ from tests.s7plus.test_shared_captures import pdus
 EXPLORE: Final = 0x04BB
 
 
-def octets_of(parts: list[Packet]) -> bytes:
-    return bytes(S7Plus_Request(body=parts))[14:]
+def octets_of(parts: Sequence[Packet]) -> bytes:
+    return bytes(S7Plus_Request(body=list(parts)))[14:]
+
+
+def body_of(frame: S7Plus) -> list[Packet]:
+    assert frame.body is not None
+    parts: list[Packet] = frame.body.body
+    return parts
 
 
 def blank(parts: list[Packet]) -> list[Packet]:
@@ -212,7 +219,7 @@ def test_a_whole_answer(items: list[tuple[int, Value]], integrity_id: int) -> No
     again = forget(frame)
     again.clear_cache()
     assert bytes(again) == octets
-    ids = [part.integrity_id for part in frame.body.body if isinstance(part, s7.S7Plus_IntegrityId)]
+    ids = [part.integrity_id for part in body_of(frame) if isinstance(part, s7.S7Plus_IntegrityId)]
     assert ids == [integrity_id]
 
 
@@ -221,7 +228,7 @@ def test_what_does_not_stand_in_one_frame_is_octets_until_it_is_joined() -> None
     message = S7Plus_Request(function="SetVariable", sequence=9, body=[Raw(body)])
     frames = plus_frames(message, most=700)
     assert [len(bytes(frame)) for frame in frames[:-1]] == [704, 704]
-    assert type(S7Plus(bytes(frames[0])).body.body[0]) is s7.S7_Octets
+    assert [type(part) for part in body_of(S7Plus(bytes(frames[0])))] == [s7.S7_Octets]
     joined = plus_message(*frames)
     assert joined.sequence == 9
     assert next(part for part in joined.body if isinstance(part, s7.S7Plus_Value)).content == "x" * 2000
@@ -262,14 +269,14 @@ def test_a_reply_follows_from_its_request() -> None:
         assert (pdu.malformed, found.malformed, found.whole, pdu.version) == ([], [], True, version)
         assert found.integrity_id == (-1 if version == 1 else 3)
         assert [value.content for _, value in found.items] == [7]
-    with pytest.raises(TypeError, match="only a request is answered"):
-        plus_reply(answer)
+        with pytest.raises(TypeError, match="only a request is answered"):
+            plus_reply(answer)
 
 
 def test_a_reply_to_explore_has_its_id_behind_the_object() -> None:
     body = b"\0\0\0\3\0\0\1\0" + b"\0\0" + bodies.end(7)
     request = S7Plus(framed(asked(5, EXPLORE, body=body + b"\0"), 3))
-    assert any(isinstance(part, s7.S7Plus_IntegrityId) for part in request.body.body)
+    assert any(isinstance(part, s7.S7Plus_IntegrityId) for part in body_of(request))
     answer = plus_reply(request, s7.S7Plus_ObjectId(rid=3), *plus_parts(PlusObject(3, 2520, 0, 0, 0, [Relation(4, 5)])))
     found = parse_contents(parse_plus(bytes(answer)))
     assert (found.malformed, found.whole, found.integrity_id, len(found.objects)) == ([], True, 12, 1)
