@@ -106,13 +106,16 @@ def _read_variant(walk: Walk) -> Value:
     flags = walk.u8("flags")
     type_ = walk.u8("type")
     shown, walk.shown = walk.shown, False
-    walk.enter("variant")
-    if type_ == STRUCT:
-        content: object = _read_struct(walk, flags, MEMBER, offset, "")
-    else:
-        content = _read_content(walk, flags, type_)
+    content: object = None
+    try:
+        walk.enter("variant")
+        if type_ == STRUCT:
+            content = _read_struct(walk, flags, MEMBER, offset, "")
+        else:
+            content = _read_content(walk, flags, type_)
+    finally:
+        walk.shown = shown  # also for what is left where it does not fit
     walk.depth -= 1
-    walk.shown = shown
     return Value(flags, type_, content, offset, walk.at)
 
 
@@ -125,8 +128,10 @@ def _read_blob(walk: Walk) -> Blob:
     kind = walk.u8("kind")
     if kind == 0:
         shown, walk.shown = walk.shown, False
-        members = read_members(walk)
-        walk.shown = shown
+        try:
+            members = read_members(walk)
+        finally:
+            walk.shown = shown
         return Blob(root, b"", head, kind, members)
     if kind not in {2, 3}:
         raise FormatError("unknown_type", "blob kind", walk.at - 1, 0, kind)

@@ -75,7 +75,7 @@ def plus_seeds(pdus: Iterable[bytes]) -> list[bytes]:
     answers = [bodies.multi_got([(1, value), (2, value)], [(3, 0x8020AB0019D9FFF4)]) for value in values]
     return [
         *kinds.values(),
-        *[written(function, opcode, version, body) for function, opcode, body in bodies for version in (1, 2, 3)],
+        *[written(function, opcode, version, body) for function, opcode, body in asked for version in (1, 2, 3)],
         *[written(GET_MULTI_VARIABLES, RESPONSE, 3, body) for body in answers],
     ]
 
