@@ -87,6 +87,13 @@ _EXPLORED_MARKS: Final = (
 )
 _ALWAYS: Final = frozenset((CREATE_OBJECT, DELETE_OBJECT, EXPLORE))
 _REQUEST_SIZE: Final = 14
+_RESPONSE_SIZE: Final = 10
+#: Reads whose latest answers are kept of one connection, and the octets of the largest that are.
+_POLLS: Final = 64
+_LARGEST_POLL: Final = 4096
+#: What ends most PDUs, and the octets that an integrity id may have beside its last one.
+_FILL: Final = bytes(4)
+_MORE_OF_ID: Final = 4
 _HEADER: Final = 4
 _INTEGRITY: Final = 33
 
@@ -132,13 +139,42 @@ def take(session: PlusSession, function: int, request: bytes, response: bytes) -
         session.explores += 1
         if not _tells(response):
             return None
+    polled = answered = b""
+    if function == GET_MULTI_VARIABLES:
+        polled, answered = _steady(request, _REQUEST_SIZE), _steady(response, _RESPONSE_SIZE)
+        if answered and session.polls.get(polled) == answered:
+            return None  # the same as at the poll before
     facts = Facts()
     asked = _read(request, facts)
     told = _read(response, facts) if response else None
     answer = told[1] if told is not None and told[0].function == function else None
     good = answer is None or (told is not None and told[0].return_code < 0x8000)
     _judge(session, facts, function, asked[1], answer, good)
+    if polled and answered and not facts.malformed:
+        while len(session.polls) >= _POLLS:
+            del session.polls[next(iter(session.polls))]
+        session.polls[polled] = answered
     return facts
+
+
+def _steady(octets: bytes, head: int) -> bytes:
+    """Return of a PDU of GetMultiVariables in one frame what is the same when the same is read or answered again.
+
+    That is all but its numbers, its digest and its integrity id. In front of the id a list ends with 0; where none does, or
+    something else than four zeros ends the PDU, empty: such PDUs are always read.
+    """
+    size = len(octets)
+    if size < _HEADER or size > _LARGEST_POLL or _HEADER + u16(octets, 2) + _HEADER != size:
+        return b""
+    at = _HEADER + head + (_INTEGRITY if octets[1] == V3 else 0)
+    end = size - _HEADER - len(_FILL)
+    if end <= at or octets[end : end + len(_FILL)] != _FILL:
+        return b""
+    end -= 1
+    least = end - _MORE_OF_ID
+    while end > at and end > least and octets[end - 1] >= 0x80:
+        end -= 1
+    return octets[at:end] if end > at and octets[end - 1] == 0 else b""
 
 
 def _read(octets: bytes, facts: Facts) -> tuple[PlusPdu, Contents]:

@@ -56,7 +56,8 @@ class PlusSession:
     """What is known of one connection. Texts are from the wire and not escaped.
 
     ``program`` and ``identity`` are shared by all connections of a CPU. ``states`` are the subscriptions that report its
-    operating state. ``all_written`` tells that no further write is worth looking at.
+    operating state. ``all_written`` tells that no further write is worth looking at. ``polls`` are the latest answers to reads
+    that were judged, by the reads; both without what differs each time.
     """
 
     __slots__ = (
@@ -66,6 +67,7 @@ class PlusSession:
         "explores",
         "host",
         "identity",
+        "polls",
         "program",
         "role",
         "session_name",
@@ -87,6 +89,7 @@ class PlusSession:
         self.explores = 0
         self.subscribed = False
         self.all_written = False
+        self.polls: dict[bytes, bytes] = {}
         self.states: set[int] = set()
         self.subscriptions: dict[int, dict[int, Address]] = {}
 
