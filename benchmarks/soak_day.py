@@ -22,7 +22,8 @@ from benchmarks.pdus import ACK_DATA, JOB, READ, answer, connect_tpdu, request, 
 from dissect.alerts.dispatcher import Dispatcher
 from dissect.alerts.engine import AlertEngine
 from dissect.alerts.loading import parse_rules
-from dissect.engine.observer import Observer, Options
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options
 from dissect.live.alerting import AlertCompanion
 from dissect.live.json_lines import JsonLines
 from dissect.live.run import Companion, LiveRun
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from dissect.alerts.alert import Alert
-    from dissect.findings.finding import Finding
+    from dissect.findings.reporter import Finding
     from dissect.source.packet import PacketSink
     from dissect.transactions.connection import Connection
     from dissect.transactions.transaction import Transaction

@@ -19,10 +19,10 @@ __version__: Final = "0.1.0"
 _PUBLIC: Final = {
     "CaptureError": "dissect.source.packet",
     "Connection": "dissect.transactions.connection",
-    "Finding": "dissect.findings.finding",
+    "Finding": "dissect.findings.reporter",
     "Observer": "dissect.engine.observer",
     "Operation": "dissect.transactions.operation",
-    "Options": "dissect.engine.observer",
+    "Options": "dissect.engine.pipeline",
     "Analysis": "dissect.report.analysis",
     "Pdu": "dissect.s7.message",
     "Pipeline": "dissect.engine.pipeline",
@@ -37,9 +37,9 @@ _PUBLIC: Final = {
 
 if TYPE_CHECKING:
     from dissect.engine.observer import Observer as Observer
-    from dissect.engine.observer import Options as Options
+    from dissect.engine.pipeline import Options as Options
     from dissect.engine.pipeline import Pipeline as Pipeline
-    from dissect.findings.finding import Finding as Finding
+    from dissect.findings.reporter import Finding as Finding
     from dissect.report.analysis import Analysis as Analysis
     from dissect.s7.message import Pdu as Pdu
     from dissect.s7plus.message import PlusPdu as PlusPdu

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
-from dissect.engine.observer import Observer, Options
-from dissect.engine.payload import PayloadDecoder
-from dissect.engine.pipeline import Pipeline
-from dissect.findings.finding import Finding
+from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options, Pipeline
+from dissect.findings.reporter import Finding
 from dissect.report.analysis import Analysis
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus
@@ -29,6 +29,7 @@ from dissect.transactions.transaction import Transaction
 
 if TYPE_CHECKING:
     from dissect.scd.dictionary import Dictionary
+    from dissect.tls.key_log import KeyLog
 
 #: A file whose first packet comes this soon after the last one of the file before it continues its connections.
 CONTINUES_NS: Final = 60_000_000_000
@@ -49,6 +50,9 @@ class _Joint(PacketSink):
 
     def comment(self, text: str) -> None:
         self._run.pipeline.comment(text)
+
+    def secrets(self, text: bytes) -> None:
+        self._run.pipeline.secrets(text)
 
 
 class Run:
@@ -162,6 +166,41 @@ def _decoder(
     return load_carrier(scd, bind)
 
 
+class KeyLogError(ValueError):
+    """A file that is given for TLS keys holds none."""
+
+
+def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
+    """Return the session keys of key logs (SSLKEYLOGFILE form); what is written to them later is taken when it is needed.
+
+    An empty file is a key log: whoever will write it has not begun. Raises `KeyLogError` when no line of a file holds a key,
+    OSError when one cannot be read, and ImportError with a hint when the package is missing that decrypts.
+    """
+    from dissect.source.growing import GrowingFile
+    from dissect.tls import aead
+    from dissect.tls.key_log import KeyLog
+
+    if not aead.is_installed():
+        raise ImportError(aead.NEEDS)
+    for path in paths:
+        found = KeyLog([GrowingFile(path).more])  # each by itself first, so that a wrong one is named
+        found.look()
+        if found.lines and found.wrong == found.lines:
+            name = os.fspath(path)
+            raise KeyLogError(
+                f"{name}: not a TLS key log: no line has the form LABEL CLIENT_RANDOM SECRET (SSLKEYLOGFILE)"
+            )
+    keys = KeyLog([GrowingFile(path).more for path in paths])
+    keys.look()
+    return keys
+
+
+def _keys(given: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None) -> KeyLog | None:
+    if given is None:
+        return None
+    return read_tls_keys([given] if isinstance(given, (str, os.PathLike)) else given)
+
+
 def open(
     path: str | os.PathLike[str],
     *more: str | os.PathLike[str],
@@ -170,17 +209,20 @@ def open(
     scd: str | os.PathLike[str] | Dictionary | None = None,
     bind: str | os.PathLike[str] | None = None,
     checksums: bool = False,
+    tls_keys: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
 ) -> Iterator[Event]:
     """Iterate the events of one capture or several: PDUs, transactions, operations and findings, connections at their end.
 
     Events come in the order in which they become certain; a transaction follows its PDUs. ``pdus=False`` leaves the single
     PDUs out, which is faster. With the dictionary ``scd`` and the bindings file ``bind`` SCD is decoded (docs/scd-traffic.md).
-    ``checksums`` leaves packets out whose TCP or UDP checksum is wrong.
+    ``checksums`` leaves packets out whose TCP or UDP checksum is wrong. ``tls_keys`` names files with the session keys of TLS
+    (docs/tls.md).
     Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding. Raises `scd.DictionaryError` or
-    `dissect.bindings.BindingError` for a dictionary or a bindings file that is wrong.
+    `dissect.bindings.BindingError` for a dictionary or a bindings file that is wrong, and what `read_tls_keys` raises.
     """
     queue = _Queue(pdus)
-    run = Run([path, *more], queue, Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums))
+    options = Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums, tls_keys=_keys(tls_keys))
+    run = Run([path, *more], queue, options)
     while run.step():
         yield from queue.events
         queue.events = []
@@ -194,14 +236,17 @@ def analyze(
     scd: str | os.PathLike[str] | Dictionary | None = None,
     bind: str | os.PathLike[str] | None = None,
     checksums: bool = False,
+    tls_keys: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
 ) -> Analysis:
     """Fold one capture or several into an `Analysis`: connections, transactions by function, answer times, findings, loss.
 
-    ``slow_ns``: an answer later than this many nanoseconds is a finding. ``scd``, ``bind`` and ``checksums`` as for `open`.
+    ``slow_ns``: an answer later than this many nanoseconds is a finding. ``scd``, ``bind``, ``checksums`` and ``tls_keys`` as
+    for `open`.
     Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding.
     """
     analysis = Analysis()
-    run = Run([path, *more], analysis, Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums))
+    options = Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums, tls_keys=_keys(tls_keys))
+    run = Run([path, *more], analysis, options)
     while run.step():
         pass
     analysis.take(run.pipeline, run.files)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.finding import KINDS, SEVERITIES, Rule
+from dissect.findings.catalogue import CATALOGUE, KINDS, SEVERITIES, Rule
 from dissect.findings.mitre import TECHNIQUES
 
 _OF_KINDS = {

@@ -1,12 +1,13 @@
 #!/usr/bin/env bash
-# The tests run the probe under the system call filter of its unit: install what that takes (the groups as systemd lists them,
-# libseccomp, setcap) from the distribution's packages when it is missing.
+# The tests run the probe under the system call filter of its unit, in a network of their own: install what that takes (the groups
+# as systemd lists them, libseccomp, setcap, ip) from the distribution's packages when it is missing.
 set -euo pipefail
 
 missing=()
 command -v systemd-analyze >/dev/null || missing+=(systemd)
 ldconfig -p 2>/dev/null | grep -q libseccomp.so.2 || missing+=(libseccomp2)
 command -v setcap >/dev/null || missing+=(libcap2-bin)
+command -v ip >/dev/null || missing+=(iproute2)
 [ "${#missing[@]}" -eq 0 ] && exit 0
 
 # Only root can run these tests; nobody else needs what they need, and they say so when they are skipped.

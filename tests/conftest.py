@@ -25,7 +25,7 @@ if EXPECTED is None:
 import dissect  # noqa: E402 - which package that is was decided above
 from dissect.wire.build import COMPILED  # noqa: E402
 
-pytest_plugins: Final = ("dissect.testing.plugin",)
+pytest_plugins: Final = ("dissect.testing.plugin", "tests.skips")
 
 LOCATION: Final = Path(dissect.__file__).resolve().parent
 MODE: Final = "compiled" if COMPILED else "interpreted"

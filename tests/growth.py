@@ -9,11 +9,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from types import FrameType
-from typing import Any
+from typing import Any, Final
 
 import pytest
 
 from dissect.wire.build import COMPILED
+
+#: Why a test is skipped where nothing can be counted.
+UNCOUNTED: Final = "lines of compiled code cannot be counted: the interpreted run of this test does"
 
 
 def lines(work: Callable[[], object]) -> int:
@@ -37,7 +40,7 @@ def lines(work: Callable[[], object]) -> int:
 def assert_growth(few: Callable[[], object], many: Callable[[], object], most: float) -> None:
     """Assert that ``many`` runs at most ``most`` times the lines of ``few``; skips the test where nothing can be counted."""
     if COMPILED:
-        pytest.skip("lines of compiled code cannot be counted; benchmarks.growth measures it")
+        pytest.skip(UNCOUNTED)
     less, more = lines(few), lines(many)
     assert less > 0
     assert more <= most * less, f"{less} lines became {more}, more than {most} times as many"

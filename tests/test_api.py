@@ -61,7 +61,7 @@ REVEALED = [
     (
         "Connection | dissect.s7.message.Pdu | dissect.s7plus.message.PlusPdu | dissect.transactions.payloads.ScdMessage"
         " | dissect.transactions.transaction.Transaction | dissect.transactions.operation.Operation"
-        " | dissect.findings.finding.Finding"
+        " | dissect.findings.reporter.Finding"
     ),
     "int | None",
     "list[dissect.transactions.transaction.TransactionError]",
@@ -70,7 +70,7 @@ REVEALED = [
     '"str"',
     "NetTime",
     "list[dissect.transactions.payloads.ScdMessage]",
-    "dissect.tcp.connection.Endpoint",
+    "dissect.tcp.stream.Endpoint",
 ]
 
 

@@ -167,7 +167,7 @@ WRITER: Final = '''"""Transactions as a Markdown table."""
 
 from __future__ import annotations
 
-from dissect.report.places import Places
+from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.transactions.transaction import Transaction
 

@@ -23,6 +23,7 @@ ORDER: Final = (
     "scd",
     "source",
     "tcp",
+    "tls",
     "iso",
     "ibh",
     "s7",
@@ -56,6 +57,7 @@ FACES: Final = frozenset(("report", "metrics", "layers", "oracle", "testing", "c
 PURE: Final = frozenset(
     (
         "tcp",
+        "tls",
         "iso",
         "ibh",
         "s7",
@@ -75,6 +77,7 @@ PURE_IMPORTS: Final = frozenset(
         "functools",
         "hashlib",
         "heapq",
+        "hmac",
         "itertools",
         "math",
         "mypy_extensions",
@@ -82,6 +85,7 @@ PURE_IMPORTS: Final = frozenset(
         "re",
         "struct",
         "typing",
+        "warnings",
         "zlib",
     )
 )
@@ -89,7 +93,13 @@ IMPURE_CALLS: Final = frozenset(("breakpoint", "input", "open", "print"))
 CLOCK_CALLS: Final = frozenset(("now", "today", "utcnow"))
 
 #: Third-party packages that stay in one room.
-LOCKED: Final = {"scapy": "layers", "pyshark": "oracle", "textual": "monitor", "pytest": "testing"}
+LOCKED: Final = {
+    "cryptography": "tls",
+    "scapy": "layers",
+    "pyshark": "oracle",
+    "textual": "monitor",
+    "pytest": "testing",
+}
 
 #: They run what they read.
 DANGEROUS_IMPORTS: Final = frozenset(("cPickle", "dill", "jsonpickle", "marshal", "pickle", "shelve", "yaml"))
@@ -224,7 +234,7 @@ def the_engine_is_pure(module: str, tree: ast.Module) -> list[str]:
     wrong = [
         f"{module}:{line}: imports {name}"
         for line, name in imports(tree)
-        if name.split(".")[0] not in PURE_IMPORTS | {"dissect"}
+        if name.split(".")[0] not in PURE_IMPORTS | {"dissect"} and LOCKED.get(name.split(".")[0]) != room_of(module)
     ]
     wrong += [
         f"{module}:{line}: calls {name}()"

@@ -14,8 +14,8 @@ import pytest
 import dissect
 from dissect import scd
 from dissect.bindings import BindingError
-from dissect.engine.observer import Options
-from dissect.findings.finding import Finding
+from dissect.engine.pipeline import Options
+from dissect.findings.reporter import Finding
 from dissect.s7.message import Pdu
 from dissect.session import CONTINUES_NS, Run
 from dissect.source.packet import CaptureError

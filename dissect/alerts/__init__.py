@@ -5,7 +5,7 @@ from __future__ import annotations
 from dissect.alerts.alert import Alert
 from dissect.alerts.dispatcher import Dispatcher
 from dissect.alerts.engine import AlertEngine
-from dissect.alerts.loading import RuleError, load_rules
-from dissect.alerts.rules import AlertRules, Rule
+from dissect.alerts.loading import AlertRules, RuleError, load_rules
+from dissect.alerts.rules import Rule
 
 __all__ = ["Alert", "AlertEngine", "AlertRules", "Dispatcher", "Rule", "RuleError", "load_rules"]

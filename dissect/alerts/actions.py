@@ -1,4 +1,4 @@
-"""What can be done with an alert: a line on stderr, a program, syslog, a webhook. Each is written in an [[action]]."""
+"""What can be done with an alert. `dissect.alerts.loading` makes an action from each [[action]] table; this is what all are."""
 
 from __future__ import annotations
 
@@ -6,15 +6,9 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final
 
 from dissect.alerts.alert import Alert
-from dissect.scd.reading import Table
 from dissect.wire.text import reason
-
-_KINDS: Final = ("command", "syslog", "webhook")
-#: Programs or requests of one action at a time.
-MAX_PARALLEL: Final = 8
 
 
 class DeliveryError(Exception):
@@ -75,31 +69,6 @@ def to_stderr(line: str) -> None:
             print(line, file=sys.stderr, flush=True)  # noqa: T201 - this is what it is for
         except (OSError, ValueError) as error:
             raise DeliveryError(f"stderr cannot be written: {reason(error)}") from None
-
-
-def action_of(table: Table, name: str, hosts: frozenset[str], timeout: float, trial: bool = False) -> Action:
-    """Return the action of a table; raises `DictionaryError`. ``hosts`` are those that may be told besides this machine.
-
-    A ``trial`` sends nothing, so neither the program nor the socket has to be there.
-    """
-    keys = [key for key in _KINDS if table.has(key)]
-    if len(keys) != 1:
-        told = "is missing" if not keys else "exclude each other: use one table for each"
-        raise table.fail(", ".join(keys or _KINDS), told)
-    parallel = table.number("parallel", 1)
-    if not 1 <= parallel <= MAX_PARALLEL:
-        raise table.fail("parallel", f"{parallel} is outside 1 to {MAX_PARALLEL}")
-    if keys[0] == "command":
-        from dissect.alerts.command import command_of
-
-        return command_of(table, name, timeout, parallel, trial)
-    if keys[0] == "syslog":
-        from dissect.alerts.syslog import syslog_of
-
-        return syslog_of(table, name, hosts, trial)
-    from dissect.alerts.webhook import webhook_of
-
-    return webhook_of(table, name, hosts, timeout, parallel)
 
 
 def is_there(path: str) -> bool:

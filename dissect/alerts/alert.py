@@ -8,8 +8,7 @@ from typing import Final
 from dissect.alerts.rules import Rule
 from dissect.baseline.subjects import Pair
 from dissect.report import words
-from dissect.wire.clock import Clock
-from dissect.wire.text import encodable, printable, shortened
+from dissect.wire.text import Clock, encodable, printable, shortened
 
 SCHEMA: Final = "s7dissect.alert/1"
 #: Characters of a text on one line.

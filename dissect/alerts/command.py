@@ -15,8 +15,7 @@ from dissect.alerts.actions import Action, DeliveryError
 from dissect.alerts.alert import Alert
 from dissect.scd.errors import shown
 from dissect.scd.reading import Table
-from dissect.wire.clock import Clock
-from dissect.wire.text import printable, reason
+from dissect.wire.text import Clock, printable, reason
 
 _PLACEHOLDER: Final = re.compile(r"\{([A-Za-z_]+)\}")
 #: What may stand in arguments: what the user wrote, numbers, and addresses, which are made from octets. Never a text from the

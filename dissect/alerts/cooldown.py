@@ -12,7 +12,7 @@ from typing import Final
 from dissect.alerts.alert import Alert
 from dissect.alerts.rules import Rule
 from dissect.report import words
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 
 #: Different things that are remembered; the oldest gives way to a new one.
 MAX_REMEMBERED: Final = 16384

@@ -10,16 +10,17 @@ from mypy_extensions import i64
 
 from dissect.alerts.alert import Alert
 from dissect.alerts.cooldown import Cooldown
-from dissect.alerts.loading import RuleError
-from dissect.alerts.rules import EVENTS, FINDING, NEW, AlertRules, Rule
+from dissect.alerts.loading import AlertRules, RuleError
+from dissect.alerts.rules import EVENTS, FINDING, NEW, Rule
 from dissect.alerts.states import StateWatch, state_watch
 from dissect.baseline.norms import Baseline
 from dissect.baseline.subjects import Pair, Pairs, moment
 from dissect.baseline.watch import BaselineWatch, Deviation
 from dissect.engine.observer import Observer
-from dissect.findings.finding import WARNING, Finding
+from dissect.findings.catalogue import WARNING
+from dissect.findings.reporter import Finding
 from dissect.report.contract import finding_as_dict
-from dissect.report.places import Places
+from dissect.report.words import Places
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 

@@ -1,14 +1,15 @@
-"""Reads rules and actions from TOML (docs/alerts.md). What is wrong is told with file, line, table and key."""
+"""Reads rules and actions from TOML (docs/alerts.md). Errors name file, line, table and key."""
 
 from __future__ import annotations
 
 import os
 import re
+from dataclasses import dataclass, field
 from ipaddress import ip_network
 from typing import Any, Final
 
 from dissect.alerts import states
-from dissect.alerts.actions import Action, action_of
+from dissect.alerts.actions import Action
 from dissect.alerts.rules import (
     EVENTS,
     FINDING,
@@ -22,13 +23,12 @@ from dissect.alerts.rules import (
     SILENCE,
     STDERR,
     WHENS,
-    AlertRules,
     Network,
     Rule,
 )
 from dissect.baseline.plant_file import MAX_NAME, PlantFile, PlantFileError, names_of, read_text
 from dissect.baseline.watch import KINDS
-from dissect.findings.finding import SEVERITIES
+from dissect.findings.catalogue import SEVERITIES
 from dissect.report.slugs import slugs_of
 from dissect.scd.errors import DictionaryError, shown
 from dissect.scd.reading import Table
@@ -47,6 +47,22 @@ _LONGEST: Final = 366 * _UNITS["d"]
 #: A window moves in tenths of itself, which are milliseconds at least.
 _SHORTEST_WINDOW: Final = 10_000_000
 _LEARNED_WINDOWS: Final = (_S, 10 * _S)
+
+
+_KINDS: Final = ("command", "syslog", "webhook")
+
+
+#: Programs or requests of one action at a time.
+MAX_PARALLEL: Final = 8
+
+
+@dataclass(frozen=True, slots=True)
+class AlertRules:
+    """A file of rules: the rules in their order, and the actions they name. ``path`` is for errors."""
+
+    rules: tuple[Rule, ...]
+    actions: dict[str, Action] = field(default_factory=dict)
+    path: str = ""
 
 
 class RuleError(PlantFileError):
@@ -301,3 +317,28 @@ def _outcome(table: Table) -> dict[str, Any]:
 _READERS: Final = {
     FINDING: _finding, NEW: _new, RATE: _rate, LATENCY: _latency, SILENCE: _silence, OUTCOME: _outcome,
 }  # fmt: skip
+
+
+def action_of(table: Table, name: str, hosts: frozenset[str], timeout: float, trial: bool = False) -> Action:
+    """Return the action of a table; raises `DictionaryError`. ``hosts`` are those that may be told besides this machine.
+
+    A ``trial`` sends nothing, so neither the program nor the socket has to be there.
+    """
+    keys = [key for key in _KINDS if table.has(key)]
+    if len(keys) != 1:
+        told = "is missing" if not keys else "exclude each other: use one table for each"
+        raise table.fail(", ".join(keys or _KINDS), told)
+    parallel = table.number("parallel", 1)
+    if not 1 <= parallel <= MAX_PARALLEL:
+        raise table.fail("parallel", f"{parallel} is outside 1 to {MAX_PARALLEL}")
+    if keys[0] == "command":
+        from dissect.alerts.command import command_of
+
+        return command_of(table, name, timeout, parallel, trial)
+    if keys[0] == "syslog":
+        from dissect.alerts.syslog import syslog_of
+
+        return syslog_of(table, name, hosts, trial)
+    from dissect.alerts.webhook import webhook_of
+
+    return webhook_of(table, name, hosts, timeout, parallel)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from ipaddress import IPv4Network, IPv6Network, ip_address
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from dissect.baseline.subjects import Pair
-
-if TYPE_CHECKING:
-    from dissect.alerts.actions import Action
 
 Network = IPv4Network | IPv6Network
 
@@ -92,12 +89,3 @@ def _within(host: str, network: Network | None) -> bool:
         return ip_address(host) in network
     except ValueError:
         return False
-
-
-@dataclass(frozen=True, slots=True)
-class AlertRules:
-    """A file of rules: the rules in their order, and the actions they name. ``path`` is for errors."""
-
-    rules: tuple[Rule, ...]
-    actions: dict[str, Action] = field(default_factory=dict)
-    path: str = ""

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import IO, Final, NamedTuple
 
 from dissect.alerts.waiting import Waiting
-from dissect.findings.finding import SEVERITIES
+from dissect.findings.catalogue import SEVERITIES
 from dissect.wire.saving import PART, save
 
 try:

@@ -13,9 +13,9 @@ from dissect.alerts.rules import LATENCY, OUTCOME, PER_ALL, PER_CONNECTION, RATE
 from dissect.baseline.measures import RateWindow, RecentAnswers
 from dissect.baseline.norms import Baseline, PairNorm
 from dissect.baseline.subjects import Pair, moment
-from dissect.findings.finding import WARNING
+from dissect.findings.catalogue import WARNING
 from dissect.report import words
-from dissect.tcp.ip import address_text
+from dissect.tcp.stream import address_text
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import (
     ANSWERED,

@@ -12,11 +12,10 @@ from typing import Final
 from dissect.alerts.actions import Action, DeliveryError, is_there
 from dissect.alerts.alert import Alert
 from dissect.alerts.hosts import allowed, split_host
-from dissect.findings.finding import ERROR, NOTE
+from dissect.findings.catalogue import ERROR, NOTE
 from dissect.scd.errors import shown
 from dissect.scd.reading import Table
-from dissect.wire.clock import Clock
-from dissect.wire.text import reason
+from dissect.wire.text import Clock, reason
 
 #: The socket that Linux systems have.
 DEV_LOG: Final = "/dev/log"

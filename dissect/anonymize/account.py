@@ -29,6 +29,7 @@ CODE: Final = "block_contents"
 UNKNOWN: Final = "unknown_octets"
 FOREIGN: Final = "other_contents"
 PLUS: Final = "s7comm_plus"
+TLS: Final = "tls"
 SCD_VALUES: Final = "scd_values"
 SCD_TEXTS: Final = "scd_texts"
 SCD_UNKNOWN: Final = "scd_unbound"
@@ -53,6 +54,7 @@ KINDS: Final = {
     UNKNOWN: "fields without a known meaning",
     FOREIGN: "contents of other protocols",
     PLUS: "contents of S7comm-plus",
+    TLS: "TLS: handshakes, certificates, encrypted contents",
     SCD_VALUES: "values in SCD messages",
     SCD_TEXTS: "texts in SCD messages",
     SCD_UNKNOWN: "data of SCD messages without a binding",
@@ -127,6 +129,7 @@ class Account:
         self.packets = 0
         self.written = 0
         self.comments = 0
+        self.secrets = 0
         self.zeroed = 0
         self.bindings: list[dict[str, str]] = []
 
@@ -165,6 +168,7 @@ class Account:
             "left": list(LEFT),
             "dropped": dict(sorted(self.dropped.items())),
             "comments_dropped": self.comments,
+            "secrets_dropped": self.secrets,
             "caveats": dict(sorted(self.caveats.items())),
             "bindings": self.bindings,
         }
@@ -181,6 +185,8 @@ class Account:
             dropped.append("          (so packet numbers in OUT differ from those in FILE)")
         if self.comments:
             dropped.append(f"{self.comments:>8}  comments")
+        if self.secrets:
+            dropped.append(f"{self.secrets:>8}  blocks of TLS session keys")
         dropped.append(
             "          other content of the file: names of interfaces, hosts and programs, secrets, statistics"
         )

@@ -16,8 +16,9 @@ from dissect.ibh.packet import IbhPacket
 from dissect.ibh.tables import KIND_OTHER, KIND_SERVICE
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, Tpdu
 from dissect.iso.tables import CC, CR
-from dissect.iso.upper import S7COMM, S7COMM_PLUS, classify
-from dissect.s7.message import HEADER_SIZE, parse_pdu
+from dissect.iso.upper import S7COMM, S7COMM_PLUS, TLS, classify
+from dissect.s7.message import parse_pdu
+from dissect.s7.parameters import HEADER_SIZE
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.tables import KEEP_ALIVE, V3
 
@@ -45,7 +46,7 @@ def draft_tsdu(
     else:
         made = rules.scd.headers(octets) if rules.scd is not None else None
         if made is None:
-            draft.zero(0, len(octets), account.FOREIGN)
+            draft.zero(0, len(octets), account.TLS if upper == TLS else account.FOREIGN)
         else:
             draft.lay(made)
     return draft

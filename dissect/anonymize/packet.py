@@ -12,7 +12,7 @@ from dissect.anonymize.fragments import Fragment
 from dissect.anonymize.survey import UDP, Survey
 from dissect.ibh.tables import NETLINK_PORT
 from dissect.tcp import ip, link
-from dissect.tcp.connection import SYN
+from dissect.tcp.stream import SYN
 from dissect.transactions.connection import ISO_TSAP_PORT
 from dissect.wire.octets import u16, u32
 

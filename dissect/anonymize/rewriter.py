@@ -49,6 +49,10 @@ class Rewriter(PacketSink):
         """A comment is let go: nobody knows what it says."""
         self._account.comments += 1
 
+    def secrets(self, text: bytes) -> None:
+        """Session keys are let go: with them everything that was encrypted could be read."""
+        self._account.secrets += 1
+
     def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
         """Take a packet."""
         self._account.packets += 1

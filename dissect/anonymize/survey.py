@@ -10,6 +10,7 @@ from mypy_extensions import i64
 from dissect.anonymize.account import FULL, MANY, UNCERTAIN, Account
 from dissect.anonymize.key import Key
 from dissect.anonymize.messages import draft_netlink, draft_tpdu, draft_tsdu
+from dissect.anonymize.plus import PlusRules
 from dissect.anonymize.rewrite_plan import RewritePlan
 from dissect.anonymize.rules import Rules
 from dissect.anonymize.track import COST, Room, Track
@@ -21,11 +22,13 @@ from dissect.iso.cotp import MAX_TSDU, parse_tpdu
 from dissect.iso.tables import DT
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, classify
 from dissect.s7.items import walk_areas
-from dissect.s7.message import HEADER_SIZE, parse_pdu
-from dissect.s7.message import PROTOCOL_ID as S7_PROTOCOL_ID
+from dissect.s7.message import parse_pdu
+from dissect.s7.parameters import HEADER_SIZE
+from dissect.s7.parameters import PROTOCOL_ID as S7_PROTOCOL_ID
 from dissect.s7.tables import ACK_DATA, SUCCESS
-from dissect.s7plus.tables import KEEP_ALIVE, PROTOCOL_ID
-from dissect.tcp.connection import TcpConnection
+from dissect.s7plus.assembly import PlusAssembler
+from dissect.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
+from dissect.tcp.stream import TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.pairing import key_of
 from dissect.transactions.payloads import Backlog, ScdMessage
@@ -58,13 +61,34 @@ class _Part:
         self.data = data
 
 
+class _Frame:
+    """A whole TSDU of S7comm-plus: its parts, its octets, and whether it stands for itself, also between frames of a PDU."""
+
+    __slots__ = ("alone", "octets", "parts")
+
+    def __init__(self, parts: list[_Part], octets: bytes) -> None:
+        self.parts = parts
+        self.octets = octets
+        self.alone = len(octets) < 4 or octets[1] in {KEEP_ALIVE, SYSTEM_EVENT}
+
+    def lay(self, track: Track, draft: RewritePlan) -> None:
+        """Write what becomes of it, cut as its parts were."""
+        at = 0
+        for part in self.parts:
+            _lay(track, part.head, part.head_at)
+            _lay(track, draft, part.data_at - at, at, at + len(part.data))
+            at += len(part.data)
+
+
 class _Message:
     """The parts of a message whose end is still to come in one direction."""
 
-    __slots__ = ("claimed", "dropping", "holes", "missing", "parts", "plus", "size", "told")
+    __slots__ = ("assembler", "claimed", "dropping", "frames", "holes", "missing", "parts", "plus", "size", "told")
 
     def __init__(self) -> None:
         self.parts: list[_Part] = []
+        self.assembler = PlusAssembler()
+        self.frames: list[_Frame] = []  # of an S7comm-plus PDU whose last one is to come
         self.size = 0
         self.holes = 0
         self.missing = 0  # octets in them
@@ -77,12 +101,15 @@ class _Message:
 class Survey(Observer):
     """Watches the first reading. Afterwards `find` gives what becomes of the octets of a packet."""
 
-    def __init__(self, key: Key, rules: Rules, told: Account, carrier: ScdCarrier | None = None) -> None:
+    def __init__(
+        self, key: Key, rules: Rules, plus: PlusRules, told: Account, carrier: ScdCarrier | None = None
+    ) -> None:
         super().__init__()
         self.wants_tpdus = True
         self.wants_pdus = True
         self._key = key
         self._rules = rules
+        self._plus = plus
         self._account = told
         self._room = Room()
         self._tracks: dict[bytes, list[Track]] = {}
@@ -190,12 +217,12 @@ class Survey(Observer):
         if message.holes != int(side.holes):
             message.holes = int(side.holes)
             message.missing = int(side.missing)
-            message.plus = False
             self._flush(track, message)
 
     def _part(self, side: Side, track: Track, message: _Message, part: _Part, last: bool) -> None:
         """A part of a message; the data of one that is too long stay zeros."""
         if message.dropping or (not last and not part.data and not message.parts):
+            self._lay_frames(track, message)
             _lay(track, part.head, part.head_at)
             message.dropping = message.dropping and not last
             return
@@ -211,23 +238,67 @@ class Survey(Observer):
         """A message is whole: what becomes of it is cut as its parts were."""
         parts = message.parts
         octets = parts[0].data if len(parts) == 1 else b"".join([part.data for part in parts])
-        if message.claimed and classify(octets, 0, len(octets)) not in (S7COMM, S7COMM_PLUS):
+        upper = classify(octets, 0, len(octets)) if octets else -1
+        frame = _Frame(parts, octets)
+        message.parts = []
+        message.size = 0
+        if upper == S7COMM_PLUS:
+            self._plus_frame(side, track, message, frame)
+            return
+        self._lay_frames(track, message)
+        if message.claimed and upper != S7COMM:
             self._tsdu = parts  # what becomes of it is said when it is told as SCD
             draft = RewritePlan(octets, self._account)
         else:
-            draft = draft_tsdu(octets, self._rules, self._account, not message.plus, _area_codes(side, octets))
-        if len(octets) >= 4 and octets[0] == PROTOCOL_ID and octets[1] != KEEP_ALIVE:
-            message.plus = octets[-4:] != octets[:2] + b"\0\0"
-        message.parts = []
-        message.size = 0
+            draft = draft_tsdu(octets, self._rules, self._account, codes=_area_codes(side, octets))
+        frame.lay(track, draft)
+
+    def _plus_frame(self, side: Side, track: Track, message: _Message, frame: _Frame) -> None:
+        """Take a frame of S7comm-plus; with the last one it is known what becomes of all those of a PDU."""
+        assembler = message.assembler
+        if assembler.interrupted(frame.octets):
+            self._lay_frames(track, message)
+        whole = assembler.push(frame.octets)
+        message.frames.append(frame)
+        if assembler.left_out:
+            self._blank_frames(track, message)
+            return
+        if assembler.parts is not None or whole is None:
+            return  # there is more to come
+        new = self._plus.message(whole, side)
+        if new is None:
+            self._blank_frames(track, message)
+            return
+        frames, message.frames = message.frames, []
+        message.plus = False
         at = 0
-        for part in parts:
-            _lay(track, part.head, part.head_at)
-            _lay(track, draft, part.data_at - at, at, at + len(part.data))
-            at += len(part.data)
+        for one in frames:
+            if one.alone and one is not frame:
+                one.lay(track, draft_tsdu(one.octets, self._rules, self._account))
+                continue
+            draft = RewritePlan(one.octets, self._account)
+            draft.lay(new[at : at + len(one.octets)])
+            one.lay(track, draft)
+            at += len(one.octets)
+
+    def _lay_frames(self, track: Track, message: _Message) -> None:
+        """No more frames of the PDU at hand will come."""
+        message.assembler.finish()
+        self._blank_frames(track, message)
+        message.plus = False
+
+    def _blank_frames(self, track: Track, message: _Message) -> None:
+        """Frames of a PDU that is not whole, or not readable: what pairs it stays, its contents become zeros."""
+        for frame in message.frames:
+            octets = frame.octets
+            frame.lay(track, draft_tsdu(octets, self._rules, self._account, not message.plus))
+            if not frame.alone:
+                message.plus = octets[-4:] != octets[:2] + b"\0\0"
+        message.frames = []
 
     def _flush(self, track: Track, message: _Message) -> None:
         """A message will not become whole: its headers stay, its data become zeros."""
+        self._lay_frames(track, message)
         for part in message.parts:
             _lay(track, part.head, part.head_at)
         message.parts = []

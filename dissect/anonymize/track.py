@@ -11,8 +11,7 @@ from bisect import bisect_left, bisect_right
 from collections import OrderedDict, deque
 from typing import Final
 
-from dissect.tcp.connection import TcpConnection
-from dissect.tcp.stream import HALF_SPACE, MASK, HalfStream
+from dissect.tcp.stream import HALF_SPACE, MASK, HalfStream, TcpConnection
 
 #: Ranges, and octets that replace others, remembered over all connections; of what comes after nothing is kept.
 MAX_RANGES: Final = 4_000_000

@@ -10,7 +10,7 @@ from dissect.baseline.subjects import Pair, Pairs, Subjects, moment, tsaps
 from dissect.engine.observer import Observer
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import ANSWERED, Transaction
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 
 MAX_PAIRS: Final = 1024
 #: Entries of all sets of all pairs together, and of one set.

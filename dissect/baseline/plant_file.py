@@ -11,7 +11,7 @@ from dissect.scd.bounds import check_bounds
 from dissect.scd.errors import DictionaryError, shown
 from dissect.scd.reading import Table
 from dissect.scd.toml_tables import header_lines, parse_tables, source_text
-from dissect.tcp.ip import address_text
+from dissect.tcp.stream import address_text
 from dissect.wire.text import printable
 
 MAX_FILE: Final = 16 << 20

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from dissect.scd.layout import Key
     from dissect.scd.model import Pdo
     from dissect.scd.types import Value
-    from dissect.tcp.connection import Endpoint
+    from dissect.tcp.stream import Endpoint
     from dissect.transactions.table import Side
 
 #: Devices remembered; when there are more, the one heard of longest ago is forgotten.

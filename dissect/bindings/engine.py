@@ -1,6 +1,6 @@
 """SCD in traffic: what the bindings point at is decoded by the dictionary, paired and judged.
 
-`ScdCarrier` is hooked into the pipeline (`dissect.engine.payload`). The way of a message:
+`ScdCarrier` is hooked into the pipeline (`dissect.engine.exchange`). The way of a message:
 
     datagram / stream / tsdu / transaction → _unit → _take → dialogue (pairs) → transaction → judged, told
 
@@ -18,7 +18,7 @@ from dissect.bindings.devices import Device, Devices
 from dissect.bindings.judging import ScdJudge
 from dissect.bindings.place import in_blocks
 from dissect.bindings.streams import cut_stream, skip_hole
-from dissect.engine.payload import PayloadDecoder
+from dissect.engine.exchange import PayloadDecoder
 from dissect.iso.upper import SCD as UPPER_SCD
 from dissect.iso.upper import UPPER_NAMES
 from dissect.s7.parameters import GROUP_PBC

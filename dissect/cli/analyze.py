@@ -11,6 +11,7 @@ from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
@@ -22,7 +23,8 @@ from dissect.cli.run import (
 from dissect.report.formats import ANALYSIS, Format
 
 if TYPE_CHECKING:
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
+    from dissect.tls.key_log import KeyLog
 
 
 @click.command("analyze", epilog=EXIT_CODES)
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
 @checksums_option
 @fail_on_option
 @scd_options
+@tls_option
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -47,6 +50,7 @@ def command(
     checksums: bool,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    tls_keys: KeyLog | None,
 ) -> int:
     """Summarize captures: what they contain, how fast it was, what failed and why.
 
@@ -56,13 +60,13 @@ def command(
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. Several files are read in
     order; one that continues where the previous one ended (a ring buffer) continues its connections.
     """
-    from dissect.engine.observer import Options
+    from dissect.engine.pipeline import Options
     from dissect.report.analysis import Analysis
     from dissect.report.summary import Summary
     from dissect.session import Run
 
     analysis = Analysis()
-    run = Run(files, analysis, Options(slow_ns, decoder=decoder, checksums=checksums))
+    run = Run(files, analysis, Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys))
     code = drive(run, files)
     analysis.take(run.pipeline, run.files)
     write_outcome(format_, ANALYSIS, Summary(analysis, code == EXIT_INTERRUPTED, clock()))

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dissect.anonymize.addresses import AddressMap
     from dissect.anonymize.key import Key
     from dissect.anonymize.survey import Survey
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, or nothing to write, 3 a damaged or truncated file "
@@ -94,11 +94,13 @@ def command(
     """
     from dissect.anonymize.account import Account, Choices
     from dissect.anonymize.addresses import AddressMap
+    from dissect.anonymize.plus import PlusRules
+    from dissect.anonymize.plus_contents import PlusContents
     from dissect.anonymize.rules import Rules
     from dissect.anonymize.scd import ScdRules, bindings_of
     from dissect.anonymize.survey import Survey
     from dissect.bindings.engine import ScdCarrier
-    from dissect.engine.observer import Options
+    from dissect.engine.pipeline import Options
     from dissect.session import Run
 
     check_files((file,), output, force)
@@ -107,7 +109,8 @@ def command(
     addresses = AddressMap(key)
     scd = decoder if isinstance(decoder, ScdCarrier) else None
     rules = Rules(key, addresses, choices, ScdRules(key, addresses, choices, scd, account))
-    survey = Survey(key, rules, account, scd)
+    plus = PlusRules(PlusContents(key, choices, account), account)
+    survey = Survey(key, rules, plus, account, scd)
     run = Run((file,), survey, Options(decoder=scd))
     code = drive(run, (file,))
     if code == EXIT_INTERRUPTED:

@@ -13,7 +13,9 @@ import click
 from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK, EXIT_USAGE
+from dissect.cli.options.tls import tls_option
 from dissect.cli.run import complain, drive, files_argument, write
+from dissect.engine.pipeline import Options
 from dissect.report.formats import ALERTS, Format
 from dissect.report.outcome import SPACED_LINE, Outcome
 from dissect.report.styled import HANG, Line
@@ -25,7 +27,8 @@ if TYPE_CHECKING:
     from dissect.alerts import Alert, AlertRules
     from dissect.baseline import Baseline
     from dissect.engine.observer import Observer
-    from dissect.wire.clock import Clock
+    from dissect.tls.key_log import KeyLog
+    from dissect.wire.text import Clock
 
 _EXIT_CODES = (
     "Exit code: 0 success, or nothing new; 1 --against or --rules reported something; 2 wrong use, or an unreadable or "
@@ -67,6 +70,7 @@ _EXIT_CODES = (
     help="With --against: report gaps longer than this multiple of the baseline; 0 disables.",
 )  # fmt: skip
 @format_option(ALERTS)
+@tls_option
 def command(
     files: tuple[str, ...],
     output: str | None,
@@ -76,6 +80,7 @@ def command(
     rate_factor: float,
     silence_factor: float,
     format_: Format,
+    tls_keys: KeyLog | None,
 ) -> int:
     """Learn from captures which client requests what from which server and how often, as a TOML file to read and edit.
 
@@ -87,15 +92,17 @@ def command(
     if against is not None or rules is not None:
         if output is not None or update is not None:
             raise click.UsageError("--output and --update cannot be combined with --against and --rules.")
-        return _compare(files, against, rules, (rate_factor, silence_factor), format_)
-    return _learn(files, output, update)
+        return _compare(files, against, rules, (rate_factor, silence_factor), format_, tls_keys)
+    return _learn(files, output, update, tls_keys)
 
 
 class _Run(Run):
     """A run that says when a file is another capture, at another time."""
 
-    def __init__(self, files: Sequence[str], observer: Observer, restart: Callable[[int], None]) -> None:
-        super().__init__(files, observer)
+    def __init__(
+        self, files: Sequence[str], observer: Observer, tls_keys: KeyLog | None, restart: Callable[[int], None]
+    ) -> None:
+        super().__init__(files, observer, Options(tls_keys=tls_keys))
         self._restart = restart
         self._looked = 1
 
@@ -112,7 +119,7 @@ class _Run(Run):
 # ---- learn ----------------------------------------------------------------------------------------------------------
 
 
-def _learn(files: Sequence[str], output: str | None, update: str | None) -> int:
+def _learn(files: Sequence[str], output: str | None, update: str | None, tls_keys: KeyLog | None) -> int:
     from dissect.baseline import Learner, baseline_toml, merged
 
     old = _baseline(update) if update is not None else None
@@ -124,7 +131,7 @@ def _learn(files: Sequence[str], output: str | None, update: str | None) -> int:
     ):
         raise click.UsageError(f"{printable(output)} exists; use --update, or choose another file")
     learner = Learner()
-    run = _Run(files, learner, lambda _: learner.restart())
+    run = _Run(files, learner, tls_keys, lambda _: learner.restart())
     code = drive(run, files)
     names = tuple(dict.fromkeys(["stdin" if file == "-" else Path(file).name for file in files]))
     learned = learner.baseline(names)
@@ -153,7 +160,12 @@ def _same(one: str, other: str) -> bool:
 
 
 def _compare(
-    files: Sequence[str], against: str | None, rules: str | None, factors: tuple[float, float], format_: Format
+    files: Sequence[str],
+    against: str | None,
+    rules: str | None,
+    factors: tuple[float, float],
+    format_: Format,
+    tls_keys: KeyLog | None,
 ) -> int:
     from dissect.alerts import AlertEngine, RuleError
 
@@ -172,7 +184,7 @@ def _compare(
             write_outcome(format_, ALERTS, _Told(alert, times))
         told.clear()
 
-    run = _Run(files, engine, engine.restart)
+    run = _Run(files, engine, tls_keys, engine.restart)
     code = drive(run, files, show)
     engine.finish()
     show()

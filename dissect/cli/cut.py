@@ -10,15 +10,17 @@ import click
 
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.tls import tls_option
 from dissect.cli.run import complain, drive, files_argument
 from dissect.cli.second_pass import check_files, name_of, written_whole
 from dissect.report.slugs import slugs_of
 
 if TYPE_CHECKING:
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
     from dissect.recording.cutter import Around, Cutter
     from dissect.recording.selection import Choice
     from dissect.recording.window import Window
+    from dissect.tls.key_log import KeyLog
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, or nothing to write, 3 a damaged or truncated file "
@@ -83,7 +85,8 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
 @_numbers("--connection", "Packets of connection N of the analyze report, including its TCP handshake and end.")
 @_numbers(
     "--transaction",
-    "Packets that carried the request or answer of transaction N; if unanswered, also those that ended its connection.",
+    "Packets that carried the request or answer of transaction N; if unanswered, also those that ended its connection; of a "
+    "push, also the requests of its subscription.",
 )
 @click.option(
     "--finding",
@@ -119,6 +122,7 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
 )
 @click.option("--force", is_flag=True, help="Overwrite OUT if it exists (never a FILE).")
 @scd_options
+@tls_option
 def command(
     files: tuple[str, ...],
     output: str,
@@ -131,6 +135,7 @@ def command(
     plain: bool,
     force: bool,
     decoder: PayloadDecoder | None,
+    tls_keys: KeyLog | None,
 ) -> int:
     """Extract part of a capture to a pcapng file, with findings as comments on their packets.
 
@@ -141,7 +146,7 @@ def command(
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd. It is read twice, so it cannot be standard input.
     Several files are read as one capture and written to one OUT.
     """
-    from dissect.engine.observer import Options
+    from dissect.engine.pipeline import Options
     from dissect.recording.selection import Selection, Wanted
     from dissect.session import Run
 
@@ -150,7 +155,7 @@ def command(
     if context and not transaction:
         raise click.UsageError("--context needs --transaction.")
     selection = Selection(wanted, comments=not plain, context=context)
-    run = Run(files, selection, Options(decoder=decoder))
+    run = Run(files, selection, Options(decoder=decoder, tls_keys=tls_keys))
     code = drive(run, files)
     if code == EXIT_INTERRUPTED:
         click.echo(f"s7dissect: interrupted; {name_of(output)} was not written", err=True)
@@ -197,6 +202,10 @@ def _tell(cutter: Cutter, output: str, context: int) -> None:
     click.echo(
         f"s7dissect: {written} of {cutter.frames} packets written to {name_of(output)}{beside}{commented}", err=True
     )
+    if cutter.secrets_kept:
+        count = cutter.secrets_kept
+        blocks = "1 block of TLS session keys" if count == 1 else f"{count} blocks of TLS session keys"
+        click.echo(f"s7dissect: {name_of(output)} keeps {blocks}: it can be decrypted without other keys", err=True)
     if cutter.shortened:
         click.echo(
             f"s7dissect: {cutter.shortened} packets left memory before --around could select them; some may be missing",

@@ -14,6 +14,8 @@ from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.golden import read_capture
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.tls import tls_option
+from dissect.engine.pipeline import Options
 from dissect.golden.comparison import differences
 from dissect.golden.difference import KINDS, Difference, DiffOptions
 from dissect.golden.model import GoldenError, Session
@@ -25,7 +27,8 @@ from dissect.report.styled import Line
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
+    from dissect.tls.key_log import KeyLog
 
 DIFF_SCHEMA = "s7dissect.diff/1"
 
@@ -64,6 +67,7 @@ _IGNORABLE = "\n".join(
     help="Maximum number of differences.",
 )
 @scd_options
+@tls_option
 def command(
     first: str,
     second: str,
@@ -72,6 +76,7 @@ def command(
     latency: str | None,
     most: int,
     decoder: PayloadDecoder | None,
+    tls_keys: KeyLog | None,
 ) -> int:
     """Report what changed from A to B, each a capture or a golden (see `s7dissect golden`).
 
@@ -84,9 +89,10 @@ def command(
         raise click.UsageError(str(error)) from None
     if first == "-" and second == "-":
         raise click.UsageError("only one of A and B can be standard input.")
+    reading = Options(decoder=decoder, tls_keys=tls_keys)
     try:
-        a, code_a = _load(first, decoder)
-        b, code_b = _load(second, decoder)
+        a, code_a = _load(first, reading)
+        b, code_b = _load(second, reading)
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
     if EXIT_INTERRUPTED in {code_a, code_b}:
@@ -100,10 +106,10 @@ def command(
     return EXIT_GATE if shown or rest else EXIT_OK
 
 
-def _load(path: str, decoder: PayloadDecoder | None) -> tuple[Session, int]:
+def _load(path: str, options: Options) -> tuple[Session, int]:
     if path != "-" and Path(path).is_file() and is_golden(path):
         return load_golden(path), EXIT_OK
-    return read_capture((path,), decoder)
+    return read_capture((path,), options)
 
 
 class Comparison(Outcome):

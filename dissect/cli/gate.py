@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.finding import SEVERITIES
+from dissect.findings.catalogue import CATALOGUE, SEVERITIES
 from dissect.report.slugs import slugs_of
 
 if TYPE_CHECKING:

@@ -10,7 +10,9 @@ import click
 
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.tls import tls_option
 from dissect.cli.run import complain, drive, files_argument, write
+from dissect.engine.pipeline import Options
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.reading import SessionReader, is_golden, load_golden
 from dissect.golden.writing import EXTRAS, golden_lines
@@ -18,7 +20,8 @@ from dissect.wire.saving import save
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
+    from dissect.tls.key_log import KeyLog
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, or an unreadable or unwritable file, 3 a damaged or truncated file (what could be read "
@@ -52,14 +55,21 @@ def choices(known: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
     help=f"Also include details that vary between recordings, comma-separated: {', '.join(EXTRAS)}.",
 )
 @scd_options
-def command(files: tuple[str, ...], output: str, extras: frozenset[str], decoder: PayloadDecoder | None) -> int:
+@tls_option
+def command(
+    files: tuple[str, ...],
+    output: str,
+    extras: frozenset[str],
+    decoder: PayloadDecoder | None,
+    tls_keys: KeyLog | None,
+) -> int:
     """Write the session in a capture as text: one transaction after another, with values and errors in words.
 
     The same session gives the same text whenever and wherever it was recorded: times, addresses, ports and reference numbers
     are left out, and connections are ordered by their content. FILE may also be such a text, which is then reformatted.
     """
     try:
-        session, code = _session(files, decoder)
+        session, code = _session(files, Options(decoder=decoder, tls_keys=tls_keys))
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
     if code == EXIT_INTERRUPTED:
@@ -71,19 +81,18 @@ def command(files: tuple[str, ...], output: str, extras: frozenset[str], decoder
     return code
 
 
-def _session(files: tuple[str, ...], decoder: PayloadDecoder | None) -> tuple[Session, int]:
+def _session(files: tuple[str, ...], options: Options) -> tuple[Session, int]:
     if len(files) == 1 and Path(files[0]).is_file() and is_golden(files[0]):
         return load_golden(files[0]), EXIT_OK
-    return read_capture(files, decoder)
+    return read_capture(files, options)
 
 
-def read_capture(files: tuple[str, ...], decoder: PayloadDecoder | None) -> tuple[Session, int]:
+def read_capture(files: tuple[str, ...], options: Options) -> tuple[Session, int]:
     """Read captures and return their session and the exit code so far; what was odd is told on stderr."""
-    from dissect.engine.observer import Options
     from dissect.session import Run
 
     reader = SessionReader(files[0])
-    run = Run(files, reader, Options(decoder=decoder))
+    run = Run(files, reader, options)
     code = drive(run, files)
     complain(run, EXIT_DAMAGED if code == EXIT_INTERRUPTED else code)
     if code == EXIT_INTERRUPTED:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from dissect.cli.run import write
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 
 if TYPE_CHECKING:
     from dissect.report.styled import Line

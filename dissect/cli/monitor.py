@@ -15,6 +15,7 @@ from dissect.cli.look import clock, coloured
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT
 from dissect.cli.options.monitor import beside_options
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.tls import tls_option
 from dissect.cli.rights import check_user, open_interface
 from dissect.cli.run import checksums_option
 from dissect.cli.scrape import Scrape, allow_remote_option, metrics_option
@@ -35,10 +36,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from dissect.cli.options.monitor import Beside
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
     from dissect.live.session import Session, Status
     from dissect.metrics.address import Address
     from dissect.source.packet import Reader
+    from dissect.tls.key_log import KeyLog
 
 #: As `dissect.source.live.opening` has them, which is imported only when something is opened.
 BUFFER_MIB: Final = 32
@@ -110,6 +112,7 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
 @checksums_option
 @fail_on_option
 @scd_options
+@tls_option
 @beside_options
 def command(
     file: str | None,
@@ -130,6 +133,7 @@ def command(
     checksums: bool,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    tls_keys: KeyLog | None,
     beside: Beside,
 ) -> int:
     """Watch live S7 traffic: connections, transactions and findings as they occur. Nothing is ever sent.
@@ -137,7 +141,7 @@ def command(
     The source is an interface (-i), a capture in progress on standard input (-), for example from
     `ssh gateway tcpdump -U -w - tcp port 102`, or a FILE.
     """
-    from dissect.engine.observer import Options
+    from dissect.engine.pipeline import Options
     from dissect.live.run import Limits
     from dissect.live.session import Session
 
@@ -146,7 +150,7 @@ def command(
     with Scrape(metrics, allow_remote) as scrape:
         session = Session(
             lambda: _opened(opener, scrape),
-            Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns, checksums=checksums),
+            Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns, checksums=checksums, tls_keys=tls_keys),
             companions=[*beside.companions(), *scrape.companions],
             limits=Limits(duration_ns, packets or 0),
             name=interface or ("stdin" if file == "-" else file or ""),

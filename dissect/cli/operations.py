@@ -7,6 +7,7 @@ import click
 from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
+from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
@@ -15,10 +16,11 @@ from dissect.cli.run import (
     files_argument,
     places_of,
 )
-from dissect.engine.observer import Options
+from dissect.engine.pipeline import Options
 from dissect.report.formats import OPERATIONS, Format
 from dissect.report.writer import OperationFeed
 from dissect.session import Run
+from dissect.tls.key_log import KeyLog
 from dissect.transactions.operation import KINDS
 
 
@@ -35,8 +37,14 @@ from dissect.transactions.operation import KINDS
 )
 @checksums_option
 @fail_on_option
+@tls_option
 def command(
-    files: tuple[str, ...], format_: Format, kinds: tuple[str, ...], checksums: bool, fail_on: frozenset[str]
+    files: tuple[str, ...],
+    format_: Format,
+    kinds: tuple[str, ...],
+    checksums: bool,
+    fail_on: frozenset[str],
+    tls_keys: KeyLog | None,
 ) -> int:
     """List operations, one line each: several transactions that belong together.
 
@@ -47,7 +55,7 @@ def command(
     operation ends.
     """
     writer = format_.writer(OPERATIONS, clock())
-    run = Run(files, OperationFeed(writer, frozenset(kinds)), Options(checksums=checksums))
+    run = Run(files, OperationFeed(writer, frozenset(kinds)), Options(checksums=checksums, tls_keys=tls_keys))
     writer.begin(places_of(run, files))
     code = drive(run, files, lambda: write_out(writer.take()))
     complain(run, code)

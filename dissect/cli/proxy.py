@@ -13,6 +13,7 @@ from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_DAMAGED, EXIT_OK, EXIT_OUTPUT
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.tls import tls_option
 from dissect.cli.watching import (
     Interruption,
     LostEvents,
@@ -29,12 +30,13 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
     from dissect.live.session import Event, Session
     from dissect.metrics.address import Address
     from dissect.proxy.capture_file import CaptureFile
     from dissect.proxy.process import RelayProcess, RelayThread
     from dissect.proxy.source import RelayReader
+    from dissect.tls.key_log import KeyLog
 
 #: How long a poll waits for something to happen, in seconds, and how much it takes.
 _WAIT_S: Final = 0.2
@@ -95,6 +97,7 @@ def _address(ctx: click.Context, param: click.Parameter, value: str, port: int |
 @overdue_option
 @fail_on_option
 @scd_options
+@tls_option
 def command(
     listen: Address,
     to: Address,
@@ -107,13 +110,14 @@ def command(
     overdue_ns: int,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    tls_keys: KeyLog | None,
 ) -> int:
     """Relay TCP between clients and a PLC and report what passes; capture privileges are not needed.
 
     Clients connect to --listen instead of the PLC; each gets its own connection to the PLC. Data, FIN and RST are relayed
     unchanged; a copy is dissected and cannot delay them. Stop it with Ctrl-C or SIGTERM.
     """
-    from dissect.engine.observer import Options
+    from dissect.engine.pipeline import Options
     from dissect.live.session import Session
     from dissect.net.addresses import places_to_connect, places_to_listen
     from dissect.proxy.process import RelayProcess, RelayThread, possible
@@ -134,7 +138,7 @@ def command(
         raise
     side: RelayThread | RelayProcess = RelayProcess(relay, tap) if possible() else RelayThread(relay, tap)
     reader = RelayReader(side)
-    options = Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns)
+    options = Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns, tls_keys=tls_keys)
     session = Session(lambda: reader, options, companions=companions, name="proxy")
     lines = _Lines(session, side, None if output == "-" else new_shower(format_, topics))
     code = _Proxy(side, reader, session, lines).run(to)

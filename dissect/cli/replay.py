@@ -23,7 +23,7 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
     from dissect.metrics.address import Address
     from dissect.playback.client import Outcome, Part, Permissions, Recorded, Settings
     from dissect.source.pcapng_writer import PcapngWriter

@@ -23,7 +23,7 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-    from dissect.report.places import Places
+    from dissect.report.words import Places
     from dissect.session import Run
 
 #: Files smaller than this are read faster than a progress bar appears.
@@ -78,7 +78,7 @@ def write(lines: Iterable[str]) -> None:
 
 def places_of(run: Run, files: Sequence[str]) -> Places:
     """Return how packets of ``run`` over ``files`` are named; it may be asked while the run goes on."""
-    from dissect.report.places import Places
+    from dissect.report.words import Places
 
     return Places(run.files, len(files) > 1)
 

@@ -9,6 +9,7 @@ from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_OK, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
@@ -17,11 +18,12 @@ from dissect.cli.run import (
     files_argument,
     places_of,
 )
-from dissect.engine.observer import Options
-from dissect.engine.payload import PayloadDecoder
+from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.pipeline import Options
 from dissect.report.formats import PDUS, Format, formats_for
 from dissect.report.writer import PduFeed
 from dissect.session import Run
+from dissect.tls.key_log import KeyLog
 
 
 @click.command("show", epilog=EXIT_CODES)
@@ -39,6 +41,7 @@ from dissect.session import Run
 @checksums_option
 @fail_on_option
 @scd_options
+@tls_option
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -47,6 +50,7 @@ def command(
     checksums: bool,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    tls_keys: KeyLog | None,
 ) -> int:
     """List S7comm and S7comm-plus PDUs, one line each, or dissect them (-V).
 
@@ -61,7 +65,7 @@ def command(
         raise click.UsageError(f"-V applies to {names} only; -T {format_.name} has no longer form.")
     writer = format_.writer(PDUS, clock(), verbose)
     shown = PduFeed(writer, frozenset(frames), decoder)
-    run = Run(files, shown, Options(decoder=decoder, checksums=checksums))
+    run = Run(files, shown, Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys))
     writer.begin(places_of(run, files))
     code = drive(run, files, lambda: write_out(writer.take()))
     complain(run, code)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import click
 
 from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
@@ -17,11 +20,13 @@ from dissect.cli.run import (
     nanoseconds,
     places_of,
 )
-from dissect.engine.observer import Options
-from dissect.engine.payload import PayloadDecoder
+from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.pipeline import Options
 from dissect.report.formats import TRANSACTIONS, Format
+from dissect.report.words import PROTOCOLS
 from dissect.report.writer import Choice, TransactionFeed
 from dissect.session import Run
+from dissect.tls.key_log import KeyLog
 from dissect.transactions.transaction import Transaction
 
 
@@ -39,6 +44,7 @@ from dissect.transactions.transaction import Transaction
 @checksums_option
 @fail_on_option
 @scd_options
+@tls_option
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -47,38 +53,39 @@ def command(
     checksums: bool,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    tls_keys: KeyLog | None,
 ) -> int:
     """List requests with their answers, one line each.
 
     A line gives the time of the request, the number and packets of the transaction, client and server, the answer time, the
     function, and each item with its value or the reason for its refusal. Unsolicited messages have a line too.
 
-    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. A line is written once its
-    transaction is complete, so an unanswered request appears where the wait for its answer ended.
+    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. A transaction stands where the
+    packet that completed it stands in the capture, an unanswered request where the wait for its answer ended.
     """
     # What is slow is a finding as well.
-    options = Options(decoder=decoder, checksums=checksums)
+    options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys)
     if slow_ns is not None:
         options.slow_ns = slow_ns
     writer = format_.writer(TRANSACTIONS, clock())
-    run = Run(files, TransactionFeed(writer, _choice(failed, slow_ns)), options)
+    feed = TransactionFeed(writer, _choice(failed, slow_ns))
+    run = Run(files, feed, options)
     writer.begin(places_of(run, files))
-    code = drive(run, files, lambda: write_out(writer.take()))
+    code = drive(run, files, lambda: write_out(feed.take(int(run.pipeline.timers.oldest_held()))))
     complain(run, code)
     if not run.pipeline.exchange.dialogue.count:
-        click.echo(f"s7dissect: no S7 transaction: {_instead(run)}", err=True)
+        click.echo(f"s7dissect: no S7 transaction: {_instead(run, feed.protocols)}", err=True)
     return gate(run, fail_on, code)
 
 
-def _instead(run: Run) -> str:
+def _instead(run: Run, spoken: Mapping[str, int]) -> str:
     """Return what there was in captures without S7: packets, and connections by their protocol."""
     pipeline = run.pipeline
     ignored = pipeline.counters.packet_counts()
-    said = [f"{pipeline.frames} packets"]
-    said += [f"{ignored[name]} {text}" for name, text in _NOT_S7.items() if ignored[name]]
-    if pipeline.connections.count:
-        said.append(f"{pipeline.connections.count} ISO-on-TCP or other connections without S7 messages")
-    return ", ".join(said)
+    parts = [f"{ignored[name]} {text}" for name, text in _NOT_S7.items() if ignored[name]]
+    packets = f"{pipeline.frames} packets" + (f" ({', '.join(parts)})" if parts else "")
+    said = [f"{number} {PROTOCOLS.get(name, 'ISO-on-TCP')}" for name, number in sorted(spoken.items())]
+    return f"{packets}; connections: {', '.join(said)}" if said else packets
 
 
 _NOT_S7 = {

@@ -1,41 +1,138 @@
 """The shared pairing: what every protocol hands its requests, responses and indications to.
 
-Here a transaction is completed, judged, shown to those who watch, and reported to the observer. Findings are made through the
-`Reporter` of this object, so that they are counted and bounded in one place whatever protocol they are about.
+Here a transaction is completed, judged, shown to those who watch, and reported to the observer, in this order: a rule may
+look at what the one before it left at the connection, and whoever gets a transaction gets what it is worth as well. Findings
+are made through the `Reporter` of this object, so that they are counted and bounded in one place whatever protocol they are
+about. A read without an error is only paired and reported; `Watch` sees the rest.
+
+`PayloadDecoder` is for those who look for another protocol in what passes (`dissect.bindings`: SCD). Its methods are called
+where a byte passes, and it hands what it finds back through `Exchange`, like any protocol.
 """
 
 from __future__ import annotations
 
-from mypy_extensions import i64
+from typing import Any
 
-from dissect.engine.observer import Observer, Options
-from dissect.engine.payload import PayloadDecoder
-from dissect.engine.watch import Watch
+from mypy_extensions import i64, mypyc_attr
+
+from dissect.engine.observer import Observer
+from dissect.findings.operation_rules import judge_operation, judge_strays, judge_szl
+from dissect.findings.plus_rules import PlusWatch
 from dissect.findings.reporter import Reporter
-from dissect.findings.security_rules import SAMPLED
+from dissect.findings.security_rules import SAMPLED, SecurityWatch
 from dissect.findings.session_rules import judge_grant
 from dissect.findings.transaction_rules import judge_transaction, judge_unanswered
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
+from dissect.transactions.connection import Connection
 from dissect.transactions.dialogue import Dialogue
+from dissect.transactions.operations import Operations
 from dissect.transactions.subscriptions import follow
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import UNANSWERED, Transaction
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
+class PayloadDecoder:
+    """Takes what may be its own; this one takes nothing. ``udp_ports`` are those of the datagrams it wants to see."""
+
+    def __init__(self) -> None:
+        self.udp_ports: set[int] = set()
+
+    def attach(self, exchange: Exchange) -> None:
+        """Remember where findings, observer and dialogue are; called once, before the first packet."""
+
+    def claims_port(self, transport: str, connection: Connection) -> bool:
+        """Tell whether a new conversation over ``tcp`` or ``udp`` is one to be followed; name its client if so."""
+        return False
+
+    def datagram(self, side: Side, octets: bytes, missing: i64, frame: i64, time_ns: i64) -> None:
+        """Take a UDP payload of a conversation that was claimed; ``missing`` octets of it were not captured."""
+
+    def stream(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """Take the next octets of a TCP connection that was claimed."""
+
+    def hole(self, side: Side, size: i64, frame: i64, time_ns: i64) -> None:
+        """``size`` octets are missing here from a TCP connection that was claimed."""
+
+    def claims_tsdus(self, connection: Connection) -> bool:
+        """Tell whether the TSDUs of a connection are its own, once its TSAPs are known."""
+        return False
+
+    def tsdu(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> bool:
+        """Take a TSDU that is neither S7comm nor S7comm-plus; False when it is none of its own."""
+        return False
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Look at an S7 transaction before it is told, and at one of its own when it is over."""
+
+    def restart(self) -> None:
+        """Another capture begins, in which nothing is known of what was seen before."""
+
+    def message_count(self) -> int:
+        """Return how many messages were found."""
+        return 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what was found, as JSON-ready values for the analysis."""
+        return {}
+
+    def end(self, side: Side, frame: i64, time_ns: i64) -> None:
+        """The connection of ``side`` is over."""
+
+
+class Watch:
+    """Is shown the transactions that are more than a read or a write of what was written before."""
+
+    def __init__(self, observer: Observer, judge: Reporter) -> None:
+        self._observer = observer
+        self._judge = judge
+        self.operations = Operations()
+        self.security = SecurityWatch(judge)
+        self.plus = PlusWatch(judge, self.security, self.operations)
+
+    def take(self, transaction: Transaction) -> None:
+        """Take a transaction that is no read or write."""
+        if transaction.is_plus:
+            self.plus.take(transaction)
+            self._tell()
+            return
+        self.operations.take(transaction)
+        judge_szl(self._judge, transaction)
+        if transaction.flags:
+            judge_strays(self._judge, transaction)
+        self.security.take(transaction)
+        self._tell()
+
+    def end(self, connection: Connection, reason: str) -> None:
+        """A connection is over; ``reason`` is one of those of transactions."""
+        self.operations.end(connection, reason)
+        self.plus.end(connection)
+        self._tell()
+
+    def _tell(self) -> None:
+        over = self.operations.over
+        if not over:
+            return
+        self.operations.over = []
+        for operation in over:
+            judge_operation(self._judge, operation)
+            self._observer.operation(operation)
+
+
 class Exchange:
     """Requests, responses and indications in, transactions and findings out."""
 
-    def __init__(self, observer: Observer, options: Options) -> None:
+    def __init__(self, observer: Observer, decoder: PayloadDecoder | None, strict: bool, slow_ns: i64) -> None:
         self.observer: Observer = observer
         self.reporter: Reporter = Reporter()
         self.dialogue: Dialogue = Dialogue()
         self.watch: Watch = Watch(observer, self.reporter)
-        self.decoder: PayloadDecoder | None = options.decoder
-        self.strict: bool = options.strict
-        self._slow_ns: i64 = options.slow_ns
-        if options.decoder is not None:
-            options.decoder.attach(self)
+        self.decoder: PayloadDecoder | None = decoder
+        self.strict: bool = strict
+        self._slow_ns: i64 = slow_ns
+        if decoder is not None:
+            decoder.attach(self)
 
     # ---- messages of other protocols than S7comm, whole and without an offset ---------------------------------------
 

@@ -13,6 +13,7 @@ from mypy_extensions import i64
 
 from dissect.engine.connections import Connections
 from dissect.engine.exchange import Exchange
+from dissect.engine.tls import Tls
 from dissect.findings.session_rules import judge_disconnect, judge_error_tpdu
 from dissect.findings.transport_rules import judge_confirm, judge_data, judge_number, judge_order
 from dissect.iso.cotp import Tpdu, parse_tpdu
@@ -23,6 +24,7 @@ from dissect.iso.upper import (
     S7COMM,
     S7COMM_PLUS,
     SCD,
+    TLS,
     UPPER_NAMES,
     classify,
     is_rdp_connect,
@@ -40,15 +42,16 @@ _ALWAYS: Final = frozenset(("s7comm", "s7comm_plus", "mms", "tls", "unknown"))
 class IsoOnTcp(Protocol):
     """Takes octets in order; counts TPDUs by type and TSDUs by the protocol in them.
 
-    ``s7`` and ``plus`` take the TSDUs that are theirs; a payload decoder may claim those of a connection before them.
+    ``s7``, ``plus`` and ``tls`` take the TSDUs that are theirs; a payload decoder may claim those of a connection before them.
     """
 
-    def __init__(self, exchange: Exchange, connections: Connections, s7: Protocol, plus: Protocol) -> None:
+    def __init__(self, exchange: Exchange, connections: Connections, s7: Protocol, plus: Protocol, tls: Tls) -> None:
         super().__init__(ISO)
         self._exchange: Exchange = exchange
         self._connections: Connections = connections
         self._s7: Protocol = s7
         self._plus: Protocol = plus
+        self._tls: Tls = tls
         self.tpdus: list[int] = [0] * 17  # by type, the last for TPDUs too short to have one
         self.tsdus: list[int] = [0] * len(UPPER_NAMES)
 
@@ -147,7 +150,7 @@ class IsoOnTcp(Protocol):
                 judge_data(exchange.reporter, side, length - 4, frame, time_ns)
             if buf[at + 6] & 0x7F:
                 judge_number(exchange.reporter, side, buf[at + 6] & 0x7F, frame, time_ns)
-            if buf[at + 6] >= 0x80 and side.assembler.parts is None and side.assembler.clear:
+            if buf[at + 6] >= 0x80 and side.assembler.clear:
                 self._tsdu(side, buf, at + 7, length - 7, frame, time_ns)
             else:
                 self._fragment(side, buf[at + 7 : at + length], buf[at + 6] >= 0x80, frame, time_ns)
@@ -258,6 +261,11 @@ class IsoOnTcp(Protocol):
 
     def message(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
         """Take a whole message, a TSDU or what stands for one (IBH-NetLink): hand it to what speaks in it."""
+        session = side.connection.tls
+        if session is not None and self._tls.wants(side, session, buf, at, size):
+            self.tsdus[TLS] = self.tsdus[TLS] + 1
+            self._tls.feed(side, buf, at, size, frame, time_ns)
+            return
         upper: i64 = (
             S7COMM if size >= 10 and buf[at] == 0x32 and 1 <= buf[at + 1] <= 7 else classify(buf, at, at + size)
         )
@@ -266,6 +274,8 @@ class IsoOnTcp(Protocol):
             self._s7.feed(side, buf, at, size, frame, time_ns)
         elif upper == S7COMM_PLUS:
             self._plus.feed(side, buf, at, size, frame, time_ns)
+        elif upper == TLS:
+            self._tls.feed(side, buf, at, size, frame, time_ns)
         else:
             self._connections.foreign.tsdu(side, upper, buf, at, size, frame, time_ns)
 
@@ -287,6 +297,7 @@ class IsoOnTcp(Protocol):
             side.assembler.abandon()
             lost = "the capture truncated one of its packets" if cut else "bytes were lost"
             reporter.note("cotp.unfinished_tsdu", number, [frame], time_ns, lost)
+        self._tls.gap(side, size, cut, frame, time_ns)
         self._plus.gap(side, size, cut, frame, time_ns)
 
     def _cut_tpkt(self, side: Side, packet: bytes, frame: i64, time_ns: i64) -> None:
@@ -314,15 +325,17 @@ class IsoOnTcp(Protocol):
 
     def finish(self, side: Side, frame: i64, time_ns: i64) -> None:
         """No more octets come: what speaks in the TSDUs takes what it has."""
+        self._tls.finish(side, frame, time_ns)
         self._plus.finish(side, frame, time_ns)
 
     def end(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """Report a TSDU and a TPKT of ``side`` that are unfinished."""
+        """Report a TSDU and a TPKT of ``side`` that are unfinished, and what of TLS stayed closed."""
         who = side.tcp.ends[side.index]
         reporter = self._exchange.reporter
         if side.assembler.parts is not None:
             side.assembler.abandon()
             reporter.note("cotp.unfinished_tsdu", side.connection.number, [frame], time_ns, f"from {who}")
+        self._tls.end(side, frame, time_ns)
         if side.framer.buffered:
             detail = f"{side.framer.buffered} bytes from {who}"
             reporter.note("tpkt.unfinished", side.connection.number, [frame], time_ns, detail)
@@ -330,7 +343,9 @@ class IsoOnTcp(Protocol):
     def held(self, side: Side) -> i64:
         """Return the octets of an unfinished TPKT, TSDU and PDU."""
         parts = side.assembler.parts
-        return super().held(side) + (len(parts) if parts is not None else 0) + self._plus.held(side)
+        return (
+            super().held(side) + (len(parts) if parts is not None else 0) + self._plus.held(side) + self._tls.held(side)
+        )
 
     # ---- what was counted -------------------------------------------------------------------------------------------
 

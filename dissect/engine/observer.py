@@ -1,51 +1,15 @@
-"""Who is told what happens, and what a user can set."""
+"""The observer: who is told what happens. The engine itself never prints or writes; outputs override what they want to know."""
 
 from __future__ import annotations
 
-from typing import Final
-
 from mypy_extensions import i64, mypyc_attr
 
-from dissect.engine.payload import PayloadDecoder
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
-
-#: Octets that all connections together may keep of what is unfinished.
-MEMORY: Final = 128 * 1024 * 1024
-#: What is kept is added up whenever so many octets were captured; it cannot have grown by more in between.
-LOOK_OCTETS: Final = 32 * 1024 * 1024
-
-
-class Options:
-    """What a user can set. ``slow_ns``: an answer later than this is slow. ``strict``: a bug of ours raises.
-
-    ``decoder`` looks for another protocol in what passes. ``overdue_ns``: a request still open after this is told at once,
-    before it is known what becomes of it; 0 for never, as in a file what becomes of it is known.
-
-    ``memory`` bounds the octets that all connections together keep of unfinished packets, PDUs and transactions, within
-    `LOOK_OCTETS`: when they keep more, those that hold most are given up and told (`stream.evicted`).
-    ``checksums``: TCP segments and UDP datagrams with a wrong checksum are left out, as their receiver did.
-    """
-
-    def __init__(
-        self,
-        slow_ns: int = 1_000_000_000,
-        strict: bool = False,
-        decoder: PayloadDecoder | None = None,
-        overdue_ns: int = 0,
-        memory: int = MEMORY,
-        checksums: bool = False,
-    ) -> None:
-        self.slow_ns: i64 = slow_ns
-        self.overdue_ns: i64 = overdue_ns
-        self.memory: i64 = memory
-        self.checksums: bool = checksums
-        self.strict: bool = strict
-        self.decoder: PayloadDecoder | None = decoder
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

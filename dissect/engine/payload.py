@@ -1,66 +1,57 @@
-"""What a pipeline offers to somebody who looks for another protocol in what it carries (`dissect.bindings`: SCD).
-
-The methods are called where a byte passes; a decoder hands what it finds back through `Exchange`, whose dialogue pairs it.
-"""
+"""Connections and UDP conversations whose port a payload decoder claims: it gets their octets (SCD, docs/scd-traffic.md)."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from mypy_extensions import i64
 
-from mypy_extensions import i64, mypyc_attr
-
-from dissect.transactions.connection import Connection
+from dissect.engine.exchange import Exchange, PayloadDecoder
+from dissect.transactions.connection import FOLLOWED
+from dissect.transactions.payloads import Backlog
+from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
-from dissect.transactions.transaction import Transaction
-
-if TYPE_CHECKING:
-    from dissect.engine.exchange import Exchange
 
 
-@mypyc_attr(allow_interpreted_subclasses=True)
-class PayloadDecoder:
-    """Takes what may be its own; this one takes nothing. ``udp_ports`` are those of the datagrams it wants to see."""
+class PayloadStream(Protocol):
+    """Hands octets in order to the decoder, which frames and pairs them by itself."""
 
-    def __init__(self) -> None:
-        self.udp_ports: set[int] = set()
+    def __init__(self, exchange: Exchange, decoder: PayloadDecoder) -> None:
+        super().__init__(FOLLOWED)
+        self._exchange: Exchange = exchange
+        self._decoder: PayloadDecoder = decoder
 
-    def attach(self, exchange: Exchange) -> None:
-        """Remember where findings, observer and dialogue are; called once, before the first packet."""
+    def probe(self, side: Side, octets: bytes, at_start: bool) -> bool:
+        """Tell whether the decoder claims the port of a TCP connection."""
+        return self._decoder.claims_port("tcp", side.connection)
 
-    def claims_port(self, transport: str, connection: Connection) -> bool:
-        """Tell whether a new conversation over ``tcp`` or ``udp`` is one to be followed; name its client if so."""
-        return False
+    def begin(self, side: Side, at_start: bool) -> None:
+        """A connection, or a conversation over UDP, is the decoder's."""
+        peer = side.peer
+        assert peer is not None
+        side.kept = Backlog()
+        peer.kept = Backlog()
+        side.framer.synced = at_start
+        peer.framer.synced = side.tcp.known_start and peer.stream.octets == 0
 
-    def datagram(self, side: Side, octets: bytes, missing: i64, frame: i64, time_ns: i64) -> None:
-        """Take a UDP payload of a conversation that was claimed; ``missing`` octets of it were not captured."""
+    def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
+        """Take the next octets of a TCP connection."""
+        try:
+            self._decoder.stream(side, buf[at : at + size], frame, time_ns)
+        except Exception as bug:
+            if self._exchange.strict:
+                raise
+            self._exchange.note_bug(bug, frame, time_ns)
 
-    def stream(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Take the next octets of a TCP connection that was claimed."""
+    def gap(self, side: Side, size: i64, cut: bool, frame: i64, time_ns: i64) -> None:
+        """Take note of ``size`` octets missing here; ``cut``: the capture cut them off a packet."""
+        if not cut:
+            detail = f"{size} bytes from {side.tcp.ends[side.index]}"
+            self._exchange.reporter.note("stream.hole", side.connection.number, [frame], time_ns, detail)
+        self._decoder.hole(side, size, frame, time_ns)
 
-    def hole(self, side: Side, size: i64, frame: i64, time_ns: i64) -> None:
-        """``size`` octets are missing here from a TCP connection that was claimed."""
+    def describe(self) -> dict[str, object]:
+        """Return the section ``scd``."""
+        return {"scd": self._decoder.as_dict()}
 
-    def claims_tsdus(self, connection: Connection) -> bool:
-        """Tell whether the TSDUs of a connection are its own, once its TSAPs are known."""
-        return False
-
-    def tsdu(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> bool:
-        """Take a TSDU that is neither S7comm nor S7comm-plus; False when it is none of its own."""
-        return False
-
-    def transaction(self, transaction: Transaction) -> None:
-        """Look at an S7 transaction before it is told, and at one of its own when it is over."""
-
-    def restart(self) -> None:
-        """Another capture begins, in which nothing is known of what was seen before."""
-
-    def message_count(self) -> int:
-        """Return how many messages were found."""
-        return 0
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return what was found, as JSON-ready values for the analysis."""
-        return {}
-
-    def end(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """The connection of ``side`` is over."""
+    def counted(self) -> list[tuple[int, str]]:
+        """Return the number of messages, also when it is none."""
+        return [(self._decoder.message_count(), "SCD message")]

@@ -21,25 +21,25 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.engine.connections import Connections
+from dissect.engine.connections import Connections, Recognition, on_102
 from dissect.engine.counters import Counters
-from dissect.engine.exchange import Exchange
-from dissect.engine.foreign import on_102
+from dissect.engine.exchange import Exchange, PayloadDecoder
 from dissect.engine.ibh import IbhNetLink
 from dissect.engine.iso import IsoOnTcp
-from dissect.engine.observer import LOOK_OCTETS, Observer, Options
-from dissect.engine.payload_stream import PayloadStream
+from dissect.engine.observer import Observer
+from dissect.engine.payload import PayloadStream
 from dissect.engine.plus import S7Plus
-from dissect.engine.recognition import Recognition
 from dissect.engine.s7 import S7
 from dissect.engine.timers import FAR_FUTURE, TICK_NS, Timers
+from dissect.engine.tls import Tls
 from dissect.engine.udp import Datagrams
 from dissect.iso.recognition import is_connect_request
 from dissect.iso.tpkt import MIN_LENGTH, sound_length
 from dissect.source.packet import PacketSink
 from dissect.tcp import stream
-from dissect.tcp.connection import ACK, FIN, RST, SYN
 from dissect.tcp.ip import UDP
+from dissect.tcp.stream import ACK, FIN, RST, SYN
+from dissect.tls.key_log import KeyLog
 from dissect.transactions import accounts
 from dissect.transactions.connection import FOREIGN, ISO, ISO_TSAP_PORT, PROBING
 from dissect.transactions.memory_limit import Room
@@ -47,8 +47,8 @@ from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import ConnectionTable, Side, endpoints
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
 from dissect.wire.build import COMPILED
-from dissect.wire.durations import duration_text
 from dissect.wire.octets import u16, u32
+from dissect.wire.text import duration_text
 
 __all__ = ["Observer", "Options", "Pipeline"]
 
@@ -62,6 +62,45 @@ _DISORDER_NS: Final = 1_000_000
 _AFTER_RESET: Final = 65536
 
 
+#: Octets that all connections together may keep of what is unfinished.
+MEMORY: Final = 128 * 1024 * 1024
+
+
+#: What is kept is added up whenever so many octets were captured; it cannot have grown by more in between.
+LOOK_OCTETS: Final = 32 * 1024 * 1024
+
+
+class Options:
+    """What a user can set. ``slow_ns``: an answer later than this is slow. ``strict``: a bug of ours raises.
+
+    ``decoder`` looks for another protocol in what passes. ``overdue_ns``: a request still open after this is told at once,
+    before it is known what becomes of it; 0 for never, as in a file what becomes of it is known.
+
+    ``memory`` bounds the octets that all connections together keep of unfinished packets, PDUs and transactions, within
+    `LOOK_OCTETS`: when they keep more, those that hold most are given up and told (`stream.evicted`).
+    ``checksums``: TCP segments and UDP datagrams with a wrong checksum are left out, as their receiver did.
+    ``tls_keys`` open TLS, beside those that a capture itself holds.
+    """
+
+    def __init__(
+        self,
+        slow_ns: int = 1_000_000_000,
+        strict: bool = False,
+        decoder: PayloadDecoder | None = None,
+        overdue_ns: int = 0,
+        memory: int = MEMORY,
+        checksums: bool = False,
+        tls_keys: KeyLog | None = None,
+    ) -> None:
+        self.slow_ns: i64 = slow_ns
+        self.overdue_ns: i64 = overdue_ns
+        self.memory: i64 = memory
+        self.checksums: bool = checksums
+        self.strict: bool = strict
+        self.decoder: PayloadDecoder | None = decoder
+        self.tls_keys: KeyLog | None = tls_keys
+
+
 class Pipeline(PacketSink):
     """Packets in, transactions and findings out. See the module for the way through.
 
@@ -72,18 +111,19 @@ class Pipeline(PacketSink):
     def __init__(self, observer: Observer, options: Options | None = None) -> None:
         chosen = options if options is not None else Options()
         self.observer: Observer = observer
-        self.exchange: Exchange = Exchange(observer, chosen)
+        self.exchange: Exchange = Exchange(observer, chosen.decoder, chosen.strict, chosen.slow_ns)
         self.counters: Counters = Counters(self.exchange.reporter)
         self.timers: Timers = Timers(self.counters, self.exchange, chosen.overdue_ns)
         self.connections: Connections = Connections(self.exchange)
         self.s7: S7 = S7(self.exchange)
         self.plus: S7Plus = S7Plus(self.exchange)
-        self.iso: IsoOnTcp = IsoOnTcp(self.exchange, self.connections, self.s7, self.plus)
+        self.tls: Tls = Tls(self.exchange, self.connections.foreign, self.s7, self.plus, chosen.tls_keys)
+        self.iso: IsoOnTcp = IsoOnTcp(self.exchange, self.connections, self.s7, self.plus, self.tls)
         self.ibh: IbhNetLink = IbhNetLink(self.exchange, self.iso)
         #: What else may frame a stream, asked in this order whether a connection is theirs: a new protocol is a row here.
         streams: list[Protocol] = [self.ibh]
         #: What is described in reports, in the order of their sections.
-        self.protocols: list[Protocol] = [self.iso, *streams, self.s7, self.plus]
+        self.protocols: list[Protocol] = [self.iso, *streams, self.s7, self.plus, self.tls]
         self.datagrams: Datagrams | None = None
         if chosen.decoder is not None:
             payloads = PayloadStream(self.exchange, chosen.decoder)
@@ -124,6 +164,10 @@ class Pipeline(PacketSink):
     def comment(self, text: str) -> None:
         """Take a comment the capture holds about the packet that comes next."""
         self.observer.comment(self.counters.frames + 1, text)
+
+    def secrets(self, text: bytes) -> None:
+        """Take the TLS key log of a Decryption Secrets Block."""
+        self.tls.secrets(text)
 
     def note_damage(self, detail: str) -> None:
         """The source found its capture damaged."""

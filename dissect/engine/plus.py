@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from mypy_extensions import i64
 
 from dissect.engine.exchange import Exchange
@@ -10,10 +12,13 @@ from dissect.iso.upper import S7COMM_PLUS, UNKNOWN, UPPER_NAMES
 from dissect.s7plus.assembly import PlusAssembler
 from dissect.s7plus.message import SHORT_HEADS, PlusPdu, is_beginning, parse_plus
 from dissect.s7plus.parameters import PLUS, PlusParameterCache
-from dissect.s7plus.tables import NOTIFICATION, REQUEST, RESPONSE2, V1
+from dissect.s7plus.tables import CREATE_OBJECT, INIT_SSL, NOTIFICATION, REQUEST, RESPONSE2, V1
 from dissect.transactions.connection import Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
+
+#: Functions by which a client may begin to count anew.
+_BEGINNING: Final = frozenset((CREATE_OBJECT, INIT_SSL))
 
 
 class S7Plus(Protocol):
@@ -118,6 +123,7 @@ class S7Plus(Protocol):
         sequence: i64 = pdu.sequence
         if pdu.opcode == REQUEST:
             connection.set_client(side.index)
+            self._count_request(side, pdu, frame, time_ns)
             if parameters.starts_tls:
                 connection.identified_by = "InitSSL"
             if pdu.wants_response:
@@ -131,6 +137,24 @@ class S7Plus(Protocol):
             exchange.indication(side, sequence, parameters, octets, frame, time_ns)
         else:
             exchange.response(side, sequence, parameters, octets, frame, time_ns)
+
+    def _count_request(self, side: Side, pdu: PlusPdu, frame: i64, time_ns: i64) -> None:
+        """Note a request whose sequence number is not behind that of the one before: every client counts up by one.
+
+        A number that leaps ahead is no finding: requests that were damaged or lost leave it behind.
+        """
+        plus = side.plus
+        if plus is None:
+            return
+        before: i64 = plus.asked
+        plus.asked = pdu.sequence
+        ahead: i64 = (pdu.sequence - before) & 0xFFFF
+        if before < 0 or side.holes or 0 < ahead < 0x8000 or (pdu.sequence <= 1 and pdu.function in _BEGINNING):
+            return
+        ends = side.tcp.ends
+        who = f"{ends[side.index]} to {ends[1 - side.index]}"
+        detail = f"{who}: {pdu.function_name} with sequence number {pdu.sequence} follows {before}"
+        self._exchange.reporter.note("security.replay", side.connection.number, [frame], time_ns, detail)
 
     def _count_notification(self, side: Side, pdu: PlusPdu, frame: i64, time_ns: i64) -> None:
         """Note missing notifications: those of a connection count up by one, whichever subscriptions they belong to.

@@ -5,12 +5,21 @@ from __future__ import annotations
 from mypy_extensions import i64
 
 from dissect.engine.exchange import Exchange
-from dissect.findings.item_rules import judge_parameters
 from dissect.findings.security_rules import PACE
 from dissect.findings.session_rules import judge_header, judge_length, judge_port, judge_request
+from dissect.findings.transaction_rules import judge_parameters
 from dissect.iso.upper import S7COMM, UPPER_NAMES
-from dissect.s7.message import header_size, parse_pdu, read_header
-from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, ParameterCache, Parameters, is_plc_push
+from dissect.s7.message import parse_pdu
+from dissect.s7.parameters import (
+    PUSH,
+    REQUEST,
+    RESPONSE,
+    ParameterCache,
+    Parameters,
+    header_size,
+    is_plc_push,
+    read_header,
+)
 from dissect.s7.tables import ACK, ACK_DATA, JOB, ROSCTR, SETUP_COMMUNICATION, USERDATA
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.connection import ISO, Connection

@@ -1,25 +1,57 @@
 """The catalogue of findings: every slug that can appear, its severity, its kind, its sentence and its advice.
 
-Slugs are stable: reports, gates and other people's scripts rely on them. The rules follow reference section 7.
+Slugs are stable: reports, gates and other people's scripts rely on them. The rules follow reference section 7. This page of
+rows is the only place that knows them: reports, documentation, `explain` and the tests all read it.
 """
 
 from __future__ import annotations
 
 from typing import Final
 
-from dissect.findings.finding import (
-    CAPTURE,
-    ERROR,
-    FUNCTION,
-    NEGOTIATION,
-    NOTE,
-    OPERATION,
-    PROTOCOL,
-    SECURITY,
-    WARNING,
-    Rule,
-)
-from dissect.findings.mitre import TECHNIQUES
+from dissect.findings.mitre import TECHNIQUES, Technique
+
+ERROR: Final = "error"
+WARNING: Final = "warning"
+NOTE: Final = "note"
+
+
+#: Severities from the heaviest to the lightest.
+SEVERITIES: Final = (ERROR, WARNING, NOTE)
+
+
+#: What a rule is about: the capture itself; the bytes of a protocol; what was agreed on; requests and answers; what an
+#: intruder would do; and what takes several requests.
+CAPTURE: Final = "capture"
+PROTOCOL: Final = "protocol"
+NEGOTIATION: Final = "negotiation"
+FUNCTION: Final = "function"
+SECURITY: Final = "security"
+OPERATION: Final = "operation"
+
+KINDS: Final = (CAPTURE, PROTOCOL, NEGOTIATION, FUNCTION, SECURITY, OPERATION)
+
+
+class Rule:
+    """One row of the catalogue: a stable slug, how much it weighs, what it is about, one sentence, and what to do about it.
+
+    ``techniques`` are the MITRE ATT&CK for ICS techniques that the finding may be part of; most rules have none.
+    """
+
+    __slots__ = ("advice", "kind", "sentence", "severity", "slug", "techniques")
+
+    def __init__(
+        self, slug: str, severity: str, kind: str, sentence: str, advice: str, techniques: tuple[Technique, ...] = ()
+    ) -> None:
+        self.slug = slug
+        self.severity = severity
+        self.kind = kind
+        self.sentence = sentence
+        self.advice = advice
+        self.techniques = techniques
+
+    def __repr__(self) -> str:
+        return f"Rule({self.slug!r}, {self.severity!r})"
+
 
 #: Slug, severity, kind, sentence, advice, and the keys of MITRE techniques with spaces between them.
 _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
@@ -151,7 +183,16 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "Check which side closed it: a server that closes at once lacks the TSAP or a free connection; a client may just give up.",
      ""),
     ("session.encrypted", NOTE, PROTOCOL, "A connection switched to TLS encryption.",
-     "Values, transactions and findings of this connection end here. Its content is not visible without the session keys.", ""),
+     "Without its session keys (--tls-keys) nothing of its content is visible: no values, no transactions, no findings.", ""),
+    ("session.tls_closed", WARNING, CAPTURE, "TLS keys were given, but records of a connection could not be decrypted.",
+     "What they carried is unknown. Log the keys of the whole session from its first packet, and capture its handshake.", ""),
+    ("security.tls_weak", WARNING, SECURITY, "A TLS session uses a version or cipher suite that no longer protects it.",
+     "Update the side that offers no better: TLS 1.2 with an AEAD suite is the least, TLS 1.3 is better.", ""),
+    ("security.certificate_expired", WARNING, SECURITY,
+     "A certificate was outside its period of validity when it was shown.",
+     "Renew it, or set the clock of the device that issued it. Clients that check it refuse the connection.", ""),
+    ("security.certificate_weak", WARNING, SECURITY, "A certificate has a weak key or signature.",
+     "It can be forged. Issue a new one, with RSA of 2048 bits or an elliptic curve, and SHA-256.", ""),
     # SCD, where bindings say that it travels.
     ("scd.malformed", ERROR, PROTOCOL, "An SCD message cannot be decoded.",
      "Its size or a value does not fit the dictionary: the binding, the dictionary or the sender is wrong.", ""),
@@ -266,6 +307,18 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "Someone or something is guessing passwords: identify the host at that address.", "valid_accounts"),
     ("security.protected", WARNING, SECURITY, "The protection of a PLC refused a request.",
      "If the client is yours, it needs the password or, on S7-1200/1500, PUT/GET access.", "command_message"),
+    ("security.unauthenticated", WARNING, SECURITY, "An S7comm-plus client skipped the authentication that the PLC offers.",
+     "The PLC carried out its requests all the same: anyone who reaches it can do so. Identify the host at that address.",
+     "command_message"),
+    ("security.clear_text", NOTE, SECURITY, "An S7comm-plus session in clear text with a PLC whose firmware offers TLS.",
+     "Values, and who uses them, can be read along. In TIA Portal allow only secure PG/PC and HMI communication.",
+     "network_sniffing"),
+    ("security.session_reused", ERROR, SECURITY, "An S7comm-plus client uses a session that a different connection got.",
+     "Sessions are never shared: recorded requests are sent again, or someone took over a session.",
+     "command_message adversary_in_the_middle"),
+    ("security.replay", ERROR, SECURITY, "S7comm-plus requests come out of order: their numbers repeat or go back.",
+     "Clients count up by one: recorded requests may be sent again, or someone sends requests in their name.",
+     "command_message adversary_in_the_middle"),
     ("security.clock_set", WARNING, SECURITY, "A client set the clock of a PLC.",
      "A wrong time corrupts alarm and log timestamps and triggers time-dependent logic. Compare the new time with yours.",
      "modify_parameter"),

@@ -10,7 +10,6 @@ from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.szl import SZL_HEAD, extract
 from dissect.s7.szl_tables import HEAD_ONLY
 from dissect.s7.tables import SUCCESS
-from dissect.transactions.checks import NOT_LOADED, STRAY_PUSH
 from dissect.transactions.operation import (
     BEYOND_END,
     BSEND,
@@ -24,6 +23,7 @@ from dissect.transactions.operation import (
     WRONG_SIZE,
     Operation,
 )
+from dissect.transactions.results import NOT_LOADED, STRAY_PUSH
 from dissect.transactions.transaction import CAPTURE_ENDED, HOLE, Transaction
 from dissect.wire.octets import u16
 

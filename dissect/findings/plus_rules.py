@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.findings.plus_sessions import PlusSessions
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
@@ -14,11 +15,15 @@ from dissect.s7plus.events import (
     CHANGED,
     PASSWORD,
     READ_OUT,
+    REPLAYED,
     RESET,
     RUNNING,
+    SESSION,
     START,
     STOP,
     STOPPED,
+    SUBSCRIBED,
+    SUBSCRIBED_ALARMS,
     TEST_JOB,
     WRITTEN,
     WRITTEN_OUTPUTS,
@@ -28,11 +33,12 @@ from dissect.s7plus.events import (
 )
 from dissect.s7plus.program import Program
 from dissect.s7plus.session import Identity, PlusSession
+from dissect.s7plus.tables import GET_MULTI_VARIABLES
 from dissect.s7plus.walk import MAX_WORK, STEP
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import OperationBook
 from dissect.transactions.plus_operations import PlusOperations
-from dissect.transactions.transaction import UNANSWERED, Transaction
+from dissect.transactions.transaction import ANSWERED, UNANSWERED, Transaction
 from dissect.wire.text import shortened
 
 _SLUGS: Final[dict[str, str]] = {
@@ -44,6 +50,7 @@ _SLUGS: Final[dict[str, str]] = {
     CHANGED: "security.program_change",
     READ_OUT: "security.program_read",
     TEST_JOB: "security.debug",
+    REPLAYED: "security.replay",
     WRITTEN: "security.write",
     WRITTEN_OUTPUTS: "security.write_outputs",
 }
@@ -53,8 +60,11 @@ _AREAS: Final[dict[str, int]] = {WRITTEN: WRITTEN_ELSEWHERE, WRITTEN_OUTPUTS: WR
 _ALL_WRITTEN: Final = WRITTEN_IO | WRITTEN_ELSEWHERE
 #: Return values that say that a client lacks the rights for a request: access denied.
 _PROTECTED: Final = frozenset((0xFF9C,))
-#: Explore requests of a connection without subscriptions that make it a reconnaissance.
+#: Explore requests of a connection that make it a reconnaissance, when its client subscribes to nothing at that CPU.
 _EXPLORES: Final = 3
+_SUBSCRIBING: Final = frozenset((SUBSCRIBED, SUBSCRIBED_ALARMS))
+#: Clients with subscriptions that are remembered.
+MAX_SUBSCRIBERS: Final = 4096
 #: CPUs that are remembered; the one that was met first leaves.
 MAX_CPUS: Final = 256
 #: Characters of what an event is about.
@@ -68,7 +78,9 @@ class PlusWatch:
         self._operations = PlusOperations(book)
         self._judge = judge
         self._security = security
+        self._sessions = PlusSessions(security)
         self._cpus: dict[str, tuple[Program, Identity]] = {}
+        self._subscribers: set[tuple[str, str]] = set()  # (client, CPU)
 
     def take(self, transaction: Transaction) -> None:
         """Take a transaction of any function."""
@@ -78,11 +90,18 @@ class PlusWatch:
             session = self._begin(connection)
         if transaction.function < 0 and session.subscriptions:
             self._operations.notified(subscription_of(transaction.response_octets), transaction)
+        self._sessions.take(session, transaction)
+        if transaction.function == GET_MULTI_VARIABLES and transaction.outcome == ANSWERED:
+            self._operations.polled(session, transaction)
         facts = take(session, transaction.function, transaction.request_octets, transaction.response_octets)
         if facts is not None:
             for event in facts.events:
                 self._operations.take(event, session, transaction)
                 self._tell(session, event, transaction)
+                if event.kind == SESSION:
+                    self._sessions.opened(session, event.object_id, transaction)
+                elif event.kind in _SUBSCRIBING and len(self._subscribers) < MAX_SUBSCRIBERS:
+                    self._subscribers.add((str(connection.client.host), str(connection.server.host)))
             if facts.malformed:
                 self._note("s7plus.malformed", transaction, str(facts.malformed[0]))
             if facts.exhausted:
@@ -138,7 +157,9 @@ class PlusWatch:
         """A connection is over: a client that explored and subscribed to nothing looked around."""
         self._operations.end(connection)
         session = connection.plus
-        if session is None or session.subscribed or session.explores < _EXPLORES:
+        if session is None or session.explores < _EXPLORES:
+            return
+        if (str(connection.client.host), str(connection.server.host)) in self._subscribers:
             return
         if connection.traits.first("security.reconnaissance"):
             tcp = connection.tcp

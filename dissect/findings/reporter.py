@@ -1,4 +1,6 @@
-"""The judge: turns facts of the pipeline into findings, counts them all and details a bounded number.
+"""Findings: something in the traffic that deserves attention, with the packets that show it.
+
+Rules hand them to the `Reporter`, which counts them all and keeps a bounded number in detail.
 
 A flood of a million bad PDUs must not become a million lines, so each slug gives at most `MAX_DETAILED` detailed findings
 for a connection and `MAX_DETAILED_ALL` in all; the counters stay exact.
@@ -10,11 +12,40 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.finding import Finding
+from dissect.findings.catalogue import CATALOGUE, Rule
 
 MAX_DETAILED: Final = 100
 MAX_DETAILED_ALL: Final = 1000
+
+
+class Finding:
+    """A rule that applied once.
+
+    ``connection`` is the connection's number, 0 for the capture as a whole. ``frames`` are the packets that show it,
+    ``time_ns`` the time of the last of them, ``detail`` what was seen this time.
+    """
+
+    __slots__ = ("connection", "detail", "frames", "rule", "time_ns")
+
+    def __init__(self, rule: Rule, connection: i64, frames: list[int], time_ns: i64, detail: str) -> None:
+        self.rule = rule
+        self.connection: i64 = connection
+        self.frames = frames
+        self.time_ns: i64 = time_ns
+        self.detail = detail
+
+    def __repr__(self) -> str:
+        return f"Finding({self.rule.slug!r}, connection={self.connection}, frames={self.frames})"
+
+    @property
+    def slug(self) -> str:
+        """The rule's stable name."""
+        return self.rule.slug
+
+    @property
+    def severity(self) -> str:
+        """``error``, ``warning`` or ``note``."""
+        return self.rule.severity
 
 
 class Reporter:

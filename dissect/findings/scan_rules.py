@@ -13,7 +13,7 @@ from mypy_extensions import i64
 
 from dissect.findings.reporter import Reporter
 from dissect.transactions.connection import Connection
-from dissect.wire.durations import duration_text
+from dissect.wire.text import duration_text
 
 WINDOW_NS: Final = 60_000_000_000
 #: Pairs of client and server that are remembered, and TSAPs of each.

@@ -14,8 +14,7 @@ from dissect.s7.clock import SETTING
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
 from dissect.s7.layouts import DATA_HEAD
-from dissect.s7.message import HEADER_SIZE
-from dissect.s7.parameters import UserdataHead
+from dissect.s7.parameters import HEADER_SIZE, UserdataHead
 from dissect.s7.services import COMPRESS, COPY_TO_ROM, NC_PREFIX, PI_SERVICES, PROGRAM
 from dissect.s7.tables import (
     PI_SERVICE,
@@ -29,9 +28,8 @@ from dissect.s7.tables import (
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import ANSWERED, PUSH, UNANSWERED, Transaction
-from dissect.wire.durations import duration_text
 from dissect.wire.octets import u16
-from dissect.wire.text import titled
+from dissect.wire.text import duration_text, titled
 
 _MODE: Final = 0
 _TEST: Final = 1

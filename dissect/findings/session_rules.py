@@ -18,7 +18,7 @@ from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, Ending
 from dissect.transactions.pairing import GIVEN_UP_NS
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
-from dissect.wire.durations import duration_text
+from dissect.wire.text import duration_text
 
 #: The smallest PDU length a setup answer can mean: it has 20 octets itself, and no real device goes below 240.
 _MIN_PDU_LENGTH: Final = 64

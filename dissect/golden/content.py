@@ -6,11 +6,12 @@ from collections.abc import Iterator
 from typing import Final
 
 from dissect.golden.asked import other_items
-from dissect.golden.exchange import S7, SCD, Exchange, ItemRecord
+from dissect.golden.exchange import PLUS, S7, SCD, Exchange, ItemRecord
 from dissect.golden.forms import setup_text
 from dissect.golden.keys import subject
 from dissect.golden.model import Transaction
 from dissect.golden.phrases import Change, code_text, item_state, octets_change, outcome, short, value_change
+from dissect.golden.plus import plus_differences, plus_subject
 from dissect.report import words
 from dissect.s7.blocks import BLOCK_COUNT, LISTED_BLOCK
 from dissect.s7.message import Pdu
@@ -32,6 +33,9 @@ def request_changes(a: Transaction, b: Transaction) -> tuple[list[Change], bool]
         return [], False
     if one.kind == SCD:
         return [], False
+    if one.kind == other.kind == PLUS and one.function_name == other.function_name and one.request and other.request:
+        elsewhere = plus_subject(one.request) != plus_subject(other.request)
+        return list(_plus("request", one, one.request, other.request)), elsewhere
     asked, asks = one.asked, other.asked
     if one.kind != S7 or asked is None or asks is None or not _same_form(one, other):
         if asked is not None and asks is not None and asked.function == asks.function in {READ_VAR, WRITE_VAR}:
@@ -80,6 +84,9 @@ def answer_changes(a: Transaction, b: Transaction) -> Iterator[Change]:
         was, is_ = outcome(a), outcome(b)
         code = Change("codes", f"was {was}, is {is_}", was, is_, targets=(one.function_name,))
         yield code
+        return
+    if one.kind == other.kind == PLUS:
+        yield from _plus("answer", one, one.response, other.response)
         return
     told, tells = one.told, other.told
     if one.request != other.request and one.function not in {READ_VAR, WRITE_VAR, SETUP_COMMUNICATION}:
@@ -223,6 +230,19 @@ def _octets(kind: str, half: str, was: Pdu, is_: Pdu) -> list[Change]:
         return [Change(kind, f"{half}: was {notes[0]}, is {notes[1]}", notes[0], notes[1], targets=(name,))]
     old, new = octets_change(was.octets, is_.octets)
     return [Change(kind, f"{half}: was {old}, is {new}", old, new, targets=(name,))]
+
+
+# ---- S7comm-plus ----------------------------------------------------------------------------------------------------
+
+
+def _plus(half: str, exchange: Exchange, was: bytes, is_: bytes) -> Iterator[Change]:
+    """Yield what S7comm-plus PDUs say differently; what counts from one recording to the next is left out."""
+    changes = plus_differences(was, is_)
+    name = exchange.function_name
+    for old, new in changes[:_FIELDS]:
+        yield Change("contents", f"{half}: was {old}, is {new}", old, new, targets=(name,))
+    if len(changes) > _FIELDS:
+        yield Change("contents", f"{half}: {len(changes) - _FIELDS} more parts differ", targets=(name,))
 
 
 # ---- SCD ------------------------------------------------------------------------------------------------------------

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.golden.difference import DiffOptions
-from dissect.golden.exchange import SCD, Exchange
+from dissect.golden.exchange import PLUS, SCD, Exchange
 from dissect.golden.model import Transaction
+from dissect.golden.plus import plus_notes, plus_subject
 from dissect.golden.writing import FORMS
 from dissect.report import words
 from dissect.s7.tables import READ_VAR, WRITE_VAR
@@ -79,6 +80,8 @@ def _loose(exchange: Exchange) -> Key:
     asked = exchange.asked
     if asked is not None:
         return exchange.kind, asked.rosctr, asked.parameters.octets
+    if exchange.kind == PLUS and exchange.request:
+        return "asked", exchange.kind, exchange.function_name, plus_subject(exchange.request)
     return "told" if not exchange.request else "asked", exchange.kind, exchange.function_name
 
 
@@ -99,5 +102,7 @@ def subject(exchange: Exchange, address: str = "") -> str:
         return f"{name} {', '.join(labels[:_NAMED])}{more}".rstrip()
     if exchange.kind == SCD:
         return shortened(exchange.scd[0].partition(" ")[2], _LONG) if exchange.scd else "SCD"
+    if exchange.kind == PLUS and exchange.request:
+        return titled(printable(exchange.function_name), words.some_notes(plus_notes(exchange.request)[:_NAMED]))
     said = words.some_notes(exchange.asks[:1]) if exchange.asked is not None and not name else ""
     return titled(name or printable(exchange.function_name), said)

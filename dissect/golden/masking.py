@@ -4,7 +4,8 @@ What is masked is 0 afterwards; nothing changes its size or place. Of S7comm (re
 sequence number of userdata (1 where it says that a piece of a BSEND goes on with another, reference 4.10), the data unit
 reference (1 where there is one, so that "more follows" stays), the id of an upload; the fill octet behind an odd item
 (reference 3.5), where some devices leave what was in memory; and passwords (`dissect.s7.hiding`), which a text that is kept
-must not hold. Of S7comm-plus: sequence numbers, session id, credit tick, digests (docs/s7plus.md).
+must not hold. Of S7comm-plus: sequence numbers, session id, credit tick, integrity ids, digests and secrets
+(docs/s7plus.md).
 """
 
 from __future__ import annotations
@@ -13,8 +14,7 @@ from typing import Final
 
 from dissect.s7.hiding import without_secrets
 from dissect.s7.items import DATA_HEAD, parse_data_items
-from dissect.s7.message import ACK_HEADER_SIZE, HEADER_SIZE, PROTOCOL_ID
-from dissect.s7.parameters import GROUP_PBC
+from dissect.s7.parameters import ACK_HEADER_SIZE, GROUP_PBC, HEADER_SIZE, PROTOCOL_ID
 from dissect.s7.tables import (
     ACK_DATA,
     CPU_SERVICES,
@@ -26,6 +26,8 @@ from dissect.s7.tables import (
     USERDATA,
     WRITE_VAR,
 )
+from dissect.s7plus.hiding import shown_contents
+from dissect.s7plus.layouts import DIGEST, INTEGRITY_ID
 from dissect.s7plus.message import DIGEST_SIZE, parse_plus
 from dissect.s7plus.tables import NOTIFICATION, REQUEST, V1, V3
 
@@ -128,6 +130,15 @@ def mask_plus(octets: bytes) -> bytes:
         masked[at + 7 : at + 9] = _NONE
         if pdu.opcode == REQUEST and pdu.session_id >= 0:
             masked[at + 9 : at + 13] = bytes(4)
+    found, secrets = shown_contents(pdu)
+    for part in found.parts:
+        if part.layout is INTEGRITY_ID or part.layout is DIGEST:
+            start = pdu.place(part.offset) + (1 if part.layout is DIGEST else 0)
+            end = pdu.place(part.end - 1)
+            for place in range(start, end + 1):
+                masked[place] &= 0x80 if part.layout is INTEGRITY_ID else 0
+    for begin, end in secrets:
+        masked[begin:end] = bytes(end - begin)
     return bytes(masked)
 
 

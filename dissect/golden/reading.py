@@ -7,8 +7,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, Final
 
-from dissect.engine.observer import Observer, Options
-from dissect.engine.payload import PayloadDecoder
+from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options
 from dissect.golden.exchange import PLUS, S7, SCD, Exchange
 from dissect.golden.model import GoldenError, Link, Session, Transaction
 from dissect.golden.order import settle_places

@@ -21,6 +21,7 @@ from dissect.golden.forms import (
     usual_size,
 )
 from dissect.golden.model import Link, Session, Transaction
+from dissect.golden.plus import plus_notes
 from dissect.golden.values import hex_text, quoted
 from dissect.iso.tsap import Tsap
 from dissect.report import words
@@ -29,8 +30,7 @@ from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import DataItem
 from dissect.s7.message import Pdu
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION, SUCCESS, USERDATA, WRITE_VAR
-from dissect.wire.clock import Clock
-from dissect.wire.text import printable
+from dissect.wire.text import Clock, printable
 
 FORMAT: Final = "s7dissect golden 1"
 #: What belongs to one recording and stands in a golden only when asked for.
@@ -199,6 +199,8 @@ def _half(name: str, exchange: Exchange) -> Iterator[str]:
     octets = exchange.request if name == "request" else exchange.response
     if exchange.kind != S7:
         yield f"  {name} {exchange.kind}" + (f" {hex_text(octets)}" if exchange.kind == PLUS else "")
+        for note in plus_notes(octets)[:_NOTES] if exchange.kind == PLUS and octets else []:
+            yield f"    # {note}"
         return
     blocks = cut_blocks(octets)
     if blocks is None:

@@ -174,25 +174,22 @@ class Assembler:
     An empty DT without EOT, the everyday acknowledgement of Siemens stacks, begins nothing (reference 2.5).
     """
 
-    __slots__ = ("_dropping", "begun", "dropped", "overflows", "parts")
+    __slots__ = ("_dropping", "begun", "clear", "dropped", "overflows", "parts")
 
     def __init__(self) -> None:
         self.parts: bytearray | None = None
         self.begun: i64 = 0  # DTs in parts
+        self.clear: bool = True  # the next DT begins a TSDU
         self.overflows: i64 = 0
         self.dropped: i64 = 0  # octets of TSDUs that were not passed on
         self._dropping: bool = False
-
-    @property
-    def clear(self) -> bool:
-        """True when the next DT begins a TSDU."""
-        return self.parts is None and not self._dropping
 
     def push(self, data: bytes, eot: bool) -> bytes | None:
         """Take the user data of one DT; return the TSDU when this was its end, else None."""
         if self._dropping:
             self.dropped += len(data)
             self._dropping = not eot
+            self.clear = eot
             return None
         parts = self.parts
         if parts is None:
@@ -201,18 +198,21 @@ class Assembler:
             if data:
                 self.parts = bytearray(data)
                 self.begun = 1
+                self.clear = False
             return None
         if len(parts) + len(data) > MAX_TSDU:
             self.overflows += 1
             self.dropped += len(parts) + len(data)
             self.parts = None
             self._dropping = not eot
+            self.clear = eot
             return None
         parts += data
         self.begun += 1
         if not eot:
             return None
         self.parts = None
+        self.clear = True
         return bytes(parts)
 
     def abandon(self) -> int:
@@ -221,4 +221,5 @@ class Assembler:
         self.dropped += size
         self.parts = None
         self._dropping = False
+        self.clear = True
         return size

@@ -11,37 +11,13 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.iso.upper import MMS, RDP, TLS, UNKNOWN
-from dissect.wire.octets import u16, u24
+from dissect.tls.handshake import record_words
 from dissect.wire.text import shortened
 
 #: Characters of a text that are shown.
 MAX_TEXT: Final = 200
 #: First octets that are shown of what nobody knows.
 _FIRST: Final = 8
-
-_RECORDS: Final = {0x14: "change cipher spec", 0x15: "alert", 0x16: "handshake", 0x17: "application data"}
-_TLS_VERSIONS: Final = {
-    0x0300: "SSL 3.0",
-    0x0301: "TLS 1.0",
-    0x0302: "TLS 1.1",
-    0x0303: "TLS 1.2",
-    0x0304: "TLS 1.3",
-}
-_HANDSHAKES: Final = {
-    1: "ClientHello",
-    2: "ServerHello",
-    4: "NewSessionTicket",
-    11: "Certificate",
-    12: "ServerKeyExchange",
-    13: "CertificateRequest",
-    14: "ServerHelloDone",
-    16: "ClientKeyExchange",
-}
-_TLS_1_2: Final = 0x0303
-_SERVER_HELLO: Final = 2
-_HANDSHAKE: Final = 0x16
-_SERVER_NAME: Final = 0
-_SUPPORTED_VERSIONS: Final = 43
 
 #: ISO session SPDUs (X.225) by their first octet.
 _SPDUS: Final = {0x0D: "CONNECT", 0x0E: "ACCEPT", 0x0C: "REFUSE", 0x09: "FINISH", 0x0A: "DISCONNECT", 0x19: "ABORT"}
@@ -60,7 +36,7 @@ def identify(upper: i64, octets: bytes, start: i64, end: i64) -> str:
     """Return what identifies the TSDU ``octets[start:end]`` of protocol ``upper``; empty when there is nothing to say."""
     tsdu = octets[start:end]
     if upper == TLS:
-        return _tls(tsdu)
+        return record_words(tsdu)
     if upper == MMS:
         return _mms(tsdu)
     if upper == RDP:
@@ -98,79 +74,6 @@ def _security(protocols: int) -> str:
 
 def _text(octets: bytes) -> str:
     return shortened(octets[: MAX_TEXT + 1].decode("latin-1"), MAX_TEXT)
-
-
-# ---- TLS ------------------------------------------------------------------------------------------------------------
-
-
-def _tls(octets: bytes) -> str:
-    if len(octets) < 5:
-        return ""
-    version: i64 = u16(octets, 1)
-    kind = _RECORDS.get(octets[0], "record")
-    name = ""
-    if octets[0] == 0x16 and len(octets) > 5 and octets[5] in _HANDSHAKES:
-        kind = _HANDSHAKES[octets[5]]
-        if octets[5] <= 2:
-            hello = octets[9 : 9 + u24(octets, 6)] if len(octets) >= 9 else b""
-            told, name = _hello(hello, octets[5] == 1)
-            version = told or version
-    server = f", server name {name}" if name else ""
-    said = _TLS_VERSIONS.get(version, f"version 0x{version:04x}")
-    if version == _TLS_1_2 and octets[0] != _HANDSHAKE:
-        said = "TLS 1.2 or 1.3"  # records of both say 1.2 (RFC 8446 section 5.1)
-    return f"{said} {kind}{server}"
-
-
-def chosen_version(octets: bytes, start: i64, end: i64) -> str:
-    """Return the version that the ServerHello at ``start`` chooses for its session; empty where none is.
-
-    In TLS 1.3 it stands in supported_versions only (RFC 8446 section 4.2.1).
-    """
-    if end - start < 44 or octets[start] != 0x16 or octets[start + 1] != 3 or octets[start + 5] != _SERVER_HELLO:
-        return ""
-    hello = octets[start + 9 : min(end, start + 9 + u24(octets, start + 6))]
-    version, _ = _hello(hello, False)
-    return _TLS_VERSIONS.get(version, "")
-
-
-def _hello(hello: bytes, from_client: bool) -> tuple[int, str]:
-    """Return the highest version a hello offers (0 when it does not say) and the server name, read as far as they are there."""
-    if len(hello) < 35:
-        return 0, ""
-    version: i64 = u16(hello, 0)
-    size: i64 = len(hello)
-    at: i64 = 35 + hello[34]  # behind version, random and session id
-    if from_client:
-        if at + 2 > size:
-            return version, ""
-        at += 2 + u16(hello, at)  # cipher suites
-        if at >= size:
-            return version, ""
-        at += 1 + hello[at]  # compression methods
-    else:
-        at += 3
-    name = ""
-    at += 2  # behind the length of the extensions
-    while at + 4 <= size:
-        kind: i64 = u16(hello, at)
-        value = hello[at + 4 : at + 4 + u16(hello, at + 2)]
-        if kind == _SERVER_NAME and from_client and len(value) > 5:
-            name = _text(value[5 : 5 + u16(value, 3)])
-        elif kind == _SUPPORTED_VERSIONS:
-            version = max(version, _highest(value[1:] if from_client else value))
-        at += 4 + u16(hello, at + 2)
-    return version, name
-
-
-def _highest(versions: bytes) -> int:
-    """Return the highest known version of a list of them; clients put numbers without meaning among them."""
-    highest = 0
-    for at in range(0, len(versions) - 1, 2):
-        version = versions[at] << 8 | versions[at + 1]
-        if version in _TLS_VERSIONS and version > highest:
-            highest = version
-    return highest
 
 
 # ---- MMS and ICCP ---------------------------------------------------------------------------------------------------

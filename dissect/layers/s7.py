@@ -29,8 +29,8 @@ from dissect.s7 import layouts, tables
 from dissect.s7.bodies import parse_data_parts, parse_parameter_parts
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.hiding import body_to_show
-from dissect.s7.message import PROTOCOL_ID, header_size, parse_pdu
-from dissect.s7.parameters import Parameters, parse_parameters
+from dissect.s7.message import parse_pdu
+from dissect.s7.parameters import PROTOCOL_ID, Parameters, header_size, parse_parameters
 from dissect.wire.layout import Layout
 from dissect.wire.text import shortened
 

@@ -30,7 +30,7 @@ from dissect.layers.s7 import S7, is_s7
 from dissect.layers.s7plus import S7Plus
 from dissect.layers.tpkt import TPKT
 from dissect.s7plus.message import parse_plus
-from dissect.tcp.ip import address_text
+from dissect.tcp.stream import address_text
 
 if TYPE_CHECKING:
     from scapy.packet import Packet

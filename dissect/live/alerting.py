@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dissect.alerts.dispatcher import Dispatcher
 from dissect.alerts.engine import AlertEngine
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.live.run import Companion
 from dissect.source.live.reader import Drops
 from dissect.transactions.connection import Connection

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.live.run import Companion
 from dissect.recording.event_capture import EventCapture
 from dissect.recording.ring_buffer import RingBuffer

@@ -10,18 +10,17 @@ import json
 from collections.abc import Collection, Iterable
 from typing import Final
 
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.live.session import Event, Status
 from dissect.report.contract import connection_as_dict, finding_as_dict
-from dissect.report.jsonl import PduLines, TransactionLines
 from dissect.report.operations import operation_json
-from dissect.report.places import Places
 from dissect.report.styled import Line
+from dissect.report.words import Places
+from dissect.report.writers.jsonl import PduLines, TransactionLines
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
-from dissect.wire.clock import Clock
-from dissect.wire.text import encodable
+from dissect.wire.text import Clock, encodable
 
 EVENT_SCHEMA: Final = "s7dissect.event/1"
 

@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from typing import Final
 
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.live.session import CLOSED, FINDING, OPENED, OPERATION, PROBLEM, SCD, TRANSACTION, Event, Status
 from dissect.report import endings, words
-from dissect.report.lines import named, scd_line, transaction_line
 from dissect.report.operations import operation_line
-from dissect.report.places import Places
 from dissect.report.styled import FAILED, HANG, PLAIN, Line
+from dissect.report.words import Places, named
+from dissect.report.writers.text import scd_line, transaction_line
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import DONE, RUNNING, Operation
 from dissect.transactions.transaction import Transaction
-from dissect.wire.clock import Clock
-from dissect.wire.text import printable, shortened
+from dissect.wire.text import Clock, printable, shortened
 
 #: What can be asked for alone, and the events it means.
 TOPICS: Final = {

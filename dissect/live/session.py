@@ -19,11 +19,12 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
-from dissect.engine.observer import Observer, Options
-from dissect.findings.finding import Finding
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options
+from dissect.findings.reporter import Finding
 from dissect.live.run import Companion, Limits, LiveRun
 from dissect.report.contract import connection_as_dict
-from dissect.report.places import Places
+from dissect.report.words import Places
 from dissect.source.live.reader import Drops, LiveReader
 from dissect.source.packet import Reader
 from dissect.transactions.connection import Connection

@@ -1,9 +1,14 @@
-"""The numbers in the text form that Prometheus fetches (exposition format 0.0.4), written by ``prometheus_client``."""
+"""Every metric, once: name, type, labels, sentence and the number behind it; and the text that Prometheus fetches.
+
+The exposition, the documentation and the dashboard are checked against this table. Names follow Prometheus: seconds and bytes
+in base units, counters end in ``_total``, no label ever holds an address or text from the wire. The text (exposition format
+0.0.4) is written by ``prometheus_client``.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Final
+from typing import Final, NamedTuple
 
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily
 from prometheus_client.exposition import generate_latest
@@ -12,10 +17,225 @@ from prometheus_client.process_collector import ProcessCollector
 from prometheus_client.registry import Collector
 
 from dissect import __version__
-from dissect.metrics.counters import Metrics
-from dissect.metrics.families import COUNTER, HISTOGRAM, PREFIX, Reading, readings
-from dissect.metrics.functions import BOUNDS_NS
+from dissect.engine.pipeline import Pipeline
+from dissect.findings.catalogue import CATALOGUE
+from dissect.ibh.tables import KINDS
+from dissect.iso.tables import TPDU_TYPES
+from dissect.iso.upper import UPPER_NAMES
+from dissect.metrics.counters import SEPARATOR, Metrics
+from dissect.metrics.functions import BOUNDS_NS, OTHER
+from dissect.s7.tables import ROSCTR
+from dissect.s7plus.tables import OPCODES
+from dissect.transactions import ending
+from dissect.transactions.accounts import CATEGORIES, FRAGMENT_WAITING
+from dissect.transactions.operation import KINDS as OPERATIONS
+from dissect.transactions.operation import RESULTS
+from dissect.transactions.transaction import OPEN, OUTCOMES, REASON_TEXTS
 from dissect.wire.build import COMPILED
+
+COUNTER: Final = "counter"
+GAUGE: Final = "gauge"
+HISTOGRAM: Final = "histogram"
+
+#: Every name begins with it.
+PREFIX: Final = "s7dissect_"
+
+_ENDINGS: Final = (
+    ending.FIN,
+    ending.RESET,
+    ending.DISCONNECT,
+    ending.ERROR_TPDU,
+    ending.REUSED,
+    ending.REPLACED,
+    ending.EVICTED,
+    ending.OPEN,
+)
+_OPERATIONS: Final = [f"{kind}{SEPARATOR}{result}" for kind in OPERATIONS for result in RESULTS]
+
+
+class Family(NamedTuple):
+    """A metric: its name (of a counter without ``_total``), type, labels, and one sentence."""
+
+    name: str
+    type: str
+    labels: tuple[str, ...]
+    sentence: str
+
+
+class Sample(NamedTuple):
+    """One series of a counter or gauge: the values of its labels, and the number."""
+
+    labels: tuple[str, ...]
+    value: float
+
+
+class Histogram(NamedTuple):
+    """One series of a histogram: the values of its labels, the counts of the buckets (each for itself), and the sum."""
+
+    labels: tuple[str, ...]
+    buckets: list[int]
+    total: float
+
+
+FAMILIES: Final[tuple[Family, ...]] = (
+    Family("packets", COUNTER, ("category",), "Packets read, by result."),
+    Family("fragments_waiting", GAUGE, (), "Packets with fragments of IP datagrams that are still incomplete."),
+    Family("packets_cut", COUNTER, (), "Packets truncated by the capture (snaplen)."),
+    Family("last_packet_timestamp_seconds", GAUGE, (), "Time of the latest packet, by the clock of the capture."),
+    Family("capture_lag_seconds", GAUGE, (), "How far the clock of the capture is behind that of this machine."),
+    Family("drops", COUNTER, ("where",), "Packets lost while capturing; absent if unknown."),
+    Family("stream_holes", COUNTER, (), "Gaps in the streams of tracked connections."),
+    Family("stream_missing_octets", COUNTER, (), "Bytes missing in these gaps."),
+    Family("evicted", COUNTER, ("what",), "State dropped because too much was open at once."),
+    Family("tpdus", COUNTER, ("type",), "COTP TPDUs by type."),
+    Family("tsdus", COUNTER, ("protocol",), "TSDUs by protocol."),
+    Family("s7_pdus", COUNTER, ("rosctr",), "S7 PDUs by ROSCTR."),
+    Family("s7plus_pdus", COUNTER, ("opcode",), "S7comm-plus PDUs by opcode."),
+    Family("ibh_packets", COUNTER, ("kind",), "IBH-NetLink packets by kind."),
+    Family("transactions", COUNTER, ("protocol", "function", "outcome"), "Transactions by function and outcome."),
+    Family("transactions_with_errors", COUNTER, ("protocol", "function"), "Transactions whose answer reports an error."),
+    Family("unanswered", COUNTER, ("reason",), "Unanswered requests, by reason."),
+    Family("errors", COUNTER, ("where", "class"), "Errors in answers, by place and class of code."),
+    Family("latency_seconds", HISTOGRAM, ("protocol", "function"), "Answer times, from request to answer."),
+    Family("open_requests", GAUGE, (), "Requests waiting for an answer."),
+    Family("operations", COUNTER, ("kind", "result"), "Completed operations of several transactions."),
+    Family("connections_opened", COUNTER, (), "Recognised connections."),
+    Family("connections_ended", COUNTER, ("how",), "Ended connections, by how they ended."),
+    Family("connections_open", GAUGE, (), "Connections tracked now."),
+    Family("findings", COUNTER, ("slug", "severity"), "Findings by slug."),
+    Family("queue_events", GAUGE, (), "Events waiting to be shown or written."),
+    Family("events_lost", COUNTER, (), "Events not shown or written because too many were waiting."),
+    Family("build_info", GAUGE, ("version", "build"), "Always 1; the version of s7dissect, compiled or interpreted."),
+)  # fmt: skip
+
+
+class Reading(NamedTuple):
+    """A metric and its series at one moment; of the two lists the one that fits its type is filled."""
+
+    family: Family
+    samples: list[Sample]
+    histograms: list[Histogram]
+
+
+def readings(metrics: Metrics, version: str, build: str) -> Iterator[Reading]:
+    """Yield every metric of the table, in its order, with what it is now; a series that is not known is left out."""
+    now: dict[str, list[Sample]] = {
+        **_told(metrics),
+        **_transactions(metrics),
+        **_connections(metrics),
+        "build_info": [Sample((version, build), 1)],
+    }
+    if metrics.pipeline is not None:
+        now.update(_traffic(metrics.pipeline))
+        now.update(_loss(metrics.pipeline))
+    for family in FAMILIES:
+        histograms = _latencies(metrics) if family.type == HISTOGRAM else []
+        yield Reading(family, now.get(family.name, []), histograms)
+
+
+def _one(value: float | None, scale: float = 1) -> list[Sample]:
+    """Return the series of a metric without labels, none when the number is not known."""
+    return [] if value is None else [Sample((), value / scale if scale != 1 else value)]
+
+
+def _told(metrics: Metrics) -> dict[str, list[Sample]]:
+    """What the live source told."""
+    drops = metrics.drops._asdict()
+    waiting, lost = metrics.queue or (None, None)
+    return {
+        "drops": [Sample((where,), number) for where, number in drops.items() if number is not None],
+        "queue_events": _one(waiting),
+        "events_lost": _one(lost),
+        "capture_lag_seconds": _one(metrics.lag_ns, 1e9),
+    }
+
+
+def _transactions(metrics: Metrics) -> dict[str, list[Sample]]:
+    rows = list(metrics.functions.rows.copy().values())
+    return {
+        "transactions": [
+            Sample((row.protocol, row.name, OUTCOMES[outcome]), count)
+            for row in rows
+            for outcome, count in enumerate(row.outcomes.copy())
+            if outcome != OPEN
+        ],
+        "transactions_with_errors": [Sample((row.protocol, row.name), int(row.errors)) for row in rows],
+        "unanswered": _from_zero(REASON_TEXTS, metrics.unanswered),
+        "errors": _from_zero((), metrics.errors),
+        "operations": _from_zero(_OPERATIONS, metrics.operations),
+    }
+
+
+def _from_zero(expected: Iterable[str], counts: dict[str, int]) -> list[Sample]:
+    """Return a series for each key; those ``expected`` begin with 0, so that an alert sees the first one come."""
+    now = dict.fromkeys(expected, 0)
+    now.update(counts.copy())
+    return [Sample(tuple(key.split(SEPARATOR)), count) for key, count in now.items()]
+
+
+def _latencies(metrics: Metrics) -> list[Histogram]:
+    series = []
+    for row in metrics.functions.rows.copy().values():
+        buckets = row.buckets.copy()
+        if any(buckets):
+            series.append(Histogram((row.protocol, row.name), buckets, int(row.sum_ns) / 1e9))
+    return series
+
+
+def _connections(metrics: Metrics) -> dict[str, list[Sample]]:
+    ended = metrics.ended.copy()
+    opened = metrics.opened  # after the ends: one that opens in between makes one too many open, never one too few
+    return {
+        "connections_opened": [Sample((), opened)],
+        "connections_ended": _from_zero(_ENDINGS, ended),
+        "connections_open": [Sample((), opened - sum(ended.values()))],
+    }
+
+
+def _traffic(pipeline: Pipeline) -> dict[str, list[Sample]]:
+    rosctrs = {row.number: row.name for row in ROSCTR}
+    opcodes = {row.number: row.name for row in OPCODES}
+    types = {row.number: row.name for row in TPDU_TYPES}
+    findings = pipeline.finding_counts.copy()
+    return {
+        "tpdus": _named(pipeline.iso.tpdus, types),
+        "tsdus": [Sample((name,), count) for name, count in zip(UPPER_NAMES, pipeline.iso.tsdus.copy(), strict=True)],
+        "s7_pdus": _named(pipeline.s7.rosctrs, rosctrs),
+        "s7plus_pdus": _named(pipeline.plus.opcodes, opcodes),
+        "ibh_packets": [Sample((kind,), count) for kind, count in zip(KINDS, pipeline.ibh.packets.copy(), strict=True)],
+        "open_requests": [Sample((), int(pipeline.exchange.dialogue.open))],
+        "findings": [Sample((slug, rule.severity), findings.get(slug, 0)) for slug, rule in CATALOGUE.items()],
+    }
+
+
+def _named(counts: list[int], names: dict[int, str]) -> list[Sample]:
+    """Return a series for each name, and one for all that has none."""
+    now = counts.copy()
+    named = [Sample((name,), now[number]) for number, name in names.items()]
+    return [*named, Sample((OTHER,), sum(now) - sum([now[number] for number in names]))]
+
+
+def _loss(pipeline: Pipeline) -> dict[str, list[Sample]]:
+    counts = pipeline.counters.packet_counts()
+    # What waits is counted a second time when its fate is known, so it is no counter.
+    waiting = counts.pop(CATEGORIES[FRAGMENT_WAITING])
+    evicted = {
+        "connections": pipeline.table.evicted,
+        "half_open_connections": pipeline.table.half_open_evicted,
+        "datagrams": pipeline.counters.fragments.evicted + pipeline.counters.fragments.expired,
+        "operations": pipeline.exchange.watch.operations.evicted,
+        "scan_pairs": pipeline.connections.scans.forgotten,
+    }
+    return {
+        "packets": [Sample((category,), count) for category, count in counts.items()],
+        "fragments_waiting": [Sample((), waiting)],
+        "packets_cut": [Sample((), int(pipeline.counters.cut_frames))],
+        "last_packet_timestamp_seconds": _one(int(pipeline.now_ns), 1e9) if pipeline.frames else [],
+        "stream_holes": [Sample((), int(pipeline.counters.octets.holes))],
+        "stream_missing_octets": [Sample((), int(pipeline.counters.octets.missing))],
+        "evicted": [Sample((what,), int(count)) for what, count in evicted.items()],
+    }
+
 
 CONTENT_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
 

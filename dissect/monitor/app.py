@@ -1,7 +1,8 @@
-"""The screens of `s7dissect monitor`: connections, what rolls by, findings, and what is behind each of them.
+"""The screens of `s7dissect monitor`: connections, what is scrolling by, findings, and what is behind each of them.
 
-The screen asks the session for events: five times a second while there are some, twice a second while there are none, each
-time a bounded number of them, and draws only what changed.
+The screen asks the session for events: five times a second while there are some, twice a second while there are none, a
+bounded number each time, and redraws only what changed. What is shown can be saved as text, but never over an existing file,
+and never through a symbolic link that someone put there.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import signal
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import ClassVar, Final
@@ -19,7 +20,7 @@ from textual.binding import Binding, BindingType
 from textual.events import Resize
 from textual.widgets import Input
 
-from dissect.findings.finding import SEVERITIES
+from dissect.findings.catalogue import SEVERITIES
 from dissect.live.session import Session, Status
 from dissect.monitor import details
 from dissect.monitor.filter import FAILED, SLOW
@@ -27,13 +28,31 @@ from dissect.monitor.lists import FindingFacts
 from dissect.monitor.model import Model
 from dissect.monitor.panes import ConnectionsPane, EntriesPane, FindingsPane, Pane
 from dissect.monitor.rows import PLACES, entry_line
-from dissect.monitor.saving import save
 from dissect.monitor.screens import HELP, Bar, PageScreen
+from dissect.recording.names import time_word
 from dissect.report import words
 from dissect.report.styled import HEADING, Line
 from dissect.report.text import connection_lines, finding_lines
-from dissect.wire.clock import Clock
-from dissect.wire.text import printable, shortened
+from dissect.wire.text import Clock, printable, shortened
+
+#: Names that are tried before it is given up.
+_TRIES: Final = 1000
+
+
+def save(directory: Path, time_ns: int, lines: Iterable[str]) -> Path:
+    """Write ``lines`` to a new file in ``directory`` named after a time; return its path. OSError when that cannot be."""
+    stem = f"s7dissect-{time_word(time_ns, Clock())}"
+    for number in range(1, _TRIES):
+        path = directory / (f"{stem}.txt" if number == 1 else f"{stem}-{number}.txt")
+        try:
+            file = path.open("x", encoding="utf-8", errors="backslashreplace", newline="\n")
+        except FileExistsError:
+            continue
+        with file:
+            file.writelines([f"{line}\n" for line in lines])
+        return path
+    raise FileExistsError(f"{directory}: too many files {stem}…")
+
 
 #: How long to wait for the next look at the events, in seconds: after some came, and after none did.
 _BUSY_S: Final = 0.2

@@ -11,16 +11,15 @@ from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rows import PLACES, entry_line
 from dissect.report import facets, words
-from dissect.report.lines import pdu_line, plus_line
 from dissect.report.scd_tree import scd_tree_lines
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.text import connection_lines, finding_lines
 from dissect.report.tree import plus_tree_lines, tree_lines
+from dissect.report.writers.text import pdu_line, plus_line
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
-from dissect.wire.clock import Clock
-from dissect.wire.text import printable, shortened
+from dissect.wire.text import Clock, printable, shortened
 
 #: Lines that are shown of one thing.
 MAX_LINES: Final = 20_000

@@ -6,8 +6,8 @@ from collections import OrderedDict, deque
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.finding import SEVERITIES, Finding, Rule
+from dissect.findings.catalogue import CATALOGUE, SEVERITIES, Rule
+from dissect.findings.reporter import Finding
 from dissect.monitor.rate_history import SECONDS, RateHistory
 from dissect.transactions.connection import Connection
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, RESET, REUSED

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.live.session import Event
 from dissect.monitor.entries import Entry, Ring, What, detached
 from dissect.monitor.filter import Wanted, is_slow

@@ -5,7 +5,7 @@ Text is drawn as `rich.text.Text` and never as markup, so that nothing a device 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar, Final, Generic, TypeVar
 
 from rich.text import Text
@@ -13,13 +13,13 @@ from textual.binding import Binding, BindingType
 from textual.message import Message
 from textual.widget import Widget
 
-from dissect.findings.finding import ERROR
+from dissect.findings.catalogue import ERROR
 from dissect.monitor import rows
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rows import Piece
 from dissect.report.styled import Line
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 
 Row = TypeVar("Row")
 
@@ -53,7 +53,10 @@ def drawn(lines: Sequence[Sequence[Piece]], styles: Sequence[str], width: int) -
 
 
 class Pane(Widget, Generic[Row], can_focus=True):
-    """A list with a heading and a cursor. The cursor stays on its row while others come and go."""
+    """A list with a heading and a cursor. The cursor stays on its row while others come and go.
+
+    ``draw`` returns a row as it is drawn in so many columns, ``key`` what tells it from others, and stays.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [*_MOVES, Binding("enter", "open", show=False)]
 
@@ -64,8 +67,10 @@ class Pane(Widget, Generic[Row], can_focus=True):
             super().__init__()
             self.pane = pane
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, draw: Callable[[Row, int], list[Piece]], key: Callable[[Row], object]) -> None:
         super().__init__(id=name)
+        self._draw = draw
+        self._key = key
         self.rows: list[Row] = []
         self.title = ""
         self.cursor = 0
@@ -97,7 +102,7 @@ class Pane(Widget, Generic[Row], can_focus=True):
         lines: list[Sequence[Piece]] = [[(self.heading(f"{mark}{self.title}{hidden}", width), "")]]
         styles = ["bold reverse" if self.has_focus else "underline"]
         for at, row in enumerate(shown, self._top):
-            lines.append(self.pieces(row, width))
+            lines.append(self._draw(row, width))
             styles.append("reverse" if at == self.cursor and self.has_focus else "")
         return drawn(lines, styles, width)
 
@@ -118,21 +123,13 @@ class Pane(Widget, Generic[Row], can_focus=True):
         """Return the heading."""
         return rows.fit(title, width)
 
-    def pieces(self, row: Row, width: int) -> list[Piece]:
-        """Return a row as it is drawn."""
-        raise NotImplementedError
-
-    def key(self, row: Row) -> object:
-        """Return what tells a row from others, and stays."""
-        raise NotImplementedError
-
     def _keep_cursor(self, before: Row | None) -> None:
         if not self.has_focus and not self.cursor:
             return  # nobody chose a row: the first stays the first, whatever comes before it
         if before is not None:
-            key = self.key(before)
+            key = self._key(before)
             for at, row in enumerate(self.rows):
-                if self.key(row) == key:
+                if self._key(row) == key:
                     self.cursor = at
                     return
         self.cursor = min(self.cursor, max(len(self.rows) - 1, 0))
@@ -168,36 +165,20 @@ class ConnectionsPane(Pane[ConnectionFacts]):
     """The connections."""
 
     def __init__(self) -> None:
-        super().__init__("connections")
-        self._glyphs = rows.sparks()
+        glyphs = rows.sparks()
+        super().__init__("connections", lambda row, width: rows.connection_row(row, width, glyphs), lambda row: row.key)
 
     def heading(self, title: str, width: int) -> str:
         """Return the title, and the heads of the columns behind it."""
         return rows.connection_heads(title, width)
-
-    def pieces(self, row: ConnectionFacts, width: int) -> list[Piece]:
-        """Return a connection."""
-        return rows.connection_row(row, width, self._glyphs)
-
-    def key(self, row: ConnectionFacts) -> object:
-        """Return its number."""
-        return row.key
 
 
 class FindingsPane(Pane[FindingFacts]):
     """The findings by their rules; ``clock`` writes times."""
 
     def __init__(self, clock: Clock | None = None) -> None:
-        super().__init__("findings")
-        self._clock = clock or Clock()
-
-    def pieces(self, row: FindingFacts, width: int) -> list[Piece]:
-        """Return the findings of a rule."""
-        return rows.finding_row(row, width, self._clock)
-
-    def key(self, row: FindingFacts) -> object:
-        """Return the slug."""
-        return row.key
+        shown = clock or Clock()
+        super().__init__("findings", lambda row, width: rows.finding_row(row, width, shown), lambda row: row.key)
 
     @property
     def errors(self) -> int:
@@ -212,9 +193,9 @@ class EntriesPane(Pane[Entry]):
     """
 
     def __init__(self, clock: Clock | None = None) -> None:
-        super().__init__("transactions")
+        shown = clock or Clock()
+        super().__init__("transactions", lambda row, width: rows.entry_row(row, width, shown), lambda row: row.order)
         self.frozen = False
-        self._clock = clock or Clock()
         self._latest: list[Entry] = []
 
     def update_rows(self, fresh: list[Entry], title: str) -> None:
@@ -256,14 +237,6 @@ class EntriesPane(Pane[Entry]):
         if not self._latest:
             return 0
         return self._latest[-1].order - (self.rows[-1].order if self.rows else 0)
-
-    def pieces(self, row: Entry, width: int) -> list[Piece]:
-        """Return an entry."""
-        return rows.entry_row(row, width, self._clock)
-
-    def key(self, row: Entry) -> object:
-        """Return its order."""
-        return row.order
 
     def move_to(self, at: int) -> None:
         """Put the cursor on a row; off the last one it freezes the list."""

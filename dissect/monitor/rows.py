@@ -9,20 +9,20 @@ from typing import Final, NamedTuple
 
 from rich.cells import cell_len, set_cell_size
 
-from dissect.findings.finding import ERROR, WARNING, Finding
+from dissect.findings.catalogue import ERROR, WARNING
+from dissect.findings.reporter import Finding
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rate_history import SECONDS, level
 from dissect.report import facets, words
-from dissect.report.lines import transaction_line
 from dissect.report.operations import NAMES, operation_line, result
-from dissect.report.places import Places
 from dissect.report.scd import scd_summary
+from dissect.report.words import Places
+from dissect.report.writers.text import transaction_line
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import DONE, RUNNING, Operation
 from dissect.transactions.transaction import Transaction
-from dissect.wire.clock import Clock
-from dissect.wire.text import printable, shortened
+from dissect.wire.text import Clock, printable, shortened
 
 #: From this many columns there is room for more of everything.
 WIDE: Final = 130

@@ -1,7 +1,7 @@
 """The differences that are understood: for each what the two sides say, which octets decide it, and who is right.
 
 This is the one place where a difference may be excused. An entry (`dissect.oracle.entry`) names the field and says by a
-predicate (`dissect.oracle.grounds`, `body_grounds`, `service_grounds`) exactly when it holds; what no entry claims is
+predicate (`dissect.oracle.grounds`, `body_grounds`) exactly when it holds; what no entry claims is
 unexplained, and the tests fail on it. ``side`` says who is right: `OURS`, `SCOPE` where the package leaves something out on
 purpose, `FORM` where both say the same in other words. docs/oracle.md shows this table.
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.oracle import body_grounds, facts, grounds, service_grounds
+from dissect.oracle import body_grounds, facts, grounds
 from dissect.oracle.entry import Known
 from dissect.oracle.grounds import FRAME, LENGTH, OCTETS, SUBFUNCTIONS, TRANSPORT_SIZE, WHOLE, Case
 
@@ -170,7 +170,7 @@ KNOWN: Final = (
         "Records of some system status lists are shown as bytes, and no name is known for any of their fields.",
         "The Siemens manual of system functions describes them.",
         "4.5",
-        service_grounds.record_without_names,
+        body_grounds.record_without_names,
     ),
     Known(
         "address-of-a-record",
@@ -179,7 +179,7 @@ KNOWN: Final = (
         "Count, DB number and address of an item in the area of data records have names of their own.",
         "Its bytes are the same in every area; our names are those of S7ANY.",
         "3.6",
-        service_grounds.data_record,
+        body_grounds.data_record,
     ),
     Known(
         "fill-of-a-record",
@@ -188,7 +188,7 @@ KNOWN: Final = (
         "The byte between status and length of a data record that was read is not shown.",
         "The length begins behind it; it says nothing.",
         "4.7",
-        service_grounds.fill_before_length,
+        body_grounds.fill_before_length,
     ),
     Known(
         "archives-as-reserved",
@@ -197,7 +197,7 @@ KNOWN: Final = (
         "The list of archives of a message service is shown as reserved bytes.",
         "With an alarm type of AR_SEND, the number of archives and their ids (or return codes) follow.",
         "4.9",
-        service_grounds.archives,
+        body_grounds.archives,
     ),
     Known(
         "archive-as-octets",
@@ -206,7 +206,7 @@ KNOWN: Final = (
         "What AR_SEND pushes is shown as bytes.",
         "It begins with the id of the archive and a length.",
         "4.9",
-        service_grounds.archive_data,
+        body_grounds.archive_data,
     ),
     Known(
         "argument-of-unknown-service",
@@ -254,11 +254,11 @@ KNOWN: Final = (
     Known(
         "credit-of-a-parameter",
         FORM,
-        (service_grounds.CREDIT,),
+        (body_grounds.CREDIT,),
         "The credit in the parameter 0x8c (flow control confirmation) has the name of the credit of an AK.",
         "It is no field of the header; code and length of the parameter are compared, its value we keep as bytes.",
         "2.3",
-        service_grounds.credit_of_parameter,
+        body_grounds.credit_of_parameter,
     ),
     Known(
         "expedited-refused",

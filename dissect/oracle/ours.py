@@ -10,7 +10,8 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Final
 
-from dissect.engine.observer import Observer, Options
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options
 from dissect.ibh.tables import IBH_NETLINK
 from dissect.iso import layouts as iso
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZE, Tpdu, parse_tpdu
@@ -20,7 +21,8 @@ from dissect.oracle.plus import PlusProof
 from dissect.s7 import layouts as s7
 from dissect.s7.bodies import parse_body
 from dissect.s7.items import DATA_HEAD, item_fill
-from dissect.s7.message import ACK_HEADER_SIZE, Pdu, parse_pdu
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.parameters import ACK_HEADER_SIZE
 from dissect.s7.pbc import BSEND
 from dissect.s7.syntaxes import PBC_ID
 from dissect.s7.tables import READ_VAR, ROSCTR, USERDATA, WRITE_VAR

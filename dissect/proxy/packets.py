@@ -11,7 +11,7 @@ import struct
 from ipaddress import ip_address
 from typing import Any, Final
 
-from dissect.tcp.connection import ACK, FIN, RST, SYN, Endpoint
+from dissect.tcp.stream import ACK, FIN, RST, SYN, Endpoint
 
 #: LINKTYPE number of the frames.
 ETHERNET: Final = 1

@@ -24,7 +24,7 @@ import msgspec
 
 from dissect.proxy.relay import Problem, Relay
 from dissect.proxy.tap import Passed, Tap
-from dissect.tcp.connection import Endpoint
+from dissect.tcp.stream import Endpoint
 
 #: Octets that wait here at most, each message counted as so many more; more waits in the other process.
 _MAX_HELD: Final = 4 * 1024 * 1024

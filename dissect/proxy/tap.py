@@ -9,7 +9,7 @@ from __future__ import annotations
 import queue
 from typing import Final, NamedTuple, Protocol
 
-from dissect.tcp.connection import Endpoint
+from dissect.tcp.stream import Endpoint
 
 #: What can happen to a connection.
 OPENED: Final = "opened"

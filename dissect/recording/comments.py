@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.wire.text import printable
 
 #: How every comment of ours begins, so that a display filter finds them: ``frame.comment contains "s7dissect:"``.

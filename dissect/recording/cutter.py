@@ -33,6 +33,7 @@ class Cutter(PacketSink):
 
     ``frames`` counts the packets read, ``chosen`` those wanted, ``beside`` those written for being near one, and ``commented``
     those with a finding as comment; ``shortened`` counts packets near a wanted one that there was no memory to hold.
+    ``secrets_kept`` counts the Decryption Secrets Blocks that were copied.
     """
 
     def __init__(self, choice: Choice, writer: PcapngWriter, around: Around | None = None) -> None:
@@ -40,6 +41,7 @@ class Cutter(PacketSink):
         self.chosen = 0
         self.beside = 0
         self.commented = 0
+        self.secrets_kept = 0
         self._choice = choice
         self._writer = writer
         around = around if around is not None else Around()
@@ -67,6 +69,11 @@ class Cutter(PacketSink):
         """Take a comment that stands in the capture; it stays with its packet."""
         if len(self._comments) < _MAX_COMMENTS:
             self._comments.append(text)
+
+    def secrets(self, text: bytes) -> None:
+        """Take the TLS keys that the capture holds; they go along, so that OUT can be decrypted as its source can."""
+        self.secrets_kept += 1
+        self._writer.secrets(text)
 
     def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
         """Take a packet: write it, hold it, or let it go."""

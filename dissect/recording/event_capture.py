@@ -15,13 +15,13 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.recording import names
 from dissect.recording.comments import finding_comment, frames_in_words
 from dissect.recording.recent import MAX_COMMENTS, KeptPacket, RecentPackets
 from dissect.source.packet import PacketSink
 from dissect.source.pcapng_writer import PcapngWriter
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 
 #: Octets after which a file gives way to the next, while triggers keep coming; and files that one keeper makes.
 MAX_FILE_OCTETS: Final = 1_000_000_000

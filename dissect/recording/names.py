@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from dissect.source.pcapng_writer import PcapngWriter
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 
 #: What a file that is not finished ends with.
 PART: Final = ".part"

@@ -1,27 +1,98 @@
 """A ring of capture files: packets are written as they pass, a new file begins when one is full or old, the oldest goes.
 
 A file is called ``NAME_00001_20160208T145137Z.pcapng.part`` (its number, and the time of its first packet, UTC) while it is
-written, and loses ``.part`` when it is finished: so whoever copies ``*.pcapng`` copies whole files only. The ``.part`` that a
-kill leaves behind is readable up to the last packet written. Where the number of files is limited, those of earlier runs count,
-such a ``.part`` too (`dissect.recording.earlier`): the folder does not grow with each restart.
+written, and loses ``.part`` when it is finished: copying ``*.pcapng`` therefore copies only whole files. The ``.part`` that a
+killed process leaves behind is readable up to the last packet written.
+
+Where the number of files is limited, those of earlier runs count as well, ``.part`` files included, so that the folder does
+not grow with each restart. Nothing else in the folder is touched: a file belongs to the ring when a ring of this name would
+give it its name, and its first block says in a comment that such a ring wrote it. A file that another process is writing is
+left alone; its writer holds a lock on it.
 """
 
 from __future__ import annotations
 
 import os
 import re
+import stat
 from collections import deque
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from mypy_extensions import i64
 
 from dissect.recording import names
-from dissect.recording.earlier import earlier_files, lock, mark_of
+from dissect.recording.names import PART, SUFFIX
 from dissect.source.packet import PacketSink
-from dissect.source.pcapng_writer import PcapngWriter
-from dissect.wire.clock import Clock
+from dissect.source.pcapng_writer import PcapngWriter, section_mark
+from dissect.wire.text import Clock
+
+try:
+    import fcntl
+except ImportError:  # not on Windows, where an open file cannot be removed anyway
+    fcntl = None  # type: ignore[assignment]
+
+#: Octets at the beginning of a file that are looked at: its section header and more.
+_HEAD: Final = 4096
+
+
+class EarlierFile(NamedTuple):
+    """A file of an earlier run: where, how many octets, its number in that run, and the time in its name."""
+
+    path: Path
+    octets: int
+    number: int
+    time: str
+
+
+def mark_of(name: str) -> str:
+    """Return the comment by which a ring of this name knows its files."""
+    return f"s7dissect ring {name}"
+
+
+def earlier_files(directory: Path, name: str) -> list[EarlierFile]:
+    """Return the files that rings of this name made in ``directory`` and that nobody writes to, the oldest first."""
+    pattern = re.compile(
+        rf"{re.escape(name)}_([0-9]{{5,9}})_([0-9]{{8}}T[0-9]{{6}}Z)(?:-[0-9]{{1,6}})?{re.escape(SUFFIX)}(?:{re.escape(PART)})?"
+    )
+    found = []
+    for path in directory.iterdir():
+        match = pattern.fullmatch(path.name)
+        size = _size(path, mark_of(name)) if match is not None else -1
+        if match is not None and size >= 0:
+            found.append(EarlierFile(path, size, int(match[1]), match[2]))
+    return sorted(found, key=lambda file: (file.time, file.number))
+
+
+def lock(descriptor: int) -> None:
+    """Hold a file that is being written, until it is closed. Where there are no locks nothing happens."""
+    if fcntl is not None:
+        # Without locks on this file system, files with .part there are judged by name and mark alone.
+        with suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _size(path: Path, mark: str) -> int:
+    """Return the size of a file of ours that nobody writes to, -1 for any other."""
+    flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
+    try:
+        descriptor = os.open(path, flags)
+    except OSError:
+        return -1
+    try:
+        status = os.fstat(descriptor)
+        if not stat.S_ISREG(status.st_mode) or section_mark(os.read(descriptor, _HEAD)) != mark:
+            return -1
+        if fcntl is not None:
+            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        return status.st_size
+    except OSError:
+        return -1
+    finally:
+        os.close(descriptor)
+
 
 #: Finished files that a ring without an end remembers.
 _REMEMBERED: Final = 1000

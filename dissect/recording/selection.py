@@ -1,32 +1,80 @@
-"""Which packets of a capture are wanted: the first reading tells, and remembers it in little memory.
+"""Which packets of a capture are wanted: the first reading finds out, and remembers it in little memory.
 
 `Selection` watches an analysis. Afterwards `Selection.choice` gives what recognises the packets when they are read again:
-addresses and ports of connections, ranges of sequence numbers of transactions, numbers of the packets that show a finding.
+addresses and ports of connections, ranges of sequence numbers of transactions, numbers of the packets that show a finding. It
+adds what a message needs to be understood on its own: how its connection began, what was negotiated, how it ended.
 """
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Collection, Sequence
 from typing import Final
 
 from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.ibh.packet import parse_packet
 from dissect.ibh.tables import KIND_CONFIRM, KIND_CONNECT, KIND_DISCONNECT, KIND_GO_AHEAD, KIND_SERVICE
 from dissect.iso.tables import CC, CR, DC, DR
 from dissect.recording.comments import finding_comment
-from dissect.recording.context import ContextBook
 from dissect.recording.spans import Span, SpanBook
+from dissect.recording.subscriptions import Asked, SubscriptionBook
 from dissect.report.contract import by_weight
 from dissect.s7.tables import SETUP_COMMUNICATION as _SETUP
 from dissect.tcp import ip, link
-from dissect.tcp.connection import FIN, RST, SYN, TcpConnection
+from dissect.tcp.stream import FIN, RST, SYN, TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.table import Side, reverse_key
-from dissect.transactions.transaction import Transaction
+from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.octets import u16, u32
+
+#: Connections remembered, and packets of each that opened or closed it above TCP.
+MAX_CONNECTIONS: Final = 16_384
+MAX_FRAMES: Final = 16
+
+
+class Beginning:
+    """``frames`` of TPDUs or IBH-NetLink packets that open or close; of the latest Setup its ``setup`` frames and spans."""
+
+    __slots__ = ("frames", "setup", "spans")
+
+    def __init__(self) -> None:
+        self.frames: list[int] = []
+        self.setup: list[int] = []
+        self.spans: list[Span] = []
+
+
+class ContextBook:
+    """Beginnings by the number of their connection; of too many, those seen least lately are forgotten."""
+
+    def __init__(self) -> None:
+        self._known: OrderedDict[int, Beginning] = OrderedDict()
+
+    def opened(self, number: int, frame: int) -> None:
+        """Packet ``frame`` opens or closes connection ``number``."""
+        beginning = self.of(number)
+        if len(beginning.frames) < MAX_FRAMES:
+            beginning.frames.append(frame)
+
+    def negotiated(self, number: int, frames: list[int], spans: list[Span]) -> None:
+        """A Setup communication took place in these packets."""
+        beginning = self.of(number)
+        beginning.setup = frames
+        beginning.spans = spans
+
+    def of(self, number: int) -> Beginning:
+        """Return what is known of a connection."""
+        beginning = self._known.get(number)
+        if beginning is None:
+            beginning = self._known[number] = Beginning()
+            if len(self._known) > MAX_CONNECTIONS:
+                self._known.popitem(last=False)
+        else:
+            self._known.move_to_end(number)
+        return beginning
+
 
 #: TPDUs that open and close a transport connection, and IBH-NetLink packets that do.
 _OPENING: Final = frozenset((CR, CC, DR, DC))
@@ -103,6 +151,8 @@ class Selection(Observer):
         self._spans: list[TimedSpan] = []
         self._frames: set[int] = set()
         self._findings: list[Finding] = []
+        self._subscriptions = SubscriptionBook()
+        self._asked: set[int] = set()  # numbers of transactions whose packets are wanted
         self._context = ContextBook() if context and wanted.transactions else None
         self._around: dict[int, Connection] = {}  # connections of wanted transactions
         self._unanswered: list[tuple[Connection, int]] = []  # those of unanswered ones, and the packet of the request
@@ -149,17 +199,28 @@ class Selection(Observer):
         frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
         if self._context is not None and transaction.function == _SETUP:
             self._context.negotiated(number, frames, [span for span in spans if span is not None])
+        self._subscriptions.note(transaction, frames, spans)
         if transaction.number not in self._wanted.transactions:
             return
         self._transactions.add(int(transaction.number))
         self._surround(transaction)
-        self._frames.update(frames)
-        times = [int(at) for at in (transaction.request_ns, transaction.response_ns) if at]
-        for span in spans:
-            if span is not None:
-                self._spans.append(TimedSpan(span, min(times) - AGAIN_NS, max(times) + AGAIN_NS))
-        if not transaction.connection.udp:  # a datagram is one packet
-            self.uncertain += len(frames) - (len(spans) - spans.count(None))
+        self._want(Asked(transaction, frames, spans))
+        if transaction.outcome == PUSH:
+            forgotten = self._subscriptions.forgotten
+            for asked in self._subscriptions.of(transaction):
+                self._want(asked)
+            self.uncertain += self._subscriptions.forgotten - forgotten
+
+    def _want(self, asked: Asked) -> None:
+        """Take the packets of a request and its answer, sent again or not."""
+        if asked.number in self._asked:
+            return
+        self._asked.add(asked.number)
+        self._frames.update(asked.frames)
+        known = [span for span in asked.spans if span is not None]
+        self._spans += [TimedSpan(span, asked.from_ns - AGAIN_NS, asked.to_ns + AGAIN_NS) for span in known]
+        if not asked.connection.udp:  # a datagram is one packet
+            self.uncertain += len(asked.frames) - len(known)
 
     def _surround(self, transaction: Transaction) -> None:
         """Take the end of its connection along where it got no answer, and with ``context`` how that began and ended."""

@@ -6,19 +6,20 @@ import json
 from typing import Final
 
 from dissect.engine.pipeline import Pipeline
-from dissect.findings.finding import SEVERITIES, Finding
+from dissect.findings.catalogue import SEVERITIES
+from dissect.findings.reporter import Finding
 from dissect.iso.tsap import Tsap
 from dissect.report import words
 from dissect.report.analysis import Analysis, FunctionStatistics
 from dissect.report.endings import ending_as_dict
 from dissect.report.facets import facet_of_row
-from dissect.report.jsonl import TransactionLines
-from dissect.report.places import Places
+from dissect.report.tls import tls_as_dict
+from dissect.report.words import Places
+from dissect.report.writers.jsonl import TransactionLines
 from dissect.source.packet import SourceFile
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
-from dissect.wire.clock import Clock
-from dissect.wire.text import encodable
+from dissect.wire.text import Clock, encodable
 
 ANALYSIS_SCHEMA: Final = "s7dissect.analysis/1"
 
@@ -154,6 +155,7 @@ def connection_as_dict(connection: Connection, places: Places) -> dict[str, obje
         "vlan": words.vlans(tcp.vlan),
         "protocol": connection.protocol or None,
         "identified_by": connection.identified_by or None,
+        "tls": tls_as_dict(connection),
         "start": "syn" if tcp.known_start else ("cr" if connection.cr_seen else "mid_stream"),
         **_place("first", tcp.first_frame, places),
         "first_time": clock.iso(tcp.first_ns),

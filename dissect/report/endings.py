@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Final
 
 from dissect.report import words
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, REUSED
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 
 if TYPE_CHECKING:
-    from dissect.report.places import Places
+    from dissect.report.words import Places
     from dissect.s7.parameters import Parameters
     from dissect.transactions.connection import Connection
     from dissect.transactions.ending import Ending

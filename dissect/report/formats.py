@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dissect.report.outcome import Outcome
     from dissect.report.styled import Line
     from dissect.report.writer import Writer
-    from dissect.wire.clock import Clock
+    from dissect.wire.text import Clock
 
 # Kinds of results. Records come one after another and are given to a `Writer` …
 TRANSACTIONS: Final = "transactions"

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 from dissect.report.styled import PLAIN, Line
 
@@ -33,23 +34,26 @@ class Case(NamedTuple):
     listed: bool = True
 
 
-class Outcome:
-    """One result; a command overrides what its formats need. Lines are safe to show; values are as they are, in ASCII."""
+class Outcome(ABC):
+    """One result of a command. Lines are safe to show; values are as they are, in ASCII."""
 
     #: How its JSON is laid out.
     layout: Mapping[str, Any] = PAGE
 
+    @abstractmethod
     def text(self) -> Iterable[str | Line]:
         """Return it as lines for a person."""
-        raise NotImplementedError
 
+    @abstractmethod
     def as_dict(self) -> Mapping[str, object]:
         """Return it as JSON-ready values."""
-        raise NotImplementedError
+
+
+class Tested(Protocol):
+    """An outcome that formats of tests take."""
 
     def cases(self) -> tuple[str, str, list[Case]]:
         """Return it as tests: the name of the suite, what it is of, and the tests."""
-        raise NotImplementedError
 
 
 def text_outcome(outcome: Outcome) -> Iterable[str | Line]:

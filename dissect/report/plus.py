@@ -9,6 +9,7 @@ from dissect.iso.upper import S7COMM_PLUS, UPPER_NAMES
 from dissect.report.facet import Facet
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import SUCCESS
+from dissect.s7plus.alarms import ALARM, Alarm
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.hiding import shown_contents, without_secrets
 from dissect.s7plus.ids import DATA_BLOCK
@@ -16,7 +17,7 @@ from dissect.s7plus.items import REFUSED, Half, PlusItem, join_items
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.parameters import PlusParameters, names_function
 from dissect.s7plus.summary import summary
-from dissect.s7plus.tables import KEEP_ALIVE, NOTIFICATION, REQUEST, RETURN_CODES, SYSTEM_EVENT
+from dissect.s7plus.tables import CREATE_OBJECT, KEEP_ALIVE, NOTIFICATION, REQUEST, RETURN_CODES, SYSTEM_EVENT
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.wire.part import Part
@@ -32,6 +33,9 @@ _ITEMS: Final = 20
 #: Areas as S7comm numbers them, by those of S7comm-plus.
 S7_AREAS: Final = {80: 0x81, 81: 0x82, 82: 0x83, 83: 0x1C, 84: 0x1D}
 DB_AREA: Final = 0x84
+
+#: Functions whose items stand beside what else they are about.
+_ITEMS_BESIDE: Final = frozenset((CREATE_OBJECT,))
 
 _NO_FUNCTION: Final[dict[str, object]] = {"code": None, "name": None}
 
@@ -105,10 +109,12 @@ def plus_subject(transaction: Transaction) -> str:
     else:
         said = ["expects no response"] if asked is not None and not asked.pdu.wants_response else []
     items = join_items(asked, told, transaction.connection.plus)
-    if items:
+    if items and half.pdu.function not in _ITEMS_BESIDE:
         return ", ".join(said + _some([item_text(item) for item in items]))
     texts = [", ".join(summary(one.pdu, one.contents)) for one in (asked, told) if one is not None]
     said += [" → ".join([shortened(text, _SUMMARY) for text in texts if text])]
+    if items:
+        said.append("subscribes to " + ", ".join(_some([item_text(item) for item in items])))
     return ", ".join([text for text in said if text]) or ", ".join(plus_notes(half.pdu))
 
 
@@ -135,6 +141,7 @@ def plus_as_dict(pdu: PlusPdu) -> dict[str, object]:
         "session_id": pdu.session_id,
         "subscription_id": pdu.subscription_id,
         "number": pdu.sequence if pdu.opcode == NOTIFICATION else pdu.number,
+        "credit_tick": pdu.credit_tick,
         "transport_flags": pdu.transport_flags,
     }
     values |= {name: value for name, value in numbers.items() if value >= 0}
@@ -152,10 +159,16 @@ def plus_as_dict(pdu: PlusPdu) -> dict[str, object]:
 def plus_json(transaction: Transaction) -> str:
     """Return the keys that only transactions of S7comm-plus have, behind a comma."""
     asked, told = transaction.plus_halves()
+    halves: dict[str, object] = {"request": _half_as_dict(asked), "response": _half_as_dict(told)}
+    alarms = (
+        [Alarm(one).as_dict() for one in told.contents.objects if one.class_id == ALARM] if told is not None else []
+    )
+    if alarms:
+        halves["alarms"] = alarms
     values = {
         "asks": _noted(asked),
         "tells": _noted(told),
-        "s7plus": {"request": _half_as_dict(asked), "response": _half_as_dict(told)},
+        "s7plus": halves,
         "items": [_item_as_dict(item) for item in join_items(asked, told, transaction.connection.plus)],
     }
     return "," + _json(values)[1:-1]

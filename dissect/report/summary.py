@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dissect.report.analysis import Analysis
 from dissect.report.outcome import Outcome
 from dissect.report.styled import Line
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 
 
 class Summary(Outcome):

@@ -1,14 +1,26 @@
-"""Small phrases that several faces share: durations, sizes, values, items, how a transaction ended."""
+"""Short phrases that all outputs share: packets, durations, sizes, values, items, how a transaction ended.
+
+`Places` names a packet: by its number in a single file, by file and number within it in several. The pipeline counts packets
+over the whole run, but a person looks for them in a file, and so may a program, so every output gives the number within the
+file, and names the file as soon as there is more than one.
+"""
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from collections.abc import Sequence
 from typing import Final
 
+from dissect.ibh.tables import IBH_NETLINK
+from dissect.iso.cotp import Tpdu
 from dissect.iso.tsap import Tsap
+from dissect.iso.upper import EMPTY, S7COMM, S7COMM_PLUS, UPPER_NAMES, classify
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
 from dissect.s7.tables import BYTE, RETURN_CODES
 from dissect.s7.values import Value
+from dissect.source.packet import SourceFile
+from dissect.transactions.connection import Connection
 from dissect.transactions.results import ItemResult
 from dissect.transactions.transaction import (
     ANSWERED,
@@ -26,8 +38,76 @@ from dissect.transactions.transaction import (
     Transaction,
     TransactionError,
 )
-from dissect.wire.durations import duration_text
-from dissect.wire.text import printable, shortened
+from dissect.wire.text import duration_text, encodable, printable, shortened
+
+
+class Places:
+    """Finds packets of a run in its files.
+
+    ``files`` may still grow while it is asked. ``several`` says whether file names are told, whatever was read so far.
+    """
+
+    def __init__(self, files: Sequence[SourceFile], several: bool) -> None:
+        self._files = files
+        self.several = several
+
+    def locate(self, frame: int) -> tuple[str, int]:
+        """Return (file name, number within that file) of the packet that is number ``frame`` of the run."""
+        index = bisect_right(self._files, frame, key=lambda file: int(file.first_frame)) - 1
+        file = self._files[max(index, 0)]
+        return encodable(file.name), frame - int(file.first_frame) + 1
+
+    def number(self, frame: int) -> int:
+        """Return the number of a packet within its file."""
+        return self.locate(frame)[1] if self.several else frame
+
+    def mark(self, frame: int) -> str:
+        """Return a packet as a line begins with it: ``12``, or ``NAME:12`` in several files."""
+        if not self.several:
+            return str(frame)
+        name, number = self.locate(frame)
+        return f"{printable(name)}:{number}"
+
+    def pair(self, request_frame: int, response_frame: int) -> str:
+        """Return the packets of a request and its answer, 0 for none: ``8→9``, ``8→?``, ``NAME:8→9``, ``ONE:8→OTHER:1``."""
+        asked = self.mark(request_frame) if request_frame else "?"
+        if not response_frame:
+            return f"{asked}→?"
+        if not request_frame:
+            answered = self.mark(response_frame)
+            name, colon, number = answered.rpartition(":")
+            return f"{name}{colon}?→{number}"
+        same = not self.several or self.locate(request_frame)[0] == self.locate(response_frame)[0]
+        return f"{asked}→{self.number(response_frame) if same else self.mark(response_frame)}"
+
+    def phrase(self, frames: Sequence[int]) -> str:
+        """Return packets in words: ``packet 8``, ``packets 8, 9``, ``packets 8, 9 of NAME``; ``the capture`` for none."""
+        if not frames:
+            return "the capture"
+        if not self.several:
+            return _numbered(frames)
+        by_file: dict[str, list[int]] = {}
+        for frame in frames:
+            name, number = self.locate(frame)
+            by_file.setdefault(name, []).append(number)
+        return ", ".join([f"{_numbered(numbers)} of {printable(name)}" for name, numbers in by_file.items()])
+
+
+def _numbered(numbers: Sequence[int]) -> str:
+    return f"packet{'s' if len(numbers) > 1 else ''} {', '.join([str(number) for number in numbers])}"
+
+
+#: What people call the protocols that TSDUs speak; the names of `UPPER_NAMES` are for programs.
+PROTOCOLS: Final = {
+    "s7comm": "S7comm",
+    "s7comm_plus": "S7comm-plus",
+    "mms": "MMS",
+    "tls": "TLS",
+    "rdp": "RDP",
+    "scd": "SCD",
+    "unknown": "unknown protocol",
+    IBH_NETLINK: "IBH-NetLink",
+}
 
 #: Elements of an array, characters of a text and octets that are shown on a line.
 _SHOWN: Final = 8
@@ -204,3 +284,20 @@ def outcome(transaction: Transaction) -> str:
         refused = f"REFUSED {error_text(error)}"
         said = f"{said}, {refused}" if said else refused
     return said
+
+
+def carried(tpdu: Tpdu) -> str:
+    """Return what people call the protocol of the user data of a DT or ED; empty when there is no data, or S7comm."""
+    return message_name(tpdu.data)
+
+
+def message_name(octets: bytes) -> str:
+    """Return what people call the protocol of a message; empty when there is none, or one whose PDUs have own lines."""
+    upper = classify(octets, 0, len(octets))
+    return "" if upper in {S7COMM, S7COMM_PLUS, EMPTY} else PROTOCOLS[UPPER_NAMES[upper]]
+
+
+def named(connection: Connection) -> str:
+    """Return what people call the protocol of a connection and what identifies it, empty when nothing was said on it."""
+    name = PROTOCOLS.get(connection.protocol, printable(connection.protocol))
+    return f"{name} ({connection.identified_by})" if connection.identified_by else name

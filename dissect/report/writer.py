@@ -6,25 +6,30 @@ stands between the pipeline and the writer, because the pipeline tells of everyt
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable
+from typing import Final
 
 from mypy_extensions import i64, mypyc_attr
 
+from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.observer import Observer
-from dissect.engine.payload import PayloadDecoder
 from dissect.ibh.packet import parse_packet
 from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
 from dissect.iso.cotp import parse_tpdu
 from dissect.iso.tables import DT, ED
-from dissect.report.lines import carried, message_name
-from dissect.report.places import Places
 from dissect.report.styled import Line
+from dissect.report.words import Places, carried, message_name
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
-from dissect.transactions.transaction import Transaction
-from dissect.wire.clock import Clock
+from dissect.transactions.transaction import UNANSWERED, Transaction
+from dissect.wire.text import Clock
+
+#: Lines of transactions, and characters of them, that wait for what completed before them and is still held back.
+KEPT_LINES: Final = 4096
+KEPT_CHARACTERS: Final = 16 * 1024 * 1024
 
 #: Tells whether a transaction is wanted.
 Choice = Callable[[Transaction], bool]
@@ -69,17 +74,76 @@ class Writer(Observer):
 
 
 class TransactionFeed(Observer):
-    """Hands transactions to a writer, all or those that are chosen."""
+    """Hands transactions to a writer, all or those that are chosen, and keeps its lines in the order of the capture.
 
-    def __init__(self, writer: Writer, choose: Choice | None = None) -> None:
+    A transaction stands where the packet that completed it stands; one without an answer stands where the wait for it ended.
+    What waited behind a gap of its TCP stream reaches the feed after what completed later on other connections, or in the
+    other direction: its lines are put before those.
+    """
+
+    def __init__(
+        self,
+        writer: Writer,
+        choose: Choice | None = None,
+        most_lines: int = KEPT_LINES,
+        most_characters: int = KEPT_CHARACTERS,
+    ) -> None:
         super().__init__()
         self._writer: Writer = writer
         self._choose: Choice | None = choose
+        self._most_lines: int = most_lines
+        self._most_characters: int = most_characters
+        self._packets: list[int] = []  # for each line of the writer the packet it stands at; these ascend
+        self._latest: int = 0
+        self.protocols: dict[str, int] = {}  # of the connections that are over, and how many spoke each
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Count what a connection spoke."""
+        self.protocols[connection.protocol] = self.protocols.get(connection.protocol, 0) + 1
 
     def transaction(self, transaction: Transaction) -> None:
         """Hand on a transaction."""
-        if self._choose is None or self._choose(transaction):
-            self._writer.transaction(transaction)
+        if self._choose is not None and not self._choose(transaction):
+            return
+        packet = self._latest
+        if transaction.outcome != UNANSWERED:
+            packet = int(max(transaction.request_frame, transaction.response_frame))
+        lines = self._writer.lines
+        packets = self._packets
+        while len(packets) < len(lines):
+            packets.append(0)  # what the writer began with
+        self._writer.transaction(transaction)
+        fresh = len(lines) - len(packets)
+        if packet >= self._latest:
+            self._latest = packet
+            for _ in range(fresh):
+                packets.append(packet)
+            return
+        at = bisect_right(packets, packet)
+        late = lines[len(packets) :]
+        del lines[len(packets) :]
+        lines[at:at] = late
+        packets[at:at] = [packet] * fresh
+
+    def take(self, held: int) -> list[str | Line]:
+        """Return the lines before packet ``held``, the first that is held back (0 for none); nothing can come before them.
+
+        The others stay, at most ``most_lines`` of ``most_characters``: with more of them the oldest are returned as well.
+        """
+        lines = self._writer.take()
+        packets = self._packets
+        ready = bisect_left(packets, held) if held else len(lines)
+        kept = len(lines)
+        room = self._most_characters
+        while kept > ready and len(lines) - kept < self._most_lines:
+            line = lines[kept - 1]
+            room -= len(line.text) if isinstance(line, Line) else len(line)
+            if room < 0:
+                break
+            kept -= 1
+        self._writer.lines = lines[kept:]
+        self._packets = packets[kept:]
+        return lines[:kept]
 
 
 class OperationFeed(Observer):
@@ -127,7 +191,7 @@ class PduFeed(Observer):
             return
         tpdu = parse_tpdu(octets[4:])
         if tpdu.type in {DT, ED}:
-            begins = side.assembler.parts is None and side.assembler.clear
+            begins = side.assembler.clear
             if not (begins and carried(tpdu)) or (self._decoder and self._decoder.claims_tsdus(side.connection)):
                 return
         self._writer.tpdu(frame, time_ns, side, octets)

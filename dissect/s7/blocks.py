@@ -7,10 +7,10 @@ from typing import Final
 from dissect.s7.block_names import block_text, name_fields, type_text
 from dissect.s7.parameters import REQUEST, RESPONSE, UserdataHead
 from dissect.s7.tables import BLOCK_KINDS, BLOCK_LANGUAGES, BLOCK_SECURITY, BLOCK_TYPES
-from dissect.wire.clock import civil
 from dissect.wire.layout import COUNTS_REST, Field, Layout, latin
 from dissect.wire.octets import u16, u32
 from dissect.wire.part import Cursor, Part
+from dissect.wire.text import civil
 
 LIST_BLOCKS: Final = 1
 LIST_OF_TYPE: Final = 2

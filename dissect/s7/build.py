@@ -11,8 +11,7 @@ from typing import Final
 
 from dissect.s7.items import SPECIFICATION, item_fill
 from dissect.s7.layouts import S7ANY_ITEM, USERDATA_EXTENDED, USERDATA_SHORT
-from dissect.s7.message import ACK_HEADER_SIZE, HEADER_SIZE, PROTOCOL_ID
-from dissect.s7.parameters import Setup
+from dissect.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, PROTOCOL_ID, Setup
 from dissect.s7.tables import (
     ACK,
     ACK_DATA,

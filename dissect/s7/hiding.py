@@ -12,7 +12,8 @@ from typing import Final
 from dissect.s7.bodies import parse_body
 from dissect.s7.body import Body
 from dissect.s7.control import PI_PASSWORD, PI_STRING
-from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, Pdu, parse_pdu
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.parameters import HEADER_SIZE, PROTOCOL_ID
 from dissect.s7.security import PASSWORD
 from dissect.s7.services import PI_SERVICES, SECRET
 from dissect.s7.tables import JOB, PI_SERVICE, USERDATA

@@ -245,9 +245,8 @@ def parse_data_items(
         transport_size: i64 = octets[at + 1]
         length: i64 = u16(octets, at + 2)
         body: i64 = at + DATA_HEAD
-        size = data_size_within(transport_size, length, end - body)
-        if response and return_code != SUCCESS:
-            size = 0
+        refused: bool = response and return_code != SUCCESS
+        size = 0 if refused else data_size_within(transport_size, length, end - body)
         if body + size > end:
             malformed.append(Malformed("s7", "length_beyond", "data.length", at, size, end - body, "data"))
             items.append(DataItem(return_code, transport_size, length, octets[body:end], at))

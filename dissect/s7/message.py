@@ -1,38 +1,20 @@
-"""The S7 header and one S7 PDU as an object (reference section 3.1)."""
+"""One S7 PDU as an object (reference section 3.1). The engine does without and reads `dissect.s7.parameters` only."""
 
 from __future__ import annotations
 
-import struct
-from typing import Final
-
-from mypy_extensions import i64
-
 from dissect.s7.body import Body
 from dissect.s7.items import DataItem, parse_data_items
-from dissect.s7.parameters import Parameters, parse_parameters
-from dissect.s7.tables import ACK, ACK_DATA, FUNCTIONS, JOB, READ_VAR, ROSCTR, SUCCESS, USERDATA, WRITE_VAR
-from dissect.wire.build import COMPILED
+from dissect.s7.parameters import (
+    ACK_HEADER_SIZE,
+    HEADER_SIZE,
+    Parameters,
+    header_size,
+    parse_parameters,
+    read_header,
+)
+from dissect.s7.tables import ACK_DATA, FUNCTIONS, JOB, READ_VAR, ROSCTR, SUCCESS, USERDATA, WRITE_VAR
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16
-
-PROTOCOL_ID: Final = 0x32
-HEADER_SIZE: Final = 10
-ACK_HEADER_SIZE: Final = 12
-
-_HEADER: Final = struct.Struct(">BxxHHH")
-
-
-def read_header(octets: bytes, at: i64) -> tuple[i64, i64, i64, i64]:
-    """Return (ROSCTR, PDU reference, parameter length, data length) of the header at ``at``; ten octets must be there."""
-    if COMPILED:
-        rosctr: i64 = octets[at + 1]
-        return rosctr, u16(octets, at + 4), u16(octets, at + 6), u16(octets, at + 8)
-    return _HEADER.unpack_from(octets, at + 1)
-
-
-def header_size(rosctr: i64) -> i64:
-    """Return the octets of the header: 12 for Ack and Ack_Data, else 10."""
-    return ACK_HEADER_SIZE if rosctr == ACK or rosctr == ACK_DATA else HEADER_SIZE
 
 
 class Pdu:

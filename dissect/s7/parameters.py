@@ -1,4 +1,4 @@
-"""The parameter block of an S7 PDU: which function, which items, which userdata group.
+"""What is read of every S7 PDU: its header, and its parameter block (which function, which items, which userdata group).
 
 Polling repeats a few hundred distinct request blocks for hours, so `ParameterCache` parses each distinct block once and every
 PDU that carries it refers to the same object.
@@ -6,6 +6,7 @@ PDU that carries it refers to the same object.
 
 from __future__ import annotations
 
+import struct
 from typing import Final
 
 from mypy_extensions import i64
@@ -13,6 +14,7 @@ from mypy_extensions import i64
 from dissect.s7.items import SPECIFICATION, Item, item_fill, parse_items, written_areas
 from dissect.s7.tables import (
     ACK,
+    ACK_DATA,
     CPU_SERVICES,
     FUNCTIONS,
     JOB,
@@ -24,8 +26,15 @@ from dissect.s7.tables import (
     USERDATA_SUBFUNCTIONS,
     WRITE_VAR,
 )
+from dissect.wire.build import COMPILED
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16
+
+PROTOCOL_ID: Final = 0x32
+HEADER_SIZE: Final = 10
+ACK_HEADER_SIZE: Final = 12
+
+_HEADER: Final = struct.Struct(">BxxHHH")
 
 #: Userdata types (bits 7-6 of the type and group octet).
 PUSH: Final = 0
@@ -42,6 +51,19 @@ _USEND_SIZE: Final = 10
 GROUP_PBC: Final = 6
 #: Groups whose pushes go either way: BSEND and USEND, and what is sent to and from a numerical control.
 _EITHER_WAY: Final = frozenset((GROUP_PBC, 0x20, 0x3F))
+
+
+def read_header(octets: bytes, at: i64) -> tuple[i64, i64, i64, i64]:
+    """Return (ROSCTR, PDU reference, parameter length, data length) of the header at ``at``; ten octets must be there."""
+    if COMPILED:
+        rosctr: i64 = octets[at + 1]
+        return rosctr, u16(octets, at + 4), u16(octets, at + 6), u16(octets, at + 8)
+    return _HEADER.unpack_from(octets, at + 1)
+
+
+def header_size(rosctr: i64) -> i64:
+    """Return the octets of the header: 12 for Ack and Ack_Data, else 10."""
+    return ACK_HEADER_SIZE if rosctr == ACK or rosctr == ACK_DATA else HEADER_SIZE
 
 
 class Setup:

@@ -13,8 +13,8 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7.tables import BIT, CHAR, ELEMENT_OCTETS, WCHAR
-from dissect.wire.clock import civil
 from dissect.wire.octets import u16, u32
+from dissect.wire.text import civil
 
 #: Decoded value of one item.
 Value = bool | int | float | str | list["bool | int | float | str | None"] | None

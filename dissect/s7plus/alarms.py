@@ -5,47 +5,107 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.s7plus.objects import PlusObject
-from dissect.s7plus.value_showing import iso_time
+from dissect.s7plus.value_showing import iso_time, octets_text
 from dissect.s7plus.values import Blob, Struct
 
 #: Class of an alarm.
 ALARM: Final = 2681
 _CPU_ALARM_ID: Final = 2670
+_STATES: Final = 2671
+_DOMAIN: Final = 2672
+_TYPE: Final = 4079
 _COMING: Final = 2673
 _GOING: Final = 2677
 _TEXTS: Final = 2715
+_EVENT_STATES: Final = 3474
 _TIME: Final = 3475
 _VALUES: Final = 3476
 _ACKNOWLEDGED: Final = 3646
-#: Texts of an alarm that are shown.
+#: Texts and associated values of an alarm that are shown in words.
 _SHOWN: Final = 3
 
 
-def alarm_text(alarm: PlusObject) -> str:
-    """Return an alarm in few words: its id, whether it comes or goes and when (clock of the CPU), its texts.
+class AlarmEvent:
+    """An alarm that comes or goes: its states as they are sent, times in ns since 1970 (0 for none), the values with it.
+
+    ``values`` are the associated values in their places; those without a byte are empty.
+    """
+
+    __slots__ = ("acknowledged", "kind", "states", "time", "values")
+
+    def __init__(self, kind: str, struct: Struct) -> None:
+        self.kind = kind
+        self.states = _number(struct, _EVENT_STATES)
+        self.time = max(0, _number(struct, _TIME))
+        self.acknowledged = max(0, _number(struct, _ACKNOWLEDGED))
+        value = struct.find(_VALUES)
+        content = value.content if value is not None else None
+        self.values = (
+            [one.octets if isinstance(one, Blob) else b"" for one in content] if isinstance(content, list) else []
+        )
+
+    @property
+    def text(self) -> str:
+        """The event in few words."""
+        text = f"{self.kind} {iso_time(self.time)}" if self.time else self.kind
+        if self.acknowledged:
+            text += f", acknowledged {iso_time(self.acknowledged)}"
+        held = [f"{at}: {octets_text(octets)}" for at, octets in enumerate(self.values, 1) if octets]
+        more = f" and {len(held) - _SHOWN} more" if len(held) > _SHOWN else ""
+        return f"{text}, associated values {'; '.join(held[:_SHOWN])}{more}" if held else text
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the event JSON-ready."""
+        return {
+            "kind": self.kind,
+            "states": self.states if self.states >= 0 else None,
+            "time": iso_time(self.time) if self.time else None,
+            "acknowledged": iso_time(self.acknowledged) if self.acknowledged else None,
+            "values": [octets.hex() for octets in self.values],
+        }
+
+
+class Alarm:
+    """An alarm. Numbers that did not come are -1; texts are from the wire and not escaped."""
+
+    __slots__ = ("domain", "events", "id", "states", "texts", "type")
+
+    def __init__(self, found: PlusObject) -> None:
+        self.id = found.number(_CPU_ALARM_ID)
+        self.states = found.number(_STATES)
+        self.domain = found.number(_DOMAIN)
+        self.type = found.number(_TYPE)
+        self.events: list[AlarmEvent] = []
+        for id_, kind in ((_COMING, "coming"), (_GOING, "going")):
+            value = found.find(id_)
+            content = value.content if value is not None else None
+            if isinstance(content, Struct):
+                self.events.append(AlarmEvent(kind, content))
+        self.texts = _texts(found)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the alarm JSON-ready; the texts are as they were sent."""
+        return {
+            "id": f"0x{self.id:016x}" if self.id >= 0 else None,
+            "states": self.states if self.states >= 0 else None,
+            "domain": self.domain if self.domain >= 0 else None,
+            "type": self.type if self.type >= 0 else None,
+            "events": [event.as_dict() for event in self.events],
+            "texts": self.texts,
+        }
+
+
+def alarm_text(found: PlusObject) -> str:
+    """Return an alarm in few words: its id and states, whether it comes or goes and when (clock of the CPU), its texts.
 
     Text from the wire is not escaped.
     """
-    number = alarm.number(_CPU_ALARM_ID)
-    said = [f"alarm 0x{number:016x}" if number >= 0 else "alarm"]
-    for id_, word in ((_COMING, "coming"), (_GOING, "going")):
-        value = alarm.find(id_)
-        event = value.content if value is not None else None
-        if isinstance(event, Struct):
-            said.append(_event(event, word))
-    return ", ".join(said + _texts(alarm))
-
-
-def _event(event: Struct, word: str) -> str:
-    time = _number(event, _TIME)
-    acknowledged = _number(event, _ACKNOWLEDGED)
-    value = event.find(_VALUES)
-    content = value.content if value is not None else None
-    held = [one for one in content if isinstance(one, Blob) and one.octets] if isinstance(content, list) else []
-    text = f"{word} {iso_time(time)}" if time > 0 else word
-    if acknowledged > 0:
-        text += f", acknowledged {iso_time(acknowledged)}"
-    return f"{text}, {len(held)} associated value{'s' * (len(held) != 1)}" if held else text
+    alarm = Alarm(found)
+    said = [f"alarm 0x{alarm.id:016x}" if alarm.id >= 0 else "alarm"]
+    if alarm.states >= 0:
+        said.append(f"states 0x{alarm.states:02x}")
+    said += [event.text for event in alarm.events]
+    return ", ".join(said + [repr(text) for text in alarm.texts[:_SHOWN]])
 
 
 def _number(event: Struct, id_: int) -> int:
@@ -61,5 +121,5 @@ def _texts(alarm: PlusObject) -> list[str]:
     for one in content if isinstance(content, list) else []:
         text = one[1] if isinstance(one, tuple) else one
         if isinstance(text, str) and text:
-            found.append(repr(text))
-    return found[:_SHOWN]
+            found.append(text)
+    return found

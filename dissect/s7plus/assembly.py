@@ -39,10 +39,11 @@ def _begins(frame: bytes) -> bool:
 class PlusAssembler:
     """Joins the frames of one direction. ``parts`` is None between PDUs; ``left_out`` counts octets past ``most``."""
 
-    __slots__ = ("_most", "left_out", "notified", "parts")
+    __slots__ = ("_most", "asked", "left_out", "notified", "parts")
 
     def __init__(self, most: i64 = MAX_PDU) -> None:
         self._most: i64 = most
+        self.asked: i64 = -1  # sequence number of the latest request, -1 for none
         self.notified: i64 = -1  # number of the latest notification, -1 for none
         self.parts: bytearray | None = None
         self.left_out: i64 = 0  # of the PDU at hand

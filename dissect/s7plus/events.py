@@ -21,6 +21,7 @@ from dissect.s7plus.session import (
     OPERATING_STATE,
     REFERENCE_LIST,
     SERVER_SESSION,
+    SESSION_KEY,
     SUBSCRIPTION,
     PlusSession,
     reference_list_of,
@@ -28,9 +29,12 @@ from dissect.s7plus.session import (
 from dissect.s7plus.summary import NAME, single_address
 from dissect.s7plus.tables import (
     ATTRIBUTE_TAG,
+    BEGIN_SEQUENCE,
     CREATE_OBJECT,
     DELETE_OBJECT,
+    END_SEQUENCE,
     EXPLORE,
+    FUNCTIONS,
     GET_MULTI_VARIABLES,
     GET_VAR_SUBSTREAMED,
     SET_MULTI_VARIABLES,
@@ -57,6 +61,7 @@ WRITTEN: Final = "write"
 WRITTEN_OUTPUTS: Final = "write outputs"
 PASSWORD: Final = "password"  # noqa: S105 - the name of a kind, no secret
 TEST_JOB: Final = "test job"
+REPLAYED: Final = "replay"
 SESSION: Final = "session"
 SUBSCRIBED: Final = "subscription"
 SUBSCRIBED_ALARMS: Final = "alarm subscription"
@@ -85,9 +90,16 @@ _EXPLORED_MARKS: Final = (
     *[bytes((ATTRIBUTE_TAG,)) + build_varint(id_, VLQ) for id_ in sorted(_CODE)],
     build_varint(TYPE_INFO, VLQ),
 )
+#: Functions that clients count on their own, for the integrity id.
+_COUNTED: Final = frozenset((
+    CREATE_OBJECT, DELETE_OBJECT, SET_VARIABLE, SET_MULTI_VARIABLES, SET_VAR_SUBSTREAMED, BEGIN_SEQUENCE, END_SEQUENCE,
+))  # fmt: skip
 _ALWAYS: Final = frozenset((CREATE_OBJECT, DELETE_OBJECT, EXPLORE))
 _REQUEST_SIZE: Final = 14
 _RESPONSE_SIZE: Final = 10
+# Within the fixed part of a request.
+_SEQUENCE: Final = 7
+_SESSION_ID: Final = 9
 #: Reads whose latest answers are kept of one connection, and the octets of the largest that are.
 _POLLS: Final = 64
 _LARGEST_POLL: Final = 4096
@@ -143,9 +155,10 @@ def take(session: PlusSession, function: int, request: bytes, response: bytes) -
     if function == GET_MULTI_VARIABLES:
         polled, answered = _steady(request, _REQUEST_SIZE), _steady(response, _RESPONSE_SIZE)
         if answered and session.polls.get(polled) == answered:
-            return None  # the same as at the poll before
+            return _polled_again(session, request, len(polled))
     facts = Facts()
     asked = _read(request, facts)
+    _judge_integrity(session, facts, *asked)
     told = _read(response, facts) if response else None
     answer = told[1] if told is not None and told[0].function == function else None
     good = answer is None or (told is not None and told[0].return_code < 0x8000)
@@ -177,6 +190,23 @@ def _steady(octets: bytes, head: int) -> bytes:
     return octets[at:end] if end > at and octets[end - 1] == 0 else b""
 
 
+def _polled_again(session: PlusSession, octets: bytes, size: int) -> Facts | None:
+    """Judge a request that asks the same as before, ``size`` octets behind its head, and got the same: by its integrity id."""
+    at = _HEADER + (_INTEGRITY if octets[1] == V3 else 0)
+    id_, _ = read_varint(octets, at + _REQUEST_SIZE + size, len(octets), VLQ)
+    if id_ <= 0 or u32(octets, at + _SESSION_ID) not in session.given:
+        return None  # as when it is read: zeros alone are no id
+    if not session.repeats(False, u16(octets, at + _SEQUENCE), id_):
+        return None
+    facts = Facts()
+    facts.events.append(Event(REPLAYED, _replayed(FUNCTIONS.name(GET_MULTI_VARIABLES), id_)))
+    return facts
+
+
+def _replayed(function: str, id_: int) -> str:
+    return f"{function} has integrity id {id_} again, or a lower one than before"
+
+
 def _read(octets: bytes, facts: Facts) -> tuple[PlusPdu, Contents]:
     pdu = parse_plus(octets)
     found = parse_contents(pdu, False, MAX_WORK)
@@ -186,6 +216,12 @@ def _read(octets: bytes, facts: Facts) -> tuple[PlusPdu, Contents]:
             fact.offset = pdu.place(fact.offset)
             facts.malformed.append(fact)
     return pdu, found
+
+
+def _judge_integrity(session: PlusSession, facts: Facts, pdu: PlusPdu, found: Contents) -> None:
+    id_ = found.integrity_id
+    if id_ >= 0 and pdu.session_id in session.given and session.repeats(pdu.function in _COUNTED, pdu.sequence, id_):
+        facts.events.append(Event(REPLAYED, _replayed(pdu.function_name, id_)))
 
 
 def _may_matter(session: PlusSession, function: int, octets: bytes) -> bool:
@@ -309,6 +345,8 @@ def _written(session: PlusSession, facts: Facts, asked: Contents, good: bool) ->
         last = address.lids[-1] if address.lids else address.sub_area
         if last in PASSWORDS:
             facts.events.append(Event(PASSWORD, ""))
+        elif last == SESSION_KEY:
+            session.authenticated = session.authenticated or good
         elif last == REFERENCE_LIST and value is not None and good:
             session.change(address.area, value)
         else:

@@ -7,12 +7,14 @@ from typing import Final
 from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.ids import HIDDEN, SECRETS
 from dissect.s7plus.message import PlusPdu
+from dissect.s7plus.objects import every_object
 from dissect.s7plus.packed_values import misfit, packed_members
 from dissect.s7plus.program import Found, Program, symbol
 from dissect.s7plus.program_values import contradiction, program_value, program_values
-from dissect.s7plus.session import PlusSession
+from dissect.s7plus.session import REFERENCE_LIST, SUBSCRIPTION, PlusSession, references_of
 from dissect.s7plus.summary import single_address
 from dissect.s7plus.tables import (
+    CREATE_OBJECT,
     GET_MULTI_VARIABLES,
     GET_VAR_SUBSTREAMED,
     GET_VARIABLE,
@@ -147,6 +149,8 @@ def join_items(asked: Half | None, told: Half | None, session: PlusSession | Non
     items: list[PlusItem] = []
     if asked is None and told is not None and told.pdu.opcode == NOTIFICATION:
         items = _notified(told, session)
+    elif asked is not None and asked.pdu.function == CREATE_OBJECT:
+        items = _subscriptions(asked, told)
     elif asked is not None and asked.pdu.function in READS | WRITES:
         items = _joined(asked, told if told is not None and told.pdu.function == asked.pdu.function else None)
     for item in items:
@@ -161,6 +165,19 @@ def join_items(asked: Half | None, told: Half | None, session: PlusSession | Non
                 None,
                 "",
             )  # an answer to a read does not say so itself
+    return items
+
+
+def _subscriptions(asked: Half, told: Half | None) -> list[PlusItem]:
+    """Return what new subscriptions ask for, by reference; no values come with them."""
+    code = told.pdu.return_code if told is not None and told.pdu.function == CREATE_OBJECT else -1
+    if 0 < code < _NEGATIVE:
+        code = 0
+    items: list[PlusItem] = []
+    for one in every_object(asked.contents.objects):
+        value = one.find(REFERENCE_LIST) if one.class_id == SUBSCRIPTION else None
+        if value is not None:
+            items += [PlusItem(reference, address, None, code) for reference, address in references_of(value)]
     return items
 
 

@@ -25,6 +25,9 @@ _CLIENT_ID: Final = 289
 _COMMENT: Final = 301
 _SESSION_VERSION: Final = 306
 _VERSION_TEXT: Final = 319
+_CHALLENGE: Final = 303
+#: Attribute by which a client authenticates itself: the key of its session, encrypted for the CPU.
+SESSION_KEY: Final = 1830
 #: Attribute with the identification record of a module (I&M0), and the object that stands for the CPU.
 IDENTIFICATION: Final = 3753
 CPU_PROXY: Final = 49
@@ -36,8 +39,8 @@ _NEW_LIST: Final = 0x80000000
 MAX_SUBSCRIPTIONS: Final = 256
 MAX_ITEMS: Final = 4096
 #: The identification record: head, vendor, order number, serial number, hardware revision, software revision.
-_IM0_HEAD: Final = bytes.fromhex("002000380100")
-_IM0_SIZE: Final = 60
+IM0_HEAD: Final = bytes.fromhex("002000380100")
+IM0_SIZE: Final = 60
 
 
 class Identity:
@@ -56,24 +59,30 @@ class PlusSession:
     """What is known of one connection. Texts are from the wire and not escaped.
 
     ``program`` and ``identity`` are shared by all connections of a CPU. ``states`` are the subscriptions that report its
-    operating state. ``all_written`` tells that no further write is worth looking at. ``polls`` are the latest answers to reads
-    that were judged, by the reads; both without what differs each time.
+    operating state. ``all_written`` tells that no further write is worth looking at. ``tls``: the client asked for TLS.
+    ``challenged``: the CPU offers authentication, and ``authenticated``: the client took it. ``given`` are the ids of its
+    sessions; ``integrity`` is the latest (sequence number, integrity id) of each of the two counters that a client has.
+    ``polls`` are the latest answers to reads that were judged, by the reads; both without what differs each time.
     """
 
     __slots__ = (
         "all_written",
         "application",
+        "authenticated",
+        "challenged",
         "client_id",
         "explores",
+        "given",
         "host",
         "identity",
+        "integrity",
         "polls",
         "program",
         "role",
         "session_name",
         "states",
-        "subscribed",
         "subscriptions",
+        "tls",
         "user",
     )
 
@@ -87,9 +96,13 @@ class PlusSession:
         self.user = ""
         self.session_name = ""
         self.explores = 0
-        self.subscribed = False
         self.all_written = False
         self.polls: dict[bytes, bytes] = {}
+        self.tls = False
+        self.challenged = False
+        self.authenticated = False
+        self.given: set[int] = set()
+        self.integrity: dict[bool, tuple[int, int]] = {}
         self.states: set[int] = set()
         self.subscriptions: dict[int, dict[int, Address]] = {}
 
@@ -125,11 +138,19 @@ class PlusSession:
                 self.role = one.number(_ROLE)
 
     def session_opened(self, told: Contents) -> None:
-        """Take the answer: its object says which CPU it is."""
+        """Take the answer: its object says which CPU it is, and whether clients can authenticate themselves there."""
+        self.challenged = False
+        self.authenticated = False
+        self.integrity.clear()
+        for id_ in told.ids[:1]:
+            if len(self.given) < MAX_SUBSCRIPTIONS:
+                self.given.add(id_)
         for one in told.objects:
             version = one.find(_SESSION_VERSION)
             if version is not None:
                 self._identify(version)
+            if one.find(_CHALLENGE) is not None:
+                self.challenged = True
 
     def _identify(self, version: Value) -> None:
         struct = version.content
@@ -144,12 +165,29 @@ class PlusSession:
         """Take the identification record of the CPU (I&M0, as IEC 61158-6-10 lays it out)."""
         blob = value.content
         octets = blob.octets if isinstance(blob, Blob) else b""
-        if len(octets) != _IM0_SIZE or not octets.startswith(_IM0_HEAD):
+        if len(octets) != IM0_SIZE or not octets.startswith(IM0_HEAD):
             return
         self.identity.order_number = octets[8:28].decode("latin-1").strip(" \0")
         self.identity.serial_number = octets[28:44].decode("latin-1").strip(" \0")
         prefix, major, minor, patch = octets[46:50]
         self.identity.firmware = f"{chr(prefix)}{major}.{minor}.{patch}"
+
+    def repeats(self, writes: bool, sequence: int, integrity_id: int) -> bool:
+        """Take the integrity id of a request; True when it is not as far ahead of an earlier one as its sequence number.
+
+        Clients count requests that change something and all others on their own. Requests are taken in the order in which
+        they were answered.
+        """
+        before = self.integrity.get(writes)
+        if before is None:
+            self.integrity[writes] = (sequence, integrity_id)
+            return False
+        ahead = (sequence - before[0]) & 0xFFFF
+        later = ahead < 0x8000
+        if later:
+            self.integrity[writes] = (sequence, integrity_id)
+        grown = (integrity_id - before[1]) & 0xFFFFFFFF
+        return ahead != 0 and (grown == 0 or (grown < 0x80000000) != later)
 
     # ---- subscriptions ----------------------------------------------------------------------------------------------
 
@@ -160,7 +198,6 @@ class PlusSession:
             self.unsubscribe(id_)
             while len(self.subscriptions) >= MAX_SUBSCRIPTIONS:
                 self.unsubscribe(next(iter(self.subscriptions)))
-            self.subscribed = True
             self.subscriptions[id_] = {}
             value = one.find(REFERENCE_LIST)
             if value is not None:
@@ -188,10 +225,18 @@ class PlusSession:
         return known.get(reference) if known is not None else None
 
 
-def _change(known: dict[int, Address], value: Value) -> None:
+def _numbers(value: Value) -> list[int]:
     content = value.content
-    numbers = [one for one in content if isinstance(one, int)] if isinstance(content, list) else []
-    new, gone, fresh = parse_reference_list(numbers)
+    return [one for one in content if isinstance(one, int)] if isinstance(content, list) else []
+
+
+def references_of(value: Value) -> list[tuple[int, Address]]:
+    """Return what a reference list adds: references with their addresses."""
+    return parse_reference_list(_numbers(value))[2]
+
+
+def _change(known: dict[int, Address], value: Value) -> None:
+    new, gone, fresh = parse_reference_list(_numbers(value))
     if new:
         known.clear()
     for reference in gone:
@@ -231,3 +276,13 @@ def parse_reference_list(numbers: list[int]) -> tuple[bool, list[int], list[tupl
         at = end
         added -= 1
     return bool(head & _NEW_LIST), gone, fresh
+
+
+def crc_places(numbers: list[int]) -> list[int]:
+    """Return where in a reference list the checksums of symbols stand; as far as its items fit, like `parse_reference_list`."""
+    places: list[int] = []
+    at = 3 + numbers[1] if len(numbers) > 3 else 0
+    while at > 0 and at + 6 <= len(numbers) and len(places) < numbers[2]:
+        places.append(at + 4)
+        at += 5 + max(numbers[at] & 0xFFFF, 1)
+    return places

@@ -10,7 +10,7 @@ from dissect.s7plus.ids import id_name
 from dissect.s7plus.program_tables import MEANINGS
 from dissect.s7plus.value_tables import AID, BIT_TYPES, FIXED_SIZES, NULL, REAL, RID, TIMESPAN, TIMESTAMP, WSTRING
 from dissect.s7plus.values import FLOAT, Blob, Member, Packed, Rows, Struct, Value
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 
 #: Elements of an array, characters and octets that are shown.
 _SHOWN: Final = 8

@@ -7,10 +7,11 @@ that describe objects, in an order it can read.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from configparser import DuplicateOptionError, DuplicateSectionError, Error, MissingSectionHeaderError, ParsingError
 from configparser import RawConfigParser as Parser
 from io import StringIO
+from itertools import chain
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, Final
 
@@ -35,6 +36,10 @@ _COMMISSIONING: Final = ("DeviceComissioning", "DeviceCommissioning")
 #: The last type python-canopen knows; above it looks for a section that describes the type.
 _LAST_KNOWN: Final = 0x1B
 _STRUCTURE_SUB: Final = 0xFF
+#: python-canopen misses this section with a warning.
+_DEVICE: Final = "DeviceInfo"
+#: Sections that it is given at a time.
+_PORTION: Final = 1000
 
 
 def import_eds(octets: bytes, path: str, encoding: str = "", node: int | None = None) -> Imported:
@@ -152,7 +157,7 @@ class _File:
     def _copy(self) -> Parser:
         """Return the sections of objects, checked and in their order."""
         copy = _empty()
-        copy.add_section("DeviceInfo")
+        copy.add_section(_DEVICE)
         troubles = Troubles()
         for index in sorted(self._objects):
             name = self._objects[index]
@@ -219,9 +224,15 @@ class _File:
     # What comes back
 
     def _entries(self, copy: Parser) -> dict[int, ForeignEntry]:
-        od = _read(copy)
-        entries = {}
-        for index, name in self._objects.items():
+        entries: dict[int, ForeignEntry] = {}
+        for names in _portions(copy, self._objects):
+            self._take(_read(copy, names), names, entries)
+        return entries
+
+    def _take(self, od: dict[int, Any], names: dict[int, list[str]], entries: dict[int, ForeignEntry]) -> None:
+        """Put in the objects of a portion, as python-canopen read them."""
+        for index in names:
+            name = self._objects[index]
             kind = self._number(name, "ObjectType", VAR)
             title = self._parser.get(name, "ParameterName")
             entry = ForeignEntry(index, title, kind, index in self._mandatory, {})
@@ -235,7 +246,6 @@ class _File:
             elif kind != NULL:
                 entry.subs = {0: self._sub(od[index])}
             entries[index] = entry
-        return entries
 
     def _compact(self, entry: ForeignEntry, name: str) -> None:
         """Put in the elements that CompactSubObj only counts, and the values of [1003Value]."""
@@ -296,15 +306,35 @@ class _Named(StringIO):
     name = "description.eds"
 
 
-def _read(copy: Parser) -> dict[int, Any]:
+def _portions(copy: Parser, objects: Iterable[int]) -> Iterator[dict[int, list[str]]]:
+    """Give objects with the names of their sections, some at a time: python-canopen takes many times the memory of a file."""
+    sections: dict[int, list[str]] = {}
+    for name in copy.sections():
+        if name != _DEVICE:
+            sections.setdefault(int(name[:4], 16), []).append(name)
+    portion: dict[int, list[str]] = {}
+    count = 0
+    for index in objects:
+        portion[index] = sections[index]
+        count += len(sections[index])
+        if count >= _PORTION:
+            yield portion
+            portion, count = {}, 0
+    if portion:
+        yield portion
+
+
+def _read(copy: Parser, names: dict[int, list[str]]) -> dict[int, Any]:
     try:
         from canopen import import_od
         from canopen.objectdictionary import ObjectDictionaryError
     except ImportError:
         hint = "reading EDS and DCF files needs the package canopen: pip install 's7dissect[eds]'"
         raise DictionaryError("EDS", hint) from None
+    part = _empty()
+    part.read_dict({name: dict(copy.items(name)) for name in chain((_DEVICE,), *names.values())})
     written = StringIO()
-    copy.write(written)
+    part.write(written)
     try:
         return import_od(_Named(written.getvalue())).indices
     except (Error, ObjectDictionaryError, ValueError, LookupError, TypeError, AttributeError) as error:

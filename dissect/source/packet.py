@@ -23,6 +23,9 @@ class PacketSink:
     def comment(self, text: str) -> None:
         """Take a comment that the capture holds about the packet delivered next."""
 
+    def secrets(self, text: bytes) -> None:
+        """Take the TLS key log that the capture holds in a Decryption Secrets Block; it may stand at any place."""
+
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Reader:

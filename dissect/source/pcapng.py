@@ -1,8 +1,9 @@
 """pcapng files (draft-ietf-opsawg-pcapng): sections, interfaces and packets in any number and either byte order.
 
 Read are the Section Header, Interface Description, Enhanced Packet and Simple Packet Blocks and the obsolete Packet
-Block, with the comments of packets; Interface Statistics Blocks are kept. Every other block is skipped by its length. A
-Simple Packet Block has no time; its packet gets the time of the packet before it (0 when there is none).
+Block, with the comments of packets, and the TLS key logs in Decryption Secrets Blocks; Interface Statistics Blocks are kept.
+Every other block is skipped by its length. A Simple Packet Block has no time; its packet gets the time of the packet before
+it (0 when there is none).
 
 A block that contradicts itself is given up, counted in ``rejected`` and explained in ``notes``. Reading stops only
 where the way to the next block is lost: an impossible block length, or two blocks one after the other whose lengths
@@ -36,6 +37,9 @@ _OLD_PACKET: Final = 2
 _SIMPLE_PACKET: Final = 3
 STATISTICS: Final = 5
 ENHANCED_PACKET: Final = 6
+DECRYPTION_SECRETS: Final = 10
+#: What of these blocks holds a TLS key log ("TLSK").
+TLS_KEY_LOG: Final = 0x544C534B
 
 _MIN_BLOCK: Final = 12
 _MIN_SECTION: Final = 28
@@ -44,6 +48,7 @@ _MIN_SIMPLE: Final = 16
 #: The largest statistics block kept; real ones have about a hundred octets.
 _MAX_STATISTICS: Final = 4096
 _MIN_PACKET: Final = 32
+_MIN_SECRETS: Final = 20
 
 OPT_END: Final = 0
 OPT_COMMENT: Final = 1
@@ -66,6 +71,7 @@ _TRAILER: Final = "a block repeats its length as {} at its end, which differs fr
 _SHORT_BLOCK: Final = "a block of {} bytes is shorter than its kind must be"
 _NO_INTERFACE: Final = "a packet names interface {}, which its section has not described"
 _LONG_PACKET: Final = "a packet claims {} captured bytes, more than its block holds or its link can carry"
+_LONG_SECRETS: Final = "a Decryption Secrets Block claims {} bytes of secrets, more than it holds"
 _MANY_INTERFACES: Final = f"a section describes more than {MAX_INTERFACES} interfaces"
 
 
@@ -235,6 +241,19 @@ class PcapngReader(ChunkReader):
             number = self._u32(at + 8)
             if number < len(self._interfaces):
                 self.statistics[number] = self._buf[at : at + total]
+        elif kind == DECRYPTION_SECRETS:
+            self._secrets(sink, at, total)
+
+    def _secrets(self, sink: PacketSink, at: i64, total: i64) -> None:
+        """Deliver a key log of TLS; secrets of other protocols open nothing here."""
+        if total < _MIN_SECRETS:
+            self._reject(_SHORT_BLOCK, total, at)
+            return
+        size = self._u32(at + 12)
+        if size > total - _MIN_SECRETS:
+            self._reject(_LONG_SECRETS, size, at)
+        elif self._u32(at + 8) == TLS_KEY_LOG:
+            sink.secrets(self._buf[at + 16 : at + 16 + size])
 
     def _section(self, at: i64, total: i64) -> None:
         """Begin a section: what the one before said about interfaces is over."""

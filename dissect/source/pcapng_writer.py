@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from dissect.source.pcapng import (
+    DECRYPTION_SECRETS,
     ENHANCED_PACKET,
     IF_NAME,
     IF_TSRESOL,
@@ -22,6 +23,7 @@ from dissect.source.pcapng import (
     OPT_COMMENT,
     OPT_END,
     SECTION,
+    TLS_KEY_LOG,
 )
 from dissect.wire.saving import is_special
 from dissect.wire.text import printable
@@ -115,6 +117,13 @@ def packet_block(
         ENHANCED_PACKET, total, interface, time_ns >> 32, time_ns & _MASK, size, max(wire_length, size)
     )
     return b"".join((head, octets, bytes(pad), options, _U32.pack(total)))
+
+
+def secrets_block(text: bytes) -> bytes:
+    """Return a Decryption Secrets Block with a TLS key log. ValueError when it is larger than a block that readers believe."""
+    if 20 + len(text) > MAX_BLOCK:
+        raise ValueError(f"a key log of {len(text)} bytes is larger than a pcapng block may be ({MAX_BLOCK} bytes)")
+    return _block(DECRYPTION_SECRETS, _PAIR.pack(TLS_KEY_LOG, len(text)) + text + bytes(-len(text) % 4))
 
 
 def _statistics_block(number: int, told: _Told) -> bytes:
@@ -224,6 +233,7 @@ class PcapngWriter:
         self._held = 0
         self._interfaces: dict[tuple[int, str], int] = {}
         self._told: list[_Told] = []
+        self._secrets: list[bytes] = []  # blocks that wait for the first interface
         self._owned = path != "-"
         self._whole = 0  # octets of the file up to the last whole block
         self._failed = False
@@ -261,6 +271,9 @@ class PcapngWriter:
             self._interfaces[link_type, name] = number
             self._told.append(_Told())
             self._put(block)
+            for secrets in self._secrets:
+                self._put(secrets)
+            self._secrets = []
         return number
 
     def packet(
@@ -277,6 +290,17 @@ class PcapngWriter:
         self._put(packet_block(number, time_ns, octets, wire_length, comments))
         self._told[number].count(time_ns)
         self.packets += 1
+
+    def secrets(self, text: bytes) -> None:
+        """Add a TLS key log for the packets that follow. Whoever gets the file can read what they encrypt.
+
+        It stands behind the first interface: tshark 4.0 cannot write a file again that has it before.
+        """
+        block = secrets_block(text)
+        if self._told:
+            self._put(block)
+        else:
+            self._secrets.append(block)
 
     def statistics(self, link_type: int, name: str, received: int, dropped: int) -> None:
         """Say what the interface received and dropped, as far as the capturing side told; it is written at the end."""

@@ -1,7 +1,7 @@
 """IPv4 and IPv6: where the TCP segment or UDP datagram of a packet is, and the reassembly of fragments.
 
 The IP length is trusted, not the frame's: Ethernet trailers look like data. A length that reaches beyond the frame is cut to
-what was captured, and told.
+what was captured, and reported.
 """
 
 from __future__ import annotations
@@ -327,24 +327,3 @@ class FragmentStore:
         datagram = self._datagrams[key]
         self._forget(key, datagram)
         self.dropped += datagram.fragments
-
-
-def address_text(address: bytes) -> str:
-    """Return an IPv4 or IPv6 address (4 or 16 octets) as text; IPv6 in the RFC 5952 form."""
-    if len(address) == 4:
-        return ".".join([str(octet) for octet in address])
-    groups = [u16(address, i * 2) for i in range(8)]
-    best_at: i64 = -1
-    best_size: i64 = 1
-    at: i64 = 0
-    while at < 8:
-        size: i64 = 0
-        while at + size < 8 and groups[at + size] == 0:
-            size += 1
-        if size > best_size:
-            best_at, best_size = at, size
-        at += size + 1
-    texts = [f"{group:x}" for group in groups]
-    if best_at < 0:
-        return ":".join(texts)
-    return ":".join(texts[:best_at]) + "::" + ":".join(texts[best_at + best_size :])

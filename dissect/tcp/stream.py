@@ -1,16 +1,17 @@
-"""One direction of a TCP connection: segments in any order become octets in order, and holes told as holes.
+"""A TCP connection and the two directions of it: segments in any order become octets in order, and gaps reported as gaps.
 
 `HalfStream` does no I/O and knows no clock; time comes in with each segment. A segment that is exactly the next one is the
 common case and costs one comparison, which the pipeline makes itself (`next_seq`, `held`). Everything else comes here:
 
-* the first copy of an octet wins; a later copy that differs is counted as a conflict;
-* a segment ahead of its turn is held, in order of position, until the octets before it arrive or are given up;
-* octets are given up (a hole) when the far end acknowledged them and a short grace has passed, because captures also show
-  a segment after its own acknowledgement; else after `MAX_HELD` held segments; else after `HOLE_TIMEOUT_NS` of capture time;
-  else at the end of the stream. Nothing is ever filled in;
-* a segment far ahead, where no window reaches, counts only when the far end acknowledges it; else it is dropped (`outside`).
+* the first copy of an octet wins; a later copy that differs is counted as a conflict; * a segment ahead of its turn is held,
+in order of position, until the octets before it arrive or are given up; * octets are given up (a gap) when the far end
+acknowledged them and a short grace period has passed, because captures also show   a segment after its own acknowledgement;
+else after `MAX_HELD` held segments; else after `HOLE_TIMEOUT_NS` of capture time;   else at the end of the stream. Nothing is
+ever filled in; * a segment far ahead, where no window reaches, counts only when the far end acknowledges it; else it is
+dropped (`outside`).
 
-Positions are counted from the first octet seen, without wrap; sequence numbers wrap at 2**32.
+Positions are counted from the first octet seen, without wrap; sequence numbers wrap at 2**32. `TcpConnection` knows the two
+ends, how the connection began and how it ended.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from __future__ import annotations
 from typing import Final
 
 from mypy_extensions import i64
+
+from dissect.wire.octets import u16
 
 MASK: Final = 0xFFFFFFFF
 HALF_SPACE: Final = 0x80000000
@@ -320,3 +323,168 @@ class HalfStream:
         start: i64 = max(kept_at, at)
         end: i64 = min(kept_at + len(kept), at + len(octets))
         return start < end and kept[start - kept_at : end - kept_at] != octets[start - at : end - at]
+
+
+FIN: Final = 0x01
+SYN: Final = 0x02
+RST: Final = 0x04
+ACK: Final = 0x10
+
+#: A reset is believed this far from the expected sequence number (RFC 5961 wants it exact; captures lose segments).
+_RESET_WINDOW: Final = 65536
+
+
+def address_text(address: bytes) -> str:
+    """Return an IPv4 or IPv6 address (4 or 16 octets) as text; IPv6 in the RFC 5952 form."""
+    if len(address) == 4:
+        return ".".join([str(octet) for octet in address])
+    groups = [u16(address, i * 2) for i in range(8)]
+    best_at: i64 = -1
+    best_size: i64 = 1
+    at: i64 = 0
+    while at < 8:
+        size: i64 = 0
+        while at + size < 8 and groups[at + size] == 0:
+            size += 1
+        if size > best_size:
+            best_at, best_size = at, size
+        at += size + 1
+    texts = [f"{group:x}" for group in groups]
+    if best_at < 0:
+        return ":".join(texts)
+    return ":".join(texts[:best_at]) + "::" + ":".join(texts[best_at + best_size :])
+
+
+class Endpoint:
+    """An address and a TCP port."""
+
+    __slots__ = ("address", "port")
+
+    def __init__(self, address: bytes, port: int) -> None:
+        self.address = address
+        self.port = port
+
+    @property
+    def host(self) -> str:
+        """The address without the port, as text."""
+        return address_text(self.address)
+
+    def __repr__(self) -> str:
+        return f"Endpoint({str(self)!r})"
+
+    def __str__(self) -> str:
+        text = address_text(self.address)
+        return f"[{text}]:{self.port}" if len(self.address) == 16 else f"{text}:{self.port}"
+
+
+class TcpConnection:
+    """The TCP facts of a connection. Sides are 0 and 1: side 0 sent the SYN, or the first packet when there was none.
+
+    ``initiator`` is the side that sent the SYN, -1 when it was not captured. ``ended`` is empty while the connection is
+    open, then ``fin``, ``reset``, ``reused`` (a new connection took its addresses) or ``evicted``: what came first.
+    ``ended_by`` is the side that began to close, -1 when nobody did. ``reset_by``, ``reset_frame`` and ``reset_ns`` are side,
+    packet and time of the first RST, which may follow a FIN (-1, 0 and 0 for none).
+    """
+
+    __slots__ = (
+        "ended",
+        "ended_by",
+        "ended_frame",
+        "ended_ns",
+        "ends",
+        "fin_seen",
+        "first_frame",
+        "first_ns",
+        "initiator",
+        "last_frame",
+        "last_ns",
+        "packets",
+        "reset_by",
+        "reset_frame",
+        "reset_ns",
+        "streams",
+        "vlan",
+    )
+
+    def __init__(self, first: Endpoint, second: Endpoint, vlan: i64, frame: i64, time_ns: i64) -> None:
+        self.ends: list[Endpoint] = [first, second]
+        self.vlan: i64 = vlan
+        self.streams: list[HalfStream] = [HalfStream(), HalfStream()]
+        self.initiator: i64 = -1
+        self.first_frame: i64 = frame
+        self.first_ns: i64 = time_ns
+        self.last_frame: i64 = frame
+        self.last_ns: i64 = time_ns
+        self.packets: i64 = 0
+        self.fin_seen: list[bool] = [False, False]
+        self.ended: str = ""
+        self.ended_by: i64 = -1
+        self.ended_frame: i64 = 0
+        self.ended_ns: i64 = 0
+        self.reset_by: i64 = -1
+        self.reset_frame: i64 = 0
+        self.reset_ns: i64 = 0
+
+    @property
+    def has_holes(self) -> bool:
+        """True when octets of either direction are missing from the capture."""
+        first, second = self.streams
+        return first.position > first.octets or second.position > second.octets
+
+    @property
+    def known_start(self) -> bool:
+        """True when the SYN was captured, so that nothing before can have been missed."""
+        return self.initiator >= 0
+
+    def is_new_connection(self, side: i64, isn: i64) -> bool:
+        """Tell whether a SYN with this initial sequence number starts another connection than this one."""
+        stream = self.streams[side]
+        if stream.start_seq < 0:
+            return bool(self.ended)
+        return stream.start_seq != ((isn + 1) & MASK)
+
+    def note_fin(self, side: i64, end_seq: i64, frame: i64, time_ns: i64) -> bool:
+        """A FIN was seen; the first one says who closed. False when it is far from what is expected, as with `note_reset`.
+
+        ``end_seq`` is the sequence number after the octets it came with. It may be further away than a reset: the octets
+        before it may be missing from the capture.
+        """
+        if not self._fits(side, end_seq, FAR_AHEAD):
+            return False
+        if not self.ended:
+            self.ended = "fin"
+            self.ended_by = side
+            self.ended_frame = frame
+            self.ended_ns = time_ns
+        self.fin_seen[side] = True
+        return True
+
+    def _fits(self, side: i64, seq: i64, window: i64) -> bool:
+        """Tell whether a sequence number is within ``window`` of what is expected from ``side``."""
+        stream = self.streams[side]
+        if stream.next_seq < 0:
+            return True
+        distance: i64 = (seq - stream.next_seq) & MASK
+        return distance <= window or MASK + 1 - distance <= window
+
+    def note_reset(self, side: i64, seq: i64, frame: i64, time_ns: i64) -> bool:
+        """A RST was seen; False when its sequence number is far from what is expected, so that it is not believed."""
+        if not self._fits(side, seq, _RESET_WINDOW):
+            return False
+        if not self.ended:
+            self.ended = "reset"
+            self.ended_by = side
+            self.ended_frame = frame
+            self.ended_ns = time_ns
+        if self.reset_frame == 0:
+            self.reset_by = side
+            self.reset_frame = frame
+            self.reset_ns = time_ns
+        self.fin_seen[0] = True
+        self.fin_seen[1] = True
+        return True
+
+    @property
+    def closed(self) -> bool:
+        """True when neither side sends any more."""
+        return self.fin_seen[0] and self.fin_seen[1]

@@ -23,8 +23,8 @@ from dissect.playback.server.answers import NOT_AVAILABLE, refuse
 from dissect.s7.address import parse_address
 from dissect.s7.build import build_payload, build_pdu, build_setup, build_userdata_head
 from dissect.s7.items import Item
-from dissect.s7.message import HEADER_SIZE, Pdu
-from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, Setup
+from dissect.s7.message import Pdu
+from dissect.s7.parameters import HEADER_SIZE, PUSH, REQUEST, RESPONSE, Setup
 from dissect.s7.tables import ACK_DATA, JOB, OBJECT_DOES_NOT_EXIST, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
 
 #: What an element of an item may be.

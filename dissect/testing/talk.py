@@ -19,8 +19,8 @@ from collections import deque
 from ipaddress import ip_address
 from typing import Final, Self
 
-from dissect.engine.observer import Observer, Options
-from dissect.engine.pipeline import Pipeline
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options, Pipeline
 from dissect.golden.model import Session
 from dissect.golden.reading import SessionReader
 from dissect.golden.writing import golden_text
@@ -34,7 +34,7 @@ from dissect.s7.build import with_reference
 from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import PUSH
 from dissect.source.pcapng_writer import interface_block, packet_block, section_block
-from dissect.tcp.connection import Endpoint
+from dissect.tcp.stream import Endpoint
 from dissect.testing.messages import (
     Ask,
     Piece,

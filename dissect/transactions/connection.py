@@ -22,7 +22,7 @@ from dissect.s7.tables import (
     UPLOAD,
     WRITE_VAR,
 )
-from dissect.tcp.connection import Endpoint, TcpConnection
+from dissect.tcp.stream import Endpoint, TcpConnection
 from dissect.transactions.ending import Ending
 from dissect.transactions.operation import OpenOperations
 from dissect.transactions.pairing import OpenRequests
@@ -30,6 +30,7 @@ from dissect.transactions.results import Subscription
 
 if TYPE_CHECKING:
     from dissect.s7plus.session import PlusSession
+    from dissect.tls.session import TlsSession
 
 # What is known of the protocol a TCP connection carries; which one it is says `Connection.protocol`.
 PROBING: Final = 0
@@ -163,6 +164,7 @@ class Connection:
         "still_open",
         "subscriptions",
         "tcp",
+        "tls",
         "told",
         "tpdu_size",
         "tpdu_size_asked",
@@ -184,6 +186,7 @@ class Connection:
         self.state: i64 = PROBING
         self.probed: i64 = 0  # segments with octets looked at while probing
         self.plus: PlusSession | None = None  # what S7comm-plus told of client, CPU and subscriptions
+        self.tls: TlsSession | None = None  # there from the first record of TLS on
         self.protocol: str = ""  # what the TSDUs speak, as far as one name does
         self.identified_by: str = ""  # of another protocol: the words that say what, and for whom
         self.client_side: i64 = 0
@@ -219,7 +222,7 @@ class Connection:
         self.open_requests: list[OpenRequests] = [OpenRequests(), OpenRequests()]
         self.operations: OpenOperations = OpenOperations()
         self.traits: Traits = Traits()
-        #: What its cyclic and test jobs send, by job (`dissect.transactions.subscriptions`).
+        #: What its cyclic and test jobs send, by job (`dissect.transactions.results`).
         self.subscriptions: dict[int, Subscription] = {}
         self.pdus: i64 = 0
         self.answered: i64 = 0

@@ -11,25 +11,26 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.message import header_size, parse_pdu
-from dissect.s7.parameters import Parameters
-from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA, WRITE_VAR
+from dissect.s7.message import parse_pdu
+from dissect.s7.parameters import Parameters, header_size
+from dissect.s7.tables import ACK, ACK_DATA, JOB, READ_VAR, USERDATA, WRITE_VAR
 from dissect.s7plus.parameters import PLUS
 from dissect.tcp.stream import HALF_SPACE, MASK
-from dissect.transactions.checks import (
+from dissect.transactions.pairing import FEW_OPEN, MAX_OPEN, MAX_OPEN_ALL, key_of
+from dissect.transactions.results import (
     BAD_DATA,
+    COUNT_MISMATCH,
     EXPECTED,
     FUNCTION_MISMATCH,
     REORDERED,
+    SIZE_MISMATCH,
     check_answer,
     check_data_codes,
     check_other_answer,
     check_written,
-    contradicts,
     error_code,
     mismatch,
 )
-from dissect.transactions.pairing import FEW_OPEN, MAX_OPEN, MAX_OPEN_ALL, key_of
 from dissect.transactions.table import MAX_CONNECTIONS, Side
 from dissect.transactions.transaction import (
     ANSWERED,
@@ -385,6 +386,26 @@ def _strange(request: Transaction, answer: Transaction) -> bool:
     parameters = answer.parameters
     data_at: i64 = at + header_size(rosctr) + len(parameters.octets)
     return contradicts(request, rosctr, parameters, answer.response_buf, at, answer.response_size, data_at)
+
+
+def contradicts(
+    request: Transaction, rosctr: i64, parameters: Parameters, buf: bytes, at: i64, size: i64, data_at: i64
+) -> bool:
+    """Tell whether an answer cannot be that of ``request``: by its function, its item count or the size of its items.
+
+    Asked where holes make it likely that an answer belongs to a request that was not seen.
+    """
+    if mismatch(request.parameters, parameters):
+        return True
+    if parameters.function != READ_VAR and parameters.function != WRITE_VAR:
+        return False
+    trial = Transaction(0, request.connection, request.asked_by, request.rosctr, request.pdu_ref, request.parameters)
+    trial.response_buf = buf
+    trial.response_offset = at
+    trial.response_size = size
+    trial.response_rosctr = rosctr
+    check_answer(trial, parameters, data_at)
+    return trial.flags & (COUNT_MISMATCH | SIZE_MISMATCH) != 0
 
 
 def _unseen(request: Transaction, answering: Side) -> bool:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
-from dissect.wire.durations import distance_text
+from dissect.wire.text import distance_text
 
 if TYPE_CHECKING:
     from dissect.s7.parameters import Parameters

@@ -1,43 +1,236 @@
 """From transactions to operations: which belong together, what came of them (reference 3.7, 3.8, 4.3, 4.7 to 4.11).
 
-`Operations` is given every transaction but reads and writes, in the order in which they end, and collects the operations that
-are over in ``over``. It states facts; what they are worth is judged elsewhere. Transfers of blocks are followed in
-`dissect.transactions.transfers`.
+`Operations` gets every transaction except reads and writes, in the order in which they end, and collects the operations that
+are over in ``over``. It states facts; findings are made elsewhere.
+
+`Transfers` follows downloads and uploads: who requests which piece, and whether all of it arrived (reference 3.7 and 3.8). In
+a download the PLC requests the pieces with jobs of its own; python-snap7's client sends them unrequested instead. Both are
+one operation, begun by the request that names the block.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from dissect.s7.body import Body
+from dissect.s7.control import PI_BLOCK
 from dissect.s7.layouts import DATA_HEAD
-from dissect.s7.message import HEADER_SIZE
-from dissect.s7.parameters import GROUP_PBC, UserdataHead
-from dissect.s7.tables import PI_SERVICE, REQUEST_DOWNLOAD, SETUP_COMMUNICATION, USERDATA
-from dissect.transactions.checks import STRAY_PUSH
-from dissect.transactions.connection import Connection
+from dissect.s7.parameters import GROUP_PBC, HEADER_SIZE, UserdataHead
+from dissect.s7.services import LINK_IN, LINK_IN_SECOND, PROGRAM
+from dissect.s7.tables import (
+    DOWNLOAD_BLOCK,
+    DOWNLOAD_ENDED,
+    END_UPLOAD,
+    PI_SERVICE,
+    PLC_STOP,
+    REQUEST_DOWNLOAD,
+    SETUP_COMMUNICATION,
+    START_UPLOAD,
+    USERDATA,
+)
+from dissect.s7.tables import (
+    UPLOAD as UPLOAD_PIECE,
+)
+from dissect.s7.transfer import FILE_NAME, PIECE, PLAIN_FILE_NAME, SHORT_FILE_NAME
+from dissect.transactions.connection import MAX_REMEMBERED, Connection
 from dissect.transactions.operation import (
+    BEYOND_END,
     BSEND,
     CONNECT,
+    CONTROL,
+    CUT_SHORT,
     CYCLIC,
     DONE,
+    DOWNLOAD,
     FAILED,
     LONG_ANSWER,
     MESSAGES,
     PASSWORD,
+    POLLING,
     REFUSED,
     RUNNING,
     SESSION,
     TEST_JOB,
     UNFINISHED,
+    UPLOAD,
+    WRONG_ID,
     WRONG_SIZE,
     Operation,
     OperationBook,
 )
+from dissect.transactions.results import NOT_LOADED, STRAY_PUSH
 from dissect.transactions.transaction import ANSWERED, PUSH, UNANSWERED, Transaction
 from dissect.wire.octets import u16
 
-if TYPE_CHECKING:
-    from dissect.transactions.transfers import Transfers
+_NAMES: Final = (FILE_NAME, SHORT_FILE_NAME, PLAIN_FILE_NAME)
+_MAX_NAME: Final = 200
+#: What a message that ends a transfer says when all went well.
+_GOOD: Final = 0
+
+
+class Transfers:
+    """Follows the transfers of all connections, and puts them into a book of operations."""
+
+    def __init__(self, book: OperationBook) -> None:
+        self._book = book
+
+    def take(self, transaction: Transaction) -> None:
+        """Take a job that is over: a step of a transfer, or none."""
+        function = transaction.function
+        request = transaction.request
+        if request is None:
+            return
+        body = request.body
+        response = transaction.response
+        answer = response.body if response is not None else Body()
+        if function == REQUEST_DOWNLOAD:
+            self._begin_download(transaction, body)
+        elif function == DOWNLOAD_BLOCK:
+            self._download_piece(transaction, body, answer)
+        elif function == DOWNLOAD_ENDED:
+            self._end_download(transaction, body)
+        elif function == START_UPLOAD:
+            self._begin_upload(transaction, body, answer)
+        elif function == UPLOAD_PIECE:
+            self._upload_piece(transaction, body, answer)
+        elif function == END_UPLOAD:
+            self._end_upload(transaction, body)
+        elif function == PLC_STOP or (function == PI_SERVICE and body.text("service") == PROGRAM):
+            what = transaction.function_name if function == PLC_STOP else subject_of(transaction)
+            operation = self._book.begin(CONTROL, "", transaction, what)
+            self._book.settle(operation, transaction, DONE, REFUSED)
+        elif function == PI_SERVICE:
+            _link_in(transaction, body)
+
+    # ---- to the PLC -------------------------------------------------------------------------------------------------
+
+    def _begin_download(self, transaction: Transaction, body: Body) -> None:
+        name = _name(body)
+        going = transaction.connection.operations.find(DOWNLOAD, name)
+        if going is not None:
+            self._book.close(going, UNFINISHED, "restarted")
+        operation = self._book.begin(DOWNLOAD, name, transaction, name)
+        length = body.text("load_length")
+        operation.announced = int(length) if length.isascii() and length.isdigit() else -1
+        if not _went_well(transaction):
+            self._book.settle(operation, transaction, DONE, REFUSED)
+
+    def _download_piece(self, transaction: Transaction, body: Body, answer: Body) -> None:
+        operation = transaction.connection.operations.find(DOWNLOAD, _name(body))
+        if operation is None:
+            return
+        operation.add(transaction)
+        if operation.complete:
+            operation.odd(BEYOND_END, "a segment was requested after the last one", int(transaction.request_frame))
+        piece = answer.find(PIECE) or body.find(PIECE)
+        operation.octets += max(piece.number("length"), 0) if piece is not None else 0
+        operation.complete = _last(transaction, answer)
+        if transaction.error_code:
+            self._book.settle(operation, transaction, DONE, FAILED)
+
+    def _end_download(self, transaction: Transaction, body: Body) -> None:
+        operation = transaction.connection.operations.find(DOWNLOAD, _name(body))
+        if operation is None:
+            return
+        operation.add(transaction)
+        code = max(body.number("error_code"), _GOOD)
+        if code:
+            operation.error_code = code
+            self._book.close(operation, FAILED)
+            return
+        self._check_size(operation, transaction)
+        self._book.settle(operation, transaction, DONE, FAILED)
+        if operation.result == DONE:
+            loaded = transaction.connection.traits.loaded
+            if len(loaded) < MAX_REMEMBERED:
+                loaded.add(operation.key)
+
+    def _check_size(self, operation: Operation, transaction: Transaction) -> None:
+        frame = int(transaction.request_frame)
+        if operation.connection.tcp.has_holes:
+            return  # pieces may be in the holes
+        if not operation.complete:
+            operation.odd(CUT_SHORT, f"ended after {operation.octets} bytes although more was announced", frame)
+        elif operation.announced >= 0 and operation.octets != operation.announced:
+            detail = f"{operation.octets} bytes, {operation.announced} announced"
+            operation.odd(WRONG_SIZE, detail, frame)
+
+    # ---- from the PLC -----------------------------------------------------------------------------------------------
+
+    def _begin_upload(self, transaction: Transaction, body: Body, answer: Body) -> None:
+        key = f"{transaction.asked_by}/{answer.number('upload_id')}"
+        going = transaction.connection.operations.find(UPLOAD, key)
+        if going is not None:
+            self._book.close(going, UNFINISHED, "restarted")
+        operation = self._book.begin(UPLOAD, key, transaction, _name(body))
+        length = answer.text("total")
+        operation.announced = int(length) if length.isascii() and length.isdigit() else -1
+        if not _went_well(transaction):
+            self._book.settle(operation, transaction, DONE, REFUSED)
+
+    def _find_upload(self, transaction: Transaction, body: Body) -> Operation | None:
+        """Return the upload a step belongs to; a step that names another id than the only one going on is odd."""
+        operations = transaction.connection.operations
+        named = operations.find(UPLOAD, f"{transaction.asked_by}/{body.number('upload_id')}")
+        if named is not None:
+            return named
+        going = [one for one in operations.these if one.kind == UPLOAD and one.asked_by == transaction.asked_by]
+        if going:
+            detail = f"upload {body.number('upload_id')}, the PLC assigned {going[-1].key.partition('/')[2]}"
+            going[-1].odd(WRONG_ID, detail, int(transaction.request_frame))
+        return None
+
+    def _upload_piece(self, transaction: Transaction, body: Body, answer: Body) -> None:
+        operation = self._find_upload(transaction, body)
+        if operation is None:
+            return
+        operation.add(transaction)
+        if operation.complete:
+            operation.odd(BEYOND_END, "a segment was requested after the last one", int(transaction.request_frame))
+        piece = answer.find(PIECE)
+        operation.octets += max(piece.number("length"), 0) if piece is not None else 0
+        operation.complete = _last(transaction, answer)
+        if transaction.error_code:
+            self._book.settle(operation, transaction, DONE, FAILED)
+
+    def _end_upload(self, transaction: Transaction, body: Body) -> None:
+        operation = self._find_upload(transaction, body)
+        if operation is None:
+            return
+        operation.add(transaction)
+        if not operation.octets and operation.parts == 2:
+            operation.odd(CUT_SHORT, "ended before a segment was requested", int(transaction.request_frame))
+        else:
+            self._check_size(operation, transaction)
+        self._book.settle(operation, transaction, DONE, FAILED)
+
+
+def _name(body: Body) -> str:
+    """Return the block or file that a step names, for a person and as a key."""
+    for part in body.parameters:
+        if part.layout in _NAMES:
+            return part.note[:_MAX_NAME]
+    return ""
+
+
+def _went_well(transaction: Transaction) -> bool:
+    return transaction.outcome == ANSWERED and not transaction.error_code
+
+
+def _last(transaction: Transaction, answer: Body) -> bool:
+    """Tell whether an answer says that no more follows."""
+    return transaction.outcome != UNANSWERED and answer.number("more") != 1
+
+
+def _link_in(transaction: Transaction, body: Body) -> None:
+    """A block is activated: note one that was not loaded on this connection, where that would have been seen."""
+    connection = transaction.connection
+    if body.text("service") not in {LINK_IN, LINK_IN_SECOND} or connection.mid_stream or connection.tcp.has_holes:
+        return
+    for part in body.parameters:
+        if part.layout is PI_BLOCK and part.note.removeprefix("block ") not in connection.traits.loaded:
+            transaction.flags |= NOT_LOADED
+
 
 _MODE: Final = 0
 _TEST: Final = 1
@@ -57,7 +250,7 @@ _TEST_STOPS: Final = 0x0F
 _SEND_PASSWORD: Final = 0x01
 
 #: Kinds that run until somebody stops them.
-ENDLESS: Final = frozenset((CYCLIC, MESSAGES, TEST_JOB, SESSION))
+ENDLESS: Final = frozenset((CYCLIC, MESSAGES, TEST_JOB, SESSION, POLLING))
 _MAX_SUBJECT: Final = 200
 #: Where the header states the octets of the data block.
 _DATA_LENGTH_AT: Final = 8
@@ -80,6 +273,21 @@ def payload_size(transaction: Transaction) -> int:
     return max(int(stated) - DATA_HEAD.size, 0)
 
 
+def subscription_of(push: Transaction) -> Operation | None:
+    """Return the operation that a push of S7comm belongs to, None where no such one runs."""
+    going = push.connection.operations
+    head = push.parameters.userdata
+    if head is None:
+        return None
+    if head.group == _CYCLIC:
+        return going.find(CYCLIC, str(head.sequence))
+    if head.group == _TEST:
+        return going.find(TEST_JOB, f"{head.subfunction}/{head.sequence}")
+    if head.group == _MODE or (head.group == _CPU and head.subfunction in _ALARM_PUSHES):
+        return going.find(MESSAGES, str(push.asked_by))
+    return None
+
+
 class Operations(OperationBook):
     """Follows the operations of all connections."""
 
@@ -96,9 +304,9 @@ class Operations(OperationBook):
                 self._userdata(transaction, head)
         elif parameters.function == SETUP_COMMUNICATION:
             self._set_up(transaction)
-        elif REQUEST_DOWNLOAD <= parameters.function <= PI_SERVICE:
+        elif REQUEST_DOWNLOAD <= parameters.function <= PLC_STOP:
             if self._transfers is None:
-                from dissect.transactions.transfers import Transfers
+                from dissect.transactions.operations import Transfers
 
                 self._transfers = Transfers(self)
             self._transfers.take(transaction)
@@ -136,7 +344,7 @@ class Operations(OperationBook):
         answer = transaction.response_parameters
         told = answer.userdata if answer is not None else None
         if transaction.outcome == PUSH:
-            self._push(transaction, head)
+            self._push(transaction)
         elif head.group == GROUP_PBC:
             self._send(transaction, head)
         elif self._part_of_long_answer(transaction, head, told):
@@ -271,16 +479,9 @@ class Operations(OperationBook):
         if transaction.outcome != ANSWERED or transaction.error_code:
             self.settle(operation, transaction, DONE, REFUSED)
 
-    def _push(self, transaction: Transaction, head: UserdataHead) -> None:
+    def _push(self, transaction: Transaction) -> None:
         """Something was sent unasked: find the subscription it belongs to."""
-        going = transaction.connection.operations
-        operation: Operation | None = None
-        if head.group == _CYCLIC:
-            operation = going.find(CYCLIC, str(head.sequence))
-        elif head.group == _TEST:
-            operation = going.find(TEST_JOB, f"{head.subfunction}/{head.sequence}")
-        elif head.group == _MODE or (head.group == _CPU and head.subfunction in _ALARM_PUSHES):
-            operation = going.find(MESSAGES, str(transaction.asked_by))
+        operation = subscription_of(transaction)
         if operation is not None:
             operation.add(transaction)
             operation.pushes += 1

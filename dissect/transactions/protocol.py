@@ -1,6 +1,6 @@
 """The seam of the engine: what reads the octets of a connection, or the messages that another protocol delivers.
 
-A TCP connection begins with a protocol that only looks (`dissect.engine.recognition`) and is given to the one that
+A TCP connection begins with a protocol that only looks (`dissect.engine.connections`) and is given to the one that
 recognises it. Some protocols frame a stream (ISO-on-TCP, IBH-NetLink); they deliver whole messages to others of the same
 seam (S7comm, S7comm-plus). One object serves all connections (docs/decisions/0012); what belongs to one direction of one
 connection is kept at its `Side`: `Side.kept` is for what a protocol needs that frames a stream by itself.

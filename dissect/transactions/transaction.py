@@ -8,8 +8,8 @@ from mypy_extensions import i64
 
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import DataItem, parse_data_items
-from dissect.s7.message import ACK_HEADER_SIZE, HEADER_SIZE, Pdu, parse_pdu
-from dissect.s7.parameters import Parameters
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, Parameters
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, USERDATA, WRITE_VAR
 from dissect.s7plus.hiding import shown_half
 from dissect.s7plus.items import Half, PlusItem, join_items
@@ -20,6 +20,8 @@ from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.transactions.results import (
+    STILL_OPEN,
+    UNCONFIRMED,
     ItemResult,
     Subscription,
     has_items,
@@ -55,10 +57,6 @@ _NO_CODE_TEXTS: Final = (
     "No return code",
     "The answer has no return code for this item: it is unknown whether it was written.",
 )
-#: Bits of `Transaction.flags` (the others are in `dissect.transactions.checks`): the good answer to a write lacks return
-#: codes; the capture ended before the answer was due, so that nothing is wrong.
-UNCONFIRMED: Final = 2048
-STILL_OPEN: Final = 4096
 #: One sentence for each reason.
 REASON_TEXTS: Final[dict[str, str]] = {
     CONNECTION_CLOSED: "the connection ended before an answer came",

@@ -1,11 +1,19 @@
-"""Text from outside, made safe to show: nothing a device or a file name says may steer a terminal, a spreadsheet or an eye."""
+"""How text from outside, times and durations are written, once for every output.
+
+Text from outside is made safe to show: nothing that a device or a file name says may control a terminal, a spreadsheet or
+mislead the eye. Durations have the same units everywhere. Times are nanoseconds since 1970, written with integer arithmetic
+throughout: no rounding, and no year in which it fails. Only the offset of a local time comes from the system's time zones.
+"""
 
 from __future__ import annotations
 
 import os
 import re
+import time
 import unicodedata
 from typing import Final
+
+from mypy_extensions import i64
 
 #: Categories that are not shown as they are: control, format (bidi overrides, zero widths), surrogate, private, unassigned,
 #: line and paragraph separators.
@@ -72,3 +80,111 @@ def cell(text: str) -> str:
     if safe.startswith(_FORMULA) and not _NUMBER.fullmatch(safe):
         safe = "'" + safe
     return _LATER_FORMULA.sub(r"\1'", safe) if ";" in safe else safe
+
+
+_NS_PER_S: Final = 1_000_000_000
+
+
+def duration_text(ns: int) -> str:
+    """Return nanoseconds in the unit that suits them, for example ``412 µs``, ``3.21 ms``, ``1.54 s``, ``2 h 5 min 0 s``."""
+    size = abs(ns)
+    if 0 < size < 10_000:
+        return f"{ns / 1e3:.1f} µs"
+    if size < 999_500:
+        return f"{ns / 1e3:.0f} µs"
+    if size < 99_995_000:
+        return f"{ns / 1e6:.2f} ms"
+    if size < 999_500_000:
+        return f"{ns / 1e6:.0f} ms"
+    if size < 600 * _NS_PER_S:
+        return f"{ns / 1e9:.2f} s"
+    minutes, seconds = divmod(size // _NS_PER_S, 60)
+    hours, minutes = divmod(minutes, 60)
+    days, hours = divmod(hours, 24)
+    units = [(days, "d"), (hours, "h"), (minutes, "min"), (seconds, "s")]
+    first = next(index for index, (number, _) in enumerate(units) if number)
+    sign = "-" if ns < 0 else ""
+    return sign + " ".join([f"{number} {unit}" for number, unit in units[first:]])
+
+
+def distance_text(ns: int) -> str:
+    """Say how far back something lies, for example ``965 µs earlier``; what came after is ``1.20 s later``."""
+    return f"{duration_text(ns)} earlier" if ns >= 0 else f"{duration_text(-ns)} later"
+
+
+_S_PER_DAY: Final = 86400
+
+
+def civil(days: int) -> tuple[int, int, int]:
+    """Return (year, month, day) of a day counted from 1970-01-01, Gregorian calendar, any year."""
+    shifted = days + 719468
+    era, of_era = divmod(shifted, 146097)
+    year_of_era = (of_era - of_era // 1460 + of_era // 36524 - of_era // 146096) // 365
+    day_of_year = of_era - (365 * year_of_era + year_of_era // 4 - year_of_era // 100)
+    shifted_month = (5 * day_of_year + 2) // 153
+    day = day_of_year - (153 * shifted_month + 2) // 5 + 1
+    month = shifted_month + 3 if shifted_month < 10 else shifted_month - 9
+    return year_of_era + era * 400 + (1 if month <= 2 else 0), month, day
+
+
+class Clock:
+    """Writes times; remembers the text of the second before, because packets come many to a second.
+
+    With ``local`` `moment` is in the time zone of this machine (``TZ``), else in UTC; `iso` is always in UTC.
+    """
+
+    __slots__ = ("_local_second", "_local_text", "_second", "_text", "_zone", "local")
+
+    def __init__(self, local: bool = False) -> None:
+        self.local: bool = local
+        self._local_second: i64 = 0
+        self._local_text: str = ""
+        self._zone: str = "UTC"
+        self._second: i64 = 0
+        self._text: str = "1970-01-01T00:00:00."
+
+    def iso(self, time_ns: i64) -> str:
+        """Return ISO 8601 in UTC with nanoseconds, for example ``2016-02-08T14:51:37.916123000Z``."""
+        second: i64 = time_ns // _NS_PER_S
+        if second != self._second:
+            day: i64 = second // _S_PER_DAY
+            rest: i64 = second % _S_PER_DAY
+            year, month, of_month = civil(day)
+            self._text = (
+                f"{year:04d}-{month:02d}-{of_month:02d}T{rest // 3600:02d}:{rest // 60 % 60:02d}:{rest % 60:02d}."
+            )
+            self._second = second
+        digits = str(_NS_PER_S + time_ns % _NS_PER_S)  # a leading 1 keeps the zeros
+        return f"{self._text}{digits[1:]}Z"
+
+    def moment(self, time_ns: i64) -> str:
+        """Return a time for a person, with its zone: ``2016-02-08 14:51:37.916123 UTC``, local ``… +01:00``."""
+        if not self.local:
+            day, _, of_day = self.iso(time_ns).partition("T")
+            return f"{day} {of_day[:15]} UTC"
+        self._localise(time_ns)
+        digits = str(_NS_PER_S + time_ns % _NS_PER_S)
+        return f"{self._local_text}.{digits[1:7]} {self._zone}"
+
+    def time_of_day(self, time_ns: i64) -> str:
+        """Return the time of day to the microsecond, without its zone (see `zone`): ``14:51:37.916123``."""
+        return self.moment(time_ns).split(" ")[1]
+
+    def zone(self, time_ns: i64) -> str:
+        """Return the zone of what `moment` gives for this time: ``UTC``, or an offset such as ``+01:00``."""
+        if self.local:
+            self._localise(time_ns)
+        return self._zone
+
+    def _localise(self, time_ns: i64) -> None:
+        second: i64 = time_ns // _NS_PER_S
+        if second == self._local_second and self._local_text:
+            return
+        there = time.localtime(second)
+        self._local_text = (
+            f"{there.tm_year:04d}-{there.tm_mon:02d}-{there.tm_mday:02d}"
+            f" {there.tm_hour:02d}:{there.tm_min:02d}:{there.tm_sec:02d}"
+        )
+        hours, minutes = divmod(abs(there.tm_gmtoff) // 60, 60)
+        self._zone = f"{'-' if there.tm_gmtoff < 0 else '+'}{hours:02d}:{minutes:02d}"
+        self._local_second = second

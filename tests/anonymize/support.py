@@ -10,12 +10,14 @@ from dissect.anonymize.account import Account, Choices
 from dissect.anonymize.addresses import AddressMap
 from dissect.anonymize.key import Key
 from dissect.anonymize.packet import Packets
+from dissect.anonymize.plus import PlusRules
+from dissect.anonymize.plus_contents import PlusContents
 from dissect.anonymize.rewriter import Rewriter
 from dissect.anonymize.rules import Rules
 from dissect.anonymize.scd import ScdRules
 from dissect.anonymize.survey import Survey
 from dissect.bindings.engine import ScdCarrier
-from dissect.engine.observer import Options
+from dissect.engine.pipeline import Options
 from dissect.session import Run
 from dissect.source.files import open_capture
 from dissect.source.pcapng_writer import PcapngWriter
@@ -32,7 +34,8 @@ def anonymized(
     account = Account()
     addresses = AddressMap(key)
     rules = Rules(key, addresses, choices, ScdRules(key, addresses, choices, carrier, account))
-    survey = Survey(key, rules, account, carrier)
+    plus = PlusRules(PlusContents(key, choices, account), account)
+    survey = Survey(key, rules, plus, account, carrier)
     run = Run([str(source)], survey, Options(strict=True, decoder=carrier))
     while run.step():
         pass

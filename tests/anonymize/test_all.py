@@ -37,8 +37,6 @@ DIFFER: Final = {
     "look-alikes.pcapng": {"tpkt.garbage", "cotp.malformed", "session.foreign_on_102"},  # what they look like is gone
     "rdp-proprietary-encryption.pcap": {"tpkt.garbage", "cotp.malformed", "cotp.bad_start"},
     "netlink-faults.pcapng": {"ibh.malformed", "transaction.unanswered"},  # see `GARBAGE`
-    # The contents of S7comm-plus become zeros, and with them who wrote what.
-    "s7comm_and_s7commplus_sll.pcap": {"security.write", "security.new_writer", "s7plus.notifications_lost"},
     "s7-lengths.pcapng": {"transaction.size_mismatch"},
     "tpkt-faults.pcapng": {"tpkt.garbage", "tpkt.unfinished"},  # of a header that is not whole nothing stays
 }

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dissect.anonymize import track as tracks
 from dissect.anonymize.track import Room, Track
-from dissect.tcp.connection import Endpoint, TcpConnection
+from dissect.tcp.stream import Endpoint, TcpConnection
 
 START = 0xFFFFFFF0  # wraps within the first octets
 

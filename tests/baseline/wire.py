@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dissect.baseline import Learner
-from dissect.engine.observer import Observer, Options
-from dissect.engine.pipeline import Pipeline
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options, Pipeline
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.properties.packets import EPOCH_NS, Flow, Talk

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from dissect import scd
 from dissect.bindings.binding import Binding, CarrierName
-from dissect.bindings.content_names import find_content
+from dissect.bindings.bindings_file import find_content
 from dissect.bindings.contents import MAX_MESSAGES, decode
 from dissect.scd.envelope import PROTOCOL
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from dissect import scd
 from dissect.bindings.binding import Binding, Bindings
-from dissect.bindings.content_names import find_content
+from dissect.bindings.bindings_file import find_content
 from dissect.bindings.engine import MAX_JOINERS, ScdCarrier
 from dissect.scd.codec import Codec
 from dissect.scd.records import CrcRecord, EnvelopeField, EnvelopeRecord

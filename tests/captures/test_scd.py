@@ -14,7 +14,7 @@ from captures.craft.container import write_pcapng
 from captures.craft.scd import FOLDER, plant
 from dissect import scd
 from dissect.cli.main import main
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.transactions.transaction import Transaction
 from tests.report.schemas import complaints
 

@@ -12,13 +12,12 @@ from mypy_extensions import i64
 
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_json
-from dissect.report.jsonl import TransactionLines
-from dissect.report.places import Places
 from dissect.report.styled import Line
 from dissect.report.text import analysis_lines
+from dissect.report.words import Places
 from dissect.report.writer import PduFeed, TransactionFeed
 from dissect.report.writers.csv import CsvWriter
-from dissect.report.writers.jsonl import JsonlWriter
+from dissect.report.writers.jsonl import JsonlWriter, TransactionLines
 from dissect.report.writers.text import TextWriter
 from dissect.source.files import open_capture
 from dissect.source.packet import PacketSink, SourceFile

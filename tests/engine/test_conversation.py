@@ -6,8 +6,8 @@ from typing import Final
 
 import pytest
 
-from dissect.engine.observer import Observer, Options
-from dissect.engine.pipeline import Pipeline
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options, Pipeline
 from dissect.transactions.connection import Connection
 from dissect.transactions.table import Side
 from tests.properties.books import Result, check_books

@@ -6,7 +6,7 @@ from typing import Final
 
 import pytest
 
-from dissect.engine import overdue
+from dissect.engine import timers
 from tests.transactions.talk import CLIENT, MS, SECOND, SERVER, Talk, ack_data, dbw, read, words
 
 LIMIT: Final = 2 * SECOND
@@ -165,11 +165,11 @@ def crowd(talk: Talk, count: int) -> None:
 
 
 def test_a_look_at_a_crowd_is_bounded_and_nobody_is_forgotten(talk: Talk) -> None:
-    count = 3 * overdue._SIDES_AT_ONCE // 2
+    count = 3 * timers._SIDES_AT_ONCE // 2
     crowd(talk, count)
     talk.silence(LIMIT)
     first = talk.pipeline.finding_counts["transaction.overdue"]
-    assert 0 < first <= overdue._SIDES_AT_ONCE
+    assert 0 < first <= timers._SIDES_AT_ONCE
     talk.silence(50 * MS)
     assert talk.pipeline.finding_counts["transaction.overdue"] == count
 

@@ -8,7 +8,7 @@ from typing import Final
 
 import pytest
 
-from dissect.engine.observer import Options
+from dissect.engine.pipeline import Options
 from dissect.engine.timers import _MANY_WAITING
 from dissect.findings.reporter import MAX_DETAILED
 from dissect.tcp.ip import MAX_DATAGRAMS

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.engine.payload import PayloadDecoder
+from dissect.engine.exchange import PayloadDecoder
 from dissect.transactions.table import MAX_CONNECTIONS, ConnectionTable, Side
 from tests.bindings import plant
 from tests.transactions.talk import CLIENT, MS, SERVER, Talk

@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import ast
+import datetime
 import re
+import ssl
 from pathlib import Path
 from typing import Final
 
 import pytest
 
 import dissect
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.finding import KINDS, SEVERITIES
+from dissect.findings.catalogue import CATALOGUE, KINDS, SEVERITIES
 from dissect.s7plus.assembly import MAX_PDU
 from dissect.s7plus.value_tables import DINT
 from dissect.s7plus.values import Value
 from dissect.tcp import ip
 from dissect.transactions.table import MAX_CONNECTIONS, MAX_HALF_OPEN
 from dissect.transactions.transaction import Transaction
-from tests.findings import operation_scenarios, scd_scenarios, security_scenarios
+from tests.findings import operation_scenarios, plus_scenarios, scd_scenarios, security_scenarios
 from tests.findings.registry import SILENT, SPEAKS, silent, speaks
 from tests.ibh import packets as ibh
 from tests.s7plus import bodies
 from tests.s7plus import pdus as plus
+from tests.tls.talks import THEN, Wire, certificate, ec_key, in_tls, rsa_key, wire
 from tests.transactions.talk import (
     ACK,
     CLIENT,
@@ -829,6 +831,38 @@ def encrypted(talk: Talk) -> None:
     talk.ask(bytes.fromhex("1603010005010000010a"))
 
 
+@speaks("session.tls_closed")
+def keys_of_another_session(talk: Talk) -> None:
+    talk.unlock(wire([]).key_log)
+    in_tls(talk, wire([(0, b"x")]))
+
+
+@silent("session.tls_closed", "security.tls_weak", "security.certificate_expired", "security.certificate_weak")
+def keys_that_open(talk: Talk) -> None:
+    found = wire([(0, b"x")])
+    talk.unlock(found.key_log)
+    in_tls(talk, found)
+    assert talk.pipeline.tls.decrypted == 1
+
+
+@speaks("security.tls_weak")
+def tls_1_0(talk: Talk) -> None:
+    body = b"\x03\x01" + bytes(32) + b"\x00\x00\x2f\x00"
+    hello = b"\x02" + len(body).to_bytes(3, "big") + body
+    in_tls(talk, Wire([(1, b"\x16\x03\x01" + len(hello).to_bytes(2, "big") + hello)]))
+
+
+@speaks("security.certificate_expired")
+def an_expired_certificate(talk: Talk) -> None:
+    made = certificate(ec_key(), ends=THEN - datetime.timedelta(days=1))
+    in_tls(talk, wire([], ssl.TLSVersion.TLSv1_2, key=ec_key(), made=made))
+
+
+@speaks("security.certificate_weak")
+def a_weak_certificate(talk: Talk) -> None:
+    in_tls(talk, wire([], ssl.TLSVersion.TLSv1_2, "ECDHE+AESGCM:@SECLEVEL=0", rsa_key(1024)))
+
+
 @speaks("session.foreign_on_102")
 def foreign(talk: Talk) -> None:
     talk.hello()
@@ -1083,6 +1117,7 @@ def test_rule_keeps_silent(slug: str) -> None:
 def test_every_rule_has_both() -> None:
     assert {
         operation_scenarios.__name__,
+        plus_scenarios.__name__,
         scd_scenarios.__name__,
         security_scenarios.__name__,
     }  # importing them entered theirs

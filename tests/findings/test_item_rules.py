@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.findings.item_rules import odd_address
+from dissect.findings.transaction_rules import odd_address
 from dissect.s7.items import parse_item
 from tests.transactions.talk import SECOND, Talk, ack_data, dbw, good, item, job, read, userdata, words, write, written
 

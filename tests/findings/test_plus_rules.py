@@ -24,8 +24,9 @@ from dissect.s7plus.tables import (
 from dissect.s7plus.value_tables import BLOB, BOOL, DINT, INT, UDINT, UINT, WSTRING
 from dissect.s7plus.values import Blob, Value, build_value
 from dissect.s7plus.walk import MAX_WORK
-from dissect.tcp.connection import Endpoint
+from dissect.tcp.stream import Endpoint
 from dissect.transactions.operation import OperationBook
+from tests.findings.plus_scenarios import opened
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
 from tests.s7plus.test_program import type_of, variable
@@ -238,8 +239,8 @@ def test_writes_are_told_once_for_outputs_and_once_for_the_rest() -> None:
     talk = begun()
     output, flag = Address(0, 81, 3736, [3, 0, 1]), Address(0, 82, 3736, [3, 100, 2])
     for number in (1, 2):
-        do(talk, number, SET_MULTI_VARIABLES, bodies.set_multi([(output, Value(0, BOOL, True))]), b"\0\0")
-        do(talk, number + 4, SET_MULTI_VARIABLES, bodies.set_multi([(flag, Value(0, INT, 5))]), b"\0\0")
+        do(talk, 2 * number, SET_MULTI_VARIABLES, bodies.set_multi([(output, Value(0, BOOL, True))]), b"\0\0")
+        do(talk, 2 * number + 1, SET_MULTI_VARIABLES, bodies.set_multi([(flag, Value(0, INT, 5))]), b"\0\0")
     assert said(talk) == [
         ("security.write_outputs", "QB0 = Bool true"),
         ("security.write", "MW100 = Int 5"),
@@ -252,6 +253,58 @@ def test_attributes_of_a_session_are_no_writes() -> None:
     do(talk, 1, SET_MULTI_VARIABLES, body, b"\0\0")
     do(talk, 2, SET_VARIABLE, bodies.set_variable(0x70400001, [1053], Value(0, INT, 5)))
     assert said(talk) == []
+
+
+def test_a_second_client_that_writes() -> None:
+    talk = begun()
+    body = bodies.set_multi([(Address(0, 82, 3736, [3, 100, 2]), Value(0, INT, 5))])
+    do(talk, 1, SET_MULTI_VARIABLES, body, b"\0\0")
+    for host, port in ((1, 50001), (7, 50002)):
+        other = Talk(client_port=port, beside=talk)
+        other.hosts[0] = host
+        other.hello()
+        other.connect()
+        do(other, 1, SET_MULTI_VARIABLES, body, b"\0\0")
+    writers = [text for slug, text in said(talk) if slug == "security.new_writer"]
+    assert writers == ["until now only 10.0.0.1 wrote to 10.0.0.2"]
+
+
+def test_refusals_that_have_nothing_to_do_with_protection() -> None:
+    talk = begun()
+    do(talk, 1, SET_VARIABLE, bodies.set_variable(52, [9999], Value(0, DINT, 1)), b"\xff" * 8 + b"\xe0")
+    assert [slug for slug, _ in said(talk)] == ["transaction.refused"]
+
+
+def integrity(talk: Talk, number: int, integrity_id: int, attribute: int = 2168) -> None:
+    body = bodies.set_variable(52, [attribute], Value(0, DINT, 3), integrity_id)
+    talk.ask(framed(asked(number, SET_VARIABLE, body=body), 3))
+    talk.tell(framed(told(number, SET_VARIABLE, b"\0" + bodies.end(integrity_id + number & 0xFFFFFFFF)), 3))
+
+
+@pytest.mark.parametrize(
+    ("ids", "found"),
+    [((5, 6, 8), 0), ((5, 5), 1), ((5, 6, 5), 1), ((2**32 - 1, 0), 0), ((5, 4, 6), 1)],
+)
+def test_integrity_ids_that_repeat_or_go_back(ids: tuple[int, ...], found: int) -> None:
+    """As when recorded requests are sent again under sequence numbers of their own."""
+    talk = begun()
+    opened(talk, challenge=False)
+    for number, integrity_id in enumerate(ids, 2):
+        integrity(talk, number, integrity_id)
+    texts = [text for slug, text in said(talk) if slug == "security.replay"]
+    assert len(texts) == found
+    assert all("has integrity id" in text for text in texts)
+
+
+def test_answers_that_overtake_each_other_are_no_replay() -> None:
+    talk = begun()
+    opened(talk, challenge=False)
+    for number in (2, 3, 4):
+        body = bodies.set_variable(52, [2168], Value(0, DINT, 3), 10 + number)
+        talk.ask(framed(asked(number, SET_VARIABLE, body=body), 3))
+    for number in (3, 2, 4):
+        talk.tell(framed(told(number, SET_VARIABLE, b"\0" + bodies.end(10 + 2 * number)), 3))
+    assert "security.replay" not in [slug for slug, _ in said(talk)]
 
 
 def test_passwords() -> None:

@@ -2,9 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.finding import ERROR, SEVERITIES, Finding
-from dissect.findings.reporter import MAX_DETAILED, MAX_DETAILED_ALL, Reporter
+from dissect.findings.catalogue import CATALOGUE, ERROR, SEVERITIES
+from dissect.findings.reporter import MAX_DETAILED, MAX_DETAILED_ALL, Finding, Reporter
 
 
 def test_a_finding_is_counted_and_told() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dissect.findings.reporter import Reporter
 from dissect.findings.scan_rules import MAX_PAIRS, MAX_TSAPS, REFUSED, TSAPS, WINDOW_NS, ScanWatch
 from dissect.iso.tsap import Tsap
-from dissect.tcp.connection import Endpoint, TcpConnection
+from dissect.tcp.stream import Endpoint, TcpConnection
 from dissect.transactions.connection import Connection
 
 SERVER = b"\x0a\0\0\x02"

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from tests.transactions.talk import (
     CLIENT,
     MS,

@@ -10,7 +10,7 @@ import dissect
 from dissect.findings.catalogue import CATALOGUE
 from dissect.report.analysis import Analysis
 from dissect.tcp.stream import MASK
-from dissect.transactions.transaction import STILL_OPEN, UNCONFIRMED
+from dissect.transactions.results import STILL_OPEN, UNCONFIRMED
 from tests.transactions.talk import (
     ACK,
     CLIENT,

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from tests.fuzz.failures import Failures, failure_of, minimised
+from tests.fuzz.failures import SUSPECT_SECONDS, Failures, failure_of, minimised
 
 if TYPE_CHECKING:
     from tests.fuzz.targets import TargetRow
@@ -150,7 +150,7 @@ def again(options: argparse.Namespace) -> int:
     failed = 0
     for path in options.run:
         octets = path.read_bytes()
-        kind, report = failure_of(target, octets, timed=True)
+        kind, report = failure_of(target, octets, SUSPECT_SECONDS)
         failed += bool(kind)
         print(f"{path}: {kind or 'good'}\n{report}", end="")
         if kind and options.minimise:

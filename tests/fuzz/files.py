@@ -23,8 +23,8 @@ from dissect.baseline.loading import parse_baseline
 from dissect.baseline.writing import baseline_toml
 from dissect.bindings.engine import ScdCarrier
 from dissect.cli.baseline import _usual_rules
-from dissect.engine.observer import Observer, Options
-from dissect.engine.pipeline import Pipeline
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options, Pipeline
 from dissect.golden.comparison import diff_sessions
 from dissect.golden.parsing import parse_golden
 from dissect.golden.reading import SessionReader
@@ -35,14 +35,12 @@ from dissect.recording.cutter import Around, Cutter
 from dissect.recording.selection import Selection, Wanted
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_json
-from dissect.report.csv_rows import CSV_COLUMNS
-from dissect.report.jsonl import TransactionLines
-from dissect.report.places import Places
 from dissect.report.styled import Line
 from dissect.report.text import analysis_lines
+from dissect.report.words import Places
 from dissect.report.writer import PduFeed, TransactionFeed
-from dissect.report.writers.csv import CsvWriter
-from dissect.report.writers.jsonl import JsonlWriter
+from dissect.report.writers.csv import CSV_COLUMNS, CsvWriter
+from dissect.report.writers.jsonl import JsonlWriter, TransactionLines
 from dissect.report.writers.text import TextWriter
 from dissect.session import analyze
 from dissect.session import open as events_of

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from dissect.engine.observer import Options
+from dissect.engine.pipeline import Options
 from dissect.tcp.ip import FragmentStore
 from dissect.tcp.segment import find_segment
 from tests.fuzz.taking import Taker

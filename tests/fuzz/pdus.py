@@ -12,13 +12,14 @@ from typing import Final
 from dissect.ibh.packet import parse_packet
 from dissect.iso.tpkt import HEADER, MAX_LENGTH
 from dissect.playback.client.permissions import Permissions
-from dissect.report.jsonl import PduLines
-from dissect.report.lines import message_name, pdu_line, plus_line
-from dissect.report.places import Places
 from dissect.report.plus import item_text
 from dissect.report.tree import netlink_tree_lines, plus_tree_lines, tree_lines
+from dissect.report.words import Places, message_name
+from dissect.report.writers.jsonl import PduLines
+from dissect.report.writers.text import pdu_line, plus_line
 from dissect.s7.bodies import parse_joined
-from dissect.s7.message import PROTOCOL_ID, parse_pdu
+from dissect.s7.message import parse_pdu
+from dissect.s7.parameters import PROTOCOL_ID
 from dissect.s7.values import decode_value
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.events import take
@@ -29,9 +30,9 @@ from dissect.s7plus.program import Program
 from dissect.s7plus.refusals import refuses_items
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.transactions.connection import Connection
-from dissect.wire.clock import Clock
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
+from dissect.wire.text import Clock
 from tests.fuzz.checks import check_json, check_line, check_lines
 from tests.fuzz.played import check_harmless
 from tests.properties.books import Result

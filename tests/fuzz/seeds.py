@@ -8,8 +8,8 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
-from dissect.engine.observer import Observer, Options
-from dissect.engine.pipeline import Pipeline
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options, Pipeline
 from dissect.scd.dump import dump_json
 from dissect.source.files import find_reader
 from dissect.transactions.table import Side

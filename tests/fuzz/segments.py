@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dissect.engine.observer import Options
-from dissect.engine.pipeline import Pipeline
+from dissect.engine.pipeline import Options, Pipeline
 from tests.fuzz.scripts import Script
 from tests.properties.books import Record, Result, check_books, facts
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.fuzz import __main__ as runner
+from tests.fuzz import failures
 from tests.fuzz.failures import Failures, failure_of, kind_of, minimised
 
 
@@ -20,10 +21,10 @@ def picky(octets: bytes) -> None:
 
 def test_kinds_are_told_apart_and_the_first_of_each_is_kept(tmp_path: Path) -> None:
     folder = tmp_path / "artifacts"
-    failures = Failures("picky", picky, folder)
+    kept = Failures("picky", picky, folder)
     for octets in (b"", b"good", b"ab\xfec", b"\xfe", b"\x07 \x07", b"\x07"):
-        failures(octets)
-    assert sorted(failures.counts.values()) == [2, 2]
+        kept(octets)
+    assert sorted(kept.counts.values()) == [2, 2]
     assert sorted(path.read_bytes() for path in folder.glob("picky-*.bin")) == [b"\x07 \x07", b"ab\xfec"]
     assert all("picky" in path.read_text("utf-8") for path in folder.glob("*.txt"))
 
@@ -32,8 +33,21 @@ def test_a_failure_has_a_kind_and_a_report_and_what_is_good_has_none() -> None:
     kind, report = failure_of(picky, b"\xfe")
     assert kind.startswith("KeyError in test_failures.py:")
     assert "one" in report
-    assert failure_of(picky, b"good", timed=True) == ("", "")
+    assert failure_of(picky, b"good") == ("", "")
     assert kind_of(OSError()) == "OSError"
+
+
+def test_slow_is_what_runs_too_many_lines_however_long_it_took() -> None:
+    def busy(octets: bytes) -> None:
+        for _ in range(failures.LINES_AT_ALL):
+            pass
+
+    kind, report = failure_of(busy, b"x", 0)
+    assert kind == "slow"
+    assert report.startswith("one input of 1 bytes runs ")
+    assert failure_of(picky, b"good", 0) == ("", "")
+    assert failure_of(busy, bytes(1000), 0) == ("", "")  # much work for a large input is no failure
+    assert failure_of(busy, b"x") == ("", "")
 
 
 def test_a_failing_input_becomes_as_small_as_it_can() -> None:

@@ -13,7 +13,7 @@ from dissect.metrics.exposition import Exposition
 from dissect.monitor.details import connection_details, entry_lines, finding_details
 from dissect.monitor.model import Model
 from dissect.monitor.rows import connection_row, entry_line, entry_row, finding_row, joined, sparks
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 from tests.fuzz.checks import check_json, check_line, check_lines
 
 

@@ -29,7 +29,8 @@ from dissect.layers.parts import CLASSES, JOINED
 from dissect.layers.s7 import function_of
 from dissect.s7.bodies import parse_body
 from dissect.s7.layouts import USERDATA_EXTENDED, USERDATA_SHORT
-from dissect.s7.message import Pdu, header_size, parse_pdu
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.parameters import header_size
 from dissect.s7.tables import ROSCTR
 from dissect.wire.part import SURPLUS, Part
 from tests.layers.examples import EXAMPLES, Example

@@ -4,7 +4,7 @@ from dissect.alerts.alert import Alert
 from dissect.alerts.dispatcher import Dispatcher
 from dissect.alerts.engine import AlertEngine
 from dissect.alerts.loading import parse_rules
-from dissect.engine.observer import Options
+from dissect.engine.pipeline import Options
 from dissect.live.alerting import AlertCompanion
 from dissect.live.run import LiveRun
 from dissect.live.session import Session

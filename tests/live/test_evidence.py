@@ -3,7 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.live.evidence import KeeperCompanion, RingCompanion
 from dissect.recording.event_capture import EventCapture
 from dissect.recording.ring_buffer import RingBuffer, RingLimits

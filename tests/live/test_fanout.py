@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from dissect.engine.observer import Observer
-from dissect.live.fanout import Fanout
+from dissect.live.run import Fanout
 from tests.properties.packets import Packet
 from tests.report.support import begun, observed, read
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from dissect.engine.observer import Options
+from dissect.engine.pipeline import Options
 from dissect.live.lines import TOPICS, PlainLines, kinds_of, summary_lines
 from dissect.live.session import CLOSED, FINDING, OPENED, PROBLEM, TRANSACTION, Event, Session, Status
 from dissect.source.live.reader import Drops

@@ -12,11 +12,12 @@ from pathlib import Path
 import pytest
 import snap7.error
 
-from dissect.engine.observer import Observer, Options
-from dissect.findings.finding import Finding
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options
+from dissect.findings.reporter import Finding
 from dissect.live.run import Companion
 from dissect.live.session import CLOSED, Event, Session
-from dissect.report.jsonl import TransactionLines
+from dissect.report.writers.jsonl import TransactionLines
 from dissect.session import Run
 from dissect.source.live.opening import open_live
 from dissect.source.pcapng_writer import PcapngWriter

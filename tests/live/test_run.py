@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from dissect.engine.observer import Observer, Options
-from dissect.findings.finding import Finding
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options
+from dissect.findings.reporter import Finding
 from dissect.live.run import Companion, Limits, LiveRun
 from dissect.source.files import open_capture
 from dissect.source.live.reader import Drops

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dissect.engine.observer import Options
+from dissect.engine.pipeline import Options
 from dissect.live.run import Companion, Limits
 from dissect.live.session import CLOSED, FINDING, OPENED, OPERATION, PROBLEM, TRANSACTION, Event, Session
 from dissect.source.files import open_capture

@@ -10,8 +10,7 @@ from typing import Final
 import pytest
 
 from dissect import scd
-from dissect.live.fanout import Fanout
-from dissect.live.run import LiveRun
+from dissect.live.run import Fanout, LiveRun
 from dissect.metrics.counters import SEPARATOR, Metrics
 from dissect.metrics.functions import BOUNDS_NS, MAX_SCD, OTHER, FunctionCounts, Functions
 from dissect.report.analysis import Analysis
@@ -23,7 +22,7 @@ from dissect.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
 from dissect.session import Run
 from dissect.source.files import open_capture
 from dissect.source.live.reader import Drops
-from dissect.tcp.connection import Endpoint, TcpConnection
+from dissect.tcp.stream import Endpoint, TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import ScdMessage, ScdParameters
 from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction

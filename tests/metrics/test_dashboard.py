@@ -10,8 +10,7 @@ from typing import Any, Final
 import pytest
 
 from dissect.metrics.counters import Metrics
-from dissect.metrics.exposition import Exposition
-from dissect.metrics.families import PREFIX
+from dissect.metrics.exposition import PREFIX, Exposition
 from dissect.source.live.reader import Drops
 from tests.conftest import ROOT
 from tests.metrics.test_counters import counted

@@ -14,8 +14,7 @@ from dissect import __version__
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.catalogue import CATALOGUE
 from dissect.metrics.counters import Metrics
-from dissect.metrics.exposition import Exposition
-from dissect.metrics.families import COUNTER, FAMILIES, HISTOGRAM, PREFIX
+from dissect.metrics.exposition import COUNTER, FAMILIES, HISTOGRAM, PREFIX, Exposition
 from dissect.metrics.functions import BOUNDS_NS
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict

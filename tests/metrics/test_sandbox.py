@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -97,6 +98,22 @@ def play(name: str) -> int:
     return len(sink.got)
 
 
+def _until(process: subprocess.Popen[str], word: str) -> str:
+    """Return what a process writes up to the line with a word; one that does not write it is killed."""
+    assert process.stdout is not None
+    patience = threading.Timer(_WAIT_S, process.kill)
+    patience.start()
+    try:
+        lines = []
+        for line in process.stdout:
+            lines.append(line)
+            if word in line:
+                break
+        return "".join(lines)
+    finally:
+        patience.cancel()
+
+
 def test_the_probe_runs_under_the_filter_of_its_unit(folder: Path) -> None:
     assert missing() == ""
     pytest.importorskip("prometheus_client")
@@ -108,14 +125,18 @@ def test_the_probe_runs_under_the_filter_of_its_unit(folder: Path) -> None:
                 play("password")  # until it listens
                 time.sleep(0.2)
             play("plc-control")
-            time.sleep(1.0)
+            out = _until(process, "security.plc_stop")
             process.send_signal(signal.SIGTERM)
-            out, err = process.communicate(timeout=_WAIT_S)
+            assert process.stdout is not None
+            assert process.stderr is not None
+            out += process.stdout.read()
+            err = process.stderr.read()
+            process.wait(_WAIT_S)
         assert process.returncode == 130, err
         events = [json.loads(line) for line in out.splitlines()]
         assert events[-1]["event"] == "summary"
         assert events[-1]["summary"]["transactions"] > 0
-        assert any("security." in line for line in out.splitlines())
+        assert "security.plc_stop" in out
         assert [path.suffix for path in folder.glob("s7dissect_*")] == [".pcapng"]
 
     in_namespace(task)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
-from dissect.engine.observer import Options
+from dissect.engine.pipeline import Options
 from dissect.live.session import Event, Session
 from dissect.monitor.app import MonitorApp
 from dissect.monitor.model import Model

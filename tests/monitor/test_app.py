@@ -21,7 +21,7 @@ from dissect.live.session import Session
 from dissect.monitor.app import MonitorApp
 from dissect.monitor.lists import FindingFacts
 from dissect.monitor.screens import PageScreen
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 from tests.monitor.support import CAPTURES, SIZES, hostile, live, of_capture, of_packets, screen
 from tests.report.support import UNSAFE, begun, read
 

@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 
 from dissect.monitor import details, rows
+from dissect.monitor.app import save
 from dissect.monitor.lists import ConnectionFacts
-from dissect.monitor.saving import save
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 from tests.monitor.support import hostile, model_of, of_capture, of_packets
 from tests.report.support import UNSAFE
 
@@ -95,6 +95,6 @@ def test_saving_never_overwrites_and_follows_no_link(tmp_path, monkeypatch) -> N
     assert not (tmp_path / "elsewhere").exists()
     assert first.read_text() == "one\n"
     assert third.read_text() == "three\n\\udcff\n"
-    monkeypatch.setattr("dissect.monitor.saving._TRIES", 3)
+    monkeypatch.setattr("dissect.monitor.app._TRIES", 3)
     with pytest.raises(FileExistsError, match="too many"):
         save(tmp_path, 0, [])

@@ -21,9 +21,8 @@ from dissect.oracle.facts import (
     Record,
     Value,
 )
-from dissect.oracle.grounds import FRAME, LENGTH, TRANSPORT_SIZE, WHOLE, Case, Evidence
+from dissect.oracle.grounds import FRAME, LENGTH, TRANSPORT_SIZE, WHOLE, Arrival, Case, Evidence
 from dissect.oracle.ours import pdu_record, tpdu_record
-from dissect.oracle.streams import Arrival
 from dissect.oracle.theirs import Frame
 from dissect.oracle.tshark import Segment
 from tests.oracle.traffic import dt, parameter, pdu, tpdu, tpkt

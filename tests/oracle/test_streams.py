@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from dissect.oracle import streams
-from dissect.oracle.streams import Streams
+from dissect.oracle import grounds
+from dissect.oracle.grounds import Streams
 from dissect.oracle.tshark import Segment
 
 MASK = 0xFFFFFFFF
@@ -17,7 +17,7 @@ MASK = 0xFFFFFFFF
 def made(monkeypatch: pytest.MonkeyPatch) -> list[Segment]:
     """The segments a capture is made of."""
     segments: list[Segment] = []
-    monkeypatch.setattr(streams, "read_segments", lambda _path: iter(segments))
+    monkeypatch.setattr(grounds, "read_segments", lambda _path: iter(segments))
     return segments
 
 
@@ -112,7 +112,7 @@ def test_nothing_is_read_before_it_is_asked_for(monkeypatch: pytest.MonkeyPatch)
     def fail(path: str) -> Iterator[Segment]:
         raise AssertionError(path)
 
-    monkeypatch.setattr(streams, "read_segments", fail)
+    monkeypatch.setattr(grounds, "read_segments", fail)
     found = Streams("any")
     with pytest.raises(AssertionError, match="any"):
         found.arrival(1)

@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from dissect.engine.observer import Options
+from dissect.engine.pipeline import Options
 from dissect.golden.parsing import parse_golden
 from dissect.live.session import Session
 from dissect.s7.security import encode_password

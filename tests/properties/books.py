@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from dissect.engine.observer import Observer, Options
-from dissect.engine.pipeline import Pipeline
-from dissect.findings.finding import Finding
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options, Pipeline
+from dissect.findings.reporter import Finding
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from tests.properties.packets import Packet

@@ -6,8 +6,7 @@ import os
 from pathlib import Path
 from typing import Final
 
-from dissect.engine.observer import Options
-from dissect.engine.pipeline import Pipeline
+from dissect.engine.pipeline import Options, Pipeline
 from dissect.source.packet import Reader
 from dissect.source.pcap import PCAP_MAGICS, PcapReader
 from dissect.source.pcapng import PcapngReader

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import errno
+import select
 import socket
-import time
 
 import pytest
 
 from dissect.net.sockets import prepare
-from dissect.proxy.link import Link, ResetError, trouble
+from dissect.proxy.relay import Link, ResetError, trouble
 from tests.proxy.support import eventually, listening, port_of_nobody, received, reset
 
 
@@ -26,7 +26,9 @@ def test_octets_before_a_reset_are_read_before_it_is_told() -> None:
     with theirs:
         mine.sendall(b"last words")
         reset(mine)
-        time.sleep(0.05)  # so that the reset is here
+        here = select.poll()
+        here.register(theirs, 0)
+        assert here.poll(20_000)  # the reset
         assert trouble(theirs) == 0
         link = Link(1, theirs, theirs)
         assert link.ends[0].read() == b"last words"

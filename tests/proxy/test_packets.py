@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.engine.observer import Observer, Options
-from dissect.engine.pipeline import Pipeline
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options, Pipeline
 from dissect.proxy.packets import ACKNOWLEDGE_AFTER, ETHERNET, MAX_SEGMENT, Conversation, endpoint_of
 from dissect.source.pcapng_writer import PcapngWriter
-from dissect.tcp.connection import Endpoint
+from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from tests.proxy.support import WRONG, tshark
 

@@ -16,8 +16,7 @@ from dissect.metrics.address import Address
 from dissect.net import listener as door
 from dissect.net.addresses import Place, ProxyError, places_to_listen
 from dissect.proxy import relay as module
-from dissect.proxy.link import PIECE
-from dissect.proxy.relay import Relay
+from dissect.proxy.relay import PIECE, Relay
 from dissect.proxy.tap import CLOSED, GONE, OPENED, REFUSED, RESET, SENT, UNANSWERED, Passed, Tap
 from tests.proxy.support import (
     LOOPBACK,

@@ -11,15 +11,15 @@ import pytest
 import snap7
 import snap7.error
 
-from dissect.engine.observer import Options
-from dissect.findings.finding import Finding
+from dissect.engine.pipeline import Options
+from dissect.findings.reporter import Finding
 from dissect.live.session import CLOSED, Event, Session
 from dissect.proxy.capture_file import CaptureFile
 from dissect.proxy.packets import endpoint_of
 from dissect.proxy.relay import Relay
 from dissect.proxy.source import RelayReader
 from dissect.proxy.tap import REFUSED, UNANSWERED, Tap
-from dissect.report.jsonl import TransactionLines
+from dissect.report.writers.jsonl import TransactionLines
 from dissect.session import Run
 from dissect.source.packet import PacketSink
 from dissect.source.pcapng_writer import PcapngWriter

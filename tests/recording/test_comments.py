@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.recording.comments import finding_comment, frames_in_words
 from tests.report.support import UNSAFE
 

@@ -10,8 +10,8 @@ from typing import Final
 import pytest
 
 import dissect
-from dissect.engine.observer import Options
-from dissect.findings.finding import Finding
+from dissect.engine.pipeline import Options
+from dissect.findings.reporter import Finding
 from dissect.recording.cutter import Cutter
 from dissect.recording.selection import Selection, Wanted
 from dissect.session import Run

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.recording import event_capture as keeper_module
 from dissect.recording.event_capture import EventCapture
 from dissect.recording.recent import PACKET_COST

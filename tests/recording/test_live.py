@@ -8,7 +8,7 @@ from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.recording.event_capture import EventCapture
 from dissect.recording.ring_buffer import RingBuffer, parse_limits
 from dissect.source.files import open_capture

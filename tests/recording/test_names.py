@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from dissect.recording.names import begin, file_word, finish, part_of, time_word, unused
 from dissect.source.files import open_capture
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 from tests.source.craft import drain
 
 

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from dissect.engine.observer import Observer, Options
-from dissect.engine.pipeline import Pipeline
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options, Pipeline
 from dissect.report.analysis import Analysis
 from dissect.report.text import analysis_lines
 from dissect.s7.message import Pdu

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.report.analysis import MAX_CONNECTIONS, MAX_FAILED, MAX_SLOWEST, Analysis
 from dissect.source.packet import SourceFile
 from dissect.transactions.transaction import Transaction

@@ -6,10 +6,9 @@ import csv
 import io
 import json
 
-from dissect.report.csv_rows import CSV_COLUMNS, CsvRows
-from dissect.report.places import Places
+from dissect.report.words import Places
 from dissect.report.writer import TransactionFeed
-from dissect.report.writers.csv import CsvWriter
+from dissect.report.writers.csv import CSV_COLUMNS, CsvRows, CsvWriter
 from dissect.source.packet import SourceFile
 from dissect.transactions.transaction import Transaction
 from tests.properties import messages

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dissect.report.endings import ending_as_dict, phrase
-from dissect.report.places import Places
+from dissect.report.words import Places
 from dissect.source.packet import SourceFile
 from dissect.transactions.connection import Connection
 from tests.transactions.talk import (

@@ -10,8 +10,8 @@ from dissect.alerts import states
 from dissect.alerts.rules import WHENS
 from dissect.anonymize import account
 from dissect.baseline.watch import KINDS as NEW
-from dissect.findings.finding import KINDS as FINDINGS
-from dissect.findings.finding import SEVERITIES
+from dissect.findings.catalogue import KINDS as FINDINGS
+from dissect.findings.catalogue import SEVERITIES
 from dissect.golden.difference import KINDS as DIFFERENCES
 from dissect.live import session
 from dissect.oracle import facts, known

@@ -10,11 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mypy_extensions import i64
 
-from dissect.engine.observer import Options
-from dissect.report.json_text import octets_value, value_text
-from dissect.report.jsonl import PduLines, TransactionLines
+from dissect.engine.pipeline import Options
 from dissect.report.writer import TransactionFeed
-from dissect.report.writers.jsonl import JsonlWriter
+from dissect.report.writers.jsonl import JsonlWriter, PduLines, TransactionLines, octets_value, value_text
 from dissect.s7.message import parse_pdu
 from dissect.s7.values import Value, decode_value
 from dissect.session import Run

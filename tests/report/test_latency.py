@@ -10,7 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.report.latency import EXACT, Latencies
+from dissect.report.analysis import EXACT, Latencies
+from dissect.wire.build import COMPILED
+from tests.growth import UNCOUNTED, lines
 
 QUANTILES = (0.0, 0.001, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999, 1.0)
 MINUTE = 60_000_000_000
@@ -105,7 +107,7 @@ def test_within_one_part_in_128_beyond_the_limit(count: int) -> None:
 def test_every_size_is_within_one_part_in_128(value: int) -> None:
     """A bucket holds values that differ by 1/128 at most, whatever their size; below 256 every value has its own."""
     latencies = of([value - 1 if value else 0, value, 2**62] * 2)
-    latencies._fold()
+    latencies._fold(EXACT)
     told = latencies.quantile(0.5)
     assert told is not None
     assert value - value / 128 <= told <= value
@@ -116,7 +118,7 @@ def test_every_size_is_within_one_part_in_128(value: int) -> None:
 def test_negative_times_of_reordered_captures(values: list[int]) -> None:
     """In buckets they count as 0; minimum and maximum stay what they are."""
     latencies = of(values)
-    latencies._fold()
+    latencies._fold(EXACT)
     for q in QUANTILES:
         exact = at_rank(values, q)
         told = latencies.quantile(q)
@@ -146,3 +148,16 @@ def test_quantiles_do_not_fall_when_q_rises() -> None:
     told = [latencies.quantile(step / 200) for step in range(201)]
     assert told == sorted(told, key=lambda value: -1 if value is None else value)
     assert None not in told
+
+
+@pytest.mark.skipif(COMPILED, reason=UNCOUNTED)
+def test_no_answer_waits_for_all_the_others() -> None:
+    """What is counted in buckets from the limit on moves there a little with each one."""
+    latencies = of(many(EXACT))
+    worst = max(lines_of(latencies, value) for value in many(2 * EXACT))
+    assert worst <= 2_000
+    assert latencies.count == 3 * EXACT
+
+
+def lines_of(latencies: Latencies, value: int) -> int:
+    return lines(lambda: latencies.add(value))

@@ -4,18 +4,12 @@ import pytest
 from mypy_extensions import i64
 
 from dissect.iso.cotp import parse_tpdu
-from dissect.report.lines import (
-    carried,
-    comment_line,
-    pdu_line,
-    tpdu_line,
-    transaction_line,
-)
-from dissect.report.places import Places
+from dissect.report.words import Places, carried
+from dissect.report.writers.text import comment_line, pdu_line, tpdu_line, transaction_line
 from dissect.s7.message import parse_pdu
 from dissect.source.packet import SourceFile
 from dissect.transactions.table import Side
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.properties.packets import EPOCH_NS, Flow, Talk, cut_to

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dissect.report.operations import operation_line
-from dissect.report.places import Places
+from dissect.report.words import Places
 from dissect.source.packet import SourceFile
 from dissect.transactions.operation import Operation
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 from tests.findings import events
 from tests.transactions.talk import Talk
 

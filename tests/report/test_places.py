@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.report.places import Places
+from dissect.report.words import Places
 from dissect.source.packet import SourceFile
 
 

@@ -12,16 +12,16 @@ from hypothesis import strategies as st
 
 from dissect.engine.observer import Observer
 from dissect.report.contract import analysis_as_dict
-from dissect.report.csv_rows import CSV_COLUMNS, CsvRows
-from dissect.report.jsonl import PduLines, TransactionLines
-from dissect.report.lines import plus_line, transaction_line
-from dissect.report.places import Places
 from dissect.report.plus import plus_as_dict, plus_notes
 from dissect.report.tree import plus_tree_lines
+from dissect.report.words import Places
+from dissect.report.writers.csv import CSV_COLUMNS, CsvRows
+from dissect.report.writers.jsonl import PduLines, TransactionLines
+from dissect.report.writers.text import plus_line, transaction_line
 from dissect.s7plus.message import parse_plus
 from dissect.session import Run
 from dissect.transactions.table import Side
-from dissect.wire.clock import Clock
+from dissect.wire.text import Clock
 from tests.properties.messages import dt
 from tests.properties.packets import Talk
 from tests.report.schemas import complaints

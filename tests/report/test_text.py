@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 
 from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
 from dissect.report.analysis import Analysis
-from dissect.report.places import Places
 from dissect.report.styled import Line
 from dissect.report.text import analysis_lines, finding_lines, table
+from dissect.report.words import Places
 from dissect.source.packet import SourceFile
 from tests.properties import messages
 from tests.properties.messages import Item, dt, fragments

@@ -12,7 +12,8 @@ from dissect.iso.cotp import parse_tpdu
 from dissect.s7.bodies import parse_body
 from dissect.s7.body import Body
 from dissect.s7.layouts import ACK_HEADER, HEADER
-from dissect.s7.message import ACK_HEADER_SIZE, Pdu, parse_pdu
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.parameters import ACK_HEADER_SIZE
 from dissect.wire.layout import FieldValue
 from dissect.wire.part import OCTETS, SURPLUS
 from tests.examples import CLIENT, EXAMPLES, S7, Example

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from dissect.s7.items import DataItem
 from dissect.s7.layouts import ACK_HEADER, HEADER
-from dissect.s7.message import Pdu, header_size, parse_pdu, read_header
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.parameters import header_size, read_header
 from dissect.s7.tables import ROSCTR
 from dissect.wire.malformed import LIMITS, REASONS, Malformed
 from tests.cases import each

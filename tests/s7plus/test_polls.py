@@ -1,4 +1,4 @@
-"""The operating state is read again and again: an answer that is the same as before is not read twice, and no change is missed."""
+"""The operating state is read again and again: the same answer is not read twice, and no change is missed."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.s7plus.contents import Address
-from dissect.s7plus.events import RUNNING, STOPPED, take
+from dissect.s7plus.events import REPLAYED, RUNNING, STOPPED, take
 from dissect.s7plus.program import Program
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.tables import GET_MULTI_VARIABLES
@@ -85,3 +85,18 @@ def test_an_answer_with_refusals_of_which_nothing_is_known_is_read_again() -> No
         request = framed(asked(number, body=get_multi(STATE)), 1)
         answer = framed(told(number, body=multi_got([], [(1, 0xFFF4)], -1)), 1)
         assert take(session, GET_MULTI_VARIABLES, request, answer) is not None
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_poll_that_is_sent_again_is_seen(version: int) -> None:
+    """Which is read in its place only by its numbers: they say the same as when all of it is read."""
+    read, polled = Line(version), Line(version)
+    for line in (read, polled):
+        line.session.given.add(0x386)
+    told = []
+    for number, ids in enumerate([(10, 20), (11, 21), (12, 22), (12, 22), (5, 9), (13, 0)]):
+        read.session.polls.clear()
+        wanted = read.poll(RUN, ids)[1]
+        assert polled.poll(RUN, ids)[1] == wanted, number
+        told += wanted
+    assert told == [REPLAYED] * 3

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 
 from dissect.source.files import open_capture
 from dissect.source.packet import PacketSink
-from dissect.tcp.checksum import is_damaged
 from dissect.tcp.ip import TCP, UDP, FragmentStore
-from dissect.tcp.segment import find_segment
+from dissect.tcp.segment import find_segment, is_damaged
 from tests.conftest import ROOT
 
 #: Captured where they were sent (loopback), made with right checksums, in fragments, over IPv6, with lies in headers, over UDP.

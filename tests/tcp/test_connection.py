@@ -4,8 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.tcp.connection import Endpoint, TcpConnection
-from dissect.tcp.stream import MASK
+from dissect.tcp.stream import MASK, Endpoint, TcpConnection
 
 CLIENT = Endpoint(bytes((10, 0, 0, 1)), 49152)
 SERVER = Endpoint(bytes((10, 0, 0, 2)), 102)

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.tcp import ip
-from dissect.tcp.ip import FragmentStore, address_text, parse_ip
+from dissect.tcp.ip import FragmentStore, parse_ip
+from dissect.tcp.stream import address_text
 from tests.growth import assert_growth
 from tests.tcp.craft import DST, DST6, SRC, SRC6, TCP, UDP, authentication, extension, fragment_header, v4, v6
 

@@ -14,9 +14,10 @@ from __future__ import annotations
 import struct
 from typing import Final
 
-from dissect.engine.payload import PayloadDecoder
+from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Observer, Options, Pipeline
-from dissect.findings.finding import Finding
+from dissect.findings.reporter import Finding
+from dissect.tls.key_log import KeyLog
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
@@ -162,6 +163,13 @@ class Talk(Observer):
     def carry(self, carrier: PayloadDecoder) -> None:
         """Begin anew, with somebody who looks for another protocol in what passes."""
         self.pipeline = Pipeline(self, Options(strict=True, decoder=carrier))
+
+    def unlock(self, key_log: bytes) -> KeyLog:
+        """Begin anew, with the TLS keys of a key log, which may be added to."""
+        keys = KeyLog()
+        keys.add(key_log)
+        self.pipeline = Pipeline(self, Options(strict=True, tls_keys=keys))
+        return keys
 
     def watch(self, overdue_ns: int = 2 * SECOND) -> None:
         """Begin anew, on a line where requests are told that wait longer than this."""

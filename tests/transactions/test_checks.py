@@ -6,18 +6,19 @@ from hypothesis import strategies as st
 
 from dissect.s7.parameters import Parameters, parse_parameters
 from dissect.s7.tables import ACK_DATA, JOB, USERDATA
-from dissect.transactions.checks import (
+from dissect.transactions.results import (
     BAD_DATA,
     BAD_REQUEST,
     COUNT_MISMATCH,
     ODD_DATA_CODE,
     SIZE_MISMATCH,
+    UNCONFIRMED,
     WRITE_SIZE,
     check_written,
     error_code,
     mismatch,
 )
-from dissect.transactions.transaction import UNCONFIRMED, Transaction
+from dissect.transactions.transaction import Transaction
 from tests.transactions.talk import (
     Talk,
     ack,

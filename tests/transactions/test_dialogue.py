@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.transactions.checks import (
+from dissect.transactions.pairing import FEW_OPEN, MAX_OPEN, MAX_OPEN_ALL, MAX_ORPHANS, MAX_REPEATS
+from dissect.transactions.results import (
     EXPECTED,
     FUNCTION_MISMATCH,
     REORDERED,
 )
-from dissect.transactions.pairing import FEW_OPEN, MAX_OPEN, MAX_OPEN_ALL, MAX_ORPHANS, MAX_REPEATS
 from dissect.transactions.transaction import (
     CAPTURE_ENDED,
     CONNECTION_CLOSED,

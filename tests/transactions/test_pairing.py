@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.s7.parameters import Parameters
-from dissect.tcp.connection import Endpoint, TcpConnection
+from dissect.tcp.stream import Endpoint, TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.pairing import (
     MAX_ORPHANS,

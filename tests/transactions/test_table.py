@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.transactions.idle import LOOK_AT_ONCE
 from dissect.transactions.table import (
     LINGER_NS,
+    LOOK_AT_ONCE,
     MAX_CONNECTIONS,
     MAX_HALF_OPEN,
     MAX_LINGERING,

@@ -6,20 +6,10 @@ import pytest
 
 from dissect.report.facets import subject
 from dissect.s7.values import Value
-from dissect.transactions import checks
+from dissect.transactions import results as checks
 from dissect.transactions import transaction as module
-from dissect.transactions.results import ItemResult
-from dissect.transactions.transaction import (
-    HEADER,
-    ITEM,
-    MESSAGE,
-    OUTCOMES,
-    PARAMETER,
-    REASON_TEXTS,
-    STILL_OPEN,
-    UNCONFIRMED,
-    Transaction,
-)
+from dissect.transactions.results import STILL_OPEN, UNCONFIRMED, ItemResult
+from dissect.transactions.transaction import HEADER, ITEM, MESSAGE, OUTCOMES, PARAMETER, REASON_TEXTS, Transaction
 from tests.layers.examples import BY_NUMBER
 from tests.transactions.talk import (
     Talk,

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dissect.wire.clock import Clock, civil
+from dissect.wire.text import Clock, civil
 
 NS = 10**9
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from dissect.playback.client.download import DOWNLOADING_JOBS
-from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, parse_pdu
-from dissect.s7.parameters import REQUEST
+from dissect.s7.message import parse_pdu
+from dissect.s7.parameters import HEADER_SIZE, PROTOCOL_ID, REQUEST
 from dissect.s7.tables import (
     END_UPLOAD,
     JOB,

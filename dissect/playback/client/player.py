@@ -15,8 +15,8 @@ from dissect.playback.client.plan import ASK, FOLLOWS_WITHHELD, HEAR, SERVE, Par
 from dissect.playback.client.renewal import Renewal
 from dissect.playback.client.settings import Asked, Shared
 from dissect.s7.build import with_reference
-from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, Pdu, parse_pdu
-from dissect.s7.parameters import REQUEST, RESPONSE
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.parameters import HEADER_SIZE, PROTOCOL_ID, REQUEST, RESPONSE
 from dissect.s7.tables import ACK, ACK_DATA, JOB, SETUP_COMMUNICATION, USERDATA
 from dissect.transactions.ending import DISCONNECT, FIN, RESET
 

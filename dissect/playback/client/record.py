@@ -5,14 +5,13 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
-from dissect.engine.observer import Options
-from dissect.engine.pipeline import Pipeline
+from dissect.engine.pipeline import Options, Pipeline
 from dissect.golden.model import Link, Session
 from dissect.playback.client.recorded import OrderedReader
 from dissect.proxy.packets import ETHERNET, Conversation, endpoint_of
 
 if TYPE_CHECKING:
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
     from dissect.source.pcapng_writer import PcapngWriter
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from dissect.engine.observer import Options
+from dissect.engine.pipeline import Options
 from dissect.golden.model import GoldenError, Link, Session
 from dissect.golden.reading import SessionReader, is_golden, load_golden
 from dissect.session import Run
@@ -15,7 +15,7 @@ from dissect.source.packet import CaptureError
 from dissect.transactions.ending import OPEN
 
 if TYPE_CHECKING:
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
     from dissect.transactions.connection import Connection
 
 

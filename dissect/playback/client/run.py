@@ -22,7 +22,7 @@ from dissect.playback.client.settings import Settings, Shared
 from dissect.report import words
 
 if TYPE_CHECKING:
-    from dissect.engine.payload import PayloadDecoder
+    from dissect.engine.exchange import PayloadDecoder
     from dissect.source.pcapng_writer import PcapngWriter
 
 #: Transaction numbers that a line of the summary names.

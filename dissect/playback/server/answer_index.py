@@ -9,8 +9,8 @@ from dissect.golden.masking import mask_s7
 from dissect.playback.server.model import Script, Step
 from dissect.s7.clock import SETTING
 from dissect.s7.items import DATA_HEAD, Item
-from dissect.s7.message import HEADER_SIZE, Pdu, parse_pdu
-from dissect.s7.parameters import REQUEST
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.parameters import HEADER_SIZE, REQUEST
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
 
 #: How like the recorded request is, the best first: to the octet but for its reference; but for all that counts (sequence

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.report.lines import PROTOCOLS
+from dissect.report.words import PROTOCOLS
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, FIN, RESET
 
 MAX_NOTES: Final = 100

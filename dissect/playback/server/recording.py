@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Final
 
-from dissect.engine.observer import Observer, Options
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options
 from dissect.golden.exchange import S7
 from dissect.golden.model import GoldenError
 from dissect.golden.model import Session as Golden

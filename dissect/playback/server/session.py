@@ -15,8 +15,8 @@ from dissect.playback.server.model import Said
 from dissect.playback.server.player import Player, Reply
 from dissect.playback.server.request_log import RequestLog
 from dissect.s7.build import with_reference
-from dissect.s7.message import HEADER_SIZE, PROTOCOL_ID, Pdu, parse_pdu
-from dissect.s7.parameters import RESPONSE
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.parameters import HEADER_SIZE, PROTOCOL_ID, RESPONSE
 from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA
 from dissect.transactions.ending import RESET
 

@@ -1,24 +1,451 @@
-"""Records as lines of JSON (docs/json.md)."""
+"""Records as JSON lines: one object a line, keys in a fixed order (docs/json.md).
+
+This is the bulk output, so lines are put together from cached pieces: what a polled item or a request block looks like is
+written once and used for every transaction that repeats it. Values of the sizes that polling needs are written straight from
+their octets. TPDUs that carry no S7 PDU (connects with their TSAPs, disconnects and errors with reasons) are rare and go
+through the standard library.
+"""
 
 from __future__ import annotations
 
+import json
+from json.encoder import encode_basestring_ascii
+from typing import TYPE_CHECKING, Final
+
 from mypy_extensions import i64
 
+from dissect.engine.observer import Observer
 from dissect.iso.cotp import parse_tpdu
-from dissect.report.jsonl import PduLines, TransactionLines
+from dissect.iso.tables import DT, ED
+from dissect.iso.tsap import Tsap
+from dissect.report.facet import Locate
+from dissect.report.facets import FACETS
 from dissect.report.operations import operation_json
-from dissect.report.places import Places
-from dissect.report.tpdu_json import tpdu_json_line
+from dissect.report.plus import plus_pdu_line
+from dissect.report.scd import scd_json, scd_line_json
+from dissect.report.words import Places, carried
 from dissect.report.writer import Writer
 from dissect.s7.hiding import without_secrets
-from dissect.s7.message import parse_pdu
-from dissect.s7plus.message import parse_plus
+from dissect.s7.items import DataItem, Item
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.parameters import Parameters, UserdataHead
+from dissect.s7.tables import FUNCTIONS, READ_VAR, ROSCTR, SETUP_COMMUNICATION, SUCCESS, USERDATA_TYPES, WRITE_VAR
+from dissect.s7.values import Value, decode_value, real_text
+from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
+from dissect.transactions.results import area_results
 from dissect.transactions.table import Side
-from dissect.transactions.transaction import Transaction
-from dissect.wire.clock import Clock
+from dissect.transactions.transaction import ANSWERED, NO_CODE, OUTCOMES, Transaction
+from dissect.wire.layout import FieldValue
+from dissect.wire.malformed import Malformed
+from dissect.wire.part import Part
+from dissect.wire.text import Clock
+
+if TYPE_CHECKING:
+    from dissect.iso.cotp import Tpdu
+    from dissect.report.words import Places
+    from dissect.transactions.connection import Connection
+
+#: Octets as numbers.
+SMALL: Final = [str(number) for number in range(256)]
+
+
+def json_text(value: str) -> str:
+    """Return a JSON string: ASCII only, and DEL, which JSON would leave as it is, escaped like every other control."""
+    return encode_basestring_ascii(value).replace("\x7f", "\\u007f")
+
+
+def value_text(value: Value) -> str:
+    """Return a decoded value as JSON; NaN and the infinities, which JSON has no numbers for, as strings."""
+    if value is None:
+        return "null"
+    if value is True:
+        return "true"
+    if value is False:
+        return "false"
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        text = repr(value)
+        return f'"{text}"' if text in {"nan", "inf", "-inf"} else text
+    if isinstance(value, str):
+        return json_text(value)
+    return f"[{','.join([value_text(element) for element in value])}]"
+
+
+def octets_value(transport_size: i64, octets: bytes) -> str:
+    """Return the JSON of ``decode_value(transport_size, octets)``, written straight for the sizes polling is made of."""
+    size: i64 = len(octets)
+    if transport_size == 0x01 and size == 1:
+        return "true" if octets[0] & 1 else "false"
+    if transport_size == 0x02:
+        if size == 1:
+            return SMALL[octets[0]]
+        return f"[{','.join([SMALL[octet] for octet in octets])}]" if size else "null"
+    if transport_size == 0x08 and size and size % 4 == 0:
+        texts = [_real(octets[at : at + 4]) for at in range(0, size, 4)]
+        return texts[0] if size == 4 else f"[{','.join(texts)}]"
+    return value_text(decode_value(transport_size, octets))
+
+
+def _real(octets: bytes) -> str:
+    text = real_text(octets)
+    if "." in text or "e" in text:
+        return text
+    return f'"{text}"' if "n" in text else text + ".0"
+
+
+TRANSACTION_SCHEMA: Final = "s7dissect.transaction/1"
+PDU_SCHEMA: Final = "s7dissect.pdu/1"
+
+_HEAD: Final = f'{{"schema":"{TRANSACTION_SCHEMA}","number":'
+#: Cached pieces are forgotten together when there are this many.
+_MAX_CACHED: Final = 8192
+
+#: Where the header holds the PDU reference, and the octets of PDUs whose notes are cached.
+_REFERENCE_AT: Final = 4
+_REFERENCE_END: Final = 6
+_SHORT: Final = 64
+
+
+_NO_ITEM: Final = (
+    '{"address":null,"syntax_id":null,"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null'
+    ',"return_code":'
+)
+
+
+def function_text(parameters: Parameters) -> str:
+    """Return the ``function`` object of a parameter block of S7comm, and for userdata the ``userdata`` object after it."""
+    if not parameters.fragment:
+        code: i64 = parameters.function
+        if code < 0:
+            text = '{"code":null,"name":null}'
+        else:
+            text = f'{{"code":{code},"name":{json_text(FUNCTIONS.name(code))}}}'
+        userdata = parameters.userdata
+        if userdata is not None:
+            text += f',"userdata":{userdata_text(userdata)}'
+        parameters.fragment = text
+    return parameters.fragment
+
+
+def userdata_text(head: UserdataHead) -> str:
+    """Return a userdata head as a JSON object."""
+    text = (
+        f'{{"type":{head.type},"type_name":{json_text(USERDATA_TYPES.name(head.type))}'
+        f',"group":{head.group},"group_name":{json_text(head.group_name)}'
+        f',"subfunction":{head.subfunction},"subfunction_name":{json_text(head.subfunction_name)}'
+        f',"sequence":{head.sequence}'
+    )
+    if head.extended:
+        text += f',"data_unit_ref":{head.data_unit_ref},"last_data_unit":{head.last_data_unit},"error_code":{head.error_code}'
+    return text + "}"
+
+
+def item_text(item: Item) -> str:
+    """Return the beginning of an item's object, up to its return code."""
+    if not item.fragment:
+        if item.transport_size < 0:
+            text = '"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null'
+        else:
+            text = (
+                f'"area":{item.area},"db":{item.db},"start_bit":{item.start_bit}'
+                f',"transport_size":{item.transport_size},"count":{item.count}'
+            )
+        syntax = str(item.syntax_id) if item.syntax_id >= 0 else "null"
+        item.fragment = f'{{"address":{json_text(item.address)},"syntax_id":{syntax},{text},"return_code":'
+    return item.fragment
+
+
+class TransactionLines(Observer):
+    """Writes transactions as lines of JSON; ``lines`` collects those it is told of as an observer.
+
+    With ``locate`` packets are numbered within their file, and its name stands beside the number.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.locate: Locate | None = None
+        self.lines: list[str] = []
+        self._clock: Clock = Clock()
+        self._ends: dict[int, str] = {}
+        self._short: dict[bytes, str] = {}
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Add the line of a transaction."""
+        self.lines.append(self.line(transaction))
+
+    def take(self) -> list[str]:
+        """Return the lines collected since the last call."""
+        lines = self.lines
+        self.lines = []
+        return lines
+
+    def line(self, transaction: Transaction) -> str:
+        """Return the line of one transaction, without a line end."""
+        asked: i64 = transaction.request_frame
+        told: i64 = transaction.response_frame
+        outcome: i64 = transaction.outcome
+        frames: str
+        if self.locate is not None:
+            frames = self._places(asked, told, self.locate)
+        elif asked and told:
+            frames = f'{asked},"response_frame":{told}'
+        else:
+            frames = f'{asked},"response_frame":null' if asked else f'null,"response_frame":{told}'
+        # Where there is no request, nothing else tells when it was.
+        at = (
+            f'"{self._clock.iso(transaction.request_ns)}"'
+            if asked
+            else f'null,"response_time":"{self._clock.iso(transaction.response_ns)}"'
+        )
+        latency = str(transaction.response_ns - transaction.request_ns) if outcome == ANSWERED else "null"
+        reason = f'"{transaction.reason}"' if transaction.reason else "null"
+        facet = FACETS.get(transaction.rosctr)
+        if facet is None:
+            reference = str(transaction.pdu_ref)
+            rosctr = SMALL[transaction.rosctr]
+            body = f'{self._setup(transaction)}{self._notes(transaction)},"items":[{self._items(transaction)}]'
+            tail = scd_json(transaction, self.locate) if transaction.carried is not None else ""
+            function = function_text(transaction.parameters)
+        else:
+            reference = facet.reference(transaction) or "null"
+            rosctr = "null"
+            body = facet.body_json(transaction)
+            tail = facet.tail_json(transaction, self.locate)
+            function = transaction.parameters.fragment
+            if not function:
+                function = facet.function_json(transaction.parameters)
+                transaction.parameters.fragment = function
+        return (
+            f"{_HEAD}{transaction.number}{self._connection(transaction.connection, transaction.asked_by)}"
+            f',"pdu_ref":{reference},"rosctr":{rosctr},"function":{function}'
+            f',"request_frame":{frames},"request_time":{at},"latency_ns":{latency}'
+            f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{body}'
+            f',"errors":[{_errors(transaction)}]{tail}}}'
+        )
+
+    def _places(self, asked: int, told: int, locate: Locate) -> str:
+        """Return the packets of request and answer (0 for none) by number and file."""
+        numbers = ["null", "null"]
+        names = ["null", "null"]
+        for index, frame in enumerate((asked, told)):
+            if frame:
+                name, number = locate(frame)
+                numbers[index] = str(number)
+                names[index] = json_text(name)
+        return f'{numbers[0]},"response_frame":{numbers[1]},"request_file":{names[0]},"response_file":{names[1]}'
+
+    def _connection(self, connection: Connection, asked_by: i64) -> str:
+        key: i64 = connection.number * 2 + asked_by
+        found = self._ends.get(key)
+        if found is None:
+            if len(self._ends) >= _MAX_CACHED:
+                self._ends.clear()
+            ends = connection.tcp.ends
+            found = (
+                f',"connection":{connection.number},"asked_by":{json_text(str(ends[asked_by]))}'
+                f',"answered_by":{json_text(str(ends[1 - asked_by]))}'
+            )
+            self._ends[key] = found
+        return found
+
+    def _setup(self, transaction: Transaction) -> str:
+        asked = transaction.parameters.setup
+        answer = transaction.response_parameters
+        granted = answer.setup if answer is not None else None
+        if asked is None and granted is None:
+            return ""
+        wish = json.dumps(asked.as_dict(), separators=(",", ":")) if asked is not None else "null"
+        given = json.dumps(granted.as_dict(), separators=(",", ":")) if granted is not None else "null"
+        return f',"setup":{{"asked":{wish},"granted":{given}}}'
+
+    def _notes(self, transaction: Transaction) -> str:
+        """Return what request and answer are about, for functions whose items do not tell it."""
+        function: i64 = transaction.parameters.function
+        if function == READ_VAR or function == WRITE_VAR or function == SETUP_COMMUNICATION:
+            return ""
+        asks = self._noted(transaction.request_octets, transaction, True)
+        tells = self._noted(transaction.response_octets, transaction, False)
+        return f',"asks":[{asks}],"tells":[{tells}]'
+
+    def _noted(self, octets: bytes, transaction: Transaction, asked: bool) -> str:
+        """Return the notes of a PDU. Short ones, most requests among them, come again and again with other references."""
+        if not octets:
+            return ""
+        key = octets[:_REFERENCE_AT] + octets[_REFERENCE_END:] if len(octets) <= _SHORT else b""
+        found = self._short.get(key) if key else None
+        if found is None:
+            pdu = transaction.request if asked else transaction.response
+            found = "" if pdu is None else ",".join([json_text(note) for note in pdu.body.notes])
+            if key:
+                if len(self._short) >= _MAX_CACHED:
+                    self._short.clear()
+                self._short[key] = found
+        return found
+
+    def _items(self, transaction: Transaction) -> str:
+        if (
+            transaction.outcome == ANSWERED
+            and not transaction.has_errors
+            and transaction.parameters.function == READ_VAR
+        ):
+            items = transaction.parameters.items
+            answers = transaction.answered_items()
+            if len(items) == len(answers):  # nearly always; each meets its own answer without an object in between
+                parts: list[str] = []
+                for index, answer in enumerate(answers):
+                    if items[index].areas is not None:
+                        parts += [
+                            _item(one.item, one.return_code, one.data) for one in area_results(items[index], answer)
+                        ]
+                        continue
+                    good: bool = answer.return_code == SUCCESS
+                    parts.append(_item(items[index], answer.return_code, answer.data if good else None))
+                return ",".join(parts)
+        return ",".join([_item(result.item, result.return_code, result.data) for result in transaction.results()])
+
+
+def _item(item: Item | None, code: i64, data: bytes | None) -> str:
+    """Return one item of a transaction joined with its return code (-1 for none) and octets."""
+    head = item_text(item) if item is not None else _NO_ITEM
+    told = SMALL[code] if code >= 0 else "null"
+    if data is None:
+        return f'{head}{told},"data":null,"value":null}}'
+    known: bool = item is not None and (item.size == len(data) or item.fits(len(data)))
+    value = octets_value(item.transport_size, data) if item is not None and known else "null"
+    return f'{head}{told},"data":"{data.hex()}","value":{value}}}'
+
+
+def _errors(transaction: Transaction) -> str:
+    if not transaction.has_errors:
+        return ""
+    return ",".join(
+        [
+            f'{{"where":"{error.where}","code":{"null" if error.code == NO_CODE else error.code}'
+            f',"name":{json_text(error.name)},"text":{json_text(error.text)}}}'
+            for error in transaction.errors
+        ]
+    )
+
+
+class PduLines:
+    """Writes S7 PDUs as lines of JSON. With ``locate`` packets are numbered within their file, which is named."""
+
+    def __init__(self) -> None:
+        self._clock: Clock = Clock()
+        self.locate: Locate | None = None
+
+    def line(self, pdu: Pdu, connection: Connection) -> str:
+        """Return the line of one PDU, without a line end."""
+        ends = connection.tcp.ends
+        frame = str(pdu.frame)
+        if self.locate is not None:
+            name, number = self.locate(pdu.frame)
+            frame = f'{number},"file":{json_text(name)}'
+        error = f'{pdu.error_class},"error_code":{pdu.error_code}' if pdu.error_class >= 0 else 'null,"error_code":null'
+        told = ",".join([_malformed(fact) for fact in pdu.malformed])
+        return (
+            f'{{"schema":"{PDU_SCHEMA}","frame":{frame},"time":"{self._clock.iso(pdu.time_ns)}"'
+            f',"connection":{pdu.connection},"src":{json_text(str(ends[pdu.side]))},"dst":{json_text(str(ends[1 - pdu.side]))}'
+            f',"protocol":"s7comm",{_header(pdu)}'
+            f',"error_class":{error},"function":{function_text(pdu.parameters)}'
+            f"{_body(pdu)}"
+            f',"cut":{"true" if pdu.cut else "false"},"malformed":[{told}]}}'
+        )
+
+    def scd_line(self, found: ScdMessage, connection: Connection) -> str:
+        """Return the line of one SCD message, without a line end."""
+        place = self.locate(found.frame) if self.locate is not None else None
+        return scd_line_json(found, self._clock.iso(found.time_ns), connection, place)
+
+    def plus_line(self, pdu: PlusPdu, connection: Connection) -> str:
+        """Return the line of one S7comm-plus PDU, without a line end."""
+        place = self.locate(pdu.frame) if self.locate is not None else None
+        return plus_pdu_line(pdu, self._clock.iso(pdu.time_ns), connection, place)
+
+
+def _header(pdu: Pdu) -> str:
+    """Return the header's fields; what a cut header does not hold is null."""
+    rosctr = f'{pdu.rosctr},"rosctr_name":{json_text(ROSCTR.name(pdu.rosctr))}'
+    if pdu.rosctr < 0:
+        rosctr = 'null,"rosctr_name":null'
+    if pdu.pdu_ref < 0:
+        return f'"rosctr":{rosctr},"redundancy_id":null,"pdu_ref":null,"param_length":null,"data_length":null'
+    return (
+        f'"rosctr":{rosctr},"redundancy_id":{pdu.redundancy_id},"pdu_ref":{pdu.pdu_ref}'
+        f',"param_length":{pdu.param_length},"data_length":{pdu.data_length}'
+    )
+
+
+def _malformed(fact: Malformed) -> str:
+    return json.dumps(fact.as_dict(), separators=(",", ":"))
+
+
+def _body(pdu: Pdu) -> str:
+    """Return what the PDU carries: setup, request items, data items, return codes, and what is kept as octets."""
+    parameters = pdu.parameters
+    text = ""
+    if parameters.item_count >= 0:
+        text += f',"item_count":{parameters.item_count}'
+    if parameters.setup is not None:
+        text += f',"setup":{json.dumps(parameters.setup.as_dict(), separators=(",", ":"))}'
+    if parameters.items:
+        items = ",".join([item_text(item)[: -len(',"return_code":')] + "}" for item in parameters.items])
+        text += f',"items":[{items}]'
+    data_items = pdu.data_items()
+    if data_items:
+        text += f',"data_items":[{",".join([_data_item(pdu, index, item) for index, item in enumerate(data_items)])}]'
+    elif codes := pdu.return_codes():
+        text += f',"return_codes":[{",".join([str(code) for code in codes])}]'
+    else:
+        if parameters.setup is None and not parameters.items and len(parameters.octets) > 2:
+            text += f',"parameters":"{parameters.octets.hex()}"'
+        if pdu.data:
+            text += f',"data":"{pdu.data.hex()}"'
+        if parameters.setup is None and not parameters.items:
+            body = pdu.body
+            parts = [_part("parameters", part) for part in body.parameters] + [
+                _part("data", part) for part in body.data
+            ]
+            text += f',"parts":[{",".join(parts)}]'
+    if pdu.malformed or pdu.cut:
+        text += f',"octets":"{pdu.octets.hex()}"'  # what was read of it may not be all
+    return text
+
+
+def _part(block: str, part: Part) -> str:
+    """Return a part of a body with its fields."""
+    note = json_text(part.note) if part.note else "null"
+    return (
+        f'{{"name":{json_text(part.layout.name)},"block":"{block}","offset":{part.offset}'
+        f',"size":{part.end - part.offset},"note":{note},"fields":[{",".join([_field(value) for value in part.values])}]}}'
+    )
+
+
+def _field(value: FieldValue) -> str:
+    said = str(value.value) if value.octets is None else f'"{value.octets.hex()}"'
+    meaning = value.meaning
+    text = json_text(meaning) if meaning else "null"
+    return (
+        f'{{"name":{json_text(value.field.name)},"offset":{value.offset},"size":{value.end - value.offset}'
+        f',"value":{said},"text":{text}}}'
+    )
+
+
+def _data_item(pdu: Pdu, index: int, answer: DataItem) -> str:
+    """Return a data item; in a write request, where the type is known, with its value."""
+    text = (
+        f'{{"return_code":{answer.return_code},"transport_size":{answer.transport_size},"length":{answer.length}'
+        f',"data":"{answer.data.hex()}"'
+    )
+    if index < len(pdu.parameters.items):
+        item = pdu.parameters.items[index]
+        value = octets_value(item.transport_size, answer.data) if item.fits(len(answer.data)) else "null"
+        text += f',"value":{value}'
+    return text + "}"
 
 
 class JsonlWriter(Writer):
@@ -65,3 +492,56 @@ class JsonlWriter(Writer):
     def scd_message(self, found: ScdMessage, connection: Connection) -> None:
         """Add the line of an SCD message."""
         self.lines.append(self._pdus.scd_line(found, connection))
+
+
+#: Header fields of S7comm, which a TPDU does not have.
+_NOT_S7 = (
+    "rosctr",
+    "rosctr_name",
+    "redundancy_id",
+    "pdu_ref",
+    "param_length",
+    "data_length",
+    "error_class",
+    "error_code",
+)
+
+
+def tpdu_json_line(tpdu: Tpdu, frame: int, time_ns: int, connection: Connection, side: int, places: Places) -> str:
+    """Return a TPDU as the line of `show -T jsonl`, without a line end."""
+    ends = connection.tcp.ends
+    values: dict[str, object] = {"schema": PDU_SCHEMA, "frame": places.number(frame)}
+    if places.several:
+        values["file"] = places.locate(frame)[0]
+    values.update(
+        time=Clock().iso(time_ns),
+        connection=int(connection.number),
+        src=str(ends[side]),
+        dst=str(ends[1 - side]),
+        protocol="cotp",
+        **dict.fromkeys(_NOT_S7),
+        function={"code": None, "name": None},
+        cotp=_facts(tpdu),
+        cut=False,
+        malformed=[fact.as_dict() for fact in tpdu.malformed],
+    )
+    return json.dumps(values, separators=(",", ":")).replace("\x7f", "\\u007f")
+
+
+def _facts(tpdu: Tpdu) -> dict[str, object]:
+    """Return the type, the fields of the fixed part by name, and what the variable part says."""
+    facts: dict[str, object] = {"type": tpdu.name}
+    facts["fields"] = {value.field.name.rstrip("_"): int(value.value) for value in tpdu.fields if value.octets is None}
+    why = [value for value in tpdu.fields if value.field.name in {"reason", "cause"}]
+    facts["reason"] = {"code": int(why[0].value), "name": why[0].meaning or None} if why else None
+    facts["calling_tsap"] = _tsap(tpdu.tsap(0xC1))
+    facts["called_tsap"] = _tsap(tpdu.tsap(0xC2))
+    facts["tpdu_size"] = int(tpdu.tpdu_size) or None
+    if tpdu.type in {DT, ED}:
+        facts["carries"] = carried(tpdu) or None
+        facts["octets"] = len(tpdu.data)
+    return facts
+
+
+def _tsap(tsap: Tsap | None) -> dict[str, object] | None:
+    return tsap.as_dict() if tsap is not None else None

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from xml.etree import ElementTree
 
-from dissect.report.outcome import Case, Outcome
+from dissect.report.outcome import Case, Tested
 from dissect.report.styled import Line
 from dissect.wire.text import printable
 
 
-def junit_outcome(outcome: Outcome) -> Iterator[str | Line]:
+def junit_outcome(outcome: Tested) -> Iterator[str | Line]:
     """Yield an outcome as one test suite."""
     name, of, cases = outcome.cases()
     suite = ElementTree.Element(

@@ -1,35 +1,201 @@
-"""Records as lines for a person."""
+"""Records for a person: transactions, operations, PDUs and TPDUs, one line each, and their trees with ``-V``."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.ibh.packet import parse_packet
+from dissect.ibh.packet import IbhPacket, parse_packet
 from dissect.ibh.tables import IBH_NETLINK
-from dissect.iso.cotp import parse_tpdu
-from dissect.report.lines import (
-    comment_line,
-    netlink_line,
-    pdu_line,
-    plus_line,
-    scd_line,
-    styled_transaction,
-    tpdu_line,
-)
+from dissect.iso.cotp import Tpdu, parse_tpdu
+from dissect.iso.foreign import identify, identify_connect
+from dissect.iso.tables import CC, CR, DR, DT, ED, ER
+from dissect.iso.upper import classify, is_rdp_connect
+from dissect.report import words
+from dissect.report.facets import facet_of
 from dissect.report.operations import styled_operation
+from dissect.report.plus import plus_notes, plus_summary
+from dissect.report.scd import scd_summary
 from dissect.report.styled import FAILED, HANG, PLAIN, TREE_HANG, Line
+from dissect.report.words import Places
 from dissect.report.writer import Writer
+from dissect.s7.errors import ERROR_CODES
+from dissect.s7.items import Item
 from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.tables import JOB, SUCCESS
-from dissect.s7plus.message import parse_plus
+from dissect.s7.tables import JOB, RETURN_CODES, SUCCESS
+from dissect.s7plus.hiding import shown_contents
+from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
+from dissect.transactions.results import ItemResult
 from dissect.transactions.table import Side
-from dissect.transactions.transaction import Transaction
-from dissect.wire.clock import Clock
+from dissect.transactions.transaction import PUSH, Transaction
+from dissect.wire.text import Clock, shortened
+
+#: Characters of a packet comment that are shown.
+_COMMENT: Final = 1000
+_KINDS: Final = ("push", "request", "response", "type 3")
+
+
+def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> str:
+    """Return one transaction on one line: when, who asked whom, how long, what, what came of it."""
+    ends = transaction.connection.tcp.ends
+    begun = transaction.request_ns if transaction.request_frame else transaction.response_ns
+    asked, answered = ends[transaction.asked_by], ends[1 - transaction.asked_by]
+    facet = facet_of(transaction)
+    if transaction.outcome == PUSH and facet.pushes_both_ways():
+        asked, answered = answered, asked  # shown as it went
+    frames = places.pair(int(transaction.request_frame), int(transaction.response_frame))
+    parts = [part for part in (words.outcome(transaction), facet.subject(transaction)) if part]
+    said = f"  {'  '.join(parts)}" if parts else ""
+    return (
+        f"{clock.moment(begun)}  #{transaction.number:<5} {frames:<12} {asked} → {answered}"
+        f"  {words.duration(transaction.latency_ns):>8}  {transaction.function_name}{said}"
+    )
+
+
+def styled_transaction(transaction: Transaction, clock: Clock, places: Places) -> Line:
+    """Return `transaction_line` with its style: what failed stands out."""
+    style = FAILED if transaction.failed else PLAIN
+    return Line(transaction_line(transaction, clock, places), style, HANG)
+
+
+def pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places) -> str:
+    """Return one S7 PDU on one line."""
+    said = f"  {body}" if (body := _body(pdu)) else ""
+    function = f"  {pdu.function_name}" if pdu.function_name else ""
+    if pdu.cut:
+        said += "  TRUNCATED by the capture"
+    if pdu.malformed:
+        said += f"  MALFORMED {pdu.malformed[0]}"
+    kind = pdu.rosctr_name if pdu.rosctr >= 0 else "?"
+    reference = f"0x{pdu.pdu_ref:04x}" if pdu.pdu_ref >= 0 else "?"
+    head = _head(pdu.frame, pdu.time_ns, connection, pdu.side, clock, places)
+    return f"{head}  {kind:<8}  ref {reference}{function}{said}"
+
+
+def scd_line(found: ScdMessage, connection: Connection, clock: Clock, places: Places) -> str:
+    """Return one SCD message on one line."""
+    head = _head(int(found.frame), int(found.time_ns), connection, int(found.side), clock, places)
+    return f"{head}  {scd_summary(found)}"
+
+
+def plus_line(pdu: PlusPdu, connection: Connection, clock: Clock, places: Places) -> str:
+    """Return one S7comm-plus PDU on one line."""
+    parts = [f"S7comm-plus {pdu.kind:<12}"]
+    if pdu.readable:
+        parts.append(f"seq {pdu.sequence}")
+    found = shown_contents(pdu, shown=False)[0]
+    said = [", ".join(plus_notes(pdu)), ", ".join(plus_summary(pdu, found))]
+    parts += [text for text in (pdu.function_name, *said) if text]
+    if pdu.frames > 1:
+        parts.append(f"in {pdu.frames} frames")
+    if pdu.cut:
+        parts.append("CUT, the end is missing")
+    if pdu.malformed:
+        parts.append(f"MALFORMED {pdu.malformed[0]}")
+    elif found.malformed and not pdu.cut:
+        found.malformed[0].offset = pdu.place(found.malformed[0].offset)
+        parts.append(f"MALFORMED {found.malformed[0]}")
+    return f"{_head(pdu.frame, pdu.time_ns, connection, pdu.side, clock, places)}  {'  '.join(parts)}"
+
+
+def _head(frame: int, time_ns: int, connection: Connection, side: int, clock: Clock, places: Places) -> str:
+    ends = connection.tcp.ends
+    return f"{places.mark(frame):>6}  {clock.moment(time_ns)}  {ends[side]} → {ends[1 - side]}"
+
+
+def _body(pdu: Pdu) -> str:
+    parameters = pdu.parameters
+    if pdu.error_class > 0 or pdu.error_code > 0:
+        code = (pdu.error_class << 8) | pdu.error_code
+        return f"error 0x{code:04x} {ERROR_CODES.name(code)}"
+    if parameters.setup is not None:
+        setup = parameters.setup
+        return f"PDU {setup.pdu_length}, AmQ {setup.max_amq_calling}/{setup.max_amq_called}"
+    if parameters.items and pdu.rosctr == JOB:
+        return _requested(pdu, parameters.items)
+    codes = pdu.return_codes()
+    if codes:
+        refused = [
+            f"item {number}: {RETURN_CODES.name(code)}" for number, code in enumerate(codes, 1) if code != SUCCESS
+        ]
+        good = words.count(len(codes), "item")
+        if not refused:
+            return f"{good}, all good" if len(codes) > 1 else f"{good}, good"
+        return f"{len(refused)} of {good} refused: {', '.join(refused)}"
+    head = parameters.userdata
+    said = words.body_notes(pdu)
+    if head is None:
+        return said
+    error = f", error 0x{head.error_code:04x} {ERROR_CODES.name(head.error_code)}" if head.error_code else ""
+    more = ", more to come" if head.extended and head.last_data_unit else ""
+    return f"{_KINDS[head.type]}, sequence {head.sequence}{more}{error}{f'  {said}' if said else ''}"
+
+
+def _requested(pdu: Pdu, items: list[Item]) -> str:
+    """Return the items a job asks for, with the values it writes."""
+    data = pdu.data_items()
+    said = []
+    for index, item in enumerate(items):
+        written = data[index].data if index < len(data) else None
+        said.append(words.item(ItemResult(item, -1, written, None), index + 1))
+    return ", ".join(said)
+
+
+def tpdu_line(
+    tpdu: Tpdu, frame: int, time_ns: int, connection: Connection, side: int, clock: Clock, places: Places
+) -> str:
+    """Return a TPDU that carries no S7 PDU on one line."""
+    said = ""
+    if tpdu.type in {CR, CC} and is_rdp_connect(tpdu.variable):
+        said = identify_connect(tpdu.variable)
+        return f"{_head(frame, time_ns, connection, side, clock, places)}  COTP {tpdu.name}  RDP, {said}"
+    if tpdu.type in {CR, CC}:
+        siemens = connection.protocol in {"", "s7comm", "s7comm_plus"}
+        said = f"  {words.tsaps(tpdu.tsap(0xC1), tpdu.tsap(0xC2), siemens)}"
+        if tpdu.tpdu_size:
+            said += f", TPDU size {tpdu.tpdu_size}"
+    elif tpdu.type in {DR, ER}:
+        said = "".join(
+            [
+                f"  {value.field.codes.name(value.value)}"
+                for value in tpdu.fields
+                if value.field.codes and value.offset > 1
+            ]
+        )
+    elif tpdu.type in {DT, ED}:
+        said = f"  {words.carried(tpdu)}, {words.count(len(tpdu.data), 'byte')}"
+        identity = identify(classify(tpdu.data, 0, len(tpdu.data)), tpdu.data, 0, len(tpdu.data))
+        said += f": {identity}" if identity else ""
+    if tpdu.malformed:
+        said += f"  MALFORMED {tpdu.malformed[0]}"
+    return f"{_head(frame, time_ns, connection, side, clock, places)}  COTP {tpdu.name}{said}"
+
+
+def netlink_line(
+    packet: IbhPacket, frame: int, time_ns: int, connection: Connection, side: int, clock: Clock, places: Places
+) -> str:
+    """Return an IBH-NetLink packet that carries no S7 PDU on one line."""
+    parts = [packet.name]
+    if packet.station >= 0:
+        parts.append(f"station {packet.station}, connection {packet.src_conn}/{packet.dst_conn}")
+    if packet.acked >= 0:
+        parts.append(f"of packet {packet.acked}")
+    if packet.data:
+        parts.append(f"{words.message_name(packet.data)}, {words.count(len(packet.data), 'byte')}")
+    said = "  ".join(parts)
+    if packet.malformed:
+        said += f"  MALFORMED {packet.malformed[0]}"
+    return f"{_head(frame, time_ns, connection, side, clock, places)}  IBH {said}"
+
+
+def comment_line(frame: int, text: str, places: Places) -> str:
+    """Return a comment the capture holds about a packet."""
+    return f"{places.mark(frame):>6}  comment: {shortened(text, _COMMENT)}"
 
 
 class TextWriter(Writer):

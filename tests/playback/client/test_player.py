@@ -112,13 +112,13 @@ def test_every_request_is_sent_once_and_only_after_the_answer_before_it(tmp_path
 
     def script(wire: Wire) -> None:
         wire.set_up()
-        wire.socket.settimeout(0.05)
         for _ in range(3):
             octets = wire.pdu()
+            wire.socket.settimeout(0.05)
             with pytest.raises(TimeoutError):
                 open_at_once.append(len(wire.pdu()))
+            wire.socket.settimeout(20)
             answer(wire, octets)
-        wire.socket.settimeout(20)
 
     with serving(script) as (address, wires):
         outcome = play(reads(tmp_path / "a.pcapng", 3), address)
@@ -327,8 +327,8 @@ def test_an_answer_that_the_recording_lost_is_waited_for_and_not_compared(tmp_pa
     def script(wire: Wire) -> None:
         wire.set_up()
         for number in range(5):
-            wire.socket.settimeout(0.03)
             octets = wire.pdu()
+            wire.socket.settimeout(0.03)
             with pytest.raises(TimeoutError):
                 wire.pdu()
             wire.socket.settimeout(20)

@@ -9,7 +9,8 @@ from collections import Counter
 from pathlib import Path
 from typing import Final, Self
 
-from dissect.engine.observer import Observer, Options
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options
 from dissect.iso.cotp import Assembler, parse_tpdu
 from dissect.iso.tables import DT
 from dissect.iso.tpkt import HEADER, Framer
@@ -78,12 +79,20 @@ class Plain:
 
     def send(self, ask: Ask, reference: int | None = None) -> int:
         """Send a request; return its reference."""
+        pdu = self._numbered(ask, reference)
+        self.socket.sendall(dt(pdu))
+        return self._reference if reference is None else reference
+
+    def send_together(self, *asks: Ask) -> list[int]:
+        """Send requests in one segment, so that none is later than the others; return their references."""
+        self.socket.sendall(b"".join([dt(self._numbered(ask)) for ask in asks]))
+        return list(range(self._reference - len(asks) + 1, self._reference + 1))
+
+    def _numbered(self, ask: Ask, reference: int | None = None) -> bytes:
         if reference is None:
             self._reference += 1
             reference = self._reference
-        pdu = ask.octets[:4] + reference.to_bytes(2, "big") + ask.octets[6:]
-        self.socket.sendall(dt(pdu))
-        return reference
+        return ask.octets[:4] + reference.to_bytes(2, "big") + ask.octets[6:]
 
     def ask(self, ask: Ask) -> Pdu:
         """Send a request and return its answer, which has its reference."""

@@ -86,7 +86,7 @@ def test_a_delayed_answer_comes_when_others_have_come() -> None:
     with Server(small(), faults=["delay:2:400"]) as server, Plain(server) as client:
         client.set_up()
         began = time.monotonic()
-        late, soon = client.send(read("DB10.DBW4")), client.send(szl(0x11))
+        late, soon = client.send_together(read("DB10.DBW4"), szl(0x11))
         assert [client.pdu().pdu_ref, client.pdu().pdu_ref] == [soon, late]
         assert time.monotonic() - began >= 0.4
 

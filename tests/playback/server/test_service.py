@@ -129,7 +129,7 @@ def test_answers_take_as_long_as_was_recorded() -> None:
     talk >> read("MW2") << words(2)
     with Server(talk.recording(), latency_ms=None) as server, Plain(server) as client:
         began = time.monotonic()
-        slow, fast = client.send(read("MW0")), client.send(read("MW2"))
+        slow, fast = client.send_together(read("MW0"), read("MW2"))
         assert [client.pdu().pdu_ref, client.pdu().pdu_ref] == [fast, slow]
         assert time.monotonic() - began >= 0.3
 

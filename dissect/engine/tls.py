@@ -1,0 +1,160 @@
+"""TLS inside ISO-on-TCP: what its handshake says, and where the session keys are there, the S7 messages in it.
+
+An S7-1200 or 1500 asked by TIA Portal V17 or later answers InitSSL and goes on in TLS; each TSDU then carries records, and
+their content is S7comm-plus (docs/tls.md).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mypy_extensions import i64
+
+from dissect.engine.connections import Foreign
+from dissect.engine.exchange import Exchange
+from dissect.findings.tls_rules import judge_certificates, judge_closed, judge_session
+from dissect.iso.upper import S7COMM, S7COMM_PLUS, TLS, UPPER_NAMES, classify, is_sound
+from dissect.s7plus.stream import FrameStream
+from dissect.tls.key_log import KeyLog, KeyRing
+from dissect.transactions.connection import Connection
+from dissect.transactions.protocol import Protocol
+from dissect.transactions.table import Side
+
+if TYPE_CHECKING:
+    from dissect.tls.session import TlsSession, Waiting
+
+
+class Tls(Protocol):
+    """Takes the TSDUs that carry TLS. ``sessions`` counts connections with TLS, ``opened`` and ``shut`` encrypted records."""
+
+    def __init__(self, exchange: Exchange, foreign: Foreign, s7: Protocol, plus: Protocol, keys: KeyLog | None) -> None:
+        super().__init__()
+        self._exchange: Exchange = exchange
+        self._foreign: Foreign = foreign
+        self._s7: Protocol = s7
+        self._plus: Protocol = plus
+        self._waiting: Waiting | None = None
+        self.keys: KeyRing = KeyRing(keys)
+        self.sessions: i64 = 0
+        self.decrypted: i64 = 0  # sessions of which content was decrypted
+        self.opened: i64 = 0
+        self.shut: i64 = 0
+        self.other: i64 = 0  # decrypted messages that are neither S7comm nor S7comm-plus
+
+    def secrets(self, text: bytes) -> None:
+        """Take a key log that the capture holds."""
+        self.keys.found.add(text)
+
+    def wants(self, side: Side, session: TlsSession, buf: bytes, at: i64, size: i64) -> bool:
+        """Tell whether a TSDU goes on with the TLS of its connection; a sound S7 PDU never does."""
+        return not is_sound(buf, at, at + size) and session.wants(side.index, buf, at, at + size)
+
+    def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
+        """Take a TSDU of TLS: records, or parts of some."""
+        connection = side.connection
+        if classify(buf, at, at + size) == TLS:
+            self._foreign.tsdu(side, TLS, buf, at, size, frame, time_ns)
+        session = connection.tls
+        if session is None:
+            session = self._begin(connection)
+        version: int = session.version
+        found = session.feed(side.index, buf[at : at + size], frame, time_ns)
+        if side.index != connection.client_side and not found:
+            connection.last_encrypted_ns = time_ns
+        if session.version != version:
+            judge_session(self._exchange.reporter, connection, session, frame, time_ns)
+        if session.shown:
+            judge_certificates(self._exchange.reporter, connection, session, frame, time_ns)
+        peer = side.peer
+        for content in found:
+            if content.index == side.index:
+                self._content(side, content.octets, content.frame, content.time_ns)
+            elif peer is not None:
+                self._content(peer, content.octets, content.frame, content.time_ns)
+
+    def _begin(self, connection: Connection) -> TlsSession:
+        from dissect.tls.session import TlsSession, Waiting
+
+        waiting = self._waiting
+        if waiting is None:
+            waiting = Waiting()
+            self._waiting = waiting
+        session = TlsSession(self.keys, waiting)
+        connection.tls = session
+        self.sessions += 1
+        return session
+
+    def _content(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """Take decrypted application data of ``side``."""
+        stream = side.inner
+        if stream is None:
+            stream = FrameStream()
+            side.inner = stream
+        for message in stream.push(octets):
+            self._message(side, message, frame, time_ns)
+
+    def _message(self, side: Side, message: bytes, frame: i64, time_ns: i64) -> None:
+        upper = classify(message, 0, len(message))
+        connection = side.connection
+        if upper == S7COMM_PLUS or upper == S7COMM:
+            if connection.protocol == UPPER_NAMES[TLS]:
+                connection.protocol = UPPER_NAMES[upper]
+            (self._plus if upper == S7COMM_PLUS else self._s7).feed(side, message, 0, len(message), frame, time_ns)
+        else:
+            self.other += 1
+
+    def gap(self, side: Side, size: i64, cut: bool, frame: i64, time_ns: i64) -> None:
+        """Octets are missing: a record, and the frame in it, have no end."""
+        session = side.connection.tls
+        if session is not None:
+            session.lose(side.index, size)
+            self._cut(side, frame, time_ns)
+
+    def _cut(self, side: Side, frame: i64, time_ns: i64) -> None:
+        stream = side.inner
+        rest = stream.finish() if stream is not None else b""
+        if rest:
+            self._message(side, rest, frame, time_ns)
+
+    def finish(self, side: Side, frame: i64, time_ns: i64) -> None:
+        """No more octets come: a frame without its end is all there is of it."""
+        self._cut(side, frame, time_ns)
+
+    def end(self, side: Side, frame: i64, time_ns: i64) -> None:
+        """The connection is over: say why what was encrypted stayed so. Called for either side, done once."""
+        side.inner = None
+        connection = side.connection
+        session = connection.tls
+        if session is None or side.index:
+            return
+        session.close()
+        self.shut += session.shut
+        self.opened += session.opened
+        if session.is_open:
+            self.decrypted += 1
+        judge_closed(self._exchange.reporter, connection, session, frame, time_ns)
+
+    def held(self, side: Side) -> i64:
+        """Return the octets of unfinished records and frames; what is kept for both sides counts with side 0."""
+        session = side.connection.tls
+        if session is None:
+            return 0
+        stream = side.inner
+        held: i64 = stream.held if stream is not None else 0
+        return held + (session.held if side.index == 0 else 0)
+
+    # ---- what was counted -------------------------------------------------------------------------------------------
+
+    def describe(self) -> dict[str, object]:
+        """Return the section ``tls``: never a key, only how many there are."""
+        keys = self.keys
+        return {
+            "tls": {
+                "sessions": self.sessions,
+                "decrypted": self.decrypted,
+                "records_opened": self.opened,
+                "records_closed": self.shut,
+                "other_messages": self.other,
+                "keys_of_sessions": len(keys),
+            }
+        }

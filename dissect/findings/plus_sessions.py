@@ -1,0 +1,94 @@
+"""What S7comm-plus clients do with sessions: do they authenticate themselves, use TLS, and use a session of their own."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.findings.security_rules import SecurityWatch
+from dissect.s7plus.session import Identity, PlusSession
+from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, INIT_SSL, SET_MULTI_VARIABLES, V3
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import ANSWERED, Transaction
+from dissect.wire.octets import u32
+
+#: Where the session stands in a request of version 1 and 2, and how much further behind the digest of version 3.
+_SESSION: Final = 13
+_DIGEST: Final = 33
+#: Where the object stands that a request is about.
+_OBJECT: Final = 18
+#: Ids up to here are no session: that of a client that has none yet is 288.
+_NO_SESSION: Final = 288
+#: Sessions that are remembered; the one that was given first leaves.
+MAX_GIVEN: Final = 4096
+#: By the beginning of its order number: the firmware from which on a CPU offers TLS (Siemens, STEP 7 V17).
+_TLS_SINCE: Final[dict[str, tuple[int, int]]] = {"6ES7 21": (4, 5), "6ES7 51": (2, 9)}
+_ERROR: Final = 0x8000
+
+
+class PlusSessions:
+    """Judges sessions. One for a whole analysis: a session belongs to the connection that it was given to."""
+
+    def __init__(self, security: SecurityWatch) -> None:
+        self._security = security
+        self._given: dict[tuple[str, int], int] = {}  # the number of the connection, by CPU and session
+
+    def take(self, session: PlusSession, transaction: Transaction) -> None:
+        """Take a transaction before its contents are looked at."""
+        octets = transaction.request_octets
+        if transaction.function == INIT_SSL:
+            session.tls = transaction.outcome == ANSWERED and transaction.error_code < _ERROR
+        at = _SESSION + (_DIGEST if octets[1:2] == bytes((V3,)) else 0)
+        if at + 4 > len(octets):
+            return
+        number = int(u32(octets, at))
+        if number > _NO_SESSION and number not in session.given:
+            self._judge_owner(number, transaction)
+        if session.challenged and not session.authenticated and not session.tls:
+            self._judge_authentication(number, transaction)
+
+    def opened(self, session: PlusSession, number: int, transaction: Transaction) -> None:
+        """A client has got the session ``number``, 0 when it was refused."""
+        connection = transaction.connection
+        if number:
+            if len(self._given) >= MAX_GIVEN:
+                del self._given[next(iter(self._given))]
+            self._given[str(connection.server.host), number] = int(connection.number)
+        identity = session.identity
+        if not session.tls and _offers_tls(identity) and connection.traits.first("security.clear_text"):
+            text = f"no TLS, though {identity.order_number} {identity.firmware} offers it"
+            self._security.tell("security.clear_text", transaction, text)
+
+    def _judge_owner(self, number: int, transaction: Transaction) -> None:
+        """A session of another connection. Who was there when the capture began, or in a gap, may have got it then."""
+        connection = transaction.connection
+        owner = self._given.get((str(connection.server.host), number), 0)
+        if not owner or owner == int(connection.number) or _incomplete(connection):
+            return
+        if connection.traits.first("security.session_reused"):
+            text = f"{transaction.function_name} in session 0x{number:08x}, which connection {owner} got"
+            self._security.tell("security.session_reused", transaction, text)
+
+    def _judge_authentication(self, number: int, transaction: Transaction) -> None:
+        """A request that is neither the set-up of the session nor its end, and that the CPU carries out all the same."""
+        octets = transaction.request_octets
+        if transaction.function in {CREATE_OBJECT, DELETE_OBJECT, INIT_SSL} or octets[1] == V3:
+            return
+        if transaction.outcome != ANSWERED or transaction.error_code >= _ERROR or _incomplete(transaction.connection):
+            return
+        if transaction.function == SET_MULTI_VARIABLES and octets[_OBJECT : _OBJECT + 4] == number.to_bytes(4, "big"):
+            return
+        if transaction.connection.traits.first("security.unauthenticated"):
+            self._security.tell("security.unauthenticated", transaction, transaction.function_name)
+
+
+def _offers_tls(identity: Identity) -> bool:
+    for prefix, since in _TLS_SINCE.items():
+        if identity.order_number.startswith(prefix):
+            words = identity.firmware.removeprefix("V").split(".")
+            if len(words) >= 2 and words[0].isdecimal() and words[1].isdecimal():
+                return (int(words[0]), int(words[1])) >= since
+    return False
+
+
+def _incomplete(connection: Connection) -> bool:
+    return bool(connection.mid_stream or connection.tcp.has_holes)

@@ -1,0 +1,74 @@
+"""What S7comm-plus PDUs say, for goldens and comparisons: remarks, what a request is about, and what differs between two."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.golden.phrases import short
+from dissect.s7plus import layouts
+from dissect.s7plus.contents import Contents
+from dissect.s7plus.hiding import shown_contents
+from dissect.s7plus.message import PlusPdu, parse_plus
+from dissect.s7plus.summary import summary
+from dissect.wire.part import OCTETS, SURPLUS, Part
+
+#: Parts that belong to one recording, and those that say the same in every PDU.
+_PASSING: Final = frozenset(
+    id(layout) for layout in (layouts.INTEGRITY_ID, layouts.DIGEST, layouts.FILL, layouts.NOTIFICATION_HEAD)
+)
+#: Octets that are compared as such.
+_PLAIN: Final = frozenset((id(OCTETS), id(SURPLUS), id(layouts.PIECE)))
+
+
+def plus_notes(octets: bytes) -> list[str]:
+    """Return what a PDU is about, safe to show; empty when its head says it all."""
+    pdu = parse_plus(octets)
+    return [short(text) for text in summary(pdu, shown_contents(pdu, shown=False)[0])]
+
+
+def plus_subject(octets: bytes) -> tuple[object, ...]:
+    """Return what a request is about without the values that go with it."""
+    found = shown_contents(parse_plus(octets), shown=False)[0]
+    return found.object_id, *found.ids, *[address.key for address in found.addresses]
+
+
+def plus_differences(was: bytes, is_: bytes) -> list[tuple[str, str]]:
+    """Return what two PDUs of the same function say differently, in the order of the wire; empty when it is the same.
+
+    Where they are built of other parts, that is one difference.
+    """
+    (one, first), (other, second) = _read(was), _read(is_)
+    old, new = _said(one, first), _said(other, second)
+    if [name for name, _, _ in old] != [name for name, _, _ in new]:
+        texts = [
+            ", ".join([short(text) for text in summary(pdu, found)]) for pdu, found in ((one, first), (other, second))
+        ]
+        if texts[0] != texts[1]:
+            return [(texts[0] or "nothing", texts[1] or "nothing")]
+        return [(f"{len(old)} parts", f"{len(new)} parts")]
+    found: list[tuple[str, str]] = []
+    for (name, note, octets), (_, note_now, octets_now) in zip(old, new, strict=True):
+        if note != note_now:
+            found.append((f"{name} {short(note)}", f"{name} {short(note_now)}"))
+        elif octets != octets_now:
+            found.append((f"{name} {short(octets.hex(' '))}", f"{name} {short(octets_now.hex(' '))}"))
+    return found
+
+
+def _read(octets: bytes) -> tuple[PlusPdu, Contents]:
+    pdu = parse_plus(octets)
+    return pdu, shown_contents(pdu)[0]
+
+
+def _said(pdu: PlusPdu, found: Contents) -> list[tuple[str, str, bytes]]:
+    """Return the parts that say something: name, note, and the octets of those that no note tells whole."""
+    return [
+        (part.layout.name, part.note, b"" if _told(part) else pdu.data[part.offset : part.end])
+        for part in found.parts
+        if id(part.layout) not in _PASSING
+    ]
+
+
+def _told(part: Part) -> bool:
+    """Tell whether the note of a part says all of it; long texts, arrays and octets are shown cut."""
+    return bool(part.note) and id(part.layout) not in _PLAIN and "…" not in part.note and "elements" not in part.note

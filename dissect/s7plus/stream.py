@@ -1,0 +1,86 @@
+"""S7comm-plus where nothing but its own lengths separates frames: inside TLS, whose records may join and split them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.iso.upper import is_sound
+from dissect.s7plus.tables import PROTOCOL_ID, V3
+from dissect.wire.octets import u16
+
+_HEADER: Final = 4
+
+
+class FrameStream:
+    """Cuts one direction into frames, each with its trailer if it has one. What is kept is never more than a frame.
+
+    A frame that no trailer follows is one of several of a PDU: it is given with the octets that come next, which tell.
+    """
+
+    __slots__ = ("_rest",)
+
+    def __init__(self) -> None:
+        self._rest: bytes = b""
+
+    @property
+    def held(self) -> int:
+        """Octets of an unfinished frame."""
+        return len(self._rest)
+
+    def push(self, octets: bytes) -> list[bytes]:
+        """Take the next octets; return the frames they complete, and what is none as it came.
+
+        A whole frame in ``octets`` ends what was unfinished before it: its length lied.
+        """
+        found: list[bytes] = []
+        rest = self._rest
+        if rest and octets[0] == PROTOCOL_ID and _is_open(rest) and is_sound(octets, 0, len(octets)):
+            found.append(rest)
+            rest = b""
+        octets = rest + octets
+        at: i64 = 0
+        size: i64 = len(octets)
+        while at < size:
+            if octets[at] != PROTOCOL_ID:
+                found.append(octets[at:])
+                at = size
+                break
+            end: i64 = _end(octets, at, size)
+            if end < 0:
+                break
+            found.append(octets[at:end])
+            at = end
+        self._rest = octets[at:]
+        return found
+
+    def finish(self) -> bytes:
+        """Return what is left of an unfinished frame: no more of it will come."""
+        rest = self._rest
+        self._rest = b""
+        return rest
+
+
+def _is_open(octets: bytes) -> bool:
+    """Tell whether a frame lacks octets by its own length."""
+    return len(octets) < _HEADER or len(octets) < _HEADER + u16(octets, 2)
+
+
+def _end(octets: bytes, at: i64, size: i64) -> i64:
+    """Return where the frame at ``at`` ends, -1 while that is not known."""
+    if size - at < _HEADER:
+        return -1
+    version: i64 = octets[at + 1]
+    if version == 0xFF:
+        return at + _HEADER  # a keep-alive is nothing but a header
+    end: i64 = at + _HEADER + u16(octets, at + 2)
+    if end > size:
+        return -1
+    if version > V3:
+        return end  # a system event has no trailer
+    if end == size or (size - end < _HEADER and octets[end] == PROTOCOL_ID):
+        return -1
+    if octets[end] == PROTOCOL_ID and octets[end + 1] == version and u16(octets, end + 2) == 0:
+        return end + _HEADER
+    return end

@@ -1,0 +1,144 @@
+"""Session keys as programs write them into an SSLKEYLOGFILE (draft-ietf-tls-keylogfile), by the random of their ClientHello.
+
+Secrets are given to whoever decrypts, and to nobody else: nothing here puts one into words.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from typing import Final
+
+MASTER: Final = "CLIENT_RANDOM"
+EARLY: Final = "CLIENT_EARLY_TRAFFIC_SECRET"
+HANDSHAKE_OF: Final = ("CLIENT_HANDSHAKE_TRAFFIC_SECRET", "SERVER_HANDSHAKE_TRAFFIC_SECRET")
+TRAFFIC_OF: Final = ("CLIENT_TRAFFIC_SECRET_0", "SERVER_TRAFFIC_SECRET_0")
+
+#: Labels that open records; the others of the format (exporters, ECH) are known and not kept.
+_KEPT: Final = frozenset((MASTER, EARLY, *HANDSHAKE_OF, *TRAFFIC_OF))
+_KNOWN: Final = frozenset(("EARLY_EXPORTER_SECRET", "EXPORTER_SECRET", "ECH_SECRET", "ECH_CONFIG", "RSA"))
+_LINE: Final = re.compile(rb"([A-Z][A-Z0-9_]{1,63}) ([0-9A-Fa-f]{2,512}) ([0-9A-Fa-f]{2,512})")
+_RANDOM: Final = 32
+_SECRETS: Final = frozenset((32, 48, 64))
+
+#: Sessions that are kept; more come from a machine that logged for weeks, and the oldest go.
+MAX_SESSIONS: Final = 200_000
+#: Octets of a line that does not end; the format needs some three hundred.
+_MAX_LINE: Final = 4096
+
+
+class KeyLog:
+    """The secrets of key logs, given by `add`; ``sources`` are asked for further text when a session is not found.
+
+    ``lines`` counts lines that are no comments, ``wrong`` those of them of another form, ``forgotten`` the sessions for
+    which there was no room. ``revision`` grows with each new secret.
+    """
+
+    def __init__(self, sources: Sequence[Callable[[], bytes]] = ()) -> None:
+        self._sources = [_Source(more) for more in sources]
+        self._sessions: dict[bytes, dict[str, bytes]] = {}
+        self.lines = 0
+        self.wrong = 0
+        self.forgotten = 0
+        self.revision = 0
+
+    def __repr__(self) -> str:
+        return f"KeyLog({len(self._sessions)} sessions)"  # never what is in them
+
+    def __len__(self) -> int:
+        return len(self._sessions)
+
+    def add(self, text: bytes) -> None:
+        """Take whole lines of a key log. Those of another form are counted."""
+        for piece in _lines(text):
+            line = piece.strip(b" \t\xef\xbb\xbf\0")
+            if line and not line.startswith(b"#"):
+                self.lines += 1
+                self.wrong += not self._line(line)
+
+    def _line(self, line: bytes) -> bool:
+        """Take a line; False when it has another form."""
+        found = _LINE.fullmatch(line)
+        if found is None:
+            return False
+        label = found[1].decode("ascii")
+        if label not in _KEPT:
+            return label in _KNOWN
+        if len(found[2]) != 2 * _RANDOM or len(found[3]) % 2 or len(found[3]) // 2 not in _SECRETS:
+            return False
+        random = bytes.fromhex(found[2].decode("ascii"))
+        secret = bytes.fromhex(found[3].decode("ascii"))
+        session = self._sessions.get(random)
+        if session is None:
+            if len(self._sessions) >= MAX_SESSIONS:
+                del self._sessions[next(iter(self._sessions))]
+                self.forgotten += 1
+            session = {}
+            self._sessions[random] = session
+        if session.get(label) != secret:
+            session[label] = secret
+            self.revision += 1
+        return True
+
+    def look(self) -> None:
+        """Take what was written to the sources since; a key log grows while a live line is watched.
+
+        A last line that may go on is used already when it could be a whole one.
+        """
+        for source in self._sources:
+            text = source.more()
+            if text:
+                *whole, rest = _lines(source.rest + text)
+                source.rest = rest[:_MAX_LINE]
+                self.add(b"\n".join(whole))
+                self._line(rest)
+
+    def find(self, random: bytes) -> dict[str, bytes]:
+        """Return the secrets of the session whose ClientHello had ``random``, by their label; empty when there are none."""
+        return self._sessions.get(random, {})
+
+
+class _Source:
+    """What more can be asked of, and the beginning of a line it ended with."""
+
+    __slots__ = ("more", "rest")
+
+    def __init__(self, more: Callable[[], bytes]) -> None:
+        self.more = more
+        self.rest = b""
+
+
+def _lines(text: bytes) -> list[bytes]:
+    return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
+
+
+class KeyRing:
+    """All key logs of a run: those ``given`` by the user, and what the capture itself holds (``found``)."""
+
+    def __init__(self, given: KeyLog | None = None) -> None:
+        self.given = given
+        self.found = KeyLog()
+
+    def __len__(self) -> int:
+        return len(self.found) + (len(self.given) if self.given is not None else 0)
+
+    @property
+    def asked(self) -> bool:
+        """True when somebody wants sessions opened: there is a key log, even an empty one."""
+        return self.given is not None or self.found.lines > 0
+
+    @property
+    def revision(self) -> int:
+        """Grows with each new secret."""
+        return self.found.revision + (self.given.revision if self.given is not None else 0)
+
+    def look(self) -> None:
+        """Take what was written to the key logs since."""
+        if self.given is not None:
+            self.given.look()
+
+    def find(self, random: bytes) -> dict[str, bytes]:
+        """Return the secrets of a session by their label; empty when there are none."""
+        found = self.found.find(random)
+        given = self.given.find(random) if self.given is not None else {}
+        return {**found, **given} if found else given

@@ -1,0 +1,60 @@
+"""Keys out of secrets: HKDF-Expand-Label of TLS 1.3 (RFC 8446 section 7) and the PRF of TLS 1.2 (RFC 5246 section 5)."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+
+from dissect.tls.tables import Suite
+
+
+class Keys:
+    """What opens the records of one direction: a key, and the ``iv`` (TLS 1.3) or salt (1.2) of its nonces."""
+
+    __slots__ = ("iv", "key")
+
+    def __init__(self, key: bytes, iv: bytes) -> None:
+        self.key = key
+        self.iv = iv
+
+
+def expand_label(hash_: str, secret: bytes, label: bytes, size: int) -> bytes:
+    """Return ``size`` octets, HKDF-Expand-Label(secret, label, "", size) with a hash that `hashlib` knows."""
+    name = b"tls13 " + label
+    info = size.to_bytes(2, "big") + bytes((len(name),)) + name + b"\0"
+    made = b""
+    block = b""
+    while len(made) < size:
+        block = hmac.digest(secret, block + info + bytes((len(made) // hashlib.new(hash_).digest_size + 1,)), hash_)
+        made += block
+    return made[:size]
+
+
+def traffic_keys(suite: Suite, secret: bytes) -> Keys:
+    """Return the keys that a traffic secret of TLS 1.3 makes."""
+    key = expand_label(suite.hash, secret, b"key", suite.key)
+    return Keys(key, expand_label(suite.hash, secret, b"iv", 12))
+
+
+def next_secret(suite: Suite, secret: bytes) -> bytes:
+    """Return the traffic secret that follows ``secret`` after a KeyUpdate."""
+    return expand_label(suite.hash, secret, b"traffic upd", hashlib.new(suite.hash).digest_size)
+
+
+def prf(hash_: str, secret: bytes, label: bytes, seed: bytes, size: int) -> bytes:
+    """Return ``size`` octets of the PRF of TLS 1.2."""
+    seed = label + seed
+    made = b""
+    chained = seed
+    while len(made) < size:
+        chained = hmac.digest(secret, chained, hash_)
+        made += hmac.digest(secret, chained + seed, hash_)
+    return made[:size]
+
+
+def key_block(suite: Suite, master: bytes, client_random: bytes, server_random: bytes) -> tuple[Keys, Keys]:
+    """Return the keys of client and server that a master secret of TLS 1.2 makes for an AEAD suite."""
+    key, salt = suite.key, suite.salt
+    block = prf(suite.hash, master, b"key expansion", server_random + client_random, 2 * (key + salt))
+    client = Keys(block[:key], block[2 * key : 2 * key + salt])
+    return client, Keys(block[key : 2 * key], block[2 * key + salt :])

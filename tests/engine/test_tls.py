@@ -1,0 +1,295 @@
+"""TLS inside ISO-on-TCP: from TSDUs to the transactions in them."""
+
+from __future__ import annotations
+
+import ssl
+from collections.abc import Iterator
+
+import pytest
+
+from dissect.iso.upper import TLS
+from dissect.transactions.connection import Connection
+from tests.s7plus.pdus import INIT_SSL, asked, framed, notified, told
+from tests.tls import sealing
+from tests.tls.sealing import FINISHED, HANDSHAKE, Pair
+from tests.tls.talks import Wire, wire
+from tests.transactions.talk import MS, Talk, dt, item, read
+
+ASK, TELL, PUSH = framed(asked(5, body=b"what")), framed(told(5)), framed(notified())
+
+
+def begun(talk: Talk) -> Talk:
+    """Everything up to the answer to InitSSL."""
+    talk.hello()
+    talk.connect()
+    talk.ask(framed(asked(1, INIT_SSL, 0, 0x30, bytes(4)), 1))
+    talk.tell(framed(told(1, INIT_SSL), 1))
+    talk.findings.clear()
+    talk.transactions.clear()
+    return talk
+
+
+def spoken(talk: Talk, found: Wire) -> None:
+    for side, octets in found.flights:
+        talk.packet(side, dt(octets))
+
+
+def only(talk: Talk) -> Connection:
+    (connection,) = talk.connections
+    return connection
+
+
+def facts(talk: Talk) -> list[tuple[str, str]]:
+    return [(one.outcome_name, one.function_name) for one in talk.transactions]
+
+
+@pytest.mark.parametrize("version", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
+def test_what_is_inside_counts_like_what_is_not(version: ssl.TLSVersion) -> None:
+    found = wire([(0, ASK), (1, TELL), (1, PUSH)], version)
+    talk = Talk()
+    talk.unlock(found.key_log)
+    spoken(begun(talk), found)
+    talk.close()
+    assert facts(talk) == [
+        ("answered", "S7comm-plus GetMultiVariables"),
+        ("unsolicited", "S7comm-plus notification"),
+    ] or [outcome for outcome, _ in facts(talk)] == ["answered", "push"]
+    (first, _) = talk.transactions
+    assert first.latency_ns == MS
+    connection = only(talk)
+    assert connection.protocol == "s7comm_plus"
+    session = connection.tls
+    assert session is not None
+    assert (session.shut, session.why_closed, session.is_open) == (0, "", True)
+    assert talk.pipeline.tls.describe() == {
+        "tls": {
+            "sessions": 1,
+            "decrypted": 1,
+            "records_opened": session.opened,
+            "records_closed": 0,
+            "other_messages": 0,
+            "keys_of_sessions": 1,
+        }
+    }
+    assert talk.pipeline.plus.pdus == 5
+    assert "session.tls_closed" not in talk.slugs()
+
+
+def test_without_keys_everything_is_counted_and_nothing_more_is_said() -> None:
+    found = wire([(0, ASK), (1, TELL)])
+    talk = begun(Talk())
+    spoken(talk, found)
+    talk.close()
+    assert talk.transactions == []
+    assert talk.slugs() == ["session.encrypted", "cotp.size_exceeded"]
+    connection = only(talk)
+    session = connection.tls
+    assert session is not None
+    assert (session.opened, session.server_name, session.version_name) == (0, "plc.local", "TLS 1.3")
+    assert talk.pipeline.iso.tsdus[TLS] == len(found.flights)
+    ending = connection.ending
+    assert ending is not None
+    assert "last encrypted message" in ending.last_heard() or ending.last_encrypted_ns
+
+
+def test_without_init_ssl_the_protocol_is_what_is_inside() -> None:
+    found = wire([(0, ASK), (1, TELL)])
+    talk = Talk()
+    talk.unlock(found.key_log)
+    talk.hello()
+    talk.connect()
+    spoken(talk, found)
+    talk.close()
+    assert only(talk).protocol == "s7comm_plus"
+    assert facts(talk) == [("answered", "S7comm-plus GetMultiVariables")]
+
+
+def test_s7comm_in_tls() -> None:
+    question = read(1, item(0x84, 10, 0, 4))
+    found = wire([(0, question)])
+    talk = Talk()
+    talk.unlock(found.key_log)
+    talk.hello()
+    talk.connect()
+    spoken(talk, found)
+    talk.close()
+    assert facts(talk) == [("unanswered", "Read Var")]
+    assert only(talk).protocol == "s7comm"
+
+
+def test_what_is_neither_is_counted() -> None:
+    found = wire([(0, b"GET / HTTP/1.1"), (1, b"\x00\x01")])
+    talk = Talk()
+    talk.unlock(found.key_log)
+    spoken(begun(talk), found)
+    talk.close()
+    assert talk.transactions == []
+    assert talk.pipeline.tls.other == 2
+
+
+# ---- records and TSDUs have nothing to do with each other -----------------------------------------------------------
+
+
+def cuts(octets: bytes, size: int) -> Iterator[bytes]:
+    for at in range(0, len(octets), size):
+        yield octets[at : at + size]
+
+
+@pytest.mark.parametrize("size", [2, 4, 5, 6, 7, 29, 100, 1000])
+def test_records_over_many_tsdus(size: int) -> None:
+    pair = Pair()
+    client, server = pair.ends
+    talk = Talk()
+    talk.unlock(pair.keys())
+    begun(talk)
+    for side, octets in [*pair.begun, (0, client.seal(ASK)), (1, server.seal(TELL))]:
+        for piece in cuts(octets, size):
+            talk.packet(side, dt(piece))
+    talk.close()
+    assert facts(talk) == [("answered", "S7comm-plus GetMultiVariables")]
+    session = only(talk).tls
+    assert session is not None
+    assert session.shut == 0
+    assert [int(one.reader.skipped) for one in session.directions] == [0, 0]
+
+
+def test_frames_over_many_records_and_many_in_one() -> None:
+    pair = Pair()
+    client, server = pair.ends
+    talk = Talk()
+    talk.unlock(pair.keys())
+    begun(talk)
+    for side, octets in pair.begun:
+        talk.packet(side, dt(octets))
+    for piece in cuts(ASK + framed(asked(6)), 3):
+        talk.ask(client.seal(piece))
+    talk.tell(server.seal(TELL + framed(told(6))))
+    talk.close()
+    assert facts(talk) == [("answered", "S7comm-plus GetMultiVariables")] * 2
+
+
+def test_a_pdu_in_several_frames() -> None:
+    whole = asked(5, body=bytes(3000))
+    frames = [framed(whole[:1000], trailer=False), framed(whole[1000:2000], trailer=False), framed(whole[2000:])]
+    found = wire([(0, frame) for frame in frames] + [(1, TELL)])
+    talk = Talk()
+    talk.unlock(found.key_log)
+    spoken(begun(talk), found)
+    talk.close()
+    (transaction,) = talk.transactions
+    assert transaction.outcome_name == "answered"
+    assert len(transaction.request_octets) == sum(map(len, frames))
+
+
+# ---- what is odd ----------------------------------------------------------------------------------------------------
+
+
+def test_sound_pdus_beside_tls_are_never_hidden() -> None:
+    """Whoever sends half a record keeps nobody from reading what is sent in clear."""
+    pair = Pair()
+    talk = Talk()
+    talk.unlock(pair.keys())
+    begun(talk)
+    for side, octets in pair.begun:
+        talk.packet(side, dt(octets))
+    talk.ask(b"\x17\x03\x03\x40\x00half")
+    talk.ask(ASK)
+    talk.tell(TELL)
+    talk.ask(read(1, item(0x84, 10, 0, 4)))
+    talk.close()
+    assert facts(talk)[0] == ("answered", "S7comm-plus GetMultiVariables")
+    assert ("unanswered", "Read Var") in facts(talk)
+
+
+def test_after_a_gap_what_follows_is_opened() -> None:
+    pair = Pair()
+    client, server = pair.ends
+    talk = Talk()
+    talk.unlock(pair.keys())
+    begun(talk)
+    for side, octets in pair.begun:
+        talk.packet(side, dt(octets))
+    talk.lose(0, *[client.seal(b"lost") for _ in range(9)])
+    talk.ask(client.seal(ASK))
+    talk.tell(server.seal(TELL))
+    talk.close()
+    assert facts(talk) == [("answered", "S7comm-plus GetMultiVariables")]
+    session = only(talk).tls
+    assert session is not None
+    assert (session.shut, session.why_closed) == (0, "")
+
+
+def test_keys_that_come_after_the_records() -> None:
+    pair = Pair()
+    client, server = pair.ends
+    talk = Talk()
+    keys = talk.unlock(b"")
+    begun(talk)
+    for side, octets in [*pair.begun, (0, client.seal(ASK))]:
+        number = talk.packet(side, dt(octets))
+    keys.add(pair.keys())
+    answer = talk.tell(server.seal(TELL))
+    talk.close()
+    assert facts(talk) == [("answered", "S7comm-plus GetMultiVariables")]
+    assert talk.pairs() == [(number, answer)]
+
+
+def test_what_waits_for_keys_counts_as_held() -> None:
+    pair = Pair()
+    talk = Talk()
+    talk.unlock(b"")
+    begun(talk)
+    for side, octets in pair.begun:
+        talk.packet(side, dt(octets))
+    (side,) = talk.pipeline.table.all_open()
+    held = [talk.pipeline.iso.held(end) for end in (side, side.peer) if end is not None]
+    assert held == [len(pair.ends[0].seal(FINISHED, HANDSHAKE)) * 2, 0]
+
+
+def test_the_reason_is_a_finding() -> None:
+    found = wire([(0, ASK)])
+    half = b"\n".join([line for line in found.key_log.splitlines() if not line.startswith(b"SERVER")])
+    talk = Talk()
+    talk.unlock(half)
+    spoken(begun(talk), found)
+    talk.close()
+    (said,) = [one.detail for one in talk.findings if one.slug == "session.tls_closed"]
+    assert said.endswith(
+        " encrypted records stay closed: the key log lacks SERVER_HANDSHAKE_TRAFFIC_SECRET of its session"
+    )
+
+
+def test_a_key_log_in_the_capture() -> None:
+    found = wire([(0, ASK), (1, TELL)])
+    talk = Talk()
+    talk.pipeline.secrets(found.key_log)
+    spoken(begun(talk), found)
+    talk.close()
+    assert facts(talk) == [("answered", "S7comm-plus GetMultiVariables")]
+
+
+def test_what_only_looks_like_tls_is_told_as_before() -> None:
+    talk = Talk()
+    talk.hello()
+    talk.connect()
+    talk.ask(b"\x15\x03nothing of it")
+    talk.ask(b"\xee\xee\xee")
+    talk.tell(b"\xdd\xdd")
+    talk.ask(read(1, item(0x84, 10, 0, 4)))
+    talk.close()
+    assert facts(talk) == [("unanswered", "Read Var")]
+    session = only(talk).tls
+    assert session is not None
+    assert session.directions[0].reader.skipped == 15
+    assert talk.pipeline.iso.tsdus[TLS] == 1
+
+
+def test_what_the_handshake_costs_is_bounded() -> None:
+    talk = begun(Talk())
+    flood = sealing.record(22, b"\x0b\x00\xff\xff" + bytes(16000))
+    for _ in range(100):
+        talk.tell(flood)
+        (side,) = talk.pipeline.table.all_open()
+        assert side.peer is not None
+        assert talk.pipeline.iso.held(side) + talk.pipeline.iso.held(side.peer) < 400_000
+    talk.close()

@@ -1,0 +1,95 @@
+"""S7comm-plus in goldens: what one recording has of its own is left out, and differences are told in words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dissect.golden import diff_sessions, golden_text, parse_golden, read_session
+from dissect.golden.masking import mask_plus
+from dissect.s7plus.contents import Address
+from dissect.s7plus.objects import Attribute, PlusObject
+from dissect.s7plus.tables import CREATE_OBJECT, GET_MULTI_VARIABLES, SET_MULTI_VARIABLES, SET_VARIABLE
+from dissect.s7plus.value_tables import BLOB, DINT, INT, UDINT, USINT, WSTRING
+from dissect.s7plus.values import Blob, Value
+from tests.golden import support
+from tests.properties.messages import dt
+from tests.properties.packets import Talk
+from tests.report.support import begun
+from tests.s7plus import bodies
+from tests.s7plus.pdus import asked, framed, told
+
+LEVEL = Address(0, 82, 3736, [3, 100, 2])
+SPEED = Address(0, 82, 3736, [3, 102, 2])
+HMI = "HMI RT \x1b[2J"
+
+
+def session(value: int = 5, wanted: tuple[Address, ...] = (LEVEL, SPEED), first: int = 1, ids: int = 100) -> Talk:
+    """A client that says who it is, reads two variables and writes one; the numbers begin where a recording began them."""
+    talk = begun()
+    one = PlusObject(211, 287, 0, 0, 0, [Attribute(297, Value(0, WSTRING, HMI)), Attribute(299, Value(0, UDINT, 2))])
+    send(talk, 0, asked(first, CREATE_OBJECT, 288, 0x36, bodies.create_object(285, Value(0, UDINT, 0), one)), 1)
+    send(talk, 1, told(first, CREATE_OBJECT, b"\0\1" + bodies.number(0x386) + bodies.FILL), 1)
+    number = first + 1
+    send(talk, 0, asked(number, GET_MULTI_VARIABLES, body=bodies.get_multi(*wanted, integrity_id=ids)), 3)
+    answer = bodies.multi_got([(1, Value(0, INT, value)), (2, Value(0, DINT, 70000))], [], ids + number)
+    send(talk, 1, told(number, GET_MULTI_VARIABLES, answer), 3)
+    number += 1
+    body = bodies.set_multi([(SPEED, Value(0, INT, value + 1))], ids + 1)
+    send(talk, 0, asked(number, SET_MULTI_VARIABLES, body=body), 3)
+    send(talk, 1, told(number, SET_MULTI_VARIABLES, b"\0\0" + bodies.end(ids + 1 + number)), 3)
+    return talk.close()
+
+
+def send(talk: Talk, side: int, data: bytes, version: int) -> None:
+    talk.send(side, dt(framed(data, version)))
+
+
+def text_of(talk: Talk) -> str:
+    return golden_text(support.session(talk.packets()))
+
+
+def differences(one: Talk, other: Talk) -> list[str]:
+    return support.told(parse_golden(text_of(one)), parse_golden(text_of(other)))
+
+
+def test_remarks_say_what_the_octets_mean() -> None:
+    text = text_of(session())
+    for remark in ("# M" + "W100", "# 1: Int 5", "# MW102 = Int 6", "# ClassServerSession 211"):
+        assert remark in text
+    assert "\x1b" not in text
+    assert parse_golden(text).links[0].transactions[2].exchange.function_name == "S7comm-plus GetMultiVariables"
+
+
+def test_what_counts_from_one_recording_to_the_next_makes_no_difference() -> None:
+    assert differences(session(first=1, ids=100), session(first=40, ids=101)) == []
+
+
+def test_a_value_that_differs_is_told_with_both() -> None:
+    assert differences(session(5), session(7)) == [
+        "transaction 3, S7comm-plus GetMultiVariables MW100, MW102: answer: was item 1: Int 5, is item 1: Int 7",
+        "transaction 4, S7comm-plus SetMultiVariables MW102 = Int 6: request: was item 1: Int 6, is item 1: Int 8",
+    ]
+
+
+def test_another_variable_is_told_by_its_address() -> None:
+    said = differences(session(), session(wanted=(LEVEL, Address(0, 82, 3736, [3, 104, 2]))))
+    assert any("MW102" in text and "MW104" in text for text in said), said
+
+
+def test_secrets_are_not_kept() -> None:
+    body = bodies.set_variable(0x386, [304], Value(0x10, USINT, [7, 8, 9, 10]))
+    octets = framed(asked(1, SET_VARIABLE, body=body), 3)
+    assert b"\x07\x08\x09\x0a" in octets
+    assert b"\x07\x08\x09\x0a" not in mask_plus(octets)
+    blob = framed(asked(1, SET_VARIABLE, body=bodies.set_variable(0x386, [9999], Value(0, BLOB, Blob(0, b"kept")))), 3)
+    assert b"kept" in mask_plus(blob)
+
+
+@pytest.mark.parametrize("name", ["TEST.pcapng", "S7-1511_db2_var1_HMI.pcap", "S7-1200-Uploading-OB1-TIAV12.pcap"])
+def test_shared_captures_are_as_their_goldens(corpus: Path, name: str) -> None:
+    made = read_session(corpus / "s7plus" / name)
+    again = parse_golden(golden_text(made))
+    assert golden_text(again) == golden_text(made)
+    assert diff_sessions(again, made) == []
