@@ -40,7 +40,8 @@ def octets_of(parts: Sequence[Packet]) -> bytes:
     return bytes(S7Plus_Request(body=list(parts)))[14:]
 
 
-def body_of(frame: S7Plus) -> list[Packet]:
+def body_of(frame: Packet) -> list[Packet]:
+    assert isinstance(frame, S7Plus)
     assert frame.body is not None
     parts: list[Packet] = frame.body.body
     return parts
