@@ -109,10 +109,9 @@ def _read_variant(walk: Walk) -> Value:
     content: object = None
     try:
         walk.enter("variant")
-        if type_ == STRUCT:
-            content = _read_struct(walk, flags, MEMBER, offset, "")
-        else:
-            content = _read_content(walk, flags, type_)
+        content = (
+            _read_struct(walk, flags, MEMBER, offset, "") if type_ == STRUCT else _read_content(walk, flags, type_)
+        )
     finally:
         walk.shown = shown  # also for what is left where it does not fit
     walk.depth -= 1
