@@ -12,6 +12,7 @@ from dissect.cli.look import clock
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
@@ -26,6 +27,7 @@ from dissect.report.formats import ANALYSIS, Format
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
     from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
 
 
 @click.command("analyze", epilog=EXIT_CODES)
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
 @checksums_option
 @fail_on_option
 @scd_options
+@tag_options
 @tls_option
 def command(
     files: tuple[str, ...],
@@ -53,6 +56,7 @@ def command(
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
     chosen: Chosen,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
     """Summarize captures: what they contain, how fast it was, what failed and why.
@@ -70,7 +74,7 @@ def command(
 
     analysis = Analysis()
     observer = chosen.sieve(analysis)
-    options = Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys)
+    options = Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
     run = Run(files, observer, chosen.narrow(options))
     chosen.begin(run, files)
     code = drive(run, files)

@@ -43,7 +43,7 @@ def gate(run: Run | LiveRun, fail_on: frozenset[str], code: int, selected: Mappi
 
     Of a selection only the findings in ``selected`` count.
 
-    A damaged file is told on stderr anyway, so a failed gate counts more; an interruption counts most.
+    A damaged file is reported on stderr anyway, so a failed gate counts more; an interruption counts most.
     """
     counts = selected if selected is not None else run.pipeline.finding_counts
     found = [slug for slug in CATALOGUE if slug in fail_on and counts.get(slug)]

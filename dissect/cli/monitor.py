@@ -16,11 +16,14 @@ from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPU
 from dissect.cli.options.monitor import beside_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.rights import check_user, open_interface
 from dissect.cli.run import checksums_option
 from dissect.cli.scrape import Scrape, allow_remote_option, metrics_option
 from dissect.cli.watching import (
+    POLL_MOST,
+    POLL_S,
     Interruption,
     LostEvents,
     Shower,
@@ -42,13 +45,11 @@ if TYPE_CHECKING:
     from dissect.metrics.address import Address
     from dissect.source.packet import Reader
     from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
 
 #: As `dissect.source.live.opening` has them, which is imported only when something is opened.
 BUFFER_MIB: Final = 32
 MAX_BUFFER_MIB: Final = 1024
-#: How long a poll waits for something to happen, in seconds, and how much it takes.
-_WAIT_S: Final = 0.2
-_MOST: Final = 512
 
 _EXIT_CODES: Final = (
     "Exit code: 0 the source or --duration ended, 1 a finding that --fail-on names, 2 wrong use or a source that cannot be "
@@ -114,6 +115,7 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
 @checksums_option
 @fail_on_option
 @scd_options
+@tag_options
 @tls_option
 @beside_options
 def command(
@@ -136,6 +138,7 @@ def command(
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
     chosen: Chosen,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
     beside: Beside,
 ) -> int:
@@ -153,7 +156,9 @@ def command(
     with Scrape(metrics, allow_remote) as scrape:
         session = Session(
             lambda: _opened(opener, scrape),
-            Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns, checksums=checksums, tls_keys=tls_keys),
+            Options(
+                slow_ns, decoder=decoder, overdue_ns=overdue_ns, checksums=checksums, tls_keys=tls_keys, naming=naming
+            ),
             companions=[*beside.companions(), *scrape.companions],
             limits=Limits(duration_ns, packets or 0),
             name=interface or ("stdin" if file == "-" else file or ""),
@@ -228,7 +233,7 @@ def _show(session: Session, shower: Shower, chosen: Chosen) -> None:
     selected = chosen.events(session)
     while True:
         running = session.running  # asked before: what it does last is taken then
-        events = session.poll(_WAIT_S, _MOST)
+        events = session.poll(POLL_S, POLL_MOST)
         write_events(shower, selected.of(events) if selected is not None else events, lost.lines())
         if not events and not running:
             return
@@ -258,7 +263,7 @@ def _code(session: Session, interrupted: bool) -> int:
 
 
 def _screens_will_do() -> bool:
-    """Tell whether the terminal can show screens; one that cannot gets lines."""
+    """Return whether the terminal can show screens; one that cannot gets lines."""
     from dissect.monitor.terminal import will_do
 
     return will_do()

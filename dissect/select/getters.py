@@ -420,10 +420,7 @@ def of_scd(get: Callable[[ScdMessage], Any]) -> Getter:
     """Return the getter of what the SCD messages of a thing answer."""
 
     def got(thing: Transaction | Message, _context: Context) -> list[Any]:
-        if isinstance(thing, Message):
-            messages = [thing.scd] if thing.scd is not None else []
-        else:
-            messages = thing.scd
+        messages = ([thing.scd] if thing.scd else []) if isinstance(thing, Message) else thing.scd
         found: list[Any] = []
         for message in messages:
             value = get(message)
