@@ -86,7 +86,7 @@ def netlink_tree_lines(octets: bytes) -> Iterator[str]:
 
 
 def plus_tree_lines(pdu: PlusPdu, packet: bytes, decrypted: bool = False) -> Iterator[str]:
-    """Yield the tree of an S7comm-plus PDU and the hex view; ``packet`` as for `tree_lines`, empty where it is ``decrypted``."""
+    """Yield the tree of an S7comm-plus PDU and the hex view; ``packet`` as for `tree_lines`, empty if it is ``decrypted``."""
     whole = packet or pdu.octets
     base = len(whole) - len(pdu.octets)
     if packet:
