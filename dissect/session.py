@@ -61,7 +61,7 @@ class _Joint(PacketSink):
 
 
 class Run:
-    """Files read one after another into a pipeline that tells ``observer``.
+    """Files read one after another into a pipeline that feeds ``observer``.
 
     Raises `CaptureError` from `step` when a file cannot be read at all.
     """

@@ -41,7 +41,7 @@ fail_on_option: Final[Callable[[Any], Any]] = click.option(
 def gate(run: Run | LiveRun, fail_on: frozenset[str], code: int) -> int:
     """Return the exit code of a command that would end with ``code``; say on stderr why the gate failed.
 
-    A damaged file is told on stderr anyway, so a failed gate counts more; an interruption counts most.
+    A damaged file is reported on stderr anyway, so a failed gate counts more; an interruption counts most.
     """
     counts = run.pipeline.finding_counts
     found = [slug for slug in CATALOGUE if slug in fail_on and counts.get(slug)]

@@ -92,7 +92,7 @@ def _session(files: tuple[str, ...], options: Options) -> tuple[Session, int]:
 
 
 def read_capture(files: tuple[str, ...], options: Options) -> tuple[Session, int]:
-    """Read captures and return their session and the exit code so far; what was odd is told on stderr."""
+    """Read captures and return their session and the exit code so far; what was odd is reported on stderr."""
     from dissect.session import Run
 
     reader = SessionReader(files[0])

@@ -21,6 +21,8 @@ from dissect.cli.rights import check_user, open_interface
 from dissect.cli.run import checksums_option
 from dissect.cli.scrape import Scrape, allow_remote_option, metrics_option
 from dissect.cli.watching import (
+    POLL_MOST,
+    POLL_S,
     Interruption,
     LostEvents,
     Shower,
@@ -47,9 +49,6 @@ if TYPE_CHECKING:
 #: As `dissect.source.live.opening` has them, which is imported only when something is opened.
 BUFFER_MIB: Final = 32
 MAX_BUFFER_MIB: Final = 1024
-#: How long a poll waits for something to happen, in seconds, and how much it takes.
-_WAIT_S: Final = 0.2
-_MOST: Final = 512
 
 _EXIT_CODES: Final = (
     "Exit code: 0 the source or --duration ended, 1 a finding that --fail-on names, 2 wrong use or a source that cannot be "
@@ -163,10 +162,11 @@ def command(
         )
         scrape.watch(session)
         beside.watch(session, on_screens)
-        if on_screens:
-            code = _on_screens(session, slow_ns)
-        else:
-            code = _in_lines(session, format_ or formats_for(EVENTS)[0], topics)
+        code = (
+            _on_screens(session, slow_ns)
+            if on_screens
+            else _in_lines(session, format_ or formats_for(EVENTS)[0], topics)
+        )
     return gate(session.run, fail_on, code)
 
 
@@ -230,7 +230,7 @@ def _show(session: Session, shower: Shower) -> None:
     lost = LostEvents(session, shower)
     while True:
         running = session.running  # asked before: what it does last is taken then
-        events = session.poll(_WAIT_S, _MOST)
+        events = session.poll(POLL_S, POLL_MOST)
         write_events(shower, events, lost.lines())
         if not events and not running:
             return
@@ -260,7 +260,7 @@ def _code(session: Session, interrupted: bool) -> int:
 
 
 def _screens_will_do() -> bool:
-    """Tell whether the terminal can show screens; one that cannot gets lines."""
+    """Return whether the terminal can show screens; one that cannot gets lines."""
     from dissect.monitor.terminal import will_do
 
     return will_do()

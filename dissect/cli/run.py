@@ -141,7 +141,7 @@ def _check(files: Sequence[str]) -> None:
 
 
 def _gives_once(file: str) -> bool:
-    """Tell whether a file can be read only once, as pipes can."""
+    """Return whether a file can be read only once, as pipes can."""
     path = Path(file)
     try:
         return path.exists() and not path.is_file() and not path.is_dir()
@@ -192,7 +192,7 @@ class _Interruption(Signals):
 
 
 def _in_source(frame: FrameType | None) -> bool:
-    """Tell whether a signal struck where octets are fetched: in the module that reads files, or below it."""
+    """Return whether a signal struck where octets are fetched: in the module that reads files, or below it."""
     while frame is not None:
         if frame.f_code.co_filename == reading.__file__:
             return True
@@ -251,7 +251,7 @@ class _Bar:
 
 
 def _goes_to_file() -> bool:
-    """Tell whether what is written to stdout goes to a file, and to no terminal, not even by way of a pipe into a pager."""
+    """Return whether what is written to stdout goes to a file, and to no terminal, not even by way of a pipe into a pager."""
     try:
         return stat.S_ISREG(os.fstat(sys.stdout.fileno()).st_mode)
     except (OSError, ValueError):

@@ -31,7 +31,7 @@ _CHOSE: Final = ", the server chose "
 
 
 def on_102(side: Side) -> bool:
-    """Tell whether a connection uses the port that ISO-on-TCP is registered on."""
+    """Return whether a connection uses the port that ISO-on-TCP is registered on."""
     ends = side.tcp.ends
     return ends[0].port == ISO_TSAP_PORT or ends[1].port == ISO_TSAP_PORT
 

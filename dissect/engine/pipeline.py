@@ -74,11 +74,11 @@ LOOK_OCTETS: Final = 32 * 1024 * 1024
 class Options:
     """What a user can set. ``slow_ns``: an answer later than this is slow. ``strict``: a bug of ours raises.
 
-    ``decoder`` looks for another protocol in what passes. ``overdue_ns``: a request still open after this is told at once,
+    ``decoder`` looks for another protocol in what passes. ``overdue_ns``: a request still open after this is reported at once,
     before it is known what becomes of it; 0 for never, as in a file what becomes of it is known.
 
     ``memory`` bounds the octets that all connections together keep of unfinished packets, PDUs and transactions, within
-    `LOOK_OCTETS`: when they keep more, those that hold most are given up and told (`stream.evicted`).
+    `LOOK_OCTETS`: when they keep more, those that hold most are given up and reported (`stream.evicted`).
     ``checksums``: TCP segments and UDP datagrams with a wrong checksum are left out, as their receiver did.
     ``tls_keys`` open TLS, beside those that a capture itself holds. ``naming`` knows names for addresses.
     """

@@ -151,7 +151,7 @@ class MonitorApp(App[bool]):
                 loop.remove_signal_handler(number)
 
     def action_interrupt(self) -> None:
-        """End because somebody outside wants it."""
+        """End because a signal asked for it."""
         self.exit(True)
 
     # ---- looking ----------------------------------------------------------------------------------------------------
@@ -253,7 +253,7 @@ class MonitorApp(App[bool]):
     # ---- room -------------------------------------------------------------------------------------------------------
 
     def on_resize(self, event: Resize) -> None:
-        """Share the room anew."""
+        """Divide the space again."""
         self._height = event.size.height
         self._arrange()
 
@@ -278,13 +278,13 @@ class MonitorApp(App[bool]):
     # ---- time -------------------------------------------------------------------------------------------------------
 
     def action_pause(self) -> None:
-        """Let the screen stand still, or go on."""
+        """Freeze the screen, or go on."""
         self.paused = not self.paused
         self._came_at_pause = self.model.came
         self.show()
 
     def action_freeze(self) -> None:
-        """Let the transactions stand still, or go on."""
+        """Freeze the transactions, or go on."""
         self.entries.freeze(not self.entries.frozen)
         self.show()
 

@@ -65,7 +65,7 @@ class Wanted:
         return " ".join(there if len(there) < len(tokens) else [*tokens, word])
 
     def takes(self, what: What) -> bool:
-        """Tell whether this is wanted."""
+        """Return whether this is wanted."""
         if not self.typed:
             return True
         connection = what[1] if isinstance(what, tuple) else what.connection
@@ -112,7 +112,7 @@ class Wanted:
 
 
 def is_slow(transaction: Transaction, slow_ns: int) -> bool:
-    """Tell whether an answer came later than ``slow_ns`` after its request."""
+    """Return whether an answer came later than ``slow_ns`` after its request."""
     latency = transaction.latency_ns
     return latency is not None and latency > slow_ns
 

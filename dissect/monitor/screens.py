@@ -64,11 +64,11 @@ class PageScreen(Screen[None]):
         self.foot.say("Esc back  ↑ ↓ PgUp PgDn Home End scroll  s save  q quit")
 
     def on_resize(self, _event: Resize) -> None:
-        """Say anew which lines are seen."""
+        """Show again which lines are visible."""
         self.call_after_refresh(self._place)
 
     def on_page_moved(self) -> None:
-        """Say anew which lines are seen."""
+        """Show again which lines are visible."""
         self._place()
 
     def _place(self) -> None:

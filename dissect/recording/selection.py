@@ -345,7 +345,7 @@ class Choice:
                 self._marked.setdefault(key, []).append(stretch)
 
     def takes(self, frame: int, time_ns: int, buf: bytes, start: int, end: int, link_type: int) -> bool:
-        """Tell whether packet ``frame`` is wanted. Never raises."""
+        """Return whether packet ``frame`` is wanted. Never raises."""
         if self._wants(frame, time_ns, buf, start, end, link_type):
             return True
         if self._around is None or not self._around.takes(frame, time_ns, buf, start, end, link_type):
@@ -394,7 +394,7 @@ def _addresses(key: bytes) -> bytes:
 
 
 def _carries(spans: Sequence[TimedSpan], time_ns: int, buf: bytes, packet: ip.IpPacket) -> bool:
-    """Tell whether a TCP segment carries octets of one of ``spans``."""
+    """Return whether a TCP segment carries octets of one of ``spans``."""
     at, end = int(packet.start), int(packet.end)
     if end - at < 20:
         return False

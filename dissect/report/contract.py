@@ -1,4 +1,4 @@
-"""The JSON contract of `analyze -T json`: plain values with a stable order of keys (docs/json.md, docs/schema/)."""
+"""The JSON contract of `analyze -T json`: plain values with a stable order of keys (docs/json.md, dissect/schema/)."""
 
 from __future__ import annotations
 

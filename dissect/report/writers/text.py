@@ -116,7 +116,7 @@ def _body(pdu: Pdu, naming: Naming | None) -> str:
         return f"error 0x{code:04x} {ERROR_CODES.name(code)}"
     if parameters.setup is not None:
         setup = parameters.setup
-        return f"PDU {setup.pdu_length}, AmQ {setup.max_amq_calling}/{setup.max_amq_called}"
+        return str(setup)
     if parameters.items and pdu.rosctr == JOB:
         return _requested(pdu, parameters.items, naming)
     codes = pdu.return_codes()
@@ -262,7 +262,8 @@ class TextWriter(Writer):
         if self.verbose:
             from dissect.report.tree import plus_tree_lines
 
-            self._tree(plus_tree_lines(pdu, self._whole(octets, cut)))
+            decrypted = connection.tls is not None and connection.tls.is_open
+            self._tree(plus_tree_lines(pdu, self._whole(octets, cut), decrypted))
 
     def scd_message(self, found: ScdMessage, connection: Connection) -> None:
         """Add the line of an SCD message."""
@@ -285,6 +286,6 @@ class TextWriter(Writer):
 
 
 def _says_no(pdu: Pdu) -> bool:
-    """Tell whether a PDU is damaged, or refuses something."""
+    """Return whether a PDU is damaged, or refuses something."""
     refused = [code for code in pdu.return_codes() if code != SUCCESS] if pdu.rosctr != JOB else []
     return bool(pdu.malformed or pdu.error_class > 0 or pdu.error_code > 0 or refused)
