@@ -161,21 +161,19 @@ def parse_scale(text: str) -> Scale:
         if equals:
             low, high = _range(raw)
             bottom, top = _range(scaled)
-            if high == low:
-                raise ValueError
             factor = (top - bottom) / (high - low)
             return Scale(factor, bottom - low * factor)
         cut = max(written.rfind("+"), written.rfind("-"))
         if cut > 0 and written[cut - 1] not in "eE":
             return Scale(float(written[:cut]), float(written[cut:]))
         factor = float(written)
-        if factor == 0:
-            raise ValueError
-        return Scale(factor)
-    except ValueError:
-        raise ValueError(
-            f"scale {text.strip()[:40]!r}: expected a factor (0.1), factor and shift (0.1-40), or 0..27648 = 0..100"
-        ) from None
+        if factor:
+            return Scale(factor)
+    except (ValueError, ZeroDivisionError):
+        pass
+    raise ValueError(
+        f"scale {text.strip()[:40]!r}: expected a factor (0.1), factor and shift (0.1-40), or 0..27648 = 0..100"
+    )
 
 
 def _range(text: str) -> tuple[float, float]:
