@@ -14,6 +14,7 @@ EXAMPLES: Final = {
     "transactions": (
         "s7dissect transactions --failed trace.pcapng",
         "s7dissect transactions -T csv trace.pcapng > trace.csv",
+        "s7dissect transactions --tls-keys session.keys trace.pcapng",
     ),
     "operations": (
         "s7dissect operations trace.pcapng",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import click
 
 from dissect.cli.formats import format_option, write_out
@@ -21,6 +23,7 @@ from dissect.cli.run import (
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Options
 from dissect.report.formats import TRANSACTIONS, Format
+from dissect.report.words import PROTOCOLS
 from dissect.report.writer import Choice, TransactionFeed
 from dissect.session import Run
 from dissect.tls.key_log import KeyLog
@@ -71,19 +74,18 @@ def command(
     code = drive(run, files, lambda: write_out(feed.take(int(run.pipeline.timers.oldest_held()))))
     complain(run, code)
     if not run.pipeline.exchange.dialogue.count:
-        click.echo(f"s7dissect: no S7 transaction: {_instead(run)}", err=True)
+        click.echo(f"s7dissect: no S7 transaction: {_instead(run, feed.protocols)}", err=True)
     return gate(run, fail_on, code)
 
 
-def _instead(run: Run) -> str:
+def _instead(run: Run, spoken: Mapping[str, int]) -> str:
     """Return what there was in captures without S7: packets, and connections by their protocol."""
     pipeline = run.pipeline
     ignored = pipeline.counters.packet_counts()
-    said = [f"{pipeline.frames} packets"]
-    said += [f"{ignored[name]} {text}" for name, text in _NOT_S7.items() if ignored[name]]
-    if pipeline.connections.count:
-        said.append(f"{pipeline.connections.count} ISO-on-TCP or other connections without S7 messages")
-    return ", ".join(said)
+    parts = [f"{ignored[name]} {text}" for name, text in _NOT_S7.items() if ignored[name]]
+    packets = f"{pipeline.frames} packets" + (f" ({', '.join(parts)})" if parts else "")
+    said = [f"{number} {PROTOCOLS.get(name, 'ISO-on-TCP')}" for name, number in sorted(spoken.items())]
+    return f"{packets}; connections: {', '.join(said)}" if said else packets
 
 
 _NOT_S7 = {

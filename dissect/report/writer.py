@@ -95,6 +95,11 @@ class TransactionFeed(Observer):
         self._most_characters: int = most_characters
         self._packets: list[int] = []  # for each line of the writer the packet it stands at; these ascend
         self._latest: int = 0
+        self.protocols: dict[str, int] = {}  # of the connections that are over, and how many spoke each
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Count what a connection spoke."""
+        self.protocols[connection.protocol] = self.protocols.get(connection.protocol, 0) + 1
 
     def transaction(self, transaction: Transaction) -> None:
         """Hand on a transaction."""

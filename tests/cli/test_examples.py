@@ -51,6 +51,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copy(CAPTURE, here / name)
     shutil.copy(ROOT / "captures" / "item-errors.pcapng", here / "new.pcapng")
     (here / "plant.key").write_bytes(bytes(range(32)))
+    (here / "session.keys").write_text(f"CLIENT_RANDOM {32 * '00'} {48 * '00'}\n", encoding="ascii")
     (here / "alerts.toml").write_text(ALERTS, encoding="utf-8")
     (here / "device.eds").write_bytes(DEVICE)
     (here / "bin").mkdir()

@@ -261,7 +261,8 @@ class TextWriter(Writer):
         if self.verbose:
             from dissect.report.tree import plus_tree_lines
 
-            self._tree(plus_tree_lines(pdu, self._whole(octets, cut)))
+            decrypted = connection.tls is not None and connection.tls.is_open
+            self._tree(plus_tree_lines(pdu, self._whole(octets, cut), decrypted))
 
     def scd_message(self, found: ScdMessage, connection: Connection) -> None:
         """Add the line of an SCD message."""
