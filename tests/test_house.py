@@ -34,6 +34,7 @@ ORDER: Final = (
     "bindings",
     "report",
     "recording",
+    "select",
     "anonymize",
     "session",  # analyze() folds what it reads with report.analysis
     "golden",
@@ -401,6 +402,7 @@ def test_importing_is_cheap(statement: str) -> None:
         "scapy",
         "rich",
         "msgspec",
+        "lark",
         "pyshark",
         "asyncio",
         "logging",

@@ -10,13 +10,15 @@ import click
 
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import read_where, where_option
 from dissect.cli.options.tls import tls_option
-from dissect.cli.run import complain, drive, files_argument
+from dissect.cli.run import complain, drive, files_argument, places_of
 from dissect.cli.second_pass import check_files, name_of, written_whole
 from dissect.report.slugs import slugs_of
 
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
+    from dissect.engine.observer import Observer
     from dissect.recording.cutter import Around, Cutter
     from dissect.recording.selection import Choice
     from dissect.recording.window import Window
@@ -82,6 +84,13 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
 @click.option(
     "-o", "--output", "output", required=True, metavar="OUT", help="The pcapng file to write; - is standard output."
 )
+@where_option(
+    "packet",
+    "transaction",
+    "finding",
+    help="Only packets that this expression selects by their own fields, or by those of the transactions they carry (see "
+    "`s7dissect help select`); narrows what other options select.",
+)
 @_numbers("--connection", "Packets of connection N of the analyze report, including its TCP handshake and end.")
 @_numbers(
     "--transaction",
@@ -126,6 +135,7 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
 def command(
     files: tuple[str, ...],
     output: str,
+    where: str | None,
     connection: tuple[int, ...],
     transaction: tuple[int, ...],
     findings: tuple[frozenset[int], frozenset[str]],
@@ -147,7 +157,9 @@ def command(
     Several files are read as one capture and written to one OUT.
     """
     from dissect.engine.pipeline import Options
+    from dissect.live.run import Fanout
     from dissect.recording.selection import Selection, Wanted
+    from dissect.select.packets import PacketSelection
     from dissect.session import Run
 
     check_files(files, output, force)
@@ -155,7 +167,13 @@ def command(
     if context and not transaction:
         raise click.UsageError("--context needs --transaction.")
     selection = Selection(wanted, comments=not plain, context=context)
-    run = Run(files, selection, Options(decoder=decoder, tls_keys=tls_keys))
+    chosen = read_where(where, kinds=("packet", "transaction", "finding"))
+    packets = PacketSelection(chosen) if chosen is not None else None
+    observer = Fanout([selection, packets], _failed) if packets is not None else selection
+    run = Run(files, observer, Options(decoder=decoder, tls_keys=tls_keys))
+    if chosen is not None:
+        chosen.context.start = lambda: int(run.pipeline.first_ns)
+        chosen.context.number = places_of(run, files).number
     code = drive(run, files)
     if code == EXIT_INTERRUPTED:
         click.echo(f"s7dissect: interrupted; {name_of(output)} was not written", err=True)
@@ -170,7 +188,15 @@ def command(
             f"s7dissect: of {selection.uncertain} messages only the last packet is known; earlier ones may be missing from OUT",
             err=True,
         )
-    return _write(files, output, selection.choice(*times), around) or code
+    choice = selection.choice(*times)
+    if packets is not None:
+        choice.narrow(packets.test())
+    return _write(files, output, choice, around) or code
+
+
+def _failed(_observer: Observer, error: Exception) -> None:
+    """Let an error of one of two observers be told as that of one alone is."""
+    raise error
 
 
 def _write(files: Sequence[str], output: str, choice: Choice, around: Around) -> int:

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 import click
 
 from dissect.cli.formats import format_option, write_outcome
-from dissect.cli.golden import read_capture
+from dissect.cli.golden import read_capture, refuse_selection
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tls import tls_option
 from dissect.engine.pipeline import Options
 from dissect.golden.comparison import differences
@@ -66,6 +67,7 @@ _IGNORABLE = "\n".join(
     show_default=True,
     help="Maximum number of differences.",
 )
+@select_options("transaction", "connection")
 @scd_options
 @tls_option
 def command(
@@ -76,6 +78,7 @@ def command(
     latency: str | None,
     most: int,
     decoder: PayloadDecoder | None,
+    chosen: Chosen,
     tls_keys: KeyLog | None,
 ) -> int:
     """Report what changed from A to B, each a capture or a golden (see `s7dissect golden`).
@@ -91,8 +94,8 @@ def command(
         raise click.UsageError("only one of A and B can be standard input.")
     reading = Options(decoder=decoder, tls_keys=tls_keys)
     try:
-        a, code_a = _load(first, reading)
-        b, code_b = _load(second, reading)
+        a, code_a = _load(first, reading, chosen)
+        b, code_b = _load(second, reading, chosen)
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
     if EXIT_INTERRUPTED in {code_a, code_b}:
@@ -106,10 +109,11 @@ def command(
     return EXIT_GATE if shown or rest else EXIT_OK
 
 
-def _load(path: str, options: Options) -> tuple[Session, int]:
+def _load(path: str, options: Options, chosen: Chosen) -> tuple[Session, int]:
     if path != "-" and Path(path).is_file() and is_golden(path):
+        refuse_selection(path, chosen)
         return load_golden(path), EXIT_OK
-    return read_capture((path,), options)
+    return read_capture((path,), options, chosen)
 
 
 class Comparison(Outcome):

@@ -13,6 +13,7 @@ EXAMPLES: Final = {
     ),
     "transactions": (
         "s7dissect transactions --failed trace.pcapng",
+        "s7dissect transactions -Y 'port == 102 and not failed' -c 5 trace.pcapng",
         "s7dissect transactions -T csv trace.pcapng > trace.csv",
         "s7dissect transactions --tls-keys session.keys trace.pcapng",
     ),
@@ -97,6 +98,10 @@ EXAMPLES: Final = {
     "scd encode": (
         "s7dissect scd encode -d plant.scd --message read 0x6041 --tid 7",
         "s7dissect scd encode -d plant.scd --value 0x6001 0x05DC",
+    ),
+    "fields": (
+        "s7dissect fields",
+        "s7dissect fields function latency",
     ),
     "schema": (
         "s7dissect schema",

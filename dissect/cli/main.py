@@ -47,6 +47,7 @@ COMMANDS: Final = {
     "serve": "Fake PLC that answers like a recorded one.",
     "replay": "Play a recorded client to a server, check the answers.",
     "scd": "SCD dictionaries: compile, check, decode, encode.",
+    "fields": "List the fields of -Y expressions and -T fields.",
     "schema": "JSON Schemas of the machine-readable outputs.",
     "help": "Show the manual page of a command or topic.",
 }

@@ -15,6 +15,8 @@ from dissect.cli.main import EXIT_DAMAGED, EXIT_OK, EXIT_OUTPUT
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.watching import (
+    POLL_MOST,
+    POLL_S,
     Interruption,
     LostEvents,
     Shower,
@@ -38,9 +40,6 @@ if TYPE_CHECKING:
     from dissect.proxy.source import RelayReader
     from dissect.tls.key_log import KeyLog
 
-#: How long a poll waits for something to happen, in seconds, and how much it takes.
-_WAIT_S: Final = 0.2
-_MOST: Final = 512
 #: How soon what passed is taken in while something is dissected, in seconds; Python's own is 5 ms.
 _TURN_S: Final = 0.000_1
 #: How long the relay may take to end, in seconds.
@@ -221,7 +220,7 @@ class _Proxy:
         self._lines = lines
 
     def run(self, to: Address) -> int:
-        """Relay and tell until a signal; return the exit code."""
+        """Relay and report until a signal; return the exit code."""
         turn = sys.getswitchinterval()
         sys.setswitchinterval(_TURN_S)
         try:
@@ -246,7 +245,7 @@ class _Proxy:
             running, relaying = self._session.running, self._relay.is_alive()  # asked before: what comes last is taken
             if not relaying:
                 self._reader.stop()
-            self._lines.show(self._session.poll(_WAIT_S, _MOST))
+            self._lines.show(self._session.poll(POLL_S, POLL_MOST))
             if running or self._session.waiting:
                 continue
             if not relaying:
@@ -254,7 +253,7 @@ class _Proxy:
             if not told:
                 told = True
                 _say(f"the dissection failed: {self._session.error!r}; traffic is still relayed")
-            self._relay.join(_WAIT_S)
+            self._relay.join(POLL_S)
 
     def _code(self) -> int:
         if self._relay.error:

@@ -86,8 +86,12 @@ def places_of(run: Run, files: Sequence[str]) -> Places:
 # ---- the drive ------------------------------------------------------------------------------------------------------
 
 
-def drive(run: Run, files: Sequence[str], each: Callable[[], None] | None = None) -> int:
+def drive(
+    run: Run, files: Sequence[str], each: Callable[[], None] | None = None, done: Callable[[], bool] | None = None
+) -> int:
     """Read every file of ``run``, call ``each`` after each step, and return the exit code.
+
+    When ``done`` returns True after a step, no more is read: there is all that was asked for.
 
     An interruption (SIGINT, SIGTERM) ends the reading between two steps, or while input is awaited; what was read is kept and
     reported, and the exit code says so. Raises `CaptureError` before anything is read if one of ``files`` is not a capture.
@@ -103,6 +107,8 @@ def drive(run: Run, files: Sequence[str], each: Callable[[], None] | None = None
                 if each is not None:
                     each()
                 bar.show(run)
+                if done is not None and done():
+                    break
             if interruption.asked:
                 code = EXIT_INTERRUPTED
     except KeyboardInterrupt:
@@ -140,7 +146,7 @@ def _check(files: Sequence[str]) -> None:
 
 
 def _gives_once(file: str) -> bool:
-    """Tell whether a file can be read only once, as pipes can."""
+    """Return whether a file can be read only once, as pipes can."""
     path = Path(file)
     try:
         return path.exists() and not path.is_file() and not path.is_dir()
@@ -191,7 +197,7 @@ class _Interruption(Signals):
 
 
 def _in_source(frame: FrameType | None) -> bool:
-    """Tell whether a signal struck where octets are fetched: in the module that reads files, or below it."""
+    """Return whether a signal struck where octets are fetched: in the module that reads files, or below it."""
     while frame is not None:
         if frame.f_code.co_filename == reading.__file__:
             return True
@@ -250,7 +256,7 @@ class _Bar:
 
 
 def _goes_to_file() -> bool:
-    """Tell whether what is written to stdout goes to a file, and to no terminal, not even by way of a pipe into a pager."""
+    """Return whether what is written to stdout goes to a file, and to no terminal, not even by way of a pipe into a pager."""
     try:
         return stat.S_ISREG(os.fstat(sys.stdout.fileno()).st_mode)
     except (OSError, ValueError):

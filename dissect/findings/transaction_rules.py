@@ -14,7 +14,7 @@ from mypy_extensions import i64
 from dissect.findings.reporter import Reporter
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
-from dissect.s7.parameters import GROUP_PBC, Parameters
+from dissect.s7.parameters import Parameters
 from dissect.s7.tables import (
     ACK_DATA,
     ANSWER_TRANSPORT_SIZE,
@@ -23,6 +23,7 @@ from dissect.s7.tables import (
     CPU_SERVICES,
     DB_AREAS,
     FUNCTIONS,
+    GROUP_PBC,
     JOB,
     NUMBERED_AREAS,
     RECORD_AREA,
@@ -142,7 +143,7 @@ _DATA_CODES: Final = 256
 
 
 def judge_transaction(judge: Reporter, transaction: Transaction, slow_ns: i64) -> None:
-    """Note what is odd about a transaction that is not open any more. Call it for odd ones only: it is the slow path."""
+    """Note what is odd about a transaction that is no longer open. Call it for odd ones only: it is the slow path."""
     if transaction.outcome == ANSWERED:
         _judge_flags(judge, transaction)
         latency: int = transaction.response_ns - transaction.request_ns

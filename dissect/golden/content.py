@@ -7,7 +7,6 @@ from typing import Final
 
 from dissect.golden.asked import other_items
 from dissect.golden.exchange import PLUS, S7, SCD, Exchange, ItemRecord
-from dissect.golden.forms import setup_text
 from dissect.golden.keys import subject
 from dissect.golden.model import Transaction
 from dissect.golden.phrases import Change, code_text, item_state, octets_change, outcome, short, value_change
@@ -17,7 +16,7 @@ from dissect.s7.blocks import BLOCK_COUNT, LISTED_BLOCK
 from dissect.s7.message import Pdu
 from dissect.s7.parameters import Setup
 from dissect.s7.tables import DATA_TRANSPORT_SIZES, READ_VAR, SETUP_COMMUNICATION, WRITE_VAR
-from dissect.wire.layout import FieldValue
+from dissect.wire.layout import HOLDS_TIME, FieldValue
 from dissect.wire.part import Part
 
 #: Types of items whose values tell a time.
@@ -117,7 +116,7 @@ def answer_changes(a: Transaction, b: Transaction) -> Iterator[Change]:
 
 def _setup(verb: str, was: Setup | None, is_: Setup | None) -> Iterator[Change]:
     if was is not None and is_ is not None and was.as_dict() != is_.as_dict():
-        old, new = setup_text(was), setup_text(is_)
+        old, new = str(was), str(is_)
         yield Change(
             "negotiation", f"{'requested' if verb == 'asks' else verb}: was {old}, is {new}", old, new, address=verb
         )
@@ -190,8 +189,7 @@ def _field(half: str, part: Part, was: FieldValue, is_: FieldValue, exchange: Ex
     old, new = _meaning(was), _meaning(is_)
     if old == new or (was.octets is not None and is_.octets is not None and not was.meaning):
         old, new = octets_change(was.octets or b"", is_.octets or b"")
-    timely = "clock" in name or "time" in was.field.name or "date" in was.field.name
-    kind = "time" if timely else "contents"
+    kind = "time" if was.field.holds == HOLDS_TIME else "contents"
     targets = (name, exchange.function_name)
     return Change(
         kind,

@@ -17,7 +17,6 @@ from dissect.golden.forms import (
     build_answer,
     build_request,
     item_text,
-    setup_text,
     usual_size,
 )
 from dissect.golden.model import Link, Session, Transaction
@@ -167,9 +166,9 @@ def _exchange_lines(exchange: Exchange) -> Iterator[str]:
     if form == "SETUP":
         asked, told = exchange.setup
         if asked is not None:
-            yield f"  asks {setup_text(asked)}"
+            yield f"  asks {asked}"
         if told is not None and _plain_setup(exchange):
-            yield f"  gets {setup_text(told)}"
+            yield f"  gets {told}"
         elif exchange.response:
             yield from _half("answer", exchange)
     elif form:

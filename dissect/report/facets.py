@@ -77,10 +77,10 @@ class S7Facet(Facet):
             return ""
         answer = transaction.response_parameters
         granted = answer.setup if answer is not None else None
-        wish = f"PDU {asked.pdu_length}, AmQ {asked.max_amq_calling}/{asked.max_amq_called}"
+        wish = str(asked)
         if granted is None or transaction.outcome != ANSWERED:
             return f"asks {wish}"
-        given = f"PDU {granted.pdu_length}, AmQ {granted.max_amq_calling}/{granted.max_amq_called}"
+        given = str(granted)
         return f"granted {given}" if given == wish else f"asks {wish}, granted {given}"
 
     def statistics(self, code: int) -> dict[str, object]:

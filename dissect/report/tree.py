@@ -86,7 +86,10 @@ def netlink_tree_lines(octets: bytes) -> Iterator[str]:
 
 
 def plus_tree_lines(pdu: PlusPdu, packet: bytes, decrypted: bool = False) -> Iterator[str]:
-    """Yield the tree of an S7comm-plus PDU and the hex view below it; ``packet`` as for `tree_lines`, empty where ``decrypted``."""
+    """Yield the tree of an S7comm-plus PDU and the hex view below it.
+
+    ``packet`` as for `tree_lines`, empty where the PDU was ``decrypted``.
+    """
     whole = packet or pdu.octets
     base = len(whole) - len(pdu.octets)
     if packet:

@@ -8,11 +8,12 @@ from mypy_extensions import i64
 
 from dissect.iso.cotp import Tpdu
 from dissect.iso.tsap import Tsap
-from dissect.s7.parameters import GROUP_PBC, Parameters, Setup
+from dissect.s7.parameters import Parameters, Setup
 from dissect.s7.tables import (
     DOWNLOAD_BLOCK,
     DOWNLOAD_ENDED,
     END_UPLOAD,
+    GROUP_PBC,
     PI_SERVICE,
     PLC_STOP,
     READ_VAR,
@@ -37,6 +38,7 @@ PROBING: Final = 0
 ISO: Final = 1  # apart from the others because nearly every packet asks for it
 FOREIGN: Final = 2  # only counted
 FOLLOWED: Final = 3  # read by another protocol of the engine: IBH-NetLink, SCD where a port is bound to it
+LEFT_OUT: Final = 4  # recognised and numbered, but not selected: nothing of it is read
 
 #: `Connection.dt_limit` while nothing is known against any size.
 NO_LIMIT: Final = 0x7FFFFFFF
@@ -67,7 +69,7 @@ MAX_REMEMBERED: Final = 256
 class Writes:
     """The latest writes of a connection: how many they are, and a sample of them.
 
-    ``count`` counts all writes ever; the others begin anew with each look: ``since_ns`` and ``pdus`` are the time and the PDUs
+    ``count`` counts all writes ever; the others start over with each look: ``since_ns`` and ``pdus`` are the time and the PDUs
     of the connection when it began, ``variables`` and ``answer_ns`` the requests of the sample and the time their answers took.
     """
 
@@ -101,7 +103,7 @@ class Traits:
         self.loaded: set[str] = set()
 
     def first(self, slug: str) -> bool:
-        """Tell whether ``slug`` is said for the first time on this connection, and remember that it was."""
+        """Return whether ``slug`` is said for the first time on this connection, and remember that it was."""
         if slug in self.told:
             return False
         self.told.add(slug)

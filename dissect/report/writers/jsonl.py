@@ -120,10 +120,9 @@ def function_text(parameters: Parameters) -> str:
     """Return the ``function`` object of a parameter block of S7comm, and for userdata the ``userdata`` object after it."""
     if not parameters.fragment:
         code: i64 = parameters.function
-        if code < 0:
-            text = '{"code":null,"name":null}'
-        else:
-            text = f'{{"code":{code},"name":{json_text(FUNCTIONS.name(code))}}}'
+        text = (
+            '{"code":null,"name":null}' if code < 0 else f'{{"code":{code},"name":{json_text(FUNCTIONS.name(code))}}}'
+        )
         userdata = parameters.userdata
         if userdata is not None:
             text += f',"userdata":{userdata_text(userdata)}'

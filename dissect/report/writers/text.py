@@ -115,7 +115,7 @@ def _body(pdu: Pdu) -> str:
         return f"error 0x{code:04x} {ERROR_CODES.name(code)}"
     if parameters.setup is not None:
         setup = parameters.setup
-        return f"PDU {setup.pdu_length}, AmQ {setup.max_amq_calling}/{setup.max_amq_called}"
+        return str(setup)
     if parameters.items and pdu.rosctr == JOB:
         return _requested(pdu, parameters.items)
     codes = pdu.return_codes()
@@ -285,6 +285,6 @@ class TextWriter(Writer):
 
 
 def _says_no(pdu: Pdu) -> bool:
-    """Tell whether a PDU is damaged, or refuses something."""
+    """Return whether a PDU is damaged, or refuses something."""
     refused = [code for code in pdu.return_codes() if code != SUCCESS] if pdu.rosctr != JOB else []
     return bool(pdu.malformed or pdu.error_class > 0 or pdu.error_code > 0 or refused)
