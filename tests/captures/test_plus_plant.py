@@ -74,4 +74,4 @@ def test_metrics_count_its_functions_and_operations() -> None:
         "control": 2, "cyclic": 1, "download": 1, "polling": 1, "session": 2,
     }  # fmt: skip
     names = {row.name for row in metrics.functions.rows.values()}
-    assert {"S7comm-plus GetMultiVariables", "S7comm-plus notification"} <= names
+    assert {"GetMultiVariables", "CreateObject", "SetVariable"} <= names
