@@ -56,7 +56,7 @@ def open_interface(
         if beside.directory is not None:
             privileges.check_writable(beside.directory, become)
         if on_screens and not privileges.program_readable():
-            raise privileges.unreadable(become)
+            raise privileges.unreadable(become)  # noqa: TRY301 - one way to clean up
     except BaseException:
         reader.close()
         raise

@@ -176,7 +176,7 @@ class Connection:
         "unsolicited",
     )
 
-    def __init__(self, number: i64, tcp: TcpConnection) -> None:
+    def __init__(self, number: i64, tcp: TcpConnection) -> None:  # noqa: PLR0915 - one statement per attribute
         self.number: i64 = number
         self.tcp: TcpConnection = tcp
         self.udp: bool = False  # a conversation over UDP, which has no beginning and no end

@@ -100,7 +100,7 @@ def relinquish(user: User | None) -> None:
         library = ctypes.CDLL(None, use_errno=True)
         header = (ctypes.c_uint32 * 2)(_CAPABILITY_VERSION, 0)
         if library.capset(header, (ctypes.c_uint32 * 6)()) or library.prctl(_SET_NO_NEW_PRIVS, 1, 0, 0, 0):
-            raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+            raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))  # noqa: TRY301 - as any other
     except OSError as error:
         who = f"become {user}" if user is not None else "give up its rights"
         raise LiveError(
