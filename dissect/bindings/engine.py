@@ -21,8 +21,7 @@ from dissect.bindings.streams import cut_stream, skip_hole
 from dissect.engine.exchange import PayloadDecoder
 from dissect.iso.upper import SCD as UPPER_SCD
 from dissect.iso.upper import UPPER_NAMES
-from dissect.s7.parameters import GROUP_PBC
-from dissect.s7.tables import JOB, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
+from dissect.s7.tables import GROUP_PBC, JOB, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
 from dissect.transactions.multipart import Joiner
 from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.wire.text import encodable, printable

@@ -78,16 +78,21 @@ def write(lines: Iterable[str]) -> None:
 
 def places_of(run: Run, files: Sequence[str]) -> Places:
     """Return how packets of ``run`` over ``files`` are named; it may be asked while the run goes on."""
+    from dissect.cli.configuration import hosts
     from dissect.report.words import Places
 
-    return Places(run.files, len(files) > 1)
+    return Places(run.files, len(files) > 1, hosts())
 
 
 # ---- the drive ------------------------------------------------------------------------------------------------------
 
 
-def drive(run: Run, files: Sequence[str], each: Callable[[], None] | None = None) -> int:
+def drive(
+    run: Run, files: Sequence[str], each: Callable[[], None] | None = None, done: Callable[[], bool] | None = None
+) -> int:
     """Read every file of ``run``, call ``each`` after each step, and return the exit code.
+
+    When ``done`` returns True after a step, no more is read: there is all that was asked for.
 
     An interruption (SIGINT, SIGTERM) ends the reading between two steps, or while input is awaited; what was read is kept and
     reported, and the exit code says so. Raises `CaptureError` before anything is read if one of ``files`` is not a capture.
@@ -103,6 +108,8 @@ def drive(run: Run, files: Sequence[str], each: Callable[[], None] | None = None
                 if each is not None:
                     each()
                 bar.show(run)
+                if done is not None and done():
+                    break
             if interruption.asked:
                 code = EXIT_INTERRUPTED
     except KeyboardInterrupt:

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 
 _TOPICS: Final = ("connections", "transactions", "operations", "findings", "scd")
 
+#: How long a poll waits for something to happen, in seconds, and how much it takes.
+POLL_S: Final = 0.2
+POLL_MOST: Final = 512
+
 
 def _topics(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[str, ...]:
     topics = tuple([topic.strip() for topic in value.split(",")]) if value else ()

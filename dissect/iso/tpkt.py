@@ -475,10 +475,7 @@ class Framer:
         """
         found: i64 = -1
         candidates: list[int] = []
-        if segment_start and plausible(octets, fresh, end):
-            found = fresh
-        else:
-            found = self._settle(octets, end, candidates)
+        found = fresh if segment_start and plausible(octets, fresh, end) else self._settle(octets, end, candidates)
         here: i64 = octets.find(b"\x03\x00", fresh) if found < 0 else -1
         while here >= 0:
             judged: i64 = judge_beginning(octets, here, end)

@@ -15,6 +15,7 @@ from dissect.oracle.facts import Fact, Place, Record, Value
 from dissect.oracle.grounds import Case, Evidence
 from dissect.oracle.known import explain
 from dissect.oracle.ours import Witness, take_joined
+from dissect.oracle.plus import PlusProof
 from dissect.oracle.theirs import Frame
 from dissect.oracle.tshark import OracleError, Reader, read_tshark
 
@@ -61,7 +62,7 @@ class Comparison:
     ``other`` counts the fields that Wireshark shows in bodies under names that no layout of ours has, ``again`` those of them
     whose octets stand in a field that is compared;
     ``not_comparable`` the PDUs that Wireshark cannot be asked about, by the reason. ``loss`` says what of the capture could not
-    be read and so was not compared, empty when all of it was.
+    be read and so was not compared, empty when all of it was. ``plus`` is what the PDUs of S7comm-plus prove themselves.
     """
 
     def __init__(self) -> None:
@@ -72,6 +73,7 @@ class Comparison:
         self.differences: list[Difference] = []
         self.not_comparable: Counter[str] = Counter()
         self.loss = ""
+        self.plus = PlusProof()
 
     @property
     def unexplained(self) -> list[Difference]:
@@ -91,6 +93,7 @@ class _Bench:
         self.result = Comparison()
         self.result.not_comparable += witness.not_comparable
         self.result.loss = witness.loss
+        self.result.plus = witness.plus
         self._evidence = Evidence(path, witness.found)
         self._lonely: dict[str, tuple[list[Record], list[tuple[Record, Frame]]]] = {
             facts.TPDU: ([], []),
@@ -119,9 +122,9 @@ class _Bench:
             self._match(ours, theirs, True)
             self._match(ours, theirs, False)
             for record in ours:
-                self._differ(_WHOLE, record.octets, None, record, None, None)
+                self.result.differences.append(self._difference(_WHOLE, record.octets, None, record, None, None))
             for record, frame in theirs:
-                self._differ(_WHOLE, None, record.octets, None, record, frame)
+                self.result.differences.append(self._difference(_WHOLE, None, record.octets, None, record, frame))
         self.result.differences.sort(key=lambda difference: (difference.frame, difference.kind, difference.field))
         return self.result
 
@@ -148,7 +151,7 @@ class _Bench:
         self.result.other += theirs.other
         self.result.again += theirs.again
         if ours.octets != theirs.octets:
-            self._differ(_OCTETS, ours.octets, theirs.octets, ours, theirs, frame)
+            self.result.differences.append(self._difference(_OCTETS, ours.octets, theirs.octets, ours, theirs, frame))
         if theirs.joined:
             take_joined(ours, theirs.joined)
         for place in sorted(ours.facts.keys() | theirs.facts.keys()):
@@ -158,21 +161,12 @@ class _Bench:
                 self.result.fields += 1
                 if mine.offset != other.offset:
                     where = Place(place.part, place.number, f"position of {place.name}")
-                    self._differ(where, mine.offset, other.offset, ours, theirs, frame)
+                    self.result.differences.append(
+                        self._difference(where, mine.offset, other.offset, ours, theirs, frame)
+                    )
             if mine is None or other is None or not _same(mine.value, other.value):
                 told = mine.value if mine is not None else None, other.value if other is not None else None
-                self._differ(place, *told, ours, theirs, frame)
-
-    def _differ(
-        self,
-        place: Place,
-        mine: Value | None,
-        other: Value | None,
-        ours: Record | None,
-        theirs: Record | None,
-        frame: Frame | None,
-    ) -> None:
-        self.result.differences.append(self._difference(place, mine, other, ours, theirs, frame))
+                self.result.differences.append(self._difference(place, *told, ours, theirs, frame))
 
     def _difference(
         self,

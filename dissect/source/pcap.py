@@ -221,7 +221,7 @@ class PcapReader(ChunkReader):
         self._begun = True
         self._pos = _FILE_HEADER
 
-    def _scan(self, sink: PacketSink) -> None:  # noqa: PLR0915 - the loop over records; a call each would cost
+    def _scan(self, sink: PacketSink) -> None:
         """Deliver every whole record in the buffer."""
         buf = self._buf
         size: i64 = len(buf)

@@ -14,10 +14,10 @@ from typing import Final
 
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.message import Pdu
-from dissect.s7.parameters import GROUP_PBC, RESPONSE, UserdataHead
-from dissect.s7.pbc import BSEND, BSEND_LENGTH, goes_on
+from dissect.s7.parameters import RESPONSE, UserdataHead
+from dissect.s7.pbc import BSEND_LENGTH, goes_on
 from dissect.s7.syntaxes import PBC_ID
-from dissect.s7.tables import USERDATA
+from dissect.s7.tables import BSEND, GROUP_PBC, USERDATA
 from dissect.transactions.transaction import Transaction
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part

@@ -27,6 +27,8 @@ TEST_JOB: Final = "test_job"
 PASSWORD: Final = "password"  # noqa: S105 - the name of a kind, no secret
 SESSION: Final = "session"
 DELETE: Final = "delete"
+CONTROL: Final = "control"
+POLLING: Final = "polling"
 #: Every kind with a sentence.
 KINDS: Final[dict[str, str]] = {
     CONNECT: "A connection is set up: TCP, COTP and Setup communication.",
@@ -40,6 +42,8 @@ KINDS: Final[dict[str, str]] = {
     PASSWORD: "A password is sent to the PLC.",
     SESSION: "A client opens an S7comm-plus session and later deletes it.",
     DELETE: "A block is deleted from the PLC.",
+    CONTROL: "A client stops or starts the PLC, or resets its memory.",
+    POLLING: "A client reads the same S7comm-plus variables again and again.",
 }
 
 # How an operation ended.

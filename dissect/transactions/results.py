@@ -20,6 +20,8 @@ from dissect.s7.tables import (
     ACK,
     ACK_DATA,
     ANSWER_TRANSPORT_SIZE,
+    GROUP_CYCLIC,
+    GROUP_TEST,
     READ_VAR,
     RECORD_AREA,
     S7ANY,
@@ -252,8 +254,6 @@ def error_code(rosctr: i64, octets: bytes, parameters: Parameters) -> i64:
     return 0
 
 
-GROUP_TEST: Final = 1
-GROUP_CYCLIC: Final = 2
 #: Subfunctions of the cyclic services that have items: cyclic transfer, change driven transfer, its modification.
 CYCLIC_ITEMS: Final = frozenset((0x01, 0x05, 0x07))
 VARIABLE_STATUS: Final = 0x02

@@ -56,6 +56,13 @@ class Part:
                 return value
         return None
 
+    def holding(self, holds: str) -> FieldValue | None:
+        """Return the first field that holds ``holds`` (`Field.holds`), None when the part was cut before it or has none."""
+        for value in self.values:
+            if value.field.holds == holds:
+                return value
+        return None
+
     def number(self, name: str) -> int:
         """Return the number in a field, -1 when it is not there."""
         found = self.find(name)

@@ -228,7 +228,7 @@ def test_pause_holds_the_screen_and_not_the_capture() -> None:
     drive(session, act)
 
 
-@pytest.mark.parametrize("key", ["f", "up"])
+@pytest.mark.parametrize("key", ["F", "up"])
 def test_freezing_holds_the_transactions_alone(key: str) -> None:
     session, more = two_parts()
 

@@ -155,8 +155,8 @@ class Beside:
         from dissect.alerts.engine import AlertEngine
         from dissect.alerts.loading import load_rules
         from dissect.baseline.loading import load_baseline
-        from dissect.baseline.plant_file import PlantFileError
         from dissect.live.alerting import AlertCompanion
+        from dissect.scd.user_file import FileError
 
         try:
             rules = load_rules(path)
@@ -164,8 +164,8 @@ class Beside:
             dispatcher = Dispatcher(rules.actions, write=self._say, tell=self._say)
             self.made += dispatcher.prepare()
             return AlertCompanion(AlertEngine(rules, baseline, dispatcher.submit), dispatcher)
-        except PlantFileError as error:
-            raise click.ClickException(printable(str(error))) from None
+        except FileError as error:
+            raise click.ClickException(str(error)) from None
 
     def _say(self, line: str) -> None:
         """Show an alert, or a message about one, where it will be seen."""
