@@ -17,7 +17,7 @@ from dissect.cli.options.monitor import beside_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.rights import check_user, open_interface
-from dissect.cli.run import checksums_option
+from dissect.cli.run import checksums_option, slow_option
 from dissect.cli.scrape import Scrape, allow_remote_option, metrics_option
 from dissect.cli.watching import (
     POLL_MOST,
@@ -28,7 +28,6 @@ from dissect.cli.watching import (
     new_shower,
     only_option,
     overdue_option,
-    slow_option,
     write_events,
 )
 from dissect.report.formats import EVENTS, Format, formats_for

@@ -14,6 +14,7 @@ from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_DAMAGED, EXIT_OK, EXIT_OUTPUT
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.tls import tls_option
+from dissect.cli.run import slow_option
 from dissect.cli.watching import (
     POLL_MOST,
     POLL_S,
@@ -23,7 +24,6 @@ from dissect.cli.watching import (
     new_shower,
     only_option,
     overdue_option,
-    slow_option,
     write_events,
 )
 from dissect.report.formats import EVENTS, Format, formats_for
