@@ -32,6 +32,7 @@ ORDER: Final = (
     "findings",
     "engine",
     "bindings",
+    "tags",
     "report",
     "recording",
     "select",

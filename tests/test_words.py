@@ -23,6 +23,8 @@ ROOMS: Final = (
     "golden",
     "metrics",
     "testing",
+    "tags",
+    "config",
 )
 #: Phrases of translated English, and words that are not the field's.
 BANNED: Final = re.compile(

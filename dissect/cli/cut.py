@@ -11,6 +11,7 @@ import click
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import read_where, where_option
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import complain, drive, files_argument, places_of
 from dissect.cli.second_pass import check_files, name_of, written_whole
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from dissect.recording.selection import Choice
     from dissect.recording.window import Window
     from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, or nothing to write, 3 a damaged or truncated file "
@@ -131,6 +133,7 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
 )
 @click.option("--force", is_flag=True, help="Overwrite OUT if it exists (never a FILE).")
 @scd_options
+@tag_options
 @tls_option
 def command(
     files: tuple[str, ...],
@@ -145,6 +148,7 @@ def command(
     plain: bool,
     force: bool,
     decoder: PayloadDecoder | None,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
     """Extract part of a capture to a pcapng file, with findings as comments on their packets.
@@ -170,7 +174,7 @@ def command(
     chosen = read_where(where, kinds=("packet", "transaction", "finding"))
     packets = PacketSelection(chosen) if chosen is not None else None
     observer = Fanout([selection, packets], _failed) if packets is not None else selection
-    run = Run(files, observer, Options(decoder=decoder, tls_keys=tls_keys))
+    run = Run(files, observer, Options(decoder=decoder, tls_keys=tls_keys, naming=naming))
     if chosen is not None:
         chosen.context.start = lambda: int(run.pipeline.first_ns)
         chosen.context.number = places_of(run, files).number

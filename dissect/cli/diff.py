@@ -15,6 +15,7 @@ from dissect.cli.golden import read_capture, refuse_selection
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.engine.pipeline import Options
 from dissect.golden.comparison import differences
@@ -30,6 +31,7 @@ from dissect.wire.text import encodable, printable
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
     from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
 
 DIFF_SCHEMA = "s7dissect.diff/1"
 
@@ -69,6 +71,7 @@ _IGNORABLE = "\n".join(
 )
 @select_options("transaction", "connection")
 @scd_options
+@tag_options
 @tls_option
 def command(
     first: str,
@@ -79,6 +82,7 @@ def command(
     most: int,
     decoder: PayloadDecoder | None,
     chosen: Chosen,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
     """Report what changed from A to B, each a capture or a golden (see `s7dissect golden`).
@@ -87,7 +91,7 @@ def command(
     Times, addresses and reference numbers are not compared; answer times only with --latency.
     """
     try:
-        options = DiffOptions([part for text in ignore for part in text.split(",") if part], latency)
+        options = DiffOptions([part for text in ignore for part in text.split(",") if part], latency, naming)
     except ValueError as error:
         raise click.UsageError(str(error)) from None
     if first == "-" and second == "-":

@@ -21,6 +21,22 @@ EXAMPLES: Final = {
         "s7dissect operations trace.pcapng",
         "s7dissect operations --kind download --kind upload trace.pcapng",
     ),
+    "tags": (
+        "s7dissect tags check plc_tags.xlsx tank.awl",
+        "s7dissect transactions --tags plc_tags.xlsx trace.pcapng",
+    ),
+    "tags check": (
+        "s7dissect tags check symbols.asc tank.awl",
+        "s7dissect tags check --capture trace.pcapng plc_tags.xlsx",
+    ),
+    "tags list": (
+        "s7dissect tags list symbols.asc tank.awl",
+        "s7dissect tags list -T json plc_tags.xlsx",
+    ),
+    "tags convert": (
+        "s7dissect tags convert symbols.asc tank.awl -o tags.csv",
+        "s7dissect tags convert --tags-encoding cp1251 plc_tags.sdf",
+    ),
     "show": (
         "s7dissect show -V --frame 17 trace.pcapng",
         "s7dissect show -T jsonl trace.pcapng",

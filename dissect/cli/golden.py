@@ -11,6 +11,7 @@ import click
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import complain, drive, files_argument, write
 from dissect.engine.pipeline import Options
@@ -23,6 +24,7 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
     from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, or an unreadable or unwritable file, 3 a damaged or truncated file (what could be read "
@@ -57,6 +59,7 @@ def choices(known: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
 )
 @select_options("transaction", "connection")
 @scd_options
+@tag_options
 @tls_option
 def command(
     files: tuple[str, ...],
@@ -64,6 +67,7 @@ def command(
     extras: frozenset[str],
     decoder: PayloadDecoder | None,
     chosen: Chosen,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
     """Write the session in a capture as text: one transaction after another, with values and errors in words.
@@ -78,9 +82,9 @@ def command(
     if code == EXIT_INTERRUPTED:
         return code
     if output == "-":
-        write(golden_lines(session, extras))
+        write(golden_lines(session, extras, naming))
     else:
-        save(output, "".join([f"{line}\n" for line in golden_lines(session, extras)]).encode())
+        save(output, "".join([f"{line}\n" for line in golden_lines(session, extras, naming)]).encode())
     return code
 
 

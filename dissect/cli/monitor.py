@@ -16,9 +16,10 @@ from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPU
 from dissect.cli.options.monitor import beside_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.rights import check_user, open_interface
-from dissect.cli.run import checksums_option
+from dissect.cli.run import checksums_option, slow_option
 from dissect.cli.scrape import Scrape, allow_remote_option, metrics_option
 from dissect.cli.watching import (
     POLL_MOST,
@@ -29,7 +30,6 @@ from dissect.cli.watching import (
     new_shower,
     only_option,
     overdue_option,
-    slow_option,
     write_events,
 )
 from dissect.report.formats import EVENTS, Format, formats_for
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from dissect.metrics.address import Address
     from dissect.source.packet import Reader
     from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
 
 #: As `dissect.source.live.opening` has them, which is imported only when something is opened.
 BUFFER_MIB: Final = 32
@@ -113,6 +114,7 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
 @checksums_option
 @fail_on_option
 @scd_options
+@tag_options
 @tls_option
 @beside_options
 def command(
@@ -135,6 +137,7 @@ def command(
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
     chosen: Chosen,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
     beside: Beside,
 ) -> int:
@@ -152,7 +155,9 @@ def command(
     with Scrape(metrics, allow_remote) as scrape:
         session = Session(
             lambda: _opened(opener, scrape),
-            Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns, checksums=checksums, tls_keys=tls_keys),
+            Options(
+                slow_ns, decoder=decoder, overdue_ns=overdue_ns, checksums=checksums, tls_keys=tls_keys, naming=naming
+            ),
             companions=[*beside.companions(), *scrape.companions],
             limits=Limits(duration_ns, packets or 0),
             name=interface or ("stdin" if file == "-" else file or ""),

@@ -8,6 +8,7 @@ from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
@@ -22,6 +23,7 @@ from dissect.report.formats import OPERATIONS, Format
 from dissect.report.writer import OperationChoice, OperationFeed
 from dissect.session import Run
 from dissect.tls.key_log import KeyLog
+from dissect.transactions.naming import Naming
 from dissect.transactions.operation import KINDS
 
 
@@ -39,6 +41,7 @@ from dissect.transactions.operation import KINDS
 @select_options("operation", results="operations")
 @checksums_option
 @fail_on_option
+@tag_options
 @tls_option
 def command(
     files: tuple[str, ...],
@@ -47,6 +50,7 @@ def command(
     checksums: bool,
     fail_on: frozenset[str],
     chosen: Chosen,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
     """List operations, one line each: several transactions that belong together.
@@ -59,7 +63,7 @@ def command(
     """
     writer = chosen.writer(format_, OPERATIONS, clock())
     feed = OperationFeed(writer, chosen.choice("operation", _choice(frozenset(kinds))))
-    options = Options(checksums=checksums, tls_keys=tls_keys)
+    options = Options(checksums=checksums, tls_keys=tls_keys, naming=naming)
     run = Run(files, chosen.sieve(feed) if fail_on else feed, chosen.narrow(options))
     chosen.begin(run, files)
     writer.begin(places_of(run, files))

@@ -10,6 +10,7 @@ from dissect.cli.look import clock
 from dissect.cli.main import EXIT_OK, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
@@ -25,6 +26,7 @@ from dissect.report.formats import PDUS, Format, formats_for
 from dissect.report.writer import PduFeed
 from dissect.session import Run
 from dissect.tls.key_log import KeyLog
+from dissect.transactions.naming import Naming
 
 
 @click.command("show", epilog=EXIT_CODES)
@@ -43,6 +45,7 @@ from dissect.tls.key_log import KeyLog
 @checksums_option
 @fail_on_option
 @scd_options
+@tag_options
 @tls_option
 def command(
     files: tuple[str, ...],
@@ -53,6 +56,7 @@ def command(
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
     chosen: Chosen,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
     """List S7comm and S7comm-plus PDUs, one line each, or dissect them (-V).
@@ -68,7 +72,8 @@ def command(
         raise click.UsageError(f"-V applies to {names} only; -T {format_.name} has no longer form.")
     writer = chosen.writer(format_, PDUS, clock(), verbose)
     shown = PduFeed(writer, frozenset(frames), decoder, chosen.message_choice())
-    run = Run(files, shown, chosen.narrow(Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys)))
+    options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
+    run = Run(files, shown, chosen.narrow(options))
     chosen.begin(run, files)
     writer.begin(places_of(run, files))
     code = drive(run, files, lambda: write_out(writer.take()), lambda: chosen.full)

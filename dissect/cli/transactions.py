@@ -11,6 +11,7 @@ from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
@@ -28,6 +29,7 @@ from dissect.report.words import PROTOCOLS
 from dissect.report.writer import Choice, TransactionFeed
 from dissect.session import Run
 from dissect.tls.key_log import KeyLog
+from dissect.transactions.naming import Naming
 from dissect.transactions.transaction import Transaction
 
 
@@ -46,6 +48,7 @@ from dissect.transactions.transaction import Transaction
 @checksums_option
 @fail_on_option
 @scd_options
+@tag_options
 @tls_option
 def command(
     files: tuple[str, ...],
@@ -56,6 +59,7 @@ def command(
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
     chosen: Chosen,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
     """List requests with their answers, one line each.
@@ -67,7 +71,7 @@ def command(
     packet that completed it stands in the capture, an unanswered request where the wait for its answer ended.
     """
     # What is slow is a finding as well.
-    options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys)
+    options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
     if slow_ns is not None:
         options.slow_ns = slow_ns
     writer = chosen.writer(format_, TRANSACTIONS, clock())

@@ -136,6 +136,8 @@ class Connections:
             self.left_out += 1
             side.speak(self._unread)
             return
+        if self._exchange.naming is not None:
+            connection.naming = self._exchange.naming.of(connection)
         protocol.begin(side, at_start)
         self._exchange.observer.connection_opened(connection)
 
@@ -150,6 +152,7 @@ class Connections:
         connection = Connection(self.count, side.tcp)
         connection.state = old.state
         connection.told = old.told  # of the octets that are still on their way
+        connection.naming = old.naming
         for end in (side, peer):
             end.connection = connection
             end.requests = 0

@@ -26,6 +26,7 @@ from dissect.s7.parameters import Parameters
 from dissect.s7.tables import READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.transactions.connection import Connection
 from dissect.transactions.dialogue import Dialogue
+from dissect.transactions.naming import Naming
 from dissect.transactions.operations import Operations
 from dissect.transactions.subscriptions import follow
 from dissect.transactions.table import Side
@@ -129,6 +130,7 @@ class Exchange:
         self.dialogue: Dialogue = Dialogue()
         self.watch: Watch = Watch(observer, self.reporter)
         self.decoder: PayloadDecoder | None = decoder
+        self.naming: Naming | None = None  # who knows names for addresses, when the user has given any
         self.strict: bool = strict
         self._slow_ns: i64 = slow_ns
         if decoder is not None:

@@ -44,6 +44,7 @@ from dissect.tls.key_log import KeyLog
 from dissect.transactions import accounts
 from dissect.transactions.connection import FOREIGN, ISO, ISO_TSAP_PORT, LEFT_OUT, PROBING, Connection
 from dissect.transactions.memory_limit import Room
+from dissect.transactions.naming import Naming
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import ConnectionTable, Side, endpoints
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
@@ -80,9 +81,9 @@ class Options:
     ``memory`` bounds the octets that all connections together keep of unfinished packets, PDUs and transactions, within
     `LOOK_OCTETS`: when they keep more, those that hold most are given up and reported (`stream.evicted`).
     ``checksums``: TCP segments and UDP datagrams with a wrong checksum are left out, as their receiver did.
-    ``tls_keys`` open TLS, beside those that a capture itself holds.
+    ``tls_keys`` open TLS, beside those that a capture itself holds. ``naming`` knows names for addresses.
     ``only`` tells of a connection, once it is recognised and has its number, whether it is to be read: of others nothing is
-    read and nothing told, but they keep their numbers.
+    read and nothing reported, but they keep their numbers.
     """
 
     def __init__(
@@ -95,6 +96,7 @@ class Options:
         checksums: bool = False,
         tls_keys: KeyLog | None = None,
         only: Callable[[Connection], bool] | None = None,
+        naming: Naming | None = None,
     ) -> None:
         self.slow_ns: i64 = slow_ns
         self.overdue_ns: i64 = overdue_ns
@@ -104,6 +106,7 @@ class Options:
         self.decoder: PayloadDecoder | None = decoder
         self.tls_keys: KeyLog | None = tls_keys
         self.only: Callable[[Connection], bool] | None = only
+        self.naming: Naming | None = naming
 
 
 class Pipeline(PacketSink):
@@ -117,6 +120,7 @@ class Pipeline(PacketSink):
         chosen = options if options is not None else Options()
         self.observer: Observer = observer
         self.exchange: Exchange = Exchange(observer, chosen.decoder, chosen.strict, chosen.slow_ns)
+        self.exchange.naming = chosen.naming
         self.counters: Counters = Counters(self.exchange.reporter)
         self.timers: Timers = Timers(self.counters, self.exchange, chosen.overdue_ns)
         self.connections: Connections = Connections(self.exchange, chosen.only)

@@ -118,8 +118,8 @@ class MonitorApp(App[bool]):
     ) -> None:
         super().__init__(ansi_color=True)  # the terminal's own colours, and none with NO_COLOR
         self.model = Model(slow_ns)
-        self._context = where.context if where is not None else Context()
-        self._context.start = lambda: int(session.run.pipeline.first_ns)
+        self._selecting = where.context if where is not None else Context()
+        self._selecting.start = lambda: int(session.run.pipeline.first_ns)
         self.model.select(where)
         self.paused = False
         self.zoomed = False
@@ -331,7 +331,7 @@ class MonitorApp(App[bool]):
             self._filter(event.value)
             return
         try:
-            where = Where(event.value, context=self._context) if event.value.strip() else None
+            where = Where(event.value, context=self._selecting) if event.value.strip() else None
         except SelectError as error:
             self.foot.display = True
             self.foot.say(f"NOT SELECTED: {printable(error.reason)}")

@@ -15,6 +15,7 @@ from dissect.oracle.facts import Fact, Place, Record, Value
 from dissect.oracle.grounds import Case, Evidence
 from dissect.oracle.known import explain
 from dissect.oracle.ours import Witness, take_joined
+from dissect.oracle.plus import PlusProof
 from dissect.oracle.theirs import Frame
 from dissect.oracle.tshark import OracleError, Reader, read_tshark
 
@@ -61,7 +62,7 @@ class Comparison:
     ``other`` counts the fields that Wireshark shows in bodies under names that no layout of ours has, ``again`` those of them
     whose octets stand in a field that is compared;
     ``not_comparable`` the PDUs that Wireshark cannot be asked about, by the reason. ``loss`` says what of the capture could not
-    be read and so was not compared, empty when all of it was.
+    be read and so was not compared, empty when all of it was. ``plus`` is what the PDUs of S7comm-plus prove themselves.
     """
 
     def __init__(self) -> None:
@@ -72,6 +73,7 @@ class Comparison:
         self.differences: list[Difference] = []
         self.not_comparable: Counter[str] = Counter()
         self.loss = ""
+        self.plus = PlusProof()
 
     @property
     def unexplained(self) -> list[Difference]:
@@ -91,6 +93,7 @@ class _Bench:
         self.result = Comparison()
         self.result.not_comparable += witness.not_comparable
         self.result.loss = witness.loss
+        self.result.plus = witness.plus
         self._evidence = Evidence(path, witness.found)
         self._lonely: dict[str, tuple[list[Record], list[tuple[Record, Frame]]]] = {
             facts.TPDU: ([], []),

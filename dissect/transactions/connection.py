@@ -32,6 +32,7 @@ from dissect.transactions.results import Subscription
 if TYPE_CHECKING:
     from dissect.s7plus.session import PlusSession
     from dissect.tls.session import TlsSession
+    from dissect.transactions.naming import Naming
 
 # What is known of the protocol a TCP connection carries; which one it is says `Connection.protocol`.
 PROBING: Final = 0
@@ -148,6 +149,7 @@ class Connection:
         "last_request",
         "last_request_ns",
         "mid_stream",
+        "naming",
         "number",
         "open_at_end",
         "open_requests",
@@ -185,6 +187,7 @@ class Connection:
         self.bound: i64 = (
             -1
         )  # number of the binding that a carrier found for its TSAPs or ports, -1 while nobody looked
+        self.naming: Naming | None = None  # who knows names for addresses of this CPU
         self.state: i64 = PROBING
         self.probed: i64 = 0  # segments with octets looked at while probing
         self.plus: PlusSession | None = None  # what S7comm-plus told of client, CPU and subscriptions
