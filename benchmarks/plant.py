@@ -105,10 +105,11 @@ class Plant:
         code = rng.choice(sizes)
         most = _LONGEST.get(code, 12)
         count = 1 if rng.random() < 0.6 else rng.randint(1, most)
-        if area in _NUMBERED:
-            address = rng.randrange(256)
-        else:
-            address = rng.randrange(2000) * 8 + (rng.randrange(8) if code == 0x01 else 0)
+        address = (
+            rng.randrange(256)
+            if area in _NUMBERED
+            else rng.randrange(2000) * 8 + (rng.randrange(8) if code == 1 else 0)
+        )
         item = Item(code, count, rng.randint(1, 400) if area in (0x84, 0x85) else 0, area, address, refusal)
         return item if item.answer_octets <= room else Item(0x02, 1, 0, 0x83, rng.randrange(200) * 8, refusal)
 

@@ -76,3 +76,21 @@ def test_userdata_groups_are_the_reference(reference: Path) -> None:
     for row in rows:
         expected.setdefault(int(row["group"]), {})[int(row["subfunction"], 16)] = row["name"]
     assert {group: table.names() for group, table in tables.USERDATA_SUBFUNCTIONS.items()} == expected
+
+
+#: What requests do, where our tables are finer than the classes of the reference.
+FINER = {
+    tables.ALARM_CHANGE: {"write"}, tables.CLOCK: {"write"}, tables.CONTROL: {"control", "read"},
+    tables.DEBUG: {"debug", "control"},
+    tables.FLASH: {"control"}, tables.FORCE: {"write", "debug"}, tables.MEMORY: {"destructive"},
+    tables.ROUTING: {"session", "read/write"}, tables.TEST: {"debug", "read"},
+    tables.TRANSFER: {"program change", "program read"},
+}  # fmt: skip
+
+
+def test_what_userdata_does_is_the_reference(reference: Path) -> None:
+    for row in tsv(reference / "tables" / "s7_userdata_subfunctions.tsv"):
+        code = tables.USERDATA_SUBFUNCTIONS[int(row["group"])].get(int(row["subfunction"], 16))
+        assert code is not None
+        assert row["security_class"] in FINER.get(code.effect, {code.effect}), row["name"]
+        assert code.text.casefold() == f"{row['direction']}."

@@ -127,7 +127,7 @@ class Case:
         self.tables.setdefault(name, Counter()).update(counts)
 
     def tshark_shows(self, s7_pdus: int, why: str) -> None:
-        """tshark shows another number of S7 PDUs than there are."""
+        """Note that tshark shows a different number of S7 PDUs from those that are there."""
         self.tshark = TsharkCount(s7_pdus, why)
 
     # ---- files ------------------------------------------------------------------------------------------------------

@@ -130,7 +130,7 @@ def coverage_functions(case: Case) -> None:
     case.find("security.memory", 2)  # _MODU, _GARB
     case.find("security.plc_start")
     case.find("security.plc_stop")
-    commands = [one for name, one in PI_SERVICES.items() if name.startswith(NC_PREFIX) and one.security != "read"]
+    commands = [one for name, one in PI_SERVICES.items() if name.startswith(NC_PREFIX) and one.effect != "read"]
     case.find("security.nc_command", len(commands))
     case.find("security.unknown_service")  # _FREE
     talk.close()

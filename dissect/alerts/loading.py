@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
-from ipaddress import ip_network
 from typing import Any, Final
 
 from dissect.alerts import states
@@ -23,15 +23,15 @@ from dissect.alerts.rules import (
     SILENCE,
     STDERR,
     WHENS,
-    Network,
     Rule,
 )
-from dissect.baseline.plant_file import MAX_NAME, PlantFile, PlantFileError, names_of, read_text
 from dissect.baseline.watch import KINDS
+from dissect.config.hints import close_to
 from dissect.findings.catalogue import SEVERITIES
 from dissect.report.slugs import slugs_of
 from dissect.scd.errors import DictionaryError, shown
 from dissect.scd.reading import Table
+from dissect.scd.user_file import MAX_NAME, FileError, UserFile, names_of, network_of, read_file
 
 MAX_RULES: Final = 256
 MAX_ACTIONS: Final = 32
@@ -65,46 +65,56 @@ class AlertRules:
     path: str = ""
 
 
-class RuleError(PlantFileError):
+class RuleError(FileError):
     """A file of rules that cannot be used."""
 
 
 def load_rules(path: str | os.PathLike[str], trial: bool = False) -> AlertRules:
-    """Return the rules of a file. Raises `RuleError`, OSError where there is no reading the file.
+    """Return the rules of a file. Raises `RuleError`, OSError if the file cannot be read.
 
     A ``trial`` delivers nothing: the programs and sockets of its actions need not be there.
     """
-    try:
-        return parse_rules(read_text(path), os.fspath(path), trial)
-    except DictionaryError as error:  # what reads tables knows one error
-        raise RuleError(os.fspath(path), error.line, error.where, error.detail) from None
+    return read_file(path, lambda text: parse_rules(text, os.fspath(path), trial), RuleError)
 
 
 def parse_rules(text: str, path: str = "", trial: bool = False) -> AlertRules:
-    """Return the rules of a text; ``trial`` as for `load_rules`. Raises `DictionaryError` with table, key and line."""
-    file = PlantFile(text, ("rule", "action"), ("defaults",))
-    hosts = names_of(file.top, "allow_hosts") or frozenset()
-    file.top.done()
+    """Return the rules of a text; ``trial`` as for `load_rules`.
+
+    Raises `DictionaryError` with table, key and line, which holds all that is wrong.
+    """
+    file = UserFile(text, ("rule", "action"), ("defaults",))
+    hosts: frozenset[str] = frozenset()
+    with file.troubles:
+        hosts = names_of(file.top, "allow_hosts") or hosts
     actions: dict[str, Action] = {}
+    named: set[str] = set()  # also by actions that are wrong: who names those is not
     for table in file.tables("action", MAX_ACTIONS):
-        name = _name(table)
-        if name == STDERR or name in actions:
-            raise table.fail("name", f"{shown(name)} exists already: choose a different name")
-        actions[name] = action_of(table, name, hosts, seconds(table, "timeout", 10.0), trial)
-        table.done()
-    defaults = file.single("defaults") or Table({}, "[defaults]")
-    usual = _usual(defaults, actions)
-    defaults.done()
-    rules: list[Rule] = []
+        with file.troubles:
+            name = _name(table)
+            if name == STDERR or name in named:
+                raise table.fail("name", f"{shown(name)} exists already: choose a different name")
+            named.add(name)
+            actions[name] = action_of(table, name, hosts, seconds(table, "timeout", 10.0), trial)
+            table.done()
+    usual = Rule("", FINDING)
+    with file.troubles:
+        defaults = file.single("defaults") or Table({}, "[defaults]")
+        usual = _usual(defaults, named)
+        defaults.done()
+    rules: dict[str, Rule] = {}
+    tables = 0
     for table in file.tables("rule", MAX_RULES):
-        rule = _rule(table, usual, actions)
-        if rule.name in [known.name for known in rules]:
-            raise table.fail("name", f"{shown(rule.name)} is already the name of a rule: choose a different one")
-        table.done()
-        rules.append(rule)
-    if not rules:
+        tables += 1
+        with file.troubles:
+            rule = _rule(table, usual, named)
+            if rule.name in rules:
+                raise table.fail("name", f"{shown(rule.name)} is already the name of a rule: choose a different one")
+            table.done()
+            rules[rule.name] = rule
+    file.done()
+    if not tables:
         raise DictionaryError("[[rule]]", "is missing: a rules file needs at least one")
-    return AlertRules(tuple(rules), actions, path)
+    return AlertRules(tuple(rules.values()), actions, path)
 
 
 # ---- values ---------------------------------------------------------------------------------------------------------
@@ -154,19 +164,7 @@ def _positive(table: Table, key: str) -> float | None:
     return None if number is None else float(number)
 
 
-def _network(table: Table, key: str) -> Network | None:
-    if not table.has(key):
-        table.mark(key)
-        return None
-    written = table.text(key)
-    try:
-        return ip_network(written)
-    except ValueError:
-        detail = f'{shown(written)} is neither an address such as "10.0.0.5" nor a network such as "10.0.0.0/24"'
-        raise table.fail(key, detail) from None
-
-
-def _usual(table: Table, actions: dict[str, Action]) -> Rule:
+def _usual(table: Table, actions: AbstractSet[str]) -> Rule:
     """Return what rules do that do not say otherwise."""
     usual = Rule("", FINDING)
     return Rule("", FINDING, cooldown_ns=_duration(table, "cooldown", usual.cooldown_ns),
@@ -180,22 +178,23 @@ def _burst(table: Table, usual: int) -> int:
     return burst
 
 
-def _actions(table: Table, actions: dict[str, Action], usual: tuple[str, ...]) -> tuple[str, ...]:
+def _actions(table: Table, actions: AbstractSet[str], usual: tuple[str, ...]) -> tuple[str, ...]:
     if not table.has("actions"):
         table.mark("actions")
         return usual
     names = table.items("actions")
     for name in names:
         if name != STDERR and (not isinstance(name, str) or name not in actions):
-            known = ", ".join([STDERR, *actions])
-            raise table.fail("actions", f"{shown(name)} names no [[action]]; known actions: {known}")
+            known = [STDERR, *sorted(actions)]
+            hint = close_to(name, known) if isinstance(name, str) else ""
+            raise table.fail("actions", f"{shown(name)} names no [[action]]; known actions: {', '.join(known)}{hint}")
     return tuple(dict.fromkeys(names))
 
 
 # ---- rules ----------------------------------------------------------------------------------------------------------
 
 
-def _rule(table: Table, usual: Rule, actions: dict[str, Action]) -> Rule:
+def _rule(table: Table, usual: Rule, actions: AbstractSet[str]) -> Rule:
     name = _name(table)
     when = table.choice("when", WHENS)
     values: dict[str, Any] = _READERS[when](table)
@@ -211,7 +210,7 @@ def _rule(table: Table, usual: Rule, actions: dict[str, Action]) -> Rule:
         values["severity"] = table.choice("severity", SEVERITIES) if table.has("severity") else ""
         table.mark("severity")
     return Rule(
-        name, when, client=_network(table, "client"), server=_network(table, "server"),
+        name, when, client=network_of(table, "client"), server=network_of(table, "server"),
         cooldown_ns=_duration(table, "cooldown", usual.cooldown_ns), once=table.flag("once", False),
         burst=_burst(table, usual.burst), actions=_actions(table, actions, usual.actions), **values,
     )  # fmt: skip
@@ -239,7 +238,8 @@ def _finding(table: Table) -> dict[str, Any]:
 def _new(table: Table) -> dict[str, Any]:
     kinds = names_of(table, "of")
     if kinds is not None and (not kinds or not kinds <= frozenset(KINDS)):
-        raise table.fail("of", f"must be a list of: {', '.join(KINDS)}")
+        hints = "".join([close_to(kind, KINDS) for kind in sorted(kinds - frozenset(KINDS))])
+        raise table.fail("of", f"must be a list of: {', '.join(KINDS)}{hints}")
     return {"kinds": kinds if kinds is not None else frozenset(KINDS)}
 
 

@@ -96,11 +96,13 @@ class PlusContents:
         if type_ == STRUCT:
             return octets
         walk = Walk(octets, 0, len(octets), False)
+        new = b""
         try:
             new = self._content(walk, flags, type_, about)
-            if walk.left:
-                raise FormatError("trailing_octets", "value", walk.at, 0, walk.left)
+            fits = not walk.left
         except FormatError:
+            fits = False
+        if not fits:
             self._told.mask(account.UNKNOWN, octets)
             return bytes(len(octets))
         self._tell(octets, new, about, type_)

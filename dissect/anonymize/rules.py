@@ -1,6 +1,6 @@
-"""What becomes of a field of a message: a number stays; octets stay only where this table says that they tell nothing.
+"""What becomes of a field of a message, by what its layout says it holds: a number stays, octets only where they are public.
 
-A field that the table does not have is set to zero, so that a structure that is described tomorrow gives nothing away today.
+A field whose content is not stated is set to zero, so that a structure that is described tomorrow gives nothing away today.
 """
 
 from __future__ import annotations
@@ -17,31 +17,37 @@ from dissect.anonymize.scd import ScdRules
 from dissect.anonymize.texts import replace_bit, replace_octets, replace_path, replace_text
 from dissect.s7.layouts import DATA_ITEM
 from dissect.s7.services import PI_SERVICES
-from dissect.s7.szl_records import COMPONENT_RECORDS
 from dissect.s7.tables import DATA_BIT
-from dissect.wire.layout import FieldValue
+from dissect.wire.layout import (
+    HOLDS_ADDRESS,
+    HOLDS_ARGUMENT,
+    HOLDS_BLOCK_TEXT,
+    HOLDS_CODE,
+    HOLDS_FLAGS,
+    HOLDS_MAC,
+    HOLDS_NAME,
+    HOLDS_NUMBER,
+    HOLDS_PATH,
+    HOLDS_PRODUCT,
+    HOLDS_SECRET,
+    HOLDS_SERIAL,
+    HOLDS_SERVICE,
+    HOLDS_TIME,
+    HOLDS_VALUE,
+    FieldValue,
+    latin,
+)
 from dissect.wire.part import OCTETS, SURPLUS, Part
 
-#: Octets that say something of the protocol or the product, not of the plant; those that can be read have to be.
-_TELLS_NOTHING: Final = frozenset((
-    "archive_length", "block_number", "block_type", "code_time", "dcp_time", "file_length", "file_system", "identifier",
-    "interface_time", "length", "load_length", "mark", "mc7_length", "order_number", "ports", "state", "stations",
-    "subnet_mask", "time", "total", "unknown_digit", "version",
-))  # fmt: skip
-#: Those of them that hold a text of any kind.
-_TEXTS: Final = frozenset(("mark", "order_number", "unknown_digit"))
-#: Octets that hold what the process or its program does.
-_VALUES: Final = frozenset((
-    "archive_data", "bsend_data", "data", "details", "job_data", "local_data", "record", "registers", "start_information",
-))  # fmt: skip
-#: Numbers that do.
-_VALUE_NUMBERS: Final = frozenset(("accu1", "accu2", "accu3", "accu4"))
-_BLOCK_TEXTS: Final = frozenset(("author", "family", "name", "user"))
-_PATHS: Final = frozenset(("file_name", "path"))
-_ADDRESSES: Final = frozenset(("ip_address", "router"))
-_SERIAL_NUMBERS: Final = frozenset((0x05, 0x08))
-_SERIALS: Final = frozenset(id(layout) for number, layout in COMPONENT_RECORDS.items() if number in _SERIAL_NUMBERS)
-_COMPONENTS: Final = frozenset(id(layout) for layout in COMPONENT_RECORDS.values())
+#: What says something of the protocol or the product, not of the plant, and stays where it is what its field says.
+_PUBLIC: Final = frozenset((HOLDS_FLAGS, HOLDS_NUMBER, HOLDS_PRODUCT, HOLDS_TIME))
+#: Texts that become others of the same length, and what the account calls them.
+_REPLACED: Final = {
+    HOLDS_BLOCK_TEXT: (replace_text, account.BLOCK_TEXTS),
+    HOLDS_NAME: (replace_text, account.NAMES),
+    HOLDS_PATH: (replace_path, account.FILE_NAMES),
+    HOLDS_SERIAL: (replace_text, account.SERIALS),
+}
 _LETTERS: Final = frozenset(b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789 -._/\0")
 
 
@@ -70,47 +76,39 @@ class Rules:
                     continue
                 at = value.end
                 if value.octets is not None:
-                    self._octets(draft, part, value, transport_size)
-                elif value.field.name in _VALUE_NUMBERS:
+                    self._octets(draft, value, transport_size)
+                elif value.field.holds == HOLDS_VALUE:
                     self._value(draft, value.offset, value.end, False)
                 else:
                     draft.keep(value.offset, value.end)
             draft.zero(at, part.end, account.UNKNOWN)
             transport_size = part.number("transport_size") if part.layout is DATA_ITEM else -1
 
-    def _octets(self, draft: RewritePlan, part: Part, value: FieldValue, transport_size: int) -> None:
-        name = value.field.name
+    def _octets(self, draft: RewritePlan, value: FieldValue, transport_size: int) -> None:
+        holds = value.field.holds
         octets = value.octets or b""
-        key = self._key
-        if name in _VALUES:
+        if holds == HOLDS_VALUE:
             self._value(draft, value.offset, value.end, transport_size == DATA_BIT)
-        elif name in _TELLS_NOTHING:
-            if _readable(value, octets):
-                draft.keep(value.offset, value.end)
-            else:
-                draft.zero(value.offset, value.end, account.UNKNOWN)
-        elif name in {"content", "file_data"}:
+        elif holds in _PUBLIC and _readable(value, octets):
+            draft.keep(value.offset, value.end)
+        elif holds == HOLDS_CODE:
             self._content(draft, value)
-        elif name in _ADDRESSES:
+        elif holds == HOLDS_ADDRESS:
             draft.put(value.offset, self._addresses.ip(octets), account.CONTENT_ADDRESSES)
-        elif name == "mac_address":
+        elif holds == HOLDS_MAC:
             draft.put(value.offset, self._addresses.mac(octets), account.CONTENT_ADDRESSES)
-        elif name in _BLOCK_TEXTS:
-            draft.put(value.offset, replace_text(key, octets), account.BLOCK_TEXTS)
-        elif name in _PATHS:
-            draft.put(value.offset, replace_path(key, octets), account.FILE_NAMES)
-        elif name == "text" and id(part.layout) in _COMPONENTS:
-            kind = account.SERIALS if id(part.layout) in _SERIALS else account.NAMES
-            draft.put(value.offset, replace_text(key, octets), kind)
-        elif name in {"text", "argument", "service"}:
+        elif holds in _REPLACED:
+            replace, kind = _REPLACED[holds]
+            draft.put(value.offset, replace(self._key, octets), kind)
+        elif holds in {HOLDS_ARGUMENT, HOLDS_SERVICE}:
             self._argument(draft, value, octets)
         else:
-            draft.zero(value.offset, value.end, account.PASSWORDS if name == "password" else account.UNKNOWN)
+            draft.zero(value.offset, value.end, account.PASSWORDS if holds == HOLDS_SECRET else account.UNKNOWN)
 
     def _argument(self, draft: RewritePlan, value: FieldValue, octets: bytes) -> None:
         """The name of a service stays where it is known, an argument where it is one letter."""
-        name = value.field.name
-        known = octets.decode("latin-1") in PI_SERVICES if name == "service" else len(octets.strip(b" \0")) < 2
+        service = value.field.holds == HOLDS_SERVICE
+        known = octets.decode("latin-1") in PI_SERVICES if service else len(octets.strip(b" \0")) < 2
         if known:
             draft.keep(value.offset, value.end)
         else:
@@ -150,7 +148,9 @@ class Rules:
 
 def _readable(value: FieldValue, octets: bytes) -> bool:
     """Tell whether octets that tell nothing are what their field says, and not a text in its place."""
-    means = value.field.means
-    if value.field.name in _TEXTS:
+    holds, means = value.field.holds, value.field.means
+    if holds == HOLDS_PRODUCT:
         return _LETTERS.issuperset(octets)
-    return means is not None and (means(octets) is not None or value.field.name in {"ports", "state"})
+    if holds == HOLDS_FLAGS:
+        return True
+    return means is not None and means is not latin and means(octets) is not None  # any text is one to `latin`

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
+from ipaddress import ip_address
 from typing import Final
 
 from dissect.baseline.norms import MAX_CAPTURES, NAME_KEYS, Baseline, PairNorm
-from dissect.baseline.plant_file import PlantFile, PlantFileError, address_of, names_of, read_text
 from dissect.baseline.subjects import Pair
 from dissect.baseline.writing import FORMAT
-from dissect.scd.errors import DictionaryError, shown
+from dissect.scd.errors import shown
 from dissect.scd.reading import Table
+from dissect.scd.user_file import FileError, UserFile, names_of, read_file
+from dissect.tcp.stream import address_text
 
 #: More pairs than a learner keeps: several baselines may have been put together.
 MAX_PAIRS: Final = 16384
@@ -19,46 +21,55 @@ _RATE: Final = ("highest_1s", "highest_10s")
 _ANSWER: Final = {"median": "median_ms", "p99": "p99_ms", "longest": "longest_ms"}
 
 
-class BaselineError(PlantFileError):
+class BaselineError(FileError):
     """A baseline that cannot be used."""
 
 
 def load_baseline(path: str | os.PathLike[str]) -> Baseline:
-    """Return the baseline of a file. Raises `BaselineError`, OSError where there is no reading the file."""
-    try:
-        return parse_baseline(read_text(path))
-    except DictionaryError as error:  # what reads tables knows one error
-        raise BaselineError(os.fspath(path), error.line, error.where, error.detail) from None
+    """Return the baseline of a file. Raises `BaselineError`, OSError if the file cannot be read."""
+    return read_file(path, parse_baseline, BaselineError)
 
 
 def parse_baseline(text: str) -> Baseline:
-    """Return the baseline of a text. Raises `DictionaryError` with table, key and line."""
-    file = PlantFile(text, ("pair",), ("learned",))
+    """Return the baseline of a text. Raises `DictionaryError` with table, key and line, which holds all that is wrong."""
+    file = UserFile(text, ("pair",), ("learned",))
     number = file.top.number("format")
     if number != FORMAT:
         raise file.top.fail("format", f"{number} is unknown, expected format {FORMAT}")
-    file.top.done()
     baseline = Baseline()
     learned = file.single("learned")
     if learned is not None:
-        baseline.captures = tuple(sorted(names_of(learned, "captures") or ()))[:MAX_CAPTURES]
-        baseline.begin = learned.text("begin", "")
-        baseline.end = learned.text("end", "")
-        learned.done()
+        with file.troubles:
+            baseline.captures = tuple(sorted(names_of(learned, "captures") or ()))[:MAX_CAPTURES]
+            baseline.begin = learned.text("begin", "")
+            baseline.end = learned.text("end", "")
+            learned.done()
     lines: dict[Pair, Table] = {}
     for table in file.tables("pair", MAX_PAIRS):
-        norm = _norm(table)
-        pair = (norm.client, norm.server)
-        if pair in lines:
-            first = lines[pair]
-            raise table.fail("client", f"{pair[0]} and {pair[1]} are already defined: {first.where}, line {first.line}")
-        lines[pair] = table
-        baseline.pairs[pair] = norm
+        with file.troubles:
+            norm = _norm(table)
+            pair = (norm.client, norm.server)
+            if pair in lines:
+                first = lines[pair]
+                told = f"{pair[0]} and {pair[1]} are already defined: {first.where}, line {first.line}"
+                raise table.fail("client", told)
+            lines[pair] = table
+            baseline.pairs[pair] = norm
+    file.done()
     return baseline
 
 
+def _address(table: Table, key: str) -> str:
+    """Return an address as traffic is told with it."""
+    written = table.text(key)
+    try:
+        return address_text(ip_address(written).packed)
+    except ValueError:
+        raise table.fail(key, f'{shown(written)} is not an address such as "10.0.0.5"') from None
+
+
 def _norm(table: Table) -> PairNorm:
-    norm = PairNorm(address_of(table, "client"), address_of(table, "server"))
+    norm = PairNorm(_address(table, "client"), _address(table, "server"))
     norm.server_ports = _ports(table)
     for key in NAME_KEYS:
         setattr(norm, key, names_of(table, key))
@@ -83,7 +94,7 @@ def _norm(table: Table) -> PairNorm:
 
 def _inline(table: Table, key: str) -> Table | None:
     table.mark(key)
-    return Table(table.content[key], f"{table.where}, {key}", table.line) if table.has(key) else None
+    return table.inside(table.content[key], key, key) if table.has(key) else None
 
 
 def _ports(table: Table) -> frozenset[int] | None:

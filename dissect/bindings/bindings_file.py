@@ -8,26 +8,21 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator
-from ipaddress import ip_network
-from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from dissect.bindings.binding import Binding, Bindings, Holds, Network
+from dissect.bindings.binding import Binding, Bindings, Holds
 from dissect.bindings.place import AREAS, Place, in_blocks, parse_place
-from dissect.config import lines as config_lines
 from dissect.config.hints import close_to
 from dissect.s7.address import MAX_DB, MAX_OCTET
-from dissect.scd.bounds import check_bounds
 from dissect.scd.codec import Codec
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.errors import E_INDEX, E_PDO_NUMBER, E_VALUE, DictionaryError, Error, shown
 from dissect.scd.model import NULL, Object, StructType, Variable
 from dissect.scd.reading import Table
-from dissect.scd.toml_tables import parse_tables, source_text
 from dissect.scd.types import MAX_OCTETS
-from dissect.wire.text import printable
+from dissect.scd.user_file import FileError, UserFile, network_of, number_within, read_file
 
 MESSAGES: Final = "messages"
 #: PDOs that an error names.
@@ -38,7 +33,7 @@ _INDEX: Final = re.compile(r"0[xX][0-9a-fA-F]{1,4}")
 
 
 class Content(NamedTuple):
-    """What stands at a place; see `Binding` for the fields."""
+    """What is at a place; see `Binding` for the fields."""
 
     holds: Holds
     key: str = ""
@@ -166,51 +161,27 @@ _CARRIERS: Final = ("udp", "tcp", "tsap", "s7", "area", "bsend")
 _SIZED_CARRIERS: Final = ("tcp", "s7")
 
 
-class BindingError(Exception):
-    """A file of bindings that cannot be used; ``line`` counts from 1 (0: not known), ``key`` is the table and its key."""
-
-    def __init__(self, path: str, line: int, key: str, detail: str) -> None:
-        self.path = path
-        self.line = line
-        self.key = key
-        self.detail = detail
-        super().__init__(path, line, key, detail)
-
-    def __str__(self) -> str:
-        place = f"{self.path}:{self.line}" if self.line else self.path
-        return ": ".join(part for part in (printable(place), self.key, self.detail) if part)
+class BindingError(FileError):
+    """A file of bindings that cannot be used."""
 
 
 def load_bindings(path: str | os.PathLike[str], dictionary: Dictionary) -> Bindings:
-    """Return the bindings of a file for a dictionary. Raises `BindingError`, OSError where there is no reading the file."""
-    with Path(path).open("rb") as stream:
-        octets = stream.read(MAX_FILE + 1)
-    if len(octets) > MAX_FILE:
-        raise BindingError(os.fspath(path), 0, "file", f"more than {MAX_FILE} bytes: not a bindings file")
-    try:
-        return _parse(source_text(octets, os.fspath(path)), dictionary)
-    except DictionaryError as error:  # what reads tables knows one error
-        raise BindingError(os.fspath(path), error.line, error.where, error.detail) from None
+    """Return the bindings of a file for a dictionary. Raises `BindingError`, OSError if the file cannot be read."""
+    return read_file(path, lambda text: _parse(text, dictionary), BindingError, MAX_FILE)
 
 
 def _parse(text: str, dictionary: Dictionary) -> Bindings:
-    """Return the bindings of a text; raises `DictionaryError` with table, key and line."""
-    content = parse_tables(text)
-    lines = config_lines.Lines(text)
-    for name, rows in content.items():
-        if name != "binding":
-            detail = "unknown key: a bindings file contains only [[binding]] tables"
-            raise DictionaryError(f"[{name}]", detail, line=lines.at(name))
-        if not isinstance(rows, list):
-            raise DictionaryError("[binding]", "must be written as [[binding]]", line=lines.at(name))
-    rows = content.get("binding", [])
-    if not 1 <= len(rows) <= MAX_BINDINGS:
-        raise DictionaryError("[[binding]]", f"{len(rows)} bindings, expected 1 to {MAX_BINDINGS}")
+    """Return the bindings of a text. Raises `DictionaryError` with table, key and line, which holds all that is wrong."""
+    file = UserFile(text, ("binding",))
     reader = _Reader(dictionary)
-    for number, row in enumerate(rows):
-        where, place = f"[[binding]] {number + 1}", config_lines.Place(lines, ("binding", number))
-        check_bounds(row, where, place.line())
-        reader.add(Table(row, where, place=place))
+    tables = 0
+    for table in file.tables("binding", MAX_BINDINGS):
+        tables += 1
+        with file.troubles:
+            reader.add(table)
+    file.done()
+    if not tables:
+        raise DictionaryError("[[binding]]", f"0 bindings, expected 1 to {MAX_BINDINGS}")
     return Bindings([binding for binding, _ in reader.rows])
 
 
@@ -233,7 +204,7 @@ class _Reader:
             told = "one of them is required" if not keys else "exclude each other: use one table for each"
             raise table.fail(", ".join(keys or _CARRIERS[:4] + _CARRIERS[5:]), told)
         binding = _CARRIED[keys[0]](table)
-        network = _network(table)
+        network = network_of(table, "host")
         content = self._content(table)
         size = self._size(table, binding, content)
         where = f" {network.network_address if network.num_addresses == 1 else network}" if network else ""
@@ -274,7 +245,7 @@ class _Reader:
                 detail = f"is missing: {shown(table.text('holds'))} has no size of its own; give its size in bytes"
                 raise table.fail("size", detail)
             return content.size
-        size = _within(table, "size", 1, MAX_OCTETS)
+        size = number_within(table, "size", 1, MAX_OCTETS)
         if content.size and size != content.size:
             raise table.fail("size", f"{shown(table.text('holds'))} has {content.size} bytes, not {size}")
         return size
@@ -324,37 +295,18 @@ def _told(one: Binding, other: Binding) -> str:
     return f"overlaps bytes that are bound already, {Place(other.area, other.db, other.offset)} to {end} by"
 
 
-def _within(table: Table, key: str, low: int, high: int) -> int:
-    number = table.number(key)
-    if not low <= number <= high:
-        raise table.fail(key, f"{shown(number)} is outside {low} to {high}")
-    return number
-
-
-def _network(table: Table) -> Network | None:
-    if not table.has("host"):
-        table.text("host", "")
-        return None
-    written = table.text("host")
-    try:
-        return ip_network(written)
-    except ValueError:
-        detail = f'{shown(written)} is neither an address such as "10.0.0.5" nor a network such as "10.0.0.0/24"'
-        raise table.fail("host", detail) from None
-
-
 def _udp(table: Table) -> Binding:
-    port = _within(table, "udp", 1, _MAX_PORT)
+    port = number_within(table, "udp", 1, _MAX_PORT)
     return Binding(f"udp {port}", "udp", "messages", port=port)
 
 
 def _tcp(table: Table) -> Binding:
-    port = _within(table, "tcp", 1, _MAX_PORT)
+    port = number_within(table, "tcp", 1, _MAX_PORT)
     return Binding(f"tcp {port}", "tcp", "messages", port=port)
 
 
 def _bsend(table: Table) -> Binding:
-    r_id = _within(table, "bsend", 0, _MAX_R_ID)
+    r_id = number_within(table, "bsend", 0, _MAX_R_ID)
     return Binding(f"BSEND 0x{r_id:08x}", "bsend", "messages", r_id=r_id)
 
 
@@ -398,8 +350,8 @@ def _s7(table: Table) -> Binding:
 
 def _area(table: Table) -> Binding:
     area = AREAS[table.choice("area", tuple(AREAS))]
-    db = _within(table, "db", 0, MAX_DB) if in_blocks(area) else 0
-    return _at_place(Place(area, db, _within(table, "offset", 0, MAX_OCTET)))
+    db = number_within(table, "db", 0, MAX_DB) if in_blocks(area) else 0
+    return _at_place(Place(area, db, number_within(table, "offset", 0, MAX_OCTET)))
 
 
 def _at_place(place: Place) -> Binding:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from dissect.s7.address import MAX_DB, MAX_OCTET, address_text, parse_address
-from dissect.s7.tables import DB_AREAS, LETTER_AREAS, NUMBERED_AREAS
+from dissect.s7.tables import BYTE, DB_AREAS, LETTER_AREAS, NUMBERED_AREAS
 
 #: Areas that consist of octets, by the letters people write.
 AREAS: Final = {
@@ -13,7 +13,6 @@ AREAS: Final = {
     "DB": 0x84,
     "DI": 0x85,
 }
-_BYTE: Final = 0x02
 
 
 class Place(NamedTuple):
@@ -24,7 +23,7 @@ class Place(NamedTuple):
     offset: int
 
     def __str__(self) -> str:
-        return address_text(self.area, self.db, self.offset * 8, _BYTE)
+        return address_text(self.area, self.db, self.offset * 8, BYTE)
 
 
 def parse_place(written: str) -> Place | None:

@@ -13,15 +13,18 @@ from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_DAMAGED, EXIT_OK, EXIT_OUTPUT
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
+from dissect.cli.run import slow_option
 from dissect.cli.watching import (
+    POLL_MOST,
+    POLL_S,
     Interruption,
     LostEvents,
     Shower,
     new_shower,
     only_option,
     overdue_option,
-    slow_option,
     write_events,
 )
 from dissect.report.formats import EVENTS, Format, formats_for
@@ -37,10 +40,8 @@ if TYPE_CHECKING:
     from dissect.proxy.process import RelayProcess, RelayThread
     from dissect.proxy.source import RelayReader
     from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
 
-#: How long a poll waits for something to happen, in seconds, and how much it takes.
-_WAIT_S: Final = 0.2
-_MOST: Final = 512
 #: How soon what passed is taken in while something is dissected, in seconds; Python's own is 5 ms.
 _TURN_S: Final = 0.000_1
 #: How long the relay may take to end, in seconds.
@@ -97,6 +98,7 @@ def _address(ctx: click.Context, param: click.Parameter, value: str, port: int |
 @overdue_option
 @fail_on_option
 @scd_options
+@tag_options
 @tls_option
 def command(
     listen: Address,
@@ -110,6 +112,7 @@ def command(
     overdue_ns: int,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
     """Relay TCP between clients and a PLC and report what passes; capture privileges are not needed.
@@ -138,7 +141,7 @@ def command(
         raise
     side: RelayThread | RelayProcess = RelayProcess(relay, tap) if possible() else RelayThread(relay, tap)
     reader = RelayReader(side)
-    options = Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns, tls_keys=tls_keys)
+    options = Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns, tls_keys=tls_keys, naming=naming)
     session = Session(lambda: reader, options, companions=companions, name="proxy")
     lines = _Lines(session, side, None if output == "-" else new_shower(format_, topics))
     code = _Proxy(side, reader, session, lines).run(to)
@@ -221,7 +224,7 @@ class _Proxy:
         self._lines = lines
 
     def run(self, to: Address) -> int:
-        """Relay and tell until a signal; return the exit code."""
+        """Relay and report until a signal; return the exit code."""
         turn = sys.getswitchinterval()
         sys.setswitchinterval(_TURN_S)
         try:
@@ -246,7 +249,7 @@ class _Proxy:
             running, relaying = self._session.running, self._relay.is_alive()  # asked before: what comes last is taken
             if not relaying:
                 self._reader.stop()
-            self._lines.show(self._session.poll(_WAIT_S, _MOST))
+            self._lines.show(self._session.poll(POLL_S, POLL_MOST))
             if running or self._session.waiting:
                 continue
             if not relaying:
@@ -254,7 +257,7 @@ class _Proxy:
             if not told:
                 told = True
                 _say(f"the dissection failed: {self._session.error!r}; traffic is still relayed")
-            self._relay.join(_WAIT_S)
+            self._relay.join(POLL_S)
 
     def _code(self) -> int:
         if self._relay.error:

@@ -15,7 +15,7 @@ from dissect.cli.look import write_text
 from dissect.cli.main import EXIT_GATE, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
 from dissect.golden.difference import DiffOptions
-from dissect.golden.model import GoldenError
+from dissect.golden.model import GoldenError, Session
 from dissect.report import words
 from dissect.report.formats import DIFFERENCES, Format, formats_for
 from dissect.wire.text import printable
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from dissect.engine.exchange import PayloadDecoder
     from dissect.metrics.address import Address
-    from dissect.playback.client import Outcome, Part, Permissions, Recorded, Settings
+    from dissect.playback.client import Outcome, Part, Permissions, Settings
     from dissect.source.pcapng_writer import PcapngWriter
 
 REPLAY_SCHEMA: Final = "s7dissect.replay/1"
@@ -187,7 +187,7 @@ def command(
     if not one_by_one:
         expect_few(plan)
     permissions = Permissions(allow_write, allow_control)
-    for line in recorded.session.damage:
+    for line in recorded.damage:
         _say(line)
     if pace is not None and not any([link.transactions and link.transactions[0].time_ns for link in recorded.links]):
         raise click.UsageError(f"{printable(file)} has no times, so --timing must be asap.")
@@ -196,7 +196,7 @@ def command(
         return EXIT_OK
     settings = Settings(pace, timeout_s, pipelined, retries, one_by_one=one_by_one)
     outcome = _replayed(recorded, plan, (target, allow_remote), (permissions, settings), (output, force), decoder)
-    outcome.expected.damage = recorded.session.damage
+    outcome.expected.damage = recorded.damage
     return _report(outcome, options, format_, most)
 
 
@@ -216,7 +216,7 @@ def _check_output(file: str, output: str | None) -> None:
 
 
 def _replayed(
-    recorded: Recorded,
+    recorded: Session,
     plan: Sequence[Part],
     where: tuple[Address, bool],
     how: tuple[Permissions, Settings],

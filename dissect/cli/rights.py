@@ -9,6 +9,7 @@ import click
 
 if TYPE_CHECKING:
     from dissect.cli.options.monitor import Beside
+    from dissect.source.live.privileges import User
     from dissect.source.live.reader import LiveReader
 
 #: The user whom -Z names to keep everything.
@@ -26,6 +27,20 @@ def check_user(user: str, engine: str) -> None:
         raise click.UsageError("-Z USER: only root can become another user.")
     if engine == "dumpcap" and user != _ROOT:
         raise click.UsageError("-Z USER needs --engine ring: dumpcap started as root can only be stopped by root.")
+
+
+def _relinquish(beside: Beside, become: User | None, on_screens: bool) -> None:
+    """Give up all rights, and see that what has to be written and read afterwards can be."""
+    from dissect.source.live import privileges
+
+    if become is not None:
+        _import_all()
+        privileges.give(beside.made, become)
+    privileges.relinquish(become)
+    if beside.directory is not None:
+        privileges.check_writable(beside.directory, become)
+    if on_screens and not privileges.program_readable():
+        raise privileges.unreadable(become)
 
 
 def open_interface(
@@ -49,14 +64,7 @@ def open_interface(
             _say(f"{reader.engine} and the dissection run as root; --engine ring drops all privileges")
         return reader
     try:
-        if become is not None:
-            _import_all()
-            privileges.give(beside.made, become)
-        privileges.relinquish(become)
-        if beside.directory is not None:
-            privileges.check_writable(beside.directory, become)
-        if on_screens and not privileges.program_readable():
-            raise privileges.unreadable(become)
+        _relinquish(beside, become, on_screens)
     except BaseException:
         reader.close()
         raise

@@ -246,7 +246,7 @@ def _raw(row: Row) -> str:
 
 
 def _as_dict(od: Dictionary, message: Message, found: Sequence[Row], surplus: bytes) -> dict[str, object]:
-    from dissect.scd.wording import json_value
+    from dissect.scd.wording import row_json
 
     has, error = message.numbers, message.error
     return {
@@ -258,16 +258,7 @@ def _as_dict(od: Dictionary, message: Message, found: Sequence[Row], surplus: by
         "envelope": has or None,
         "err_text": encodable(_error_text(od, message.err)) if "err" in has else None,
         "values": [
-            {
-                "address": encodable(row.address),
-                "name": encodable(row.name),
-                "value": json_value(row.value),
-                "physical": json_value(row.physical),
-                "unit": encodable(row.unit) or None,
-                "text": encodable(row.text) or None,
-                "flags": list(row.flags),
-            }
-            for row in found
+            row_json(row) for row in found
         ],
         "flags": list(message.flags),
         "data": message.data.hex(),

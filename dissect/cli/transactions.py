@@ -10,6 +10,8 @@ from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
@@ -27,6 +29,7 @@ from dissect.report.words import PROTOCOLS
 from dissect.report.writer import Choice, TransactionFeed
 from dissect.session import Run
 from dissect.tls.key_log import KeyLog
+from dissect.transactions.naming import Naming
 from dissect.transactions.transaction import Transaction
 
 
@@ -41,9 +44,11 @@ from dissect.transactions.transaction import Transaction
     metavar="MS",
     help="Only transactions answered later than this many milliseconds; with --failed, these as well.",
 )
+@select_options("transaction", results="transactions")
 @checksums_option
 @fail_on_option
 @scd_options
+@tag_options
 @tls_option
 def command(
     files: tuple[str, ...],
@@ -53,6 +58,8 @@ def command(
     checksums: bool,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    chosen: Chosen,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
     """List requests with their answers, one line each.
@@ -64,18 +71,19 @@ def command(
     packet that completed it stands in the capture, an unanswered request where the wait for its answer ended.
     """
     # What is slow is a finding as well.
-    options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys)
+    options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
     if slow_ns is not None:
         options.slow_ns = slow_ns
-    writer = format_.writer(TRANSACTIONS, clock())
-    feed = TransactionFeed(writer, _choice(failed, slow_ns))
-    run = Run(files, feed, options)
+    writer = chosen.writer(format_, TRANSACTIONS, clock())
+    feed = TransactionFeed(writer, chosen.choice("transaction", _choice(failed, slow_ns)))
+    run = Run(files, chosen.sieve(feed) if fail_on else feed, chosen.narrow(options))
+    chosen.begin(run, files)
     writer.begin(places_of(run, files))
-    code = drive(run, files, lambda: write_out(feed.take(int(run.pipeline.timers.oldest_held()))))
+    code = drive(run, files, lambda: write_out(feed.take(int(run.pipeline.timers.oldest_held()))), lambda: chosen.full)
     complain(run, code)
-    if not run.pipeline.exchange.dialogue.count:
+    if not run.pipeline.exchange.dialogue.count and not run.pipeline.connections.left_out:
         click.echo(f"s7dissect: no S7 transaction: {_instead(run, feed.protocols)}", err=True)
-    return gate(run, fail_on, code)
+    return gate(run, fail_on, code, chosen.findings)
 
 
 def _instead(run: Run, spoken: Mapping[str, int]) -> str:

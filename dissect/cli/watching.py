@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 
 _TOPICS: Final = ("connections", "transactions", "operations", "findings", "scd")
 
+#: How long a poll waits for something to happen, in seconds, and how much it takes.
+POLL_S: Final = 0.2
+POLL_MOST: Final = 512
+
 
 def _topics(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[str, ...]:
     topics = tuple([topic.strip() for topic in value.split(",")]) if value else ()
@@ -40,16 +44,6 @@ only_option: Final[Callable[[Any], Any]] = click.option(
 )
 
 
-#: ``--slow MS``; the command's argument is ``slow_ns``.
-slow_option: Final[Callable[[Any], Any]] = click.option(
-    "--slow",
-    "slow_ns",
-    callback=nanoseconds,
-    default="1000",
-    show_default=True,
-    metavar="MS",
-    help="Report answers that take longer than this many milliseconds.",
-)
 #: ``--overdue MS``; the command's argument is ``overdue_ns``.
 overdue_option: Final[Callable[[Any], Any]] = click.option(
     "--overdue",

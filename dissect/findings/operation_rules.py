@@ -9,7 +9,7 @@ from dissect.s7.errors import ERROR_CODES
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.szl import SZL_HEAD, extract
 from dissect.s7.szl_tables import HEAD_ONLY
-from dissect.s7.tables import SUCCESS
+from dissect.s7.tables import GROUP_CPU, READ_SZL, SUCCESS
 from dissect.transactions.operation import (
     BEYOND_END,
     BSEND,
@@ -32,8 +32,6 @@ _TRANSFERS: Final = frozenset((DOWNLOAD, UPLOAD, BSEND, LONG_ANSWER))
 _ENDLESS_OCTETS: Final = 1 << 20
 #: At the end of the capture, a transfer whose last step is older than this stopped before.
 _STOPPED_NS: Final = 1_000_000_000
-_CPU: Final = 4
-_READ_SZL: Final = 1
 _ODDITIES: Final = {
     BEYOND_END: "operation.beyond_end",
     CUT_SHORT: "operation.cut_short",
@@ -59,7 +57,7 @@ def judge_operation(judge: Reporter, operation: Operation) -> None:
 
 
 def _ought_to_end(operation: Operation) -> bool:
-    """Tell whether the end is missing for another reason than the capture's."""
+    """Return whether the end is missing for another reason than the capture's."""
     tcp = operation.connection.tcp
     if operation.reason == HOLE or tcp.has_holes:
         return False
@@ -74,7 +72,13 @@ def judge_szl(judge: Reporter, transaction: Transaction) -> None:
     head = transaction.parameters.userdata
     answer = transaction.response_parameters
     told = answer.userdata if answer is not None else None
-    if head is None or told is None or head.group != _CPU or head.subfunction != _READ_SZL or transaction.has_errors:
+    if (
+        head is None
+        or told is None
+        or head.group != GROUP_CPU
+        or head.subfunction != READ_SZL
+        or transaction.has_errors
+    ):
         return
     if told.last_data_unit != 0 or told.data_unit_ref != 0 or told.error_code or head.data_unit_ref > 0:
         return

@@ -10,44 +10,43 @@ from typing import Final
 
 from dissect.findings.reporter import Reporter
 from dissect.s7.body import Body
-from dissect.s7.clock import SETTING
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.parameters import HEADER_SIZE, UserdataHead
-from dissect.s7.services import COMPRESS, COPY_TO_ROM, NC_PREFIX, PI_SERVICES, PROGRAM
+from dissect.s7.services import NC_PREFIX, PI_SERVICES
 from dissect.s7.tables import (
+    ALARM_CHANGE,
+    CLOCK,
+    DEBUG,
+    FLASH,
+    FORCE,
+    FUNCTIONS,
+    GROUP_BLOCKS,
+    GROUP_CPU,
+    GROUP_MODE,
+    GROUP_SECURITY,
+    MEMORY,
+    MODE_STOP,
     PI_SERVICE,
-    PLC_STOP,
-    REQUEST_DOWNLOAD,
+    PROGRAM_CHANGE,
+    PROGRAM_READ,
+    READ,
+    READ_SZL,
     RETURN_CODES,
-    START_UPLOAD,
+    SEND_PASSWORD,
+    START,
+    STOP,
     SUCCESS,
     USERDATA,
+    USERDATA_SUBFUNCTIONS,
 )
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.connection import Connection
+from dissect.transactions.naming import named_items, subject, written
 from dissect.transactions.transaction import ANSWERED, PUSH, UNANSWERED, Transaction
 from dissect.wire.octets import u16
 from dissect.wire.text import duration_text, titled
-
-_MODE: Final = 0
-_TEST: Final = 1
-_BLOCKS: Final = 3
-_CPU: Final = 4
-_SECURITY: Final = 5
-_TIME: Final = 7
-_NC: Final = 0x3F
-
-_FORCING: Final = frozenset((0x08, 0x09, 0x12))
-_DEBUGGING: Final = frozenset((0x01, 0x0A, 0x0B, 0x13))
-_MEMORY_RESET: Final = 0x0C
-_FLASH_LED: Final = 0x16
-_ALARM_CHANGES: Final = frozenset((0x07, 0x08, 0x0B))
-_READ_SZL: Final = 0x01
-_NC_DOWNLOAD: Final = 0x01
-_NC_UPLOAD: Final = 0x06
-_STOP: Final = 0x00
 
 #: SZL lists that tell what a device is, apart from its state (reference 7.4): id lists, identification. What it can do in
 #: communication (0x31, 0x32) panels ask at each start.
@@ -105,7 +104,7 @@ class SecurityWatch:
         connection.traits.written |= areas
         if transaction.error_code or transaction.outcome == UNANSWERED:
             return
-        items = transaction.parameters.subject
+        items = subject(transaction)
         if fresh & WRITTEN_IO:
             self.tell("security.write_outputs", transaction, items)
         if fresh & WRITTEN_ELSEWHERE:
@@ -113,7 +112,7 @@ class SecurityWatch:
         self.writer(transaction)
 
     def writer(self, transaction: Transaction) -> None:
-        """Take a write: a client other than the first that wrote to a PLC is told."""
+        """Take a write: a client other than the first that wrote to a PLC is reported."""
         client, server = _ends(transaction)
         if len(self._writers) >= _MAX_REMEMBERED or len(self._pairs) >= _MAX_REMEMBERED:
             self._writers.clear()
@@ -144,7 +143,7 @@ class SecurityWatch:
             if connection.traits.first("security.flood"):
                 each = duration_text(int(writes.answer_ns) * SAMPLED // _WRITES)
                 what = f"{_WRITES} writes within {duration_text(took_ns)}, each answered after {each}"
-                self.tell("security.flood", transaction, f"{transaction.parameters.subject}: {what}")
+                self.tell("security.flood", transaction, f"{subject(transaction)}: {what}")
         writes.since_ns = now_ns
         writes.pdus = connection.pdus
         writes.answer_ns = 0
@@ -153,7 +152,7 @@ class SecurityWatch:
     # ---- everything else --------------------------------------------------------------------------------------------
 
     def take(self, transaction: Transaction) -> None:
-        """Judge a transaction that is no read or write."""
+        """Judge a transaction that is neither a read nor a write."""
         head = transaction.parameters.userdata
         if head is not None and transaction.rosctr == USERDATA:
             self._userdata(transaction, head)
@@ -172,22 +171,19 @@ class SecurityWatch:
         # Where other items of it succeeded, it is these addresses that the device does not give.
         denied = _ACCESS_DENIED in codes and SUCCESS not in codes
         if transaction.error_code in _PROTECTED_VARIABLES or denied:
-            what = transaction.parameters.subject
+            what = subject(transaction)
             name = "" if transaction.error_code else f": {RETURN_CODES.name(_ACCESS_DENIED)}"
             self.tell("security.protected", transaction, what + name)
         else:
             traits.told.discard("security.protected")
 
     def _job(self, transaction: Transaction) -> None:
-        function = transaction.function
-        if function == PLC_STOP:
-            self.tell("security.plc_stop", transaction, f"PLC stop{_accepted(transaction)}")
-        elif function == PI_SERVICE:
+        if transaction.function == PI_SERVICE:
             self._pi_service(transaction)
-        elif function == REQUEST_DOWNLOAD:
-            self.tell("security.program_change", transaction)
-        elif function == START_UPLOAD:
-            self.tell("security.program_read", transaction)
+            return
+        slug = _SLUGS.get(FUNCTIONS.effect(transaction.function), "")
+        if slug:
+            self.tell(slug, transaction, f"PLC stop{_accepted(transaction)}" if slug == "security.plc_stop" else "")
 
     def _pi_service(self, transaction: Transaction) -> None:
         body = _asked(transaction)
@@ -200,25 +196,26 @@ class SecurityWatch:
 
     def _userdata(self, transaction: Transaction, head: UserdataHead) -> None:
         if transaction.outcome == PUSH:
-            if head.group == _MODE:
-                slug = "security.stopped" if head.subfunction == _STOP else "security.mode_changed"
+            if head.group == GROUP_MODE:
+                slug = "security.stopped" if head.subfunction == MODE_STOP else "security.mode_changed"
                 self.tell(slug, transaction, f"mode {head.subfunction_name}")
             return
         if not transaction.request_frame:
             return
         group, subfunction = head.group, head.subfunction
-        slug = _USERDATA_SLUGS.get((group, subfunction), "")
+        table = USERDATA_SUBFUNCTIONS.get(group)
+        slug = _SLUGS.get(table.effect(subfunction), "") if table is not None else ""
         if slug:
             if slug in _ONCE and not transaction.connection.traits.first(slug):
                 return
             self.tell(slug, transaction, _forced(transaction) if slug == "security.force" else "")
-        elif group == _BLOCKS:
+        elif group == GROUP_BLOCKS:
             self._inquiry(transaction, -subfunction)
-        elif group == _CPU and subfunction == _READ_SZL:
+        elif group == GROUP_CPU and subfunction == READ_SZL:
             szl_id = _szl_id(transaction)
             if szl_id >= 0:
                 self._inquiry(transaction, szl_id)
-        elif group == _SECURITY and subfunction == 1:
+        elif group == GROUP_SECURITY and subfunction == SEND_PASSWORD:
             self.password(transaction)
 
     def _inquiry(self, transaction: Transaction, inquiry: int) -> None:
@@ -267,10 +264,7 @@ class SecurityWatch:
         frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
         ends = transaction.connection.tcp.ends
         asked, told = ends[transaction.asked_by], ends[1 - transaction.asked_by]
-        if transaction.outcome == PUSH:
-            who = f"{told} reports to {asked}"
-        else:
-            who = f"{asked} to {told}"
+        who = f"{told} reports to {asked}" if transaction.outcome == PUSH else f"{asked} to {told}"
         result = ""
         if transaction.error_code:
             codes = PLUS_CODES if transaction.is_plus else ERROR_CODES
@@ -314,7 +308,12 @@ def _forced(transaction: Transaction) -> str:
     """Return the function, and which variables it sets to which value; empty where the request does not say it."""
     results = transaction.results()
     said: list[str] = []
-    for result in results[:_NAMED]:
+    named = named_items(transaction)
+    for index, result in enumerate(results[:_NAMED]):
+        tags = [value for value in named[index] if value.name] if named else []
+        if tags:
+            said.append(", ".join([written(value) for value in tags[:_NAMED]]))
+            continue
         name = result.item.label if result.item is not None else "?"
         if result.data is None:
             said.append(name)
@@ -335,39 +334,26 @@ def _accepted(transaction: Transaction) -> str:
 
 def _service_slug(name: str) -> str:
     """Return what it is to call a PI service; empty for one that only reads, and for none."""
-    if name == PROGRAM:
-        return "security.plc_start"
-    if name in _MEMORY_SERVICES:
-        return "security.memory"
     row = PI_SERVICES.get(name)
     if row is not None:
-        return _PI_SLUGS[row.security]
+        return "" if row.effect == READ else _SLUGS.get(row.effect, "security.nc_command")
     if name.startswith(NC_PREFIX):
         return "security.nc_command"
     return "security.unknown_service" if name else ""
 
 
-#: Slugs of PI services by their class (`dissect.s7.services.PI_SERVICES`).
-_PI_SLUGS: Final = {
-    "program change": "security.program_change",
-    "authentication": "security.nc_command",
-    "control": "security.nc_command",
-    "write": "security.nc_command",
-    "destructive": "security.nc_command",
-    "read": "",
-}
-_MEMORY_SERVICES: Final = frozenset((COPY_TO_ROM, COMPRESS))
-
-#: Slugs of userdata requests by group and subfunction.
-_USERDATA_SLUGS: Final[dict[tuple[int, int], str]] = {
-    **{(_TEST, subfunction): "security.force" for subfunction in _FORCING},
-    **{(_TEST, subfunction): "security.debug" for subfunction in _DEBUGGING},
-    (_TEST, _MEMORY_RESET): "security.memory",
-    (_TEST, _FLASH_LED): "security.flash_led",
-    **{(_CPU, subfunction): "security.alarm_change" for subfunction in _ALARM_CHANGES},
-    **{(_TIME, subfunction): "security.clock_set" for subfunction in SETTING},
-    (_NC, _NC_DOWNLOAD): "security.program_change",
-    (_NC, _NC_UPLOAD): "security.program_read",
+#: Slugs of requests by what they do.
+_SLUGS: Final[dict[str, str]] = {
+    ALARM_CHANGE: "security.alarm_change",
+    CLOCK: "security.clock_set",
+    DEBUG: "security.debug",
+    FLASH: "security.flash_led",
+    FORCE: "security.force",
+    MEMORY: "security.memory",
+    PROGRAM_CHANGE: "security.program_change",
+    PROGRAM_READ: "security.program_read",
+    START: "security.plc_start",
+    STOP: "security.plc_stop",
 }
 #: Reported once per connection: what a session does repeatedly.
 _ONCE: Final = frozenset(("security.debug", "security.alarm_change"))

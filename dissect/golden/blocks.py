@@ -9,14 +9,13 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from dissect.s7.build import build_pdu
+from dissect.s7.layouts import USERDATA_EXTENDED
 from dissect.s7.message import parse_pdu
-from dissect.s7.tables import ACK, ACK_DATA, ROSCTR, USERDATA
+from dissect.s7.tables import ACK, ACK_DATA, PARAMETER_EXTENDED, ROSCTR, USERDATA
 
 _BY_NAME: Final = {code.name: code.number for code in ROSCTR}
 #: Where an extended userdata head has its error code.
 _ERROR: Final = slice(10, 12)
-_EXTENDED: Final = 12
-_SYNTAX_EXTENDED: Final = 0x12
 
 
 class Blocks(NamedTuple):
@@ -60,7 +59,7 @@ def join_blocks(blocks: Blocks) -> bytes:
 
 
 def _has_error(parameters: bytes) -> bool:
-    return len(parameters) >= _EXTENDED and parameters[4] == _SYNTAX_EXTENDED
+    return len(parameters) >= USERDATA_EXTENDED.size and parameters[4] == PARAMETER_EXTENDED
 
 
 def _with_error(parameters: bytes, error: int) -> bytes:

@@ -18,6 +18,7 @@ from dissect.s7.parameters import Setup
 from dissect.s7.tables import (
     ACK_DATA,
     ANSWER_TRANSPORT_SIZE,
+    DATA_BYTES,
     DATA_TRANSPORT_SIZES,
     JOB,
     READ_VAR,
@@ -27,7 +28,6 @@ from dissect.s7.tables import (
 )
 from dissect.wire.text import printable
 
-_BYTES: Final = 0x04
 #: Head of a refused item: transport size and length.
 _REFUSED: Final = bytes(3)
 
@@ -43,13 +43,8 @@ _ITEM: Final = re.compile(
 _SETUP: Final = re.compile(r"PDU ([0-9]{1,5}), AmQ ([0-9]{1,5})/([0-9]{1,5})")
 
 
-def setup_text(setup: Setup) -> str:
-    """Return what is negotiated: ``PDU 480, AmQ 1/1``."""
-    return f"PDU {setup.pdu_length}, AmQ {setup.max_amq_calling}/{setup.max_amq_called}"
-
-
 def parse_setup(text: str) -> Setup:
-    """Read what `setup_text` wrote. Raises ValueError."""
+    """Read a `Setup` as its text has it. Raises ValueError."""
     found = _SETUP.fullmatch(text)
     numbers = [int(number) for number in found.groups()] if found else [0x10000]
     if found is None or max(numbers) > 0xFFFF:
@@ -73,7 +68,7 @@ class ItemLine(NamedTuple):
 
 def usual_size(item: Item) -> int:
     """Return the data transport size that goes with an item as a rule."""
-    return ANSWER_TRANSPORT_SIZE.get(int(item.transport_size), _BYTES)
+    return ANSWER_TRANSPORT_SIZE.get(int(item.transport_size), DATA_BYTES)
 
 
 def item_text(line: ItemLine) -> str:

@@ -14,45 +14,60 @@ from typing import Final
 
 from dissect.s7.hiding import without_secrets
 from dissect.s7.items import DATA_HEAD, parse_data_items
-from dissect.s7.parameters import ACK_HEADER_SIZE, GROUP_PBC, HEADER_SIZE, PROTOCOL_ID
+from dissect.s7.layouts import HEADER, USERDATA_EXTENDED, USERDATA_SHORT
+from dissect.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, PROTOCOL_ID
 from dissect.s7.tables import (
     ACK_DATA,
     CPU_SERVICES,
     END_UPLOAD,
+    GROUP_PBC,
     JOB,
+    PARAMETER_EXTENDED,
+    PARAMETER_SHORT,
     READ_VAR,
     START_UPLOAD,
     UPLOAD,
     USERDATA,
     WRITE_VAR,
 )
+from dissect.s7.transfer import UPLOAD_HEAD
 from dissect.s7plus.hiding import shown_contents
 from dissect.s7plus.layouts import DIGEST, INTEGRITY_ID
+from dissect.s7plus.layouts import NOTIFICATION as NOTIFICATION_HEAD
+from dissect.s7plus.layouts import REQUEST as REQUEST_HEAD
+from dissect.s7plus.layouts import RESPONSE as RESPONSE_HEAD
 from dissect.s7plus.message import DIGEST_SIZE, parse_plus
 from dissect.s7plus.tables import NOTIFICATION, REQUEST, V1, V3
+from dissect.wire.layout import HOLDS_REFERENCE
 
-_REFERENCE: Final = slice(4, 6)
-_NONE: Final = bytes(2)
+# Where references stand: (begin, end), counted from where each structure begins.
+_HEADER: Final = HEADER.places(HOLDS_REFERENCE)
+_UPLOAD: Final = UPLOAD_HEAD.places(HOLDS_REFERENCE)
+_PLUS_REQUEST: Final = REQUEST_HEAD.places(HOLDS_REFERENCE)
+_PLUS_RESPONSE: Final = RESPONSE_HEAD.places(HOLDS_REFERENCE)
+_PLUS_NOTIFICATION: Final = NOTIFICATION_HEAD.places(HOLDS_REFERENCE)
 _PARAM_LENGTH: Final = slice(6, 8)
-# Of a userdata PDU, header included: function, syntax, sequence, data unit reference.
-_FUNCTION: Final = 10
-_SYNTAX: Final = 14
-_TYPE_AND_GROUP: Final = 15
-_SEQUENCE: Final = 17
-_DATA_UNIT: Final = 18
+# Of a userdata PDU, header included: function, syntax, type and group, sequence, data unit reference.
+_FUNCTION: Final = HEADER_SIZE
+_SYNTAX: Final = HEADER_SIZE + 4
+_TYPE_AND_GROUP: Final = HEADER_SIZE + 5
+SEQUENCE, DATA_UNIT = (HEADER_SIZE + begin for begin, _ in USERDATA_EXTENDED.places(HOLDS_REFERENCE))
 #: Bits of the octet with both, and an answer in those of the type.
 _TYPE: Final = 0xC0
 _GROUP: Final = 0x3F
 _RESPONSE: Final = 0x80
-_SHORT: Final = 0x11
-_EXTENDED: Final = 0x12
-_ACK_FUNCTION: Final = 12
-#: Octets from the function to the id of an upload, and its size.
-_UPLOAD_ID_AT: Final = 4
-_UPLOAD_ID: Final = 4
 _PLUS_HEADER: Final = 4
 _READ: Final = bytes((READ_VAR,))
 _WRITE: Final = bytes((WRITE_VAR,))
+_UPLOADS: Final = (bytes((UPLOAD,)), bytes((END_UPLOAD,)))
+_STARTS: Final = bytes((START_UPLOAD,))
+
+
+def _clear(octets: bytearray, places: list[tuple[int, int]], at: int = 0) -> None:
+    """Put zeros where references of a structure stand that begins ``at``, as far as they are there."""
+    for begin, end in places:
+        if at + end <= len(octets):
+            octets[at + begin : at + end] = bytes(end - begin)
 
 
 def mask_s7(octets: bytes) -> bytes:
@@ -61,25 +76,21 @@ def mask_s7(octets: bytes) -> bytes:
         return octets
     rosctr = octets[1]
     octets = without_secrets(octets)
-    if rosctr == USERDATA:
-        return _mask_userdata(octets)
-    at = -1
-    function = octets[_ACK_FUNCTION : _ACK_FUNCTION + 1] if rosctr == ACK_DATA else octets[_FUNCTION : _FUNCTION + 1]
-    if (function == _READ and rosctr == ACK_DATA) or (function == _WRITE and rosctr == JOB):
-        return _mask_fills(octets)
-    if rosctr == JOB and len(octets) > _FUNCTION and octets[_FUNCTION] in {UPLOAD, END_UPLOAD}:
-        at = _FUNCTION + _UPLOAD_ID_AT
-    elif rosctr == ACK_DATA and len(octets) > _ACK_FUNCTION and octets[_ACK_FUNCTION] == START_UPLOAD:
-        at = _ACK_FUNCTION + _UPLOAD_ID_AT
-    if at >= 0 and len(octets) >= at + _UPLOAD_ID:
-        return b"".join((octets[:4], _NONE, octets[6:at], bytes(_UPLOAD_ID), octets[at + _UPLOAD_ID :]))
-    return b"".join((octets[:4], _NONE, octets[6:]))
-
-
-def _mask_fills(octets: bytes) -> bytes:
-    """Return a read answer or a write without reference and fill octets."""
     masked = bytearray(octets)
-    masked[_REFERENCE] = _NONE
+    _clear(masked, _HEADER)
+    at = ACK_HEADER_SIZE if rosctr == ACK_DATA else HEADER_SIZE
+    function = octets[at : at + 1]
+    if rosctr == USERDATA:
+        _mask_userdata(masked, octets)
+    elif (function == _READ and rosctr == ACK_DATA) or (function == _WRITE and rosctr == JOB):
+        _mask_fills(masked, octets)
+    elif (rosctr == JOB and function in _UPLOADS) or (rosctr == ACK_DATA and function == _STARTS):
+        _clear(masked, _UPLOAD, at)
+    return bytes(masked)
+
+
+def _mask_fills(masked: bytearray, octets: bytes) -> None:
+    """Clear the fill octets of a read answer or a write."""
     head = HEADER_SIZE if octets[1] == JOB else ACK_HEADER_SIZE
     count = octets[head + 1] if len(octets) > head + 1 else 0
     if count > 1:
@@ -88,21 +99,18 @@ def _mask_fills(octets: bytes) -> bytes:
             end = int(item.offset) + DATA_HEAD + len(item.data)
             if len(item.data) & 1 and end < len(masked):
                 masked[end] = 0
-    return bytes(masked)
 
 
-def _mask_userdata(octets: bytes) -> bytes:
-    masked = bytearray(octets)
-    masked[_REFERENCE] = _NONE
+def _mask_userdata(masked: bytearray, octets: bytes) -> None:
     size = int.from_bytes(octets[_PARAM_LENGTH], "big")
-    if size >= 8 and len(octets) > _SEQUENCE and octets[_FUNCTION] == CPU_SERVICES:
+    if size >= USERDATA_SHORT.size and len(octets) > SEQUENCE and octets[_FUNCTION] == CPU_SERVICES:
         syntax = octets[_SYNTAX]
-        if syntax in {_SHORT, _EXTENDED}:
-            goes_on = octets[_TYPE_AND_GROUP] & _GROUP == GROUP_PBC and octets[_SEQUENCE] and not _answers(octets)
-            masked[_SEQUENCE] = 1 if goes_on else 0
-        if syntax == _EXTENDED and size >= 12 and len(octets) > _DATA_UNIT and octets[_DATA_UNIT]:
-            masked[_DATA_UNIT] = 1
-    return bytes(masked)
+        if syntax in {PARAMETER_SHORT, PARAMETER_EXTENDED}:
+            goes_on = octets[_TYPE_AND_GROUP] & _GROUP == GROUP_PBC and octets[SEQUENCE] and not _answers(octets)
+            masked[SEQUENCE] = 1 if goes_on else 0
+        extended = syntax == PARAMETER_EXTENDED and size >= USERDATA_EXTENDED.size
+        if extended and len(octets) > DATA_UNIT and octets[DATA_UNIT]:
+            masked[DATA_UNIT] = 1
 
 
 def _answers(octets: bytes) -> bool:
@@ -118,18 +126,17 @@ def mask_plus(octets: bytes) -> bytes:
         _mask_digests(masked)
     if pdu.opcode == NOTIFICATION and pdu.version != V1:
         if pdu.credit_tick >= 0:
-            masked[at + 11] = 0
-            end = at + 12
-            while end < len(masked) and end < at + 17:
+            _clear(masked, _PLUS_NOTIFICATION, at)
+            end = at + NOTIFICATION_HEAD.size
+            while end < len(masked) and end < at + NOTIFICATION_HEAD.size + 5:
                 more = masked[end] & 0x80
                 masked[end] = more
                 end += 1
                 if not more:
                     break
     elif pdu.sequence >= 0:
-        masked[at + 7 : at + 9] = _NONE
-        if pdu.opcode == REQUEST and pdu.session_id >= 0:
-            masked[at + 9 : at + 13] = bytes(4)
+        request = pdu.opcode == REQUEST and pdu.session_id >= 0
+        _clear(masked, _PLUS_REQUEST if request else _PLUS_RESPONSE, at)
     found, secrets = shown_contents(pdu)
     for part in found.parts:
         if part.layout is INTEGRITY_ID or part.layout is DIGEST:

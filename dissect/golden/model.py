@@ -1,4 +1,6 @@
-"""A session as a golden holds it: connections, and on each the transactions in the order in which they were asked.
+"""A recorded session, of a capture or a golden: connections, and on each the transactions in the order they were asked in.
+
+What compares sessions, serves them and plays them again reads this one model.
 
 The octets of both PDUs, without their references (`dissect.golden.masking`), are the truth; items, values and errors are read
 from them when somebody looks, by the parsers that read captures. Transactions that say the same share one `Exchange`.
@@ -7,7 +9,7 @@ from them when somebody looks, by the parsers that read captures. Transactions t
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Final
+from typing import Final, NamedTuple
 
 from dissect.golden.exchange import Exchange, ItemRecord
 
@@ -20,13 +22,40 @@ class GoldenError(Exception):
     """A golden that cannot be read, or a capture that cannot become one: says where and what to do."""
 
 
+class Span(NamedTuple):
+    """Where a connection stood in its capture: its number there, first and last packet, and their times since 1970.
+
+    Where its end was not captured, the last packet of it counts.
+    """
+
+    number: int
+    first_frame: int
+    first_ns: int
+    last_frame: int
+    last_ns: int
+
+
+class Tpdus(NamedTuple):
+    """What a golden has in words: the TPDUs around the messages of a connection, without TPKT, empty where not captured.
+
+    ``requested`` tells that a connect request was seen, ``confirm`` is what the server answered to it (CC, DR or ER),
+    ``farewell`` the last DR or ER of the side that ended it. ``pdu_length`` is what counted at the end.
+    """
+
+    requested: bool = False
+    confirm: bytes = b""
+    farewell: bytes = b""
+    pdu_length: int = 0
+
+
 class Transaction:
     """A request and its answer, either of which may be missing.
 
     ``number`` counts from 1 over the session, in its order; ``asked_by`` is ``client`` or ``server``; ``outcome`` and
     ``reason`` are those of `dissect.transactions`. What belongs to one recording is None where it is not known: ``time_ns`` of
-    the request (of the answer when there is none), nanoseconds since 1970; ``latency_ns``; ``pdu_ref``. ``frame`` is the
-    packet it began with, 0 where not known.
+    the request (of the answer when there is none), nanoseconds since 1970; ``latency_ns``; ``pdu_ref``; ``recorded``, both PDUs
+    with their references. ``frame`` is the packet it began with, ``place`` the one by which it stands in order, ``last_frame``
+    the one it was over with; 0 where not known.
     """
 
     __slots__ = (
@@ -34,11 +63,14 @@ class Transaction:
         "connection",
         "exchange",
         "frame",
+        "last_frame",
         "latency_ns",
         "number",
         "outcome",
         "pdu_ref",
+        "place",
         "reason",
+        "recorded",
         "time_ns",
     )
 
@@ -50,6 +82,9 @@ class Transaction:
         self.reason = reason
         self.number = 0
         self.frame = 0
+        self.place = 0
+        self.last_frame = 0
+        self.recorded: tuple[bytes, bytes] | None = None
         self.time_ns: int | None = None
         self.latency_ns: int | None = None
         self.pdu_ref: int | None = None
@@ -98,7 +133,8 @@ class Link:
 
     ``carrier`` is ``tcp``, ``udp`` or ``ibh``; ``begun`` tells that its beginning was captured; sizes are 0 where not
     negotiated. ``ended`` is how (`dissect.transactions.ending`), ``ended_by`` ``client``, ``server`` or empty, ``farewell`` a
-    DR or ER in words. ``addresses`` of client and server are those of one recording, empty where not known.
+    DR or ER in words. ``addresses`` of client and server are those of one recording, empty where not known; so are ``span``
+    and ``tpdus``, None where not known.
     """
 
     __slots__ = (
@@ -113,8 +149,10 @@ class Link:
         "number",
         "protocol",
         "refused",
+        "span",
         "tpdu_size",
         "tpdu_size_asked",
+        "tpdus",
         "transactions",
     )
 
@@ -132,6 +170,8 @@ class Link:
         self.ended = ""
         self.ended_by = ""
         self.farewell = ""
+        self.span: Span | None = None
+        self.tpdus: Tpdus | None = None
         self.transactions: list[Transaction] = []
 
     @property
@@ -143,13 +183,14 @@ class Link:
 class Session:
     """Connections in their canonical order, and the distinct exchanges on them."""
 
-    __slots__ = ("_exchanges", "_octets", "_total", "damage", "links", "name")
+    __slots__ = ("_exchanges", "_messages", "_octets", "_total", "damage", "links", "name")
 
     def __init__(self, name: str = "") -> None:
         self.name = name
         self.damage: list[str] = []  # what was wrong with the files it was read from
         self.links: list[Link] = []
         self._exchanges: dict[tuple[str, bytes, bytes, tuple[str, ...], bool, bool, bytes], Exchange] = {}
+        self._messages: dict[bytes, bytes] = {}
         self._octets = 0
         self._total = 0
 
@@ -157,6 +198,11 @@ class Session:
     def transactions(self) -> list[Transaction]:
         """All transactions, connection by connection."""
         return [transaction for link in self.links for transaction in link.transactions]
+
+    @property
+    def as_begun(self) -> list[Link]:
+        """The connections in the order in which they began; of a golden, in which they stand."""
+        return sorted(self.links, key=lambda link: link.span.number if link.span is not None else 0)
 
     def share(self, exchange: Exchange) -> Exchange:
         """Return the exchange that says the same, which is ``exchange`` itself when it is new.
@@ -179,14 +225,24 @@ class Session:
         found = self._exchanges.get(key)
         if found is not None:
             return found
-        self._octets += len(exchange.request) + len(exchange.response) + sum([len(line) for line in exchange.scd])
+        self._take(len(exchange.request) + len(exchange.response) + sum([len(line) for line in exchange.scd]))
+        self._exchanges[key] = exchange
+        return exchange
+
+    def keep(self, octets: bytes) -> bytes:
+        """Return a message as it was recorded; of equal ones the first. Raises GoldenError as `share` does."""
+        known = self._messages.setdefault(octets, octets)
+        if known is octets:
+            self._take(len(octets))
+        return known
+
+    def _take(self, size: int) -> None:
+        self._octets += size
         if self._octets > MAX_OCTETS:
             message = (
                 f"{self.name}: more than {MAX_OCTETS >> 20} MiB of distinct messages; cut it first (s7dissect cut)"
             )
             raise GoldenError(message)
-        self._exchanges[key] = exchange
-        return exchange
 
     def arrange(self, links: Iterable[Link]) -> None:
         """Take the connections in this order and number them and their transactions."""

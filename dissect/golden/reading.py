@@ -11,12 +11,14 @@ from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
 from dissect.golden.exchange import PLUS, S7, SCD, Exchange
-from dissect.golden.model import GoldenError, Link, Session, Transaction
+from dissect.golden.model import GoldenError, Link, Session, Span, Tpdus, Transaction
 from dissect.golden.order import settle_places
 from dissect.golden.parsing import MAGIC, MAX_LINE, read_golden
 from dissect.golden.scd_lines import scd_lines
 from dissect.golden.writing import link_text
 from dissect.ibh.tables import IBH_NETLINK
+from dissect.iso.tables import CC, DR, ER
+from dissect.iso.tpkt import HEADER
 from dissect.session import Run
 from dissect.source.packet import CaptureError
 from dissect.transactions.connection import Connection
@@ -25,6 +27,7 @@ from dissect.transactions.transaction import Transaction as Seen
 
 if TYPE_CHECKING:
     from dissect.iso.tsap import Tsap
+    from dissect.transactions.table import Side
 
 #: Octets of a golden; a larger one is refused.
 MAX_SIZE: Final = 1 << 30
@@ -45,16 +48,20 @@ class _Entry:
 class SessionReader(Observer):
     """Gathers what a pipeline tells; `finish` gives the session.
 
+    ``messages`` keeps what a golden leaves out as well: PDUs with their references, and the TPDUs around them (`Tpdus`).
     ``too_long`` is why nothing more is gathered, None while all is well: raised in the midst of a pipeline it would only be
     told as a fault of an observer.
     """
 
-    def __init__(self, name: str = "") -> None:
+    def __init__(self, name: str = "", messages: bool = False) -> None:
         super().__init__()
+        self.wants_tpdus = messages
         self.too_long: GoldenError | None = None
         self._session = Session(name)
         self._links: dict[int, Link] = {}
         self._entries: dict[int, list[_Entry]] = {}
+        self._confirmed: dict[int, bytes] = {}  # by connection
+        self._farewells: dict[tuple[int, int], bytes] = {}  # by connection and side
 
     def _link(self, connection: Connection) -> Link:
         number = int(connection.number)
@@ -69,6 +76,19 @@ class SessionReader(Observer):
         """Keep a place for it: it may end without a transaction."""
         self._link(connection)
 
+    def tpdu(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
+        """Keep what answers the connect request, and the last that may end the connection."""
+        kind = octets[HEADER + 1] >> 4
+        if kind not in {CC, DR, ER}:
+            return
+        connection = side.connection
+        number = int(connection.number)
+        self._link(connection)
+        if not self._entries[number] and connection.role(side.index) == "server":
+            self._confirmed.setdefault(number, octets[HEADER:])
+        if kind != CC:
+            self._farewells[number, int(side.index)] = octets[HEADER:]
+
     def transaction(self, transaction: Seen) -> None:
         """Keep a transaction, without the octets around its PDUs."""
         if self.too_long is not None:
@@ -77,13 +97,17 @@ class SessionReader(Observer):
         link = self._link(connection)
         try:
             exchange = self._session.share(_exchange(transaction))
+            kept = Transaction(link, "", exchange, transaction.outcome_name, transaction.reason)
+            if self.wants_tpdus and exchange.kind == S7:
+                asked, told = transaction.request_octets, transaction.response_octets
+                kept.recorded = (self._session.keep(asked), self._session.keep(told))
         except GoldenError as error:
             self.too_long = error
             return
-        kept = Transaction(link, "", exchange, transaction.outcome_name, transaction.reason)
         kept.time_ns = int(transaction.request_ns if transaction.request_frame else transaction.response_ns)
         kept.latency_ns = transaction.latency_ns
         kept.frame = int(transaction.request_frame or transaction.response_frame)
+        kept.last_frame = int(transaction.response_frame or transaction.request_frame)
         if exchange.kind != SCD:
             kept.pdu_ref = int(transaction.pdu_ref)
         self._entries[int(connection.number)].append(_Entry(transaction, kept))
@@ -105,11 +129,24 @@ class SessionReader(Observer):
             link.ended = ending.how
             link.ended_by = connection.role(ending.side) if ending.side >= 0 else ""
             link.farewell = _by_role(connection.iso_ended, connection)
-        entries = self._entries.pop(int(connection.number), [])
+        link.span = _span(connection)
+        number = int(connection.number)
+        if self.wants_tpdus:
+            ended_by = int(ending.side) if ending is not None else -1
+            link.tpdus = Tpdus(
+                connection.cr_seen,
+                self._confirmed.pop(number, b""),
+                self._farewells.get((number, ended_by), b""),
+                int(connection.pdu_length),
+            )
+            for side in (0, 1):
+                self._farewells.pop((number, side), None)
+        entries = self._entries.pop(number, [])
         settle_places(entries)
         entries.sort(key=lambda entry: entry.place)
         for entry in entries:  # only now: who the client is may have become known later than the first request
             entry.transaction.asked_by = connection.role(entry.asked_by)
+            entry.transaction.place = entry.place[0]
         link.transactions = [entry.transaction for entry in entries]
 
     def finish(self, damage: Sequence[str] = ()) -> Session:
@@ -124,6 +161,14 @@ class SessionReader(Observer):
         links = [link for link in self._links.values() if link.protocol or link.begun or link.transactions]
         session.arrange(sorted(links, key=lambda link: (link_text(link), link.addresses)))
         return session
+
+
+def _span(connection: Connection) -> Span:
+    tcp, ending = connection.tcp, connection.ending
+    last = (int(tcp.last_frame), int(tcp.last_ns))
+    if ending is not None and ending.how != OPEN and ending.frame:
+        last = (int(ending.frame), int(ending.time_ns))
+    return Span(int(connection.number), int(tcp.first_frame), int(tcp.first_ns), *last)
 
 
 def _by_role(said: str, connection: Connection) -> str:
@@ -182,16 +227,20 @@ def _text_lines(file: BinaryIO, name: str) -> Iterator[str]:
 
 
 def read_session(
-    path: str | os.PathLike[str], *more: str | os.PathLike[str], decoder: PayloadDecoder | None = None
+    path: str | os.PathLike[str],
+    *more: str | os.PathLike[str],
+    decoder: PayloadDecoder | None = None,
+    messages: bool = False,
 ) -> Session:
     """Return the session of a capture (or of several, as `dissect.open` reads them) or of a golden; the content decides.
 
-    ``decoder`` decodes SCD (`dissect.bindings.load_carrier`). Raises `CaptureError` for what is no capture and GoldenError for
+    ``decoder`` decodes SCD (`dissect.bindings.load_carrier`); ``messages`` as for `SessionReader`.
+    Raises `CaptureError` for what is no capture and GoldenError for
     a golden that is wrong or a session that is too long. Damage inside a capture is told in ``damage``.
     """
     if not more and os.fspath(path) != "-" and Path(path).is_file() and is_golden(path):
         return load_golden(path)
-    reader = SessionReader(os.fspath(path))
+    reader = SessionReader(os.fspath(path), messages)
     run = Run([os.fspath(path), *[os.fspath(other) for other in more]], reader, Options(decoder=decoder))
     while run.step() and reader.too_long is None:
         pass

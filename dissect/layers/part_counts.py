@@ -13,14 +13,13 @@ from scapy.packet import Packet
 from dissect.layers.parts import layout_of
 from dissect.s7 import layouts, programmer_layouts, szl_records
 from dissect.s7.data_parts import RETURN_CODE
-from dissect.s7.tables import OBJECT_DOES_NOT_EXIST, SUCCESS
+from dissect.s7.tables import OBJECT_DOES_NOT_EXIST, OCTET_STRING, SUCCESS
 from dissect.wire.layout import Field
 
 #: A function of this module.
 Counting = Callable[[Field, list[Packet], list[int]], int]
 
 #: Transport size of a payload of octets.
-_OCTETS: Final = 0x09
 #: Parts of a programmer command's parameter block; everything else is its data block.
 _PARAMETERS: Final = frozenset((
     programmer_layouts.TEST_REQUEST,
@@ -43,7 +42,7 @@ def payload_behind(field: Field, behind: list[Packet], sizes: list[int]) -> int:
     """Return what a field of the data head is: with a payload behind it, or without."""
     if field.name == "length":
         return sum(sizes)
-    codes = (SUCCESS, _OCTETS) if sum(sizes) else (OBJECT_DOES_NOT_EXIST, 0)
+    codes = (SUCCESS, OCTET_STRING) if sum(sizes) else (OBJECT_DOES_NOT_EXIST, 0)
     return codes[field.name == "transport_size"]
 
 

@@ -11,12 +11,8 @@ from dissect.layers.parts import PartsField
 from dissect.layers.s7 import S7, USERDATA_BODIES, S7_Body, body_fields, carve_data, error_text, notes_of, userdata_body
 from dissect.s7 import layouts, pbc, tables
 from dissect.s7.items import SPECIFICATION
-from dissect.s7.syntaxes import PBC_R_ID
-
-_REQUEST: Final = 1
-_RESPONSE: Final = 2
-_SHORT: Final = 0x11
-_EXTENDED: Final = 0x12
+from dissect.s7.parameters import REQUEST, RESPONSE
+from dissect.s7.tables import PARAMETER_EXTENDED, PARAMETER_SHORT, PBC_R_ID
 
 
 class S7_Userdata(S7_Body):
@@ -42,8 +38,8 @@ class S7_Userdata(S7_Body):
         """Tell whether this is a response and ``other`` a request of the same group and subfunction."""
         return (
             isinstance(other, S7_Userdata)
-            and self.type == _RESPONSE
-            and other.type == _REQUEST
+            and self.type == RESPONSE
+            and other.type == REQUEST
             and (self.group, self.subfunction) == (other.group, other.subfunction)
         )
 
@@ -69,7 +65,7 @@ class S7_UserdataShort(S7_Userdata):
     least = layouts.USERDATA_SHORT.size
     fields_desc = body_fields(
         *header_fields(
-            layouts.USERDATA_SHORT, {**_USERDATA_DEFAULTS, "length": 4, "syntax_id": _SHORT, "type": _REQUEST}
+            layouts.USERDATA_SHORT, {**_USERDATA_DEFAULTS, "length": 4, "syntax_id": PARAMETER_SHORT, "type": REQUEST}
         ),
         data=[PartsField("data", carve_data)],
     )
@@ -82,7 +78,8 @@ class S7_UserdataExtended(S7_Userdata):
     least = layouts.USERDATA_EXTENDED.size
     fields_desc = body_fields(
         *header_fields(
-            layouts.USERDATA_EXTENDED, {**_USERDATA_DEFAULTS, "length": 8, "syntax_id": _EXTENDED, "type": _RESPONSE}
+            layouts.USERDATA_EXTENDED,
+            {**_USERDATA_DEFAULTS, "length": 8, "syntax_id": PARAMETER_EXTENDED, "type": RESPONSE},
         ),
         data=[PartsField("data", carve_data)],
     )

@@ -11,12 +11,11 @@ from dissect.iso.cotp import parse_tpdu
 from dissect.oracle import facts
 from dissect.oracle.facts import Place
 from dissect.oracle.grounds import Case
-from dissect.s7.alarms import AR_SEND, MESSAGE_SERVICE
 from dissect.s7.bodies import parse_body
-from dissect.s7.cyclic import READ_RECORD
 from dissect.s7.message import parse_pdu
 from dissect.s7.services import PI_SERVICES
 from dissect.s7.szl_records import RECORD
+from dissect.s7.tables import AR_SEND, MESSAGE_SERVICE, READ_RECORD
 from dissect.wire.part import OCTETS
 
 #: Octets of a record that Wireshark does not read, and how the names of fields of records begin.
@@ -28,7 +27,7 @@ _SERVICE: Final = "s7comm.param.pistart.servicename"
 
 
 def argument_unknown(case: Case) -> bool:
-    """Whether Wireshark shows a PI service that nobody has heard of without an argument, and we with one."""
+    """Whether Wireshark shows a PI service that no source knows without an argument, and we with one."""
     if case.theirs is not None or case.their_record is None or case.octets[10:11] != b"\x28":
         return False
     shown = {place.name: fact.value for place, fact in case.their_record.facts.items()}

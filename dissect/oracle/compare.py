@@ -77,7 +77,7 @@ class Comparison:
 
     @property
     def unexplained(self) -> list[Difference]:
-        """The differences nothing explains: a bug, ours or theirs, that nobody has looked at."""
+        """The differences nothing explains: a bug, ours or theirs, that no one has looked at."""
         return [difference for difference in self.differences if not difference.known]
 
     @property
@@ -122,9 +122,9 @@ class _Bench:
             self._match(ours, theirs, True)
             self._match(ours, theirs, False)
             for record in ours:
-                self._differ(_WHOLE, record.octets, None, record, None, None)
+                self.result.differences.append(self._difference(_WHOLE, record.octets, None, record, None, None))
             for record, frame in theirs:
-                self._differ(_WHOLE, None, record.octets, None, record, frame)
+                self.result.differences.append(self._difference(_WHOLE, None, record.octets, None, record, frame))
         self.result.differences.sort(key=lambda difference: (difference.frame, difference.kind, difference.field))
         return self.result
 
@@ -151,7 +151,7 @@ class _Bench:
         self.result.other += theirs.other
         self.result.again += theirs.again
         if ours.octets != theirs.octets:
-            self._differ(_OCTETS, ours.octets, theirs.octets, ours, theirs, frame)
+            self.result.differences.append(self._difference(_OCTETS, ours.octets, theirs.octets, ours, theirs, frame))
         if theirs.joined:
             take_joined(ours, theirs.joined)
         for place in sorted(ours.facts.keys() | theirs.facts.keys()):
@@ -161,21 +161,12 @@ class _Bench:
                 self.result.fields += 1
                 if mine.offset != other.offset:
                     where = Place(place.part, place.number, f"position of {place.name}")
-                    self._differ(where, mine.offset, other.offset, ours, theirs, frame)
+                    self.result.differences.append(
+                        self._difference(where, mine.offset, other.offset, ours, theirs, frame)
+                    )
             if mine is None or other is None or not _same(mine.value, other.value):
                 told = mine.value if mine is not None else None, other.value if other is not None else None
-                self._differ(place, *told, ours, theirs, frame)
-
-    def _differ(
-        self,
-        place: Place,
-        mine: Value | None,
-        other: Value | None,
-        ours: Record | None,
-        theirs: Record | None,
-        frame: Frame | None,
-    ) -> None:
-        self.result.differences.append(self._difference(place, mine, other, ours, theirs, frame))
+                self.result.differences.append(self._difference(place, *told, ours, theirs, frame))
 
     def _difference(
         self,
@@ -193,14 +184,14 @@ class _Bench:
 
 
 def _same(ours: Value, theirs: Value) -> bool:
-    """Tell whether two values say the same; one side may have split octets into bits of which the other makes one number."""
+    """Return whether two values say the same; one side may have split octets into bits of which the other makes one number."""
     if isinstance(ours, bytes) != isinstance(theirs, bytes):
         ours, theirs = (int.from_bytes(one, "big") if isinstance(one, bytes) else one for one in (ours, theirs))
     return ours == theirs
 
 
 def _alike(ours: Record, theirs: Record) -> bool:
-    """Tell whether two records of other octets may yet be the same: TPDUs by their TPKT header, PDUs by their size."""
+    """Return whether two records of other octets may yet be the same: TPDUs by their TPKT header, PDUs by their size."""
     if ours.kind == facts.TPDU:
         return ours.octets[: facts.TPKT_SIZE] == theirs.octets[: facts.TPKT_SIZE]
     return len(ours.octets) == len(theirs.octets)

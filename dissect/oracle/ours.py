@@ -23,9 +23,8 @@ from dissect.s7.bodies import parse_body
 from dissect.s7.items import DATA_HEAD, item_fill
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import ACK_HEADER_SIZE
-from dissect.s7.pbc import BSEND
 from dissect.s7.syntaxes import PBC_ID
-from dissect.s7.tables import READ_VAR, ROSCTR, USERDATA, WRITE_VAR
+from dissect.s7.tables import BSEND, READ_VAR, ROSCTR, USERDATA, WRITE_VAR
 from dissect.session import Run
 from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.table import Side

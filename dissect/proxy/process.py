@@ -23,12 +23,11 @@ from typing import Final, NoReturn
 import msgspec
 
 from dissect.proxy.relay import Problem, Relay
-from dissect.proxy.tap import Passed, Tap
+from dissect.proxy.tap import OVERHEAD, Passed, Tap, take_from
 from dissect.tcp.stream import Endpoint
 
 #: Octets that wait here at most, each message counted as so many more; more waits in the other process.
 _MAX_HELD: Final = 4 * 1024 * 1024
-_OVERHEAD: Final = 400
 _LENGTH: Final = struct.Struct(">I")
 _PATIENCE_S: Final = 0.2
 #: By how much this process gives way to that of the relay (nice(2)).
@@ -55,7 +54,7 @@ class _Message(msgspec.Struct, array_like=True):
 
 
 def possible() -> bool:
-    """Tell whether this system makes processes as is needed here."""
+    """Return whether this system makes processes as is needed here."""
     return hasattr(os, "fork")
 
 
@@ -107,7 +106,7 @@ class RelayProcess:
             self._ours.send(b"\0")
 
     def is_alive(self) -> bool:
-        """Tell whether it relays, or has something to tell."""
+        """Return whether it relays, or has something to tell."""
         return self._thread.is_alive()
 
     def join(self, timeout: float | None = None) -> None:
@@ -119,11 +118,8 @@ class RelayProcess:
 
     def take(self, wait_s: float) -> Passed | None:
         """Return what happened next, waiting for it up to ``wait_s``; None when nothing did."""
-        try:
-            passed = self._queue.get(timeout=wait_s) if wait_s > 0 else self._queue.get_nowait()
-        except queue.Empty:
-            return None
-        self._taken += len(passed.octets) + _OVERHEAD
+        passed, size = take_from(self._queue, wait_s)
+        self._taken += size
         return passed
 
     def shut(self) -> None:
@@ -161,7 +157,7 @@ class RelayProcess:
         if message.ends is not None:
             client, client_port, server, server_port = message.ends
             ends = (Endpoint(client, client_port), Endpoint(server, server_port))
-        self._given += len(message.octets) + _OVERHEAD
+        self._given += len(message.octets) + OVERHEAD
         self._queue.put(
             Passed(message.kind, message.link, message.time_ns, message.side, message.octets, message.skipped, ends)
         )
@@ -279,7 +275,7 @@ class RelayThread:
         self._thread.start()
 
     def is_alive(self) -> bool:
-        """Tell whether it relays."""
+        """Return whether it relays."""
         return self._thread.is_alive()
 
     def join(self, timeout: float | None = None) -> None:

@@ -23,7 +23,7 @@ GONE: Final = "gone"
 #: Octets that wait at most, each thing that happened counted as so many more; how much further beginnings may go. The ends of
 #: what began always get through, three for each beginning at most.
 MAX_OCTETS: Final = 64 * 1024 * 1024
-_OVERHEAD: Final = 400
+OVERHEAD: Final = 400
 _RESERVE: Final = 8 * 1024 * 1024
 
 
@@ -42,6 +42,15 @@ class Passed(NamedTuple):
     octets: bytes = b""
     skipped: int = 0
     ends: tuple[Endpoint, Endpoint] | None = None
+
+
+def take_from(waiting: queue.SimpleQueue[Passed], wait_s: float) -> tuple[Passed | None, int]:
+    """Return what happened next and what it counts for, waiting for it up to ``wait_s``; (None, 0) when nothing did."""
+    try:
+        passed = waiting.get(timeout=wait_s) if wait_s > 0 else waiting.get_nowait()
+    except queue.Empty:
+        return None, 0
+    return passed, len(passed.octets) + OVERHEAD
 
 
 class Tapped(Protocol):
@@ -127,7 +136,7 @@ class Tap:
             self._put(passed, None)
 
     def _put(self, passed: Passed, reserve: int | None) -> bool:
-        size = len(passed.octets) + _OVERHEAD
+        size = len(passed.octets) + OVERHEAD
         full = reserve is not None and self.held + size > self._max_octets + reserve
         if self._shut or full:
             self._count_lost(len(passed.octets))
@@ -145,9 +154,6 @@ class Tap:
 
     def take(self, wait_s: float) -> Passed | None:
         """Return what happened next, waiting for it up to ``wait_s``; None when nothing did."""
-        try:
-            passed = self._queue.get(timeout=wait_s) if wait_s > 0 else self._queue.get_nowait()
-        except queue.Empty:
-            return None
-        self._taken += len(passed.octets) + _OVERHEAD
+        passed, size = take_from(self._queue, wait_s)
+        self._taken += size
         return passed

@@ -87,9 +87,10 @@ def _size(path: Path, mark: str) -> int:
             return -1
         if fcntl is not None:
             fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        return status.st_size
     except OSError:
         return -1
+    else:
+        return status.st_size
     finally:
         os.close(descriptor)
 

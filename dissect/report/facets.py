@@ -33,8 +33,9 @@ class S7Facet(Facet):
         """Return every item with what became of it; those that a push says are unchanged are counted."""
         results = list(enumerate(transaction.results(), 1))
         unsure = transaction.flags & UNCONFIRMED != 0
+        naming = transaction.connection.naming
         said = [
-            f"{words.item(result, number)}{': no return code' if unsure and result.return_code < 0 else ''}"
+            f"{words.item(result, number, naming)}{': no return code' if unsure and result.return_code < 0 else ''}"
             for number, result in results
             if not result.unchanged
         ]
@@ -77,10 +78,10 @@ class S7Facet(Facet):
             return ""
         answer = transaction.response_parameters
         granted = answer.setup if answer is not None else None
-        wish = f"PDU {asked.pdu_length}, AmQ {asked.max_amq_calling}/{asked.max_amq_called}"
+        wish = str(asked)
         if granted is None or transaction.outcome != ANSWERED:
             return f"asks {wish}"
-        given = f"PDU {granted.pdu_length}, AmQ {granted.max_amq_calling}/{granted.max_amq_called}"
+        given = str(granted)
         return f"granted {given}" if given == wish else f"asks {wish}, granted {given}"
 
     def statistics(self, code: int) -> dict[str, object]:
@@ -151,4 +152,8 @@ def subject(transaction: Transaction) -> str:
 def gist(transaction: Transaction) -> str:
     """Return what a transaction is about, as a summary: the items that failed, or else what was asked for, but never all."""
     facet = facet_of(transaction)
-    return words.items_in_short(transaction.results()) or facet.setup(transaction) or facet.notes(transaction)
+    return (
+        words.items_in_short(transaction.results(), transaction.connection.naming)
+        or facet.setup(transaction)
+        or facet.notes(transaction)
+    )

@@ -49,7 +49,7 @@ def operation_line(operation: Operation, clock: Clock, places: Places) -> str:
     said = "  ".join([text for text in (what, _carried(operation), result(operation)) if text])
     return (
         f"{clock.moment(operation.begin_ns)}  #{operation.number:<4} {frames:<12}"
-        f" {ends[operation.asked_by]} → {ends[1 - operation.asked_by]}"
+        f" {places.end(ends[operation.asked_by])} → {places.end(ends[1 - operation.asked_by])}"
         f"  {words.duration(operation.duration_ns):>8}  {NAMES[operation.kind]}  {said}"
     )
 

@@ -247,7 +247,7 @@ def plus_pdu_line(pdu: PlusPdu, time: str, connection: Connection, place: tuple[
 
 
 def _part_as_dict(part: Part, pdu: PlusPdu, hidden: list[tuple[int, int]]) -> dict[str, object]:
-    """Return a part with its fields, as those of S7 PDUs; ``depth`` is how many parts it stands inside of."""
+    """Return a part with its fields, as those of S7 PDUs; ``depth`` is how many parts enclose it."""
     fields: list[dict[str, object]] = []
     for value in part.values:
         offset = pdu.place(int(value.offset))

@@ -134,7 +134,7 @@ def scd_as_dict(found: ScdMessage, asked_by: int, place: tuple[str, int] | None)
     ``asked_by`` is the side whose messages are requests (-1: not told), ``place`` file and packet where there are several
     files.
     """
-    from dissect.scd.wording import json_value
+    from dissect.scd.wording import row_json
 
     message = found.message
     has = message.numbers
@@ -159,18 +159,7 @@ def scd_as_dict(found: ScdMessage, asked_by: int, place: tuple[str, int] | None)
     }
     if place is not None:
         values["file"] = encodable(place[0])
-    values["values"] = [
-        {
-            "address": encodable(row.address),
-            "name": encodable(row.name),
-            "value": json_value(row.value),
-            "physical": json_value(row.physical),
-            "unit": encodable(row.unit) or None,
-            "text": encodable(row.text) or None,
-            "flags": list(row.flags),
-        }
-        for row in found.values
-    ]
+    values["values"] = [row_json(row) for row in found.values]
     values["flags"] = list(message.flags)
     values["error"] = None
     if error is not None:

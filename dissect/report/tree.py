@@ -86,14 +86,18 @@ def netlink_tree_lines(octets: bytes) -> Iterator[str]:
     yield from _octets(octets, hidden)
 
 
-def plus_tree_lines(pdu: PlusPdu, packet: bytes) -> Iterator[str]:
-    """Yield the tree of an S7comm-plus PDU and the hex view below it; ``packet`` as for `tree_lines`."""
+def plus_tree_lines(pdu: PlusPdu, packet: bytes, decrypted: bool = False) -> Iterator[str]:
+    """Yield the tree of an S7comm-plus PDU and the hex view below it.
+
+    ``packet`` as for `tree_lines`, empty where the PDU was ``decrypted``.
+    """
     whole = packet or pdu.octets
     base = len(whole) - len(pdu.octets)
     if packet:
         yield from _packet(packet)
     else:
-        why = "the end is missing" if pdu.cut else "reassembled from several frames or fragments"
+        why = "decrypted" if decrypted else "reassembled from several frames or fragments"
+        why = "the end is missing" if pdu.cut else why
         yield f"    {why}; offsets count from the start of the S7comm-plus PDU"
     at = base
     yield from _layout(s7plus.KEEP_ALIVE if pdu.version == KEEP_ALIVE else s7plus.HEADER, whole, at)

@@ -7,7 +7,17 @@ from typing import Final
 from dissect.s7.layouts import DATA_ITEM, ITEM_HEAD
 from dissect.s7.tables import ALARM_QUERIES, ALARM_SUBSCRIPTIONS, ALARM_TYPES
 from dissect.s7.values import date_and_time
-from dissect.wire.layout import COUNTS_REST, REST, Field, Layout, latin
+from dissect.wire.layout import (
+    COUNTS_REST,
+    HOLDS_BLOCK_TEXT,
+    HOLDS_NUMBER,
+    HOLDS_TIME,
+    HOLDS_VALUE,
+    REST,
+    Field,
+    Layout,
+    latin,
+)
 
 _SOURCE: Final = "reference section 4.9"
 
@@ -22,7 +32,7 @@ MESSAGE_REQUEST: Final = Layout(
         Field("system_diagnostics", 1, "System diagnostics.", f"{_MASK}.system", bits=(0x02, 1), shares=True),
         Field("mode_transitions", 1, "Mode transitions.", f"{_MASK}.modetrans", bits=(0x01, 0), shares=True),
         Field("reserved", 1, "0.", "s7comm.cpu.msg.req_reserved1"),
-        Field("user", 8, "Name of who asks.", "s7comm.cpu.msg.username", means=latin),
+        Field("user", 8, "Name of who asks.", "s7comm.cpu.msg.username", means=latin, holds=HOLDS_BLOCK_TEXT),
     ],
 )
 MESSAGE_ANSWER: Final = Layout(
@@ -69,13 +79,17 @@ ARCHIVE_COUNT: Final = Layout(
 )
 #: Octets of an archive, in the first part; the low octet first, unlike everything else.
 ARCHIVE_LENGTH: Final = Layout(
-    "archive length", _SOURCE, [Field("archive_length", 2, "Bytes of all parts, low byte first.", means=little)]
+    "archive length",
+    _SOURCE,
+    [Field("archive_length", 2, "Bytes of all parts, low byte first.", means=little, holds=HOLDS_NUMBER)],
 )
 ARCHIVE_DATA: Final = Layout(
-    "archive data", _SOURCE, [Field("archive_data", REST, "As the program sent them.", "s7comm.data.userdata")]
+    "archive data",
+    _SOURCE,
+    [Field("archive_data", REST, "As the program sent them.", "s7comm.data.userdata", holds=HOLDS_VALUE)],
 )
 
-_TIME: Final = Field("time", 8, "DATE_AND_TIME in BCD.", "s7comm.data.ts", means=date_and_time)
+_TIME: Final = Field("time", 8, "DATE_AND_TIME in BCD.", "s7comm.data.ts", means=date_and_time, holds=HOLDS_TIME)
 _OBJECTS: Final = [
     Field("function", 1, "Function identifier.", "s7comm.alarm.function"),
     Field("objects", 1, "Message objects that follow.", "s7comm.alarm.nr_objects", decimal=True),
@@ -128,6 +142,8 @@ SYNTAXES: Final[dict[int, Layout]] = {
     ),
 }
 
+_BY_TYPE: Final = 1
+_BY_EVENT: Final = 3
 _QUERY: Final = [
     *_ITEM_HEAD,
     Field("unknown_1", 1, "Unknown.", "s7comm.alarm.query.unknown1"),
@@ -141,6 +157,9 @@ QUERY_BY_TYPE: Final = Layout(
 )
 QUERY_BY_EVENT: Final = Layout("alarm query", _SOURCE, [*_QUERY, _EVENT])
 QUERY_OTHER: Final = Layout("alarm query", _SOURCE, [*_QUERY, Field("value", 4, "Unknown.")])
+#: Layouts of an item of a query by what it asks by, an octet that stands at `QUERY_TYPE_AT` in each.
+QUERIES: Final = {_BY_TYPE: QUERY_BY_TYPE, _BY_EVENT: QUERY_BY_EVENT}
+QUERY_TYPE_AT: Final = 4
 
 ALARM_QUERY_ANSWER: Final = Layout(
     "alarms",
@@ -181,6 +200,7 @@ ALARM_S_GOING: Final = Layout(
             "DATE_AND_TIME in BCD; 0 while the alarm is on.",
             "s7comm.data.ts",
             means=date_and_time,
+            holds=HOLDS_TIME,
         )
     ],
 )

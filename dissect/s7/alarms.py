@@ -21,35 +21,36 @@ from dissect.s7.alarm_layouts import (
     MESSAGE_RESERVED,
     MESSAGE_RESERVED_ANSWER,
     OBJECTS_HEAD,
-    QUERY_BY_EVENT,
-    QUERY_BY_TYPE,
+    QUERIES,
     QUERY_OTHER,
+    QUERY_TYPE_AT,
     SCAN_HEAD,
     SYNTAXES,
 )
 from dissect.s7.data_parts import RETURN_CODE, take_data_items
 from dissect.s7.layouts import ITEM_HEAD
 from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, UserdataHead
-from dissect.s7.tables import ALARM_TYPES, SUCCESS
+from dissect.s7.tables import (
+    ACKNOWLEDGE,
+    ACKNOWLEDGED,
+    ALARM_8,
+    ALARM_8_LOCK,
+    ALARM_8_UNLOCK,
+    ALARM_QUERY_ITEM,
+    ALARM_S,
+    ALARM_SQ,
+    ALARM_TYPES,
+    LOCKED,
+    NOTIFY,
+    NOTIFY_8,
+    OCTET_STRING,
+    SCAN,
+    SUCCESS,
+    UNLOCKED,
+)
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16
 from dissect.wire.part import OCTETS, Cursor, Part
-
-MESSAGE_SERVICE: Final = 0x02
-ALARM_8: Final = 0x05
-NOTIFY: Final = 0x06
-ALARM_8_LOCK: Final = 0x07
-ALARM_8_UNLOCK: Final = 0x08
-SCAN: Final = 0x09
-ACKNOWLEDGE: Final = 0x0B
-ACKNOWLEDGED: Final = 0x0C
-LOCKED: Final = 0x0D
-UNLOCKED: Final = 0x0E
-AR_SEND: Final = 0x10
-ALARM_SQ: Final = 0x11
-ALARM_S: Final = 0x12
-ALARM_QUERY: Final = 0x13
-NOTIFY_8: Final = 0x16
 
 #: Subfunctions that consist of message objects.
 ALARMS: Final = (
@@ -61,16 +62,11 @@ _TIMED: Final = frozenset((ALARM_8, NOTIFY, ACKNOWLEDGED, ALARM_SQ, ALARM_S, NOT
 #: Alarms with one signal, which comes or goes.
 _SINGLE: Final = frozenset((ALARM_SQ, ALARM_S))
 #: Syntaxes of objects, and where their fields begin.
-_QUERY: Final = 0x1A
-_QUERY_TYPE_AT: Final = 4
-_BY_TYPE: Final = 1
-_BY_EVENT: Final = 3
 #: Alarm subscriptions about archives.
 _ARCHIVES: Final = frozenset((6, 7))
 _TYPE_ALARM_S: Final = 4
 #: A complete length that says: until a data set of length 0.
 _OPEN_LENGTH: Final = 0xFFFF
-_OCTET_STRING: Final = 0x09
 
 #: What `events_text` says of an empty mask, which ends a subscription.
 NO_EVENTS: Final = "none"
@@ -172,9 +168,9 @@ def _object(cursor: Cursor, subfunction: int) -> bool:
     size = cursor.octets[cursor.at + 1]
     syntax = cursor.octets[cursor.at + 2]
     layout = SYNTAXES.get(syntax)
-    if syntax == _QUERY and cursor.left > _QUERY_TYPE_AT:
-        kind = cursor.octets[cursor.at + _QUERY_TYPE_AT]
-        layout = QUERY_BY_TYPE if kind == _BY_TYPE else QUERY_BY_EVENT if kind == _BY_EVENT else QUERY_OTHER
+    if syntax == ALARM_QUERY_ITEM and cursor.left > QUERY_TYPE_AT:
+        kind = cursor.octets[cursor.at + QUERY_TYPE_AT]
+        layout = QUERIES.get(kind, QUERY_OTHER)
     if layout is None:
         cursor.take(ITEM_HEAD)
         if size > 1:
@@ -263,7 +259,7 @@ def _begins(cursor: Cursor) -> bool:
     if cursor.left < ALARM_QUERY_ANSWER.size or cursor.octets[at + 2] != SUCCESS:
         return False
     complete = u16(cursor.octets, at + 4)
-    return cursor.octets[at + 3] == _OCTET_STRING and complete >= cursor.left - ALARM_QUERY_ANSWER.size
+    return cursor.octets[at + 3] == OCTET_STRING and complete >= cursor.left - ALARM_QUERY_ANSWER.size
 
 
 def _alarm_state(cursor: Cursor) -> None:

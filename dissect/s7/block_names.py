@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.s7.tables import BLOCK_TYPES
-from dissect.wire.layout import Field
+from dissect.wire.layout import HOLDS_NUMBER, Field
 
 #: What the first character of a file name says.
 _IDENTIFIERS: Final = {"_": "complete module", "$": "module header"}
@@ -59,9 +59,20 @@ def block_text(octets: bytes) -> str:
 def name_fields(type_name: str, number_name: str, system_name: str) -> list[Field]:
     """Return the three fields of a block name; the arguments are Wireshark's names of them, which depend on the place."""
     return [
-        Field("block_type", 2, "Type of the block, two digits as text.", type_name, means=type_text),
-        Field("block_number", 5, "Number of the block, five digits as text.", number_name, means=number_text),
-        Field("file_system", 1, "P passive, A active, B both.", system_name, means=file_system_text),
+        Field(
+            "block_type", 2, "Type of the block, two digits as text.", type_name, means=type_text, holds=HOLDS_NUMBER
+        ),
+        Field(
+            "block_number",
+            5,
+            "Number of the block, five digits as text.",
+            number_name,
+            means=number_text,
+            holds=HOLDS_NUMBER,
+        ),
+        Field(
+            "file_system", 1, "P passive, A active, B both.", system_name, means=file_system_text, holds=HOLDS_NUMBER
+        ),
     ]
 
 

@@ -7,14 +7,19 @@ from typing import Final
 from dissect.s7.block_names import block_text, name_fields, type_text
 from dissect.s7.parameters import REQUEST, RESPONSE, UserdataHead
 from dissect.s7.tables import BLOCK_KINDS, BLOCK_LANGUAGES, BLOCK_SECURITY, BLOCK_TYPES
-from dissect.wire.layout import COUNTS_REST, Field, Layout, latin
+from dissect.wire.layout import (
+    COUNTS_REST,
+    HOLDS_BLOCK_TEXT,
+    HOLDS_NUMBER,
+    HOLDS_PRODUCT,
+    HOLDS_TIME,
+    Field,
+    Layout,
+    latin,
+)
 from dissect.wire.octets import u16, u32
 from dissect.wire.part import Cursor, Part
 from dissect.wire.text import civil
-
-LIST_BLOCKS: Final = 1
-LIST_OF_TYPE: Final = 2
-BLOCK_INFO: Final = 3
 
 _SOURCE: Final = "reference section 4.6"
 _DAYS_TO_1984: Final = 5113
@@ -38,7 +43,9 @@ def version_text(octets: bytes) -> str | None:
     return f"{octets[0] >> 4}.{octets[0] & 15}"
 
 
-_TYPE: Final = Field("block_type", 2, "Two digits as text.", "s7comm.blockinfo.blocktype", means=type_text)
+_TYPE: Final = Field(
+    "block_type", 2, "Two digits as text.", "s7comm.blockinfo.blocktype", means=type_text, holds=HOLDS_NUMBER
+)
 
 #: An entry of the answer to list blocks.
 BLOCK_COUNT: Final = Layout(
@@ -74,7 +81,7 @@ def header_fields(named: bool) -> list[Field]:
 
     flags = "s7comm.param.userdata.blockinfo."
     return [
-        Field("mark", 2, "pp.", name("s7comm.blockinfo.res_const3"), means=latin),
+        Field("mark", 2, "pp.", name("s7comm.blockinfo.res_const3"), means=latin, holds=HOLDS_PRODUCT),
         Field("unknown_mark", 1, "1 in captures.", name("s7comm.blockinfo.res_unknown")),
         Field("flags_rest", 1, "Unknown.", bits=(0xF0, 4)),
         Field("non_retain", 1, "1: loses its values.", name(flags + "nonretain"), bits=(0x08, 3), shares=True),
@@ -86,13 +93,21 @@ def header_fields(named: bool) -> list[Field]:
         Field("block_number", 2, "Number of the block.", name("s7comm.blockinfo.block_num"), decimal=True),
         Field("load_length", 4, "Bytes in load memory.", name("s7comm.blockinfo.load_mem_len"), decimal=True),
         Field("security", 4, "Protection.", name("s7comm.blockinfo.blocksecurity"), BLOCK_SECURITY),
-        Field("code_time", 6, "Last change of the code.", name("s7comm.blockinfo.code_timestamp"), means=block_time),
+        Field(
+            "code_time",
+            6,
+            "Last change of the code.",
+            name("s7comm.blockinfo.code_timestamp"),
+            means=block_time,
+            holds=HOLDS_TIME,
+        ),
         Field(
             "interface_time",
             6,
             "Last change of the interface.",
             name("s7comm.blockinfo.interface_timestamp"),
             means=block_time,
+            holds=HOLDS_TIME,
         ),
         Field("ssb_length", 2, "Bytes of the SSB.", name("s7comm.blockinfo.ssb_len"), decimal=True),
         Field("add_length", 2, "Bytes of the ADD.", name("s7comm.blockinfo.add_len"), decimal=True),
@@ -110,10 +125,17 @@ INFO: Final = Layout(
         Field("info_length", 2, "Bytes that follow.", "s7comm.blockinfo.res_infolength", counts=COUNTS_REST),
         Field("unknown_info", 2, "0x2200 in captures.", "s7comm.blockinfo.res_unknown2"),
         *header_fields(True),
-        Field("author", 8, "Who wrote it.", "s7comm.blockinfo.author", means=latin),
-        Field("family", 8, "Family of the block.", "s7comm.blockinfo.family", means=latin),
-        Field("name", 8, "Name of the block.", "s7comm.blockinfo.headername", means=latin),
-        Field("version", 1, "Major and minor, a nibble each.", "s7comm.blockinfo.headerversion", means=version_text),
+        Field("author", 8, "Who wrote it.", "s7comm.blockinfo.author", means=latin, holds=HOLDS_BLOCK_TEXT),
+        Field("family", 8, "Family of the block.", "s7comm.blockinfo.family", means=latin, holds=HOLDS_BLOCK_TEXT),
+        Field("name", 8, "Name of the block.", "s7comm.blockinfo.headername", means=latin, holds=HOLDS_BLOCK_TEXT),
+        Field(
+            "version",
+            1,
+            "Major and minor, a nibble each.",
+            "s7comm.blockinfo.headerversion",
+            means=version_text,
+            holds=HOLDS_NUMBER,
+        ),
         Field("unknown_version", 1, "0 in captures.", "s7comm.blockinfo.res_unknown"),
         Field("checksum", 2, "Checksum of the block.", "s7comm.blockinfo.checksum"),
         Field("reserved_1", 4, "0.", "s7comm.blockinfo.reserved1"),

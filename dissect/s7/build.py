@@ -19,6 +19,8 @@ from dissect.s7.tables import (
     LENGTH_IN_BITS,
     OBJECT_DOES_NOT_EXIST,
     OCTET_STRING,
+    PARAMETER_EXTENDED,
+    PARAMETER_SHORT,
     S7ANY,
     SETUP_COMMUNICATION,
     SUCCESS,
@@ -30,8 +32,6 @@ NO_PAYLOAD: Final = bytes((OBJECT_DOES_NOT_EXIST, 0, 0, 0))
 #: Octets of a PDU: the length that Setup communication negotiates has 16 bits.
 MAX_PDU: Final = 0xFFFF
 
-_SHORT: Final = 0x11
-_EXTENDED: Final = 0x12
 #: What an item's or a userdata head's length does not count: its own octet and those before it.
 _ITEM_HEAD: Final = 2
 _USERDATA_HEAD: Final = 4
@@ -92,7 +92,7 @@ def build_userdata_head(
 ) -> bytes:
     """Return the parameter head of userdata: the short form of most requests, or the extended one of answers and pushes."""
     size = (USERDATA_EXTENDED if extended else USERDATA_SHORT).size - _USERDATA_HEAD
-    method = _EXTENDED if extended else _SHORT
+    method = PARAMETER_EXTENDED if extended else PARAMETER_SHORT
     kind = type_ << 6 | group & 0x3F
     head = bytes((0, 1, SPECIFICATION, size, method, kind, subfunction, sequence & 0xFF))
     return head + struct.pack(">BBH", 0, 0, error) if extended else head

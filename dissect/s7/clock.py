@@ -5,14 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.s7.parameters import REQUEST, RESPONSE, UserdataHead
+from dissect.s7.tables import SET_CLOCK, SET_CLOCK_SECOND
 from dissect.s7.values import date_and_time
-from dissect.wire.layout import Field, Layout
+from dissect.wire.layout import HOLDS_TIME, Field, Layout
 from dissect.wire.part import Cursor
 
-READ_CLOCK: Final = 1
-SET_CLOCK: Final = 2
-READ_CLOCK_FOLLOWING: Final = 3
-SET_CLOCK_SECOND: Final = 4
 #: Subfunctions that set the clock.
 SETTING: Final = frozenset((SET_CLOCK, SET_CLOCK_SECOND))
 
@@ -22,8 +19,8 @@ CLOCK: Final = Layout(
     "reference section 4.12",
     [
         Field("reserved", 1, "0.", "s7comm.data.ts_reserved"),
-        Field("century", 1, "Century in BCD; unreliable, the year decides.", "s7comm.data.ts_year1"),
-        Field("time", 8, "DATE_AND_TIME in BCD.", "s7comm.data.ts", means=date_and_time),
+        Field("century", 1, "Century in BCD; unreliable, the year decides.", "s7comm.data.ts_year1", holds=HOLDS_TIME),
+        Field("time", 8, "DATE_AND_TIME in BCD.", "s7comm.data.ts", means=date_and_time, holds=HOLDS_TIME),
     ],
 )
 

@@ -8,12 +8,24 @@ from dissect.s7.block_names import FILE_NAME_FIELDS, block_text, printable
 from dissect.s7.layouts import FUNCTION
 from dissect.s7.services import BLOCK_SERVICES, NC_PREFIX, PI_SERVICES, PROGRAM, SECRET
 from dissect.s7.transfer import take_answer
-from dissect.wire.layout import COUNTS_BUT_LAST, COUNTS_REST, REST, Field, Layout, latin
+from dissect.wire.layout import (
+    COUNTS_BUT_LAST,
+    COUNTS_REST,
+    HOLDS_ARGUMENT,
+    HOLDS_SECRET,
+    HOLDS_SERVICE,
+    REST,
+    Field,
+    Layout,
+    latin,
+)
 from dissect.wire.part import Cursor
 
 _SOURCE: Final = "reference section 3.10"
 _UNKNOWN: Final = "s7comm.param.pistart.unknown1"
-_SERVICE: Final = Field("service", REST, "Name of the service.", "s7comm.param.pistart.servicename", means=latin)
+_SERVICE: Final = Field(
+    "service", REST, "Name of the service.", "s7comm.param.pistart.servicename", means=latin, holds=HOLDS_SERVICE
+)
 
 #: A job without a parameter block and a name.
 PI_SHORT: Final = Layout(
@@ -53,18 +65,31 @@ PI_BLOCK: Final = Layout("listed block", _SOURCE, [*FILE_NAME_FIELDS])
 PI_ARGUMENT: Final = Layout(
     "argument",
     _SOURCE,
-    [Field("argument", REST, "What the service is to do.", "s7comm.param.pistart.argument", means=latin)],
+    [
+        Field(
+            "argument",
+            REST,
+            "What the service is to do.",
+            "s7comm.param.pistart.argument",
+            means=latin,
+            holds=HOLDS_ARGUMENT,
+        )
+    ],
 )
 _STRING_LENGTH: Final = Field(
     "string_length", 1, "Bytes of the text.", "s7comm.param.pi.n_x.string_len", counts=COUNTS_REST
 )
 #: One of the arguments of a Sinumerik service.
 PI_STRING: Final = Layout(
-    "string argument", _SOURCE, [_STRING_LENGTH, Field("text", REST, "Text of the argument.", means=latin)]
+    "string argument",
+    _SOURCE,
+    [_STRING_LENGTH, Field("text", REST, "Text of the argument.", means=latin, holds=HOLDS_ARGUMENT)],
 )
 #: A password among them: not read out.
 PI_PASSWORD: Final = Layout(
-    "password argument", _SOURCE, [_STRING_LENGTH, Field("password", REST, "Text that is not to be shown.")]
+    "password argument",
+    _SOURCE,
+    [_STRING_LENGTH, Field("password", REST, "Text that is not to be shown.", holds=HOLDS_SECRET)],
 )
 #: The octet that makes an argument even; it stands behind the last one too.
 PI_FILL: Final = Layout("argument fill", _SOURCE, [Field("argument_fill", 1, "Makes length and text even.")])

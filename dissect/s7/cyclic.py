@@ -7,15 +7,9 @@ from typing import Final
 from dissect.s7.data_parts import RETURN_CODE, take_data_items, take_request_items
 from dissect.s7.layouts import DATA_ITEM
 from dissect.s7.parameters import REQUEST, RESPONSE, UserdataHead
-from dissect.s7.tables import CYCLIC_TIME_BASES, SUCCESS
-from dissect.wire.layout import COUNTS_PARTS, COUNTS_REST, REST, Field, Layout, plain
+from dissect.s7.tables import CHANGE_DRIVEN_MODIFY, CYCLIC_TIME_BASES, CYCLIC_TRANSFER, SUCCESS
+from dissect.wire.layout import COUNTS_PARTS, COUNTS_REST, HOLDS_VALUE, REST, Field, Layout, plain
 from dissect.wire.part import Cursor
-
-CYCLIC_TRANSFER: Final = 1
-UNSUBSCRIBE: Final = 4
-CHANGE_DRIVEN: Final = 5
-CHANGE_DRIVEN_MODIFY: Final = 7
-READ_RECORD: Final = 8
 
 #: Interval units in ms by time base.
 _BASES_MS: Final[dict[int, int]] = {0: 100, 1: 1000, 2: 10_000}
@@ -81,7 +75,9 @@ RECORD_LENGTH: Final = Layout(
     [Field("record_length", 2, "Bytes of the record.", "s7comm.readrec.len", counts=COUNTS_PARTS)],
 )
 RECORD: Final = Layout(
-    "record", "reference section 4.7", [Field("record", REST, "As the module gave it.", "s7comm.readrec.data")]
+    "record",
+    "reference section 4.7",
+    [Field("record", REST, "As the module gave it.", "s7comm.readrec.data", holds=HOLDS_VALUE)],
 )
 
 

@@ -8,13 +8,15 @@ from dissect.s7.items import Item, data_size_within, parse_items
 from dissect.s7.layouts import DATA_ITEM, S7ANY_ITEM
 from dissect.s7.syntaxes import take_item
 from dissect.s7.tables import SUCCESS
-from dissect.wire.layout import REST, Field, Layout
+from dissect.wire.layout import HOLDS_VALUE, REST, Field, Layout
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Cursor
 
 #: The content of a data item.
 CONTENT: Final = Layout(
-    "content", "reference section 3.5", [Field("data", REST, "Values, or a bit in the lowest bit.", "s7comm.resp.data")]
+    "content",
+    "reference section 3.5",
+    [Field("data", REST, "Values, or a bit in the lowest bit.", "s7comm.resp.data", holds=HOLDS_VALUE)],
 )
 #: A return code that stands for a whole item, as in a write answer.
 RETURN_CODE: Final = Layout("return code", "reference section 3.5", [DATA_ITEM.fields[0]])

@@ -11,10 +11,8 @@ from dissect.s7.diagnostic_tables import EVENT_CLASSES, event_name
 from dissect.s7.parameters import PUSH, UserdataHead
 from dissect.s7.values import date_and_time
 from dissect.wire.codes import CodeTable
-from dissect.wire.layout import Field, Layout
+from dissect.wire.layout import HOLDS_TIME, Field, Layout
 from dissect.wire.part import Cursor, Part
-
-DIAGNOSTIC_MESSAGE: Final = 3
 
 #: Whether an event came or went.
 DIRECTIONS: Final = CodeTable("direction of an event", 1, [(0, "going", ""), (1, "coming", "")])
@@ -39,7 +37,7 @@ DIAGNOSTIC_EVENT: Final = Layout(
         Field("data_id", 2, "DatID: what the information is.", "s7comm.cpu.diag_msg.datid"),
         Field("info1", 2, "Additional information 1.", "s7comm.cpu.diag_msg.info1"),
         Field("info2", 4, "Additional information 2.", "s7comm.cpu.diag_msg.info2"),
-        Field("time", 8, "Time stamp, DATE_AND_TIME in BCD.", "s7comm.data.ts", means=date_and_time),
+        Field("time", 8, "Time stamp, DATE_AND_TIME in BCD.", "s7comm.data.ts", means=date_and_time, holds=HOLDS_TIME),
     ],
 )
 

@@ -14,9 +14,9 @@ from dissect.s7.body import Body
 from dissect.s7.control import PI_PASSWORD, PI_STRING
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import HEADER_SIZE, PROTOCOL_ID
-from dissect.s7.security import PASSWORD
 from dissect.s7.services import PI_SERVICES, SECRET
-from dissect.s7.tables import JOB, PI_SERVICE, USERDATA
+from dissect.s7.tables import JOB, PI_SERVICE, SEND_PASSWORD, USERDATA
+from dissect.wire.layout import HOLDS_SECRET
 
 #: Of a userdata PDU: the octets with type and group, and with the subfunction; and what they hold in a request.
 _GROUP_AT: Final = 15
@@ -42,7 +42,7 @@ def secret_spans(octets: bytes) -> list[tuple[int, int]]:
     size = len(octets)
     if size <= _SUBFUNCTION_AT or octets[0] != PROTOCOL_ID:
         return []
-    if octets[1] == USERDATA and octets[_GROUP_AT] == _SECURITY_REQUEST and octets[_SUBFUNCTION_AT] == PASSWORD:
+    if octets[1] == USERDATA and octets[_GROUP_AT] == _SECURITY_REQUEST and octets[_SUBFUNCTION_AT] == SEND_PASSWORD:
         head = (octets[6] << 8) + octets[7]
         if head not in _HEADS or octets[_HEAD_LENGTH_AT] != head - 4:
             head = _FIRST_HEAD
@@ -68,7 +68,7 @@ def _in_service(octets: bytes) -> list[tuple[int, int]]:
     if whole and service is not None and (SECRET not in service.arguments or len(arguments) == service.count):
         spans = []
         for part in arguments:
-            found = part.find("password")
+            found = part.holding(HOLDS_SECRET)
             if found is not None and found.end > found.offset:
                 spans.append((int(found.offset), int(found.end)))
         return spans
@@ -87,7 +87,9 @@ def body_to_show(pdu: Pdu) -> Body:
     if pdu.rosctr == JOB and pdu.function == PI_SERVICE:
         spans = secret_spans(pdu.octets)
         for part in body.parts:
-            if part.layout is not PI_PASSWORD and any([begin < part.end and part.offset < end for begin, end in spans]):
+            if part.holding(HOLDS_SECRET) is None and any(
+                [begin < part.end and part.offset < end for begin, end in spans]
+            ):
                 part.note = ""
     return body
 

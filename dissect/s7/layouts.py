@@ -17,13 +17,13 @@ from dissect.s7.tables import (
     USERDATA_SUBFUNCTIONS,
     USERDATA_TYPES,
 )
-from dissect.wire.layout import COUNTS_PARTS, Field, Layout
+from dissect.wire.layout import COUNTS_PARTS, HOLDS_REFERENCE, Field, Layout
 
 _HEAD: Final = [
     Field("protocol_id", 1, "Always 0x32.", "s7comm.header.protid"),
     Field("rosctr", 1, "Kind of PDU.", "s7comm.header.rosctr", ROSCTR),
     Field("redundancy_id", 2, "Redundancy identification, 0.", "s7comm.header.redid"),
-    Field("pdu_ref", 2, "PDU reference, echoed by the answer.", "s7comm.header.pduref"),
+    Field("pdu_ref", 2, "PDU reference, echoed by the answer.", "s7comm.header.pduref", holds=HOLDS_REFERENCE),
     Field("param_length", 2, "Bytes of the parameter block.", "s7comm.header.parlg"),
     Field("data_length", 2, "Bytes of the data block.", "s7comm.header.datlg"),
 ]
@@ -40,6 +40,9 @@ ACK_HEADER: Final = Layout(
         Field("error_code", 1, "Error code within the class.", "s7comm.header.errcod"),
     ],
 )
+
+#: Where the reference of every PDU stands.
+PDU_REF: Final = slice(*HEADER.places(HOLDS_REFERENCE)[0])
 
 SETUP: Final = Layout(
     "Setup communication",
@@ -123,7 +126,7 @@ _USERDATA_HEAD: Final = [
     Field("type", 1, "Push, request or response.", "s7comm.param.userdata.type", USERDATA_TYPES, (0xC0, 6)),
     Field("group", 1, "Function group.", "s7comm.param.userdata.funcgroup", USERDATA_GROUPS, (0x3F, 0), True),
     Field("subfunction", 1, "Subfunction of the group.", "s7comm.param.userdata.subfunc"),
-    Field("sequence", 1, "Sequence number or job id.", "s7comm.param.userdata.seq_num"),
+    Field("sequence", 1, "Sequence number or job id.", "s7comm.param.userdata.seq_num", holds=HOLDS_REFERENCE),
 ]
 
 #: Userdata parameter head, short form (8 octets).
@@ -134,7 +137,13 @@ USERDATA_EXTENDED: Final = Layout(
     "reference section 4.1",
     [
         *_USERDATA_HEAD,
-        Field("data_unit_ref", 1, "Data unit reference of a multi-part answer.", "s7comm.param.userdata.dataunitref"),
+        Field(
+            "data_unit_ref",
+            1,
+            "Data unit reference of a multi-part answer.",
+            "s7comm.param.userdata.dataunitref",
+            holds=HOLDS_REFERENCE,
+        ),
         Field("last_data_unit", 1, "0 last part, 1 more to come.", "s7comm.param.userdata.lastdataunit"),
         Field("error_code", 2, "0, or why it was refused.", "s7comm.param.errcod", ERROR_CODES),
     ],

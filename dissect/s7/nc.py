@@ -11,16 +11,17 @@ from typing import Final
 
 from dissect.s7.block_names import number_text, printable
 from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, UserdataHead
-from dissect.wire.layout import REST, Field, Layout, latin
+from dissect.s7.tables import (
+    NC_CONTINUE_DOWNLOAD,
+    NC_CONTINUE_UPLOAD,
+    NC_DOWNLOAD_BLOCK,
+    NC_REQUEST_DOWNLOAD,
+    NC_START_UPLOAD,
+    NC_UPLOAD_BLOCK,
+)
+from dissect.wire.layout import HOLDS_CODE, HOLDS_NUMBER, HOLDS_PATH, HOLDS_TIME, REST, Field, Layout, latin
 from dissect.wire.part import Cursor
 
-REQUEST_DOWNLOAD: Final = 1
-DOWNLOAD_BLOCK: Final = 2
-CONTINUE_DOWNLOAD: Final = 3
-DOWNLOAD_ENDED: Final = 4
-START_UPLOAD: Final = 6
-UPLOAD: Final = 7
-CONTINUE_UPLOAD: Final = 8
 #: Every subfunction of data record routing.
 ROUTING: Final = (1, 2, 3)
 
@@ -29,7 +30,9 @@ _WINDOW: Final = [
     Field("unacknowledged", 1, "PDUs sent without an acknowledgement.", "s7comm.data.ncprg.unackcount", decimal=True),
     Field("unknown", 1, "Unknown.", "s7comm.data.blockcontrol.unknown1"),
 ]
-_PATH: Final = Field("file_name", REST, "Name or path.", "s7comm.param.blockcontrol.filename", means=latin)
+_PATH: Final = Field(
+    "file_name", REST, "Name or path.", "s7comm.param.blockcontrol.filename", means=latin, holds=HOLDS_PATH
+)
 
 NC_FILE: Final = Layout("NC file", _SOURCE, [_PATH])
 NC_UPLOAD: Final = Layout("NC upload", _SOURCE, [*_WINDOW, _PATH])
@@ -43,17 +46,26 @@ NC_HEADER: Final = Layout(
     _SOURCE,
     [
         Field(
-            "file_length", 8, "Bytes as text; blank for a folder.", "s7comm.data.ncprg.filelength", means=number_text
+            "file_length",
+            8,
+            "Bytes as text; blank for a folder.",
+            "s7comm.data.ncprg.filelength",
+            means=number_text,
+            holds=HOLDS_NUMBER,
         ),
-        Field("file_time", 16, "Time as text.", "s7comm.data.ncprg.filetime", means=latin),
+        Field("file_time", 16, "Time as text.", "s7comm.data.ncprg.filetime", means=latin, holds=HOLDS_TIME),
     ],
 )
 NC_PATH: Final = Layout(
-    "NC path", _SOURCE, [Field("path", REST, "Up to a line feed.", "s7comm.data.ncprg.filepath", means=latin)]
+    "NC path",
+    _SOURCE,
+    [Field("path", REST, "Up to a line feed.", "s7comm.data.ncprg.filepath", means=latin, holds=HOLDS_PATH)],
 )
-NC_DATA: Final = Layout("NC file data", _SOURCE, [Field("file_data", REST, "The file.", "s7comm.data.ncprg.filedata")])
+NC_DATA: Final = Layout(
+    "NC file data", _SOURCE, [Field("file_data", REST, "The file.", "s7comm.data.ncprg.filedata", holds=HOLDS_CODE)]
+)
 
-_PIECES: Final = frozenset((DOWNLOAD_BLOCK, START_UPLOAD, UPLOAD))
+_PIECES: Final = frozenset((NC_DOWNLOAD_BLOCK, NC_START_UPLOAD, NC_UPLOAD_BLOCK))
 _LINE_FEED: Final = b"\n"
 #: Characters of a length as text.
 _DIGITS: Final = frozenset(b" 0123456789")
@@ -62,14 +74,14 @@ _DIGITS: Final = frozenset(b" 0123456789")
 def parse_nc(cursor: Cursor, head: UserdataHead) -> None:
     """Cut the payload of an NC programming function."""
     function = head.subfunction
-    if head.type == REQUEST and function == REQUEST_DOWNLOAD:
+    if head.type == REQUEST and function == NC_REQUEST_DOWNLOAD:
         cursor.take(NC_FILE, note=printable(cursor.octets[cursor.at : cursor.end]))
-    elif head.type == REQUEST and function == START_UPLOAD:
+    elif head.type == REQUEST and function == NC_START_UPLOAD:
         part = cursor.take(NC_UPLOAD)
         if part is not None:
             part.note = part.text("file_name")
-    elif (head.type == RESPONSE and function == REQUEST_DOWNLOAD) or (
-        head.type == PUSH and function in {CONTINUE_DOWNLOAD, CONTINUE_UPLOAD}
+    elif (head.type == RESPONSE and function == NC_REQUEST_DOWNLOAD) or (
+        head.type == PUSH and function in {NC_CONTINUE_DOWNLOAD, NC_CONTINUE_UPLOAD}
     ):
         window = cursor.take(NC_WINDOW)
         if window is not None:

@@ -17,8 +17,13 @@ from dissect.s7.tables import (
     ACK_DATA,
     CPU_SERVICES,
     FUNCTIONS,
+    GROUP_NC,
+    GROUP_PBC,
     JOB,
     MODE_TRANSITION,
+    PARAMETER_EXTENDED,
+    PARAMETER_SHORT,
+    PBC_R_ID,
     READ_VAR,
     SETUP_COMMUNICATION,
     USERDATA,
@@ -43,14 +48,9 @@ RESPONSE: Final = 2
 
 _SHORT: Final = 8
 _EXTENDED: Final = 12
-_SYNTAX_SHORT: Final = 0x11
-_SYNTAX_EXTENDED: Final = 0x12
-_USEND: Final = 0x13
 _USEND_SIZE: Final = 10
-#: Group of BSEND and USEND.
-GROUP_PBC: Final = 6
 #: Groups whose pushes go either way: BSEND and USEND, and what is sent to and from a numerical control.
-_EITHER_WAY: Final = frozenset((GROUP_PBC, 0x20, 0x3F))
+_EITHER_WAY: Final = frozenset((GROUP_PBC, 0x20, GROUP_NC))
 
 
 def read_header(octets: bytes, at: i64) -> tuple[i64, i64, i64, i64]:
@@ -78,6 +78,10 @@ class Setup:
 
     def __repr__(self) -> str:
         return f"Setup({self.max_amq_calling}, {self.max_amq_called}, {self.pdu_length})"
+
+    def __str__(self) -> str:
+        """Return it as people read it and goldens hold it: ``PDU 480, AmQ 1/1``, the jobs of the caller first."""
+        return f"PDU {self.pdu_length}, AmQ {self.max_amq_calling}/{self.max_amq_called}"
 
     def as_dict(self) -> dict[str, object]:
         """Return the three values, JSON-ready."""
@@ -271,7 +275,7 @@ def _parse_userdata(parameters: Parameters, octets: bytes, size: i64) -> None:
         _wrong_size(parameters, "userdata head", _SHORT, size)
         return
     parameters.item_count = octets[1]
-    if octets[4] == _USEND and octets[3] == _USEND_SIZE - 4:
+    if octets[4] == PBC_R_ID and octets[3] == _USEND_SIZE - 4:
         # A layout of its own too (reference 4.10): the R_ID stands where others have the type, the group and the subfunction.
         parameters.userdata = UserdataHead(PUSH, GROUP_PBC, 0, 0)
         parameters.userdata.usend = True
@@ -283,7 +287,7 @@ def _parse_userdata(parameters: Parameters, octets: bytes, size: i64) -> None:
     parameters.userdata = head
     rest: i64 = octets[3]
     # What looks like a USEND and is none has an R_ID where an error code would be read.
-    if size >= _EXTENDED and rest >= 8 and octets[4] != _USEND:
+    if size >= _EXTENDED and rest >= 8 and octets[4] != PBC_R_ID:
         head.extended = True
         head.data_unit_ref = octets[8]
         head.last_data_unit = octets[9]
@@ -306,8 +310,10 @@ def _check_head(parameters: Parameters, octets: bytes, size: i64) -> None:
         _bad_head(parameters, "trailing_octets", "length", 3, rest, size - 4)
     elif rest != 4 and rest != 8:
         _bad_head(parameters, "bad_value", "length", 3, 4 if rest < 8 else 8, rest)
-    elif octets[4] != (_SYNTAX_SHORT if rest == 4 else _SYNTAX_EXTENDED):
-        _bad_head(parameters, "bad_value", "syntax_id", 4, _SYNTAX_SHORT if rest == 4 else _SYNTAX_EXTENDED, octets[4])
+    elif octets[4] != (PARAMETER_SHORT if rest == 4 else PARAMETER_EXTENDED):
+        _bad_head(
+            parameters, "bad_value", "syntax_id", 4, PARAMETER_SHORT if rest == 4 else PARAMETER_EXTENDED, octets[4]
+        )
 
 
 def _bad_head(parameters: Parameters, reason: str, field: str, offset: i64, needed: i64, available: i64) -> None:

@@ -8,10 +8,8 @@ from dissect.s7.data_parts import take_data_items
 from dissect.s7.layouts import DATA_ITEM, USERDATA_SHORT
 from dissect.s7.parameters import UserdataHead
 from dissect.s7.syntaxes import PBC_ID, R_ID_FIELDS, r_id_text
-from dissect.wire.layout import REST, Field, Layout
+from dissect.wire.layout import HOLDS_VALUE, REST, Field, Layout
 from dissect.wire.part import Cursor
-
-BSEND: Final = 1
 
 _SOURCE: Final = "reference section 4.10"
 
@@ -22,7 +20,9 @@ BSEND_LENGTH: Final = Layout(
     [Field("total_length", 2, "Bytes of all pieces.", "s7comm.pbc.req.bsend.len", decimal=True)],
 )
 BSEND_DATA: Final = Layout(
-    "BSEND data", _SOURCE, [Field("bsend_data", REST, "As the program sent them.", "s7comm.data.userdata")]
+    "BSEND data",
+    _SOURCE,
+    [Field("bsend_data", REST, "As the program sent them.", "s7comm.data.userdata", holds=HOLDS_VALUE)],
 )
 #: Parameters of a USEND: the R_ID stands where others have type, group and subfunction.
 USEND_HEAD: Final = Layout("USEND", _SOURCE, [*USERDATA_SHORT.fields[:5], *R_ID_FIELDS])

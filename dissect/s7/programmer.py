@@ -50,26 +50,27 @@ from dissect.s7.programmer_layouts import (
     TEST_VARIABLES,
 )
 from dissect.s7.start_information import OTHER_START, START_INFORMATION
-from dissect.s7.tables import USERDATA_SUBFUNCTIONS
+from dissect.s7.tables import (
+    BLOCK_STATUS_JOB,
+    BLOCK_STATUS_V2,
+    DELETE_JOB,
+    DISABLE_JOB,
+    ENABLE_JOB,
+    FORCE_VARIABLES,
+    LEAVE_HOLD,
+    MODIFY_VARIABLE,
+    OUTPUT_BSTACK,
+    OUTPUT_ISTACK,
+    OUTPUT_LSTACK,
+    READ_JOB,
+    READ_JOB_LIST,
+    REPLACE_JOB,
+    SET_BREAKPOINT,
+    USERDATA_SUBFUNCTIONS,
+    VARIABLE_STATUS,
+)
 from dissect.s7.watched_items import parse_test_item
 from dissect.wire.part import Cursor, Part
-
-BLOCK_STATUS_JOB: Final = 0x01
-VARIABLE_STATUS: Final = 0x02
-OUTPUT_ISTACK: Final = 0x03
-OUTPUT_BSTACK: Final = 0x04
-OUTPUT_LSTACK: Final = 0x05
-MODIFY_VARIABLE: Final = 0x08
-FORCE: Final = 0x09
-SET_BREAKPOINT: Final = 0x0A
-EXIT_HOLD: Final = 0x0B
-DISABLE_JOB: Final = 0x0D
-ENABLE_JOB: Final = 0x0E
-DELETE_JOB: Final = 0x0F
-READ_JOB_LIST: Final = 0x10
-READ_JOB: Final = 0x11
-REPLACE_JOB: Final = 0x12
-BLOCK_STATUS_V2: Final = 0x13
 
 #: Subfunctions about jobs, not jobs themselves.
 JOB_COMMANDS: Final = frozenset((DISABLE_JOB, ENABLE_JOB, DELETE_JOB, READ_JOB_LIST, READ_JOB, REPLACE_JOB))
@@ -150,7 +151,7 @@ def _block_name(part: Part) -> str:
 
 def _data(cursor: Cursor, type_: int, subfunction: int) -> None:
     """Cut the data block of a programmer command."""
-    if subfunction in {VARIABLE_STATUS, MODIFY_VARIABLE, FORCE}:
+    if subfunction in {VARIABLE_STATUS, MODIFY_VARIABLE, FORCE_VARIABLES}:
         _variables(cursor, type_, subfunction)
     elif subfunction in JOB_COMMANDS:
         _jobs(cursor, type_, subfunction)
@@ -166,7 +167,7 @@ def _data(cursor: Cursor, type_: int, subfunction: int) -> None:
         part = cursor.take(BREAKPOINT_REQUEST if type_ == REQUEST else BREAKPOINT)
         if part is not None and type_ != REQUEST:
             part.note = _block_name(part)
-    elif subfunction == EXIT_HOLD and type_ == REQUEST:
+    elif subfunction == LEAVE_HOLD and type_ == REQUEST:
         part = cursor.take(EXIT_HOLD_REQUEST)
         if part is not None:
             part.note = f"until {part.text('until')}" if part.text("until") else ""

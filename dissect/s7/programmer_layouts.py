@@ -16,7 +16,7 @@ from dissect.s7.tables import (
     USERDATA_SUBFUNCTIONS,
 )
 from dissect.s7.values import date_and_time
-from dissect.wire.layout import REST, Field, Layout, plain
+from dissect.wire.layout import HOLDS_FLAGS, HOLDS_TIME, HOLDS_VALUE, REST, Field, Layout, plain
 
 _SOURCE: Final = "reference section 4.8"
 _JOBS: Final = USERDATA_SUBFUNCTIONS[1]
@@ -137,11 +137,16 @@ JOB_LIST_RESERVED: Final = Layout(
 JOB_STATE: Final = Layout(
     "job",
     _SOURCE,
-    [*JOB.fields, Field("state", 2, "Perhaps whether it is active.", "s7comm.tis.job.reserved", means=plain)],
+    [
+        *JOB.fields,
+        Field("state", 2, "Perhaps whether it is active.", "s7comm.tis.job.reserved", means=plain, holds=HOLDS_FLAGS),
+    ],
 )
 #: The data of a job that is read; the answer does not say which kind of job it is.
 JOB_DATA: Final = Layout(
-    "data of the job", _SOURCE, [Field("job_data", REST, "As the job was made.", "s7comm.tis.job.reserved")]
+    "data of the job",
+    _SOURCE,
+    [Field("job_data", REST, "As the job was made.", "s7comm.tis.job.reserved", holds=HOLDS_VALUE)],
 )
 
 _REGISTERS: Final = [
@@ -178,7 +183,7 @@ BLOCK_STATUS_START: Final = Layout(
 )
 #: What the registers held; which ones and in how many lines stands in the request.
 BLOCK_STATUS_DATA: Final = Layout(
-    "registers", _SOURCE, [Field("registers", REST, "As requested.", "s7comm.tis.blockstat.data")]
+    "registers", _SOURCE, [Field("registers", REST, "As requested.", "s7comm.tis.blockstat.data", holds=HOLDS_VALUE)]
 )
 
 _DB_TYPES: Final = [
@@ -193,12 +198,12 @@ _INTERRUPTED: Final = [
     Field("address", 2, "Code address in it.", "s7comm.tis.interrupted.address"),
 ]
 _PRIORITY: Final = Field("priority", 1, "Priority class.", "s7comm.tis.interrupted.priorityclass", decimal=True)
-_ACCU1: Final = Field("accu1", 4, "Accumulator 1.", "s7comm.tis.accu1")
-_ACCU2: Final = Field("accu2", 4, "Accumulator 2.", "s7comm.tis.accu2")
+_ACCU1: Final = Field("accu1", 4, "Accumulator 1.", "s7comm.tis.accu1", holds=HOLDS_VALUE)
+_ACCU2: Final = Field("accu2", 4, "Accumulator 2.", "s7comm.tis.accu2", holds=HOLDS_VALUE)
 _AR1: Final = Field("ar1", 4, "Address register 1.", "s7comm.tis.ar1")
 _AR2: Final = Field("ar2", 4, "Address register 2.", "s7comm.tis.ar2")
 _STW: Final = Field("stw", 2, "Status word.", "s7comm.tis.stw")
-_TIME: Final = Field("time", 8, "DATE_AND_TIME in BCD.", "s7comm.data.ts", means=date_and_time)
+_TIME: Final = Field("time", 8, "DATE_AND_TIME in BCD.", "s7comm.data.ts", means=date_and_time, holds=HOLDS_TIME)
 
 ISTACK_REQUEST: Final = Layout(
     "ISTACK", _SOURCE, [Field("reserved", 2, "0.", "s7comm.tis.istack.reserved", means=plain)]
@@ -214,8 +219,8 @@ ISTACK: Final = Layout(
         Field("reserved_1", 4, "Unknown.", "s7comm.tis.istack.reserved", means=plain),
         _ACCU1,
         _ACCU2,
-        Field("accu3", 4, "Accumulator 3.", "s7comm.tis.accu3"),
-        Field("accu4", 4, "Accumulator 4.", "s7comm.tis.accu4"),
+        Field("accu3", 4, "Accumulator 3.", "s7comm.tis.accu3", holds=HOLDS_VALUE),
+        Field("accu4", 4, "Accumulator 4.", "s7comm.tis.accu4", holds=HOLDS_VALUE),
         _AR1,
         _AR2,
         Field("reserved_2", 2, "Unknown.", "s7comm.tis.istack.reserved", means=plain),
@@ -264,7 +269,7 @@ LSTACK: Final = Layout(
     [*_INTERRUPTED, Field("size", 2, "Bytes of local data.", "s7comm.tis.lstack.size", counts="local data")],
 )
 LSTACK_DATA: Final = Layout(
-    "local data", _SOURCE, [Field("local_data", REST, "As on the wire.", "s7comm.tis.lstack.data")]
+    "local data", _SOURCE, [Field("local_data", REST, "As on the wire.", "s7comm.tis.lstack.data", holds=HOLDS_VALUE)]
 )
 LSTACK_CLASS: Final = Layout(
     "priority class",

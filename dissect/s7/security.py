@@ -9,17 +9,17 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.s7.parameters import REQUEST, UserdataHead
-from dissect.wire.layout import REST, Field, Layout
+from dissect.wire.layout import HOLDS_SECRET, REST, Field, Layout
 from dissect.wire.part import Cursor
 
-PASSWORD: Final = 1
-CLEAR_PASSWORD: Final = 2
 PASSWORD_SIZE: Final = 8
 _KEY: Final = 0x55
 
 _FIELD_TEXT: Final = "Password, encoded; not shown as text."
 ENCODED_PASSWORD: Final = Layout(
-    "password", "reference section 4.11", [Field("password", REST, _FIELD_TEXT, "s7comm.data.userdata")]
+    "password",
+    "reference section 4.11",
+    [Field("password", REST, _FIELD_TEXT, "s7comm.data.userdata", holds=HOLDS_SECRET)],
 )
 
 

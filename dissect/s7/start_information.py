@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.s7.values import date_and_time
-from dissect.wire.layout import Field, Layout, plain
+from dissect.wire.layout import HOLDS_TIME, HOLDS_VALUE, Field, Layout, plain
 
 _OB: Final = "s7comm.ob."
 _RESERVED_1: Final = Field("reserved_1", 1, "Unknown.", f"{_OB}reserved_1")
@@ -42,13 +42,13 @@ def _start(event: str, fields: list[Field]) -> Layout:
             Field("priority", 1, "Priority class.", f"{_OB}priority", decimal=True),
             Field("ob", 1, "OB number.", f"{_OB}number", decimal=True),
             *fields,
-            Field("time", 8, "DATE_AND_TIME in BCD.", "s7comm.data.ts", means=date_and_time),
+            Field("time", 8, "DATE_AND_TIME in BCD.", "s7comm.data.ts", means=date_and_time, holds=HOLDS_TIME),
         ],
     )
 
 
 #: Of an OB that is not in `START_INFORMATION`.
-OTHER_START: Final = _start("", [Field("details", 8, "Depends on the OB.", means=plain)])
+OTHER_START: Final = _start("", [Field("details", 8, "Depends on the OB.", means=plain, holds=HOLDS_VALUE)])
 
 _CYCLE: Final = _start(
     "scan_1",

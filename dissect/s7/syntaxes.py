@@ -9,16 +9,22 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.alarm_layouts import QUERY_BY_EVENT, QUERY_BY_TYPE, QUERY_OTHER
+from dissect.s7.alarm_layouts import QUERIES, QUERY_OTHER, QUERY_TYPE_AT
 from dissect.s7.alarm_layouts import SYNTAXES as ALARM_SYNTAXES
 from dissect.s7.layouts import ITEM_HEAD
-from dissect.s7.tables import NCK_AREAS, SYMBOL_AREAS, SYMBOL_FLAGS, SYMBOL_ROOTS, SYNTAX_IDS
+from dissect.s7.tables import (
+    ALARM_QUERY_ITEM,
+    NCK_AREAS,
+    PBC_R_ID,
+    SYMBOL_AREAS,
+    SYMBOL_FLAGS,
+    SYMBOL_ROOTS,
+    SYNTAX_IDS,
+)
 from dissect.wire.layout import COUNTS_REST, Field, Layout
 from dissect.wire.octets import u16, u32
 from dissect.wire.part import OCTETS, Cursor
 
-PBC_R_ID: Final = 0x13
-ALARM_QUERY: Final = 0x1A
 NCK: Final = 0x82
 NCK_M: Final = 0x83
 NCK_I: Final = 0x84
@@ -28,9 +34,6 @@ SYMBOL: Final = 0xB2
 
 _SOURCE: Final = "reference section 3.5"
 _HEAD_SIZE: Final = 3
-_BY_TYPE: Final = 1
-_BY_EVENT: Final = 3
-_QUERY_TYPE_AT: Final = 4
 _ROOT_DB: Final = 0x8A0E
 _ROOT_MEMORY: Final = 0x0000
 
@@ -151,13 +154,13 @@ def layout_of(octets: bytes) -> Layout | None:
             return None
         root = u16(octets, 4)
         return {_ROOT_DB: SYMBOL_IN_DB, _ROOT_MEMORY: SYMBOL_IN_MEMORY}.get(root, SYMBOL_ELSEWHERE)
-    layout = _query(octets) if syntax_id == ALARM_QUERY else _FIXED.get(syntax_id)
+    layout = _query(octets) if syntax_id == ALARM_QUERY_ITEM else _FIXED.get(syntax_id)
     return layout if layout is not None and layout.size == size else None
 
 
 def _query(octets: bytes) -> Layout:
-    asked = octets[_QUERY_TYPE_AT] if len(octets) > _QUERY_TYPE_AT else 0
-    return {_BY_TYPE: QUERY_BY_TYPE, _BY_EVENT: QUERY_BY_EVENT}.get(asked, QUERY_OTHER)
+    asked = octets[QUERY_TYPE_AT] if len(octets) > QUERY_TYPE_AT else 0
+    return QUERIES.get(asked, QUERY_OTHER)
 
 
 def take_item(cursor: Cursor, octets: bytes, note: str) -> None:
@@ -190,8 +193,8 @@ def item_text(octets: bytes) -> str:
         return r_id_text(u32(octets, 4))
     if syntax_id == SYMBOL:
         return _symbol(octets)
-    if syntax_id == ALARM_QUERY:
-        return f"{SYNTAX_IDS.name(syntax_id)} {octets[_QUERY_TYPE_AT]}:0x{u32(octets, 6):08x}"
+    if syntax_id == ALARM_QUERY_ITEM:
+        return f"{SYNTAX_IDS.name(syntax_id)} {octets[QUERY_TYPE_AT]}:0x{u32(octets, 6):08x}"
     return f"{SYNTAX_IDS.name(syntax_id)} event 0x{u32(octets, 4):08x}"
 
 

@@ -36,8 +36,6 @@ from dissect.wire.layout import Field, Layout
 from dissect.wire.octets import u16
 from dissect.wire.part import Cursor, Part
 
-READ_SZL: Final = 1
-
 _ID: Final = Field("szl_id", 2, "Which list, and which extract of it.", "s7comm.data.userdata.szl_id", SZL_IDS)
 _INDEX: Final = Field("szl_index", 2, "What to pick from the list, 0 nothing.", "s7comm.data.userdata.szl_index")
 

@@ -18,7 +18,7 @@ from dissect.s7.szl_tables import (
 )
 from dissect.s7.values import date_and_time
 from dissect.wire.codes import CodeTable
-from dissect.wire.layout import Field, Layout, plain
+from dissect.wire.layout import HOLDS_TIME, Field, Layout, plain
 
 _SECTION: Final = "reference section 4.5"
 
@@ -344,7 +344,7 @@ STATUS_RECORDS: Final[dict[int, Layout]] = {
         _count("cycle", 2, "Cycle of the synchronisation frames.", f"{_TIME}.zykl"),
         _count("correction", 2, "Correction of the time of day.", f"{_TIME}.korr"),
         *[_count(f"meter_{number}", 2, "Hours.", f"{_TIME}.clock{number}") for number in range(8)],
-        Field("time", 8, "Date and time.", f"{_TIME}.time", means=date_and_time),
+        Field("time", 8, "Date and time.", f"{_TIME}.time", means=date_and_time, holds=HOLDS_TIME),
         reserved("reserved", 10, f"{_TIME}.res"),
     ]),
     0x0B: _meters(0x0B, 0),

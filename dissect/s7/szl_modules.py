@@ -9,7 +9,7 @@ from typing import Final
 
 from dissect.s7.szl_communication import flags, reserved
 from dissect.s7.szl_tables import ADDRESS_KINDS, MODULE_AREAS
-from dissect.wire.layout import REST, Field, Layout
+from dissect.wire.layout import HOLDS_NUMBER, REST, Field, Layout
 
 _MANUAL: Final = "Siemens system status list"
 
@@ -82,14 +82,20 @@ MODULE_STATUS: Final = Layout(
 STATIONS: Final = Layout(
     "rack and station status",
     _MANUAL,
-    [Field("stations", 16, "One bit for each rack or station.", means=bits_set)],
+    [Field("stations", 16, "One bit for each rack or station.", means=bits_set, holds=HOLDS_NUMBER)],
 )
 MANY_STATIONS: Final = Layout(
     "rack and station status, PROFIBUS DP and PROFINET",
     _MANUAL,
     [
         Field("index", 2, "DP or PROFINET IO system, 0 central.", "s7comm.szl.0094.xxxx.index"),
-        Field("stations", REST, "Bit 0 group information, then one bit for each rack or station.", means=bits_set),
+        Field(
+            "stations",
+            REST,
+            "Bit 0 group information, then one bit for each rack or station.",
+            means=bits_set,
+            holds=HOLDS_NUMBER,
+        ),
     ],
 )
 

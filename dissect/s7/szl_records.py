@@ -39,7 +39,22 @@ from dissect.s7.szl_tables import (
     SZL_IDS,
 )
 from dissect.s7.values import date_and_time
-from dissect.wire.layout import REST, Field, Layout, latin, plain
+from dissect.wire.layout import (
+    HOLDS_ADDRESS,
+    HOLDS_FLAGS,
+    HOLDS_MAC,
+    HOLDS_NAME,
+    HOLDS_NUMBER,
+    HOLDS_PRODUCT,
+    HOLDS_SERIAL,
+    HOLDS_TIME,
+    HOLDS_VALUE,
+    REST,
+    Field,
+    Layout,
+    latin,
+    plain,
+)
 from dissect.wire.octets import u16
 
 _SECTION: Final = "reference section 4.5"
@@ -90,7 +105,14 @@ IDENTIFICATION: Final = Layout(
     _SECTION,
     [
         Field("index", 2, "What it is about.", "s7comm.szl.xy11.0001.index", IDENTIFICATIONS),
-        Field("order_number", 20, "Order number (MLFB), text.", "s7comm.szl.xy11.0001.anz", means=latin),
+        Field(
+            "order_number",
+            20,
+            "Order number (MLFB), text.",
+            "s7comm.szl.xy11.0001.anz",
+            means=latin,
+            holds=HOLDS_PRODUCT,
+        ),
         Field("module_type", 2, "BGTyp.", "s7comm.szl.xy11.0001.bgtyp"),
         Field("version", 2, "Ausbg: version.", "s7comm.szl.xy11.0001.ausbg", says=version_text),
         Field(
@@ -169,7 +191,7 @@ INTERRUPT_STATUS: Final = Layout(
     "interrupt status",
     _MANUAL,
     [
-        Field("start_information", 20, "Start information of the OB.", f"{_STATUS}.info", means=plain),
+        Field("start_information", 20, "Start information of the OB.", f"{_STATUS}.info", means=plain, holds=HOLDS_VALUE,),
         *flags(f"{_STATUS}.al1", "- - - - - - - - - entry_locked=eidbl locked_by_test=ioilbt loaded=ioil - active=isia"
                " locked=iel disabled=evpd"),
         *flags(f"{_STATUS}.al2", "- - - - - - - - - - - - discarded=iod stop=gism error=giee lock_source=lis"),
@@ -191,7 +213,7 @@ OPERATING_MODE: Final = Layout(
         Field("startup_2", 1, "Kind of the last start-up.", "s7comm.szl.0424.0000.anlinfo2", STARTUP_KINDS),
         Field("startup_3", 1, "Permitted start-up kinds.", "s7comm.szl.0424.0000.anlinfo3"),
         Field("startup_4", 1, "Last valid operation or setting.", "s7comm.szl.0424.0000.anlinfo4", STARTUP_KINDS),
-        Field("time", 8, "When it was.", "s7comm.szl.0424.0000.time", means=date_and_time),
+        Field("time", 8, "When it was.", "s7comm.szl.0424.0000.time", means=date_and_time, holds=HOLDS_TIME),
     ],
 )  # fmt: skip
 
@@ -211,14 +233,20 @@ ETHERNET: Final = Layout(
     _MANUAL,
     [
         Field("address", 2, "Logical base address."),
-        Field("ip_address", 4, "IP address.", means=address),
-        Field("subnet_mask", 4, "Subnet mask.", means=address),
-        Field("router", 4, "Default router; the own address if there is none.", means=address),
-        Field("mac_address", 6, "Ethernet address.", means=mac_address),
+        Field("ip_address", 4, "IP address.", means=address, holds=HOLDS_ADDRESS),
+        Field("subnet_mask", 4, "Subnet mask.", means=address, holds=HOLDS_NUMBER),
+        Field("router", 4, "Default router; the own address if there is none.", means=address, holds=HOLDS_ADDRESS),
+        Field("mac_address", 6, "Ethernet address.", means=mac_address, holds=HOLDS_MAC),
         Field("address_source", 1, "Where the IP address comes from.", codes=ADDRESS_SOURCES),
         Field("reserved", 1, "0."),
-        Field("dcp_time", 8, "When DCP changed the address last.", means=date_and_time),
-        Field("ports", 16, "Ports 1 to 16: bit 7 valid, 3 auto, 2 link, 1 100 MBd, 0 full duplex.", means=plain),
+        Field("dcp_time", 8, "When DCP changed the address last.", means=date_and_time, holds=HOLDS_TIME),
+        Field(
+            "ports",
+            16,
+            "Ports 1 to 16: bit 7 valid, 3 auto, 2 link, 1 100 MBd, 0 full duplex.",
+            means=plain,
+            holds=HOLDS_FLAGS,
+        ),
         reserved("reserved_last", 2),
     ],
 )
@@ -245,9 +273,11 @@ _COMPONENT: Final = "s7comm.szl.001c"
 _COMPONENT_HEAD: Final = [Field("index", 2, "Which component.", f"{_COMPONENT}.000x.index", COMPONENTS)]
 
 
-def _component(index: int, size: int, wireshark: str) -> Layout:
+def _component(index: int, size: int, wireshark: str, holds: str = HOLDS_NAME) -> Layout:
     """Return the layout of a component that is a text of ``size`` octets and reserved ones up to 32."""
-    text = Field("text", size, "Text, padded with blanks or zeros.", f"{_COMPONENT}.{wireshark}", means=latin)
+    text = Field(
+        "text", size, "Text, padded with blanks or zeros.", f"{_COMPONENT}.{wireshark}", means=latin, holds=holds
+    )
     rest = [reserved("reserved", 32 - size, f"{_COMPONENT}.000x.res")] if size < 32 else []
     return Layout(f"component: {COMPONENTS.name(index)}", _SECTION, [*_COMPONENT_HEAD, text, *rest])
 
@@ -258,9 +288,9 @@ COMPONENT_RECORDS: Final[dict[int, Layout]] = {
     0x02: _component(0x02, 24, "0002.name"),
     0x03: _component(0x03, 32, "0003.tag"),
     0x04: _component(0x04, 26, "0004.copyright"),
-    0x05: _component(0x05, 24, "0005.serialn"),
+    0x05: _component(0x05, 24, "0005.serialn", HOLDS_SERIAL),
     0x07: _component(0x07, 32, "0007.cputypname"),
-    0x08: _component(0x08, 32, "0008.snmcmmc"),
+    0x08: _component(0x08, 32, "0008.snmcmmc", HOLDS_SERIAL),
     0x09: Layout(
         "component: manufacturer and profile",
         _SECTION,
@@ -277,7 +307,14 @@ COMPONENT_RECORDS: Final[dict[int, Layout]] = {
         _MANUAL,
         [
             *_COMPONENT_HEAD,
-            Field("text", 26, "OEM copyright, text.", f"{_COMPONENT}.000a.oem_copyright_string", means=latin),
+            Field(
+                "text",
+                26,
+                "OEM copyright, text.",
+                f"{_COMPONENT}.000a.oem_copyright_string",
+                means=latin,
+                holds=HOLDS_NAME,
+            ),
             Field("oem_id", 2, "OEM id.", f"{_COMPONENT}.000a.oem_id"),
             Field("oem_additional_id", 4, "Further OEM id.", f"{_COMPONENT}.000a.oem_add_id"),
         ],

@@ -29,6 +29,124 @@ SUCCESS: Final = 0xFF
 OBJECT_DOES_NOT_EXIST: Final = 0x0A
 
 S7ANY: Final = 0x10
+# Syntax ids of the head of userdata.
+PARAMETER_SHORT: Final = 0x11
+PARAMETER_EXTENDED: Final = 0x12
+# Of items: the R_ID of a PBC, and an ALARM query.
+PBC_R_ID: Final = 0x13
+ALARM_QUERY_ITEM: Final = 0x1A
+
+# Groups of userdata.
+GROUP_MODE: Final = 0
+GROUP_TEST: Final = 1
+GROUP_CYCLIC: Final = 2
+GROUP_BLOCKS: Final = 3
+GROUP_CPU: Final = 4
+GROUP_SECURITY: Final = 5
+GROUP_PBC: Final = 6
+GROUP_TIME: Final = 7
+GROUP_ROUTING: Final = 0x20
+GROUP_NC: Final = 0x3F
+
+# Subfunctions of programmer commands.
+BLOCK_STATUS_JOB: Final = 0x01
+VARIABLE_STATUS: Final = 0x02
+OUTPUT_ISTACK: Final = 0x03
+OUTPUT_BSTACK: Final = 0x04
+OUTPUT_LSTACK: Final = 0x05
+MODIFY_VARIABLE: Final = 0x08
+FORCE_VARIABLES: Final = 0x09
+SET_BREAKPOINT: Final = 0x0A
+LEAVE_HOLD: Final = 0x0B
+DISABLE_JOB: Final = 0x0D
+ENABLE_JOB: Final = 0x0E
+DELETE_JOB: Final = 0x0F
+READ_JOB_LIST: Final = 0x10
+READ_JOB: Final = 0x11
+REPLACE_JOB: Final = 0x12
+BLOCK_STATUS_V2: Final = 0x13
+
+# Subfunctions of cyclic services.
+CYCLIC_TRANSFER: Final = 1
+UNSUBSCRIBE: Final = 4
+CHANGE_DRIVEN: Final = 5
+CHANGE_DRIVEN_MODIFY: Final = 7
+READ_RECORD: Final = 8
+
+# Subfunctions of block functions.
+LIST_BLOCKS: Final = 1
+LIST_OF_TYPE: Final = 2
+BLOCK_INFO: Final = 3
+
+# Subfunctions of CPU functions.
+READ_SZL: Final = 1
+MESSAGE_SERVICE: Final = 0x02
+DIAGNOSTIC_MESSAGE: Final = 3
+ALARM_8: Final = 0x05
+NOTIFY: Final = 0x06
+ALARM_8_LOCK: Final = 0x07
+ALARM_8_UNLOCK: Final = 0x08
+SCAN: Final = 0x09
+ACKNOWLEDGE: Final = 0x0B
+ACKNOWLEDGED: Final = 0x0C
+LOCKED: Final = 0x0D
+UNLOCKED: Final = 0x0E
+AR_SEND: Final = 0x10
+ALARM_SQ: Final = 0x11
+ALARM_S: Final = 0x12
+ALARM_QUERY: Final = 0x13
+NOTIFY_8: Final = 0x16
+
+# Subfunctions of security.
+SEND_PASSWORD: Final = 1
+CLEAR_PASSWORD: Final = 2
+
+# Subfunctions of time functions.
+READ_CLOCK: Final = 1
+SET_CLOCK: Final = 2
+READ_CLOCK_FOLLOWING: Final = 3
+SET_CLOCK_SECOND: Final = 4
+
+# Subfunctions of PBC.
+BSEND: Final = 1
+
+# Subfunctions of NC programming.
+NC_REQUEST_DOWNLOAD: Final = 1
+NC_DOWNLOAD_BLOCK: Final = 2
+NC_CONTINUE_DOWNLOAD: Final = 3
+NC_DOWNLOAD_ENDED: Final = 4
+NC_START_UPLOAD: Final = 6
+NC_UPLOAD_BLOCK: Final = 7
+NC_CONTINUE_UPLOAD: Final = 8
+
+# Subfunctions of mode transition.
+MODE_STOP: Final = 0
+
+# What a request does to the device that gets it: the last column of `FUNCTIONS` and `USERDATA_SUBFUNCTIONS`, and the class of a
+# PI service. What may be played again, and which requests are events of security, follows from it (reference section 7.4).
+READ: Final = "read"  # changes nothing in the device
+SESSION: Final = "session"  # changes what it sends to this client
+WRITE: Final = "write"
+PROGRAM_READ: Final = "program read"  # begins to read a block or a file
+PROGRAM_CHANGE: Final = "program change"  # begins to load one, links it in, deletes it
+TRANSFER: Final = "transfer"  # goes on with what was begun
+TEST: Final = "test"  # asks for a job of testing, which takes time of the program's cycle, or looks after one
+DEBUG: Final = "debug"  # follows the program as it runs, or halts it
+FORCE: Final = "force"  # sets variables against the program
+CLOCK: Final = "clock"  # sets it
+ALARM_CHANGE: Final = "alarm change"  # locks, unlocks or acknowledges
+LOGIN: Final = "authentication"
+START: Final = "start"
+STOP: Final = "stop"
+MEMORY: Final = "memory"  # clears it, compresses it or writes it to ROM
+FLASH: Final = "flash"  # of LEDs
+DESTRUCTIVE: Final = "destructive"  # deletes what may not come back
+ROUTING: Final = "routing"  # reaches through to another device
+CONTROL: Final = "control"  # anything else that changes the device
+# Of pushes, which nobody requests.
+STATE: Final = "state change"
+ALARM: Final = "alarm"
+SEND: Final = "data push"
 
 ROSCTR: Final = CodeTable(
     "ROSCTR",
@@ -45,19 +163,19 @@ FUNCTIONS: Final = CodeTable(
     "S7 function",
     2,
     [
-        (0x00, "CPU services", "Userdata head: the function group says what it is."),
-        (0x01, "Mode transition indication", "Sent as ROSCTR 7 push from PLC; parameters: 8 bytes: 01, item count 00, 4 unknown, mode, 1 unknown."),
-        (0x04, "Read Var", "Sent as Job; parameters: function, item count, items."),
-        (0x05, "Write Var", "Sent as Job; parameters: function, item count, items."),
-        (0x1a, "Request download", "Sent as Job, client to PLC; parameters: status, 2 unknown, 4 unknown, file name, length part."),
-        (0x1b, "Download block", "Sent as Job, PLC to client; parameters: status, 2 unknown, 4 unknown, file name."),
-        (0x1c, "Download ended", "Sent as Job, PLC to client; parameters: status, error code(2), 4 unknown, file name."),
-        (0x1d, "Start upload", "Sent as Job; parameters: status, 2 unknown, upload id(4), file name."),
-        (0x1e, "Upload", "Sent as Job; parameters: status, 2 unknown, upload id(4)."),
-        (0x1f, "End upload", "Sent as Job; parameters: status, error code(2), upload id(4)."),
-        (0x28, "PI service", "Sent as Job; parameters: 7 unknown, parameter block length(2), block, service name."),
-        (0x29, "PLC stop", "Sent as Job; parameters: 5 unknown, service name P_PROGRAM."),
-        (0xf0, "Setup communication", "Sent as Job; parameters: reserved, max AmQ calling(2), max AmQ called(2), PDU length(2)."),
+        (0x00, "CPU services", "Userdata head: the function group says what it is.", ""),
+        (0x01, "Mode transition indication", "Sent as ROSCTR 7 push from PLC; parameters: 8 bytes: 01, item count 00, 4 unknown, mode, 1 unknown.", STATE),
+        (0x04, "Read Var", "Sent as Job; parameters: function, item count, items.", READ),
+        (0x05, "Write Var", "Sent as Job; parameters: function, item count, items.", WRITE),
+        (0x1a, "Request download", "Sent as Job, client to PLC; parameters: status, 2 unknown, 4 unknown, file name, length part.", PROGRAM_CHANGE),
+        (0x1b, "Download block", "Sent as Job, PLC to client; parameters: status, 2 unknown, 4 unknown, file name.", TRANSFER),
+        (0x1c, "Download ended", "Sent as Job, PLC to client; parameters: status, error code(2), 4 unknown, file name.", TRANSFER),
+        (0x1d, "Start upload", "Sent as Job; parameters: status, 2 unknown, upload id(4), file name.", PROGRAM_READ),
+        (0x1e, "Upload", "Sent as Job; parameters: status, 2 unknown, upload id(4).", READ),
+        (0x1f, "End upload", "Sent as Job; parameters: status, error code(2), upload id(4).", READ),
+        (0x28, "PI service", "Sent as Job; parameters: 7 unknown, parameter block length(2), block, service name.", CONTROL),
+        (0x29, "PLC stop", "Sent as Job; parameters: 5 unknown, service name P_PROGRAM.", STOP),
+        (0xf0, "Setup communication", "Sent as Job; parameters: reserved, max AmQ calling(2), max AmQ called(2), PDU length(2).", SESSION),
     ],
 )
 
@@ -297,137 +415,137 @@ USERDATA_GROUPS: Final = CodeTable(
     ],
 )
 
-#: Subfunctions by function group.
+#: Subfunctions by function group: who sends them, and what a request does.
 USERDATA_SUBFUNCTIONS: Final[dict[int, CodeTable]] = {
     0x00: CodeTable(
         "S7 mode transition subfunction",
         2,
         [
-            (0x00, "STOP", "Push; state change."),
-            (0x01, "warm restart", "Push; state change."),
-            (0x02, "RUN", "Push; state change."),
-            (0x03, "hot restart", "Push; state change."),
-            (0x04, "HOLD", "Push; state change."),
-            (0x06, "cold restart", "Push; state change."),
-            (0x09, "RUN_R (H system redundant)", "Push; state change."),
-            (0x0b, "LINK-UP", "Push; state change."),
-            (0x0c, "UPDATE", "Push; state change."),
+            (0x00, "STOP", "Push.", STATE),
+            (0x01, "warm restart", "Push.", STATE),
+            (0x02, "RUN", "Push.", STATE),
+            (0x03, "hot restart", "Push.", STATE),
+            (0x04, "HOLD", "Push.", STATE),
+            (0x06, "cold restart", "Push.", STATE),
+            (0x09, "RUN_R (H system redundant)", "Push.", STATE),
+            (0x0b, "LINK-UP", "Push.", STATE),
+            (0x0c, "UPDATE", "Push.", STATE),
         ],
     ),
     0x01: CodeTable(
         "S7 programmer commands (test and installation) subfunction",
         2,
         [
-            (0x01, "block status", "Request/response/push; debug."),
-            (0x02, "variable status", "Request/response/push; read."),
-            (0x03, "output ISTACK", "Request/response/push; debug."),
-            (0x04, "output BSTACK", "Request/response/push; debug."),
-            (0x05, "output LSTACK", "Request/response/push; debug."),
-            (0x06, "time measurement", "Request/response/push; debug."),
-            (0x07, "force selection", "Request/response; debug."),
-            (0x08, "modify variable", "Request/response/push; write."),
-            (0x09, "force", "Request/response/push; write."),
-            (0x0a, "breakpoint", "Request/response/push; control."),
-            (0x0b, "exit HOLD", "Request/response; control."),
-            (0x0c, "memory reset", "Request/response; destructive."),
-            (0x0d, "disable job", "Request/response; debug."),
-            (0x0e, "enable job", "Request/response; debug."),
-            (0x0f, "delete job", "Request/response; debug."),
-            (0x10, "read job list", "Request/response; read."),
-            (0x11, "read job", "Request/response; read."),
-            (0x12, "replace job", "Request/response; debug."),
-            (0x13, "block status v2", "Request/response/push; debug."),
-            (0x16, "flash LED", "Request/response; control."),
+            (0x01, "block status", "Request/response/push.", DEBUG),
+            (0x02, "variable status", "Request/response/push.", TEST),
+            (0x03, "output ISTACK", "Request/response/push.", TEST),
+            (0x04, "output BSTACK", "Request/response/push.", TEST),
+            (0x05, "output LSTACK", "Request/response/push.", TEST),
+            (0x06, "time measurement", "Request/response/push.", TEST),
+            (0x07, "force selection", "Request/response.", TEST),
+            (0x08, "modify variable", "Request/response/push.", FORCE),
+            (0x09, "force", "Request/response/push.", FORCE),
+            (0x0a, "breakpoint", "Request/response/push.", DEBUG),
+            (0x0b, "exit HOLD", "Request/response.", DEBUG),
+            (0x0c, "memory reset", "Request/response.", MEMORY),
+            (0x0d, "disable job", "Request/response.", TEST),
+            (0x0e, "enable job", "Request/response.", TEST),
+            (0x0f, "delete job", "Request/response.", TEST),
+            (0x10, "read job list", "Request/response.", TEST),
+            (0x11, "read job", "Request/response.", TEST),
+            (0x12, "replace job", "Request/response.", FORCE),
+            (0x13, "block status v2", "Request/response/push.", DEBUG),
+            (0x16, "flash LED", "Request/response.", FLASH),
         ],
     ),
     0x02: CodeTable(
         "S7 cyclic services subfunction",
         2,
         [
-            (0x01, "cyclic transfer", "Request/response/push; read."),
-            (0x04, "unsubscribe", "Request/response; session."),
-            (0x05, "change driven transfer", "Request/response/push; read."),
-            (0x07, "change driven transfer modify", "Request/response/push; read."),
-            (0x08, "RDREC (read data record)", "Request/response; read."),
+            (0x01, "cyclic transfer", "Request/response/push.", READ),
+            (0x04, "unsubscribe", "Request/response.", SESSION),
+            (0x05, "change driven transfer", "Request/response/push.", READ),
+            (0x07, "change driven transfer modify", "Request/response/push.", CONTROL),
+            (0x08, "RDREC (read data record)", "Request/response.", READ),
         ],
     ),
     0x03: CodeTable(
         "S7 block functions subfunction",
         2,
         [
-            (0x01, "list blocks", "Request/response; read."),
-            (0x02, "list blocks of type", "Request/response; read."),
-            (0x03, "get block info", "Request/response; read."),
+            (0x01, "list blocks", "Request/response.", READ),
+            (0x02, "list blocks of type", "Request/response.", READ),
+            (0x03, "get block info", "Request/response.", READ),
         ],
     ),
     0x04: CodeTable(
         "S7 CPU functions subfunction",
         2,
         [
-            (0x01, "read SZL", "Request/response; read."),
-            (0x02, "message service", "Request/response; session."),
-            (0x03, "diagnostic message", "Push; state change."),
-            (0x05, "ALARM_8 indication", "Push; alarm."),
-            (0x06, "NOTIFY indication", "Push; alarm."),
-            (0x07, "ALARM_8 lock", "Request/response; write."),
-            (0x08, "ALARM_8 unlock", "Request/response; write."),
-            (0x09, "SCAN indication", "Push; alarm."),
-            (0x0b, "ALARM ack", "Request/response; write."),
-            (0x0c, "ALARM ack indication", "Push; alarm."),
-            (0x0d, "ALARM lock indication", "Push; alarm."),
-            (0x0e, "ALARM unlock indication", "Push; alarm."),
-            (0x10, "AR_SEND indication", "Push; alarm."),
-            (0x11, "ALARM_SQ indication", "Push; alarm."),
-            (0x12, "ALARM_S indication", "Push; alarm."),
-            (0x13, "ALARM query", "Request/response; read."),
-            (0x16, "NOTIFY_8 indication", "Push; alarm."),
+            (0x01, "read SZL", "Request/response.", READ),
+            (0x02, "message service", "Request/response.", SESSION),
+            (0x03, "diagnostic message", "Push.", STATE),
+            (0x05, "ALARM_8 indication", "Push.", ALARM),
+            (0x06, "NOTIFY indication", "Push.", ALARM),
+            (0x07, "ALARM_8 lock", "Request/response.", ALARM_CHANGE),
+            (0x08, "ALARM_8 unlock", "Request/response.", ALARM_CHANGE),
+            (0x09, "SCAN indication", "Push.", ALARM),
+            (0x0b, "ALARM ack", "Request/response.", ALARM_CHANGE),
+            (0x0c, "ALARM ack indication", "Push.", ALARM),
+            (0x0d, "ALARM lock indication", "Push.", ALARM),
+            (0x0e, "ALARM unlock indication", "Push.", ALARM),
+            (0x10, "AR_SEND indication", "Push.", ALARM),
+            (0x11, "ALARM_SQ indication", "Push.", ALARM),
+            (0x12, "ALARM_S indication", "Push.", ALARM),
+            (0x13, "ALARM query", "Request/response.", READ),
+            (0x16, "NOTIFY_8 indication", "Push.", ALARM),
         ],
     ),
     0x05: CodeTable(
         "S7 security subfunction",
         2,
         [
-            (0x01, "PLC password", "Request/response; authentication."),
-            (0x02, "clear session password", "Request/response; authentication."),
+            (0x01, "PLC password", "Request/response.", LOGIN),
+            (0x02, "clear session password", "Request/response.", LOGIN),
         ],
     ),
     0x06: CodeTable(
         "S7 PBC (programmable block communication) subfunction",
         2,
         [
-            (0x01, "BSEND", "Request/response; data push."),
+            (0x01, "BSEND", "Request/response.", SEND),
         ],
     ),
     0x07: CodeTable(
         "S7 time functions subfunction",
         2,
         [
-            (0x01, "read clock", "Request/response; read."),
-            (0x02, "set clock", "Request/response; write."),
-            (0x03, "read clock (following)", "Request/response; read."),
-            (0x04, "set clock (second form)", "Request/response; write."),
+            (0x01, "read clock", "Request/response.", READ),
+            (0x02, "set clock", "Request/response.", CLOCK),
+            (0x03, "read clock (following)", "Request/response.", READ),
+            (0x04, "set clock (second form)", "Request/response.", CLOCK),
         ],
     ),
     0x20: CodeTable(
         "S7 data record routing subfunction",
         2,
         [
-            (0x01, "DRR init", "Request/response; session."),
-            (0x02, "DRR finish", "Request/response; session."),
-            (0x03, "DRR data", "Request/response; read/write."),
+            (0x01, "DRR init", "Request/response.", ROUTING),
+            (0x02, "DRR finish", "Request/response.", ROUTING),
+            (0x03, "DRR data", "Request/response.", ROUTING),
         ],
     ),
     0x3f: CodeTable(
         "S7 NC programming (Sinumerik) subfunction",
         2,
         [
-            (0x01, "request download", "Request/response; program change."),
-            (0x02, "download block", "Push/response; program change."),
-            (0x03, "continue download", "Push; program change."),
-            (0x04, "download ended", "Request/response; program change."),
-            (0x06, "start upload", "Request/response; program read."),
-            (0x07, "upload", "Push/response; program read."),
-            (0x08, "continue upload", "Push; program read."),
+            (0x01, "request download", "Request/response.", PROGRAM_CHANGE),
+            (0x02, "download block", "Push/response.", TRANSFER),
+            (0x03, "continue download", "Push.", TRANSFER),
+            (0x04, "download ended", "Request/response.", TRANSFER),
+            (0x06, "start upload", "Request/response.", PROGRAM_READ),
+            (0x07, "upload", "Push/response.", TRANSFER),
+            (0x08, "continue upload", "Push.", TRANSFER),
         ],
     ),
 }

@@ -16,7 +16,19 @@ from dissect.s7.blocks import HEADER, header_text, is_header
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.layouts import FUNCTION
 from dissect.s7.tables import DOWNLOAD_ENDED, END_UPLOAD, REQUEST_DOWNLOAD, START_UPLOAD, UPLOAD
-from dissect.wire.layout import COUNTS_PARTS, COUNTS_REST, REST, Field, Layout, latin
+from dissect.wire.layout import (
+    COUNTS_PARTS,
+    COUNTS_REST,
+    HOLDS_CODE,
+    HOLDS_NUMBER,
+    HOLDS_PATH,
+    HOLDS_PRODUCT,
+    HOLDS_REFERENCE,
+    REST,
+    Field,
+    Layout,
+    latin,
+)
 from dissect.wire.part import Cursor, Part
 
 _UPLOAD: Final = "reference section 3.7"
@@ -32,7 +44,12 @@ _STATUS: Final = [
 ]
 _ERROR: Final = Field("error_code", 2, "0, or why it failed.", "s7comm.data.blockcontrol.errorcode", ERROR_CODES)
 _UPLOAD_ID: Final = Field(
-    "upload_id", 4, "Which upload; the PLC chose it.", "s7comm.data.blockcontrol.uploadid", decimal=True
+    "upload_id",
+    4,
+    "Which upload; the PLC chose it.",
+    "s7comm.data.blockcontrol.uploadid",
+    decimal=True,
+    holds=HOLDS_REFERENCE,
 )
 _UNKNOWN_2: Final = Field("unknown", 2, "0 or 0x0100 in captures.", _UNKNOWN)
 _UNKNOWN_4: Final = Field("unknown_id", 4, "0; the place of the upload id.", _UNKNOWN)
@@ -60,6 +77,7 @@ FILE_NAME: Final = Layout(
             "_ complete module, $ module header.",
             "s7comm.data.blockcontrol.file_identifier",
             means=identifier_text,
+            holds=HOLDS_NUMBER,
         ),
         *FILE_NAME_FIELDS,
     ],
@@ -69,7 +87,10 @@ SHORT_FILE_NAME: Final = Layout("short file name", _FILE_NAMES, [_NAME_LENGTH, *
 PLAIN_FILE_NAME: Final = Layout(
     "plain file name",
     _FILE_NAMES,
-    [_NAME_LENGTH, Field("file_name", REST, "Name or path.", "s7comm.param.blockcontrol.filename", means=latin)],
+    [
+        _NAME_LENGTH,
+        Field("file_name", REST, "Name or path.", "s7comm.param.blockcontrol.filename", means=latin, holds=HOLDS_PATH),
+    ],
 )
 
 #: What a request download says of the size.
@@ -78,9 +99,25 @@ LENGTHS: Final = Layout(
     _DOWNLOAD,
     [
         Field("lengths_length", 1, "13.", "s7comm.data.blockcontrol.part2_len", counts=COUNTS_REST),
-        Field("unknown_digit", 1, "1 as text.", "s7comm.data.blockcontrol.part2_unknown", means=latin),
-        Field("load_length", 6, "Bytes in load memory.", "s7comm.data.blockcontrol.loadmem_len", means=number_text),
-        Field("mc7_length", 6, "Bytes of MC7 code.", "s7comm.data.blockcontrol.mc7code_len", means=number_text),
+        Field(
+            "unknown_digit", 1, "1 as text.", "s7comm.data.blockcontrol.part2_unknown", means=latin, holds=HOLDS_PRODUCT
+        ),
+        Field(
+            "load_length",
+            6,
+            "Bytes in load memory.",
+            "s7comm.data.blockcontrol.loadmem_len",
+            means=number_text,
+            holds=HOLDS_NUMBER,
+        ),
+        Field(
+            "mc7_length",
+            6,
+            "Bytes of MC7 code.",
+            "s7comm.data.blockcontrol.mc7code_len",
+            means=number_text,
+            holds=HOLDS_NUMBER,
+        ),
     ],
 )
 #: What the answer to start upload says of the size.
@@ -89,7 +126,14 @@ UPLOAD_LENGTH: Final = Layout(
     _UPLOAD,
     [
         Field("length_length", 1, "7.", "s7comm.param.blockcontrol.upl_lenstring_len", counts=COUNTS_REST),
-        Field("total", REST, "Bytes of all pieces.", "s7comm.param.blockcontrol.upl_lenstring", means=number_text),
+        Field(
+            "total",
+            REST,
+            "Bytes of all pieces.",
+            "s7comm.param.blockcontrol.upl_lenstring",
+            means=number_text,
+            holds=HOLDS_NUMBER,
+        ),
     ],
 )
 #: Before a piece of a block.
@@ -102,7 +146,9 @@ PIECE: Final = Layout(
     ],
 )
 #: Code, interface and values; a piece may begin and end anywhere.
-CONTENT: Final = Layout("block content", _UPLOAD, [Field("content", REST, "A part of the block.", "s7comm.resp.data")])
+CONTENT: Final = Layout(
+    "block content", _UPLOAD, [Field("content", REST, "A part of the block.", "s7comm.resp.data", holds=HOLDS_CODE)]
+)
 
 _LENGTHS_SIZE: Final = 13
 

@@ -15,6 +15,7 @@ from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.tables import REQUEST
 from dissect.s7plus.value_tables import STRUCT, WSTRING
 from dissect.s7plus.values import Blob, Member, Rows, Struct, Value
+from dissect.wire.layout import HOLDS_VALUE
 from dissect.wire.part import Part
 
 
@@ -35,7 +36,7 @@ def shown_contents(pdu: PlusPdu, shown: bool = True) -> tuple[Contents, list[tup
         above = -1
         if _is_secret(part, secret, named):
             above = part.depth
-            content = part.find("content")
+            content = part.holding(HOLDS_VALUE)
             if content is not None:
                 _hide(part, int(content.offset), int(content.end), pdu, spans)
     if found.value is not None and (named or _holds_secret(found.value)):

@@ -12,7 +12,7 @@ from dissect.s7plus.ids import id_name
 from dissect.s7plus.program_tables import DATATYPES, SECTIONS
 from dissect.s7plus.tables import FUNCTIONS, NOTIFIED, OPCODES, TAGS, VARIABLE_KINDS, VERSIONS
 from dissect.s7plus.value_tables import VALUE_FLAGS, VALUE_TYPES
-from dissect.wire.layout import COUNTS_REST, REST, Field, Layout
+from dissect.wire.layout import COUNTS_REST, HOLDS_REFERENCE, HOLDS_VALUE, REST, Field, Layout
 from dissect.wire.varint import VLQ, VLQ64
 
 _SOURCE: Final = "docs/s7plus.md"
@@ -60,7 +60,7 @@ _HEAD: Final = [
     Field("reserved_1", 2, "0."),
     Field("function", 2, "What is requested.", codes=FUNCTIONS),
     Field("reserved_2", 2, "0."),
-    Field("sequence", 2, "Sequence number, echoed by the response."),
+    Field("sequence", 2, "Sequence number, echoed by the response.", holds=HOLDS_REFERENCE),
 ]
 
 REQUEST: Final = Layout(
@@ -68,7 +68,7 @@ REQUEST: Final = Layout(
     _SOURCE,
     [
         *_HEAD,
-        Field("session_id", 4, "The session, as CreateObject answered it; responses have none."),
+        Field("session_id", 4, "The session, as CreateObject answered it; responses have none.", holds=HOLDS_REFERENCE),
         Field("transport_flags", 1, "Bit 6: no response is wanted."),
     ],
 )
@@ -91,6 +91,7 @@ NOTIFICATION: Final = Layout(
             "credit_tick",
             1,
             "Counts against the credit of the client; of ids below 0x70000000 the sequence.",
+            holds=HOLDS_REFERENCE,
         ),
     ],
 )
@@ -116,7 +117,7 @@ _ID: Final = Field("id", VLQ, "What it is.", codes=IDS)
 _VALUE: Final = [
     Field("flags", 1, "Scalar, array, sparse array.", codes=VALUE_FLAGS),
     Field("type", 1, "Type of the value, or of its elements.", codes=VALUE_TYPES),
-    Field("content", REST, "What flags and type make it."),
+    Field("content", REST, "What flags and type make it.", holds=HOLDS_VALUE),
 ]
 
 #: A value with nothing before it.

@@ -125,28 +125,31 @@ def take_values(walk: Walk, found: Contents, count: int) -> None:
         found.items.append((number, read_value(walk, layouts.ITEM_VALUE, at, f"{number}: " if walk.shown else "")))
 
 
+def _item_number(walk: Walk) -> int:
+    """Read the number of the next item; 0 ends the list and is a part of its own."""
+    at = walk.at
+    number = walk.number(VLQ, "item")
+    if number == 0:
+        walk.part(layouts.LIST_END, at)
+    return number
+
+
 def take_values_to_end(walk: Walk, found: Contents) -> None:
     """Read numbers with values up to the number 0."""
-    while True:
-        at = walk.at
-        number = walk.number(VLQ, "item")
-        if number == 0:
-            walk.part(layouts.LIST_END, at)
-            return
+    at = walk.at
+    while number := _item_number(walk):
         found.items.append((number, read_value(walk, layouts.ITEM_VALUE, at, f"{number}: " if walk.shown else "")))
+        at = walk.at
 
 
 def take_refusals(walk: Walk, found: Contents) -> None:
     """Read numbers with return values up to the number 0. Raises `FormatError`."""
-    while True:
-        at = walk.at
-        number = walk.number(VLQ, "item")
-        if number == 0:
-            walk.part(layouts.LIST_END, at)
-            return
+    at = walk.at
+    while number := _item_number(walk):
         value = walk.number(VLQ64, "return value")
         found.refusals.append((number, value))
         walk.part(layouts.ITEM_ERROR, at, f"{number}: {return_note(value)}" if walk.shown else "")
+        at = walk.at
 
 
 def take_value(walk: Walk, found: Contents) -> None:

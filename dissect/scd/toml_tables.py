@@ -1,13 +1,11 @@
-"""TOML as both the dictionary's source and the bindings are written in: its tables, and the line where each begins."""
+"""TOML as both the dictionary's source and the bindings are written in: its text and its tables."""
 
 from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
-from dissect.config.lines import Lines
 from dissect.scd.bounds import MAX_DEPTH, long_key_line, long_number_line
 from dissect.scd.errors import DictionaryError
 
@@ -55,16 +53,3 @@ def parse_tables(text: str, path: str = "") -> dict[str, Any]:
         raise DictionaryError("TOML", "a number of too many digits", path=path, line=long_number_line(text)) from None
     except RecursionError:
         raise DictionaryError("TOML", "arrays in arrays without end", path=path) from None
-
-
-def header_lines(
-    text: str, content: Mapping[str, Any], lists: Iterable[str], tables: Iterable[str] = ()
-) -> dict[tuple[str, int], int]:
-    """Return the lines of the [[lists]] and [tables] of a text whose tables are ``content``, none for what is not there."""
-    known = Lines(text)
-    lines = {(name, 0): known.at(name) for name in tables if name in content}
-    for name in lists:
-        rows = content.get(name)
-        if isinstance(rows, list):
-            lines.update({(name, number): known.at(name, number) for number in range(len(rows))})
-    return lines

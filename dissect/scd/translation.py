@@ -100,7 +100,8 @@ class _Translator:
                 row = entry.subs[sub]
                 found = self._types.translate(whole_octal(row.value or ""))
                 if found is None or (found.type.kind in SIZED and not (found.type.bits or found.bits)):
-                    raise ValueError
+                    fields = []
+                    break
                 fields.append(FieldRecord(self._field_name(entry, row, fields), found.type.index, found.bits))
         except (ValueError, KeyError):
             fields = []

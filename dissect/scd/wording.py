@@ -13,7 +13,7 @@ from dissect.scd.messages import Message
 from dissect.scd.model import StructType, Variable
 from dissect.scd.ranges import is_mapping, pdo_of_index
 from dissect.scd.types import UINT64, Value
-from dissect.wire.text import printable, shortened
+from dissect.wire.text import encodable, printable, shortened
 
 #: Characters of a text and octets of a block that a line shows.
 _TEXT: Final = 60
@@ -139,6 +139,19 @@ def json_value(value: Value) -> object:
     if type(value) is bytes:
         return value.hex()
     return str(value)
+
+
+def row_json(row: Row) -> dict[str, object]:
+    """Return a row as JSON has it."""
+    return {
+        "address": encodable(row.address),
+        "name": encodable(row.name),
+        "value": json_value(row.value),
+        "physical": json_value(row.physical),
+        "unit": encodable(row.unit) or None,
+        "text": encodable(row.text) or None,
+        "flags": list(row.flags),
+    }
 
 
 def row_text(row: Row) -> str:

@@ -131,10 +131,7 @@ def _parse_v6(packet: IpPacket, buf: bytes, at: i64, end: i64, wants_udp: bool) 
     protocol, here = _skip_extensions(buf, at + 40, packet.end, buf[at + 6])
     packet.start = here
     if protocol == _FRAGMENT_HEADER:
-        if here + 8 > packet.end:
-            protocol = _CUT
-        else:
-            protocol = _parse_fragment_header(packet, buf, here, wants_udp)
+        protocol = _CUT if here + 8 > packet.end else _parse_fragment_header(packet, buf, here, wants_udp)
     if protocol == _CUT:
         packet.problem = "cut" if packet.missing else "bad_header"
         return
@@ -192,7 +189,7 @@ class _Datagram:
         self.conflict: bool = False
 
     def may_end(self, end: i64, more: bool) -> bool:
-        """Tell whether a fragment that reaches to ``end`` agrees with what is known of the datagram's end."""
+        """Return whether a fragment that reaches to ``end`` agrees with what is known of the datagram's end."""
         if self.total >= 0:
             return end <= self.total if more else end == self.total
         if more or not self.pieces:

@@ -25,13 +25,21 @@ from dissect.s7.build import build_payload, build_pdu, build_setup, build_userda
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
 from dissect.s7.parameters import HEADER_SIZE, PUSH, REQUEST, RESPONSE, Setup
-from dissect.s7.tables import ACK_DATA, JOB, OBJECT_DOES_NOT_EXIST, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
+from dissect.s7.tables import (
+    ACK_DATA,
+    GROUP_CPU,
+    JOB,
+    OBJECT_DOES_NOT_EXIST,
+    READ_SZL,
+    READ_VAR,
+    SUCCESS,
+    USERDATA,
+    WRITE_VAR,
+)
 
 #: What an element of an item may be.
 Scalar = bool | int | float | str
 
-_CPU_FUNCTIONS: Final = 4
-_READ_SZL: Final = 1
 #: The type that goes with the width letter of an address, where none is said.
 _TYPES: Final = {"": "BIT", "X": "BIT", "B": "BYTE", "W": "WORD", "D": "DWORD"}
 _NUMBERED: Final = {0x1C: "COUNTER", 0x1D: "TIMER", 0x1E: "COUNTER", 0x1F: "TIMER"}
@@ -109,7 +117,7 @@ def userdata(group: int, subfunction: int, payload: bytes = b"", sequence: int =
 
 def szl(szl_id: int, index: int = 0) -> Ask:
     """Read a system status list."""
-    return userdata(_CPU_FUNCTIONS, _READ_SZL, struct.pack(">HH", szl_id, index))
+    return userdata(GROUP_CPU, READ_SZL, struct.pack(">HH", szl_id, index))
 
 
 def push(group: int, subfunction: int, payload: bytes) -> Ask:

@@ -28,7 +28,7 @@ from dissect.iso.build import build_connect, build_tpkt, build_tsdu, size_parame
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP
 from dissect.iso.tables import CC, CR
 from dissect.playback.server.model import Recording
-from dissect.playback.server.recording import RecordingReader
+from dissect.playback.server.recording import recording_of
 from dissect.proxy.packets import ETHERNET, Conversation
 from dissect.s7.build import with_reference
 from dissect.s7.message import parse_pdu
@@ -234,9 +234,9 @@ class Talk:
 
     def recording(self) -> Recording:
         """Return the conversation as what `dissect.playback.server.Server` serves."""
-        reader = RecordingReader("talk")
+        reader = SessionReader("talk", messages=True)
         self._feed(reader)
-        return reader.finish()
+        return recording_of(reader.finish())
 
     def _feed(self, observer: Observer) -> None:
         pipeline = Pipeline(observer, Options(strict=True))

@@ -151,7 +151,7 @@ class Operation:
         return self.end_ns - self.begin_ns
 
     def content_parts(self) -> list[Part]:
-        """Cut the joined answer or BSEND into parts, anew at each call; empty where there is none (reference 4.3)."""
+        """Cut the joined answer or BSEND into parts, again at each call; empty where there is none (reference 4.3)."""
         head = self.content_head
         if head is None:
             return []
@@ -197,7 +197,7 @@ class OpenOperations:
 
 
 class OperationBook:
-    """Finished operations, numbered, waiting to be told."""
+    """Finished operations, numbered, waiting to be reported."""
 
     def __init__(self) -> None:
         self.count = 0

@@ -15,18 +15,47 @@ from typing import Final
 from dissect.s7.body import Body
 from dissect.s7.control import PI_BLOCK
 from dissect.s7.layouts import DATA_HEAD
-from dissect.s7.parameters import GROUP_PBC, HEADER_SIZE, UserdataHead
+from dissect.s7.parameters import HEADER_SIZE, UserdataHead
 from dissect.s7.services import LINK_IN, LINK_IN_SECOND, PROGRAM
 from dissect.s7.tables import (
+    ACKNOWLEDGED,
+    ALARM_8,
+    ALARM_S,
+    ALARM_SQ,
+    AR_SEND,
+    BLOCK_STATUS_JOB,
+    BLOCK_STATUS_V2,
+    CHANGE_DRIVEN,
+    CHANGE_DRIVEN_MODIFY,
+    CYCLIC_TRANSFER,
+    DELETE_JOB,
+    DIAGNOSTIC_MESSAGE,
     DOWNLOAD_BLOCK,
     DOWNLOAD_ENDED,
     END_UPLOAD,
+    FORCE_VARIABLES,
+    GROUP_CPU,
+    GROUP_CYCLIC,
+    GROUP_MODE,
+    GROUP_PBC,
+    GROUP_SECURITY,
+    GROUP_TEST,
+    LOCKED,
+    MESSAGE_SERVICE,
+    MODIFY_VARIABLE,
+    NOTIFY,
+    NOTIFY_8,
     PI_SERVICE,
     PLC_STOP,
     REQUEST_DOWNLOAD,
+    SCAN,
+    SEND_PASSWORD,
     SETUP_COMMUNICATION,
     START_UPLOAD,
+    UNLOCKED,
+    UNSUBSCRIBE,
     USERDATA,
+    VARIABLE_STATUS,
 )
 from dissect.s7.tables import (
     UPLOAD as UPLOAD_PIECE,
@@ -218,7 +247,7 @@ def _went_well(transaction: Transaction) -> bool:
 
 
 def _last(transaction: Transaction, answer: Body) -> bool:
-    """Tell whether an answer says that no more follows."""
+    """Return whether an answer says that no more follows."""
     return transaction.outcome != UNANSWERED and answer.number("more") != 1
 
 
@@ -232,22 +261,13 @@ def _link_in(transaction: Transaction, body: Body) -> None:
             transaction.flags |= NOT_LOADED
 
 
-_MODE: Final = 0
-_TEST: Final = 1
-_CYCLIC: Final = 2
-_CPU: Final = 4
-_SECURITY: Final = 5
-
-_CYCLIC_STARTS: Final = frozenset((0x01, 0x05))
-_CYCLIC_STOPS: Final = 0x04
-_CYCLIC_CHANGES: Final = 0x07
-_MESSAGE_SERVICE: Final = 0x02
-_ALARM_PUSHES: Final = frozenset((0x03, 0x05, 0x06, 0x09, 0x0C, 0x0D, 0x0E, 0x10, 0x11, 0x12, 0x16))
+_CYCLIC_STARTS: Final = frozenset((CYCLIC_TRANSFER, CHANGE_DRIVEN))
+_ALARM_PUSHES: Final = frozenset((
+    DIAGNOSTIC_MESSAGE, ALARM_8, NOTIFY, SCAN, ACKNOWLEDGED, LOCKED, UNLOCKED, AR_SEND, ALARM_SQ, ALARM_S, NOTIFY_8,
+))  # fmt: skip
 #: Alarm types of a message service that end a subscription (reference 4.9).
 _ALARM_ABORTS: Final = frozenset((0, 4, 6, 8))
-_TEST_STARTS: Final = frozenset((0x01, 0x02, 0x08, 0x09, 0x13))
-_TEST_STOPS: Final = 0x0F
-_SEND_PASSWORD: Final = 0x01
+_TEST_STARTS: Final = frozenset((BLOCK_STATUS_JOB, VARIABLE_STATUS, MODIFY_VARIABLE, FORCE_VARIABLES, BLOCK_STATUS_V2))
 
 #: Kinds that run until somebody stops them.
 ENDLESS: Final = frozenset((CYCLIC, MESSAGES, TEST_JOB, SESSION, POLLING))
@@ -279,11 +299,11 @@ def subscription_of(push: Transaction) -> Operation | None:
     head = push.parameters.userdata
     if head is None:
         return None
-    if head.group == _CYCLIC:
+    if head.group == GROUP_CYCLIC:
         return going.find(CYCLIC, str(head.sequence))
-    if head.group == _TEST:
+    if head.group == GROUP_TEST:
         return going.find(TEST_JOB, f"{head.subfunction}/{head.sequence}")
-    if head.group == _MODE or (head.group == _CPU and head.subfunction in _ALARM_PUSHES):
+    if head.group == GROUP_MODE or (head.group == GROUP_CPU and head.subfunction in _ALARM_PUSHES):
         return going.find(MESSAGES, str(push.asked_by))
     return None
 
@@ -349,13 +369,13 @@ class Operations(OperationBook):
             self._send(transaction, head)
         elif self._part_of_long_answer(transaction, head, told):
             return
-        elif head.group == _CYCLIC:
+        elif head.group == GROUP_CYCLIC:
             self._cyclic(transaction, head, told)
-        elif head.group == _TEST:
+        elif head.group == GROUP_TEST:
             self._test_job(transaction, head, told)
-        elif head.group == _CPU and head.subfunction == _MESSAGE_SERVICE:
+        elif head.group == GROUP_CPU and head.subfunction == MESSAGE_SERVICE:
             self._messages(transaction)
-        elif head.group == _SECURITY and head.subfunction == _SEND_PASSWORD and transaction.request_frame:
+        elif head.group == GROUP_SECURITY and head.subfunction == SEND_PASSWORD and transaction.request_frame:
             self.settle(self.begin(PASSWORD, "", transaction, ""), transaction, DONE, REFUSED)
 
     def _part_of_long_answer(self, transaction: Transaction, head: UserdataHead, told: UserdataHead | None) -> bool:
@@ -421,12 +441,12 @@ class Operations(OperationBook):
             operation.octets = payload_size(transaction)
             if transaction.outcome != ANSWERED or transaction.error_code:
                 self.settle(operation, transaction, DONE, REFUSED)
-        elif head.subfunction == _CYCLIC_CHANGES:
+        elif head.subfunction == CHANGE_DRIVEN_MODIFY:
             changed = going.find(CYCLIC, str(head.sequence))
             if changed is not None:
                 changed.add(transaction)
                 changed.octets += payload_size(transaction)
-        elif head.subfunction == _CYCLIC_STOPS:
+        elif head.subfunction == UNSUBSCRIBE:
             from dissect.s7.cyclic import CYCLIC_UNSUBSCRIBE  # late, as the others below: see `Pdu.body`
 
             request = transaction.request
@@ -454,7 +474,7 @@ class Operations(OperationBook):
             )
             if named is not None:
                 named.add(transaction)
-                if head.subfunction == _TEST_STOPS:
+                if head.subfunction == DELETE_JOB:
                     self.settle(named, transaction, DONE, FAILED)
 
     def _messages(self, transaction: Transaction) -> None:
@@ -517,4 +537,4 @@ def _negotiated(transaction: Transaction) -> str:
     asked = transaction.parameters.setup
     if granted is None:
         return f"asks PDU {asked.pdu_length}" if asked is not None else "Setup communication"
-    return f"PDU {granted.pdu_length}, AmQ {granted.max_amq_calling}/{granted.max_amq_called}"
+    return str(granted)

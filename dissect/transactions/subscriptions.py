@@ -11,10 +11,8 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7.parameters import UserdataHead
-from dissect.s7.tables import SUCCESS
+from dissect.s7.tables import CHANGE_DRIVEN_MODIFY, GROUP_CYCLIC, GROUP_TEST, REPLACE_JOB, SUCCESS
 from dissect.transactions.results import (
-    GROUP_CYCLIC,
-    GROUP_TEST,
     UNCHANGED,
     Subscription,
     has_items,
@@ -23,9 +21,6 @@ from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 
 #: Jobs of one connection that are remembered.
 MAX_JOBS: Final = 64
-
-_CHANGE_DRIVEN_MODIFY: Final = 0x07
-_REPLACE_JOB: Final = 0x12
 
 
 def follow(transaction: Transaction) -> None:
@@ -37,7 +32,7 @@ def follow(transaction: Transaction) -> None:
     if head is None:
         return
     if not has_items(head):
-        if head.group == GROUP_TEST and head.subfunction == _REPLACE_JOB:
+        if head.group == GROUP_TEST and head.subfunction == REPLACE_JOB:
             _forget(transaction)
         return
     jobs = transaction.connection.subscriptions
@@ -46,7 +41,7 @@ def follow(transaction: Transaction) -> None:
     elif transaction.outcome == ANSWERED and not transaction.error_code:
         answer = transaction.response_parameters
         told = answer.userdata if answer is not None else None
-        changes: bool = head.group == GROUP_CYCLIC and head.subfunction == _CHANGE_DRIVEN_MODIFY
+        changes: bool = head.group == GROUP_CYCLIC and head.subfunction == CHANGE_DRIVEN_MODIFY
         job = head.sequence if changes or told is None else told.sequence
         key = _key(transaction, head, job)
         jobs.pop(key, None)

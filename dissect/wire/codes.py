@@ -12,17 +12,25 @@ from mypy_extensions import mypyc_attr
 
 
 class Code:
-    """One row: the number on the wire, its short name, one sentence that says what it means."""
+    """One row: the number on the wire, its short name, one sentence that says what it means.
 
-    __slots__ = ("name", "number", "text")
+    ``effect`` is what a request of this function does to who gets it, in tables of functions (`dissect.s7.tables`); empty else.
+    """
 
-    def __init__(self, number: int, name: str, text: str) -> None:
+    __slots__ = ("effect", "name", "number", "text")
+
+    def __init__(self, number: int, name: str, text: str, effect: str = "") -> None:
         self.number = number
         self.name = name
         self.text = text
+        self.effect = effect
 
     def __repr__(self) -> str:
         return f"Code({self.number:#x}, {self.name!r})"
+
+
+#: Number, name, sentence, and of functions their effect.
+Rows = list[tuple[int, str, str]] | list[tuple[int, str, str, str]]
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -34,10 +42,10 @@ class CodeTable:
 
     __slots__ = ("_listed", "_made", "digits", "title")
 
-    def __init__(self, title: str, digits: int, rows: list[tuple[int, str, str]]) -> None:
+    def __init__(self, title: str, digits: int, rows: Rows) -> None:
         self.title = title
         self.digits = digits
-        self._listed: list[tuple[int, str, str]] | None = rows
+        self._listed: Rows | None = rows
         self._made: dict[int, Code] = {}
 
     @property
@@ -46,7 +54,7 @@ class CodeTable:
         listed = self._listed
         if listed is not None:
             self._listed = None
-            self._made = {number: Code(number, name, text) for number, name, text in listed}
+            self._made = {row[0]: Code(row[0], row[1], row[2], row[3] if len(row) > 3 else "") for row in listed}
         return self._made
 
     def __contains__(self, number: int) -> bool:
@@ -71,6 +79,11 @@ class CodeTable:
         """Return the sentence of ``number``, empty when the table does not know it."""
         row = self._rows.get(number)
         return row.text if row is not None else ""
+
+    def effect(self, number: int) -> str:
+        """Return what a request with ``number`` does, empty when the table does not know it."""
+        row = self._rows.get(number)
+        return row.effect if row is not None else ""
 
     def hex(self, number: int) -> str:
         """Return ``number`` as the field is written, for example ``0x04``."""

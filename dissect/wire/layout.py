@@ -21,6 +21,24 @@ COUNTS_REST: Final = "rest"  # the octets that follow it within its own part
 COUNTS_PARTS: Final = "parts"  # the octets of all parts that follow it in its block
 COUNTS_BUT_LAST: Final = "but last"  # the same without the last of them
 
+# What a field holds (`Field.holds`), for all who hide, mask, replace or compare contents.
+HOLDS_SECRET: Final = "secret"  # noqa: S105 - a kind of content: a password, or what can be turned back into one
+HOLDS_ADDRESS: Final = "address"  # of IPv4
+HOLDS_MAC: Final = "MAC address"
+HOLDS_NAME: Final = "name"  # text by which somebody called a device, a module or a plant
+HOLDS_SERIAL: Final = "serial number"
+HOLDS_BLOCK_TEXT: Final = "block text"  # author, family or name of a block, and who asks
+HOLDS_PATH: Final = "path"  # of a file
+HOLDS_ARGUMENT: Final = "argument"  # text that a service is given
+HOLDS_SERVICE: Final = "service"  # name of a PI service
+HOLDS_VALUE: Final = "value"  # what the process or its program does
+HOLDS_CODE: Final = "code"  # of a block, or the content of a file
+HOLDS_TIME: Final = "time"  # date or time of day
+HOLDS_REFERENCE: Final = "reference"  # a number that counts, another one in each recording of the same session
+HOLDS_NUMBER: Final = "number"  # a number, kind or length written as text or in bits; the same in every plant
+HOLDS_PRODUCT: Final = "product"  # text of the protocol or the product
+HOLDS_FLAGS: Final = "flags"  # bits without a text of their own
+
 #: Names of fields whose number a person reads as a count or a size, wherever they stand.
 _DECIMAL: Final = frozenset((
     "class_", "count", "credit", "credit_extended", "data_length", "data_unit_ref", "db", "eot", "item_count",
@@ -53,10 +71,23 @@ class Field:
     Wireshark's field name, empty where it has none. A field with ``means`` holds octets (a text, a time), not a number.
     ``says`` tells a person what the number means where no table does. ``decimal``: a person reads its number as a count or a
     size. ``counts`` tells what a length field counts: one of the constants above, the name of a layout whose parts after it
-    are counted, or empty.
+    are counted, or empty. ``holds`` is one of the kinds above; empty for a plain number, and for octets of unknown meaning.
     """
 
-    __slots__ = ("bits", "codes", "counts", "decimal", "means", "name", "says", "shares", "size", "text", "wireshark")
+    __slots__ = (
+        "bits",
+        "codes",
+        "counts",
+        "decimal",
+        "holds",
+        "means",
+        "name",
+        "says",
+        "shares",
+        "size",
+        "text",
+        "wireshark",
+    )
 
     def __init__(
         self,
@@ -71,6 +102,7 @@ class Field:
         decimal: bool = False,
         counts: str = "",
         says: Says | None = None,
+        holds: str = "",
     ) -> None:
         self.name = name
         self.size = size
@@ -82,6 +114,7 @@ class Field:
         self.means: Means | None = plain if means is None and size == REST else means
         self.decimal = decimal or counts != "" or name in _DECIMAL
         self.counts = counts
+        self.holds = holds
         self.says: Says | None = says
 
     def read(self, octets: bytes, offset: int) -> int:
@@ -94,7 +127,7 @@ class Field:
 
 
 class FieldValue:
-    """A field read from octets: where it stands and what it says.
+    """A field read from octets: its place and its meaning.
 
     ``value`` is its number; a field that holds octets has them in ``octets`` and 0 for a number, any other has None there.
     """
@@ -137,6 +170,20 @@ class Layout:
         self.fields = fields
         self.size = sum(field.size for field in fields if not field.shares and field.size > 0)
         self.open = bool(fields) and fields[-1].size == REST
+
+    def places(self, holds: str) -> list[tuple[int, int]]:
+        """Return (begin, end) of the fixed fields that hold ``holds``, counted from where the part begins."""
+        found: list[tuple[int, int]] = []
+        at = 0
+        for field in self.fields:
+            if field.size < 0:
+                break
+            if field.shares:
+                continue
+            if field.holds == holds:
+                found.append((at, at + field.size))
+            at += field.size
+        return found
 
     def read(self, octets: bytes, offset: int = 0, end: int = -1) -> list[FieldValue]:
         """Return the fields that lie whole in ``octets[offset:end]``; a header cut short gives its first fields."""

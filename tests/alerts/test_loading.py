@@ -22,8 +22,8 @@ DOCUMENT = Path(__file__).parents[2] / "docs" / "alerts.md"
 S = 1_000_000_000
 FINDING = '[[rule]]\nname = "r"\nwhen = "finding"\nfinding = "error"\n'
 RATE = '[[rule]]\nname = "r"\nwhen = "rate"\nabove = 1\n'
-RULE = "1: [[rule]] 1, "
-ACT = "5: [[action]] 1, "
+RULE = "[[rule]] 1, "
+ACT = "[[action]] 1, "
 ACTION = FINDING + '[[action]]\nname = "a"\n'
 
 
@@ -86,13 +86,13 @@ def test_actions() -> None:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("", " [[rule]]: is missing: a rules file"),
-        ("[rule]\n", " [[rule]]: is written [[rule]]"),
-        ("[[rules]]\n", " file, rules: no such key here; close to it: 'rule'"),
+        ("", "[[rule]]: is missing: a rules file"),
+        ("[rule]\n", "[rule]: must be written as [[rule]]"),
+        ("[[rules]]\n", "file, rules: no such key here; close to it: 'rule'"),
         ('[[rule]]\nwhen = "new"\n', RULE + "name: is missing"),
         ('[[rule]]\nname = "a\\u001b"\n', RULE + "name: 'a\\x1b' is not a name"),
         ('[[rule]]\nname = "a"\nwhen = "ever"\n', RULE + "when: 'ever' is not one of finding, new, rate"),
-        (FINDING + FINDING, "5: [[rule]] 2, name: 'r' is already the name of a rule"),
+        (FINDING + FINDING, "[[rule]] 2, name: 'r' is already the name of a rule"),
         (FINDING + "above = 1\n", RULE + "above: no such key here"),
         (FINDING + 'for = "3s"\n', RULE + "for: what 'finding' reports is momentary and does not last"),
         (FINDING + 'cooldown = "soon"\n', RULE + "cooldown: 'soon' is not a duration"),
@@ -145,7 +145,13 @@ def test_actions() -> None:
 def test_what_is_wrong_is_told(tmp_path: Path, text: str, told: str) -> None:
     with pytest.raises(RuleError) as error:
         load_rules(saved(tmp_path, text))
-    assert str(error.value).removeprefix(f"{tmp_path}/alerts.toml:")[: len(told)] == told
+    said = str(error.value).removeprefix(f"{tmp_path}/alerts.toml:").lstrip("0123456789").removeprefix(":").strip()
+    assert said[: len(told)] == told
+    lines = text.splitlines()
+    key = told.partition(": ")[0].rpartition(", ")[2]
+    stands = [number for number, line in enumerate(lines, 1) if line.startswith(f"{key} = ")]
+    if stands and "exclude each other" not in told:
+        assert error.value.line == stands[-1], "the line of the key"
 
 
 def test_a_trial_needs_neither_programs_nor_sockets(tmp_path: Path) -> None:

@@ -126,7 +126,7 @@ def test_rules_are_tried(capfdbinary: Capture, tmp_path: Path) -> None:
     [
         (("--against", "BAD"), "bad.toml:2: [[pair]] 1, client: is missing"),
         (("--update", "BAD"), "bad.toml:2: [[pair]] 1, client: is missing"),
-        (("--rules", "BAD"), "bad.toml: file, format: no such key here"),
+        (("--rules", "BAD"), "bad.toml:1: file, format: no such key here"),
         (("--rules", "NEW"), "\"new\" of 'n' needs a baseline: give one with --against"),
         (("--against", "BAD", "-o", "x"), "--output and --update cannot be combined with --against and --rules"),
         (("--against", "no.toml"), "no.toml: No such file"),

@@ -46,7 +46,7 @@ def test_one_without_the_other(capfdbinary: Capture, command: str, options: list
     ("dictionary", "bindings", "said"),
     [
         (BIND, BIND, "plant.bind.toml:3: [binding]"),
-        (DICT, DICT, "plant.toml:3: [dictionary]: unknown key"),
+        (DICT, DICT, "plant.toml:3: file, dictionary: no such key here; these are: binding"),
         (PLANT / "nowhere.toml", BIND, "nowhere.toml: No such file or directory"),
         (DICT, PLANT / "nowhere.toml", "nowhere.toml: No such file or directory"),
         (DICT, PLANT, "plant.pcapng"),

@@ -15,8 +15,9 @@ from dissect.oracle import tshark
 from dissect.oracle.facts import Fact
 from dissect.oracle.theirs import Frame
 from dissect.oracle.tshark import read_tshark, version
+from tests.build import dt, pdu
 from tests.cli.support import Ran, run
-from tests.oracle.traffic import PUSH_ACK, Connection, conversation, dt, pdu, write_capture
+from tests.oracle.traffic import PUSH_ACK, Connection, conversation, write_capture
 
 ROOT = Path(__file__).resolve().parents[2]
 

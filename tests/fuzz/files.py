@@ -26,11 +26,12 @@ from dissect.cli.baseline import _usual_rules
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.golden.comparison import diff_sessions
+from dissect.golden.model import GoldenError
 from dissect.golden.parsing import parse_golden
 from dissect.golden.reading import SessionReader
 from dissect.golden.writing import EXTRAS, golden_text
 from dissect.metrics.counters import Metrics
-from dissect.playback.client.recorded import OrderedReader, Recorded
+from dissect.playback.server.recording import recording_of
 from dissect.recording.cutter import Around, Cutter
 from dissect.recording.selection import Selection, Wanted
 from dissect.report.analysis import Analysis
@@ -270,17 +271,21 @@ def _cut(octets: bytes, way: Way) -> None:
 
 def _played(octets: bytes, way: Way) -> None:
     served = ServedReader("fuzz")
-    recorded = OrderedReader("fuzz")
-    if drive(octets, served, way.carrier()) is None or drive(octets, recorded, way.carrier()) is None:
+    if drive(octets, served, way.carrier()) is None:
         return
     try:
-        recording = served.finish()
+        session = served.finish()
+    except GoldenError as error:
+        check_line(str(error))
+        return
+    try:
+        recording = recording_of(session)
     except CaptureError as error:
         check_line(str(error))
     else:
         check_served(recording, list(served.sent.values()), octets[-200:])
     try:
-        check_replayed(Recorded(recorded.finish(), recorded.order, recorded.spans))
+        check_replayed(session)
     except CaptureError as error:
         check_line(str(error))
 

@@ -22,8 +22,7 @@ from dissect.golden.comparison import diff_sessions
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.parsing import parse_golden
 from dissect.golden.writing import EXTRAS, golden_text
-from dissect.playback.client.recorded import Recorded
-from dissect.playback.server.recording import _of_golden, _served
+from dissect.playback.server.recording import recording_of
 from dissect.recording.ring_buffer import parse_limits
 from dissect.recording.window import parse_window
 from dissect.report.slugs import slugs_of
@@ -79,8 +78,8 @@ def _golden(octets: bytes) -> None:
             check_line(difference.text)
     if given.replace("\n", "").isprintable():  # what is not is written escaped, which is another text
         assert not diff_sessions(session, again)
-    check_replayed(Recorded(session, session.links))
-    check_served(_served(_of_golden(session)), [], b"")
+    check_replayed(session)
+    check_served(recording_of(session), [], b"")
 
 
 def _use(found: Dictionary) -> None:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.golden.model import Session
+from dissect.golden.reading import SessionReader
 from dissect.iso.cotp import parse_tpdu
 from dissect.iso.tpkt import Framer
-from dissect.playback.client.permissions import READ, Permissions, kind_of
+from dissect.playback.client.permissions import Permissions, kind_of
 from dissect.playback.client.plan import ASK, make_plan, plan_lines, playable
-from dissect.playback.client.recorded import Recorded
 from dissect.playback.server.model import Recording
 from dissect.playback.server.player import Stage
-from dissect.playback.server.recording import RecordingReader
 from dissect.playback.server.request_log import RequestLog
 from dissect.playback.server.session import ClientSession
+from dissect.s7.tables import READ
 from dissect.transactions.table import Side
 from tests.fuzz.checks import check_line, check_lines
 from tests.properties.messages import connect, dt
@@ -25,11 +26,11 @@ _READS: Final = frozenset((0xF0, 0x04, 0x1D, 0x1E, 0x1F))
 _LONGEST: Final = 60_000
 
 
-class ServedReader(RecordingReader):
+class ServedReader(SessionReader):
     """Keeps what the clients sent as well: the TPKTs of each."""
 
     def __init__(self, name: str) -> None:
-        super().__init__(name)
+        super().__init__(name, messages=True)
         self.sent: dict[bytes, list[bytes]] = {}
 
     def tpdu(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
@@ -62,9 +63,9 @@ def check_served(recording: Recording, streams: list[list[bytes]], garbage: byte
             assert request.how
 
 
-def check_replayed(recorded: Recorded) -> None:
+def check_replayed(session: Session) -> None:
     """A replay that may only read sends nothing else, and says what it does."""
-    plan = make_plan(recorded)
+    plan = make_plan(session)
     for permissions in (Permissions(), Permissions(True, True)):
         check_lines(plan_lines(plan, permissions))
     for part in playable(plan):

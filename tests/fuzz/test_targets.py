@@ -6,6 +6,7 @@ import pytest
 
 from dissect.baseline.loading import parse_baseline
 from dissect.golden.parsing import parse_golden
+from dissect.playback.server.recording import recording_of
 from dissect.playback.server.session import ClientSession, Deed
 from dissect.s7.message import parse_pdu
 from tests.fuzz import __main__ as runner
@@ -189,7 +190,7 @@ def test_a_request_that_is_no_harmless_one_is_a_failure() -> None:
 def test_what_a_server_says_that_is_no_tpkt_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     served = played.ServedReader("made")
     files.drive(files.as_pcap(reads(begun(), 1).packets()), served, None)
-    recording = served.finish()
+    recording = recording_of(served.finish())
     played.check_served(recording, [], b"")
 
     class Mumbling(ClientSession):

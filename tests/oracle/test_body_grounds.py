@@ -10,8 +10,8 @@ import pytest
 from dissect.oracle import body_grounds
 from dissect.oracle.facts import IN_BODY, IN_JOINED, IN_PARAMETERS, PDU, Fact, Place, Record, Value
 from dissect.oracle.ours import pdu_record
+from tests.build import pdu
 from tests.oracle.test_grounds import TYPE, answer, case
-from tests.oracle.traffic import pdu
 
 RECORD: Final = "s7comm.param.userdata.szl_part_list"
 CLOCK: Final = b"\x00\x19" + bytes.fromhex("1602081451379162")

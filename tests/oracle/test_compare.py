@@ -17,19 +17,9 @@ from dissect.oracle.facts import IN_BODY, IN_JOINED, NAMES, PDU, TPDU, Fact, Pla
 from dissect.oracle.ours import Witness
 from dissect.oracle.theirs import Frame
 from dissect.oracle.tshark import Reader, read_tshark
+from tests.build import dt, pdu, tpdu
 from tests.examples import S7
-from tests.oracle.traffic import (
-    PUSH_ACK,
-    Connection,
-    connect,
-    dt,
-    other_tpdu,
-    pdu,
-    setup,
-    tpdu,
-    userdata,
-    write_capture,
-)
+from tests.oracle.traffic import PUSH_ACK, Connection, connect, other_tpdu, setup, userdata, write_capture
 
 READ: Final = pdu(1, 0x0102, b"\x04\x01\x12\x0a\x10\x02\x00\x03\x00\x09\x84\x00\x00\x28")
 ANSWER: Final = pdu(3, 0x0102, b"\x04\x02", b"\xff\x09\x00\x03abc\x00\xff\x04\x00\x10de", error=0)

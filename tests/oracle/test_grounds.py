@@ -25,7 +25,8 @@ from dissect.oracle.grounds import FRAME, LENGTH, TRANSPORT_SIZE, WHOLE, Arrival
 from dissect.oracle.ours import pdu_record, tpdu_record
 from dissect.oracle.theirs import Frame
 from dissect.oracle.tshark import Segment
-from tests.oracle.traffic import dt, parameter, pdu, tpdu, tpkt
+from tests.build import dt, pdu, tpdu, tpkt
+from tests.oracle.traffic import parameter
 
 TYPE: Final = Place(IN_PARAMETERS, 0, "s7comm.param.userdata.type")
 GROUP: Final = Place(IN_PARAMETERS, 0, "s7comm.param.userdata.funcgroup")

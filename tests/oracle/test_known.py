@@ -13,8 +13,9 @@ import pytest
 
 from dissect.oracle.compare import Comparison, compare
 from dissect.oracle.known import FORM, KNOWN, OURS, SCOPE, as_markdown
+from tests.build import dt, pdu, tpdu, tpkt
 from tests.examples import S7
-from tests.oracle.traffic import PUSH_ACK, Connection, connect, dt, parameter, pdu, setup, tpdu, tpkt, write_capture
+from tests.oracle.traffic import PUSH_ACK, Connection, connect, parameter, setup, write_capture
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 IDS: Final = [entry.id for entry in KNOWN]

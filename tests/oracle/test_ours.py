@@ -23,7 +23,8 @@ from dissect.oracle.facts import (
     Place,
 )
 from dissect.oracle.ours import Witness, pdu_record, take_joined, tpdu_record
-from tests.oracle.traffic import PUSH_ACK, Connection, connect, dt, parameter, pdu, setup, tpdu, write_capture
+from tests.build import dt, pdu, tpdu
+from tests.oracle.traffic import PUSH_ACK, Connection, connect, parameter, setup, write_capture
 
 
 def at(part: str, name: str, number: int = 0) -> Place:

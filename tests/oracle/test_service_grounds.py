@@ -10,8 +10,8 @@ import pytest
 from dissect.oracle import body_grounds
 from dissect.oracle.facts import IN_BODY, IN_ITEM, IN_TPDU, TPDU, Place, Record, Value
 from dissect.oracle.ours import pdu_record
+from tests.build import pdu, tpdu
 from tests.oracle.test_grounds import answer, case
-from tests.oracle.traffic import pdu, tpdu
 
 DB: Final = "s7comm.param.item.db"
 ITEMS: Final = bytes.fromhex("120a1002006400050100010012 0a10020064000584000100".replace(" ", ""))

@@ -13,7 +13,8 @@ import pytest
 
 from dissect.oracle import tshark
 from dissect.oracle.tshark import Child, OracleError, preferences, read_segments, read_tshark, records
-from tests.oracle.traffic import PUSH_ACK, Connection, connect, conversation, dt, setup, write_capture
+from tests.build import dt
+from tests.oracle.traffic import PUSH_ACK, Connection, connect, conversation, setup, write_capture
 
 RECORDS = [
     {"_source": {"layers": {"frame": {"frame.number": "1"}, "text": 'brace }\n  },\n  { "quote" \\'}}},

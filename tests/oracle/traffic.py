@@ -13,6 +13,8 @@ from pathlib import Path
 from random import Random
 from typing import Final
 
+from tests.build import any_item, data_item, dt, joined, pdu, setup_block, tpdu, userdata_head
+from tests.build import payload as payload_of
 from tests.examples import S7
 
 SYN: Final = 0x02
@@ -43,21 +45,6 @@ def octets(rng: Random, most: int, least: int = 0) -> bytes:
 
 
 # ---- TPKT and COTP ---------------------------------------------------------------------------------------------------
-
-
-def tpkt(tpdu: bytes, reserved: int = 0) -> bytes:
-    """Return a TPDU in its TPKT."""
-    return struct.pack(">BBH", 3, reserved, len(tpdu) + 4) + tpdu
-
-
-def tpdu(head: bytes, variable: bytes = b"", data: bytes = b"") -> bytes:
-    """Return a TPKT with a TPDU: its fixed part without the length indicator, its variable part, user data."""
-    return tpkt(bytes([len(head) + len(variable)]) + head + variable + data)
-
-
-def dt(data: bytes, eot: bool = True, number: int = 0) -> bytes:
-    """Return a DT of class 0."""
-    return tpdu(bytes([0xF0, eot << 7 | number]), data=data)
 
 
 def parameter(code: int, value: bytes) -> bytes:
@@ -116,18 +103,10 @@ def other_tpdu(rng: Random) -> bytes:
 # ---- S7 --------------------------------------------------------------------------------------------------------------
 
 
-def pdu(
-    rosctr: int, reference: int, parameters: bytes, data: bytes = b"", error: int = 0, redundancy: int = 0
-) -> bytes:
-    """Return an S7 PDU."""
-    head = struct.pack(">BBHHHH", 0x32, rosctr, redundancy, reference, len(parameters), len(data))
-    return head + (struct.pack(">H", error) if rosctr in {2, 3} else b"") + parameters + data
-
-
 def setup(rng: Random, rosctr: int, reference: int) -> bytes:
     """Return a Setup communication."""
     amq = rng.randint(1, 8)
-    return pdu(rosctr, reference, struct.pack(">BBHHH", 0xF0, 0, amq, rng.randint(1, 8), rng.choice((240, 480, 960))))
+    return pdu(rosctr, reference, setup_block(amq, rng.randint(1, 8), rng.choice((240, 480, 960))))
 
 
 class Item:
@@ -140,11 +119,8 @@ class Item:
         if self.foreign:
             self.request = self._foreign(rng)
         else:
-            address = rng.randrange(1 << 24).to_bytes(3, "big")
-            fixed = struct.pack(
-                ">BBBBHHB", 0x12, 10, 0x10, self.size, self.count, rng.randrange(65536), rng.choice(AREAS)
-            )
-            self.request = fixed + address
+            address, db, area = rng.randrange(1 << 24), rng.randrange(65536), rng.choice(AREAS)
+            self.request = any_item(self.size, self.count, db, area, address)
         octets_each, self.answer_size = SIZES.get(self.size, (1, 4))
         self.octets = octets_each * self.count
 
@@ -170,32 +146,24 @@ class Item:
         if code not in {0xFF, 0x00}:
             return bytes([code]) + rng.choice((b"\0\0\0", b"\0\0\x04", b"\x04\0\x08"))
         content = octets(rng, self.octets, self.octets)
-        length = self.octets * 8 if self.answer_size in {3, 4, 5} else self.octets
-        if self.answer_size == 3:
-            length = 1
-        return struct.pack(">BBH", code, self.answer_size, length) + content
-
-
-def padded(parts: Sequence[bytes]) -> bytes:
-    """Return parts joined, an odd one filled up unless it is the last."""
-    return b"".join([part + b"\x00" * (len(part) & 1) for part in parts[:-1]] + list(parts[-1:]))
+        return data_item(code, self.answer_size, content)
 
 
 def read_pair(rng: Random, reference: int) -> tuple[bytes, bytes]:
     """Return a Read Var and its answer."""
     items = [Item(rng) for _ in range(rng.choice((1, 1, 2, 3, rng.randint(1, 19))))]
-    request = pdu(1, reference, bytes([4, len(items)]) + padded([item.request for item in items]))
+    request = pdu(1, reference, bytes([4, len(items)]) + joined([item.request for item in items]))
     if rng.random() < 0.1:
         return request, pdu(rng.choice((2, 3)), reference, b"", error=rng.choice((0x8104, 0x8500, 0xD241)))
-    answer = padded([item.data(rng, rng.choice(CODES)) for item in items])
+    answer = joined([item.data(rng, rng.choice(CODES)) for item in items])
     return request, pdu(3, reference, bytes([4, len(items)]), answer)
 
 
 def write_pair(rng: Random, reference: int) -> tuple[bytes, bytes]:
     """Return a Write Var and its answer."""
     items = [Item(rng) for _ in range(rng.choice((1, 1, 2, rng.randint(1, 12))))]
-    parameters = bytes([5, len(items)]) + padded([item.request for item in items])
-    data = padded([item.data(rng, 0) for item in items])
+    parameters = bytes([5, len(items)]) + joined([item.request for item in items])
+    data = joined([item.data(rng, 0) for item in items])
     if len(data) & 1 and rng.random() < 0.3:
         data += b"\x00"  # one client fills up the last item too
     codes = bytes([rng.choice(CODES) for _ in items])
@@ -226,16 +194,11 @@ def payload(rng: Random, kind: int, function: int) -> bytes:
 def userdata(rng: Random, reference: int, kind: int, function: int, sequence: int, short: bool) -> bytes:
     """Return a Userdata PDU of type ``kind``; ``function`` is group and subfunction."""
     group, subfunction = divmod(function, 256)
-    head = bytes([kind << 6 | group, subfunction, sequence])
     error = rng.choice((0, 0, 0xD402, 0x8104)) if kind == 2 else 0
-    if short:
-        parameters = b"\x00\x01\x12\x04\x11" + head
-    else:
-        parameters = b"\x00\x01\x12\x08\x12" + head + struct.pack(">BBH", rng.randrange(256), 0, error)
+    unit = None if short else rng.randrange(256)
+    parameters = userdata_head(kind, group, subfunction, sequence, unit, 0, error)
     carried = payload(rng, kind, function) if not error and rng.random() < 0.7 else b""
-    if not carried:
-        return pdu(7, reference, parameters, b"\x0a\x00\x00\x00")
-    return pdu(7, reference, parameters, struct.pack(">BBH", 0xFF, 9, len(carried)) + carried)
+    return pdu(7, reference, parameters, payload_of(carried))
 
 
 def userdata_pair(rng: Random, reference: int) -> tuple[bytes, bytes]:

@@ -8,37 +8,38 @@ from itertools import pairwise
 from random import Random
 from typing import Final, NamedTuple
 
-JOB: Final = 1
-ACK: Final = 2
-ACK_DATA: Final = 3
-USERDATA: Final = 7
+from tests.build import (
+    ACK,
+    ACK_DATA,
+    JOB,
+    READ,
+    USERDATA,
+    WRITE,
+    any_item,
+    data_item,
+    dt,
+    joined,
+    pdu,
+    refused_item,
+    setup_block,
+    tpkt,
+    userdata_head,
+)
+from tests.build import payload as payload_of
 
-READ: Final = 0x04
-WRITE: Final = 0x05
-
-#: Octets of an element, and (transport size, length in bits) of its answer, by the request's transport size.
+#: Octets of an element and the transport size of its answer, by the request's transport size.
 SIZES: Final = {
-    0x01: (1, 0x03, True),
-    0x02: (1, 0x04, True),
-    0x03: (1, 0x09, False),
-    0x04: (2, 0x04, True),
-    0x05: (2, 0x05, True),
-    0x06: (4, 0x04, True),
-    0x07: (4, 0x05, True),
-    0x08: (4, 0x07, False),
-    0x1C: (2, 0x09, False),
-    0x1D: (2, 0x09, False),
+    0x01: (1, 0x03),
+    0x02: (1, 0x04),
+    0x03: (1, 0x09),
+    0x04: (2, 0x04),
+    0x05: (2, 0x05),
+    0x06: (4, 0x04),
+    0x07: (4, 0x05),
+    0x08: (4, 0x07),
+    0x1C: (2, 0x09),
+    0x1D: (2, 0x09),
 }
-
-
-def tpkt(tpdu: bytes) -> bytes:
-    """Return a TPDU in its TPKT."""
-    return struct.pack(">BBH", 3, 0, len(tpdu) + 4) + tpdu
-
-
-def dt(data: bytes, *, eot: bool = True) -> bytes:
-    """Return user data in a DT in a TPKT."""
-    return tpkt(b"\x02\xf0" + (b"\x80" if eot else b"\x00") + data)
 
 
 #: What Siemens stacks send to acknowledge an answer (reference 2.5).
@@ -63,17 +64,9 @@ def disconnect(reason: int = 0) -> bytes:
     return tpkt(struct.pack(">BBHHB", 6, 0x80, 7, 1, reason))
 
 
-def pdu(rosctr: int, ref: int, param: bytes, data: bytes = b"", error: int = 0) -> bytes:
-    """Return an S7 PDU; ROSCTR 2 and 3 carry ``error`` (class << 8 | code)."""
-    head = struct.pack(">BBHHHH", 0x32, rosctr, 0, ref, len(param), len(data))
-    if rosctr in {ACK, ACK_DATA}:
-        head += struct.pack(">H", error)
-    return head + param + data
-
-
 def setup(rosctr: int, ref: int, amq: int = 1, length: int = 480) -> bytes:
     """Return a Setup communication PDU: a job, or its answer."""
-    return pdu(rosctr, ref, struct.pack(">BBHHH", 0xF0, 0, amq, amq, length))
+    return pdu(rosctr, ref, setup_block(amq, amq, length))
 
 
 class Item(NamedTuple):
@@ -92,22 +85,13 @@ class Item(NamedTuple):
 
     def build(self) -> bytes:
         """Return the item of a request."""
-        fixed = struct.pack(">BBBBHHB", 0x12, 0x0A, 0x10, self.size, self.length, self.db, self.area)
-        return fixed + self.address.to_bytes(3, "big")
+        return any_item(self.size, self.length, self.db, self.area, self.address)
 
     def data(self, content: bytes, code: int = 0xFF) -> bytes:
         """Return the data item that carries ``content``; with another ``code`` than success it carries nothing."""
         if code not in {0xFF, 0x00}:
-            return bytes((code, 0, 0, 0))
-        _, transport, in_bits = SIZES[self.size]
-        length = self.length if self.size == 0x01 else len(content) * 8 if in_bits else len(content)
-        return struct.pack(">BBH", code, transport, length) + content
-
-
-def _joined(pieces: Sequence[bytes]) -> bytes:
-    """Return data items with the fill octet after each odd one but the last."""
-    padded = [piece + b"\x00" * (len(piece) & 1) for piece in pieces[:-1]]
-    return b"".join([*padded, *pieces[-1:]])
+            return refused_item(code)
+        return data_item(code, SIZES[self.size][1], content, self.length if self.size == 0x01 else None)
 
 
 def read_job(ref: int, items: Sequence[Item]) -> bytes:
@@ -121,13 +105,13 @@ def read_answer(ref: int, items: Sequence[Item], contents: Sequence[bytes | int]
         item.data(b"", content) if isinstance(content, int) else item.data(content)
         for item, content in zip(items, contents, strict=True)
     ]
-    return pdu(ACK_DATA, ref, bytes((READ, len(items))), _joined(pieces))
+    return pdu(ACK_DATA, ref, bytes((READ, len(items))), joined(pieces))
 
 
 def write_job(ref: int, items: Sequence[Item], contents: Sequence[bytes]) -> bytes:
     """Return a Write Var job."""
     param = bytes((WRITE, len(items))) + b"".join([item.build() for item in items])
-    data = _joined([item.data(content, 0) for item, content in zip(items, contents, strict=True)])
+    data = joined([item.data(content, 0) for item, content in zip(items, contents, strict=True)])
     return pdu(JOB, ref, param, data)
 
 
@@ -138,13 +122,8 @@ def write_answer(ref: int, codes: Sequence[int]) -> bytes:
 
 def userdata(ref: int, kind: int, group: int, subfunction: int, payload: bytes = b"", error: int = 0) -> bytes:
     """Return a userdata PDU; ``kind`` 0 is a push, 1 a request (short head), 2 an answer."""
-    head = bytes((kind << 6 | group, subfunction, 0))
-    if kind == 1:
-        param = b"\x00\x01\x12\x04\x11" + head
-    else:
-        param = b"\x00\x01\x12\x08\x12" + head + b"\x00\x00" + struct.pack(">H", error)
-    content = struct.pack(">BBH", 0xFF if payload else 0x0A, 0x09 if payload else 0, len(payload)) + payload
-    return pdu(USERDATA, ref, param, content)
+    head = userdata_head(kind, group, subfunction, 0, None if kind == 1 else 0, error=error)
+    return pdu(USERDATA, ref, head, payload_of(payload))
 
 
 def random_items(rng: Random, most: int = 4) -> list[Item]:
@@ -159,3 +138,29 @@ def random_items(rng: Random, most: int = 4) -> list[Item]:
             address += rng.randrange(8)
         items.append(Item(size, length, rng.randrange(1, 300) if area == 0x84 else 0, area, address))
     return items
+
+
+__all__ = [
+    "ACK",
+    "ACK_DATA",
+    "EMPTY_DT",
+    "JOB",
+    "READ",
+    "SIZES",
+    "USERDATA",
+    "WRITE",
+    "Item",
+    "connect",
+    "disconnect",
+    "dt",
+    "fragments",
+    "pdu",
+    "random_items",
+    "read_answer",
+    "read_job",
+    "setup",
+    "tpkt",
+    "userdata",
+    "write_answer",
+    "write_job",
+]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dissect.s7.tables import ACK_DATA, JOB
+from tests.build import ACK_DATA, JOB, pdu
 from tests.s7.userdata_pdus import body
 
 Rows = list[tuple[str, int | str]]
@@ -10,9 +10,7 @@ Rows = list[tuple[str, int | str]]
 
 def job(parameters: str, data: str = "", rosctr: int = JOB) -> bytes:
     """Return a PDU with these blocks (hexadecimal digits, blanks do not matter)."""
-    blocks = bytes.fromhex(parameters), bytes.fromhex(data)
-    sizes = b"".join(len(block).to_bytes(2, "big") for block in blocks)
-    return bytes([0x32, rosctr, 0, 0, 0, 1]) + sizes + (b"\0\0" if rosctr in {2, 3} else b"") + b"".join(blocks)
+    return pdu(rosctr, 1, bytes.fromhex(parameters), bytes.fromhex(data))
 
 
 def answer(parameters: str, data: str = "") -> bytes:

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from dissect.s7 import alarm_layouts as layouts
 from dissect.s7 import alarms
+from dissect.s7.tables import ALARM_QUERY, AR_SEND, MESSAGE_SERVICE
 from tests.s7.userdata_pdus import (
     PUSH,
     REQUEST,
@@ -201,7 +202,7 @@ def test_signals(mask: int, text: str) -> None:
     assert alarms.signals_text(mask) == text
 
 
-_SUBFUNCTIONS = [alarms.MESSAGE_SERVICE, *alarms.ALARMS, alarms.AR_SEND, alarms.ALARM_QUERY]
+_SUBFUNCTIONS = [MESSAGE_SERVICE, *alarms.ALARMS, AR_SEND, ALARM_QUERY]
 
 
 @given(st.integers(0, 3), st.sampled_from(_SUBFUNCTIONS), st.binary(max_size=80), st.integers(0, 1), st.integers(0, 1))

@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.s7.bodies import parse_joined
-from dissect.s7.diagnostics import DIAGNOSTIC_EVENT, DIAGNOSTIC_MESSAGE, DIRECTIONS, event_id, event_note
+from dissect.s7.diagnostics import DIAGNOSTIC_EVENT, DIRECTIONS, event_id, event_note
 from dissect.s7.parameters import PUSH, REQUEST
+from dissect.s7.tables import DIAGNOSTIC_MESSAGE
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import OCTETS, SURPLUS, Part
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from dissect.s7.bodies import parse_body, parse_joined
 from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import PUSH, REQUEST, RESPONSE
-from dissect.s7.szl import READ_SZL, SZL_HEAD, SZL_REQUEST, list_note
+from dissect.s7.szl import SZL_HEAD, SZL_REQUEST, list_note
 from dissect.s7.szl_communication import PROTECTION
 from dissect.s7.szl_modules import MODULE_STATUS
 from dissect.s7.szl_records import (
@@ -25,6 +25,7 @@ from dissect.s7.szl_records import (
     RECORD_REST,
     SZL_ID,
 )
+from dissect.s7.tables import READ_SZL
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import OCTETS, SURPLUS, Part
 

@@ -27,6 +27,12 @@ def test_functions_and_errors_are_explained() -> None:
         assert [row.name for row in table if not row.text] == []
 
 
+def test_of_every_function_it_is_said_what_it_does() -> None:
+    assert [row.number for row in tables.FUNCTIONS if not row.effect] == [tables.CPU_SERVICES], "its group says it"
+    assert [row.name for table in tables.USERDATA_SUBFUNCTIONS.values() for row in table if not row.effect] == []
+    assert tables.FUNCTIONS.effect(0x99) == ""
+
+
 def test_every_group_of_userdata_has_subfunctions() -> None:
     assert set(tables.USERDATA_SUBFUNCTIONS) == set(tables.USERDATA_GROUPS.names())
 

@@ -8,6 +8,7 @@ from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import PUSH, REQUEST, RESPONSE
 from dissect.wire.malformed import LIMITS, REASONS
 from dissect.wire.part import SURPLUS, Part
+from tests.build import USERDATA, data_item, pdu, userdata_head
 
 #: Octets of header and extended parameters, and of the data head before the payload.
 AHEAD = 10 + 12 + 4
@@ -18,10 +19,7 @@ def userdata(
 ) -> bytes:
     """Return a userdata PDU with this payload (hexadecimal digits, blanks do not matter) and an extended head."""
     octets = bytes.fromhex(payload)
-    parameters = bytes([0, 1, 0x12, 8, 0x12, kind << 6 | group, subfunction, sequence, unit, last, 0, 0])
-    data = bytes([0xFF, 9]) + len(octets).to_bytes(2, "big") + octets
-    header = bytes([0x32, 7, 0, 0, 0, 1]) + len(parameters).to_bytes(2, "big") + len(data).to_bytes(2, "big")
-    return header + parameters + data
+    return pdu(USERDATA, 1, userdata_head(kind, group, subfunction, sequence, unit, last), data_item(0xFF, 9, octets))
 
 
 def body(octets: bytes) -> Body:

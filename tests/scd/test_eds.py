@@ -499,7 +499,7 @@ def test_a_large_file_is_read_in_portions(tmp_path: Path, monkeypatch: pytest.Mo
     for portion in (10**9, 50):
         monkeypatch.setattr(eds, "_PORTION", portion)
         tracemalloc.start()
-        names.append([entry.index for entry in import_file(path).dictionary.objects])
+        names.append(list(import_file(path).dictionary.objects))
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert names[0] == names[1]

@@ -1,28 +1,11 @@
-"""Tables of a TOML text and the lines they begin in."""
+"""The text of a TOML file and its tables."""
 
 from __future__ import annotations
 
 import pytest
 
 from dissect.scd.errors import DictionaryError
-from dissect.scd.toml_tables import header_lines, parse_tables, source_text
-
-TEXT = "# [[row]]\n[head]\n\n  [[ row ]]\na = 1\n[[row]]\na = 2\n[[rows]]\n"
-
-
-def test_lines_of_headers() -> None:
-    content = parse_tables(TEXT)
-    assert header_lines(TEXT, content, ("row", "rows", "none"), ("head", "tail")) == {
-        ("row", 0): 4, ("row", 1): 6, ("rows", 0): 8, ("head", 0): 2,
-    }  # fmt: skip
-
-
-def test_what_only_looks_like_a_header_is_none() -> None:
-    """A header within a text of several lines looks like one; a table in an array has no header."""
-    text = 'x = """\n[[row]]\n"""\n[[row]]\n'
-    assert header_lines(text, parse_tables(text), ("row",)) == {("row", 0): 4}
-    text = "row = [{a = 1},\n {a = 2}]\n"
-    assert header_lines(text, parse_tables(text), ("row",)) == {("row", 0): 1, ("row", 1): 2}
+from dissect.scd.toml_tables import parse_tables, source_text
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
+from tests import build
 
 CLIENT: Final = 0
 SERVER: Final = 1
@@ -43,30 +44,29 @@ MASK: Final = 0xFFFFFFFF
 
 
 def job(pdu_ref: int, parameters: bytes, data: bytes = b"") -> bytes:
-    return struct.pack(">BBHHHH", 0x32, 1, 0, pdu_ref, len(parameters), len(data)) + parameters + data
+    return build.pdu(build.JOB, pdu_ref, parameters, data)
 
 
 def ack(pdu_ref: int, code: int, parameters: bytes = b"") -> bytes:
-    return struct.pack(">BBHHHHH", 0x32, 2, 0, pdu_ref, len(parameters), 0, code) + parameters
+    return build.pdu(build.ACK, pdu_ref, parameters, error=code)
 
 
 def ack_data(pdu_ref: int, parameters: bytes, data: bytes = b"", code: int = 0) -> bytes:
-    return struct.pack(">BBHHHHH", 0x32, 3, 0, pdu_ref, len(parameters), len(data), code) + parameters + data
+    return build.pdu(build.ACK_DATA, pdu_ref, parameters, data, code)
 
 
-def userdata(pdu_ref: int, parameters: bytes, data: bytes = b"\x0a\x00\x00\x00") -> bytes:
-    return struct.pack(">BBHHHH", 0x32, 7, 0, pdu_ref, len(parameters), len(data)) + parameters + data
+def userdata(pdu_ref: int, parameters: bytes, data: bytes = build.payload(b"")) -> bytes:
+    return build.pdu(build.USERDATA, pdu_ref, parameters, data)
 
 
 def head(type_: int, group: int, subfunction: int, sequence: int = 0, code: int | None = None) -> bytes:
     """A userdata parameter head: short, or extended when an error code is given."""
-    if code is None:
-        return bytes((0, 1, 0x12, 4, 0x11, type_ << 6 | group, subfunction, sequence))
-    return bytes((0, 1, 0x12, 8, 0x12, type_ << 6 | group, subfunction, sequence, 0, 0)) + code.to_bytes(2, "big")
+    unit = None if code is None else 0
+    return build.userdata_head(type_, group, subfunction, sequence, unit, error=code or 0)
 
 
 def item(area: int, db: int, address: int, size: int, count: int = 1) -> bytes:
-    return struct.pack(">BBBBHHB", 0x12, 10, 0x10, size, count, db, area) + address.to_bytes(3, "big")
+    return build.any_item(size, count, db, area, address)
 
 
 def dbw(db: int, octet: int, count: int = 1) -> bytes:
@@ -84,23 +84,15 @@ def write(pdu_ref: int, items: list[bytes], data: bytes) -> bytes:
 
 def good(size: int, octets: bytes) -> bytes:
     """A data item of a read answer: success."""
-    return b"\xff" + _data(size, octets)
+    return build.data_item(0xFF, size, octets)
 
 
 def written(size: int, octets: bytes) -> bytes:
     """A data item of a write request."""
-    return b"\x00" + _data(size, octets)
+    return build.data_item(0, size, octets)
 
 
-def _data(size: int, octets: bytes) -> bytes:
-    bits = size in {3, 4, 5}
-    length = 1 if size == 3 else len(octets) * 8 if bits else len(octets)
-    return bytes((size,)) + length.to_bytes(2, "big") + octets
-
-
-def refused(code: int) -> bytes:
-    """A data item of a read answer: an error is four octets."""
-    return bytes((code, 0, 0, 0))
+refused = build.refused_item
 
 
 def words(pdu_ref: int, *values: int) -> bytes:
@@ -109,21 +101,19 @@ def words(pdu_ref: int, *values: int) -> bytes:
 
 
 def setup(pdu_ref: int, calling: int = 1, called: int = 1, size: int = 480) -> bytes:
-    return job(pdu_ref, struct.pack(">BBHHH", 0xF0, 0, calling, called, size))
+    return job(pdu_ref, build.setup_block(calling, called, size))
 
 
 def granted(pdu_ref: int, calling: int = 1, called: int = 1, size: int = 240) -> bytes:
-    return ack_data(pdu_ref, struct.pack(">BBHHH", 0xF0, 0, calling, called, size))
+    return ack_data(pdu_ref, build.setup_block(calling, called, size))
 
 
 def dt(*pdus: bytes) -> bytes:
     """TPKTs, each with a data TPDU around one PDU."""
-    return b"".join(struct.pack(">BBHBBB", 3, 0, len(pdu) + 7, 2, 0xF0, 0x80) + pdu for pdu in pdus)
+    return b"".join([build.dt(pdu) for pdu in pdus])
 
 
-def tpkt(tpdu: bytes) -> bytes:
-    return struct.pack(">BBH", 3, 0, len(tpdu) + 4) + tpdu
-
+tpkt = build.tpkt
 
 CONNECT: Final = tpkt(bytes.fromhex("11e00000000100c1020100c2020102c0010a"))
 CONFIRM: Final = tpkt(bytes.fromhex("11d00001000200c1020100c2020102c0010a"))

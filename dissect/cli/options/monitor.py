@@ -96,7 +96,7 @@ class Beside:
         self.made: list[Path] = []
 
     def companions(self) -> list[Companion]:
-        """Make what was asked for; whatever cannot be is told before anything is captured."""
+        """Make what was asked for; what cannot be made is reported before anything is captured."""
         made: list[Companion] = []
         if self._file is not None and self._limits is None:
             made.append(self._one_file(self._file))
@@ -155,8 +155,8 @@ class Beside:
         from dissect.alerts.engine import AlertEngine
         from dissect.alerts.loading import load_rules
         from dissect.baseline.loading import load_baseline
-        from dissect.baseline.plant_file import PlantFileError
         from dissect.live.alerting import AlertCompanion
+        from dissect.scd.user_file import FileError
 
         try:
             rules = load_rules(path)
@@ -164,8 +164,8 @@ class Beside:
             dispatcher = Dispatcher(rules.actions, write=self._say, tell=self._say)
             self.made += dispatcher.prepare()
             return AlertCompanion(AlertEngine(rules, baseline, dispatcher.submit), dispatcher)
-        except PlantFileError as error:
-            raise click.ClickException(printable(str(error))) from None
+        except FileError as error:
+            raise click.ClickException(str(error)) from None
 
     def _say(self, line: str) -> None:
         """Show an alert, or a message about one, where it will be seen."""

@@ -50,7 +50,9 @@ def _decoder(scd: str | None, bind: str | None) -> PayloadDecoder | None:
 
     try:
         return load_carrier(scd, bind)
-    except (DictionaryError, BindingError) as error:
-        raise click.ClickException(printable(str(error))) from None
+    except BindingError as error:
+        raise click.ClickException(str(error)) from None
+    except DictionaryError as error:
+        raise click.ClickException("\n".join([printable(str(one)) for one in (error, *error.others)])) from None
     except OSError as error:
         raise click.ClickException(f"{printable(str(error.filename))}: {error.strerror}") from None

@@ -5,13 +5,14 @@ more is allowed), and `replay` plays it: reads only, unless `Permissions` say mo
 `dissect.golden.diff_sessions`.
 """
 
-from dissect.playback.client.permissions import CONTROL, READ, WRITE, Permissions, kind_of
+from dissect.playback.client.permissions import Permissions, kind_of
 from dissect.playback.client.plan import Part, Withheld, make_plan, plan_lines
-from dissect.playback.client.recorded import Recorded, ReplayError, load_recorded
+from dissect.playback.client.recorded import ReplayError, load_recorded
 from dissect.playback.client.run import Outcome, replay
 from dissect.playback.client.schedule import expect_few
 from dissect.playback.client.settings import Settings
 from dissect.playback.client.target import places_of, read_target
+from dissect.s7.tables import CONTROL, READ, WRITE
 
 __all__ = [
     "CONTROL",
@@ -20,7 +21,6 @@ __all__ = [
     "Outcome",
     "Part",
     "Permissions",
-    "Recorded",
     "ReplayError",
     "Settings",
     "Withheld",

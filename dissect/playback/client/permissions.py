@@ -1,6 +1,6 @@
-"""What a request does to a PLC: reads, writes, or controls. Nobody's guess: what is not in the lists below counts as control.
+"""What a request does to a PLC: reads, writes, or controls, after the effects in `dissect.s7.tables`.
 
-After docs of the functions in `dissect.s7.tables` and the events that `dissect.findings.security_rules` tells.
+Nobody's guess: what has no effect there counts as control.
 """
 
 from __future__ import annotations
@@ -11,42 +11,25 @@ from dissect.playback.client.download import DOWNLOADING_JOBS
 from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import HEADER_SIZE, PROTOCOL_ID, REQUEST
 from dissect.s7.tables import (
-    END_UPLOAD,
+    CONTROL,
+    FUNCTIONS,
+    GROUP_NC,
     JOB,
-    READ_VAR,
-    SETUP_COMMUNICATION,
-    START_UPLOAD,
-    UPLOAD,
+    NC_REQUEST_DOWNLOAD,
+    PROGRAM_READ,
+    READ,
+    SESSION,
     USERDATA,
-    WRITE_VAR,
+    USERDATA_SUBFUNCTIONS,
+    WRITE,
 )
 
-READ: Final = "read"
-WRITE: Final = "write"
-CONTROL: Final = "control"
-
-#: Jobs that change nothing in the PLC.
-READING_JOBS: Final = frozenset((SETUP_COMMUNICATION, READ_VAR, START_UPLOAD, UPLOAD, END_UPLOAD))
-#: Function group and subfunction of userdata requests that change nothing in the PLC, but for what it sends to this client.
-READING_USERDATA: Final = frozenset((
-    (0x02, 0x01),  # cyclic transfer
-    (0x02, 0x04),  # unsubscribe
-    (0x02, 0x05),  # change driven transfer
-    (0x02, 0x08),  # RDREC
-    (0x03, 0x01),  # list blocks
-    (0x03, 0x02),  # list blocks of type
-    (0x03, 0x03),  # get block info
-    (0x04, 0x01),  # read SZL
-    (0x04, 0x02),  # message service
-    (0x04, 0x13),  # ALARM query
-    (0x07, 0x01),  # read clock
-    (0x07, 0x03),  # read clock (following)
-))  # fmt: skip
+#: What may be sent without permission. Everything else but writes is control, also what no table knows.
+HARMLESS: Final = frozenset((READ, SESSION, PROGRAM_READ))
 
 #: Why a request is not sent.
 NO_WRITE: Final = "writes are only sent with --allow-write"
 NO_CONTROL: Final = "control requests are only sent with --allow-control"
-_NC_DOWNLOAD: Final = (0x3F, 0x01)
 DOWNLOAD: Final = "the NC would request the file, and requests of an NC are never answered"
 
 
@@ -61,13 +44,19 @@ def kind_of(octets: bytes) -> str:
     if pdu.malformed or pdu.data_offset + pdu.data_length != len(octets):
         return CONTROL
     if pdu.rosctr == JOB:
-        if pdu.function == WRITE_VAR:
-            return WRITE
-        return READ if pdu.function in READING_JOBS else CONTROL
+        return _kind(FUNCTIONS.effect(pdu.function))
     head = pdu.parameters.userdata
-    if pdu.rosctr == USERDATA and head is not None and head.type == REQUEST:
-        return READ if (head.group, head.subfunction) in READING_USERDATA else CONTROL
+    if pdu.rosctr == USERDATA and head is not None and head.type == REQUEST and head.group in USERDATA_SUBFUNCTIONS:
+        # An NC goes on with requests of its own also where a file is only read.
+        effect = USERDATA_SUBFUNCTIONS[head.group].effect(head.subfunction)
+        return _kind(effect) if head.group != GROUP_NC else CONTROL
     return CONTROL
+
+
+def _kind(effect: str) -> str:
+    if effect in HARMLESS:
+        return READ
+    return WRITE if effect == WRITE else CONTROL
 
 
 class Permissions(NamedTuple):
@@ -97,4 +86,4 @@ class Permissions(NamedTuple):
 def _begins_nc_download(octets: bytes) -> bool:
     """Tell whether an NC goes on with requests of its own."""
     head = parse_pdu(octets).parameters.userdata
-    return head is not None and (head.group, head.subfunction) == _NC_DOWNLOAD
+    return head is not None and (head.group, head.subfunction) == (GROUP_NC, NC_REQUEST_DOWNLOAD)

@@ -7,13 +7,13 @@ from typing import Final, NamedTuple
 
 from dissect.golden.exchange import S7
 from dissect.golden.keys import subject
-from dissect.golden.model import Link, Transaction
+from dissect.golden.model import Link, Session, Transaction
 from dissect.iso.build import build_connect, build_dr, size_parameter
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP
 from dissect.iso.tables import CR, DR_REASONS
 from dissect.playback.client.download import Download, find_downloads
 from dissect.playback.client.permissions import Permissions
-from dissect.playback.client.recorded import Recorded, ReplayError, Span
+from dissect.playback.client.recorded import ReplayError
 from dissect.s7.build import build_setup
 from dissect.s7.parameters import Setup
 from dissect.s7.tables import JOB, SETUP_COMMUNICATION
@@ -111,9 +111,9 @@ class Part:
     ``span`` is where it stood in the recording, None where that is not known.
     """
 
-    def __init__(self, link: Link, called: bytes | tuple[int, int] | None = None, span: Span | None = None) -> None:
+    def __init__(self, link: Link, called: bytes | tuple[int, int] | None = None) -> None:
         self.link = link
-        self.span = span
+        self.span = link.span
         self.known = bool(link.tpdu_size_asked or link.calling is not None or link.called is not None)
         self.calling = link.calling if self.known else USUAL_CALLING
         self.called = link.called if self.known else USUAL_CALLED
@@ -191,14 +191,13 @@ class Part:
 
 
 def make_plan(
-    recorded: Recorded, numbers: Sequence[int] = (), called: bytes | tuple[int, int] | None = None
+    session: Session, numbers: Sequence[int] = (), called: bytes | tuple[int, int] | None = None
 ) -> list[Part]:
     """Return the connections to be played, all or those of ``numbers``, in the order in which they began.
 
     ``called`` is the TSAP to call instead of the recorded ones, or rack (0 to 7) and slot (0 to 31) to put into them.
     Raises `ReplayError` for a number that is none, and when nothing can be played.
     """
-    session = recorded.session
     for number in numbers:
         if not 1 <= number <= len(session.links):
             have = (
@@ -207,8 +206,8 @@ def make_plan(
                 else "it has none"
             )
             raise ReplayError(f"{session.name}: there is no connection {number}: {have}")
-    links = [link for link in recorded.links if not numbers or link.number in numbers]
-    parts = [Part(link, called, recorded.spans.get(id(link))) for link in links]
+    links = [link for link in session.as_begun if not numbers or link.number in numbers]
+    parts = [Part(link, called) for link in links]
     if not any([_playable(part) for part in parts]):
         raise ReplayError(f"{session.name}: no connection in it speaks S7comm over TCP, so there is nothing to replay")
     for part in playable(parts):

@@ -10,14 +10,15 @@ from dissect.golden.model import Transaction
 from dissect.net.addresses import Place
 from dissect.playback.client.channel import Channel, UnreachableError, connect
 from dissect.playback.client.download import Downloads
-from dissect.playback.client.permissions import CONTROL, kind_of
+from dissect.playback.client.permissions import kind_of
 from dissect.playback.client.plan import ASK, FOLLOWS_WITHHELD, HEAR, SERVE, Part, Step, Withheld, withheld
 from dissect.playback.client.renewal import Renewal
 from dissect.playback.client.settings import Asked, Shared
 from dissect.s7.build import with_reference
+from dissect.s7.layouts import PDU_REF
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import HEADER_SIZE, PROTOCOL_ID, REQUEST, RESPONSE
-from dissect.s7.tables import ACK, ACK_DATA, JOB, SETUP_COMMUNICATION, USERDATA
+from dissect.s7.tables import ACK, ACK_DATA, CONTROL, JOB, SETUP_COMMUNICATION, USERDATA
 from dissect.transactions.ending import DISCONNECT, FIN, RESET
 
 #: How long to wait for the other side's end after ours, in seconds.
@@ -25,7 +26,6 @@ _END_S: Final = 1.0
 #: Recorded answers in a row that do not come until a server is given up.
 MAX_TIMEOUTS: Final = 3
 _FIRST_REFERENCE: Final = 1
-_REFERENCE: Final = slice(4, 6)
 NOT_GRANTED: Final = "the Setup communication was not granted"
 HALF_LOADED: Final = "an earlier download did not proceed as recorded"
 NOT_LOADED: Final = "the download did not proceed as recorded"
@@ -327,7 +327,7 @@ class Player:
         recorded = self._downloads.next(job) if self._permissions.answers(job) else None
         if recorded is None:
             return False
-        channel.send(with_reference(recorded.response, job[_REFERENCE]))
+        channel.send(with_reference(recorded.response, job[PDU_REF]))
         self.served += 1
         return True
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.golden.model import Link, Session
-from dissect.playback.client.recorded import OrderedReader
+from dissect.golden.reading import SessionReader
 from dissect.proxy.packets import ETHERNET, Conversation, endpoint_of
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ class Record:
     def __init__(self, name: str, writer: PcapngWriter | None = None, decoder: PayloadDecoder | None = None) -> None:
         self.trouble = ""
         self.links: dict[int, Link] = {}
-        self._reader = OrderedReader(name)
+        self._reader = SessionReader(name)
         self._pipeline = Pipeline(self._reader, Options(decoder=decoder))
         self._writer = writer
         self._count = 0
@@ -60,8 +60,7 @@ class Record:
                 self.trouble = self.trouble or why.strerror or str(why)
         self._pipeline.finish()
         session = self._reader.finish()
-        spans = self._reader.spans
-        self.links = {spans[id(link)].first_frame: link for link in session.links if id(link) in spans}
+        self.links = {link.span.first_frame: link for link in session.links if link.span is not None}
         return session
 
 

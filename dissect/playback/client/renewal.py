@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.golden.masking import DATA_UNIT, SEQUENCE
 from dissect.golden.model import Transaction
+from dissect.s7.layouts import PDU_REF, USERDATA_EXTENDED
 from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import REQUEST
+from dissect.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, REQUEST
 from dissect.s7.tables import END_UPLOAD, JOB, START_UPLOAD, UPLOAD, USERDATA
+from dissect.s7.transfer import UPLOAD_HEAD
+from dissect.wire.layout import HOLDS_REFERENCE
 
-_REFERENCE: Final = slice(4, 6)
-#: Where references stand, header included (reference 3.1, 4.1, 4.3; `dissect.golden.masking`).
-_SEQUENCE: Final = 17
-_DATA_UNIT: Final = 18
-_ASKED_ID: Final = slice(14, 18)
-_TOLD_ID: Final = slice(16, 20)
-_EXTENDED_END: Final = 22
+(_ID_BEGINS, _ID_ENDS) = UPLOAD_HEAD.places(HOLDS_REFERENCE)[0]
+#: Where the id of an upload stands in a job and in the answer that gives it, header included.
+_ASKED_ID: Final = slice(HEADER_SIZE + _ID_BEGINS, HEADER_SIZE + _ID_ENDS)
+_TOLD_ID: Final = slice(ACK_HEADER_SIZE + _ID_BEGINS, ACK_HEADER_SIZE + _ID_ENDS)
+_EXTENDED_END: Final = HEADER_SIZE + USERDATA_EXTENDED.size
 
 NO_UPLOAD: Final = "there is no upload to continue"
 NO_MORE: Final = "the answer before it was complete already"
@@ -56,7 +58,7 @@ class Renewal:
         """Return the reference that a request has now, and the request."""
         number = self.reference()
         octets = bytearray(request)
-        octets[_REFERENCE] = number.to_bytes(2, "big")
+        octets[PDU_REF] = number.to_bytes(2, "big")
         asked = parse_pdu(request)
         if asked.rosctr == JOB and asked.function in {UPLOAD, END_UPLOAD} and len(octets) >= _ASKED_ID.stop:
             octets[_ASKED_ID] = self._upload_id or octets[_ASKED_ID]
@@ -73,10 +75,10 @@ class Renewal:
         head = self._live[key].parameters.userdata if key in self._live else None
         fetches = self._recorded_more.get(key, False)
         if head is not None and (fetches or self._sending.get(key, False)):
-            octets[_SEQUENCE] = head.sequence & 0xFF
-        if octets[_DATA_UNIT]:
+            octets[SEQUENCE] = head.sequence & 0xFF
+        if octets[DATA_UNIT]:
             counted = head.data_unit_ref if fetches and head is not None else number
-            octets[_DATA_UNIT] = counted & 0xFF or 1
+            octets[DATA_UNIT] = counted & 0xFF or 1
 
     def answered(self, transaction: Transaction, answer: bytes) -> None:
         """Take the answer to what stands for a recorded transaction."""

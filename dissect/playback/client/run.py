@@ -16,7 +16,6 @@ from dissect.playback.client.permissions import Permissions
 from dissect.playback.client.plan import Part, Withheld, playable, withheld
 from dissect.playback.client.player import Player
 from dissect.playback.client.record import Record
-from dissect.playback.client.recorded import Recorded
 from dissect.playback.client.schedule import expect_few, perform
 from dissect.playback.client.settings import Settings, Shared
 from dissect.report import words
@@ -103,7 +102,7 @@ def _grouped(what: str, left: Sequence[Withheld]) -> list[str]:
 
 
 def replay(
-    recorded: Recorded,
+    recorded: Session,
     plan: Sequence[Part],
     places: Sequence[Place],
     target: Address,
@@ -128,7 +127,7 @@ def replay(
         perform(players, places, shared)
     finally:
         came = record.finish()
-    outcome = Outcome(recorded.session.name, came, record.links, players)
+    outcome = Outcome(recorded.name, came, record.links, players)
     played = {id(player.part) for player in players}
     for part in plan:
         if id(part) not in played:

@@ -11,15 +11,13 @@ from dissect.s7.clock import SETTING
 from dissect.s7.items import DATA_HEAD, Item
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import HEADER_SIZE, REQUEST
-from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
+from dissect.s7.tables import ACK_DATA, GROUP_TIME, JOB, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
 
 #: How like the recorded request is, the best first: to the octet but for its reference; but for all that counts (sequence
 #: numbers, upload ids: `dissect.golden.masking`); but for what is written, or the time that a clock is set to.
 LEVELS: Final = ("same", "counted", "valued")
 #: Answers to single items that a book keeps.
 MAX_ITEMS: Final = 1_000_000
-
-_CLOCK_GROUP: Final = 7
 
 
 class ItemAnswer:
@@ -50,7 +48,7 @@ def _without_values(masked: bytes, pdu: Pdu) -> bytes:
     if pdu.rosctr == JOB and pdu.function == WRITE_VAR:
         return b"w" + parameters
     head = pdu.parameters.userdata
-    if pdu.rosctr == USERDATA and head is not None and head.group == _CLOCK_GROUP and head.type == REQUEST:
+    if pdu.rosctr == USERDATA and head is not None and head.group == GROUP_TIME and head.type == REQUEST:
         if head.subfunction in SETTING:
             return b"c" + parameters
     return b""

@@ -17,6 +17,7 @@ from dissect.s7.build import (
     build_variables,
     with_reference,
 )
+from dissect.s7.layouts import PDU_REF
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import RESPONSE, Setup
 from dissect.s7.tables import ACK, ACK_DATA, OBJECT_DOES_NOT_EXIST, USERDATA, WRITE_VAR
@@ -89,7 +90,7 @@ def farewell(how: str, said: str = "") -> bytes:
 
 def refuse(asked: Pdu, code: int = NOT_AVAILABLE) -> bytes:
     """Return the answer that refuses a request as a whole: an Ack without parameters, or userdata with an error code."""
-    reference = asked.octets[4:6]
+    reference = asked.octets[PDU_REF]
     head = asked.parameters.userdata
     if asked.rosctr != USERDATA:
         return with_reference(build_pdu(ACK, b"", b"", code), reference)
@@ -110,21 +111,21 @@ def grant(asked: Pdu, recorded: bytes) -> bytes:
     if recorded:
         model = parse_pdu(recorded).parameters.setup
         if model is None:
-            return with_reference(recorded, asked.octets[4:6])
+            return with_reference(recorded, asked.octets[PDU_REF])
         granted = model
     least = Setup(
         min(setup.max_amq_calling, granted.max_amq_calling),
         min(setup.max_amq_called, granted.max_amq_called),
         min(setup.pdu_length, granted.pdu_length),
     )
-    return with_reference(build_setup(ACK_DATA, least), asked.octets[4:6])
+    return with_reference(build_setup(ACK_DATA, least), asked.octets[PDU_REF])
 
 
 def answer_items(asked: Pdu, items: Sequence[bytes]) -> bytes:
     """Return the answer to a read or write made of data items or of return codes, one for each item asked for."""
     function = asked.parameters.function
     data = b"".join(items) if function == WRITE_VAR else build_items(items)
-    return with_reference(build_variables(ACK_DATA, function, len(items), b"", data), asked.octets[4:6])
+    return with_reference(build_variables(ACK_DATA, function, len(items), b"", data), asked.octets[PDU_REF])
 
 
 def missing_item(writes: bool) -> bytes:

@@ -6,6 +6,7 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from typing import Final
 
+from dissect.golden.model import Transaction
 from dissect.playback.server.model import Recording, Said, Script, Step
 from dissect.report import words
 from dissect.transactions.transaction import HOLE, OUTCOMES, PUSH, UNANSWERED
@@ -15,32 +16,18 @@ _UNANSWERED: Final = OUTCOMES[UNANSWERED]
 
 
 class Seen:
-    """A transaction as octets, before it is put in its order; ``by_client`` is known once the connection is over."""
+    """A transaction of a session as octets; ``number`` is its place where the session does not know the packets."""
 
-    __slots__ = (
-        "answer",
-        "answered_at",
-        "asked_by",
-        "by_client",
-        "has_request",
-        "latency_ns",
-        "outcome",
-        "place",
-        "reason",
-        "request",
-    )
+    __slots__ = ("answer", "by_client", "latency_ns", "outcome", "over", "place", "reason", "request")
 
-    def __init__(self, request: bytes, answer: bytes, outcome: str, reason: str, latency_ns: int | None) -> None:
-        self.request = request
-        self.answer = answer
-        self.outcome = outcome
-        self.reason = reason
-        self.latency_ns = max(latency_ns or 0, 0)
-        self.asked_by = 0
-        self.by_client = True
-        self.has_request = False
-        self.place = (0, 0)  # what puts it in order: the packet it began with, and its number
-        self.answered_at = 0  # the packet it was over with
+    def __init__(self, transaction: Transaction, number: int) -> None:
+        self.request, self.answer = transaction.recorded or (transaction.request, transaction.response)
+        self.outcome = transaction.outcome
+        self.reason = transaction.reason
+        self.latency_ns = max(transaction.latency_ns or 0, 0)
+        self.by_client = transaction.asked_by == "client"
+        self.place = transaction.place or number  # the packet that puts it in order
+        self.over = transaction.last_frame or number  # the packet it was over with
 
     @property
     def is_step(self) -> bool:
@@ -71,7 +58,7 @@ def arrange(script: Script, seen: Sequence[Seen], recording: Recording) -> None:
     others: list[Seen] = []
     for one in seen:
         if one.is_step:
-            over.append((one.answered_at, len(script.steps)))
+            over.append((one.over, len(script.steps)))
             script.steps.append(_step(one))
             unheard += one.outcome == _UNANSWERED and one.reason == HOLE
         elif one.is_said and not one.request and one.reason == HOLE:
@@ -83,7 +70,7 @@ def arrange(script: Script, seen: Sequence[Seen], recording: Recording) -> None:
     behind: list[Step] = []  # the step that each of these follows
     at, latest = 0, -1
     for one in others:
-        while at < len(over) and over[at][0] <= one.place[0]:
+        while at < len(over) and over[at][0] <= one.place:
             latest = max(latest, over[at][1])
             at += 1
         if latest >= 0:
@@ -101,10 +88,10 @@ def arrange(script: Script, seen: Sequence[Seen], recording: Recording) -> None:
 
 def _waits(said: Sequence[Seen]) -> list[int]:
     """Return, for each thing the server said, how many answers of the client came between it and the next one."""
-    answers = sorted([one.answered_at for one in said if one.is_answered_job])
+    answers = sorted([one.over for one in said if one.is_answered_job])
     waits, given = [], 0
     for index in range(len(said)):
-        before = bisect_left(answers, said[index + 1].place[0]) if index + 1 < len(said) else len(answers)
+        before = bisect_left(answers, said[index + 1].place) if index + 1 < len(said) else len(answers)
         waits.append(before - given)
         given = before
     return waits

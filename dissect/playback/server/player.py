@@ -20,6 +20,7 @@ from dissect.playback.server.answers import (
 from dissect.playback.server.image import Image, holds
 from dissect.playback.server.model import Recording, Said, Script, Step
 from dissect.s7.build import with_reference
+from dissect.s7.layouts import PDU_REF
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import PUSH, RESPONSE, is_plc_push
 from dissect.s7.tables import JOB, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
@@ -28,7 +29,6 @@ from dissect.s7.tables import JOB, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRIT
 LAST: Final = "last"
 CYCLE: Final = "cycle"
 
-_REFERENCE: Final = slice(4, 6)
 _INCONSISTENT: Final = b"\x07"  # return code "data type inconsistent": not as many octets as the item has
 _MIN_SETUP: Final = 4
 _UNSET_LENGTH: Final = 960  # of answers put together for a client that has set up nothing
@@ -106,14 +106,14 @@ class Player:
         """Return what is said to a request. Never raises, whatever the request is."""
         keys = keys_of(asked.octets, asked)
         found, level, own = self._find(keys)
-        self.reference = found.request[_REFERENCE] if found is not None else b""
+        self.reference = found.request[PDU_REF] if found is not None else b""
         items = asked.rosctr == JOB and asked.function in {READ_VAR, WRITE_VAR} and bool(asked.parameters.items)
         whole = items and not asked.malformed
         remembers = self._stage.image is not None and whole and not (found is not None and _refused_whole(found))
         if asked.parameters.setup is not None and asked.rosctr == JOB and level != 0:
             reply = self._set_up(asked)
         elif found is not None and not remembers:
-            answer = with_reference(found.answer, asked.octets[_REFERENCE]) if found.answer else b""
+            answer = with_reference(found.answer, asked.octets[PDU_REF]) if found.answer else b""
             reply = Reply(answer, LEVELS[level], found.latency_ns, tuple(found.then), self._end_after(found, own))
         elif whole:
             reply = self._items(asked)

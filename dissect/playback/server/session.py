@@ -15,6 +15,7 @@ from dissect.playback.server.model import Said
 from dissect.playback.server.player import Player, Reply
 from dissect.playback.server.request_log import RequestLog
 from dissect.s7.build import with_reference
+from dissect.s7.layouts import PDU_REF
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import HEADER_SIZE, PROTOCOL_ID, RESPONSE
 from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA
@@ -128,9 +129,9 @@ class ClientSession:
         pdu = parse_pdu(tsdu)
         if len(tsdu) < HEADER_SIZE or tsdu[0] != PROTOCOL_ID or pdu.rosctr not in {JOB, ACK, ACK_DATA, USERDATA}:
             self._desk.stranger(self.number, tsdu, "no S7comm")
-        elif _answers(pdu) and (tsdu[4:6] in self._jobs or (self._asked > 0 and self._jobs)):
+        elif _answers(pdu) and (tsdu[PDU_REF] in self._jobs or (self._asked > 0 and self._jobs)):
             # Some clients answer with a reference of their own.
-            asked = tsdu[4:6] if tsdu[4:6] in self._jobs else next(iter(self._jobs))
+            asked = tsdu[PDU_REF] if tsdu[PDU_REF] in self._jobs else next(iter(self._jobs))
             self._asked -= self._jobs.pop(asked)
             self._follow(0)
         elif pdu.rosctr in {ACK, ACK_DATA}:
@@ -161,7 +162,7 @@ class ClientSession:
         recorded = player.reference
         if recorded:
             self._references.pop(recorded, None)
-            self._references[recorded] = asked.octets[4:6]
+            self._references[recorded] = asked.octets[PDU_REF]
             if len(self._references) > _MAX_REFERENCES:
                 del self._references[next(iter(self._references))]
 
@@ -171,10 +172,10 @@ class ClientSession:
             said = self._waiting.popleft()
             self._asked += said.waits
             octets = said.octets
-            reference = self._references.get(octets[4:6])
+            reference = self._references.get(octets[PDU_REF])
             if not _answers(parse_pdu(octets)):
-                self._jobs.pop(octets[4:6], None)
-                self._jobs[octets[4:6]] = said.answered
+                self._jobs.pop(octets[PDU_REF], None)
+                self._jobs[octets[PDU_REF]] = said.answered
                 if len(self._jobs) > _MAX_WAITING:
                     del self._jobs[next(iter(self._jobs))]
             elif reference is not None:
@@ -200,6 +201,6 @@ def _spoilt(asked: Pdu, reply: Reply, faults: dict[str, Fault]) -> bytes:
     if REFUSE in faults:
         answer = refuse(asked, int(faults[REFUSE].value))
     if WRONG_REF in faults and answer:
-        wrong = (int.from_bytes(answer[4:6], "big") + 1) & 0xFFFF
+        wrong = (int.from_bytes(answer[PDU_REF], "big") + 1) & 0xFFFF
         answer = with_reference(answer, wrong.to_bytes(2, "big"))
     return answer

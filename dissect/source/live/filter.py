@@ -318,10 +318,7 @@ def _address(code: Assembler, node: Primitive, yes: int, no: int) -> None:
     network = node.network
     assert network is not None
     layouts: tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]
-    if network.version == 4:
-        layouts = (((0x0800,), (12, 16)), ((0x0806, 0x8035), (14, 24)))
-    else:
-        layouts = (((0x86DD,), (8, 24)),)
+    layouts = (((2048,), (12, 16)), ((2054, 32821), (14, 24))) if network.version == 4 else (((34525,), (8, 24)),)
     for types, places in layouts:
         other = no if types == layouts[-1][0] else code.label()
         found = code.label()

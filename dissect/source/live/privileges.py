@@ -39,7 +39,7 @@ class User(NamedTuple):
 
 
 def is_root() -> bool:
-    """Tell whether this process has the rights of root."""
+    """Return whether this process has the rights of root."""
     return hasattr(os, "geteuid") and os.geteuid() == 0
 
 
@@ -84,6 +84,14 @@ def give(made: Sequence[Path], user: User) -> None:
             os.close(handle)
 
 
+def _drop_capabilities() -> None:
+    """Give up all capabilities, for programs that are started later too. Raises OSError."""
+    library = ctypes.CDLL(None, use_errno=True)
+    header = (ctypes.c_uint32 * 2)(_CAPABILITY_VERSION, 0)
+    if library.capset(header, (ctypes.c_uint32 * 6)()) or library.prctl(_SET_NO_NEW_PRIVS, 1, 0, 0, 0):
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+
+
 def relinquish(user: User | None) -> None:
     """Become ``user`` (None: stay who we are) without any capability and without a way back; `LiveError` when that fails.
 
@@ -97,10 +105,7 @@ def relinquish(user: User | None) -> None:
                 os.setgroups([user.gid])
             os.setresgid(user.gid, user.gid, user.gid)
             os.setresuid(user.uid, user.uid, user.uid)
-        library = ctypes.CDLL(None, use_errno=True)
-        header = (ctypes.c_uint32 * 2)(_CAPABILITY_VERSION, 0)
-        if library.capset(header, (ctypes.c_uint32 * 6)()) or library.prctl(_SET_NO_NEW_PRIVS, 1, 0, 0, 0):
-            raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+        _drop_capabilities()
     except OSError as error:
         who = f"become {user}" if user is not None else "give up its rights"
         raise LiveError(
@@ -128,7 +133,7 @@ def rights_left() -> str:
 
 
 def program_readable() -> bool:
-    """Tell whether this process may still read the Python that it runs on: otherwise nothing can be imported any more."""
+    """Return whether this process may still read the Python that it runs on: otherwise nothing more can be imported."""
     return all([os.access(file, os.R_OK) for file in (os.__file__, __file__)])
 
 

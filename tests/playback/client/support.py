@@ -10,11 +10,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
+from dissect.golden.model import Session
 from dissect.metrics.address import Address
 from dissect.playback.client import (
     Outcome,
     Permissions,
-    Recorded,
     Settings,
     load_recorded,
     make_plan,
@@ -46,7 +46,7 @@ HASTY: Final = Settings(lost_s=0.001)
 
 
 def play(
-    path: Path | Recorded,
+    path: Path | Session,
     server: Server | Address,
     permissions: Permissions | None = None,
     settings: Settings | None = None,
@@ -56,7 +56,7 @@ def play(
 ) -> Outcome:
     """Play a recording to a server."""
     address = Address("127.0.0.1", server.port) if isinstance(server, Server) else server
-    recorded = path if isinstance(path, Recorded) else load_recorded(path)
+    recorded = path if isinstance(path, Session) else load_recorded(path)
     plan = make_plan(recorded, numbers, called)
     return replay(recorded, plan, places_of(address, False), address, permissions, settings, writer)
 

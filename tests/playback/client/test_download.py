@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from dissect.golden.exchange import S7, Exchange
-from dissect.golden.model import Link, Transaction
-from dissect.playback.client import Outcome, Permissions, Recorded, Settings, load_recorded, make_plan
+from dissect.golden.model import Link, Session, Transaction
+from dissect.playback.client import Outcome, Permissions, Settings, load_recorded, make_plan
 from dissect.playback.client.download import Downloads, find_downloads
 from dissect.playback.client.permissions import NO_CONTROL
 from dissect.playback.client.plan import FOLLOWS_WITHHELD, NOT_WHOLE, SERVE, SERVER_ASKED, Part, plan_lines
@@ -73,9 +73,9 @@ def loading(asks: Callable[[Wire], None]) -> Callable[[Wire], None]:
     return script
 
 
-def with_answer(recorded: Recorded, number: int, was: bytes, is_: bytes) -> Recorded:
+def with_answer(recorded: Session, number: int, was: bytes, is_: bytes) -> Session:
     """Return the recording in which the answer of a transaction says something else."""
-    (transaction,) = [each for each in recorded.session.transactions if each.number == number]
+    (transaction,) = [each for each in recorded.transactions if each.number == number]
     assert transaction.response.count(was) == 1
     transaction.exchange = Exchange(S7, transaction.request, transaction.response.replace(was, is_))
     return recorded
@@ -168,7 +168,7 @@ def test_another_piece_is_what_the_server_gets_and_nothing_else(tmp_path: Path) 
     with_other = load_recorded(recording(tmp_path / "b.pcapng"))
     for link in outcome.came.links:
         told = [each.response for each in link.transactions if each.asked_by == "server"]
-        was = [each.response for each in with_other.session.transactions if each.asked_by == "server"]
+        was = [each.response for each in with_other.transactions if each.asked_by == "server"]
         assert [one == other for one, other in zip(told, was, strict=True)] == [True, False, True]
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from dissect.golden.exchange import PLUS, S7, SCD, Exchange
-from dissect.golden.model import Link, Session, Transaction
+from dissect.golden.model import Link, Session, Span, Transaction
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, parse_tpdu
 from dissect.iso.tables import CR, DR
-from dissect.playback.client import Recorded, ReplayError, load_recorded, make_plan
+from dissect.playback.client import ReplayError, load_recorded, make_plan
 from dissect.playback.client.permissions import Permissions
 from dissect.playback.client.plan import (
     ASK,
@@ -23,7 +23,6 @@ from dissect.playback.client.plan import (
     plan_lines,
     playable,
 )
-from dissect.playback.client.recorded import Span
 from dissect.transactions.transaction import CONNECTION_CLOSED, HOLE
 from tests.playback.client.support import CAPTURES
 from tests.properties import messages
@@ -45,10 +44,10 @@ def link(*transactions: tuple[str, str, Exchange, str]) -> Link:
     return one
 
 
-def recorded(*links: Link) -> Recorded:
+def recorded(*links: Link) -> Session:
     session = Session("a.pcapng")
     session.links = list(links)
-    return Recorded(session, list(links))
+    return session
 
 
 @pytest.mark.parametrize("size", [0, 128, 512, 1024, 8192, 65_531, 256 * 3, 16_384])
@@ -172,11 +171,13 @@ def test_how_long_a_client_waited_is_the_time_to_its_next_request_or_its_end() -
     one = link(asked, pushed, asked, asked)
     for transaction, time_ns in zip(one.transactions, (100, 150, 400, 300), strict=True):
         transaction.time_ns = time_ns
-    span = Span(1, 100, 9, 1000)
-    assert [step.gap_ns for step in Part(one, None, span).steps if step.kind == ASK] == [300, 0, None]
-    assert [step.lost for step in Part(one, None, span).steps if step.kind == ASK] == [False, False, True]
+    span = Span(1, 1, 100, 9, 1000)
+    one.span = span
+    assert [step.gap_ns for step in Part(one).steps if step.kind == ASK] == [300, 0, None]
+    assert [step.lost for step in Part(one).steps if step.kind == ASK] == [False, False, True]
     one.ended, one.ended_by = "fin", "client"
-    assert [step.gap_ns for step in Part(one, None, span).steps if step.kind == ASK] == [300, 0, 700]
+    assert [step.gap_ns for step in Part(one).steps if step.kind == ASK] == [300, 0, 700]
+    one.span = None
     assert [step.gap_ns for step in Part(one).steps if step.kind == ASK] == [300, 0, None]
     one.transactions[2].time_ns = None
     assert [step.gap_ns for step in Part(one).steps if step.kind == ASK] == [None, None, None]

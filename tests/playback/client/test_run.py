@@ -57,7 +57,7 @@ def round_trip(path: Path, name: str) -> None:
     assert not server.unmatched
     assert {one.reason for one in outcome.withheld} <= {SERVER_ASKED, NO_REQUEST} | WITHHELD.get(name, set())
     left = {one.transaction for one in outcome.withheld}
-    told = [each for each in recorded.session.transactions if each.request and each.outcome != "unsolicited"]
+    told = [each for each in recorded.transactions if each.request and each.outcome != "unsolicited"]
     asked = [each for each in told if each.asked_by == "client" and each.number not in left]
     setups = [
         part for part in playable(make_plan(load_recorded(path))) if part.own_setup

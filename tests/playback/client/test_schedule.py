@@ -12,14 +12,13 @@ from pathlib import Path
 import pytest
 
 from dissect.golden import golden_text, read_session
-from dissect.golden.model import Link, Session
+from dissect.golden.model import Link, Session, Span
 from dissect.metrics.address import Address
 from dissect.net.addresses import Place
-from dissect.playback.client import Recorded, ReplayError, Settings, expect_few, load_recorded, make_plan
+from dissect.playback.client import ReplayError, Settings, expect_few, load_recorded, make_plan
 from dissect.playback.client.channel import connect
 from dissect.playback.client.plan import Part
 from dissect.playback.client.player import HALF_LOADED, NOT_LOADED
-from dissect.playback.client.recorded import Span
 from dissect.playback.client.schedule import CONNECT, MAX_OPEN, Clock, moments, open_at_once
 from dissect.playback.client.watch import Watch
 from dissect.playback.server.service import Server
@@ -272,7 +271,7 @@ def test_a_connection_that_breaks_does_not_stop_the_others(tmp_path: Path) -> No
             answer(wire, wire.pdu())
 
     path = two(tmp_path / "a.pcapng")
-    numbers = [link.number for link in load_recorded(path).links]
+    numbers = [link.number for link in load_recorded(path).as_begun]
     with serving(broken, good) as address:
         outcome = play(path, address)
     assert len(outcome.problems) == 1
@@ -369,16 +368,16 @@ def test_what_comes_on_one_while_another_is_waited_for_is_recorded_when_it_came(
 def plan_of(spans: list[Span]) -> list[Part]:
     """Return a plan of connections that were refused, so that there is nothing to ask."""
     session = Session("a.pcapng")
-    for number, _ in enumerate(spans, 1):
+    for number, span in enumerate(spans, 1):
         link = Link()
+        link.span = span
         link.number, link.called, link.refused, link.protocol = number, b"\x01\x02", "by the server", "S7comm"
         session.links.append(link)
-    known = {id(link): span for link, span in zip(session.links, spans, strict=True)}
-    return make_plan(Recorded(session, session.links, known))
+    return make_plan(session)
 
 
 def test_ten_thousand_connections_one_after_another_are_one_at_a_time() -> None:
-    plan = plan_of([Span(10 * number, 0, 10 * number + 9, 0) for number in range(10_000)])
+    plan = plan_of([Span(number, 10 * number, 0, 10 * number + 9, 0) for number in range(10_000)])
     assert open_at_once(plan) == 1
     expect_few(plan)
 
@@ -386,7 +385,7 @@ def test_ten_thousand_connections_one_after_another_are_one_at_a_time() -> None:
 def test_more_than_there_may_be_sockets_are_refused_before_anything_is_sent(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plan = plan_of([Span(number + 1, 0, 10_000, 0) for number in range(3000)])
+    plan = plan_of([Span(number, number + 1, 0, 10_000, 0) for number in range(3000)])
     assert open_at_once(plan) == 3000
     with pytest.raises(ReplayError, match=f"3000 connections were open at once .* at most {MAX_OPEN} .* --one-by-one"):
         expect_few(plan)
@@ -401,7 +400,7 @@ def test_more_than_there_may_be_sockets_are_refused_before_anything_is_sent(
 
 
 def test_connections_without_times_are_one_at_a_time() -> None:
-    plan = plan_of([Span(1, 0, 9, 0), Span(2, 0, 8, 0)])
+    plan = plan_of([Span(1, 1, 0, 9, 0), Span(2, 2, 0, 8, 0)])
     assert open_at_once(plan) == 2
     plan[0].span = None
     assert open_at_once(plan) == 1
@@ -462,7 +461,9 @@ def test_a_connection_that_is_over_is_not_paused_for(tmp_path: Path, monkeypatch
         read(talk, number, WORD)
     path = saved(tmp_path / "a.pcapng", talk.close(0).packets(EPOCH, 1000_000 * MS))
     recorded = load_recorded(path)
-    recorded.links[0].transactions[0].time_ns = recorded.spans[id(recorded.links[0])].first_ns
+    first = recorded.as_begun[0]
+    assert first.span is not None
+    first.transactions[0].time_ns = first.span.first_ns
 
     def sleep(_: Watch, until: float, stops: Callable[[], bool]) -> None:
         assert stops() or until < time.monotonic() + 60

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from dissect.golden import golden_text, read_session
+from dissect.golden import golden_text, model, read_session
+from dissect.golden.exchange import S7, Exchange
 from dissect.golden.masking import mask_s7
+from dissect.golden.model import Link, Transaction
 from dissect.playback.server import Recording, ServerError, load_recording, recording
 from dissect.playback.server.arranging import Seen, arrange
 from dissect.playback.server.model import Script
@@ -152,15 +154,18 @@ def test_the_server_waits_for_as_many_answers_as_it_did() -> None:
     assert [(said.answered, said.waits) for said in then] == [(True, 0), (True, 1), (True, 2), (False, 0)]
 
 
+def seen_of(request: bytes, answer: bytes, outcome: str, asked_by: str, place: int, over: int) -> Seen:
+    transaction = Transaction(Link(), asked_by, Exchange(S7, b"", b""), outcome)
+    transaction.recorded = (request, answer)
+    transaction.place, transaction.last_frame = place, over
+    return Seen(transaction, 0)
+
+
 def test_nobody_waits_for_answers_to_what_is_left_out() -> None:
     job, done = bytes.fromhex("32010000000100020000") + b"\x1c\x00", bytes.fromhex("320300000001000100000000") + b"\x1c"
-    early, request, later = (
-        Seen(job, done, "answered", "", 0),
-        Seen(b"a", b"b", "answered", "", 0),
-        Seen(job, done, "", "", 0),
-    )
-    for one, begun, over in ((early, 1, 9), (request, 2, 3), (later, 4, 8)):
-        one.place, one.answered_at, one.by_client = (begun, begun), over, one is request
+    early = seen_of(job, done, "answered", "server", 1, 9)
+    request = seen_of(b"a", b"b", "answered", "client", 2, 3)
+    later = seen_of(job, done, "", "server", 4, 8)
     script = Script(1)
     arrange(script, [early, request, later], Recording())
     assert [(said.answered, said.waits) for said in script.steps[0].then] == [(True, 1)]
@@ -171,9 +176,8 @@ def test_many_messages_of_the_server_are_put_in_their_places_in_one_go() -> None
         seen = []
         for number in range(1, count + 1):
             asked = number % 2 == 1
-            one = Seen(b"a" if asked else b"", b"b", "answered" if asked else "unsolicited", "", 0)
-            one.place, one.answered_at = (number, number), number
-            seen.append(one)
+            outcome = "answered" if asked else "unsolicited"
+            seen.append(seen_of(b"a" if asked else b"", b"b", outcome, "client", number, number))
         return seen, Recording()
 
     def work(count: int) -> None:
@@ -255,8 +259,8 @@ def test_what_is_longer_than_a_test_is_told(monkeypatch: pytest.MonkeyPatch) -> 
         load_recording(FOLDER / "read-areas.pcapng")
     monkeypatch.setattr(recording, "MAX_STEPS", 73)
     assert load_recording(FOLDER / "read-areas.pcapng").steps == 73
-    monkeypatch.setattr(recording, "MAX_OCTETS", 100)
-    with pytest.raises(ServerError, match="MiB of messages; cut it first"):
+    monkeypatch.setattr(model, "MAX_OCTETS", 100)
+    with pytest.raises(ServerError, match="MiB of distinct messages; cut it first"):
         load_recording(FOLDER / "read-areas.pcapng")
 
 

@@ -14,10 +14,11 @@ from pathlib import Path
 
 import pytest
 
+from dissect.golden.model import Session
 from dissect.metrics.address import Address
 from dissect.playback.server import Recording, Server, ServerError, request_log, service
 from dissect.playback.server import socket as line_module
-from dissect.playback.server.recording import RecordingReader
+from dissect.playback.server.recording import recording_of
 from dissect.playback.server.service import places_to_serve
 from dissect.source.pcapng_writer import PcapngWriter
 from dissect.testing.talk import Talk, answer, pdu, push, read, szl, values, words
@@ -436,5 +437,5 @@ def test_what_is_remembered_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_an_empty_recording_has_nothing_to_serve() -> None:
     with pytest.raises(ServerError, match="nothing to serve"):
-        RecordingReader("made up").finish()
+        recording_of(Session("made up"))
     assert Recording().steps == 0
