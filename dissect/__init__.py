@@ -28,9 +28,11 @@ _PUBLIC: Final = {
     "Pipeline": "dissect.engine.pipeline",
     "PlusPdu": "dissect.s7plus.message",
     "Run": "dissect.session",
+    "SelectError": "dissect.select.errors",
     "ScdMessage": "dissect.transactions.payloads",
     "Transaction": "dissect.transactions.transaction",
     "TransactionError": "dissect.transactions.transaction",
+    "Where": "dissect.select.where",
     "analyze": "dissect.session",
     "open": "dissect.session",
 }
@@ -43,6 +45,8 @@ if TYPE_CHECKING:
     from dissect.report.analysis import Analysis as Analysis
     from dissect.s7.message import Pdu as Pdu
     from dissect.s7plus.message import PlusPdu as PlusPdu
+    from dissect.select.errors import SelectError as SelectError
+    from dissect.select.where import Where as Where
     from dissect.session import Run as Run
     from dissect.session import analyze as analyze
     from dissect.session import open as open

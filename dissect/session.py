@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 from mypy_extensions import i64
 
@@ -22,6 +22,7 @@ from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.source.files import open_capture
 from dissect.source.packet import PacketSink, Reader, SourceFile
 from dissect.transactions.connection import Connection
+from dissect.transactions.naming import Naming
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
@@ -29,7 +30,13 @@ from dissect.transactions.transaction import Transaction
 
 if TYPE_CHECKING:
     from dissect.scd.dictionary import Dictionary
+    from dissect.select import Where
+    from dissect.select.sieve import Sieve
+    from dissect.tags import TagSet
     from dissect.tls.key_log import KeyLog
+
+#: Files of tags: one, several, or what `dissect.tags.load_tags` made of them.
+Tags: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | TagSet | None"
 
 #: A file whose first packet comes this soon after the last one of the file before it continues its connections.
 CONTINUES_NS: Final = 60_000_000_000
@@ -56,7 +63,7 @@ class _Joint(PacketSink):
 
 
 class Run:
-    """Files read one after another into a pipeline that tells ``observer``.
+    """Files read one after another into a pipeline that feeds ``observer``.
 
     Raises `CaptureError` from `step` when a file cannot be read at all.
     """
@@ -153,6 +160,17 @@ class _Queue(Observer):
         self.events.append(connection)
 
 
+def _naming(tags: Tags) -> Naming | None:
+    """Return what names values by files of tags, None for no tags."""
+    if tags is None:
+        return None
+    from dissect.tags import TagSet, load_tags
+
+    if isinstance(tags, TagSet):
+        return tags.naming()
+    return load_tags([tags] if isinstance(tags, (str, os.PathLike)) else tags).naming()
+
+
 def _decoder(
     scd: str | os.PathLike[str] | Dictionary | None, bind: str | os.PathLike[str] | None
 ) -> PayloadDecoder | None:
@@ -164,6 +182,27 @@ def _decoder(
     from dissect.bindings import load_carrier
 
     return load_carrier(scd, bind)
+
+
+def _sieved(observer: Observer, where: str | Where | None, options: Options) -> Sieve | None:
+    """Return what lets ``observer`` know of a selection only, None without one; ``options`` then leave out what can be."""
+    if where is None:
+        return None
+    from dissect.select import Where
+    from dissect.select.sieve import Sieve
+
+    chosen = Where(where) if isinstance(where, str) else where
+    if chosen.narrows:
+        options.only = chosen.may_hold
+    return Sieve(observer, chosen)
+
+
+def _run(paths: Sequence[str | os.PathLike[str]], observer: Observer, sieve: Sieve | None, options: Options) -> Run:
+    if sieve is None:
+        return Run(paths, observer, options)
+    run = Run(paths, sieve, options)
+    sieve.begin(run.pipeline, run.files, len(paths) > 1)
+    return run
 
 
 class KeyLogError(ValueError):
@@ -209,20 +248,28 @@ def open(
     scd: str | os.PathLike[str] | Dictionary | None = None,
     bind: str | os.PathLike[str] | None = None,
     checksums: bool = False,
+    where: str | Where | None = None,
     tls_keys: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
+    tags: Tags = None,
 ) -> Iterator[Event]:
     """Iterate the events of one capture or several: PDUs, transactions, operations and findings, connections at their end.
 
     Events come in the order in which they become certain; a transaction follows its PDUs. ``pdus=False`` leaves the single
     PDUs out, which is faster. With the dictionary ``scd`` and the bindings file ``bind`` SCD is decoded (docs/scd-traffic.md).
     ``checksums`` leaves packets out whose TCP or UDP checksum is wrong. ``tls_keys`` names files with the session keys of TLS
-    (docs/tls.md).
+    (docs/tls.md). ``tags`` are files of tags, or what `dissect.tags.load_tags` made of them:
+    `dissect.transactions.naming.named_values` names the values of a transaction by them.
+    ``where`` selects, as option -Y does (docs/select.md): events come that match, or belong to a transaction
+    that does; PDUs only where they have all the fields that are asked for. Raises `SelectError` for a wrong expression.
     Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding. Raises `scd.DictionaryError` or
-    `dissect.bindings.BindingError` for a dictionary or a bindings file that is wrong, and what `read_tls_keys` raises.
+    `dissect.bindings.BindingError` for a dictionary or a bindings file that is wrong, `dissect.tags.TagError` for files of
+    tags, and what `read_tls_keys` raises.
     """
     queue = _Queue(pdus)
-    options = Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums, tls_keys=_keys(tls_keys))
-    run = Run([path, *more], queue, options)
+    options = Options(
+        slow_ns, decoder=_decoder(scd, bind), checksums=checksums, tls_keys=_keys(tls_keys), naming=_naming(tags)
+    )
+    run = _run([path, *more], queue, _sieved(queue, where, options), options)
     while run.step():
         yield from queue.events
         queue.events = []
@@ -236,18 +283,25 @@ def analyze(
     scd: str | os.PathLike[str] | Dictionary | None = None,
     bind: str | os.PathLike[str] | None = None,
     checksums: bool = False,
+    where: str | Where | None = None,
     tls_keys: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
+    tags: Tags = None,
 ) -> Analysis:
     """Fold one capture or several into an `Analysis`: connections, transactions by function, answer times, findings, loss.
 
-    ``slow_ns``: an answer later than this many nanoseconds is a finding. ``scd``, ``bind``, ``checksums`` and ``tls_keys`` as
-    for `open`.
+    ``slow_ns``: an answer later than this many nanoseconds is a finding. ``scd``, ``bind``, ``checksums``, ``tls_keys``,
+    ``tags`` and ``where`` as for `open`: only what is selected is added up, and `Analysis.part` says what was left out.
     Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding.
     """
     analysis = Analysis()
-    options = Options(slow_ns, decoder=_decoder(scd, bind), checksums=checksums, tls_keys=_keys(tls_keys))
-    run = Run([path, *more], analysis, options)
+    options = Options(
+        slow_ns, decoder=_decoder(scd, bind), checksums=checksums, tls_keys=_keys(tls_keys), naming=_naming(tags)
+    )
+    sieve = _sieved(analysis, where, options)
+    run = _run([path, *more], analysis, sieve, options)
     while run.step():
         pass
     analysis.take(run.pipeline, run.files)
+    if sieve is not None:
+        analysis.part = sieve.part(run.pipeline)
     return analysis

@@ -45,7 +45,7 @@ def document() -> str:
         "## MITRE ATT&CK for ICS",
         "",
         "The techniques that findings point to. A finding is no proof of an attack: engineers stop, load and read out PLCs",
-        "as well. Release 19 renumbered nine techniques as sub-techniques, so both ids are told.",
+        "as well. Release 19 renumbered nine techniques as sub-techniques, so both ids are given.",
         "",
         "| technique | v18 | v19 | source |",
         "|---|---|---|---|",

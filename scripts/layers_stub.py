@@ -12,7 +12,7 @@ HEAD: Final = """\
 
 from typing import Final
 
-from dissect.layers.part_tables import Row
+from dissect.layers.part_row import Row
 from dissect.layers.parts import S7_Part
 
 ROWS: Final[list[Row]]

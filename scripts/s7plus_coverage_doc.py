@@ -17,13 +17,13 @@ from dissect.engine.observer import Observer
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.id_tables import IDS
-from dissect.s7plus.layouts import TAG_DESCRIPTION
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.tables import FUNCTIONS, NOTIFICATION, NOTIFIED, OPCODES, REQUEST, RESPONSE, RESPONSE2, TAGS, V3
 from dissect.s7plus.value_tables import ADDRESS_ARRAY, ARRAY, SPARSE_ARRAY, VALUE_TYPES
 from dissect.session import Run
 from dissect.transactions.table import Side
 from dissect.wire.codes import CodeTable
+from dissect.wire.part import Part
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 PAGE: Final = ROOT / "docs" / "s7plus-coverage.md"
@@ -35,7 +35,8 @@ HEAD: Final = (
     "",
     "- *decoded as*: the structures that its PDUs are cut into, from the first byte behind the head to the last of the PDU",
     "- *seen*: PDUs, or occurrences, in the captures; `-` where there was none, so that it is known from sources only",
-    "- *compared*: responses whose integrity id is that of their request plus the sequence number, where both have one",
+    "- *compared*: responses whose integrity id is that of their request plus the sequence number, where both have one; of",
+    "  types, elements and ids those in such requests and responses: had one been read wrongly, the id behind it would differ",
     "",
 )
 
@@ -54,9 +55,12 @@ class Census(Observer):
         self.tags: Counter[int] = Counter()
         self.notified: Counter[int] = Counter()
         self.ids: Counter[int] = Counter()
+        self.compared_types: Counter[int] = Counter()
+        self.compared_tags: Counter[int] = Counter()
+        self.compared_ids: Counter[int] = Counter()
         self.pairs: Counter[int] = Counter()
         self.broken: Counter[int] = Counter()
-        self._asked: dict[tuple[int, int, int], int] = {}
+        self._asked: dict[tuple[int, int, int], Contents] = {}
 
     def of(self, path: Path) -> None:
         """Read a capture."""
@@ -81,25 +85,42 @@ class Census(Observer):
 
     def _count(self, found: Contents) -> None:
         for part in found.parts:
-            kind = part.number("type") if part.layout is not TAG_DESCRIPTION else -1
+            kind = part.number("type")
             if part.find("flags") is not None and kind in VALUE_TYPES:
                 self.types[kind, _form(part.number("flags"))] += 1
             if part.find("tag") is not None:
                 self.tags[part.number("tag")] += 1
             if part.find("reference") is not None or part.layout.name == "notified objects":
                 self.notified[part.number("kind")] += 1
-            for name in ("id", "class", "sub_area"):
-                value = part.find(name)
-                if value is not None and value.octets is None:
-                    self.ids[value.value] += 1
+            self.ids.update(_ids(part))
+
+    def _compare(self, found: Contents) -> None:
+        """Count what stands in a request or response whose integrity id holds."""
+        for part in found.parts:
+            kind = part.number("type")
+            if part.find("flags") is not None and kind in VALUE_TYPES:
+                self.compared_types[kind] += 1
+            if part.find("tag") is not None:
+                self.compared_tags[part.number("tag")] += 1
+            self.compared_ids.update(_ids(part))
 
     def _pair(self, pdu: PlusPdu, found: Contents) -> None:
         key = (pdu.connection, pdu.side if pdu.opcode == REQUEST else 1 - pdu.side, pdu.sequence)
         if pdu.opcode == REQUEST and found.integrity_id >= 0:
-            self._asked[key] = found.integrity_id
+            self._asked[key] = found
         elif pdu.opcode == RESPONSE and found.integrity_id >= 0 and key in self._asked:
-            expected = (self._asked.pop(key) + pdu.sequence) & 0xFFFFFFFF
-            (self.pairs if found.integrity_id == expected else self.broken)[pdu.function] += 1
+            asked = self._asked.pop(key)
+            if found.integrity_id == (asked.integrity_id + pdu.sequence) & 0xFFFFFFFF:
+                self.pairs[pdu.function] += 1
+                self._compare(asked)
+                self._compare(found)
+            else:
+                self.broken[pdu.function] += 1
+
+
+def _ids(part: Part) -> list[int]:
+    values = [part.find(name) for name in ("id", "class", "sub_area")]
+    return [value.value for value in values if value is not None and value.octets is None]
 
 
 def _form(flags: int) -> str:
@@ -131,13 +152,22 @@ def document(found: Census) -> str:
         if any([function == row.number and opcode == RESPONSE2 for function, opcode, _ in found.functions]):
             lines.append(_function(found, row.number, f"`0x{row.number:04x}` {row.name}", RESPONSE2))
     lines.append(_function(found, -1, "none", NOTIFICATION))
-    lines += ["", "## Value types", "", "| type | scalars | arrays | sparse arrays |", "|---|---|---|---|"]
+    lines += [
+        "",
+        "## Value types",
+        "",
+        "| type | scalars | arrays | sparse arrays | compared |",
+        "|---|---|---|---|---|",
+    ]
     for row in VALUE_TYPES:
         counts = [_count(found.types[row.number, form]) for form in ("scalar", "array", "sparse")]
+        counts.append(_count(found.compared_types[row.number]))
         lines.append(f"| `0x{row.number:02x}` {row.name} | {' | '.join(counts)} |")
-    lines += _values("Elements of objects", "element", TAGS, found.tags)
-    lines += _values("Items of notifications", "item", NOTIFIED, found.notified)
-    lines += _values("Ids", "id", IDS, found.ids)
+    lines += _values("Elements of objects", "element", TAGS, found.tags, found.compared_tags)
+    lines += _values(
+        "Items of notifications", "item", NOTIFIED, found.notified, Counter()
+    )  # which have no integrity id
+    lines += _values("Ids", "id", IDS, found.ids, found.compared_ids)
     unnamed = [number for number in sorted(found.ids) if number not in IDS and number]
     lines += ["", f"Seen without a name: {', '.join([str(number) for number in unnamed])}.", ""]
     return "\n".join(lines)
@@ -152,11 +182,11 @@ def _function(found: Census, function: int, name: str, opcode: int) -> str:
     return f"| {name} | {OPCODES.name(opcode)} | {', '.join(structures)} | {seen} | {compared} |"
 
 
-def _values(title: str, column: str, table: CodeTable, counts: Counter[int]) -> Iterator[str]:
-    yield from ("", f"## {title}", "", f"| {column} | seen |", "|---|---|")
+def _values(title: str, column: str, table: CodeTable, counts: Counter[int], compared: Counter[int]) -> Iterator[str]:
+    yield from ("", f"## {title}", "", f"| {column} | seen | compared |", "|---|---|---|")
     for row in table:
         number = str(row.number) if table is IDS else f"`0x{row.number:02x}`"
-        yield f"| {number} {row.name} | {_count(counts[row.number])} |"
+        yield f"| {number} {row.name} | {_count(counts[row.number])} | {_count(compared[row.number])} |"
 
 
 def _count(number: int) -> str:

@@ -43,6 +43,8 @@ if LOCATION.parent == ROOT:
 # What would wait on this machine for its next start waits in a folder of the run instead.
 os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="s7dissect-state-")
 os.environ.pop("STATE_DIRECTORY", None)
+# The same of settings: those of whoever runs the tests are none of theirs.
+os.environ["XDG_CONFIG_HOME"] = os.environ["XDG_STATE_HOME"]
 atexit.register(shutil.rmtree, os.environ["XDG_STATE_HOME"], ignore_errors=True)
 
 

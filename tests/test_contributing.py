@@ -19,8 +19,8 @@ from dissect.transactions.transaction import Transaction
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 GUIDE: Final = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-#: What a recipe works with. Captures are read only.
-COPIED: Final = ("dissect", "tests", "docs", "scripts")
+#: What a recipe works with.
+COPIED: Final = ("dissect", "tests", "docs", "scripts", "captures")
 #: How many files a protocol may cost outside its room.
 MOST: Final = 6
 
@@ -39,7 +39,7 @@ class Tree:
         self.root = root
         for name in COPIED:
             shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
-        for name in ("captures", "benchmarks", "pyproject.toml", "README.md", "CONTRIBUTING.md"):
+        for name in ("benchmarks", "pyproject.toml", "README.md", "CONTRIBUTING.md"):
             (root / name).symlink_to(ROOT / name)
         self._before = self._contents()
 
@@ -159,6 +159,227 @@ def test_to_add_a_finding(tree: Tree) -> None:
     ]
     assert told == {"transaction.all_refused": len(refused)}
     assert len(refused) > 2
+
+
+# ---- a userdata subfunction -----------------------------------------------------------------------------------------
+
+LAST_CLOCK: Final = """            (0x04, "set clock (second form)", "Request/response; write."),
+"""
+QUALITY_NAME: Final = """            (0x05, "read clock quality", "Request/response; read."),
+"""
+QUALITY_LAYOUT: Final = """
+#: How good the clock is.
+CLOCK_QUALITY: Final = Layout(
+    "clock quality",
+    "made for a test",
+    [Field("synchronised", 1, "1 when the clock is synchronised.")],
+)
+
+
+def parse_quality(cursor: Cursor, head: UserdataHead) -> None:
+    \"\"\"Cut the payload of a read of the clock's quality: one byte in the response.\"\"\"
+    if head.type == RESPONSE:
+        part = cursor.take(CLOCK_QUALITY)
+        if part is not None:
+            part.note = "synchronised" if part.number("synchronised") else "not synchronised"
+
+
+def parse_clock("""
+QUALITY_ROW: Final = """    (7, clock.READ_QUALITY): clock.parse_quality,
+"""
+SET_CLOCK_ROW: Final = """    (7, clock.SET_CLOCK_SECOND): clock.parse_clock,
+"""
+QUALITY_PDUS: Final = """    (ASKED, 5, ""), (TOLD, 5, "01"),
+"""
+SET_CLOCK_PDUS: Final = """    (ASKED, 4, "0019" + TIME), (TOLD, 4, ""),
+"""
+QUALITY_CLASS: Final = """        Row("S7_ClockQuality", clock.CLOCK_QUALITY, "How good the clock is."),
+"""
+QUALITY_REASON: Final = """    told[USERDATA, userdata_name(7, 5, RESPONSE), COMPARED] = "Wireshark does not know it"
+"""
+
+#: The tests of the copy that such a change concerns, and the notes of the new response.
+SUBFUNCTION_TRIED: Final = """
+import json
+import dissect
+from dissect.transactions.transaction import Transaction
+from tests import test_coverage
+from tests.layers import test_parts
+rows = test_coverage.census(None)
+test_coverage.test_the_page_is_what_the_captures_of_this_repository_say(rows)
+assert test_coverage.faults(rows) == []
+test_parts.test_each_structure_has_a_class_of_its_own()
+events = dissect.open("captures/crafted/coverage-userdata.pcapng")
+transactions = [event for event in events if isinstance(event, Transaction)]
+found = [event for event in transactions if event.function_name.endswith("read clock quality")]
+print(json.dumps([[event.outcome_name, event.response.body.notes] for event in found]))
+"""
+
+
+def test_to_add_a_userdata_subfunction(tree: Tree) -> None:
+    tree.replace("dissect/s7/tables.py", LAST_CLOCK, LAST_CLOCK + QUALITY_NAME)
+    tree.replace(
+        "dissect/s7/clock.py", "SET_CLOCK_SECOND: Final = 4\n", "SET_CLOCK_SECOND: Final = 4\nREAD_QUALITY: Final = 5\n"
+    )
+    tree.replace("dissect/s7/clock.py", "\n\ndef parse_clock(", QUALITY_LAYOUT)
+    tree.replace("dissect/s7/bodies.py", SET_CLOCK_ROW, SET_CLOCK_ROW + QUALITY_ROW)
+    tree.replace("captures/craft/coverage_userdata.py", SET_CLOCK_PDUS, SET_CLOCK_PDUS + QUALITY_PDUS)
+    tree.python("-m", "captures.craft", "coverage-userdata")
+    clock_class = '        Row("S7_Clock", '
+    tree.replace("dissect/layers/part_tables.py", clock_class, QUALITY_CLASS + clock_class)
+    tree.write("dissect/layers/part_classes.pyi", tree.python("scripts/layers_stub.py"))
+    tree.write("docs/layers-parts.md", tree.python("scripts/layers_doc.py"))
+    last = "    for partial in _PLAIN_LISTS:\n"
+    tree.replace("scripts/coverage_doc.py", last, QUALITY_REASON + last)
+    tree.write("docs/coverage.md", tree.python("scripts/coverage_doc.py"))
+    assert tree.touched() == listed("To add a userdata subfunction")
+    assert json.loads(tree.python("-c", SUBFUNCTION_TRIED)) == [["answered", ["synchronised"]]]
+
+
+# ---- a source of packets --------------------------------------------------------------------------------------------
+
+READER: Final = '''"""Plain captures: a mark of eight bytes, then for each packet its time in seconds, its size and itself."""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+from dissect.source.packet import PacketSink
+from dissect.source.pcap import LINKTYPE_ETHERNET, MAX_PACKET, ChunkReader, OctetSource
+
+PLAIN_MAGIC: Final = b"PLAINCAP"
+_RECORD: Final = struct.Struct(">II")
+
+
+class PlainReader(ChunkReader):
+    """A plain capture. ``head`` begins with `PLAIN_MAGIC`."""
+
+    def __init__(self, source: OctetSource, head: bytes) -> None:
+        super().__init__(source, head)
+        self._pos = len(PLAIN_MAGIC)
+        self._need = _RECORD.size
+
+    def step(self, sink: PacketSink) -> bool:
+        """Read the next packet and deliver it to ``sink``; False when there is nothing more to read."""
+        if self._done:
+            return False
+        if not self._fill(_RECORD.size):
+            self._finish("inside the head of a packet")
+            return False
+        seconds, size = _RECORD.unpack_from(self._buf, self._pos)
+        if size > MAX_PACKET:
+            self._stop(self._pos, f"a record claims a packet of {size} bytes")
+            return False
+        if not self._fill(_RECORD.size + size):
+            self._finish("inside a packet")
+            return False
+        start = self._pos + _RECORD.size
+        self._pos = start + size
+        self.packets += 1
+        sink.frame(seconds * 1_000_000_000, self._buf, start, start + size, size, LINKTYPE_ETHERNET)
+        return True
+'''
+PCAP_FOUND: Final = """    if head[:4] in PCAP_MAGICS:
+"""
+PLAIN_FOUND: Final = """    if head.startswith(PLAIN_MAGIC):
+        return PlainReader(source, head)
+"""
+READER_TEST: Final = '''from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dissect.source.files import open_capture
+from dissect.source.packet import PacketSink
+from dissect.source.plain import PLAIN_MAGIC, PlainReader
+
+PACKETS = (b"one", b"", b"three")
+WHOLE = PLAIN_MAGIC + b"".join(bytes((0, 0, 0, 7, 0, 0, 0, len(packet))) + packet for packet in PACKETS)
+
+
+class Found(PacketSink):
+    def __init__(self) -> None:
+        self.packets: list[tuple[int, bytes]] = []
+
+    def frame(self, time_ns: int, buf: bytes, start: int, end: int, wire_length: int, link_type: int) -> None:
+        assert (wire_length, link_type) == (end - start, 1)
+        self.packets.append((time_ns, buf[start:end]))
+
+
+class Dripping:
+    """A byte at a time."""
+
+    damage = ""
+
+    def __init__(self, octets: bytes) -> None:
+        self.left = octets
+
+    def read(self, size: int) -> bytes:
+        piece, self.left = self.left[:1], self.left[1:]
+        return piece
+
+    def close(self) -> None:
+        self.left = b""
+
+
+def read(reader: object) -> list[tuple[int, bytes]]:
+    found = Found()
+    while reader.step(found):  # type: ignore[attr-defined]
+        pass
+    return found.packets
+
+
+@pytest.mark.parametrize("size", range(len(PLAIN_MAGIC), len(WHOLE) + 1))
+def test_whole_and_cut_off_at_each_place(size: int, tmp_path: Path) -> None:
+    path = tmp_path / "capture"
+    path.write_bytes(WHOLE[:size])
+    reader = open_capture(path)
+    assert isinstance(reader, PlainReader)
+    expected = [(7_000_000_000, packet) for packet in PACKETS]
+    there = [end for end in (19, 27, 40) if end <= size]
+    assert read(reader) == expected[: len(there)]
+    assert bool(reader.damage) == (size not in {8, *there})
+
+
+def test_byte_by_byte() -> None:
+    reader = PlainReader(Dripping(WHOLE[len(PLAIN_MAGIC) :]), PLAIN_MAGIC)
+    assert [packet for _, packet in read(reader)] == list(PACKETS)
+    assert not reader.damage
+'''
+
+#: A capture of the repository, written anew in that form, and what is read of it.
+SOURCE_TRIED: Final = """
+import json, struct, sys
+import dissect
+from dissect.source.files import open_capture
+from dissect.source.packet import PacketSink
+class Copy(PacketSink):
+    def frame(self, time_ns, buf, start, end, wire_length, link_type):
+        made.write(struct.pack(">II", time_ns // 1_000_000_000, end - start) + buf[start:end])
+with open(sys.argv[2], "wb") as made:
+    made.write(b"PLAINCAP")
+    reader = open_capture(sys.argv[1])
+    while reader.step(Copy()):
+        pass
+print(json.dumps([dissect.analyze(name).as_dict()["s7"]["pdus"] for name in sys.argv[1:]]))
+"""
+
+
+def test_to_add_a_source_of_packets(tree: Tree, tmp_path: Path) -> None:
+    tree.write("dissect/source/plain.py", READER)
+    files = "dissect/source/files.py"
+    tree.replace(files, PCAP_FOUND, PLAIN_FOUND + PCAP_FOUND)
+    pcapng = "from dissect.source.pcapng import BYTE_ORDER_MAGICS, PCAPNG_MAGIC, PcapngReader\n"
+    tree.replace(files, pcapng, f"{pcapng}from dissect.source.plain import PLAIN_MAGIC, PlainReader\n")
+    tree.write("tests/source/test_plain.py", READER_TEST)
+    assert {name.replace("plain", "NAME") for name in tree.touched()} == listed("To add a source of packets")
+    assert "passed" in tree.python(
+        "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", "tests/source/test_plain.py"
+    )
+    one, other = json.loads(tree.python("-c", SOURCE_TRIED, "captures/item-errors.pcapng", str(tmp_path / "plain")))
+    assert one == other > 10
 
 
 # ---- an output ------------------------------------------------------------------------------------------------------

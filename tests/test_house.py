@@ -32,8 +32,10 @@ ORDER: Final = (
     "findings",
     "engine",
     "bindings",
+    "tags",
     "report",
     "recording",
+    "select",
     "anonymize",
     "session",  # analyze() folds what it reads with report.analysis
     "golden",
@@ -401,6 +403,7 @@ def test_importing_is_cheap(statement: str) -> None:
         "scapy",
         "rich",
         "msgspec",
+        "lark",
         "pyshark",
         "asyncio",
         "logging",

@@ -34,6 +34,7 @@ class Source:
 def _sources() -> dict[str, Source]:
     """Return every capture of this repository by the name of its golden."""
     captures = [*CAPTURES.glob("*.pcapng"), *(CAPTURES / "crafted").glob("*.pc*"), PLANT]
+    captures += (CAPTURES / "s7plus").glob("*.pcapng")
     found = [Source(capture) for capture in sorted(captures)]
     return {source.name: source for source in found}
 

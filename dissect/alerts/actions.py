@@ -72,7 +72,7 @@ def to_stderr(line: str) -> None:
 
 
 def is_there(path: str) -> bool:
-    """Tell whether a file is there."""
+    """Return whether a file is there."""
     try:
         return Path(path).exists()
     except (OSError, ValueError):

@@ -244,7 +244,7 @@ class Dispatcher:
         return {name: lane.counts for name, lane in self._lanes.items()}
 
     def close(self, timeout: float = 5.0) -> None:
-        """Deliver what waits, ``timeout`` seconds at most, then break off; lost alerts are told. May be called twice."""
+        """Deliver what waits, ``timeout`` seconds at most, then break off and report lost alerts. May be called twice."""
         if self._closed:
             return
         self._closed = True

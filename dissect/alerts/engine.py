@@ -133,7 +133,7 @@ class AlertEngine(Observer):
             self._advance(now)
 
     def restart(self, now_ns: int) -> None:
-        """The clock went back, or another capture begins: measure anew."""
+        """The clock went back, or another capture begins: start measuring again."""
         self.now_ns = now_ns
         self._look_ns = now_ns
         self._cooldown.rewind(now_ns)

@@ -11,7 +11,7 @@ _LOCAL: Final = "localhost"
 
 
 def is_loopback(host: str) -> bool:
-    """Tell whether a name or address is this machine's own."""
+    """Return whether a name or address is this machine's own."""
     if host.lower() == _LOCAL:
         return True
     try:
@@ -21,7 +21,7 @@ def is_loopback(host: str) -> bool:
 
 
 def allowed(host: str, hosts: frozenset[str]) -> bool:
-    """Tell whether alerts may be sent to ``host``."""
+    """Return whether alerts may be sent to ``host``."""
     return is_loopback(host) or host.lower() in {name.lower() for name in hosts}
 
 

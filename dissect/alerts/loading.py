@@ -70,7 +70,7 @@ class RuleError(FileError):
 
 
 def load_rules(path: str | os.PathLike[str], trial: bool = False) -> AlertRules:
-    """Return the rules of a file. Raises `RuleError`, OSError where there is no reading the file.
+    """Return the rules of a file. Raises `RuleError`, OSError if the file cannot be read.
 
     A ``trial`` delivers nothing: the programs and sockets of its actions need not be there.
     """

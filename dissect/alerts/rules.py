@@ -74,7 +74,7 @@ class Rule:
         return self.client is None and self.server is None
 
     def covers(self, pair: Pair | None) -> bool:
-        """Tell whether the rule looks at what a pair does; None is a pair nobody knows."""
+        """Return whether the rule looks at what a pair does; None is a pair nobody knows."""
         if self.anyone:
             return True
         if pair is None:

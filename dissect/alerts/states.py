@@ -101,7 +101,7 @@ class StateWatch:
         """Take a transaction of a pair that the rule covers."""
 
     def ends(self, pair: Pair, connection: Connection, now_ns: int) -> bool:
-        """Tell whether a transaction that is about to be taken ends at once what the rule looks for."""
+        """Return whether a transaction that is about to be taken ends at once what the rule looks for."""
         return False
 
     def look(self, now_ns: int) -> Iterator[Found]:
@@ -109,7 +109,7 @@ class StateWatch:
         yield from ()
 
     def restart(self, now_ns: int) -> None:
-        """Begin anew: the clock went back."""
+        """Start over: the clock went back."""
 
     def about(self, pair: Pair, connection: Connection) -> _About:
         """Return what a transaction of this pair and connection counts for."""
@@ -172,7 +172,7 @@ class _Counting(StateWatch):
         return self._counters.forgotten
 
     def restart(self, now_ns: int) -> None:
-        """Begin anew: the clock went back."""
+        """Start over: the clock went back."""
         self._counters.kept.clear()
 
 
@@ -261,7 +261,7 @@ class LatencyWatch(StateWatch):
         return self._answers.forgotten
 
     def restart(self, now_ns: int) -> None:
-        """Begin anew: the clock went back."""
+        """Start over: the clock went back."""
         self._answers.kept.clear()
 
     def take(self, pair: Pair, transaction: Transaction, now_ns: int) -> None:
@@ -307,7 +307,7 @@ class SilenceWatch(StateWatch):
         return self._gone
 
     def restart(self, now_ns: int) -> None:
-        """Begin anew: the clock went back."""
+        """Start over: the clock went back."""
         for about in self._last:
             self._last[about] = now_ns
 
@@ -326,7 +326,7 @@ class SilenceWatch(StateWatch):
             self._last.pop(int(connection.number), None)
 
     def ends(self, pair: Pair, connection: Connection, now_ns: int) -> bool:
-        """Tell whether it was silent until now: the next look may come after so long that it is silent again."""
+        """Return whether it was silent until now: the next look may come after so long that it is silent again."""
         about = self.about(pair, connection)
         last_ns = self._last.get(about)
         limit = self._limit(about)

@@ -48,7 +48,7 @@ class Syslog(Action):
         self._host = _UNPRINTED.sub("-", socket.gethostname())[:255] or "-"
 
     def deliver(self, alert: Alert) -> None:
-        """Send the alert. Raises `DeliveryError`; the next one tries to connect anew."""
+        """Send the alert. Raises `DeliveryError`; the next one connects again."""
         try:
             if self._sender is None:
                 self._sender = _Sender(self._address, self._facility)

@@ -40,9 +40,9 @@ _STAY: Final = frozenset(id(layout) for layout in (
     layouts.EXPLORE_HEAD, layouts.INTEGRITY_ID, layouts.INVOKE_HEAD, layouts.ITEM_COUNTS, layouts.ITEM_ERROR,
     layouts.LINK_REQUEST, layouts.LIST_BLOCK, layouts.LIST_END, layouts.LIST_ID, layouts.NAME_LIST, layouts.NOTIFICATION_HEAD,
     layouts.NOTIFICATION_HEAD_SHORT, layouts.NOTIFICATION_HEAD_TIMED, layouts.NOTIFIED_KIND, layouts.NOTIFIED_REFUSAL,
-    layouts.NUMBER, layouts.OBJECT, layouts.OBJECT_END, layouts.OBJECT_HELD, layouts.OBJECT_ID, layouts.OBJECT_ID_VLQ,
+    layouts.OBJECT, layouts.OBJECT_END, layouts.OBJECT_HELD, layouts.OBJECT_ID, layouts.OBJECT_ID_VLQ,
     layouts.QUALIFIER, layouts.RELATION, layouts.RETURN_VALUE, layouts.ROW, layouts.SECOND_PART, layouts.SEQUENCE_KIND,
-    layouts.SEQUENCE_TYPE, layouts.VARIABLE_LIST,
+    layouts.SEQUENCE_TYPE, layouts.TAG_DESCRIPTION_END, layouts.TAG_VARIABLE, layouts.VARIABLE_LIST,
 ))  # fmt: skip
 #: Parts that end with a value.
 _VALUES: Final = frozenset(id(layout) for layout in (

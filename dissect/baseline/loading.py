@@ -26,7 +26,7 @@ class BaselineError(FileError):
 
 
 def load_baseline(path: str | os.PathLike[str]) -> Baseline:
-    """Return the baseline of a file. Raises `BaselineError`, OSError where there is no reading the file."""
+    """Return the baseline of a file. Raises `BaselineError`, OSError if the file cannot be read."""
     return read_file(path, parse_baseline, BaselineError)
 
 

@@ -38,7 +38,7 @@ class Subject:
 
 
 class Subjects:
-    """Subjects by parameter block, which polling repeats for hours. Bounded: when it is full it starts anew."""
+    """Subjects by parameter block, which polling repeats for hours. Bounded: when it is full it starts over."""
 
     def __init__(self) -> None:
         self._known: dict[Parameters, Subject] = {}

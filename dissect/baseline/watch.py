@@ -42,7 +42,7 @@ class Deviation:
 
 
 class BaselineWatch:
-    """Holds transactions and connections against a baseline; every one that deviates is told, each time."""
+    """Holds transactions and connections against a baseline; every deviation is reported, each time."""
 
     def __init__(self, baseline: Baseline) -> None:
         self._pairs = baseline.pairs

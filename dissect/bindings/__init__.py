@@ -17,7 +17,7 @@ __all__ = ["BindingError", "load_bindings", "load_carrier"]
 def load_carrier(scd: str | os.PathLike[str] | Dictionary, bind: str | os.PathLike[str]) -> ScdCarrier:
     """Return what decodes SCD by the dictionary ``scd`` (or its file) where the file ``bind`` says that it travels.
 
-    Raises `DictionaryError`, `BindingError`, or OSError where there is no reading a file.
+    Raises `DictionaryError`, `BindingError`, or OSError if a file cannot be read.
     """
     from dissect.bindings.engine import ScdCarrier
     from dissect.scd.loading import load

@@ -33,7 +33,7 @@ _INDEX: Final = re.compile(r"0[xX][0-9a-fA-F]{1,4}")
 
 
 class Content(NamedTuple):
-    """What stands at a place; see `Binding` for the fields."""
+    """What is at a place; see `Binding` for the fields."""
 
     holds: Holds
     key: str = ""
@@ -166,7 +166,7 @@ class BindingError(FileError):
 
 
 def load_bindings(path: str | os.PathLike[str], dictionary: Dictionary) -> Bindings:
-    """Return the bindings of a file for a dictionary. Raises `BindingError`, OSError where there is no reading the file."""
+    """Return the bindings of a file for a dictionary. Raises `BindingError`, OSError if the file cannot be read."""
     return read_file(path, lambda text: _parse(text, dictionary), BindingError, MAX_FILE)
 
 

@@ -113,7 +113,7 @@ class Devices:
 
 
 def is_rewritten(dictionary: Dictionary, key: Key) -> bool:
-    """Tell whether a value is that of a mapping object of the dictionary, sub-index 0 or an element."""
+    """Return whether a value is that of a mapping object of the dictionary, sub-index 0 or an element."""
     return isinstance(key, tuple) and is_mapping(key[0]) and key[0] in dictionary.objects and key[1] != 255
 
 

@@ -93,7 +93,7 @@ class ScdCarrier(PayloadDecoder):
     # ---- where SCD travels ------------------------------------------------------------------------------------------
 
     def claims_port(self, transport: str, connection: Connection) -> bool:
-        """Tell whether a port of a new conversation is bound; its other end is the client."""
+        """Return whether a port of a new conversation is bound; its other end is the client."""
         bound = self.bindings.udp if transport == "udp" else self.bindings.tcp
         ends = connection.tcp.ends
         for side in (0, 1):
@@ -136,7 +136,7 @@ class ScdCarrier(PayloadDecoder):
         return True
 
     def claims_tsdus(self, connection: Connection) -> bool:
-        """Tell whether the TSAPs of a connection are bound."""
+        """Return whether the TSAPs of a connection are bound."""
         return connection.bound >= 0 or (connection.bound != _NOT_BOUND and self._bind_tsap(connection))
 
     def _bind_tsap(self, connection: Connection) -> bool:
@@ -352,7 +352,7 @@ class ScdCarrier(PayloadDecoder):
         self.devices.restart()
 
     def end(self, side: Side, frame: int, time_ns: int) -> None:
-        """The connection is over: its counters count for nothing any more."""
+        """The connection is over: its counters no longer matter."""
         self._judge.forget(side.connection.number)
         self._joiners.pop(side.connection.number, None)
 

@@ -129,7 +129,7 @@ class ScdJudge:
             self.forget(oldest)
 
     def garbage(self, side: Side, skipped: int, frame: int, time_ns: int) -> None:
-        """Octets of a bound stream that are no message were stepped over."""
+        """Octets of a bound stream that are not a message were skipped."""
         detail = f"{skipped} bytes from {side.tcp.ends[side.index]}"
         self._judge.note("scd.garbage", side.connection.number, [frame], time_ns, detail)
 

@@ -11,6 +11,8 @@ from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
@@ -25,15 +27,18 @@ from dissect.report.formats import ANALYSIS, Format
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
     from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
 
 
 @click.command("analyze", epilog=EXIT_CODES)
 @files_argument
 @format_option(ANALYSIS)
 @slow_option
+@select_options()
 @checksums_option
 @fail_on_option
 @scd_options
+@tag_options
 @tls_option
 def command(
     files: tuple[str, ...],
@@ -42,6 +47,8 @@ def command(
     checksums: bool,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    chosen: Chosen,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
     """Summarize captures: what they contain, how fast it was, what failed and why.
@@ -58,9 +65,13 @@ def command(
     from dissect.session import Run
 
     analysis = Analysis()
-    run = Run(files, analysis, Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys))
+    observer = chosen.sieve(analysis)
+    options = Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
+    run = Run(files, observer, chosen.narrow(options))
+    chosen.begin(run, files)
     code = drive(run, files)
     analysis.take(run.pipeline, run.files)
+    analysis.part = chosen.part(run)
     write_outcome(format_, ANALYSIS, Summary(analysis, code == EXIT_INTERRUPTED, clock()))
     complain(run, code)
-    return gate(run, fail_on, code)
+    return gate(run, fail_on, code, chosen.findings)

@@ -10,17 +10,21 @@ import click
 
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import read_where, where_option
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
-from dissect.cli.run import complain, drive, files_argument
+from dissect.cli.run import complain, drive, files_argument, places_of
 from dissect.cli.second_pass import check_files, name_of, written_whole
 from dissect.report.slugs import slugs_of
 
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
+    from dissect.engine.observer import Observer
     from dissect.recording.cutter import Around, Cutter
     from dissect.recording.selection import Choice
     from dissect.recording.window import Window
     from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, or nothing to write, 3 a damaged or truncated file "
@@ -82,6 +86,13 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
 @click.option(
     "-o", "--output", "output", required=True, metavar="OUT", help="The pcapng file to write; - is standard output."
 )
+@where_option(
+    "packet",
+    "transaction",
+    "finding",
+    help="Only packets that this expression selects by their own fields, or by those of the transactions they carry (see "
+    "`s7dissect help select`); narrows what other options select.",
+)
 @_numbers("--connection", "Packets of connection N of the analyze report, including its TCP handshake and end.")
 @_numbers(
     "--transaction",
@@ -122,10 +133,12 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
 )
 @click.option("--force", is_flag=True, help="Overwrite OUT if it exists (never a FILE).")
 @scd_options
+@tag_options
 @tls_option
 def command(
     files: tuple[str, ...],
     output: str,
+    where: str | None,
     connection: tuple[int, ...],
     transaction: tuple[int, ...],
     findings: tuple[frozenset[int], frozenset[str]],
@@ -135,6 +148,7 @@ def command(
     plain: bool,
     force: bool,
     decoder: PayloadDecoder | None,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
     """Extract part of a capture to a pcapng file, with findings as comments on their packets.
@@ -147,7 +161,9 @@ def command(
     Several files are read as one capture and written to one OUT.
     """
     from dissect.engine.pipeline import Options
+    from dissect.live.run import Fanout
     from dissect.recording.selection import Selection, Wanted
+    from dissect.select.packets import PacketSelection
     from dissect.session import Run
 
     check_files(files, output, force)
@@ -155,7 +171,13 @@ def command(
     if context and not transaction:
         raise click.UsageError("--context needs --transaction.")
     selection = Selection(wanted, comments=not plain, context=context)
-    run = Run(files, selection, Options(decoder=decoder, tls_keys=tls_keys))
+    chosen = read_where(where, kinds=("packet", "transaction", "finding"))
+    packets = PacketSelection(chosen) if chosen is not None else None
+    observer = Fanout([selection, packets], _failed) if packets is not None else selection
+    run = Run(files, observer, Options(decoder=decoder, tls_keys=tls_keys, naming=naming))
+    if chosen is not None:
+        chosen.context.start = lambda: int(run.pipeline.first_ns)
+        chosen.context.number = places_of(run, files).number
     code = drive(run, files)
     if code == EXIT_INTERRUPTED:
         click.echo(f"s7dissect: interrupted; {name_of(output)} was not written", err=True)
@@ -170,7 +192,15 @@ def command(
             f"s7dissect: of {selection.uncertain} messages only the last packet is known; earlier ones may be missing from OUT",
             err=True,
         )
-    return _write(files, output, selection.choice(*times), around) or code
+    choice = selection.choice(*times)
+    if packets is not None:
+        choice.narrow(packets.test())
+    return _write(files, output, choice, around) or code
+
+
+def _failed(_observer: Observer, error: Exception) -> None:
+    """Let an error of one of two observers be told as that of one alone is."""
+    raise error
 
 
 def _write(files: Sequence[str], output: str, choice: Choice, around: Around) -> int:

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING
 import click
 
 from dissect.cli.formats import format_option, write_outcome
-from dissect.cli.golden import read_capture
+from dissect.cli.golden import read_capture, refuse_selection
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.engine.pipeline import Options
 from dissect.golden.comparison import differences
@@ -29,6 +31,7 @@ from dissect.wire.text import encodable, printable
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
     from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
 
 DIFF_SCHEMA = "s7dissect.diff/1"
 
@@ -66,7 +69,9 @@ _IGNORABLE = "\n".join(
     show_default=True,
     help="Maximum number of differences.",
 )
+@select_options("transaction", "connection")
 @scd_options
+@tag_options
 @tls_option
 def command(
     first: str,
@@ -76,6 +81,8 @@ def command(
     latency: str | None,
     most: int,
     decoder: PayloadDecoder | None,
+    chosen: Chosen,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
     """Report what changed from A to B, each a capture or a golden (see `s7dissect golden`).
@@ -84,15 +91,15 @@ def command(
     Times, addresses and reference numbers are not compared; answer times only with --latency.
     """
     try:
-        options = DiffOptions([part for text in ignore for part in text.split(",") if part], latency)
+        options = DiffOptions([part for text in ignore for part in text.split(",") if part], latency, naming)
     except ValueError as error:
         raise click.UsageError(str(error)) from None
     if first == "-" and second == "-":
         raise click.UsageError("only one of A and B can be standard input.")
     reading = Options(decoder=decoder, tls_keys=tls_keys)
     try:
-        a, code_a = _load(first, reading)
-        b, code_b = _load(second, reading)
+        a, code_a = _load(first, reading, chosen)
+        b, code_b = _load(second, reading, chosen)
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
     if EXIT_INTERRUPTED in {code_a, code_b}:
@@ -106,10 +113,11 @@ def command(
     return EXIT_GATE if shown or rest else EXIT_OK
 
 
-def _load(path: str, options: Options) -> tuple[Session, int]:
+def _load(path: str, options: Options, chosen: Chosen) -> tuple[Session, int]:
     if path != "-" and Path(path).is_file() and is_golden(path):
+        refuse_selection(path, chosen)
         return load_golden(path), EXIT_OK
-    return read_capture((path,), options)
+    return read_capture((path,), options, chosen)
 
 
 class Comparison(Outcome):

@@ -13,11 +13,29 @@ EXAMPLES: Final = {
     ),
     "transactions": (
         "s7dissect transactions --failed trace.pcapng",
+        "s7dissect transactions -Y 'port == 102 and not failed' -c 5 trace.pcapng",
         "s7dissect transactions -T csv trace.pcapng > trace.csv",
+        "s7dissect transactions --tls-keys session.keys trace.pcapng",
     ),
     "operations": (
         "s7dissect operations trace.pcapng",
         "s7dissect operations --kind download --kind upload trace.pcapng",
+    ),
+    "tags": (
+        "s7dissect tags check plc_tags.xlsx tank.awl",
+        "s7dissect transactions --tags plc_tags.xlsx trace.pcapng",
+    ),
+    "tags check": (
+        "s7dissect tags check symbols.asc tank.awl",
+        "s7dissect tags check --capture trace.pcapng plc_tags.xlsx",
+    ),
+    "tags list": (
+        "s7dissect tags list symbols.asc tank.awl",
+        "s7dissect tags list -T json plc_tags.xlsx",
+    ),
+    "tags convert": (
+        "s7dissect tags convert symbols.asc tank.awl -o tags.csv",
+        "s7dissect tags convert --tags-encoding cp1251 plc_tags.sdf",
     ),
     "show": (
         "s7dissect show -V --frame 17 trace.pcapng",
@@ -96,6 +114,10 @@ EXAMPLES: Final = {
     "scd encode": (
         "s7dissect scd encode -d plant.scd --message read 0x6041 --tid 7",
         "s7dissect scd encode -d plant.scd --value 0x6001 0x05DC",
+    ),
+    "fields": (
+        "s7dissect fields",
+        "s7dissect fields function latency",
     ),
     "schema": (
         "s7dissect schema",

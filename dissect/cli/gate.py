@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -38,12 +38,14 @@ fail_on_option: Final[Callable[[Any], Any]] = click.option(
 )
 
 
-def gate(run: Run | LiveRun, fail_on: frozenset[str], code: int) -> int:
+def gate(run: Run | LiveRun, fail_on: frozenset[str], code: int, selected: Mapping[str, int] | None = None) -> int:
     """Return the exit code of a command that would end with ``code``; say on stderr why the gate failed.
 
-    A damaged file is told on stderr anyway, so a failed gate counts more; an interruption counts most.
+    Of a selection only the findings in ``selected`` count.
+
+    A damaged file is reported on stderr anyway, so a failed gate counts more; an interruption counts most.
     """
-    counts = run.pipeline.finding_counts
+    counts = selected if selected is not None else run.pipeline.finding_counts
     found = [slug for slug in CATALOGUE if slug in fail_on and counts.get(slug)]
     if not found:
         return code

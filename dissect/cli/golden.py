@@ -10,6 +10,8 @@ import click
 
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import complain, drive, files_argument, write
 from dissect.engine.pipeline import Options
@@ -22,6 +24,7 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
     from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, or an unreadable or unwritable file, 3 a damaged or truncated file (what could be read "
@@ -54,13 +57,17 @@ def choices(known: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
     callback=choices(EXTRAS),
     help=f"Also include details that vary between recordings, comma-separated: {', '.join(EXTRAS)}.",
 )
+@select_options("transaction", "connection")
 @scd_options
+@tag_options
 @tls_option
 def command(
     files: tuple[str, ...],
     output: str,
     extras: frozenset[str],
     decoder: PayloadDecoder | None,
+    chosen: Chosen,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
     """Write the session in a capture as text: one transaction after another, with values and errors in words.
@@ -69,30 +76,43 @@ def command(
     are left out, and connections are ordered by their content. FILE may also be such a text, which is then reformatted.
     """
     try:
-        session, code = _session(files, Options(decoder=decoder, tls_keys=tls_keys))
+        session, code = _session(files, Options(decoder=decoder, tls_keys=tls_keys), chosen)
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
     if code == EXIT_INTERRUPTED:
         return code
     if output == "-":
-        write(golden_lines(session, extras))
+        write(golden_lines(session, extras, naming))
     else:
-        save(output, "".join([f"{line}\n" for line in golden_lines(session, extras)]).encode())
+        save(output, "".join([f"{line}\n" for line in golden_lines(session, extras, naming)]).encode())
     return code
 
 
-def _session(files: tuple[str, ...], options: Options) -> tuple[Session, int]:
+def _session(files: tuple[str, ...], options: Options, chosen: Chosen) -> tuple[Session, int]:
     if len(files) == 1 and Path(files[0]).is_file() and is_golden(files[0]):
+        refuse_selection(files[0], chosen)
         return load_golden(files[0]), EXIT_OK
-    return read_capture(files, options)
+    return read_capture(files, options, chosen)
 
 
-def read_capture(files: tuple[str, ...], options: Options) -> tuple[Session, int]:
-    """Read captures and return their session and the exit code so far; what was odd is told on stderr."""
+def refuse_selection(file: str, chosen: Chosen) -> None:
+    """Refuse to select from a golden, which has no times, hosts or numbers."""
+    if chosen.where is not None:
+        raise click.UsageError(
+            f"{printable(file)} is a golden, and only captures can be selected from; write it with `golden -Y` instead."
+        )
+
+
+def read_capture(files: tuple[str, ...], options: Options, chosen: Chosen | None = None) -> tuple[Session, int]:
+    """Read what is selected of captures; return their session and the exit code so far; what was odd is reported on stderr."""
     from dissect.session import Run
 
     reader = SessionReader(files[0])
-    run = Run(files, reader, options)
+    if chosen is None:
+        run = Run(files, reader, options)
+    else:
+        run = Run(files, chosen.sieve(reader), chosen.narrow(options))
+        chosen.begin(run, files)
     code = drive(run, files)
     complain(run, EXIT_DAMAGED if code == EXIT_INTERRUPTED else code)
     if code == EXIT_INTERRUPTED:

@@ -28,6 +28,7 @@ _PAGES: Final = {
     "cut": "evidence",
     "baseline": "alerts",
     "diff": "golden",
+    "fields": "select",
     "interfaces": "live",
     "schema": "json",
 }

@@ -72,7 +72,7 @@ def clock() -> Clock:
 
 
 def coloured(terminal: bool) -> bool:
-    """Tell whether to use colours on an output that is a ``terminal`` or is not."""
+    """Return whether to use colours on an output that is a ``terminal`` or is not."""
     when = _kept(_COLOR) or AUTO
     if when == AUTO:
         return terminal and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"

@@ -47,6 +47,8 @@ COMMANDS: Final = {
     "serve": "Fake PLC that answers like a recorded one.",
     "replay": "Play a recorded client to a server, check the answers.",
     "scd": "SCD dictionaries: compile, check, decode, encode.",
+    "fields": "List the fields of -Y expressions and -T fields.",
+    "tags": "Names for addresses: check, list, convert tags.",
     "schema": "JSON Schemas of the machine-readable outputs.",
     "help": "Show the manual page of a command or topic.",
 }
@@ -131,6 +133,7 @@ class _Main(LazyGroup):
 
 def _equipped(command: click.Command, path: str) -> click.Command:
     """Give a command what all have, once: the options on how its output looks, and its examples."""
+    from dissect.cli.configuration import config_option, wants_config
     from dissect.cli.examples import examples_of
     from dissect.cli.look import color_option, local_time_option
 
@@ -139,6 +142,8 @@ def _equipped(command: click.Command, path: str) -> click.Command:
     if path in _TIMED:
         command.params.append(local_time_option())
     command.params.append(color_option())
+    if wants_config(command):
+        command.params.append(config_option())
     command.epilog = "\n\n".join([text for text in (examples_of(path), command.epilog) if text])
     return command
 

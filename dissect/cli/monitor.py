@@ -15,6 +15,8 @@ from dissect.cli.look import clock, coloured
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT
 from dissect.cli.options.monitor import beside_options
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.rights import check_user, open_interface
 from dissect.cli.run import checksums_option, slow_option
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
     from dissect.metrics.address import Address
     from dissect.source.packet import Reader
     from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
 
 #: As `dissect.source.live.opening` has them, which is imported only when something is opened.
 BUFFER_MIB: Final = 32
@@ -105,11 +108,13 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
 @click.option(
     "-c", "--packets", type=click.IntRange(1), default=None, metavar="N", help="Stop after this many packets."
 )
+@select_options(numbers=False)
 @metrics_option
 @allow_remote_option
 @checksums_option
 @fail_on_option
 @scd_options
+@tag_options
 @tls_option
 @beside_options
 def command(
@@ -131,6 +136,8 @@ def command(
     checksums: bool,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    chosen: Chosen,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
     beside: Beside,
 ) -> int:
@@ -148,18 +155,19 @@ def command(
     with Scrape(metrics, allow_remote) as scrape:
         session = Session(
             lambda: _opened(opener, scrape),
-            Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns, checksums=checksums, tls_keys=tls_keys),
+            Options(
+                slow_ns, decoder=decoder, overdue_ns=overdue_ns, checksums=checksums, tls_keys=tls_keys, naming=naming
+            ),
             companions=[*beside.companions(), *scrape.companions],
             limits=Limits(duration_ns, packets or 0),
             name=interface or ("stdin" if file == "-" else file or ""),
         )
         scrape.watch(session)
         beside.watch(session, on_screens)
-        code = (
-            _on_screens(session, slow_ns)
-            if on_screens
-            else _in_lines(session, format_ or formats_for(EVENTS)[0], topics)
-        )
+        if on_screens:
+            code = _on_screens(session, slow_ns, chosen)
+        else:
+            code = _in_lines(session, format_ or formats_for(EVENTS)[0], topics, chosen)
     return gate(session.run, fail_on, code)
 
 
@@ -201,13 +209,13 @@ def _opened(opener: Callable[[], Reader], scrape: Scrape) -> Reader:
 # ---- the plain form -------------------------------------------------------------------------------------------------
 
 
-def _in_lines(session: Session, format_: Format, topics: tuple[str, ...]) -> int:
+def _in_lines(session: Session, format_: Format, topics: tuple[str, ...], chosen: Chosen) -> int:
     """Write a line an event until the end; return the exit code."""
     shower = new_shower(format_, topics)
     with Interruption(session.stop) as interruption:
         try:
             session.start()
-            _show(session, shower)
+            _show(session, shower, chosen)
         finally:
             session.close()
         if session.error is not None:
@@ -219,12 +227,13 @@ def _in_lines(session: Session, format_: Format, topics: tuple[str, ...]) -> int
     return _code(session, interruption.asked)
 
 
-def _show(session: Session, shower: Shower) -> None:
+def _show(session: Session, shower: Shower, chosen: Chosen) -> None:
     lost = LostEvents(session, shower)
+    selected = chosen.events(session)
     while True:
         running = session.running  # asked before: what it does last is taken then
         events = session.poll(POLL_S, POLL_MOST)
-        write_events(shower, events, lost.lines())
+        write_events(shower, selected.of(events) if selected is not None else events, lost.lines())
         if not events and not running:
             return
 
@@ -253,13 +262,13 @@ def _code(session: Session, interrupted: bool) -> int:
 
 
 def _screens_will_do() -> bool:
-    """Tell whether the terminal can show screens; one that cannot gets lines."""
+    """Return whether the terminal can show screens; one that cannot gets lines."""
     from dissect.monitor.terminal import will_do
 
     return will_do()
 
 
-def _on_screens(session: Session, slow_ns: int) -> int:
+def _on_screens(session: Session, slow_ns: int, chosen: Chosen) -> int:
     """Show the screens until they are left; return the exit code."""
     from dissect.monitor.terminal import NoKeyboardError, keyboard
 
@@ -277,7 +286,7 @@ def _on_screens(session: Session, slow_ns: int) -> int:
         with keyboard():
             session.start()
             try:
-                interrupted = run_app(session, slow_ns, clock())
+                interrupted = run_app(session, slow_ns, clock(), chosen.where)
             finally:
                 session.close()
     except NoKeyboardError as error:

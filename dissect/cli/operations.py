@@ -7,6 +7,8 @@ import click
 from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
+from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
@@ -18,9 +20,10 @@ from dissect.cli.run import (
 )
 from dissect.engine.pipeline import Options
 from dissect.report.formats import OPERATIONS, Format
-from dissect.report.writer import OperationFeed
+from dissect.report.writer import OperationChoice, OperationFeed
 from dissect.session import Run
 from dissect.tls.key_log import KeyLog
+from dissect.transactions.naming import Naming
 from dissect.transactions.operation import KINDS
 
 
@@ -35,8 +38,10 @@ from dissect.transactions.operation import KINDS
     metavar="KIND",
     help=f"Only this kind of operation: {', '.join(KINDS)}. Repeatable.",
 )
+@select_options("operation", results="operations")
 @checksums_option
 @fail_on_option
+@tag_options
 @tls_option
 def command(
     files: tuple[str, ...],
@@ -44,6 +49,8 @@ def command(
     kinds: tuple[str, ...],
     checksums: bool,
     fail_on: frozenset[str],
+    chosen: Chosen,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
     """List operations, one line each: several transactions that belong together.
@@ -54,9 +61,17 @@ def command(
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. A line is written when its
     operation ends.
     """
-    writer = format_.writer(OPERATIONS, clock())
-    run = Run(files, OperationFeed(writer, frozenset(kinds)), Options(checksums=checksums, tls_keys=tls_keys))
+    writer = chosen.writer(format_, OPERATIONS, clock())
+    feed = OperationFeed(writer, chosen.choice("operation", _choice(frozenset(kinds))))
+    options = Options(checksums=checksums, tls_keys=tls_keys, naming=naming)
+    run = Run(files, chosen.sieve(feed) if fail_on else feed, chosen.narrow(options))
+    chosen.begin(run, files)
     writer.begin(places_of(run, files))
-    code = drive(run, files, lambda: write_out(writer.take()))
+    code = drive(run, files, lambda: write_out(writer.take()), lambda: chosen.full)
     complain(run, code)
-    return gate(run, fail_on, code)
+    return gate(run, fail_on, code, chosen.findings)
+
+
+def _choice(kinds: frozenset[str]) -> OperationChoice | None:
+    """Return what tells whether an operation is of one of ``kinds``; None when all are."""
+    return (lambda operation: operation.kind in kinds) if kinds else None

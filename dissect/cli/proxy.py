@@ -13,6 +13,7 @@ from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.main import EXIT_DAMAGED, EXIT_OK, EXIT_OUTPUT
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import slow_option
 from dissect.cli.watching import (
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from dissect.proxy.process import RelayProcess, RelayThread
     from dissect.proxy.source import RelayReader
     from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
 
 #: How soon what passed is taken in while something is dissected, in seconds; Python's own is 5 ms.
 _TURN_S: Final = 0.000_1
@@ -96,6 +98,7 @@ def _address(ctx: click.Context, param: click.Parameter, value: str, port: int |
 @overdue_option
 @fail_on_option
 @scd_options
+@tag_options
 @tls_option
 def command(
     listen: Address,
@@ -109,6 +112,7 @@ def command(
     overdue_ns: int,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
     """Relay TCP between clients and a PLC and report what passes; capture privileges are not needed.
@@ -137,7 +141,7 @@ def command(
         raise
     side: RelayThread | RelayProcess = RelayProcess(relay, tap) if possible() else RelayThread(relay, tap)
     reader = RelayReader(side)
-    options = Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns, tls_keys=tls_keys)
+    options = Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns, tls_keys=tls_keys, naming=naming)
     session = Session(lambda: reader, options, companions=companions, name="proxy")
     lines = _Lines(session, side, None if output == "-" else new_shower(format_, topics))
     code = _Proxy(side, reader, session, lines).run(to)
@@ -220,7 +224,7 @@ class _Proxy:
         self._lines = lines
 
     def run(self, to: Address) -> int:
-        """Relay and tell until a signal; return the exit code."""
+        """Relay and report until a signal; return the exit code."""
         turn = sys.getswitchinterval()
         sys.setswitchinterval(_TURN_S)
         try:

@@ -90,16 +90,21 @@ def write(lines: Iterable[str]) -> None:
 
 def places_of(run: Run, files: Sequence[str]) -> Places:
     """Return how packets of ``run`` over ``files`` are named; it may be asked while the run goes on."""
+    from dissect.cli.configuration import hosts
     from dissect.report.words import Places
 
-    return Places(run.files, len(files) > 1)
+    return Places(run.files, len(files) > 1, hosts())
 
 
 # ---- the drive ------------------------------------------------------------------------------------------------------
 
 
-def drive(run: Run, files: Sequence[str], each: Callable[[], None] | None = None) -> int:
+def drive(
+    run: Run, files: Sequence[str], each: Callable[[], None] | None = None, done: Callable[[], bool] | None = None
+) -> int:
     """Read every file of ``run``, call ``each`` after each step, and return the exit code.
+
+    When ``done`` returns True after a step, no more is read: there is all that was asked for.
 
     An interruption (SIGINT, SIGTERM) ends the reading between two steps, or while input is awaited; what was read is kept and
     reported, and the exit code says so. Raises `CaptureError` before anything is read if one of ``files`` is not a capture.
@@ -115,6 +120,8 @@ def drive(run: Run, files: Sequence[str], each: Callable[[], None] | None = None
                 if each is not None:
                     each()
                 bar.show(run)
+                if done is not None and done():
+                    break
             if interruption.asked:
                 code = EXIT_INTERRUPTED
     except KeyboardInterrupt:
@@ -152,7 +159,7 @@ def _check(files: Sequence[str]) -> None:
 
 
 def _gives_once(file: str) -> bool:
-    """Tell whether a file can be read only once, as pipes can."""
+    """Return whether a file can be read only once, as pipes can."""
     path = Path(file)
     try:
         return path.exists() and not path.is_file() and not path.is_dir()
@@ -203,7 +210,7 @@ class _Interruption(Signals):
 
 
 def _in_source(frame: FrameType | None) -> bool:
-    """Tell whether a signal struck where octets are fetched: in the module that reads files, or below it."""
+    """Return whether a signal struck where octets are fetched: in the module that reads files, or below it."""
     while frame is not None:
         if frame.f_code.co_filename == reading.__file__:
             return True
@@ -262,7 +269,7 @@ class _Bar:
 
 
 def _goes_to_file() -> bool:
-    """Tell whether what is written to stdout goes to a file, and to no terminal, not even by way of a pipe into a pager."""
+    """Return whether what is written to stdout goes to a file, and to no terminal, not even by way of a pipe into a pager."""
     try:
         return stat.S_ISREG(os.fstat(sys.stdout.fileno()).st_mode)
     except (OSError, ValueError):

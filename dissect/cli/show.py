@@ -9,6 +9,8 @@ from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_OK, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
@@ -24,6 +26,7 @@ from dissect.report.formats import PDUS, Format, formats_for
 from dissect.report.writer import PduFeed
 from dissect.session import Run
 from dissect.tls.key_log import KeyLog
+from dissect.transactions.naming import Naming
 
 
 @click.command("show", epilog=EXIT_CODES)
@@ -37,10 +40,12 @@ from dissect.tls.key_log import KeyLog
     metavar="N",
     help="Only messages that packet N completes (packet N of each file). May be given several times.",
 )
+@select_options("message", results="messages")
 @click.option("-V", "--verbose", is_flag=True, help="Add the field tree with byte ranges and a hex dump.")
 @checksums_option
 @fail_on_option
 @scd_options
+@tag_options
 @tls_option
 def command(
     files: tuple[str, ...],
@@ -50,6 +55,8 @@ def command(
     checksums: bool,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    chosen: Chosen,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
     """List S7comm and S7comm-plus PDUs, one line each, or dissect them (-V).
@@ -63,15 +70,17 @@ def command(
     if verbose and not format_.verbose:
         names = " and ".join([row.name for row in formats_for(PDUS) if row.verbose])
         raise click.UsageError(f"-V applies to {names} only; -T {format_.name} has no longer form.")
-    writer = format_.writer(PDUS, clock(), verbose)
-    shown = PduFeed(writer, frozenset(frames), decoder)
-    run = Run(files, shown, Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys))
+    writer = chosen.writer(format_, PDUS, clock(), verbose)
+    shown = PduFeed(writer, frozenset(frames), decoder, chosen.message_choice())
+    options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
+    run = Run(files, shown, chosen.narrow(options))
+    chosen.begin(run, files)
     writer.begin(places_of(run, files))
-    code = drive(run, files, lambda: write_out(writer.take()))
+    code = drive(run, files, lambda: write_out(writer.take()), lambda: chosen.full)
     complain(run, code)
     most = max([int(file.packets) for file in run.files], default=0)
     for frame in dict.fromkeys(frames):
-        if code != EXIT_OK or frame in shown.found:
+        if code != EXIT_OK or frame in shown.found or chosen.where is not None or chosen.full:
             continue
         if frame > most:
             click.echo(f"s7dissect: no packet {frame}; the last one is {most}", err=True)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import click
 
 from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import (
     EXIT_CODES,
@@ -21,9 +25,11 @@ from dissect.cli.run import (
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Options
 from dissect.report.formats import TRANSACTIONS, Format
+from dissect.report.words import PROTOCOLS
 from dissect.report.writer import Choice, TransactionFeed
 from dissect.session import Run
 from dissect.tls.key_log import KeyLog
+from dissect.transactions.naming import Naming
 from dissect.transactions.transaction import Transaction
 
 
@@ -38,9 +44,11 @@ from dissect.transactions.transaction import Transaction
     metavar="MS",
     help="Only transactions answered later than this many milliseconds; with --failed, these as well.",
 )
+@select_options("transaction", results="transactions")
 @checksums_option
 @fail_on_option
 @scd_options
+@tag_options
 @tls_option
 def command(
     files: tuple[str, ...],
@@ -50,6 +58,8 @@ def command(
     checksums: bool,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
+    chosen: Chosen,
+    naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
     """List requests with their answers, one line each.
@@ -61,29 +71,29 @@ def command(
     packet that completed it stands in the capture, an unanswered request where the wait for its answer ended.
     """
     # What is slow is a finding as well.
-    options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys)
+    options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
     if slow_ns is not None:
         options.slow_ns = slow_ns
-    writer = format_.writer(TRANSACTIONS, clock())
-    feed = TransactionFeed(writer, _choice(failed, slow_ns))
-    run = Run(files, feed, options)
+    writer = chosen.writer(format_, TRANSACTIONS, clock())
+    feed = TransactionFeed(writer, chosen.choice("transaction", _choice(failed, slow_ns)))
+    run = Run(files, chosen.sieve(feed) if fail_on else feed, chosen.narrow(options))
+    chosen.begin(run, files)
     writer.begin(places_of(run, files))
-    code = drive(run, files, lambda: write_out(feed.take(int(run.pipeline.timers.oldest_held()))))
+    code = drive(run, files, lambda: write_out(feed.take(int(run.pipeline.timers.oldest_held()))), lambda: chosen.full)
     complain(run, code)
-    if not run.pipeline.exchange.dialogue.count:
-        click.echo(f"s7dissect: no S7 transaction: {_instead(run)}", err=True)
-    return gate(run, fail_on, code)
+    if not run.pipeline.exchange.dialogue.count and not run.pipeline.connections.left_out:
+        click.echo(f"s7dissect: no S7 transaction: {_instead(run, feed.protocols)}", err=True)
+    return gate(run, fail_on, code, chosen.findings)
 
 
-def _instead(run: Run) -> str:
+def _instead(run: Run, spoken: Mapping[str, int]) -> str:
     """Return what there was in captures without S7: packets, and connections by their protocol."""
     pipeline = run.pipeline
     ignored = pipeline.counters.packet_counts()
-    said = [f"{pipeline.frames} packets"]
-    said += [f"{ignored[name]} {text}" for name, text in _NOT_S7.items() if ignored[name]]
-    if pipeline.connections.count:
-        said.append(f"{pipeline.connections.count} ISO-on-TCP or other connections without S7 messages")
-    return ", ".join(said)
+    parts = [f"{ignored[name]} {text}" for name, text in _NOT_S7.items() if ignored[name]]
+    packets = f"{pipeline.frames} packets" + (f" ({', '.join(parts)})" if parts else "")
+    said = [f"{number} {PROTOCOLS.get(name, 'ISO-on-TCP')}" for name, number in sorted(spoken.items())]
+    return f"{packets}; connections: {', '.join(said)}" if said else packets
 
 
 _NOT_S7 = {

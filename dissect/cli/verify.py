@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from dissect.oracle.verification import Verification
 
 _EXIT_CODES = (
-    "Exit code: 0 all differences explained, 1 unexplained differences, 2 wrong use, an unreadable file, or tshark or pyshark "
-    "is missing, 3 a damaged or truncated file (what could be read was compared), 5 the output could not be written, "
-    "130 interrupted."
+    "Exit code: 0 all differences explained, 1 unexplained differences or S7comm-plus that does not hold, 2 wrong use, an "
+    "unreadable file, or tshark or pyshark is missing, 3 a damaged or truncated file (what could be read was compared), 5 the "
+    "output could not be written, 130 interrupted."
 )
 
 
@@ -37,6 +37,9 @@ def command(files: tuple[str, ...], format_: Format, every: bool, reorder: bool,
 
     Each difference gives the packet, the field, our value and Wireshark's. Known faults of Wireshark are recognized by their
     bytes, counted and explained; any other difference is a bug, ours or theirs.
+
+    Wireshark has no dissector for S7comm-plus. Of its PDUs a line says how many are read to their last byte, and how many
+    responses have the integrity id that follows from their request.
 
     Needs tshark (apt install tshark), and for --pyshark pyshark (pip install 's7dissect[tshark]'). FILE is a pcap or pcapng
     file; it is read several times, so it cannot be standard input.
@@ -63,7 +66,7 @@ def command(files: tuple[str, ...], format_: Format, every: bool, reorder: bool,
         click.echo(f"s7dissect: {printable(str(error))}", err=True)
         return EXIT_USAGE
     write_outcome(format_, OUTCOME, verified)
-    if verification.unexplained:
+    if not verification.holds:
         return EXIT_GATE
     return EXIT_DAMAGED if any([comparison.loss for _, comparison in verification.files]) else EXIT_OK
 

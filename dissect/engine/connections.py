@@ -8,6 +8,7 @@ reported twice: buffers first, then the ending is judged, then open requests, an
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 from mypy_extensions import i64
@@ -20,7 +21,7 @@ from dissect.iso.recognition import HERE, OTHER, PROBES, WITHIN, raw_protocol, r
 from dissect.iso.upper import RDP, S7COMM_PLUS, TLS, UNKNOWN, UPPER_NAMES
 from dissect.tcp.stream import MASK
 from dissect.tls.handshake import chosen_version
-from dissect.transactions.connection import FOREIGN, ISO_TSAP_PORT, PROBING, Connection
+from dissect.transactions.connection import FOREIGN, ISO_TSAP_PORT, LEFT_OUT, PROBING, Connection
 from dissect.transactions.ending import Ending
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
@@ -31,7 +32,7 @@ _CHOSE: Final = ", the server chose "
 
 
 def on_102(side: Side) -> bool:
-    """Tell whether a connection uses the port that ISO-on-TCP is registered on."""
+    """Return whether a connection uses the port that ISO-on-TCP is registered on."""
     ends = side.tcp.ends
     return ends[0].port == ISO_TSAP_PORT or ends[1].port == ISO_TSAP_PORT
 
@@ -111,11 +112,17 @@ class Foreign(Protocol):
 
 
 class Connections:
-    """Gives connections to protocols and takes them back. ``count`` is the number of those that were opened so far."""
+    """Gives connections to protocols and takes them back. ``count`` is the number of those that were opened so far.
 
-    def __init__(self, exchange: Exchange) -> None:
+    Those that ``only`` does not want get their number and no more; ``left_out`` counts them.
+    """
+
+    def __init__(self, exchange: Exchange, only: Callable[[Connection], bool] | None = None) -> None:
         self._exchange: Exchange = exchange
         self.count: i64 = 0
+        self.left_out: i64 = 0
+        self._only: Callable[[Connection], bool] | None = only
+        self._unread: Protocol = Protocol(LEFT_OUT)
         self.foreign: Foreign = Foreign(exchange)
         self.scans: ScanWatch = ScanWatch(exchange.reporter)
 
@@ -125,6 +132,12 @@ class Connections:
         side.speak(protocol)
         self.count += 1
         connection.number = self.count
+        if self._only is not None and not self._only(connection):
+            self.left_out += 1
+            side.speak(self._unread)
+            return
+        if self._exchange.naming is not None:
+            connection.naming = self._exchange.naming.of(connection)
         protocol.begin(side, at_start)
         self._exchange.observer.connection_opened(connection)
 
@@ -139,6 +152,7 @@ class Connections:
         connection = Connection(self.count, side.tcp)
         connection.state = old.state
         connection.told = old.told  # of the octets that are still on their way
+        connection.naming = old.naming
         for end in (side, peer):
             end.connection = connection
             end.requests = 0
@@ -146,6 +160,8 @@ class Connections:
 
     def end(self, side: Side, reason: str, frame: i64, now_ns: i64) -> None:
         """A connection is over (``reason`` is why its open requests stay unanswered): close what is open on both sides."""
+        if side.connection.state == LEFT_OUT:
+            return
         exchange = self._exchange
         peer = side.peer
         assert peer is not None
@@ -191,14 +207,14 @@ class Recognition(Protocol):
         for stream in self._streams:
             if stream.probe(side, octets, at_start):
                 self._connections.open(side, stream, at_start)
-                stream.feed(side, octets, 0, size, frame, time_ns)
+                side.protocol.feed(side, octets, 0, size, frame, time_ns)
                 return
         connection = side.connection
         found: i64 = recognise(octets, at_start, on_102(side), connection.probed)
         if found == HERE or found == WITHIN:
             # Garbage before the first TPKT is reported only when it is certain that nothing was missed.
             self._connections.open(side, self._iso, found == HERE or at_start)
-            self._iso.feed(side, octets, 0, size, frame, time_ns)
+            side.protocol.feed(side, octets, 0, size, frame, time_ns)
             return
         connection.probed += 1
         if connection.protocol == "":

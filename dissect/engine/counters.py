@@ -79,7 +79,7 @@ class Counters:
             self.note("stream.reset_ignored", f"{what} from {side.tcp.ends[side.index]}", side.connection.number)
 
     def note_damaged(self, side: Side | None, found: Segment) -> None:
-        """A segment or datagram has a wrong checksum; on connections that nobody follows that is not our business."""
+        """A segment or datagram has a wrong checksum; connections that are not followed are left out."""
         if side is not None and side.connection.followed:
             self.note("stream.bad_checksum", f"{len(found.octets)} bytes at {found.seq}", side.connection.number)
         elif side is None and found.protocol == TCP:

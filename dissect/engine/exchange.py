@@ -26,6 +26,7 @@ from dissect.s7.parameters import Parameters
 from dissect.s7.tables import READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.transactions.connection import Connection
 from dissect.transactions.dialogue import Dialogue
+from dissect.transactions.naming import Naming
 from dissect.transactions.operations import Operations
 from dissect.transactions.subscriptions import follow
 from dissect.transactions.table import Side
@@ -43,7 +44,7 @@ class PayloadDecoder:
         """Remember where findings, observer and dialogue are; called once, before the first packet."""
 
     def claims_port(self, transport: str, connection: Connection) -> bool:
-        """Tell whether a new conversation over ``tcp`` or ``udp`` is one to be followed; name its client if so."""
+        """Return whether a new conversation over ``tcp`` or ``udp`` is one to be followed; name its client if so."""
         return False
 
     def datagram(self, side: Side, octets: bytes, missing: i64, frame: i64, time_ns: i64) -> None:
@@ -56,7 +57,7 @@ class PayloadDecoder:
         """``size`` octets are missing here from a TCP connection that was claimed."""
 
     def claims_tsdus(self, connection: Connection) -> bool:
-        """Tell whether the TSDUs of a connection are its own, once its TSAPs are known."""
+        """Return whether the TSDUs of a connection are its own, once its TSAPs are known."""
         return False
 
     def tsdu(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> bool:
@@ -64,7 +65,7 @@ class PayloadDecoder:
         return False
 
     def transaction(self, transaction: Transaction) -> None:
-        """Look at an S7 transaction before it is told, and at one of its own when it is over."""
+        """Look at an S7 transaction before it is reported, and at one of its own when it is over."""
 
     def restart(self) -> None:
         """Another capture begins, in which nothing is known of what was seen before."""
@@ -92,7 +93,7 @@ class Watch:
         self.plus = PlusWatch(judge, self.security, self.operations)
 
     def take(self, transaction: Transaction) -> None:
-        """Take a transaction that is no read or write."""
+        """Take a transaction that is neither a read nor a write."""
         if transaction.is_plus:
             self.plus.take(transaction)
             self._tell()
@@ -129,6 +130,7 @@ class Exchange:
         self.dialogue: Dialogue = Dialogue()
         self.watch: Watch = Watch(observer, self.reporter)
         self.decoder: PayloadDecoder | None = decoder
+        self.naming: Naming | None = None  # who knows names for addresses, when the user has given any
         self.strict: bool = strict
         self._slow_ns: i64 = slow_ns
         if decoder is not None:

@@ -34,7 +34,7 @@ class IbhNetLink(Protocol):
         self.packets: list[int] = [0] * len(KINDS)
 
     def probe(self, side: Side, octets: bytes, at_start: bool) -> bool:
-        """Tell whether a connection speaks IBH-NetLink."""
+        """Return whether a connection speaks IBH-NetLink."""
         ends = side.tcp.ends
         on_port: bool = ends[0].port == NETLINK_PORT or ends[1].port == NETLINK_PORT
         return opens(octets, on_port, at_start)

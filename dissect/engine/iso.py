@@ -362,7 +362,7 @@ class IsoOnTcp(Protocol):
 
 
 def _is_class_0(connection: Connection, octets: bytes) -> bool:
-    """Tell whether a DT is one of class 0: by the connect confirm, and where that is missing, by what it holds."""
+    """Return whether a DT is one of class 0: by the connect confirm, and where that is missing, by what it holds."""
     if connection.class_ >= 0:
         return connection.class_ == 0
     return len(octets) > 3 and octets[2] >= 0x80 and is_sound(octets, 3, len(octets))

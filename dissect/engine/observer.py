@@ -14,7 +14,7 @@ from dissect.transactions.transaction import Transaction
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Observer:
-    """Is told what happens; override what you want to know. The ``wants_`` flags must be set before the first packet."""
+    """Gets every event; override the methods you need. The ``wants_`` flags must be set before the first packet."""
 
     def __init__(self) -> None:
         self.wants_pdus: bool = False
@@ -24,7 +24,7 @@ class Observer:
         """ISO-on-TCP or IBH-NetLink was recognised on a connection."""
 
     def connection_closed(self, connection: Connection) -> None:
-        """A connection is over; all its transactions were told before."""
+        """A connection is over; all its transactions were reported before."""
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """A whole TPKT, header included (only with ``wants_tpdus``)."""

@@ -20,7 +20,7 @@ class PayloadStream(Protocol):
         self._decoder: PayloadDecoder = decoder
 
     def probe(self, side: Side, octets: bytes, at_start: bool) -> bool:
-        """Tell whether the decoder claims the port of a TCP connection."""
+        """Return whether the decoder claims the port of a TCP connection."""
         return self._decoder.claims_port("tcp", side.connection)
 
     def begin(self, side: Side, at_start: bool) -> None:

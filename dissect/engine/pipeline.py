@@ -17,6 +17,7 @@ does speak (`Protocol`): every connection begins with `Recognition`, and another
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from typing import Final
 
 from mypy_extensions import i64
@@ -41,8 +42,9 @@ from dissect.tcp.ip import UDP
 from dissect.tcp.stream import ACK, FIN, RST, SYN
 from dissect.tls.key_log import KeyLog
 from dissect.transactions import accounts
-from dissect.transactions.connection import FOREIGN, ISO, ISO_TSAP_PORT, PROBING
+from dissect.transactions.connection import FOREIGN, ISO, ISO_TSAP_PORT, LEFT_OUT, PROBING, Connection
 from dissect.transactions.memory_limit import Room
+from dissect.transactions.naming import Naming
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import ConnectionTable, Side, endpoints
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
@@ -73,13 +75,15 @@ LOOK_OCTETS: Final = 32 * 1024 * 1024
 class Options:
     """What a user can set. ``slow_ns``: an answer later than this is slow. ``strict``: a bug of ours raises.
 
-    ``decoder`` looks for another protocol in what passes. ``overdue_ns``: a request still open after this is told at once,
+    ``decoder`` looks for another protocol in what passes. ``overdue_ns``: a request still open after this is reported at once,
     before it is known what becomes of it; 0 for never, as in a file what becomes of it is known.
 
     ``memory`` bounds the octets that all connections together keep of unfinished packets, PDUs and transactions, within
-    `LOOK_OCTETS`: when they keep more, those that hold most are given up and told (`stream.evicted`).
+    `LOOK_OCTETS`: when they keep more, those that hold most are given up and reported (`stream.evicted`).
     ``checksums``: TCP segments and UDP datagrams with a wrong checksum are left out, as their receiver did.
-    ``tls_keys`` open TLS, beside those that a capture itself holds.
+    ``tls_keys`` open TLS, beside those that a capture itself holds. ``naming`` knows names for addresses.
+    ``only`` tells of a connection, once it is recognised and has its number, whether it is to be read: of others nothing is
+    read and nothing reported, but they keep their numbers.
     """
 
     def __init__(
@@ -91,6 +95,8 @@ class Options:
         memory: int = MEMORY,
         checksums: bool = False,
         tls_keys: KeyLog | None = None,
+        only: Callable[[Connection], bool] | None = None,
+        naming: Naming | None = None,
     ) -> None:
         self.slow_ns: i64 = slow_ns
         self.overdue_ns: i64 = overdue_ns
@@ -99,6 +105,8 @@ class Options:
         self.strict: bool = strict
         self.decoder: PayloadDecoder | None = decoder
         self.tls_keys: KeyLog | None = tls_keys
+        self.only: Callable[[Connection], bool] | None = only
+        self.naming: Naming | None = naming
 
 
 class Pipeline(PacketSink):
@@ -112,9 +120,10 @@ class Pipeline(PacketSink):
         chosen = options if options is not None else Options()
         self.observer: Observer = observer
         self.exchange: Exchange = Exchange(observer, chosen.decoder, chosen.strict, chosen.slow_ns)
+        self.exchange.naming = chosen.naming
         self.counters: Counters = Counters(self.exchange.reporter)
         self.timers: Timers = Timers(self.counters, self.exchange, chosen.overdue_ns)
-        self.connections: Connections = Connections(self.exchange)
+        self.connections: Connections = Connections(self.exchange, chosen.only)
         self.s7: S7 = S7(self.exchange)
         self.plus: S7Plus = S7Plus(self.exchange)
         self.tls: Tls = Tls(self.exchange, self.connections.foreign, self.s7, self.plus, chosen.tls_keys)
@@ -332,7 +341,7 @@ class Pipeline(PacketSink):
         category = self._segment(side, seq, ack, flags, octets, missing)
         was_closed = side.tcp.closed
         if flags & RST:
-            if side.connection.state == FOREIGN:
+            if side.connection.state == FOREIGN or side.connection.state == LEFT_OUT:
                 seq = side.stream.next_seq  # its octets are not followed, so that nothing says what to expect
             if not side.tcp.note_reset(side.index, seq, self.counters.frames, self.counters.now_ns):
                 self.counters.note_ignored(side, "reset")
@@ -396,6 +405,11 @@ class Pipeline(PacketSink):
         """A segment that is not simply the next one, or of a connection that is not known to be ISO-on-TCP yet."""
         connection = side.connection
         half = side.stream
+        if connection.state == LEFT_OUT:
+            end_seq: i64 = (seq + len(octets) + missing) & stream.MASK
+            if half.next_seq < 0 or (end_seq - half.next_seq) & stream.MASK < stream.HALF_SPACE:
+                half.next_seq = end_seq  # so that its FIN and RST are known for its own
+            return accounts.LEFT_OUT
         if connection.state == FOREIGN:
             if len(octets) > MIN_LENGTH and sound_length(octets, 0, len(octets)):
                 return self._reopen(side, seq, octets, missing)  # what was there before hides no S7 now
@@ -433,6 +447,8 @@ class Pipeline(PacketSink):
             self.timers.wait(side)
         if what == stream.KEEP_ALIVE and side.probes:
             return accounts.KEEP_ALIVE
+        if connection.state == LEFT_OUT:
+            return accounts.LEFT_OUT
         if connection.state == FOREIGN or (connection.state == PROBING and half.held is None):
             return accounts.OTHER_PROTOCOL  # told by now, or still to be told: nothing of it was used
         if what == stream.NEW:
@@ -493,7 +509,7 @@ class Pipeline(PacketSink):
                 raise
             self.exchange.note_bug(bug, self.counters.frames, self.counters.now_ns)
         # What never was ISO-on-TCP, nor ought to have been, is not our loss.
-        if side.connection.number or on_102(side):
+        if side.connection.state != LEFT_OUT and (side.connection.number or on_102(side)):
             for end in (side, peer):
                 self.counters.add_up(end)
         self.table.remove(side)

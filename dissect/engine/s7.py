@@ -114,7 +114,7 @@ class S7(Protocol):
             exchange.done(exchange.dialogue.push(side, pdu_ref, parameters, buf, at, size, frame, time_ns))
 
     def _pushed_by_client(self, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> bool:
-        """Tell whether the client sent what only PLCs send, and note it: it mistakes the type of its request."""
+        """Return whether the client sent what only PLCs send, and note it: it mistakes the type of its request."""
         connection = side.connection
         if not connection.client_known or side.index != connection.client_side or not is_plc_push(parameters):
             return False

@@ -21,6 +21,7 @@ from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
 from dissect.findings.reporter import Reporter
 from dissect.transactions.dialogue import Dialogue
+from dissect.transactions.naming import subject
 from dissect.transactions.table import MAX_CONNECTIONS, Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import duration_text
@@ -109,7 +110,7 @@ class OverdueWatch:
             frame: int = transaction.request_frame
             waits: int = now_ns - transaction.request_ns
             ago = duration_text(int(waits))
-            detail = f"{transaction.parameters.subject}: sent {ago} ago in packet {frame}, still unanswered"
+            detail = f"{subject(transaction)}: sent {ago} ago in packet {frame}, still unanswered"
             self._judge.detail("transaction.overdue", connection.number, [frame], now_ns, detail)
 
 

@@ -13,6 +13,7 @@ from dissect.engine.counters import Counters
 from dissect.engine.exchange import PayloadDecoder
 from dissect.tcp.segment import Segment
 from dissect.transactions import accounts
+from dissect.transactions.connection import LEFT_OUT
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import ConnectionTable, Side, endpoints
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_EVICTED
@@ -43,6 +44,8 @@ class Datagrams:
         side.tcp.packets += 1
         side.tcp.last_frame = counters.frames
         side.tcp.last_ns = counters.now_ns
+        if side.connection.state == LEFT_OUT:
+            return accounts.LEFT_OUT
         self._decoder.datagram(side, found.octets, found.missing, counters.frames, counters.now_ns)
         return accounts.PAYLOAD
 

@@ -57,7 +57,7 @@ def judge_operation(judge: Reporter, operation: Operation) -> None:
 
 
 def _ought_to_end(operation: Operation) -> bool:
-    """Tell whether the end is missing for another reason than the capture's."""
+    """Return whether the end is missing for another reason than the capture's."""
     tcp = operation.connection.tcp
     if operation.reason == HOLE or tcp.has_holes:
         return False

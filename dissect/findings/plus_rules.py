@@ -33,11 +33,12 @@ from dissect.s7plus.events import (
 )
 from dissect.s7plus.program import Program
 from dissect.s7plus.session import Identity, PlusSession
+from dissect.s7plus.tables import GET_MULTI_VARIABLES
 from dissect.s7plus.walk import MAX_WORK, STEP
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import OperationBook
 from dissect.transactions.plus_operations import PlusOperations
-from dissect.transactions.transaction import UNANSWERED, Transaction
+from dissect.transactions.transaction import ANSWERED, UNANSWERED, Transaction
 from dissect.wire.text import shortened
 
 _SLUGS: Final[dict[str, str]] = {
@@ -90,6 +91,8 @@ class PlusWatch:
         if transaction.function < 0 and session.subscriptions:
             self._operations.notified(subscription_of(transaction.response_octets), transaction)
         self._sessions.take(session, transaction)
+        if transaction.function == GET_MULTI_VARIABLES and transaction.outcome == ANSWERED:
+            self._operations.polled(session, transaction)
         facts = take(session, transaction.function, transaction.request_octets, transaction.response_octets)
         if facts is not None:
             for event in facts.events:

@@ -36,7 +36,7 @@ class PlusSessions:
         """Take a transaction before its contents are looked at."""
         octets = transaction.request_octets
         if transaction.function == INIT_SSL:
-            session.tls = True
+            session.tls = transaction.outcome == ANSWERED and transaction.error_code < _ERROR
         at = _SESSION + (_DIGEST if octets[1:2] == bytes((V3,)) else 0)
         if at + 4 > len(octets):
             return

@@ -61,7 +61,7 @@ class Reporter:
         self._detailed_all: dict[str, int] = {}
 
     def wants(self, slug: str, connection: i64) -> bool:
-        """Count one occurrence; True when it should be detailed, so that nobody builds a sentence in vain."""
+        """Count one occurrence; True when it should be detailed, so that no sentence is built in vain."""
         self.counts[slug] = self.counts.get(slug, 0) + 1
         in_all = self._detailed_all.get(slug, 0)
         if in_all >= MAX_DETAILED_ALL:

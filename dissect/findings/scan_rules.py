@@ -97,5 +97,5 @@ def _key(connection: Connection) -> bytes:
 
 
 def _lately(pair: _Pair, time_ns: i64) -> bool:
-    """Tell whether a pair is still within its window."""
+    """Return whether a pair is still within its window."""
     return 0 <= time_ns - pair.first_ns <= WINDOW_NS

@@ -43,6 +43,7 @@ from dissect.s7.tables import (
 )
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.connection import Connection
+from dissect.transactions.naming import named_items, subject, written
 from dissect.transactions.transaction import ANSWERED, PUSH, UNANSWERED, Transaction
 from dissect.wire.octets import u16
 from dissect.wire.text import duration_text, titled
@@ -103,7 +104,7 @@ class SecurityWatch:
         connection.traits.written |= areas
         if transaction.error_code or transaction.outcome == UNANSWERED:
             return
-        items = transaction.parameters.subject
+        items = subject(transaction)
         if fresh & WRITTEN_IO:
             self.tell("security.write_outputs", transaction, items)
         if fresh & WRITTEN_ELSEWHERE:
@@ -111,7 +112,7 @@ class SecurityWatch:
         self.writer(transaction)
 
     def writer(self, transaction: Transaction) -> None:
-        """Take a write: a client other than the first that wrote to a PLC is told."""
+        """Take a write: a client other than the first that wrote to a PLC is reported."""
         client, server = _ends(transaction)
         if len(self._writers) >= _MAX_REMEMBERED or len(self._pairs) >= _MAX_REMEMBERED:
             self._writers.clear()
@@ -142,7 +143,7 @@ class SecurityWatch:
             if connection.traits.first("security.flood"):
                 each = duration_text(int(writes.answer_ns) * SAMPLED // _WRITES)
                 what = f"{_WRITES} writes within {duration_text(took_ns)}, each answered after {each}"
-                self.tell("security.flood", transaction, f"{transaction.parameters.subject}: {what}")
+                self.tell("security.flood", transaction, f"{subject(transaction)}: {what}")
         writes.since_ns = now_ns
         writes.pdus = connection.pdus
         writes.answer_ns = 0
@@ -151,7 +152,7 @@ class SecurityWatch:
     # ---- everything else --------------------------------------------------------------------------------------------
 
     def take(self, transaction: Transaction) -> None:
-        """Judge a transaction that is no read or write."""
+        """Judge a transaction that is neither a read nor a write."""
         head = transaction.parameters.userdata
         if head is not None and transaction.rosctr == USERDATA:
             self._userdata(transaction, head)
@@ -170,7 +171,7 @@ class SecurityWatch:
         # Where other items of it succeeded, it is these addresses that the device does not give.
         denied = _ACCESS_DENIED in codes and SUCCESS not in codes
         if transaction.error_code in _PROTECTED_VARIABLES or denied:
-            what = transaction.parameters.subject
+            what = subject(transaction)
             name = "" if transaction.error_code else f": {RETURN_CODES.name(_ACCESS_DENIED)}"
             self.tell("security.protected", transaction, what + name)
         else:
@@ -307,7 +308,12 @@ def _forced(transaction: Transaction) -> str:
     """Return the function, and which variables it sets to which value; empty where the request does not say it."""
     results = transaction.results()
     said: list[str] = []
-    for result in results[:_NAMED]:
+    named = named_items(transaction)
+    for index, result in enumerate(results[:_NAMED]):
+        tags = [value for value in named[index] if value.name] if named else []
+        if tags:
+            said.append(", ".join([written(value) for value in tags[:_NAMED]]))
+            continue
         name = result.item.label if result.item is not None else "?"
         if result.data is None:
             said.append(name)

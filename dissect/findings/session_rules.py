@@ -87,7 +87,7 @@ def judge_length(
 def judge_header(
     judge: Reporter, side: Side, rosctr: i64, extra: i64, redundancy: i64, frame: i64, time_ns: i64
 ) -> None:
-    """An S7 header with a redundancy id (told once of each side), or an Ack with more than a header."""
+    """An S7 header with a redundancy id (reported once per side), or an Ack with more than a header."""
     connection = side.connection
     who = connection.tcp.ends[side.index]
     told: i64 = _REDUNDANT << side.index
@@ -99,7 +99,7 @@ def judge_header(
 
 
 def _too_early(side: Side) -> bool:
-    """Tell whether nobody set up communication yet, or the answer to the one who did is still to come."""
+    """Return whether nobody set up communication yet, or the answer to the one who did is still to come."""
     connection = side.connection
     if not connection.setup_seen:
         return True
@@ -164,7 +164,7 @@ def judge_disconnect(judge: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_n
 
 
 def _is_leave(connection: Connection, side: Side, tpdu: Tpdu) -> bool:
-    """Tell whether a DR is how a client takes its leave, as python-snap7 does: for no special reason, with nothing open."""
+    """Return whether a DR is how a client takes its leave, as python-snap7 does: for no special reason, with nothing open."""
     leaves = connection.client_known and side.index == connection.client_side and tpdu.field("reason") in _NO_REASON
     return leaves and not connection.open_requests[0].count and not connection.open_requests[1].count
 
@@ -204,7 +204,7 @@ def judge_cut(judge: Reporter, side: Side, ending: Ending) -> None:
 
 
 def judge_end(judge: Reporter, side: Side, frame: i64, time_ns: i64) -> None:
-    """The connection is over: tell when only one side of it was captured."""
+    """The connection is over: report when only one side of it was captured."""
     connection = side.connection
     peer = side.peer
     if peer is None or connection.pdus < _ONE_SIDED_PDUS or connection.udp:

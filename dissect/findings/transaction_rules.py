@@ -34,6 +34,7 @@ from dissect.s7.tables import (
     USERDATA_GROUPS,
     USERDATA_SUBFUNCTIONS,
 )
+from dissect.transactions.naming import subject
 from dissect.transactions.results import (
     BAD_DATA,
     BAD_REQUEST,
@@ -143,7 +144,7 @@ _DATA_CODES: Final = 256
 
 
 def judge_transaction(judge: Reporter, transaction: Transaction, slow_ns: i64) -> None:
-    """Note what is odd about a transaction that is not open any more. Call it for odd ones only: it is the slow path."""
+    """Note what is odd about a transaction that is no longer open. Call it for odd ones only: it is the slow path."""
     if transaction.outcome == ANSWERED:
         _judge_flags(judge, transaction)
         latency: int = transaction.response_ns - transaction.request_ns
@@ -195,7 +196,7 @@ def _note(judge: Reporter, slug: str, transaction: Transaction, what: str) -> No
     number = transaction.connection.number
     if judge.wants(slug, number):
         time_ns = max(transaction.request_ns, transaction.response_ns)
-        judge.detail(slug, number, _frames(transaction), time_ns, f"{transaction.parameters.subject}: {what}")
+        judge.detail(slug, number, _frames(transaction), time_ns, f"{subject(transaction)}: {what}")
 
 
 def _judge_flags(judge: Reporter, transaction: Transaction) -> None:
@@ -234,7 +235,7 @@ def _detail_malformed(judge: Reporter, transaction: Transaction, pdu: Pdu | None
         return
     what = str(pdu.malformed[0]) if pdu.malformed else "the data block does not fit the item count"
     who = transaction.connection.tcp.ends[pdu.side]
-    detail = f"{pdu.rosctr_name} from {who}, {transaction.parameters.subject}: {what}"
+    detail = f"{pdu.rosctr_name} from {who}, {subject(transaction)}: {what}"
     judge.detail("s7.malformed", transaction.connection.number, [frame], time_ns, detail)
 
 
@@ -279,7 +280,7 @@ def _judge_errors(judge: Reporter, transaction: Transaction) -> None:
                 transaction.connection.number,
                 _frames(transaction),
                 transaction.response_ns,
-                f"{transaction.parameters.subject}: 0x{error.code:04x} {error.name}",
+                f"{subject(transaction)}: 0x{error.code:04x} {error.name}",
             )
         return
     slug = "transaction.item_error"

@@ -37,7 +37,7 @@ def judge_data(judge: Reporter, side: Side, size: i64, frame: i64, time_ns: i64)
 
 
 def _watched(connection: Connection) -> bool:
-    """Tell whether the order of what comes next is still worth a look."""
+    """Return whether the order of what comes next is still worth a look."""
     if connection.iso_ended_how == DISCONNECT:
         return not connection.told & (_AFTER_END << connection.iso_ended_by)
     begun: i64 = 3 * _BEGUN
@@ -71,7 +71,7 @@ def judge_order(judge: Reporter, side: Side, type_: i64, frame: i64, time_ns: i6
 
 
 def judge_number(judge: Reporter, side: Side, number: i64, frame: i64, time_ns: i64) -> None:
-    """A TPDU number other than 0, which class 0 does not have; told once of each side."""
+    """A TPDU number other than 0, which class 0 does not have; reported once per side."""
     connection = side.connection
     told: i64 = _NUMBERED << side.index
     if not connection.told & told:

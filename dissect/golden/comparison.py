@@ -137,10 +137,10 @@ def _changes(a: Transaction, b: Transaction, options: DiffOptions) -> Iterator[C
         and a.exchange.scd == b.exchange.scd
     )
     if not same or a.outcome != b.outcome or a.reason != b.reason:
-        asked, stop = request_changes(a, b)
+        asked, stop = request_changes(a, b, options.naming)
         yield from asked
         if not stop:
-            yield from answer_changes(a, b)
+            yield from answer_changes(a, b, options.naming)
     if options.shifted(a.latency_ns, b.latency_ns):
         was, is_ = words.duration(a.latency_ns), words.duration(b.latency_ns)
         yield Change("latency", f"answer time was {was}, is {is_}", was, is_)

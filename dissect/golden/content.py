@@ -16,16 +16,19 @@ from dissect.s7.blocks import BLOCK_COUNT, LISTED_BLOCK
 from dissect.s7.message import Pdu
 from dissect.s7.parameters import Setup
 from dissect.s7.tables import DATA_TRANSPORT_SIZES, READ_VAR, SETUP_COMMUNICATION, WRITE_VAR
+from dissect.transactions.naming import NamedValue, Naming
 from dissect.wire.layout import HOLDS_TIME, FieldValue
 from dissect.wire.part import Part
 
 #: Types of items whose values tell a time.
 _TIMES: Final = frozenset((0x09, 0x0A, 0x0F))
+#: The same of tags.
+_TIME_TYPES: Final = frozenset(("DATE", "TIME_OF_DAY", "LTIME_OF_DAY", "DATE_AND_TIME", "LDT", "DTL"))
 #: Fields of one PDU that are told apart; beyond, they are counted.
 _FIELDS: Final = 16
 
 
-def request_changes(a: Transaction, b: Transaction) -> tuple[list[Change], bool]:
+def request_changes(a: Transaction, b: Transaction, naming: Naming | None = None) -> tuple[list[Change], bool]:
     """Return what differs in the requests, and whether the answers need no look because something else was asked."""
     one, other = a.exchange, b.exchange
     if one.request == other.request and one.kind != SCD:
@@ -47,7 +50,7 @@ def request_changes(a: Transaction, b: Transaction) -> tuple[list[Change], bool]
     if one.function == SETUP_COMMUNICATION:
         return list(_setup("asks", one.setup[0], other.setup[0])), False
     if one.function == WRITE_VAR:
-        written = list(_written(one, other))
+        written = list(_written(one, other, naming))
         return written or _octets("requests", "request", asked, asks), False
     changes = list(_fields("request", asked, asks, one))
     return changes or _octets("contents", "request", asked, asks), False
@@ -68,7 +71,7 @@ def _request_words(exchange: Exchange) -> str:
     return ", ".join(notes) or subject(exchange)
 
 
-def answer_changes(a: Transaction, b: Transaction) -> Iterator[Change]:
+def answer_changes(a: Transaction, b: Transaction, naming: Naming | None = None) -> Iterator[Change]:
     """Yield what differs in the answers. Where something else was asked, only whether it was granted is compared."""
     one, other = a.exchange, b.exchange
     if a.outcome != b.outcome or a.reason != b.reason:
@@ -97,11 +100,11 @@ def answer_changes(a: Transaction, b: Transaction) -> Iterator[Change]:
         changes = list(_setup("granted", one.setup[1], other.setup[1]))
         yield from changes or _octets("negotiation", "answer", told, tells)
     elif one.items and [item.label for item in one.items] == [item.label for item in other.items]:
-        changes = list(_items(one, other))
+        changes = list(_items(one, other, naming))
         kind = "transport" if one.function in {READ_VAR, WRITE_VAR} else "contents"
         yield from changes or _octets(kind, "answer", told, tells)
     elif one.items and one.function in {READ_VAR, WRITE_VAR}:
-        changes = list(_items(one, other))
+        changes = list(_items(one, other, naming))
         yield from changes or _octets("transport", "answer", told, tells)
     else:
         changes = list(_fields("answer", told, tells, one))
@@ -122,13 +125,13 @@ def _setup(verb: str, was: Setup | None, is_: Setup | None) -> Iterator[Change]:
         )
 
 
-def _written(one: Exchange, other: Exchange) -> Iterator[Change]:
+def _written(one: Exchange, other: Exchange, naming: Naming | None) -> Iterator[Change]:
     for was, is_ in zip(one.items, other.items, strict=True):
         if was.data != is_.data:
-            yield _value(was, is_)
+            yield from _values(was, is_, naming)
 
 
-def _items(one: Exchange, other: Exchange) -> Iterator[Change]:
+def _items(one: Exchange, other: Exchange, naming: Naming | None) -> Iterator[Change]:
     if len(one.items) != len(other.items):
         before, after = (words.count(len(each.items), "item") for each in (one, other))
         yield Change("contents", f"was {before}, is {after}", before, after, targets=(one.function_name,))
@@ -140,12 +143,55 @@ def _items(one: Exchange, other: Exchange) -> Iterator[Change]:
             targets = (was.address, was.label)
             yield Change("codes", f"was {old}, is {new}", old, new, label, was.address, targets)
         elif one.function != WRITE_VAR and was.data != is_.data:
-            yield _value(was, is_)
+            yield from _values(was, is_, naming)
         elif one.function == READ_VAR and _head(was) != _head(is_):
             old, new = _head(was), _head(is_)
             yield Change(
                 "transport", f"data header was {old}; is {new}", old, new, label, was.address, (was.address, was.label)
             )
+
+
+def _values(was: ItemRecord, is_: ItemRecord, naming: Naming | None) -> Iterator[Change]:
+    """Yield what changed in the value of an item: tag by tag where there are tags, and as a whole where there are none."""
+    old = naming.named(was.result) if naming is not None else []
+    new = naming.named(is_.result) if naming is not None else []
+    changes = []
+    if [(each.name, each.address) for each in old if each.name] == [
+        (each.name, each.address) for each in new if each.name
+    ]:
+        fresh = {(each.name, each.address): each for each in new}
+        for before in old:
+            after = fresh.get((before.name, before.address))
+            if after is not None and before.name and before.data != after.data:
+                changes.append(_tag(before, after, was))
+            elif not before.name and (after is None or before.data != after.data):
+                changes.append(_octets_between(before, after, was))
+    if changes:
+        yield from changes
+    else:
+        yield _value(was, is_)
+
+
+def _tag(before: NamedValue, after: NamedValue, item: ItemRecord) -> Change:
+    old, new = (words.named_value(each).partition(" = ")[2] for each in (before, after))
+    label = f"{short(before.name)} ({before.address})"
+    kind = "time" if before.type in _TIME_TYPES else "values"
+    return Change(
+        kind, f"was {old}, is {new}", old, new, label, before.address, (before.name, item.address, item.label)
+    )
+
+
+def _octets_between(before: NamedValue, after: NamedValue | None, item: ItemRecord) -> Change:
+    old, new = octets_change(before.data, after.data if after is not None else b"")
+    return Change(
+        "values",
+        f"was {old}, is {new}",
+        old,
+        new,
+        before.address,
+        before.address,
+        (before.address, item.address, item.label),
+    )
 
 
 def _value(was: ItemRecord, is_: ItemRecord) -> Change:

@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from fnmatch import fnmatchcase
 from typing import Final
 
+from dissect.transactions.naming import Naming
+
 #: Everything a difference can be about, with what stands behind the colon of ``--ignore WHAT:PATTERN``.
 KINDS: Final = {
     "connections": "a connection is missing or added",
@@ -19,7 +21,7 @@ KINDS: Final = {
     "requests": "a different request at the same position; PATTERN: the first request",
     "answers": "whether there is an answer; PATTERN: the request",
     "codes": "error codes and return codes; PATTERN: address of the item, else the function",
-    "values": "values read or written; PATTERN: address of the item",
+    "values": "values read or written; PATTERN: address of the item, or name of a tag",
     "time": "date and time values: DATE, TOD, DATE_AND_TIME, the clock; PATTERN: as for values and contents",
     "transport": "data transport size and length of equal values; PATTERN: address of the item",
     "contents": "content of other functions; PATTERN: function, or 'structure.field'",
@@ -36,12 +38,13 @@ class DiffOptions:
 
     ``ignore`` are names of `KINDS`, each alone or as ``NAME:PATTERN`` with ``*`` and ``?``. ``latency`` is a share (``20%``), a
     time (``5ms``) or both with a comma between, which then must both be exceeded; None compares no times. ValueError for what
-    is neither.
+    is neither. With ``naming`` a value that changed is told tag by tag.
     """
 
-    __slots__ = ("_patterns", "latency_ns", "latency_share")
+    __slots__ = ("_patterns", "latency_ns", "latency_share", "naming")
 
-    def __init__(self, ignore: Iterable[str] = (), latency: str | None = None) -> None:
+    def __init__(self, ignore: Iterable[str] = (), latency: str | None = None, naming: Naming | None = None) -> None:
+        self.naming = naming
         self._patterns: dict[str, list[str]] = {}
         for text in ignore:
             kind, colon, pattern = text.partition(":")

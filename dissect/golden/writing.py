@@ -29,6 +29,7 @@ from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import DataItem
 from dissect.s7.message import Pdu
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION, SUCCESS, USERDATA, WRITE_VAR
+from dissect.transactions.naming import Naming
 from dissect.wire.text import Clock, printable
 
 FORMAT: Final = "s7dissect golden 1"
@@ -55,8 +56,8 @@ def golden_text(session: Session, extras: Iterable[str] = ()) -> str:
     return "".join([f"{line}\n" for line in golden_lines(session, extras)])
 
 
-def golden_lines(session: Session, extras: Iterable[str] = ()) -> Iterator[str]:
-    """Yield the lines of `golden_text`."""
+def golden_lines(session: Session, extras: Iterable[str] = (), naming: Naming | None = None) -> Iterator[str]:
+    """Yield the lines of `golden_text`; with ``naming`` remarks name what stands in the items."""
     wanted = frozenset(extras)
     clock = Clock()
     yield FORMAT
@@ -72,6 +73,14 @@ def golden_lines(session: Session, extras: Iterable[str] = ()) -> Iterator[str]:
             yield from _job(transaction, transaction.number, jobs)
             yield from _extra_lines(transaction, wanted, clock)
             yield from _said(transaction)
+            if naming is not None:
+                yield from _named(transaction, naming)
+
+
+def _named(transaction: Transaction, naming: Naming) -> Iterator[str]:
+    """Yield the tags of the items as remarks, which no reader of goldens looks at."""
+    for item in transaction.items:
+        yield from [f"    # {words.named_value(value)}" for value in naming.named(item.result) if value.name]
 
 
 def link_text(link: Link) -> str:

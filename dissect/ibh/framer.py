@@ -34,7 +34,7 @@ UNDECIDED: Final = 2
 
 
 def channels_fit(octets: bytes, at: i64, end: i64) -> bool:
-    """Tell whether what is there of two channel numbers is a pair that packets have; ``octets[at]`` must be there."""
+    """Return whether what is there of two channel numbers is a pair that packets have; ``octets[at]`` must be there."""
     first: i64 = octets[at]
     if end - at < 2:
         return first == _GATEWAY or first in _CHANNELS
@@ -45,7 +45,7 @@ def channels_fit(octets: bytes, at: i64, end: i64) -> bool:
 
 
 def flags_fit(octets: bytes, at: i64) -> bool:
-    """Tell whether a header, which must be there, asks for a known service or answers one."""
+    """Return whether a header, which must be there, asks for a known service or answers one."""
     answered: i64 = little(octets, at + 4)
     asked: i64 = little(octets, at + 6)
     if asked:
@@ -54,7 +54,7 @@ def flags_fit(octets: bytes, at: i64) -> bool:
 
 
 def opens(octets: bytes, on_port: bool, at_start: bool) -> bool:
-    """Tell whether the octets of a segment speak IBH-NetLink; ``at_start``: they are the first ones that their side sent.
+    """Return whether the octets of a segment speak IBH-NetLink; ``at_start``: they are the first ones that their side sent.
 
     ``on_port``, on the gateway's own port, a known pair of channels with known flags is enough, and at the start the
     beginning of such a header. Elsewhere it has to be certain.
@@ -70,7 +70,7 @@ def opens(octets: bytes, on_port: bool, at_start: bool) -> bool:
 
 
 def judge_beginning(octets: bytes, at: i64, end: i64) -> i64:
-    """Tell whether a packet certainly begins at ``at``: `YES`, `NO`, or `UNDECIDED` when more octets have to come.
+    """Return whether a packet certainly begins at ``at``: `YES`, `NO`, or `UNDECIDED` when more octets have to come.
 
     Certain are a packet with an MPI header whose length agrees with that of the packet, and the claim of a connection number
     that opens a connection.
@@ -132,7 +132,7 @@ def _find_certain(octets: bytes, at: i64, stop: i64, end: i64) -> i64:
 class PacketFramer:
     """Finds packets in the octets of one direction. ``packets`` collects whole ones (header included), in order.
 
-    Every octet given is accounted for: ``framed`` (in whole packets and in those told as cut) + ``skipped`` + ``buffered``.
+    Every octet given is accounted for: ``framed`` (in whole packets and in those reported as cut) + ``skipped`` + ``buffered``.
     ``faults`` are first octets of what stood where a packet had to begin; ``hiding`` counts packets whose length covered
     others. ``ends`` says of each packet how many octets were
     given up to its end; who takes the packets deletes one with each.
@@ -159,7 +159,7 @@ class PacketFramer:
 
     @property
     def passed(self) -> int:
-        """Octets given up to the end of the packet being told, those in holes left out."""
+        """Octets given up to the end of the packet being reported, without those in gaps."""
         if self.ends:
             return self.ends[0]
         return self.framed + self.skipped
@@ -238,7 +238,7 @@ class PacketFramer:
         return self.synced
 
     def _begun_anew(self, octets: bytes) -> bool:
-        """Tell whether a segment begins with a certain packet, so that the rest of the one held back does not come."""
+        """Return whether a segment begins with a certain packet, so that the rest of the one held back does not come."""
         end: i64 = len(octets)
         have: i64 = len(self._held)
         if judge_beginning(octets, 0, end) != YES:

@@ -216,7 +216,7 @@ class Assembler:
         return bytes(parts)
 
     def abandon(self) -> int:
-        """Drop an unfinished TSDU (a hole took a part of it, or the stream ended); return its octets."""
+        """Drop an unfinished TSDU (a gap took part of it, or the stream ended); return its octets."""
         size = len(self.parts) if self.parts is not None else 0
         self.dropped += size
         self.parts = None

@@ -23,7 +23,7 @@ _PROBES_102: Final = 64
 
 
 def recognise(octets: bytes, at_start: bool, on_102: bool, probed: i64) -> i64:
-    """Tell whether ``octets`` are ISO-on-TCP: `UNDECIDED`, `HERE`, `WITHIN` or `OTHER`.
+    """Return whether ``octets`` are ISO-on-TCP: `UNDECIDED`, `HERE`, `WITHIN` or `OTHER`.
 
     ``at_start``: they are the first ones that their side sent. ``probed`` segments of the connection were looked at before.
     Only on port 102 a TPKT is looked for behind the first octet.
@@ -37,7 +37,7 @@ def recognise(octets: bytes, at_start: bool, on_102: bool, probed: i64) -> i64:
 
 
 def is_connect_request(octets: bytes) -> bool:
-    """Tell whether ``octets`` begin with a CR in its TPKT."""
+    """Return whether ``octets`` begin with a CR in its TPKT."""
     return len(octets) > 6 and octets[5] >> 4 == CR and plausible(octets, 0, len(octets))
 
 
@@ -47,7 +47,7 @@ def raw_protocol(octets: bytes) -> i64:
 
 
 def _may_begin_tpkt(octets: bytes) -> bool:
-    """Tell whether fewer octets than a header may be the beginning of a TPKT (the first octets of a connection)."""
+    """Return whether fewer octets than a header may be the beginning of a TPKT (the first octets of a connection)."""
     if len(octets) >= 6:
         return False
     pattern = (0x03, 0x00)
@@ -55,7 +55,7 @@ def _may_begin_tpkt(octets: bytes) -> bool:
 
 
 def _holds_tpkt(octets: bytes) -> bool:
-    """Tell whether a TPKT certainly begins somewhere in ``octets``."""
+    """Return whether a TPKT certainly begins somewhere in ``octets``."""
     end: i64 = len(octets)
     here: i64 = octets.find(b"\x03\x00")
     while here >= 0:

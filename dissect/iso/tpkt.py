@@ -53,7 +53,7 @@ HIDING: Final = "hiding"
 
 
 def plausible(octets: bytes, at: i64, end: i64) -> bool:
-    """Tell whether a TPKT with a COTP TPDU may begin at ``at``: what is there of the first six octets fits.
+    """Return whether a TPKT with a COTP TPDU may begin at ``at``: what is there of the first six octets fits.
 
     Wants the version, a zero reserved octet and a legal length to be there (four octets).
     """
@@ -71,7 +71,7 @@ def plausible(octets: bytes, at: i64, end: i64) -> bool:
 
 
 def judge_beginning(octets: bytes, at: i64, end: i64) -> i64:
-    """Tell whether a TPKT begins at ``at``, judged as strictly as a place inside a segment needs (reference 1.3).
+    """Return whether a TPKT begins at ``at``, judged as strictly as a place inside a segment needs (reference 1.3).
 
     Beyond `plausible`: a DT must be empty or carry a known protocol, and the TPKT must be followed by another plausible one
     or by the end of the octets. `UNDECIDED` when its end is still to come; ``octets[at]`` must be there.
@@ -118,7 +118,7 @@ def find_sound(octets: bytes, at: i64, stop: i64, end: i64) -> i64:
 
 
 def agrees(head: bytes, length: i64) -> bool:
-    """Tell whether the length of a TPKT agrees with what its first octets (``head``, header included) say of its content.
+    """Return whether the length of a TPKT agrees with what its first octets (``head``, header included) say of its content.
 
     True as well while too few of them are there to tell.
     """
@@ -137,7 +137,7 @@ def agrees(head: bytes, length: i64) -> bool:
 
 
 def _may_follow(octets: bytes, at: i64, end: i64) -> bool:
-    """Tell whether the octets at ``at``, be they fewer than a header, fit the beginning of a TPKT."""
+    """Return whether the octets at ``at``, be they fewer than a header, fit the beginning of a TPKT."""
     if end - at >= HEADER:
         return plausible(octets, at, end)
     return octets[at] == 3 and (at + 1 == end or octets[at + 1] == 0)
@@ -173,7 +173,7 @@ class Fault:
 class Framer:
     """Finds TPKTs in the octets of one direction. ``packets`` collects whole ones (header included), in order.
 
-    Every octet given is accounted for: ``framed`` (in whole TPKTs and in TPKTs told as cut) + ``skipped`` + ``buffered``.
+    Every octet given is accounted for: ``framed`` (in whole TPKTs and in TPKTs reported as cut) + ``skipped`` + ``buffered``.
     ``ends`` says of each packet how many octets were given up to its end; who takes the packets deletes one with each.
     """
 
@@ -221,7 +221,7 @@ class Framer:
 
     @property
     def passed(self) -> int:
-        """Octets given up to the end of the TPKT being told, those in holes left out."""
+        """Octets given up to the end of the TPKT being reported, without those in gaps."""
         if self.ends:
             return self.ends[0]
         return self.framed + self.skipped

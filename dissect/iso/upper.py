@@ -67,7 +67,7 @@ def stated_size(octets: bytes, start: i64, end: i64) -> i64:
 
 
 def is_sound(octets: bytes, start: i64, end: i64) -> bool:
-    """Tell whether ``octets[start:end]`` is one S7comm PDU or S7comm-plus frame that its own lengths fill exactly."""
+    """Return whether ``octets[start:end]`` is one S7comm PDU or S7comm-plus frame that its own lengths fill exactly."""
     upper: i64 = classify(octets, start, end)
     if upper == S7COMM:
         return stated_size(octets, start, end) == end - start
@@ -81,7 +81,7 @@ def is_sound(octets: bytes, start: i64, end: i64) -> bool:
 
 
 def is_rdp_connect(variable: bytes) -> bool:
-    """Tell whether the variable part of a CR or CC is RDP's: a cookie text or a negotiation structure, no parameters."""
+    """Return whether the variable part of a CR or CC is RDP's: a cookie text or a negotiation structure, no parameters."""
     if (
         variable.startswith(b"Cookie: ") or variable == b"\r\n"
     ):  # a text without end, or without anything before its end

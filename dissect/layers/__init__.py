@@ -53,12 +53,14 @@ from dissect.layers.notation import at
 from dissect.layers.parameters import COTP_Parameter
 from dissect.layers.part_classes import *  # noqa: F403  # a class for each structure; its __all__ names them
 from dissect.layers.parts import S7_Part
+from dissect.layers.plus_messages import plus_frames, plus_message, plus_parts, plus_reply
 from dissect.layers.s7 import S7, S7_Answer, S7_Body, S7_Data, S7_Function, S7_Job, S7_Setup
 from dissect.layers.s7plus import (
     S7Plus,
     S7Plus_Event,
     S7Plus_KeepAlive,
     S7Plus_Notification,
+    S7Plus_NotificationV1,
     S7Plus_Request,
     S7Plus_Response,
 )
@@ -119,6 +121,7 @@ __all__ = [
     "S7Plus_Event",
     "S7Plus_KeepAlive",
     "S7Plus_Notification",
+    "S7Plus_NotificationV1",
     "S7Plus_Request",
     "S7Plus_Response",
     "S7Session",
@@ -147,6 +150,10 @@ __all__ = [
     "at",
     "bind_port",
     "bind_scd",
+    "plus_frames",
+    "plus_message",
+    "plus_parts",
+    "plus_reply",
     "unbind_scd",
 ]
 __all__ += part_classes.__all__

@@ -8,6 +8,7 @@ nowhere stay in a field of their own or in a `Raw` behind the layer.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from keyword import iskeyword
 from typing import Any, Final
 
 from scapy.fields import (
@@ -31,12 +32,15 @@ from scapy.fields import (
     XShortField,
     XStrField,
 )
+from scapy.fields import Field as ScapyFieldBase
 from scapy.packet import Packet, Raw
 from scapy.volatile import RandBin, RandNum, VolatileValue
 
 from dissect.s7.items import item_fill
+from dissect.wire.codes import CodeTable
 from dissect.wire.layout import REST, Field, Layout, Means
 from dissect.wire.text import printable
+from dissect.wire.varint import build_varint, read_varint
 
 #: What stands in a layer's list of fields: Scapy's fields, generic in two types that differ from field to field.
 ScapyField = Any
@@ -89,8 +93,9 @@ def header_fields(
 
 
 def scapy_name(name: str) -> str:
-    """Return the name of a layout's field in Scapy: with ``_`` behind it where packets use the name for themselves."""
-    return f"{name}_" if hasattr(WireLayer, name) or name in Packet.__slots__ or name == "layout" else name
+    """Return the name of a layout's field in Scapy: with ``_`` behind it where packets use the name, or Python does."""
+    taken = hasattr(WireLayer, name) or name in Packet.__slots__ or name == "layout" or iskeyword(name)
+    return f"{name}_" if taken else name
 
 
 def _spare(fields: list[ScapyField], bits: int) -> ScapyField:
@@ -118,6 +123,8 @@ def _spared(field: Field, fields: list[ScapyField], unnamed: int) -> int:
 
 def _scapy_field(field: Field, default: Any) -> ScapyField:
     name = scapy_name(field.name)
+    if field.size < REST:
+        return VarintField(name, default, field.size, field.codes)
     if field.means is not None:
         return MeaningField(name, default, field.size, field.means)
     if field.bits is not None or field.size not in _DECIMAL_FIELDS:
@@ -205,6 +212,74 @@ class MeaningField(XStrField):
     def randval(self) -> RandBin:
         """Return what ``fuzz()`` puts here (Scapy's interface)."""
         return RandBin(RandNum(0, _FUZZED) if self.size == REST else self.size)
+
+
+class Overlong(int):
+    """A number of variable size in other octets than those it needs: they are kept, so that they are built again."""
+
+    octets: bytes
+
+    @classmethod
+    def of(cls, number: int, octets: bytes) -> Overlong:
+        """Return ``number`` as ``octets``."""
+        made = cls(number)
+        made.octets = octets
+        return made
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Keep the octets in copies."""
+        return Overlong.of, (int(self), self.octets)
+
+
+class VarintField(ScapyFieldBase[Any, Any]):
+    """A number of variable size (`dissect.wire.varint`), or the name of one in ``codes``.
+
+    Octets that are none, and those of a number that needs fewer, are an `Overlong`.
+    """
+
+    __slots__ = ["codes", "kind"]
+
+    def __init__(self, name: str, default: Any, kind: int, codes: CodeTable | None = None) -> None:
+        self.kind = kind
+        self.codes = codes
+        super().__init__(name, default, "B")
+
+    def any2i(self, pkt: Packet | None, x: Any) -> Any:
+        """Take a number or its name (Scapy's interface). Raises ValueError for a name that is not in the table."""
+        if isinstance(x, str) and self.codes is not None:
+            number = next((row.number for row in self.codes if row.name == x), None)
+            if number is None:
+                message = f"{self.name}: no {self.codes.title} is called {x}: give its number"
+                raise ValueError(message)
+            return number
+        return x
+
+    def addfield(self, pkt: Packet | None, s: bytes, val: Any) -> bytes:
+        """Append the number (Scapy's interface). Raises ValueError for one that its kind cannot hold."""
+        if isinstance(val, Overlong):
+            return s + val.octets
+        try:
+            return s + build_varint(int(val or 0), self.kind)
+        except ValueError as error:
+            message = f"{self.name}: {error}"
+            raise ValueError(message) from None
+
+    def getfield(self, pkt: Packet | None, s: bytes) -> tuple[bytes, Any]:
+        """Take a number (Scapy's interface)."""
+        number, end = read_varint(s, 0, len(s), self.kind)
+        if end < 0:
+            return b"", Overlong.of(0, s)
+        exact = build_varint(number, self.kind) == s[:end]
+        return s[end:], number if exact else Overlong.of(number, s[:end])
+
+    def i2repr(self, pkt: Packet | None, x: Any) -> str:
+        """Return what ``show()`` prints (Scapy's interface)."""
+        row = self.codes.get(x) if self.codes is not None and isinstance(x, int) else None
+        return f"{x} {row.name}" if row is not None else str(x)
+
+    def randval(self) -> RandNum:
+        """Return what ``fuzz()`` puts here (Scapy's interface)."""
+        return RandNum(0, 0x7FFFFFFF)
 
 
 class Leftover(ConditionalField):
@@ -312,6 +387,11 @@ class WireLayer(Packet):
         if "dispatch_hook" not in cls.__dict__:
             cls.dispatch_hook = classmethod(_raw_when_short)  # type: ignore[attr-defined]  # set, not declared: see above
 
+    @classmethod
+    def cut_short(cls, octets: bytes) -> bool:
+        """Tell whether ``octets`` are too few for the layer's fixed part."""
+        return len(octets) < cls.least
+
     def mysummary(self) -> Any:
         """Return `line`, or nothing while a value is still to be drawn, as in a fuzzed packet (Scapy's interface)."""
         return self.line() if settled(self) and settled(self.payload) else ""
@@ -333,4 +413,4 @@ def settled(packet: Packet) -> bool:
 
 
 def _raw_when_short(cls: type[WireLayer], _pkt: bytes | None = None, *_args: Any, **_kwargs: Any) -> type[Packet]:
-    return Raw if _pkt and len(_pkt) < cls.least else cls
+    return Raw if _pkt and cls.cut_short(_pkt) else cls

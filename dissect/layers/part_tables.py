@@ -6,11 +6,9 @@ they are not 0. The sections are those of docs/layers-parts.md.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from typing import Final
 
 from dissect.layers.part_counts import (
-    Counting,
     block_size,
     local_data,
     octets_behind,
@@ -18,6 +16,8 @@ from dissect.layers.part_counts import (
     records_behind,
     variables_behind,
 )
+from dissect.layers.part_row import Row
+from dissect.layers.plus_tables import PLUS_SECTIONS
 from dissect.s7 import (
     alarm_layouts,
     blocks,
@@ -39,25 +39,7 @@ from dissect.s7 import (
 )
 from dissect.s7.data_parts import CONTENT, RETURN_CODE
 from dissect.s7.tables import SUCCESS
-from dissect.wire.layout import Layout
 from dissect.wire.part import FILL, OCTETS, SURPLUS
-
-
-class Row(NamedTuple):
-    """A class: its name, its layout, what it is in a sentence or two, and the values of a new packet.
-
-    A default of None is a field that building fills in. ``counted`` names the classes whose parts a field counts;
-    ``counting`` is what counts anything else. ``title`` is what Scapy shows, where that is not the layout's name.
-    """
-
-    name: str
-    layout: Layout
-    text: str
-    defaults: Mapping[str, Any] = {}
-    counted: Mapping[str, tuple[str, ...]] = {}
-    counting: Counting | None = None
-    title: str = ""
-
 
 #: What an alarm counts as its objects.
 _OBJECTS: Final = (
@@ -298,4 +280,5 @@ SECTIONS: Final[dict[str, list[Row]]] = {
         Row("S7_DBArea", syntaxes.DB_AREA, "An area of a data block in an `S7_DBReadItem`.", {"area_size": 1, "db": 1}),
         Row("S7_SymbolStep", syntaxes.SYMBOL_STEP, "A step on the way to a symbol."),
     ],
+    **PLUS_SECTIONS,
 }

@@ -18,8 +18,9 @@ from scapy.packet import Packet, Raw
 
 from dissect.layers.fields import Piece, PiecesField, WireLayer, scapy_name
 from dissect.s7.items import item_fill
-from dissect.wire.layout import COUNTS_BUT_LAST, COUNTS_PARTS, COUNTS_REST, Field, Layout
+from dissect.wire.layout import COUNTS_BUT_LAST, COUNTS_PARTS, COUNTS_REST, REST, Field, Layout
 from dissect.wire.part import OCTETS, Part
+from dissect.wire.varint import build_varint
 
 #: The class of each layout, and the layouts of parts that belong to it when they follow it directly.
 CLASSES: Final[dict[Layout, type[Packet]]] = {}
@@ -32,7 +33,7 @@ class S7_Part(WireLayer):
     """A part of a body; ``packet[S7_Part]`` finds any. Called itself it is an `S7_Octets`, as nothing says which part is meant.
 
     ``layout`` is what a part is made of; the classes of parts set it. ``counted`` names fields that count parts of the classes
-    named, and ``counting`` is what counts anything else, where no layout says so.
+    named, ``counting`` is what counts anything else, where no layout says so; ``computed`` follows from the part itself.
     """
 
     name = "S7 part"
@@ -41,6 +42,7 @@ class S7_Part(WireLayer):
     layout: ClassVar[Layout] = OCTETS
     counted: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     counting: ClassVar[Callable[[Field, list[Packet], list[int]], int] | None] = None
+    computed: ClassVar[Mapping[str, Callable[[Packet], int]]] = {}
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         """Enter the class as that of its layout."""
@@ -49,23 +51,31 @@ class S7_Part(WireLayer):
         CLASSES[cls.layout] = cls
 
     @classmethod
+    def cut_short(cls, octets: bytes) -> bool:
+        """Tell whether ``octets`` are too few for the part's fields."""
+        return len(octets) < cls.least or len(cls.layout.read(octets)) < len(cls.layout.fields)
+
+    @classmethod
     def dispatch_hook(cls, _pkt: bytes | None = None, *_args: Any, **_kwargs: Any) -> type[Packet]:
         """Return the class of octets that nothing is known of (Scapy's interface)."""
         return CLASSES[OCTETS]
 
     def post_build(self, pkt: bytes, pay: bytes) -> bytes:
         """Fill in what counts the rest of the part (Scapy's interface)."""
-        for field, end in self._unset():
-            if field.counts == COUNTS_REST:
-                pkt = self._filled(pkt, field, end, len(pkt) - end)
+        for field in self._unset():
+            computing = self.computed.get(field.name)
+            if computing is not None:
+                pkt = self._filled(pkt, field, computing(self))
+            elif field.counts == COUNTS_REST:
+                pkt = self._filled(pkt, field, len(pkt) - self._place(pkt, field)[1])
         return pkt + pay
 
     def completed(self, octets: bytes, behind: list[Packet], sizes: list[int]) -> bytes:
         """Return ``octets``, this part's own, with what counts the parts ``behind`` it filled in; ``sizes`` are theirs."""
-        for field, end in self._unset():
-            count = self.count_of(field, behind, sizes)
+        for field in self._unset():
+            count = -1 if field.name in self.computed else self.count_of(field, behind, sizes)
             if count >= 0:
-                octets = self._filled(octets, field, end, count)
+                octets = self._filled(octets, field, count)
         return octets
 
     def count_of(self, field: Field, behind: list[Packet], sizes: list[int]) -> int:
@@ -88,18 +98,24 @@ class S7_Part(WireLayer):
             return sum(1 for part in own if any(cls.__name__ in names for cls in type(part).__mro__))
         return sum(1 for part in own if (layout := layout_of(part)) is not None and layout.name == field.counts)
 
-    def _unset(self) -> list[tuple[Field, int]]:
-        """Return the fields left out, each with where its octets end."""
-        found = []
-        end = 0
-        for field in self.layout.fields:
-            end += 0 if field.shares else field.size
-            if self.getfieldval(scapy_name(field.name)) is None:
-                found.append((field, end))
-        return found
+    @property
+    def incomplete(self) -> bool:
+        """True where a field was left out."""
+        return bool(self._unset())
 
-    def _filled(self, octets: bytes, field: Field, end: int, value: int) -> bytes:
-        start = end - field.size
+    def _unset(self) -> list[Field]:
+        """Return the fields left out."""
+        return [field for field in self.layout.fields if self.getfieldval(scapy_name(field.name)) is None]
+
+    def _place(self, octets: bytes, field: Field) -> tuple[int, int]:
+        """Return where the octets of a field begin and end."""
+        value = next(value for value in self.layout.read(octets) if value.field is field)
+        return value.offset, value.end
+
+    def _filled(self, octets: bytes, field: Field, value: int) -> bytes:
+        start, end = self._place(octets, field)
+        if field.size < REST:
+            return octets[:start] + build_varint(value, field.size) + octets[end:]
         mask, low = field.bits if field.bits is not None else ((1 << 8 * field.size) - 1, 0)
         if value > mask >> low:
             message = (
@@ -152,7 +168,7 @@ class PartsField(PiecesField):
                 later_item = True
         sizes = [len(octets) for octets in built]
         for number, one in enumerate(val):
-            if isinstance(one, S7_Part):
+            if isinstance(one, S7_Part) and one.incomplete:
                 built[number] = one.completed(built[number], val[number + 1 :], sizes[number + 1 :])
         return s + b"".join(built)
 

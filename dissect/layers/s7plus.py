@@ -1,8 +1,9 @@
-"""S7comm-plus as Scapy layers: a frame, and what its fixed part says (docs/s7plus.md).
+"""S7comm-plus as Scapy layers: a frame, its message, and the parts of that (docs/s7plus.md).
 
 ``S7Plus(content=[S7Plus_Request(function="GetMultiVariables", sequence=5, session_id=0x386, body=…)])`` builds a whole PDU of
 one frame: lengths and trailer are filled in. A frame that goes on in the next TSDU has ``trailer=b""``; one that continues
-another has a `Raw` for content. What follows the fixed part is octets, in ``body``.
+another has a `Raw` for content; `plus_message` and `plus_frames` join and cut them. What follows the fixed part is a list of
+parts, in ``body``: those of `dissect.layers.plus_tables`, cut by the engine's own parser, or octets.
 """
 
 from __future__ import annotations
@@ -23,8 +24,12 @@ from dissect.layers.fields import (
     fill_number,
     header_fields,
 )
+from dissect.layers.parts import CLASSES, PartsField, pieces_of
 from dissect.s7plus import layouts, tables
+from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.message import parse_plus
 from dissect.wire.layout import Layout
+from dissect.wire.part import OCTETS
 
 _HEADER: Final = layouts.HEADER.size
 
@@ -34,8 +39,19 @@ def is_s7plus(octets: bytes) -> bool:
     return classify(octets, 0, len(octets)) == S7COMM_PLUS
 
 
+def _carve_body(pkt: Packet, rest: bytes) -> list[Piece]:
+    """Return the parts of a message that stands whole in one frame; of any other its octets."""
+    frame = pkt.parent
+    if isinstance(frame, S7Plus) and rest:
+        pdu = parse_plus(frame.original)
+        found = parse_contents(pdu)
+        if pdu.whole and pdu.frames == 1 and sum([part.end - part.offset for part in found.parts]) == len(rest):
+            return pieces_of(found.parts, pdu.data)
+    return [(CLASSES[OCTETS], rest)] if rest else []
+
+
 class S7Plus_Body(WireLayer):
-    """What a frame carries: the fixed part by its layout, ``body`` for the octets behind it."""
+    """What a frame carries: the fixed part by its layout, ``body`` for the parts behind it."""
 
     name = "S7comm-plus body"
     show_summary = False
@@ -45,8 +61,8 @@ class S7Plus_Body(WireLayer):
         return ""
 
 
-def _fields(layout: Layout, rest: str = "body", **defaults: int) -> list[ScapyField]:
-    return [*header_fields(layout, defaults), OctetsField(rest, lambda _, s: len(s))]
+def _fields(layout: Layout, **defaults: int) -> list[ScapyField]:
+    return [*header_fields(layout, defaults), PartsField("body", _carve_body)]
 
 
 class S7Plus_Request(S7Plus_Body):
@@ -66,7 +82,7 @@ class S7Plus_Request(S7Plus_Body):
 
 
 class S7Plus_Response(S7Plus_Body):
-    """A response; ``body`` begins with the return value, a number of variable size."""
+    """A response; ``body`` begins with the return value."""
 
     name = "S7comm-plus response"
     least = layouts.RESPONSE.size
@@ -80,7 +96,7 @@ class S7Plus_Response(S7Plus_Body):
 
 
 class S7Plus_Notification(S7Plus_Body):
-    """A notification of V2 or V3; ``body`` begins with its number, which has a variable size."""
+    """A notification of V2 or V3; ``body`` begins with its number."""
 
     name = "S7comm-plus notification"
     least = layouts.NOTIFICATION.size
@@ -91,12 +107,24 @@ class S7Plus_Notification(S7Plus_Body):
         return f"Notification subscription=0x{self.subscription_id:08x}"
 
 
+class S7Plus_NotificationV1(S7Plus_Body):
+    """A notification of V1, whose form one source describes."""
+
+    name = "S7comm-plus notification"
+    least = layouts.NOTIFICATION_V1.size
+    fields_desc = _fields(layouts.NOTIFICATION_V1, opcode=tables.NOTIFICATION)
+
+    def line(self) -> str:
+        """Return what it is."""
+        return "Notification"
+
+
 class S7Plus_Event(S7Plus_Body):
     """A system event; ``message`` is its text, often empty."""
 
     name = "S7comm-plus system event"
     least = layouts.EVENT.size
-    fields_desc = _fields(layouts.EVENT, "message")
+    fields_desc = [*header_fields(layouts.EVENT), OctetsField("message", lambda _, s: len(s))]
 
     def line(self) -> str:
         """Return the octets that it confirms."""
@@ -111,14 +139,21 @@ _BODIES: Final[dict[int, type[S7Plus_Body]]] = {
 }
 
 
+def body_class(version: int, opcode: int) -> type[S7Plus_Body] | None:
+    """Return the class of what a frame carries, None where that is not known."""
+    if version == tables.SYSTEM_EVENT:
+        return S7Plus_Event
+    if version == tables.V1 and opcode == tables.NOTIFICATION:
+        return S7Plus_NotificationV1
+    return _BODIES.get(opcode)
+
+
 def _carve(pkt: Packet, rest: bytes) -> list[Piece]:
     """Return the content of a frame as one piece, none when there is none."""
     octets = rest[: max(0, _frame_end(pkt) - consumed(pkt, rest))]
     if not octets:
         return []
-    body = S7Plus_Event if pkt.version == tables.SYSTEM_EVENT else _BODIES.get(octets[0])
-    if body is S7Plus_Notification and pkt.version == tables.V1:
-        body = None  # another form
+    body = body_class(pkt.version, octets[0])
     return [(body if body is not None and len(octets) >= body.least else Raw, octets)]
 
 

@@ -38,7 +38,7 @@ class AlertCompanion(Companion):
         self.engine.finding(finding)
 
     def tick(self, now_ns: int, drops: Drops) -> None:
-        """Silence and rates are told by time alone; what an earlier run could not deliver is sent once this one goes."""
+        """Silence and rates are noticed by time alone; what an earlier run could not deliver is sent once this one goes."""
         self.dispatcher.start()
         self.engine.tick(now_ns)
 

@@ -33,7 +33,7 @@ Failed = Callable[[Observer, Exception], None]
 class Fanout(Observer):
     """Hands every event to ``observers``, in their order; what only some want goes only to those.
 
-    ``failed`` is called once for an observer that raises, which is told nothing more from then on.
+    ``failed`` is called once for an observer that raises, which then gets no more events.
     """
 
     def __init__(self, observers: Iterable[Observer], failed: Failed) -> None:
@@ -45,7 +45,7 @@ class Fanout(Observer):
 
     @property
     def observers(self) -> list[Observer]:
-        """Those who are still told."""
+        """Those that still get events."""
         return list(self._observers)
 
     def drop(self, observer: Observer, error: Exception) -> None:
@@ -136,9 +136,9 @@ class Limits(NamedTuple):
 
 
 class Companion(Observer):
-    """Goes along with a run: is told what happens, and what time it is.
+    """Accompanies a run: gets every event, and the time.
 
-    With ``wants_packets`` it gets each packet before the pipeline does. One that raises is told nothing more, and closed; the
+    With ``wants_packets`` it gets each packet before the pipeline does. One that raises gets no more events and is closed; the
     run goes on.
     """
 
@@ -180,7 +180,7 @@ class _Door(PacketSink):
 
 
 class LiveRun:
-    """Reads ``source`` into a pipeline that tells ``observer`` and the ``companions``.
+    """Reads ``source`` into a pipeline that feeds ``observer`` and the ``companions``.
 
     Any `Reader` will do; only a `LiveReader` has a line that can be silent and packets that can be lost. ``drops`` is what was
     lost so far, and is a finding whenever it grows. ``failures`` says in words which companions were dropped. Call `step`
@@ -242,7 +242,7 @@ class LiveRun:
     def step(self) -> bool:
         """Read what is there, or let a moment pass; False when it is over and every connection is closed.
 
-        Raises `CaptureError` when what comes through a pipe is no capture.
+        Raises `CaptureError` when what comes through a pipe is not a capture.
         """
         if self.ended:
             return False

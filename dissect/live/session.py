@@ -63,7 +63,7 @@ class Event(NamedTuple):
 
 
 class Status(NamedTuple):
-    """How a session stands. ``lost_events`` were not taken in time; ``open_requests`` are without answer now."""
+    """The state of a session. ``lost_events`` were not taken in time; ``open_requests`` are without answer now."""
 
     now_ns: int
     packets: int
@@ -171,7 +171,7 @@ class Session:
 
     @property
     def running(self) -> bool:
-        """True until everything was read and told."""
+        """True until everything was read and reported."""
         return self._thread is not None and self._thread.is_alive()
 
     @property
@@ -232,7 +232,7 @@ class Session:
             self._thread.join(wait_s)
 
     def status(self) -> Status:
-        """Return how it stands now."""
+        """Return the present state."""
         run, counts = self.run, self._collector
         return Status(
             now_ns=run.now_ns,

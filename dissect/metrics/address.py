@@ -64,7 +64,7 @@ def resolve(address: Address, allow_remote: bool) -> Target:
 
 
 def is_loopback(host: str) -> bool:
-    """Tell whether a numeric address is of this machine only."""
+    """Return whether a numeric address is of this machine only."""
     try:
         number = ipaddress.ip_address(host)
     except ValueError:

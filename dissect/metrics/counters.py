@@ -63,7 +63,7 @@ class Metrics(Companion):
     # ---- the run ------------------------------------------------------------------------------------------------------
 
     def begin(self, pipeline: Pipeline) -> None:
-        """Take the pipeline that tells this observer; its counters are read when they are asked for."""
+        """Take the pipeline that feeds this observer; its counters are read when they are asked for."""
         self.pipeline = pipeline
 
     def tick(self, now_ns: int, drops: Drops) -> None:

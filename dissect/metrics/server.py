@@ -45,7 +45,7 @@ class MissingLibraryError(RuntimeError):
 
 
 def _names_this_machine(host: str) -> bool:
-    """Tell whether a Host field is missing (HTTP/1.0), localhost, or an address in numbers."""
+    """Return whether a Host field is missing (HTTP/1.0), localhost, or an address in numbers."""
     name = host.rpartition(":")[0] if _PORT.search(host) else host
     if name.lower() in {"", "localhost"}:
         return True
@@ -155,7 +155,7 @@ class _Listener(ThreadingMixIn, TCPServer):
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A client that is gone is no fault; anything else is one of ours, and the client is told."""
+        """A client that is gone is no fault; anything else is one of ours, and the client gets an error."""
         if not isinstance(sys.exc_info()[1], OSError):
             with suppress(OSError):
                 request.sendall(_FAILED)
@@ -208,7 +208,7 @@ def serve(
 ) -> Server:
     """Listen on ``address`` (``HOST:PORT``, ``[IPv6]:PORT``) and hand ``metrics`` out there.
 
-    Call it before the capture begins, so that a wrong address is told at once. Raises `AddressError` for an address that
+    Call it before the capture begins, so that a wrong address is reported at once. Raises `AddressError` for an address that
     cannot be used, or that others can reach when ``allow_remote`` does not say so, and `MissingLibraryError`. Without ``start``
     it only listens until `Server.start` is called.
     """

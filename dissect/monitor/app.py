@@ -33,6 +33,8 @@ from dissect.recording.names import time_word
 from dissect.report import words
 from dissect.report.styled import HEADING, Line
 from dissect.report.text import connection_lines, finding_lines
+from dissect.select import SelectError, Where
+from dissect.select.things import Context
 from dissect.wire.text import Clock, printable, shortened
 
 #: Names that are tried before it is given up.
@@ -63,17 +65,25 @@ _SAID_S: Final = 6
 _MOST: Final = 5000
 #: What ends the screens in order; Windows knows no SIGHUP.
 _SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGINT", "SIGHUP") if hasattr(signal, name))
-_END_KEYS: Final = "q quit  / filter  Enter details  s save  ? help"
-_KEYS: Final = "q quit  p pause  f freeze  / filter  Enter details  s save  z zoom  ? help"
+#: What may be typed, while nothing is.
+_WORDS: Final = "words, failed, slow, c12; Enter shows, Esc shows all"
+_EXPRESSION: Final = "an expression, such as host == 192.168.0.1 and latency > 20ms; Enter shows, Esc shows all"
+_END_KEYS: Final = "q quit  / filter  f select  Enter details  s save  ? help"
+_KEYS: Final = "q quit  p pause  F freeze  / filter  f select  Enter details  s save  z zoom  ? help"
 
 
-def run_app(session: Session, slow_ns: int = 1_000_000_000, clock: Clock | None = None) -> bool:
+def run_app(
+    session: Session, slow_ns: int = 1_000_000_000, clock: Clock | None = None, where: Where | None = None
+) -> bool:
     """Show ``session``, which was started, until the user quits; return whether that was by a signal or Ctrl+C."""
-    return bool(MonitorApp(session, slow_ns, clock=clock).run(mouse=False))
+    return bool(MonitorApp(session, slow_ns, clock=clock, where=where).run(mouse=False))
 
 
 class MonitorApp(App[bool]):
-    """The main screen. An answer later than ``slow_ns`` is shown as slow; files go to ``directory``, ``clock`` writes times."""
+    """The main screen. An answer later than ``slow_ns`` is shown as slow; files go to ``directory``, ``clock`` writes times.
+
+    Of what rolls by only that is shown which ``where`` selects, until another expression is asked for.
+    """
 
     ENABLE_COMMAND_PALETTE = False
     CSS = """
@@ -87,7 +97,8 @@ class MonitorApp(App[bool]):
         Binding("q", "quit", show=False),
         Binding("ctrl+c", "interrupt", show=False, priority=True),
         Binding("p", "pause", show=False),
-        Binding("f", "freeze", show=False),
+        Binding("F", "freeze", show=False),
+        Binding("f", "ask_select", show=False),
         Binding("slash", "ask_filter", show=False),
         Binding("e", "show_only('failed')", show=False),
         Binding("l", "show_only('slow')", show=False),
@@ -103,9 +114,13 @@ class MonitorApp(App[bool]):
         slow_ns: int = 1_000_000_000,
         directory: Path | None = None,
         clock: Clock | None = None,
+        where: Where | None = None,
     ) -> None:
         super().__init__(ansi_color=True)  # the terminal's own colours, and none with NO_COLOR
         self.model = Model(slow_ns)
+        self._selecting = where.context if where is not None else Context()
+        self._selecting.start = lambda: int(session.run.pipeline.first_ns)
+        self.model.select(where)
         self.paused = False
         self.zoomed = False
         self.head = Bar("head", reverse=True)
@@ -114,7 +129,8 @@ class MonitorApp(App[bool]):
         self.entries = EntriesPane(clock)
         self.findings = FindingsPane(clock)
         self._panes: tuple[ConnectionsPane, EntriesPane, FindingsPane] = (self.connections, self.entries, self.findings)
-        self._input = Input(placeholder="words, failed, slow, c12; Enter shows, Esc shows all")
+        self._input = Input(placeholder=_WORDS)
+        self._asked_select = False
         self._session = session
         self._directory = directory if directory is not None else Path()
         self._clock = clock or Clock()
@@ -151,7 +167,7 @@ class MonitorApp(App[bool]):
                 loop.remove_signal_handler(number)
 
     def action_interrupt(self) -> None:
-        """End because somebody outside wants it."""
+        """End because a signal asked for it."""
         self.exit(True)
 
     # ---- looking ----------------------------------------------------------------------------------------------------
@@ -211,7 +227,7 @@ class MonitorApp(App[bool]):
         wanted = self.model.wanted
         if not wanted.everything:
             missed = f" ({wanted.unsearched} not searched)" if wanted.unsearched else ""
-            parts.append(f"filter: {shortened(wanted.typed, 60)}{missed}")
+            parts.append(f"filter: {shortened(wanted.text, 60)}{missed}")
         return "  ".join(parts)
 
     def _show_head(self, status: Status) -> None:
@@ -253,7 +269,7 @@ class MonitorApp(App[bool]):
     # ---- room -------------------------------------------------------------------------------------------------------
 
     def on_resize(self, event: Resize) -> None:
-        """Share the room anew."""
+        """Divide the space again."""
         self._height = event.size.height
         self._arrange()
 
@@ -278,13 +294,13 @@ class MonitorApp(App[bool]):
     # ---- time -------------------------------------------------------------------------------------------------------
 
     def action_pause(self) -> None:
-        """Let the screen stand still, or go on."""
+        """Freeze the screen, or go on."""
         self.paused = not self.paused
         self._came_at_pause = self.model.came
         self.show()
 
     def action_freeze(self) -> None:
-        """Let the transactions stand still, or go on."""
+        """Freeze the transactions, or go on."""
         self.entries.freeze(not self.entries.frozen)
         self.show()
 
@@ -292,19 +308,41 @@ class MonitorApp(App[bool]):
 
     def action_ask_filter(self) -> None:
         """Ask what to show."""
+        self._ask(False, _WORDS, self.model.wanted.typed)
+
+    def action_ask_select(self) -> None:
+        """Ask for an expression that says what to show."""
+        where = self.model.wanted.where
+        self._ask(True, _EXPRESSION, where.text if where is not None else "")
+
+    def _ask(self, select: bool, hint: str, value: str) -> None:
         if len(self.screen_stack) > 1:
             return
+        self._asked_select = select
         self.foot.display = False
         self._input.display = True
-        self._input.value = self.model.wanted.typed
+        self._input.placeholder = hint
+        self._input.value = value
         self._input.focus()
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Show what was asked for."""
-        self._filter(event.value)
+        """Show what was asked for; of a wrong expression say why, and ask again."""
+        if not self._asked_select:
+            self._filter(event.value)
+            return
+        try:
+            where = Where(event.value, context=self._selecting) if event.value.strip() else None
+        except SelectError as error:
+            self.foot.display = True
+            self.foot.say(f"NOT SELECTED: {printable(error.reason)}")
+            self._input.cursor_position = min(error.start, len(event.value))
+            return
+        self.model.select(where)
+        self._filter(self.model.wanted.typed)
 
     def action_leave_filter(self) -> None:
         """Show everything again."""
+        self.model.select(None)
         self._filter("")
 
     def action_show_only(self, word: str) -> None:

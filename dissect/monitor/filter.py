@@ -14,6 +14,8 @@ from dissect.monitor.entries import What
 from dissect.report import facets, words
 from dissect.report.operations import NAMES, result
 from dissect.s7.parameters import Parameters
+from dissect.select import Where
+from dissect.select.things import Message
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
@@ -31,13 +33,14 @@ _CONNECTION: Final = re.compile(r"c([0-9]{1,9})")
 
 
 class Wanted:
-    """A filter as it was typed. With nothing typed everything is wanted.
+    """A filter as it was typed: words, and beside them an expression ``where``. With neither everything is wanted.
 
     ``unsearched`` counts what was passed by since the filter was set, because too much came at once.
     """
 
-    def __init__(self, typed: str = "", slow_ns: int = 1_000_000_000) -> None:
+    def __init__(self, typed: str = "", slow_ns: int = 1_000_000_000, where: Where | None = None) -> None:
         self.typed = " ".join(typed[:_MOST_TYPED].split())
+        self.where = where
         self.unsearched = 0
         tokens = self.typed.casefold().split()
         self.failed = FAILED in tokens
@@ -52,7 +55,12 @@ class Wanted:
     @property
     def everything(self) -> bool:
         """True when nothing is left out."""
-        return not self.typed
+        return not self.typed and self.where is None
+
+    @property
+    def text(self) -> str:
+        """Both as a person reads them."""
+        return " ".join([part for part in (self.where.text if self.where is not None else "", self.typed) if part])
 
     def begin(self) -> None:
         """Another go: as much may be looked at again."""
@@ -65,7 +73,9 @@ class Wanted:
         return " ".join(there if len(there) < len(tokens) else [*tokens, word])
 
     def takes(self, what: What) -> bool:
-        """Tell whether this is wanted."""
+        """Return whether this is wanted."""
+        if self.where is not None and not self._selected(what, self.where):
+            return False
         if not self.typed:
             return True
         connection = what[1] if isinstance(what, tuple) else what.connection
@@ -78,6 +88,17 @@ class Wanted:
             if not (late or (self.failed and what.failed)):
                 return False
         return not self._words or self._occur(what, connection)
+
+    @staticmethod
+    def _selected(what: What, where: Where) -> bool:
+        if isinstance(what, Transaction):
+            return where.transaction(what)
+        if isinstance(what, Operation):
+            return where.operation(what)
+        found, connection = what
+        return where.message(
+            Message("scd", int(found.frame), int(found.time_ns), connection, int(found.side), found.octets, scd=found)
+        )
 
     def _occur(self, what: What, connection: Connection) -> bool:
         left = [word for word in self._words if word not in ends_of(connection)]
@@ -112,7 +133,7 @@ class Wanted:
 
 
 def is_slow(transaction: Transaction, slow_ns: int) -> bool:
-    """Tell whether an answer came later than ``slow_ns`` after its request."""
+    """Return whether an answer came later than ``slow_ns`` after its request."""
     latency = transaction.latency_ns
     return latency is not None and latency > slow_ns
 

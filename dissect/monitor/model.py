@@ -11,6 +11,7 @@ from dissect.live.session import Event
 from dissect.monitor.entries import Entry, Ring, What, detached
 from dissect.monitor.filter import Wanted, is_slow
 from dissect.monitor.lists import ConnectionFacts, ConnectionList, FindingFacts, FindingList
+from dissect.select import Where
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 
@@ -59,9 +60,16 @@ class Model:
                 fresh.append((event.time_ns, what))
         self._keep(fresh)
 
+    def select(self, where: Where | None) -> None:
+        """Show only what an expression selects, beside what the words ask for; None for everything."""
+        self._want(Wanted(self.wanted.typed, self.slow_ns, where))
+
     def filter(self, typed: str) -> None:
-        """Show only what is wanted by what was typed; of what came before, what is still there."""
-        self.wanted = Wanted(typed, self.slow_ns)
+        """Show only what is wanted by the words that were typed; of what came before, what is still there."""
+        self._want(Wanted(typed, self.slow_ns, self.wanted.where))
+
+    def _want(self, wanted: Wanted) -> None:
+        self.wanted = wanted
         self._matching = Ring(self._most, self._most_octets)
         if self.wanted.everything:
             return

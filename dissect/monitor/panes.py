@@ -61,7 +61,7 @@ class Pane(Widget, Generic[Row], can_focus=True):
     BINDINGS: ClassVar[list[BindingType]] = [*_MOVES, Binding("enter", "open", show=False)]
 
     class Opened(Message):
-        """Somebody wants to see what is behind the row under the cursor."""
+        """The user opened the row under the cursor."""
 
         def __init__(self, pane: Pane[Row]) -> None:
             super().__init__()
@@ -219,7 +219,7 @@ class EntriesPane(Pane[Entry]):
         return ""
 
     def freeze(self, frozen: bool) -> None:
-        """Let the list stand still, or go on with what came since."""
+        """Freeze the list, or go on with what came since."""
         self.frozen = frozen
         if not frozen:
             self.rows = self._latest

@@ -171,7 +171,7 @@ def entry_row(entry: Entry, width: int, clock: Clock) -> list[Piece]:
     number = f"c{entry.connection.number}"
     if width < WIDE:
         head = f"{mark} {time[:12]} {fit(number, 4)} {fit(_took(entry), 8, True)}  "
-        return [(head, style), (fit(_said(entry), max(width - len(head), 0)), style)]
+        return [(head, style), (fit(_said(entry, True), max(width - len(head), 0)), style)]
     first = f"#{what.number}" if not isinstance(what, tuple) else ""
     head = f"{mark} {time[:15]} {fit(first, 9)} {fit(_frames(entry), 13)} {fit(number, 5)} "
     middle = f"{fit(_direction(entry), 41)} {fit(_took(entry), 8, True)}  "
@@ -233,11 +233,16 @@ def _direction(entry: Entry) -> str:
     return f"{both[side]} → {both[1 - side]}"
 
 
-def _said(entry: Entry) -> str:
+def _said(entry: Entry, narrow: bool = False) -> str:
+    """Return what an entry is about; ``narrow`` leaves out the group of a function, which Enter shows."""
     what = entry.what
     if isinstance(what, Transaction):
+        name = what.function_name
+        head = what.parameters.userdata
+        if narrow and head is not None and name == f"{head.group_name}: {head.subfunction_name}":
+            name = head.subfunction_name if head.subfunction_name[:1].isalpha() else name
         about = facets.gist(what) if what.has_errors else facets.subject(what)  # what was refused must not be cut off
-        parts = [what.function_name, words.outcome(what), about]
+        parts = [name, words.outcome(what), about]
     elif isinstance(what, Operation):
         parts = [NAMES[what.kind], what.subject[:_LONG], result(what)]
     else:

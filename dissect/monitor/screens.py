@@ -64,11 +64,11 @@ class PageScreen(Screen[None]):
         self.foot.say("Esc back  ↑ ↓ PgUp PgDn Home End scroll  s save  q quit")
 
     def on_resize(self, _event: Resize) -> None:
-        """Say anew which lines are seen."""
+        """Show again which lines are visible."""
         self.call_after_refresh(self._place)
 
     def on_page_moved(self) -> None:
-        """Say anew which lines are seen."""
+        """Show again which lines are visible."""
         self._place()
 
     def _place(self) -> None:
@@ -85,11 +85,13 @@ HELP: Final = (
     Line(""),
     Line("Time", HEADING),
     Line("  p                pause: the screen stops, the capture continues", "", 19),
-    Line("  f                freeze: the transactions stop scrolling; moving up in them does the same", "", 19),
+    Line("  F                freeze: the transactions stop scrolling; moving up in them does the same", "", 19),
     Line(""),
     Line("Filter", HEADING),
     Line("  /                what of the transactions to show: words that occur in the addresses of the ends, the function, "
          "the addresses asked for, and the errors; failed, slow; c12 for connection 12. Nothing: all", "", 19),
+    Line("  f                an expression as option -Y takes it, such as latency > 20ms (`s7dissect help select`); the words "
+         "of / narrow it further. Nothing: all", "", 19),
     Line("  e                failed only, on or off", "", 19),
     Line("  l                slow (late) only, on or off", "", 19),
     Line(""),

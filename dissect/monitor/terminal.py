@@ -10,14 +10,14 @@ from typing import Final
 
 
 class NoKeyboardError(Exception):
-    """There is no terminal that keys could come from."""
+    """There is no terminal to read keys from."""
 
 
 _TERMINAL: Final = "/dev/tty"
 
 
 def will_do() -> bool:
-    """Tell whether screens can be shown: textual draws on standard error, and a dumb terminal cannot place anything."""
+    """Return whether screens can be shown: textual draws on standard error, and a dumb terminal cannot place anything."""
     if sys.stdout is None or sys.stderr is None or os.environ.get("TERM", "dumb") == "dumb":
         return False
     return sys.stdout.isatty() and sys.stderr.isatty()

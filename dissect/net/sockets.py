@@ -20,7 +20,7 @@ def prepare(one: socket.socket) -> None:
 
 
 def close_with_reset(one: socket.socket) -> None:
-    """Close a connection so that its other end is told of a reset."""
+    """Close a connection with a RST."""
     with suppress(OSError):  # it is broken already
         one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _AT_ONCE)
     one.close()

@@ -27,7 +27,7 @@ _SERVICE: Final = "s7comm.param.pistart.servicename"
 
 
 def argument_unknown(case: Case) -> bool:
-    """Whether Wireshark shows a PI service that nobody has heard of without an argument, and we with one."""
+    """Whether Wireshark shows a PI service that no source knows without an argument, and we with one."""
     if case.theirs is not None or case.their_record is None or case.octets[10:11] != b"\x28":
         return False
     shown = {place.name: fact.value for place, fact in case.their_record.facts.items()}

@@ -15,6 +15,7 @@ from dissect.oracle.facts import Fact, Place, Record, Value
 from dissect.oracle.grounds import Case, Evidence
 from dissect.oracle.known import explain
 from dissect.oracle.ours import Witness, take_joined
+from dissect.oracle.plus import PlusProof
 from dissect.oracle.theirs import Frame
 from dissect.oracle.tshark import OracleError, Reader, read_tshark
 
@@ -61,7 +62,7 @@ class Comparison:
     ``other`` counts the fields that Wireshark shows in bodies under names that no layout of ours has, ``again`` those of them
     whose octets stand in a field that is compared;
     ``not_comparable`` the PDUs that Wireshark cannot be asked about, by the reason. ``loss`` says what of the capture could not
-    be read and so was not compared, empty when all of it was.
+    be read and so was not compared, empty when all of it was. ``plus`` is what the PDUs of S7comm-plus prove themselves.
     """
 
     def __init__(self) -> None:
@@ -72,10 +73,11 @@ class Comparison:
         self.differences: list[Difference] = []
         self.not_comparable: Counter[str] = Counter()
         self.loss = ""
+        self.plus = PlusProof()
 
     @property
     def unexplained(self) -> list[Difference]:
-        """The differences nothing explains: a bug, ours or theirs, that nobody has looked at."""
+        """The differences nothing explains: a bug, ours or theirs, that no one has looked at."""
         return [difference for difference in self.differences if not difference.known]
 
     @property
@@ -91,6 +93,7 @@ class _Bench:
         self.result = Comparison()
         self.result.not_comparable += witness.not_comparable
         self.result.loss = witness.loss
+        self.result.plus = witness.plus
         self._evidence = Evidence(path, witness.found)
         self._lonely: dict[str, tuple[list[Record], list[tuple[Record, Frame]]]] = {
             facts.TPDU: ([], []),
@@ -181,14 +184,14 @@ class _Bench:
 
 
 def _same(ours: Value, theirs: Value) -> bool:
-    """Tell whether two values say the same; one side may have split octets into bits of which the other makes one number."""
+    """Return whether two values say the same; one side may have split octets into bits of which the other makes one number."""
     if isinstance(ours, bytes) != isinstance(theirs, bytes):
         ours, theirs = (int.from_bytes(one, "big") if isinstance(one, bytes) else one for one in (ours, theirs))
     return ours == theirs
 
 
 def _alike(ours: Record, theirs: Record) -> bool:
-    """Tell whether two records of other octets may yet be the same: TPDUs by their TPKT header, PDUs by their size."""
+    """Return whether two records of other octets may yet be the same: TPDUs by their TPKT header, PDUs by their size."""
     if ours.kind == facts.TPDU:
         return ours.octets[: facts.TPKT_SIZE] == theirs.octets[: facts.TPKT_SIZE]
     return len(ours.octets) == len(theirs.octets)

@@ -167,12 +167,12 @@ class Evidence:
         return self._streams.arrival(frame)
 
     def of_one_flow(self, frame: int, other: int) -> bool:
-        """Tell whether two packets belong to the same direction of the same connection."""
+        """Return whether two packets belong to the same direction of the same connection."""
         mine, its = self.arrival(frame), self.arrival(other)
         return mine is not None and its is not None and mine.segment.flow == its.segment.flow
 
     def stands(self, record: Record) -> bool:
-        """Tell whether what we found stands where it has to, behind everything we found there before.
+        """Return whether what we found stands where it has to, behind everything we found there before.
 
         A TPKT has to stand in the TCP stream, a PDU in the user data of the DTs that stand there.
         """

@@ -17,6 +17,7 @@ from dissect.iso import layouts as iso
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZE, Tpdu, parse_tpdu
 from dissect.oracle import facts
 from dissect.oracle.facts import Fact, Place, Record
+from dissect.oracle.plus import PlusProof
 from dissect.s7 import layouts as s7
 from dissect.s7.bodies import parse_body
 from dissect.s7.items import DATA_HEAD, item_fill
@@ -50,7 +51,7 @@ class Witness(Observer):
     """Reads a capture and keeps the octets of every TPKT and S7 PDU, in the order in which the engine tells of them.
 
     ``ports`` are those on which connections were recognised, other than 102: Wireshark has to be told of them.
-    ``not_comparable`` counts what Wireshark cannot be asked about, by the reason.
+    ``not_comparable`` counts what Wireshark cannot be asked about, by the reason; ``plus`` is what S7comm-plus proves itself.
     """
 
     def __init__(self, path: str) -> None:
@@ -60,6 +61,7 @@ class Witness(Observer):
         self.found: dict[str, list[tuple[int, bytes]]] = {facts.TPDU: [], facts.PDU: []}
         self.ports: set[int] = set()
         self.not_comparable: Counter[str] = Counter()
+        self.plus = PlusProof()
         run = Run([path], self, Options())
         while run.step():
             pass
@@ -98,6 +100,10 @@ class Witness(Observer):
             self.not_comparable[NO_DISSECTOR] += 1
         else:
             self.found[facts.PDU].append((frame, octets))
+
+    def plus_pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
+        """Look at an S7comm-plus PDU."""
+        self.plus.take(octets, frame, side.connection.number, side.index, cut)
 
 
 def _read(

@@ -33,6 +33,11 @@ class Verification:
         return sum(len(comparison.unexplained) for _, comparison in self.files)
 
     @property
+    def holds(self) -> bool:
+        """True when nothing is unexplained, and every PDU of S7comm-plus proves itself."""
+        return not self.unexplained and all([comparison.plus.holds for _, comparison in self.files])
+
+    @property
     def known(self) -> Counter[str]:
         """The explained differences by what explains them."""
         return sum((comparison.known for _, comparison in self.files), Counter())
@@ -42,6 +47,9 @@ class Verification:
         self.files.append((path, comparison))
         lines = [f"{printable(path)}: {_counts([comparison])}"]
         lines += [f"  {count} PDUs not compared: {why}" for why, count in comparison.not_comparable.items()]
+        if comparison.plus.pdus or comparison.plus.cut:
+            lines.append(f"  {comparison.plus}")
+            lines += [f"  {printable(fault)}" for fault in comparison.plus.faults]
         for difference in comparison.differences:
             if self.every or not difference.known:
                 lines.append(f"  {difference}")
@@ -82,6 +90,13 @@ def _file(path: str, comparison: Comparison) -> dict[str, object]:
         "pdus": comparison.compared[facts.PDU],
         "fields": comparison.fields,
         "not_comparable": dict(comparison.not_comparable),
+        "s7plus": {
+            "pdus": comparison.plus.pdus,
+            "read": comparison.plus.read,
+            "cut": comparison.plus.cut,
+            "pairs": comparison.plus.pairs,
+            "true": comparison.plus.true,
+        },
         "differences": [_difference(difference) for difference in comparison.differences],
     }
 

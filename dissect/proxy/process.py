@@ -54,7 +54,7 @@ class _Message(msgspec.Struct, array_like=True):
 
 
 def possible() -> bool:
-    """Tell whether this system makes processes as is needed here."""
+    """Return whether this system makes processes as is needed here."""
     return hasattr(os, "fork")
 
 
@@ -106,7 +106,7 @@ class RelayProcess:
             self._ours.send(b"\0")
 
     def is_alive(self) -> bool:
-        """Tell whether it relays, or has something to tell."""
+        """Return whether it relays, or has something to tell."""
         return self._thread.is_alive()
 
     def join(self, timeout: float | None = None) -> None:
@@ -275,7 +275,7 @@ class RelayThread:
         self._thread.start()
 
     def is_alive(self) -> bool:
-        """Tell whether it relays."""
+        """Return whether it relays."""
         return self._thread.is_alive()
 
     def join(self, timeout: float | None = None) -> None:

@@ -96,7 +96,7 @@ class End:
             raise ResetError(self.side) from None
 
     def broken(self) -> bool:
-        """Tell whether it was reset; asked for where the selector watches for nothing."""
+        """Return whether it was reset; asked for where the selector watches for nothing."""
         try:
             return self.socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) != 0
         except OSError:

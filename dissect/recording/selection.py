@@ -8,7 +8,7 @@ adds what a message needs to be understood on its own: how its connection began,
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Final
 
 from mypy_extensions import i64
@@ -288,10 +288,10 @@ def _stretch(connection: Connection, first: int = 0) -> Stretch:
     """Return where the packets of a connection are, from packet ``first`` on."""
     tcp = connection.tcp
     protocol = ip.UDP if connection.udp else ip.TCP
-    return Stretch(_key(tcp), protocol, max(int(tcp.first_frame), first), int(tcp.last_frame))
+    return Stretch(key_of(tcp), protocol, max(int(tcp.first_frame), first), int(tcp.last_frame))
 
 
-def _key(tcp: TcpConnection) -> bytes:
+def key_of(tcp: TcpConnection) -> bytes:
     """Return the key of the packets that side 0 of a connection sends."""
     first, second = tcp.ends
     tag = int(tcp.vlan).to_bytes(8, "big") if tcp.vlan else b""
@@ -316,6 +316,7 @@ class Choice:
     ) -> None:
         self.comments = comments
         self.context = 0
+        self._narrow: Callable[[int, int, bytes, int, int, int], bool] | None = None
         self._around: Choice | None = None
         self._marked: dict[bytes, list[Stretch]] = {}  # connections of which what opens and closes TCP is wanted
         self._everything = everything
@@ -333,6 +334,10 @@ class Choice:
             self._spans.setdefault(timed.span.key, []).append(timed)
             self._span_hosts.setdefault(_addresses(timed.span.key), []).append(timed)
 
+    def narrow(self, test: Callable[[int, int, bytes, int, int, int], bool]) -> None:
+        """Want only packets that ``test`` takes as well, which is asked as `takes` is."""
+        self._narrow = test
+
     def surround(self, frames: frozenset[int], marked: Sequence[Stretch], spans: Sequence[TimedSpan]) -> None:
         """Take these packets along, and those which open or close the TCP connections ``marked``."""
         self._around = Choice(False, frames, (), spans, (self._from_ns, self._to_ns), {})
@@ -345,7 +350,9 @@ class Choice:
                 self._marked.setdefault(key, []).append(stretch)
 
     def takes(self, frame: int, time_ns: int, buf: bytes, start: int, end: int, link_type: int) -> bool:
-        """Tell whether packet ``frame`` is wanted. Never raises."""
+        """Return whether packet ``frame`` is wanted. Never raises."""
+        if self._narrow is not None and not self._narrow(frame, time_ns, buf, start, end, link_type):
+            return False
         if self._wants(frame, time_ns, buf, start, end, link_type):
             return True
         if self._around is None or not self._around.takes(frame, time_ns, buf, start, end, link_type):
@@ -360,18 +367,14 @@ class Choice:
             return True
         if not self._hosts and not self._span_hosts and not self._marked:
             return False
-        at, vlan = link.find_ip(buf, start, end, link_type)
-        if at < 0:
+        found = _parsed(buf, start, end, link_type)
+        if found is None:
             return False
-        packet = ip.parse_ip(buf, at, end, True)
-        if packet.problem:
-            return False
+        packet, key = found
         if packet.fragment_key:
             return self._takes_fragment(frame, time_ns, packet.addresses)
-        if packet.end - packet.start < 4:
+        if not key:
             return False
-        tag = int(vlan).to_bytes(8, "big") if vlan else b""
-        key = b"%b%b%b" % (packet.addresses, buf[packet.start : packet.start + 4], tag)
         protocol = packet.protocol
         if any(one.first <= frame <= one.last and one.protocol == protocol for one in self._stretches.get(key, ())):
             return True
@@ -388,13 +391,36 @@ class Choice:
         return any(one.from_ns <= time_ns <= one.to_ns for one in self._span_hosts.get(addresses, ()))
 
 
+def _parsed(buf: bytes, start: int, end: int, link_type: int) -> tuple[ip.IpPacket, bytes] | None:
+    """Return the IP packet in a frame and its key, empty for a fragment or where the ports are missing; None without one."""
+    at, vlan = link.find_ip(buf, start, end, link_type)
+    if at < 0:
+        return None
+    packet = ip.parse_ip(buf, at, end, True)
+    if packet.problem:
+        return None
+    if packet.fragment_key or packet.end - packet.start < 4:
+        return packet, b""
+    tag = int(vlan).to_bytes(8, "big") if vlan else b""
+    return packet, b"%b%b%b" % (packet.addresses, buf[packet.start : packet.start + 4], tag)
+
+
+def packet_key(buf: bytes, start: int, end: int, link_type: int) -> tuple[bytes, bytes]:
+    """Return the key of a TCP or UDP packet and its two addresses; both are empty where there are none. Never raises."""
+    found = _parsed(buf, start, end, link_type)
+    if found is None:
+        return b"", b""
+    packet, key = found
+    return (key if packet.protocol in {ip.TCP, ip.UDP} else b""), packet.addresses
+
+
 def _addresses(key: bytes) -> bytes:
     """Return the addresses of a key, without ports and VLAN."""
     return key[:8] if len(key) in (12, 20) else key[:32]
 
 
 def _carries(spans: Sequence[TimedSpan], time_ns: int, buf: bytes, packet: ip.IpPacket) -> bool:
-    """Tell whether a TCP segment carries octets of one of ``spans``."""
+    """Return whether a TCP segment carries octets of one of ``spans``."""
     at, end = int(packet.start), int(packet.end)
     if end - at < 20:
         return False

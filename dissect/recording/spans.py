@@ -36,7 +36,7 @@ class Span:
         self.size = size
 
     def overlaps(self, seq: int, size: int) -> bool:
-        """Tell whether a segment with ``size`` octets from ``seq`` on carries any of them."""
+        """Return whether a segment with ``size`` octets from ``seq`` on carries any of them."""
         return size > 0 and self.size > 0 and ((seq - self.seq) & MASK < self.size or (self.seq - seq) & MASK < size)
 
 

@@ -31,6 +31,11 @@ class Moment:
         self.base = base
         self.ns = ns
 
+    @staticmethod
+    def after(ns: int) -> Moment:
+        """Return the moment ``ns`` after the start of the capture."""
+        return Moment(_START, ns)
+
     def resolve(self, first_ns: int, last_ns: int) -> int:
         """Return nanoseconds since 1970, for a capture from ``first_ns`` to ``last_ns``.
 
@@ -61,6 +66,19 @@ class Window:
             end += _DAY_NS  # 23:59:50..00:00:10
         return begin, end
 
+    def resolve_ahead(self, first_ns: int) -> tuple[int, int]:
+        """Return what `resolve` does for a capture of which only the beginning is known.
+
+        Times of day are those of its first day, or of the next one where the window would be over before it begins.
+        """
+        begin, end = self.resolve(first_ns, first_ns)
+        if end < first_ns and (self.begin or self.end or _NOTHING).base == _MIDNIGHT:
+            return self.resolve(first_ns + _DAY_NS - first_ns % _DAY_NS, first_ns + _DAY_NS - first_ns % _DAY_NS)
+        return begin, end
+
+
+_NOTHING: Final = Moment(_START, 0)
+
 
 def parse_window(text: str) -> Window:
     """Return the window that ``BEGIN..END`` means; either may be left out. ValueError, for a person, when it means none.
@@ -70,10 +88,11 @@ def parse_window(text: str) -> Window:
     begin, dots, end = text.partition("..")
     if not dots or not (begin or end):
         raise ValueError(f"{text!r} is not of the form BEGIN..END")
-    return Window(_moment(begin) if begin else None, _moment(end) if end else None)
+    return Window(parse_moment(begin) if begin else None, parse_moment(end) if end else None)
 
 
-def _moment(text: str) -> Moment:
+def parse_moment(text: str) -> Moment:
+    """Return the moment that an end of a window means. ValueError, for a person, when it means none."""
     found = _SECONDS.fullmatch(text)
     if found:
         return Moment(_START, int(found[1]) * _NS + _fraction(found[2]))

@@ -177,6 +177,48 @@ class FunctionStatistics:
         self.latencies: Latencies = Latencies()
 
 
+class Part:
+    """What an analysis is of, where it is not of everything: the expression ``where``, and how much it left out.
+
+    ``transactions``, ``operations``, ``findings`` and ``connections`` count what was read and is not part of it, ``not_read``
+    connections of which nothing was read because their ends or numbers ruled them out. ``findings_not_judged`` had no detail
+    that could be looked at. ``finding_counts`` are the findings of the part, by slug.
+    """
+
+    __slots__ = (
+        "connections",
+        "finding_counts",
+        "findings",
+        "findings_not_judged",
+        "not_read",
+        "operations",
+        "transactions",
+        "where",
+    )
+
+    def __init__(self, where: str) -> None:
+        self.where: str = where
+        self.transactions: i64 = 0
+        self.operations: i64 = 0
+        self.findings: i64 = 0
+        self.findings_not_judged: i64 = 0
+        self.connections: i64 = 0
+        self.not_read: i64 = 0
+        self.finding_counts: dict[str, int] = {}
+
+    def as_dict(self) -> dict[str, object]:
+        """Return it as the JSON contract has it."""
+        return {
+            "where": self.where,
+            "transactions_left_out": self.transactions,
+            "operations_left_out": self.operations,
+            "findings_left_out": self.findings,
+            "findings_not_judged": self.findings_not_judged,
+            "connections_left_out": self.connections,
+            "connections_not_read": self.not_read,
+        }
+
+
 class Analysis(Observer):
     """Everything `analyze` says about a run. Fill it through a pipeline, then `take` the pipeline's own counters."""
 
@@ -200,6 +242,7 @@ class Analysis(Observer):
         self._slow_floor: i64 = -1
         self.pipeline: Pipeline | None = None
         self.files: list[SourceFile] = []
+        self.part: Part | None = None  # of a selection: what that is, and what it left out
 
     def __repr__(self) -> str:
         return (
@@ -211,6 +254,13 @@ class Analysis(Observer):
         """Take over what the pipeline counted and the files that were read."""
         self.pipeline = pipeline
         self.files = files
+
+    @property
+    def finding_counts(self) -> dict[str, int]:
+        """How often each finding was made, by slug; empty before `take`."""
+        if self.part is not None:
+            return self.part.finding_counts
+        return self.pipeline.finding_counts if self.pipeline is not None else {}
 
     @property
     def latencies(self) -> Latencies:

@@ -1,4 +1,4 @@
-"""The JSON contract of `analyze -T json`: plain values with a stable order of keys (docs/json.md, docs/schema/)."""
+"""The JSON contract of `analyze -T json`: plain values with a stable order of keys (docs/json.md, dissect/schema/)."""
 
 from __future__ import annotations
 
@@ -44,6 +44,7 @@ def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str,
         "schema": ANALYSIS_SCHEMA,
         "interrupted": interrupted,
         "files": [_file(file) for file in analysis.files],
+        "selection": analysis.part.as_dict() if analysis.part is not None else None,
         "first_time": clock.iso(pipeline.first_ns) if pipeline.frames else None,
         "last_time": clock.iso(pipeline.now_ns) if pipeline.frames else None,
         "packets": _packets(pipeline),
@@ -66,7 +67,7 @@ def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str,
         "functions": [_function(code, statistics) for code, statistics in sorted(analysis.functions.items())],
         "failed": [json.loads(lines.line(transaction)) for transaction in analysis.failed],
         "slowest": [json.loads(lines.line(transaction)) for transaction in analysis.slowest()],
-        "findings": dict(sorted(pipeline.finding_counts.items())),
+        "findings": dict(sorted(analysis.finding_counts.items())),
         "finding_details": [finding_as_dict(finding, places) for finding in by_weight(analysis.findings)],
         "loss": _loss(pipeline),
     }

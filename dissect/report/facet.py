@@ -21,7 +21,7 @@ class Facet:
     """
 
     def pushes_both_ways(self) -> bool:
-        """Tell whether what is sent without a request goes either way, so that it is shown as it went."""
+        """Return whether what is sent without a request goes either way, so that it is shown as it went."""
         return False
 
     def reference(self, transaction: Transaction) -> str:

@@ -33,8 +33,9 @@ class S7Facet(Facet):
         """Return every item with what became of it; those that a push says are unchanged are counted."""
         results = list(enumerate(transaction.results(), 1))
         unsure = transaction.flags & UNCONFIRMED != 0
+        naming = transaction.connection.naming
         said = [
-            f"{words.item(result, number)}{': no return code' if unsure and result.return_code < 0 else ''}"
+            f"{words.item(result, number, naming)}{': no return code' if unsure and result.return_code < 0 else ''}"
             for number, result in results
             if not result.unchanged
         ]
@@ -56,7 +57,7 @@ class S7Facet(Facet):
             return self.subject(transaction)
         asked, told = transaction.request, transaction.response
         said = [", ".join([printable(note) for note in pdu.body.notes]) for pdu in (asked, told) if pdu is not None]
-        return " → ".join([text for text in said if text])
+        return _asked_and_told(said)
 
     def notes(self, transaction: Transaction) -> str:
         """Return what request and answer say, for functions that have no items: a few notes of each."""
@@ -68,7 +69,7 @@ class S7Facet(Facet):
         listed = (
             head is not None and (int(head.group), int(head.subfunction)) == _LIST_OF_TYPE
         )  # the answer only goes on: SFC 0 (AWL), …
-        return (" " if listed else " → ").join([text for text in said if text])
+        return " ".join([text for text in said if text]) if listed else _asked_and_told(said)
 
     def setup(self, transaction: Transaction) -> str:
         """Return what a setup asked for, and what was granted."""
@@ -90,6 +91,16 @@ class S7Facet(Facet):
         group = (code >> 8) & 0xFF
         # The mode transition is the one userdata with a function octet of its own, and stands in group 0.
         return {"code": "0x00" if group else "0x01", "group": group, "subfunction": code & 0xFF}
+
+
+def _asked_and_told(said: list[str]) -> str:
+    """Join what a request says and what its answer does; an answer that repeats the request goes on behind that."""
+    if len(said) < 2:
+        return "".join(said)
+    asked, told = said
+    if told == asked or told.startswith(f"{asked}, "):
+        said = [asked, told[len(asked) + 2 :]]
+    return " → ".join([text for text in said if text])
 
 
 def _heads(transaction: Transaction) -> str:
@@ -141,4 +152,8 @@ def subject(transaction: Transaction) -> str:
 def gist(transaction: Transaction) -> str:
     """Return what a transaction is about, as a summary: the items that failed, or else what was asked for, but never all."""
     facet = facet_of(transaction)
-    return words.items_in_short(transaction.results()) or facet.setup(transaction) or facet.notes(transaction)
+    return (
+        words.items_in_short(transaction.results(), transaction.connection.naming)
+        or facet.setup(transaction)
+        or facet.notes(transaction)
+    )

@@ -89,6 +89,11 @@ FORMATS: Final[dict[str, Format]] = {
         ),
         _row("csv", "a row for each item", ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,))),
         _row("json", "one JSON object", ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME))),
+        _row(
+            "fields",
+            "the fields named with -e",
+            ("dissect.select.columns:FieldsWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
+        ),
         _row("junit", "JUnit XML", ("dissect.report.writers.junit:junit_outcome", (DIFFERENCES,))),
     )
 }

@@ -10,7 +10,7 @@ from dissect.report.words import Places
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.szl import SZL_HEAD
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
-from dissect.transactions.operation import DONE, LONG_ANSWER, RUNNING, Operation
+from dissect.transactions.operation import DONE, LONG_ANSWER, POLLING, RUNNING, Operation
 from dissect.wire.codes import CodeTable
 from dissect.wire.text import Clock, shortened
 
@@ -29,6 +29,8 @@ NAMES: Final = {
     "password": "password",
     "session": "session",
     "delete": "delete",
+    "control": "control",
+    "polling": "polling",
 }
 _SUBJECT: Final = 120
 
@@ -47,7 +49,7 @@ def operation_line(operation: Operation, clock: Clock, places: Places) -> str:
     said = "  ".join([text for text in (what, _carried(operation), result(operation)) if text])
     return (
         f"{clock.moment(operation.begin_ns)}  #{operation.number:<4} {frames:<12}"
-        f" {ends[operation.asked_by]} → {ends[1 - operation.asked_by]}"
+        f" {places.end(ends[operation.asked_by])} → {places.end(ends[1 - operation.asked_by])}"
         f"  {words.duration(operation.duration_ns):>8}  {NAMES[operation.kind]}  {said}"
     )
 
@@ -63,6 +65,9 @@ def _carried(operation: Operation) -> str:
     parts = [words.count(operation.parts, "transaction")] if operation.parts != 1 else []
     if operation.pushes:
         parts.append(words.count(operation.pushes, "push", "pushes") + " of them")
+    times = operation.parts if operation.kind == POLLING else operation.pushes
+    if times > 1:
+        parts.append(f"one in {words.duration(operation.duration_ns // (times - 1))} on average")
     if operation.octets:
         announced = f" of {operation.announced}" if operation.announced not in {-1, operation.octets} else ""
         parts.append(f"{operation.octets}{announced} bytes")

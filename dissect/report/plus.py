@@ -124,7 +124,8 @@ def item_text(item: PlusItem) -> str:
     if item.return_code > 0:
         return f"{label}: {'refused' if item.return_code == REFUSED else RETURN_CODES.name(item.return_code)}"
     text = item.text
-    return f"{label} = {shortened(text, _MESSAGE)}" if text else label
+    note = f" ({shortened(item.note, _MESSAGE)})" if item.note else ""
+    return f"{label} = {shortened(text, _MESSAGE)}{note}" if text else f"{label}{note}"
 
 
 def _some(texts: list[str]) -> list[str]:
@@ -212,6 +213,7 @@ def _item_as_dict(item: PlusItem) -> dict[str, object]:
         "type": value.type_name if value is not None else None,
         "crc": f"0x{address.crc:08x}" if address is not None and address.crc else None,
         "path": [address.area, address.sub_area, *address.lids] if address is not None else None,
+        **({"note": item.note} if item.note else {}),
     }
 
 
@@ -245,7 +247,7 @@ def plus_pdu_line(pdu: PlusPdu, time: str, connection: Connection, place: tuple[
 
 
 def _part_as_dict(part: Part, pdu: PlusPdu, hidden: list[tuple[int, int]]) -> dict[str, object]:
-    """Return a part with its fields, as those of S7 PDUs; ``depth`` is how many parts it stands inside of."""
+    """Return a part with its fields, as those of S7 PDUs; ``depth`` is how many parts enclose it."""
     fields: list[dict[str, object]] = []
     for value in part.values:
         offset = pdu.place(int(value.offset))

@@ -12,7 +12,7 @@ from dissect.engine.pipeline import Pipeline
 from dissect.findings.catalogue import CATALOGUE, SEVERITIES, Rule
 from dissect.findings.reporter import Finding
 from dissect.report import endings, facets, words
-from dissect.report.analysis import MAX_CONNECTIONS, Analysis
+from dissect.report.analysis import MAX_CONNECTIONS, Analysis, Part
 from dissect.report.operations import NAMES, shouted
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.tls import tls_lines
@@ -43,6 +43,7 @@ _IGNORED: Final = {
     "bad_checksum": "wrong TCP or UDP checksum",
     "link_type": "unsupported link type",
     "failed": "packets the analyzer failed on",
+    "left_out": "connections that are not selected",
 }
 
 
@@ -97,6 +98,8 @@ def analysis_lines(analysis: Analysis, interrupted: bool = False, clock: Clock |
     yield from _files(analysis, places, clock or Clock())
     if interrupted:
         yield Line("  INTERRUPTED: this report covers the packets read until then", "error")
+    if analysis.part is not None:
+        yield from _part(analysis, analysis.part)
     yield from _connections(analysis, places)
     yield from _transactions(analysis)
     yield from _scd(analysis)
@@ -150,6 +153,38 @@ def _files(analysis: Analysis, places: Places, clock: Clock) -> Iterator[Line]:
         yield Line(f"  IBH-NetLink packets: {', '.join(packets)}", PLAIN, 4)
 
 
+def _part(analysis: Analysis, part: Part) -> Iterator[Line]:
+    """Say that this is a selection, and what it left out."""
+    yield Line(f"  SELECTION: {printable(part.where)}", "warning", 4)
+    yield Line(f"  selected: {words.count(analysis.total, 'transaction')}, {_listed(analysis)}", PLAIN, 4)
+    kinds = (
+        (part.transactions, "transaction"),
+        (part.connections, "connection"),
+        (part.operations, "operation"),
+        (part.findings, "finding"),
+    )
+    said = [words.count(number, kind) for number, kind in kinds if number]
+    if part.not_read:
+        said.append(f"{words.count(part.not_read, 'connection')} not read")
+    if part.findings_not_judged:
+        said.append(f"{words.count(part.findings_not_judged, 'finding')} without detail, not judged")
+    yield Line(
+        f"  left out: {', '.join(said) or 'nothing'}; counts of packets and messages are of all that was read", PLAIN, 4
+    )
+
+
+def _listed(analysis: Analysis) -> str:
+    operations = sum([sum(results.values()) for results in analysis.operations.values()])
+    connections = len(analysis.connections) + int(analysis.connections_not_listed)
+    return ", ".join(
+        [
+            words.count(connections, "connection"),
+            words.count(operations, "operation"),
+            words.count(sum(analysis.finding_counts.values()), "finding"),
+        ]
+    )
+
+
 def _file(file: SourceFile) -> Iterator[Line]:
     yield Line(f"{printable(file.name)}: {words.count(file.packets, 'packet')}, {words.size(file.octets)}", HEADING)
     if file.damage:
@@ -167,7 +202,8 @@ def _connections(analysis: Analysis, places: Places) -> Iterator[Line]:
     connections = sorted(analysis.connections, key=_number)
     yield Line("")
     if not connections:
-        yield Line("No ISO-on-TCP connection in this capture.", HEADING)
+        of = "the selection" if analysis.part is not None else "this capture"
+        yield Line(f"No ISO-on-TCP connection in {of}.", HEADING)
         return
     total = len(connections) + int(analysis.connections_not_listed)
     if total <= _CONNECTIONS:
@@ -361,8 +397,7 @@ def _rows(transactions: Sequence[Transaction], places: Places) -> Iterator[Line]
 
 
 def _findings(analysis: Analysis, places: Places) -> Iterator[Line]:
-    pipeline = analysis.pipeline
-    counts = pipeline.finding_counts if pipeline is not None else {}
+    counts = analysis.finding_counts
     if not counts:
         if analysis.total:
             yield Line("")

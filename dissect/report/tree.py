@@ -11,6 +11,7 @@ from dissect.ibh.packet import IbhPacket, parse_packet
 from dissect.iso import layouts as iso
 from dissect.iso.cotp import Parameter, parse_tpdu
 from dissect.report import words
+from dissect.report.plus_blobs import blob_lines
 from dissect.s7 import layouts as s7
 from dissect.s7.bodies import parse_body
 from dissect.s7.data_parts import CONTENT, RETURN_CODE
@@ -85,14 +86,18 @@ def netlink_tree_lines(octets: bytes) -> Iterator[str]:
     yield from _octets(octets, hidden)
 
 
-def plus_tree_lines(pdu: PlusPdu, packet: bytes) -> Iterator[str]:
-    """Yield the tree of an S7comm-plus PDU and the hex view below it; ``packet`` as for `tree_lines`."""
+def plus_tree_lines(pdu: PlusPdu, packet: bytes, decrypted: bool = False) -> Iterator[str]:
+    """Yield the tree of an S7comm-plus PDU and the hex view below it.
+
+    ``packet`` as for `tree_lines`, empty where the PDU was ``decrypted``.
+    """
     whole = packet or pdu.octets
     base = len(whole) - len(pdu.octets)
     if packet:
         yield from _packet(packet)
     else:
-        why = "the end is missing" if pdu.cut else "reassembled from several frames or fragments"
+        why = "decrypted" if decrypted else "reassembled from several frames or fragments"
+        why = "the end is missing" if pdu.cut else why
         yield f"    {why}; offsets count from the start of the S7comm-plus PDU"
     at = base
     yield from _layout(s7plus.KEEP_ALIVE if pdu.version == KEEP_ALIVE else s7plus.HEADER, whole, at)
@@ -121,6 +126,7 @@ def plus_tree_lines(pdu: PlusPdu, packet: bytes) -> Iterator[str]:
 
 def _plus_parts(pdu: PlusPdu, found: Contents, base: int, hidden: Sequence[tuple[int, int]]) -> Iterator[str]:
     """Yield the contents of an S7comm-plus PDU; a part inside another one is indented under it."""
+    blobs = found.blobs[::-1]
     for part in found.parts:
         indent = "  " * part.depth
         yield f"    {indent}{part.layout.name}{f': {shortened(part.note, _NOTE)}' if part.note else ''}"
@@ -131,6 +137,10 @@ def _plus_parts(pdu: PlusPdu, found: Contents, base: int, hidden: Sequence[tuple
             secret = value.octets is not None and any([low <= begin < high for low, high in hidden])
             said = HIDDEN if secret else _meaning(value)
             yield f"{indent}{_field(where, value.field.name.rstrip('_'), said)}"
+        while blobs and blobs[-1][1] <= part.end:
+            begin, stop = blobs.pop()
+            for line in blob_lines(pdu.data[begin:stop]):
+                yield f"{indent}                 {line}"
     for fact in found.malformed:
         fact.offset = pdu.place(fact.offset)
     yield from _malformed(found.malformed, base)

@@ -8,7 +8,7 @@ file, and names the file as soon as there is more than one.
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from dissect.ibh.tables import IBH_NETLINK
@@ -20,7 +20,9 @@ from dissect.s7.message import Pdu
 from dissect.s7.tables import BYTE, RETURN_CODES
 from dissect.s7.values import Value
 from dissect.source.packet import SourceFile
+from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
+from dissect.transactions.naming import NamedValue, Naming
 from dissect.transactions.results import ItemResult
 from dissect.transactions.transaction import (
     ANSWERED,
@@ -45,11 +47,21 @@ class Places:
     """Finds packets of a run in its files.
 
     ``files`` may still grow while it is asked. ``several`` says whether file names are told, whatever was read so far.
+    ``hosts`` are names of hosts by their address.
     """
 
-    def __init__(self, files: Sequence[SourceFile], several: bool) -> None:
+    def __init__(self, files: Sequence[SourceFile], several: bool, hosts: Mapping[str, str] | None = None) -> None:
         self._files = files
         self.several = several
+        self._hosts: dict[str, str] = {address: printable(name) for address, name in (hosts or {}).items()}
+
+    def end(self, end: Endpoint) -> str:
+        """Return an end of a connection as text for a person has it: address and port, the name of the host for its address."""
+        if self._hosts:
+            name = self._hosts.get(end.host)
+            if name is not None:
+                return f"{name}:{end.port}"
+        return str(end)
 
     def locate(self, frame: int) -> tuple[str, int]:
         """Return (file name, number within that file) of the packet that is number ``frame`` of the run."""
@@ -113,6 +125,8 @@ PROTOCOLS: Final = {
 _SHOWN: Final = 8
 _SHOWN_TEXT: Final = 32
 _SHOWN_OCTETS: Final = 16
+#: Tags of one item that a line names.
+_SHOWN_TAGS: Final = 16
 #: Fewer characters than these may be a chance.
 _LEAST_TEXT: Final = 4
 #: Items or notes that a summary names, and characters of a note.
@@ -212,15 +226,46 @@ def address(item: Item) -> str:
     return shortened(item.label, 100)
 
 
-def item(result: ItemResult, number: int) -> str:
-    """Return one item with what became of it: ``DB10.DBW4 = 1234``, ``DB99.DBW0: Object does not exist``."""
+def item(result: ItemResult, number: int, naming: Naming | None = None) -> str:
+    """Return one item with what became of it: ``DB10.DBW4 = 1234``, ``DB99.DBW0: Object does not exist``.
+
+    With ``naming`` the tags it covers stand for its value: ``DB10.DBB0 x6: Tank.Level = 3.5 m, Tank.Pump = true``.
+    """
     asked = result.item
     name = f"item {number}" if asked is None else address(asked)
-    if result.data is not None:
+    known = naming.named(result) if naming is not None else []
+    if known:
+        name = _with_names(name, known)
+    elif result.data is not None:
         name += f" = {_content(result)}"
     if result.unchanged:
         return f"{name}: unchanged"
     return f"{name}: {RETURN_CODES.name(result.return_code)}" if result.refused else name
+
+
+def _with_names(place: str, known: list[NamedValue]) -> str:
+    """Return an item with its tags: one that is all of it stands in front of the address, several behind it."""
+    if len(known) == 1:
+        only = named_value(known[0])
+        name, equals, content = only.partition(" = ")
+        return f"{name} ({place}){equals}{content}"
+    shown = [named_value(value) for value in known[:_SHOWN_TAGS]]
+    more = f", … {len(known)} in all" if len(known) > _SHOWN_TAGS else ""
+    return f"{place} {{{', '.join(shown)}{more}}}"
+
+
+def named_value(known: NamedValue) -> str:
+    """Return a value with its name and unit: ``Tank.Level = 3.5 m``; octets without a name by their address."""
+    size = len(known.data)
+    if not known.name:
+        place = f"{known.address} x{size}" if size > 1 else known.address
+        return f"{place}{f' ({known.remark})' if known.remark else ''} = {octets(known.data)}"
+    name = shortened(known.name, 100)
+    if known.value is None:
+        why = f" ({printable(known.remark)})" if known.remark else ""
+        return f"{name}{why} = {octets(known.data)}" if size else name
+    unit = f" {shortened(known.unit, 20)}" if known.unit else ""
+    return f"{name} = {value(known.value)}{unit}"
 
 
 def _content(result: ItemResult) -> str:
@@ -245,17 +290,28 @@ def some_notes(found: list[str]) -> str:
     return ", ".join([shortened(note, NOTE) for note in found[:_NAMED]]) + more
 
 
-def items_in_short(results: list[ItemResult]) -> str:
+def items_in_short(results: list[ItemResult], naming: Naming | None = None) -> str:
     """Return the items that failed, or else the first few of all, without values; empty when there are none."""
     numbered = list(enumerate(results, 1))
     refused = [(number, result) for number, result in numbered if result.refused]
     if refused:
-        some = [item(result, number) for number, result in refused[:_NAMED]]
+        some = [item(result, number, naming) for number, result in refused[:_NAMED]]
         total = f"{len(refused)} of {count(len(results), 'item')} refused: " if len(results) > 1 else ""
         return total + ", ".join(some) + (", …" if len(refused) > _NAMED else "")
-    names = [address(result.item) if result.item is not None else f"item {number}" for number, result in numbered]
+    names = [_short_name(result, number, naming) for number, result in numbered]
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     return ", ".join(names[:_NAMED]) + more
+
+
+def _short_name(result: ItemResult, number: int, naming: Naming | None) -> str:
+    """Return the address of an item, and the tags that it covers: ``Tank.Level (DB1.DBD0)``, ``DB1.DBB0 x10 (3 tags)``."""
+    if result.item is None:
+        return f"item {number}"
+    known = [value.name for value in naming.named(result) if value.name] if naming is not None else []
+    if not known:
+        return address(result.item)
+    place = address(result.item)
+    return f"{shortened(known[0], 100)} ({place})" if len(known) == 1 else f"{place} ({len(known)} tags)"
 
 
 def error_text(error: TransactionError) -> str:

@@ -18,6 +18,7 @@ from dissect.ibh.packet import parse_packet
 from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
 from dissect.iso.cotp import parse_tpdu
 from dissect.iso.tables import DT, ED
+from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.report.styled import Line
 from dissect.report.words import Places, carried, message_name
 from dissect.transactions.connection import Connection
@@ -31,8 +32,16 @@ from dissect.wire.text import Clock
 KEPT_LINES: Final = 4096
 KEPT_CHARACTERS: Final = 16 * 1024 * 1024
 
-#: Tells whether a transaction is wanted.
+#: What messages are called that carry none of the protocols of `UPPER_NAMES`: TPDUs, packets of IBH-NetLink.
+COTP: Final = "cotp"
+NETLINK: Final = "netlink"
+
+#: Tells whether a transaction is wanted; and the same of an operation.
 Choice = Callable[[Transaction], bool]
+OperationChoice = Callable[[Operation], bool]
+#: Tells whether a message is wanted: its protocol, packet, time, connection, side that sent it, octets, whether the capture
+#: cut it, and in the place of octets an SCD message.
+MessageChoice = Callable[[str, int, int, Connection, int, bytes, bool, ScdMessage | None], bool]
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -95,6 +104,11 @@ class TransactionFeed(Observer):
         self._most_characters: int = most_characters
         self._packets: list[int] = []  # for each line of the writer the packet it stands at; these ascend
         self._latest: int = 0
+        self.protocols: dict[str, int] = {}  # of the connections that are over, and how many spoke each
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Count what a connection spoke."""
+        self.protocols[connection.protocol] = self.protocols.get(connection.protocol, 0) + 1
 
     def transaction(self, transaction: Transaction) -> None:
         """Hand on a transaction."""
@@ -142,16 +156,16 @@ class TransactionFeed(Observer):
 
 
 class OperationFeed(Observer):
-    """Hands operations to a writer, all or those of ``kinds``."""
+    """Hands operations to a writer, all or those that are chosen."""
 
-    def __init__(self, writer: Writer, kinds: frozenset[str] = frozenset()) -> None:
+    def __init__(self, writer: Writer, choose: OperationChoice | None = None) -> None:
         super().__init__()
         self._writer: Writer = writer
-        self._kinds: frozenset[str] = kinds
+        self._choose: OperationChoice | None = choose
 
     def operation(self, operation: Operation) -> None:
         """Hand on an operation."""
-        if not self._kinds or operation.kind in self._kinds:
+        if self._choose is None or self._choose(operation):
             self._writer.operation(operation)
 
 
@@ -159,10 +173,15 @@ class PduFeed(Observer):
     """Hands a writer PDUs, and the TPDUs and packets that carry none: all, or those that one of ``frames`` completes.
 
     ``found`` are the packets of ``frames`` that the format had something to write of; ``decoder`` says which messages are SCD.
+    ``choose`` tells which messages are wanted.
     """
 
     def __init__(
-        self, writer: Writer, frames: frozenset[int] = frozenset(), decoder: PayloadDecoder | None = None
+        self,
+        writer: Writer,
+        frames: frozenset[int] = frozenset(),
+        decoder: PayloadDecoder | None = None,
+        choose: MessageChoice | None = None,
     ) -> None:
         super().__init__()
         self.wants_pdus = True
@@ -171,11 +190,12 @@ class PduFeed(Observer):
         self._writer: Writer = writer
         self._frames: frozenset[int] = frozenset(frames)
         self._decoder: PayloadDecoder | None = decoder
+        self._choose: MessageChoice | None = choose
         self._before: int = 0  # lines before the message at hand
 
     def comment(self, frame: i64, text: str) -> None:
-        """Hand on a comment."""
-        if self._wanted(frame):
+        """Hand on a comment; where messages are chosen, a comment is none."""
+        if self._choose is None and self._wanted(frame):
             self._writer.comment(frame, text)
             self._find(frame)
 
@@ -189,6 +209,8 @@ class PduFeed(Observer):
             begins = side.assembler.clear
             if not (begins and carried(tpdu)) or (self._decoder and self._decoder.claims_tsdus(side.connection)):
                 return
+        if not self._chosen(COTP, frame, time_ns, side, octets, False):
+            return
         self._writer.tpdu(frame, time_ns, side, octets)
         self._find(frame)
 
@@ -201,18 +223,20 @@ class PduFeed(Observer):
         if packet.kind in {KIND_DATA, KIND_FRAGMENT} and packet.data:
             if not side.assembler.clear or not message_name(packet.data):
                 return
+        if not self._chosen(NETLINK, frame, time_ns, side, octets, False):
+            return
         self._writer.ibh_packet(frame, time_ns, side, octets)
         self._find(frame)
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Hand on an S7 PDU."""
-        if self._wanted(frame):
+        if self._wanted(frame) and self._chosen(UPPER_NAMES[S7COMM], frame, time_ns, side, octets, cut):
             self._writer.pdu(frame, time_ns, side, octets, cut)
             self._find(frame)
 
     def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Hand on an S7comm-plus PDU."""
-        if self._wanted(frame):
+        if self._wanted(frame) and self._chosen(UPPER_NAMES[S7COMM_PLUS], frame, time_ns, side, octets, cut):
             self._writer.plus_pdu(frame, time_ns, side, octets, cut)
             self._find(frame)
 
@@ -227,8 +251,19 @@ class PduFeed(Observer):
 
     def _scd(self, found: ScdMessage, connection: Connection) -> None:
         if self._wanted(found.frame):
+            choose = self._choose
+            if choose is not None and not choose(
+                UPPER_NAMES[SCD], found.frame, found.time_ns, connection, found.side, found.octets, False, found
+            ):
+                return
             self._writer.scd_message(found, connection)
             self._find(found.frame)
+
+    def _chosen(self, protocol: str, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> bool:
+        choose = self._choose
+        if choose is None:
+            return True
+        return choose(protocol, frame, time_ns, side.connection, side.index, octets, cut, None)
 
     def _find(self, frame: i64) -> None:
         """Note that a packet that was asked for has a message, if the format shows it."""

@@ -92,11 +92,12 @@ class Contents:
     """The contents of one PDU. What a function does not have stays empty, or -1.
 
     ``items`` are values by the number of their item (in a notification by its reference), ``refusals`` return values by the
-    same. ``pieces`` are the octets of a stream, one range of offsets within the data each.
+    same. ``blobs`` are the compressed ones, ``pieces`` the octets of a stream, one range of offsets within the data each.
     """
 
     __slots__ = (
         "addresses",
+        "blobs",
         "digest",
         "exhausted",
         "frame_starts",
@@ -139,6 +140,7 @@ class Contents:
         self.objects: list[PlusObject] = []
         self.list: list[Member] = []
         self.pieces: list[tuple[int, int]] = []
+        self.blobs: list[tuple[int, int]] = []
 
     @property
     def notes(self) -> list[str]:

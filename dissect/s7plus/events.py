@@ -34,6 +34,7 @@ from dissect.s7plus.tables import (
     DELETE_OBJECT,
     END_SEQUENCE,
     EXPLORE,
+    FUNCTIONS,
     GET_MULTI_VARIABLES,
     GET_VAR_SUBSTREAMED,
     SET_MULTI_VARIABLES,
@@ -95,6 +96,16 @@ _COUNTED: Final = frozenset((
 ))  # fmt: skip
 _ALWAYS: Final = frozenset((CREATE_OBJECT, DELETE_OBJECT, EXPLORE))
 _REQUEST_SIZE: Final = 14
+_RESPONSE_SIZE: Final = 10
+# Within the fixed part of a request.
+_SEQUENCE: Final = 7
+_SESSION_ID: Final = 9
+#: Reads whose latest answers are kept of one connection, and the octets of the largest that are.
+_POLLS: Final = 64
+_LARGEST_POLL: Final = 4096
+#: What ends most PDUs, and the octets that an integrity id may have beside its last one.
+_FILL: Final = bytes(4)
+_MORE_OF_ID: Final = 4
 _HEADER: Final = 4
 _INTEGRITY: Final = 33
 
@@ -140,6 +151,11 @@ def take(session: PlusSession, function: int, request: bytes, response: bytes) -
         session.explores += 1
         if not _tells(response):
             return None
+    polled = answered = b""
+    if function == GET_MULTI_VARIABLES:
+        polled, answered = _steady(request, _REQUEST_SIZE), _steady(response, _RESPONSE_SIZE)
+        if answered and session.polls.get(polled) == answered:
+            return _polled_again(session, request, len(polled))
     facts = Facts()
     asked = _read(request, facts)
     _judge_integrity(session, facts, *asked)
@@ -147,7 +163,48 @@ def take(session: PlusSession, function: int, request: bytes, response: bytes) -
     answer = told[1] if told is not None and told[0].function == function else None
     good = answer is None or (told is not None and told[0].return_code < 0x8000)
     _judge(session, facts, function, asked[1], answer, good)
+    if polled and answered and not facts.malformed:
+        while len(session.polls) >= _POLLS:
+            del session.polls[next(iter(session.polls))]
+        session.polls[polled] = answered
     return facts
+
+
+def _steady(octets: bytes, head: int) -> bytes:
+    """Return of a PDU of GetMultiVariables in one frame what is the same when the same is read or answered again.
+
+    That is all but its numbers, its digest and its integrity id. In front of the id a list ends with 0; where none does, or
+    something else than four zeros ends the PDU, empty: such PDUs are always read.
+    """
+    size = len(octets)
+    if size < _HEADER or size > _LARGEST_POLL or _HEADER + u16(octets, 2) + _HEADER != size:
+        return b""
+    at = _HEADER + head + (_INTEGRITY if octets[1] == V3 else 0)
+    end = size - _HEADER - len(_FILL)
+    if end <= at or octets[end : end + len(_FILL)] != _FILL:
+        return b""
+    end -= 1
+    least = end - _MORE_OF_ID
+    while end > at and end > least and octets[end - 1] >= 0x80:
+        end -= 1
+    return octets[at:end] if end > at and octets[end - 1] == 0 else b""
+
+
+def _polled_again(session: PlusSession, octets: bytes, size: int) -> Facts | None:
+    """Judge a request that asks the same as before, ``size`` octets behind its head, and got the same: by its integrity id."""
+    at = _HEADER + (_INTEGRITY if octets[1] == V3 else 0)
+    id_, _ = read_varint(octets, at + _REQUEST_SIZE + size, len(octets), VLQ)
+    if id_ <= 0 or u32(octets, at + _SESSION_ID) not in session.given:
+        return None  # as when it is read: zeros alone are no id
+    if not session.repeats(False, u16(octets, at + _SEQUENCE), id_):
+        return None
+    facts = Facts()
+    facts.events.append(Event(REPLAYED, _replayed(FUNCTIONS.name(GET_MULTI_VARIABLES), id_)))
+    return facts
+
+
+def _replayed(function: str, id_: int) -> str:
+    return f"{function} has integrity id {id_} again, or a lower one than before"
 
 
 def _read(octets: bytes, facts: Facts) -> tuple[PlusPdu, Contents]:
@@ -164,9 +221,7 @@ def _read(octets: bytes, facts: Facts) -> tuple[PlusPdu, Contents]:
 def _judge_integrity(session: PlusSession, facts: Facts, pdu: PlusPdu, found: Contents) -> None:
     id_ = found.integrity_id
     if id_ >= 0 and pdu.session_id in session.given and session.repeats(pdu.function in _COUNTED, pdu.sequence, id_):
-        facts.events.append(
-            Event(REPLAYED, f"{pdu.function_name} has integrity id {id_} again, or a lower one than before")
-        )
+        facts.events.append(Event(REPLAYED, _replayed(pdu.function_name, id_)))
 
 
 def _may_matter(session: PlusSession, function: int, octets: bytes) -> bool:

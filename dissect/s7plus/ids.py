@@ -65,8 +65,3 @@ def block_name(number: int) -> str:
     """Return the name of a block by the id of its object, for example ``DB3``; empty when it is none."""
     kind = BLOCK_KINDS.get(number >> 16)
     return f"{kind}{number & 0xFFFF}" if kind is not None else ""
-
-
-def id_means(octets: bytes) -> str | None:
-    """Return what four octets say that hold an id (`dissect.wire.layout.Means`)."""
-    return id_name(int.from_bytes(octets, "big"))

@@ -8,8 +8,9 @@ from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.ids import HIDDEN, SECRETS
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.objects import every_object
-from dissect.s7plus.program import Found, symbol
-from dissect.s7plus.program_values import program_value
+from dissect.s7plus.packed_values import misfit, packed_members
+from dissect.s7plus.program import Found, Program, symbol
+from dissect.s7plus.program_values import contradiction, program_value, program_values
 from dissect.s7plus.session import REFERENCE_LIST, SUBSCRIPTION, PlusSession, references_of
 from dissect.s7plus.summary import single_address
 from dissect.s7plus.tables import (
@@ -24,13 +25,15 @@ from dissect.s7plus.tables import (
 )
 from dissect.s7plus.value_showing import as_json, value_said
 from dissect.s7plus.value_tables import WSTRING
-from dissect.s7plus.values import Value
+from dissect.s7plus.values import Packed, Value
 
 READS: Final = frozenset((GET_MULTI_VARIABLES, GET_VARIABLE, GET_VAR_SUBSTREAMED))
 WRITES: Final = frozenset((SET_MULTI_VARIABLES, SET_VARIABLE, SET_VAR_SUBSTREAMED))
 #: Of a notification: the CPU refuses an item, and says no more about why.
 REFUSED: Final = 0xFFFF
 
+#: Elements of an array that are shown.
+_SHOWN: Final = 8
 #: Return values from here on refuse.
 _NEGATIVE: Final = 0x8000
 
@@ -39,10 +42,11 @@ class PlusItem:
     """One item. ``number`` counts from 1, in a notification it is the reference.
 
     ``return_code`` is 0 when all is well, -1 when no answer says, else the lower 16 bits of a return value, or `REFUSED`.
-    ``found`` is what the program calls it, where that passed.
+    ``found`` is what the program calls it, where that passed; ``note`` says in what the value or the checksum of its symbol
+    contradicts that.
     """
 
-    __slots__ = ("address", "data", "found", "number", "return_code", "value")
+    __slots__ = ("address", "data", "found", "note", "number", "program", "return_code", "value")
 
     def __init__(self, number: int, address: Address | None, value: Value | None, return_code: int) -> None:
         self.number = number
@@ -51,6 +55,8 @@ class PlusItem:
         self.return_code = return_code
         self.data: bytes | None = None
         self.found: Found | None = None
+        self.program: Program | None = None
+        self.note = ""
 
     @property
     def label(self) -> str:
@@ -66,8 +72,17 @@ class PlusItem:
         if self.value is None:
             return ""
         text = self._program_value()
-        if text is not None and self.found is not None and self.found.variable is not None:
-            return f"{self.found.variable.datatype_name} {text!r}"
+        if text is not None:
+            variable = self.found.variable if self.found is not None else None
+            return f"{variable.datatype_name if variable is not None else 'DTL'} {text!r}"
+        members = self._members()
+        if members is not None:
+            return f"Struct {members}"
+        elements = self._elements()
+        if elements is not None and self.found is not None and self.found.variable is not None:
+            shown = [str(one) for one in elements[:_SHOWN]]
+            more = " …" if len(elements) > _SHOWN else ""
+            return f"{self.found.variable.datatype_name}[{len(elements)}] {', '.join(shown)}{more}"
         address = self.address
         ids = [address.sub_area, *address.lids] if address is not None else [0]
         return value_said(self.value, ids[-1])
@@ -78,11 +93,45 @@ class PlusItem:
         text = self._program_value()
         if text is not None:
             return text
-        return as_json(self.value) if self.value is not None else None
+        if self.value is None:
+            return None
+        members = self._members()
+        content = self.value.content
+        if members is not None and isinstance(content, Packed):
+            return {"id": content.id, "time": content.time, "octets": content.octets.hex(), "members": members}
+        elements = self._elements()
+        return elements if elements is not None else as_json(self.value)
 
     def _program_value(self) -> str | None:
-        variable = self.found.variable if self.found is not None else None
-        return program_value(variable, self.value) if variable is not None and self.value is not None else None
+        if self.value is None or self.program is None:
+            return None
+        return program_value(self.found, self.value, self.program)
+
+    def _members(self) -> dict[str, object] | None:
+        """Return the members of a structure of the program by name."""
+        content = self.value.content if self.value is not None else None
+        if self.program is None or self.note or not isinstance(content, Packed):
+            return None
+        return packed_members(content, self.program)
+
+    def _elements(self) -> list[str | None] | None:
+        """Return the elements of an array as they were declared."""
+        return program_values(self.found, self.value) if self.value is not None and not self.note else None
+
+    def understand(self, program: Program) -> None:
+        """Take what the program says of the item: its name, and whether the value fits its declaration."""
+        address = self.address
+        if address is None:
+            return
+        self.program = program
+        self.found = program.find(address)
+        if self.found is None:
+            self.note = program.doubt(address)
+        elif self.value is not None:
+            self.note = contradiction(self.found, self.value, program)
+            content = self.value.content
+            if not self.note and isinstance(content, Packed) and misfit(content, program):
+                self.note = "its bytes do not fit the declaration"
 
 
 class Half:
@@ -109,9 +158,13 @@ def join_items(asked: Half | None, told: Half | None, session: PlusSession | Non
         if address is None:
             continue
         if session is not None:
-            item.found = session.program.find(address)
+            item.understand(session.program)
         if item.value is not None and (address.lids[-1] if address.lids else address.sub_area) in SECRETS:
-            item.value, item.data = Value(0, WSTRING, HIDDEN), None  # an answer to a read does not say so itself
+            item.value, item.data, item.note = (
+                Value(0, WSTRING, HIDDEN),
+                None,
+                "",
+            )  # an answer to a read does not say so itself
     return items
 
 

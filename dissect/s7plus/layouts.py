@@ -8,11 +8,11 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.s7plus.id_tables import IDS
-from dissect.s7plus.ids import id_means
+from dissect.s7plus.ids import id_name
 from dissect.s7plus.program_tables import DATATYPES, SECTIONS
 from dissect.s7plus.tables import FUNCTIONS, NOTIFIED, OPCODES, TAGS, VARIABLE_KINDS, VERSIONS
 from dissect.s7plus.value_tables import VALUE_FLAGS, VALUE_TYPES
-from dissect.wire.layout import HOLDS_REFERENCE, HOLDS_VALUE, REST, Field, Layout
+from dissect.wire.layout import COUNTS_REST, HOLDS_REFERENCE, HOLDS_VALUE, REST, Field, Layout
 from dissect.wire.varint import VLQ, VLQ64
 
 _SOURCE: Final = "docs/s7plus.md"
@@ -96,6 +96,9 @@ NOTIFICATION: Final = Layout(
     ],
 )
 
+#: Of V1, which only old S7-1200 speak (one source); everything behind its opcode is contents.
+NOTIFICATION_V1: Final = Layout("S7comm-plus notification", _SOURCE, [Field("opcode", 1, "0x33.", codes=OPCODES)])
+
 EVENT: Final = Layout(
     "S7comm-plus system event",
     _SOURCE,
@@ -125,7 +128,7 @@ MEMBER: Final = Layout("member", _SOURCE, [_ID, *_VALUE])
 LIST_END: Final = Layout("end of list", _SOURCE, [Field("end", 1, "0.")])
 #: An element of a sparse array of structures.
 ROW: Final = Layout(
-    "element", _SOURCE, [Field("key", VLQ, "Its key."), Field("structure", 4, "Id of the structure.", means=id_means)]
+    "element", _SOURCE, [Field("key", VLQ, "Its key."), Field("structure", 4, "Id of the structure.", says=id_name)]
 )
 
 _PACKED: Final = [
@@ -143,7 +146,7 @@ PACKED_TWICE: Final = Layout(
 _TAG: Final = Field("tag", 1, "What kind of element follows.", codes=TAGS)
 _OBJECT: Final = [
     _TAG,
-    Field("rid", 4, "Id of the object.", means=id_means),
+    Field("rid", 4, "Id of the object.", says=id_name),
     Field("class", VLQ, "Its class.", codes=IDS),
     Field("class_flags", VLQ, "Flags of the class."),
     Field("attribute", VLQ, "The attribute by which its parent holds it, 0 in captures.", codes=IDS),
@@ -154,7 +157,7 @@ OBJECT_HELD: Final = Layout(
 )
 OBJECT_END: Final = Layout("end of object", _SOURCE, [_TAG])
 ATTRIBUTE: Final = Layout("attribute", _SOURCE, [_TAG, _ID, *_VALUE])
-RELATION: Final = Layout("relation", _SOURCE, [_TAG, _ID, Field("rid", 4, "The other object.", means=id_means)])
+RELATION: Final = Layout("relation", _SOURCE, [_TAG, _ID, Field("rid", 4, "The other object.", says=id_name)])
 
 #: A list of variables and a list of their names begin with their tag; blocks with a length follow, the last has length 0.
 VARIABLE_LIST: Final = Layout("list of variables", _SOURCE, [_TAG])
@@ -190,19 +193,34 @@ VARIABLE_NAME: Final = Layout(
         Field("name", REST, "The name and a 0.", means=text_means),
     ],
 )
+#: A variable of an S7-1200 with firmware 2: its name, what it is, and the tag that ends it.
 TAG_DESCRIPTION: Final = Layout(
     "tag description",
     _SOURCE,
     [
         _TAG,
         Field("kind", 1, "What stands at the end."),
-        Field("name_length", VLQ, "Bytes of the name."),
-        Field("octets", REST, "Name, type, LID, offsets."),
+        Field("name_length", VLQ, "Bytes of the name.", counts=COUNTS_REST),
+        Field("name", REST, "The name.", means=text_means),
     ],
 )
+TAG_VARIABLE: Final = Layout(
+    "tag",
+    _SOURCE,
+    [
+        Field("one", 1, "1 in captures."),
+        Field("type", 1, "Type of its value.", codes=VALUE_TYPES),
+        Field("datatype", VLQ, "Type in the program.", codes=DATATYPES),
+        Field("description_flags", 4, "Not known."),
+        Field("lid", VLQ, "Id of the variable within its block.", decimal=True),
+        Field("length", VLQ, "Length of a string, id of a structure."),
+        Field("numbers", REST, "Accessibility and section, offsets, bounds, as the kind says."),
+    ],
+)
+TAG_DESCRIPTION_END: Final = Layout("end of tag description", _SOURCE, [_TAG])
 
 # Bodies.
-OBJECT_ID: Final = Layout("object id", _SOURCE, [Field("rid", 4, "The object.", means=id_means)])
+OBJECT_ID: Final = Layout("object id", _SOURCE, [Field("rid", 4, "The object.", says=id_name)])
 OBJECT_ID_VLQ: Final = Layout("object id", _SOURCE, [Field("rid", VLQ, "The object.", codes=IDS)])
 RETURN_VALUE: Final = Layout("return value", _SOURCE, [Field("return_value", VLQ64, "64 bits: see the reference.")])
 COUNT: Final = Layout("count", _SOURCE, [Field("count", VLQ, "How many follow.")])
@@ -211,7 +229,7 @@ ITEM_COUNTS: Final = Layout(
     "items",
     _SOURCE,
     [
-        Field("link", 4, "0, or the object whose attributes are meant.", means=id_means),
+        Field("link", 4, "0, or the object whose attributes are meant.", says=id_name),
         Field("item_count", VLQ, "Items."),
         Field("field_count", VLQ, "Numbers that their addresses take in all."),
     ],
@@ -228,20 +246,19 @@ ADDRESS: Final = Layout(
     ],
 )
 ATTRIBUTE_ID: Final = Layout("attribute id", _SOURCE, [Field("id", VLQ, "The attribute.", codes=IDS)])
-NUMBER: Final = Layout("number", _SOURCE, [Field("number", VLQ, "Of something numbered before.")])
 ITEM_VALUE: Final = Layout("item", _SOURCE, [Field("number", VLQ, "Number of the item, from 1."), *_VALUE])
 ITEM_ERROR: Final = Layout(
     "item error",
     _SOURCE,
     [Field("number", VLQ, "Number of the item, from 1."), Field("return_value", VLQ64, "Why it was refused.")],
 )
-QUALIFIER: Final = Layout("qualifier", _SOURCE, [Field("id", 4, "1256.", means=id_means)])
+QUALIFIER: Final = Layout("qualifier", _SOURCE, [Field("id", 4, "1256.", says=id_name)])
 RESERVED: Final = Layout("reserved", _SOURCE, [Field("octets", REST, "0 in captures; the meaning is not known.")])
 EXPLORE_HEAD: Final = Layout(
     "explore",
     _SOURCE,
     [
-        Field("rid", 4, "Where to begin.", means=id_means),
+        Field("rid", 4, "Where to begin.", says=id_name),
         Field("id", VLQ, "0 in captures.", codes=IDS),
         Field("children", 1, "1: the objects below as well."),
         Field("one", 1, "1 in captures."),
@@ -254,13 +271,13 @@ EXPLORE_GROUP: Final = Layout(
 EXPLORE_FILTER: Final = Layout(
     "filter",
     _SOURCE,
-    [Field("type", 1, "0x17, a structure.", codes=VALUE_TYPES), Field("structure", 4, "Its id.", means=id_means)],
+    [Field("type", 1, "0x17, a structure.", codes=VALUE_TYPES), Field("structure", 4, "Its id.", says=id_name)],
 )
 LINK_REQUEST: Final = Layout(
     "link",
     _SOURCE,
     [
-        Field("rid", 4, "The object.", means=id_means),
+        Field("rid", 4, "The object.", says=id_name),
         Field("id", VLQ, "The relation.", codes=IDS),
         Field("reserved", 2, "0."),
     ],
@@ -268,10 +285,12 @@ LINK_REQUEST: Final = Layout(
 SEQUENCE_TYPE: Final = Layout("sequence", _SOURCE, [Field("type", 1, "Kind of the sequence.")])
 SEQUENCE_KIND: Final = Layout("sequence kind", _SOURCE, [Field("kind", 2, "1: an object follows.")])
 INVOKE_HEAD: Final = Layout(
-    "call", _SOURCE, [Field("sub_session", 4, "0 in captures."), Field("method", 4, "The method.", means=id_means)]
+    "call", _SOURCE, [Field("sub_session", 4, "0 in captures."), Field("method", 4, "The method.", says=id_name)]
 )
 PIECE: Final = Layout(
-    "stream piece", _SOURCE, [Field("length", VLQ, "Bytes of the piece."), Field("octets", REST, "The piece.")]
+    "stream piece",
+    _SOURCE,
+    [Field("length", VLQ, "Bytes of the piece.", counts=COUNTS_REST), Field("octets", REST, "The piece.")],
 )
 
 # Notifications.
@@ -304,7 +323,9 @@ NOTIFIED_PLAIN: Final = Layout("notified value", _SOURCE, [_KIND, *_VALUE])
 NOTIFIED_REFUSAL: Final = Layout("refused item", _SOURCE, [_KIND, Field("reference", 4, "Number of the item.")])
 NOTIFIED_KIND: Final = Layout("notified objects", _SOURCE, [_KIND])
 SECOND_PART: Final = Layout(
-    "second part", _SOURCE, [Field("id", 4, "What it belongs to.", means=id_means), Field("unknown", 2, "Not known.")]
+    "second part",
+    _SOURCE,
+    [Field("object_id", 4, "What it belongs to.", says=id_name), Field("unknown", 2, "Not known.")],
 )
 
 # Ends.
@@ -314,7 +335,9 @@ INTEGRITY_ID: Final = Layout(
     [Field("integrity_id", VLQ, "Of a response: that of its request plus the sequence number.")],
 )
 DIGEST: Final = Layout(
-    "digest", _SOURCE, [Field("digest_length", 1, "Bytes of the digest, 32."), Field("digest", REST, "The digest.")]
+    "digest",
+    _SOURCE,
+    [Field("digest_length", 1, "Bytes of the digest, 32.", counts=COUNTS_REST), Field("digest", REST, "The digest.")],
 )
 FILL: Final = Layout("fill", _SOURCE, [Field("fill", REST, "0.")])
 

@@ -303,7 +303,7 @@ def fixed_part(pdu: PlusPdu) -> Layout | None:
     if pdu.version == SYSTEM_EVENT:
         return layouts.EVENT
     if pdu.opcode == NOTIFICATION:
-        return None if pdu.version == V1 else layouts.NOTIFICATION
+        return layouts.NOTIFICATION_V1 if pdu.version == V1 else layouts.NOTIFICATION
     if pdu.opcode == REQUEST:
         return layouts.REQUEST
     return layouts.RESPONSE if pdu.opcode in OPCODES else None

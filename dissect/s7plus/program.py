@@ -20,9 +20,10 @@ MAX_VARIABLES: Final = 200_000
 #: First octet of the id of the type information of areas, and the areas by the octet behind it (one source only).
 _AREA_TYPES: Final = 0x90
 _AREA_ORDER: Final[dict[int, int]] = {1: 80, 2: 81, 3: 82, 4: 83, 5: 84}
-#: Kinds of variables that have elements with an index, and kinds that have members.
-_ARRAYS: Final = frozenset((3, 10))
-_STRUCTS: Final = frozenset((5, 12))
+#: Number between the index of an element and its member, in the address of a member of an array of structures (one source).
+_ELEMENT: Final = 1
+#: Datatypes whose characters may be addressed by first and count.
+_STRINGS: Final = frozenset((19, 62))
 
 
 class Program:
@@ -77,33 +78,68 @@ class Program:
         if entry is None:
             return None
         name, variable = entry
-        if address.crc and len(lids) == 1 and variable.crc and address.crc != variable.crc:
+        if _changed(address, variable):
             return None  # the program is not the one whose names these are
         path = f'"{name}"'
         at = 1
+        element = False
         while at < len(lids):
-            if variable.kind in _ARRAYS and at == len(lids) - 1:
-                path += f"[{lids[at] + variable.lower_bound}]"
+            if variable.is_array and not element:
+                index = variable.index_text(lids[at])
+                if not index:
+                    break
+                path += index
+                element = True
                 at += 1
+                if variable.type_id and at + 1 < len(lids) and lids[at] == _ELEMENT:
+                    at += 1
                 continue
-            members = self._types.get(variable.type_id) if variable.kind in _STRUCTS else None
+            if variable.datatype in _STRINGS and lids[at] == 0 and at == len(lids) - 2:
+                at = len(lids)  # its characters from the first one on: the string itself
+                break
+            members = self._types.get(variable.type_id)
             below = members.get(lids[at]) if members is not None else None
             if below is None:
-                return Found(f"{path} LID {'.'.join([str(lid) for lid in lids[at:]])}", None)
+                break
             name, variable = below
+            element = False
             path += f".{name}"
             at += 1
-        return Found(path, variable)
+        if at < len(lids):
+            return Found(f"{path} LID {'.'.join([str(lid) for lid in lids[at:]])}", None, False)
+        return Found(path, variable, variable.is_array and not element)
+
+    def doubt(self, address: Address) -> str:
+        """Return why an address gets no name although its type passed, empty where there is nothing to say."""
+        known = self._types.get(self._type_of(address.area))
+        entry = known.get(address.lids[0]) if known is not None and address.lids else None
+        if entry is None or not _changed(address, entry[1]):
+            return ""
+        return f"CRC 0x{entry[1].crc:08x} in the program that passed, which differs: no name"
+
+    def members(self, type_id: int) -> list[tuple[str, Variable]] | None:
+        """Return the names and variables of a type, None when it did not pass."""
+        known = self._types.get(type_id)
+        return list(known.values()) if known is not None else None
+
+
+def _changed(address: Address, variable: Variable) -> bool:
+    """Tell whether the symbol of an address is not the one that was declared. Of members the rule is not known."""
+    return address.crc != 0 and len(address.lids) == 1 and variable.crc != 0 and address.crc != variable.crc
 
 
 class Found:
-    """The meaning of an address: the path of names, and the variable; None where it goes on in what is not known."""
+    """The meaning of an address: the path of names, and the variable; None where it goes on in what is not known.
 
-    __slots__ = ("path", "variable")
+    ``whole_array`` tells that the variable is an array and none of its elements is meant.
+    """
 
-    def __init__(self, path: str, variable: Variable | None) -> None:
+    __slots__ = ("path", "variable", "whole_array")
+
+    def __init__(self, path: str, variable: Variable | None, whole_array: bool) -> None:
         self.path = path
         self.variable = variable
+        self.whole_array = whole_array
 
 
 def symbol(address: Address, found: Found) -> str:

@@ -1,6 +1,7 @@
 """Values as the program means them: the type that a variable was declared with, over the one it is sent with (docs/s7plus.md).
 
-Used only where the declaration passed in the capture. A value that does not fit its declaration stays as it was sent.
+Used only where the declaration passed in the capture. A value that contradicts its declaration stays as it was sent, and
+`contradiction` says why.
 """
 
 from __future__ import annotations
@@ -9,44 +10,140 @@ from collections.abc import Callable
 from typing import Final
 
 from dissect.s7.values import date_and_time, date_text, duration, s5time, time_of_day
-from dissect.s7plus.value_tables import DINT, UDINT, UINT, USINT, WORD
-from dissect.s7plus.values import Value
+from dissect.s7plus.program import Found, Program
+from dissect.s7plus.program_tables import DATATYPES
+from dissect.s7plus.program_times import dtl_text, long_date_text, long_duration, long_time_of_day
+from dissect.s7plus.value_tables import (
+    BOOL,
+    BYTE,
+    DINT,
+    DWORD,
+    INT,
+    LINT,
+    LREAL,
+    LWORD,
+    REAL,
+    SINT,
+    STRUCT,
+    TIMESPAN,
+    TIMESTAMP,
+    UDINT,
+    UINT,
+    ULINT,
+    USINT,
+    VALUE_TYPES,
+    WORD,
+)
+from dissect.s7plus.values import Packed, Value
 from dissect.s7plus.variables import Variable
 
-_STRING: Final = 19
-_WSTRING: Final = 62
-_DATE_AND_TIME: Final = 14
-#: Kinds of variables that are no arrays.
-_PLAIN: Final = frozenset((1, 2, 8, 9))
+STRING: Final = 19
+WSTRING: Final = 62
+DATE_AND_TIME: Final = 14
+DTL: Final = 67
+#: Id of the structure as which a DTL is sent, and its octets.
+DTL_STRUCT: Final = 0x02000000 | DTL
+DTL_SIZE: Final = 12
+_DATE_AND_TIME_SIZE: Final = 8
+#: Octets before the characters of a String, and the elements before those of a WString.
+_LENGTHS: Final = 2
+#: Kinds of bits, which arrays hold in other numbers than are declared.
+_BITS: Final = frozenset((1, 40))
 
 
-def program_value(variable: Variable, value: Value) -> str | None:
-    """Return a value as its declaration means it, None where it says nothing else than the value itself, or does not fit."""
+def program_value(found: Found | None, value: Value, program: Program) -> str | None:
+    """Return a value as its declaration means it, None where it says nothing else than the value itself, or does not fit.
+
+    A DTL says itself that it is one.
+    """
     content = value.content
-    if variable.datatype in {_STRING, _WSTRING, _DATE_AND_TIME}:
-        numbers = [one for one in content if isinstance(one, int)] if value.array and isinstance(content, list) else []
-        if variable.datatype == _DATE_AND_TIME:
-            return (
-                date_and_time(bytes(numbers)) if value.type == USINT and len(numbers) == _DATE_AND_TIME_SIZE else None
-            )
-        return _characters(variable.datatype, value.type, numbers)
-    row = _TYPES.get(variable.datatype)
-    if row is None or value.array or value.sparse or variable.kind not in _PLAIN or not isinstance(content, int):
+    if isinstance(content, Packed):
+        return dtl_text(content.octets) if content.id == DTL_STRUCT and len(content.octets) == DTL_SIZE else None
+    variable = found.variable if found is not None else None
+    if found is None or variable is None or contradiction(found, value, program):
         return None
-    type_, meaning = row
-    return meaning(content) if value.type == type_ else None
+    if variable.datatype in {STRING, WSTRING, DATE_AND_TIME}:
+        numbers = [one for one in content if isinstance(one, int)] if isinstance(content, list) else []
+        if variable.datatype == DATE_AND_TIME:
+            return date_and_time(bytes(numbers)) if len(numbers) == _DATE_AND_TIME_SIZE else None
+        return _characters(variable.datatype, numbers)
+    meaning = _MEANINGS.get(variable.datatype)
+    if meaning is None or isinstance(content, list) or not isinstance(content, int):
+        return None
+    return meaning(content)
 
 
-def _characters(datatype: int, type_: int, numbers: list[int]) -> str | None:
+def program_values(found: Found | None, value: Value) -> list[str | None] | None:
+    """Return the elements of an array as its declaration means them, None where they say nothing else."""
+    variable = found.variable if found is not None else None
+    content = value.content
+    if found is None or variable is None or not found.whole_array or not value.array or not isinstance(content, list):
+        return None
+    meaning = _MEANINGS.get(variable.datatype)
+    if meaning is None or value.type != _SENT_AS.get(variable.datatype):
+        return None
+    return [meaning(one) if isinstance(one, int) else None for one in content]
+
+
+def contradiction(found: Found, value: Value, program: Program) -> str:
+    """Return in what a value contradicts the declaration of its variable, empty where it does not."""
+    variable = found.variable
+    if variable is None:
+        return ""
+    datatype = variable.datatype
+    content = value.content
+    declared = DATATYPES.name(datatype)
+    if variable.type_id or datatype == DTL:
+        if value.type != STRUCT:
+            return f"declared as a structure, sent as {value.type_name}"
+        wanted = DTL_STRUCT if datatype == DTL and not variable.type_id else variable.type_id
+        if isinstance(content, Packed) and content.id != wanted and program.members(content.id) is None:
+            return f"declared as the structure 0x{wanted:08x}, sent as 0x{content.id:08x}"
+        return ""
+    wanted_type = _SENT_AS.get(datatype)
+    if wanted_type is None:
+        return ""
+    if datatype in _ARRAYS_OF:
+        return _wrong_characters(variable, value, found.whole_array)
+    if value.type != wanted_type:
+        return f"declared {declared}, sent as {VALUE_TYPES.name(value.type)}"
+    if found.whole_array != (value.array or value.sparse):
+        return f"declared {'an array of ' if found.whole_array else ''}{declared}, sent as {_form(value)}"
+    if found.whole_array and value.array and isinstance(content, list) and datatype not in _BITS:
+        count = variable.count
+        if len(content) != count:
+            return f"declared with {count} elements, sent with {len(content)}"
+    return ""
+
+
+def _form(value: Value) -> str:
+    return "an array" if value.array or value.sparse else "one value"
+
+
+def _wrong_characters(variable: Variable, value: Value, whole_array: bool) -> str:
+    """Return what is wrong with a String, a WString or a Date_And_Time, which are sent as arrays of numbers."""
+    declared = DATATYPES.name(variable.datatype)
+    content = value.content
+    if value.type != _SENT_AS[variable.datatype] or not value.array or not isinstance(content, list):
+        return f"declared {declared}, sent as {value.type_name}{'' if value.array else ' without elements'}"
+    if whole_array:
+        return ""  # how several strings are sent is not known
+    count = len(content)
+    if variable.datatype == DATE_AND_TIME:
+        return "" if count == _DATE_AND_TIME_SIZE else f"declared {declared}, sent with {count} bytes"
+    first = content[0] if content else -1
+    most = variable.most_characters
+    if count < _LENGTHS or first != count - _LENGTHS or content[1] > first or (most and most != first):
+        return f"declared {declared}{f'[{most}]' if most else ''}, sent with {count} elements that do not fit it"
+    return ""
+
+
+def _characters(datatype: int, numbers: list[int]) -> str:
     """Return the characters of a String or WString: maximum, length, and as many elements as the maximum."""
-    if len(numbers) < 2 or numbers[0] != len(numbers) - 2 or numbers[1] > numbers[0]:
-        return None
-    characters = numbers[2 : 2 + numbers[1]]
-    if datatype == _STRING and type_ == USINT:
+    characters = numbers[_LENGTHS : _LENGTHS + numbers[1]]
+    if datatype == STRING:
         return bytes(characters).decode("latin-1")
-    if datatype == _WSTRING and type_ == UINT:
-        return b"".join([number.to_bytes(2, "big") for number in characters]).decode("utf-16-be", "replace")
-    return None
+    return b"".join([number.to_bytes(2, "big") for number in characters]).decode("utf-16-be", "replace")
 
 
 def _s5time(number: int) -> str | None:
@@ -57,13 +154,23 @@ def _char(number: int) -> str | None:
     return chr(number)
 
 
-_DATE_AND_TIME_SIZE: Final = 8
-#: By declared type: the type it is sent with, and what its number means.
-_TYPES: Final[dict[int, tuple[int, Callable[[int], str | None]]]] = {
-    3: (USINT, _char),
-    9: (UINT, date_text),
-    10: (UDINT, time_of_day),
-    11: (DINT, duration),
-    12: (WORD, _s5time),
-    61: (UINT, _char),
+#: What a number means, by the declared type.
+_MEANINGS: Final[dict[int, Callable[[int], str | None]]] = {
+    3: _char,
+    9: date_text,
+    10: time_of_day,
+    11: duration,
+    12: _s5time,
+    61: _char,
+    64: long_duration,
+    65: long_time_of_day,
+    66: long_date_text,
 }
+#: Declared types that are sent as arrays of numbers.
+_ARRAYS_OF: Final = frozenset((STRING, WSTRING, DATE_AND_TIME))
+#: The type that a declared one is sent with; of other declared types it is not known.
+_SENT_AS: Final[dict[int, int]] = {
+    1: BOOL, 2: BYTE, 3: USINT, 4: WORD, 5: INT, 6: DWORD, 7: DINT, 8: REAL, 9: UINT, 10: UDINT, 11: DINT, 12: WORD,
+    14: USINT, 19: USINT, 40: BOOL, 48: LREAL, 49: ULINT, 50: LINT, 51: LWORD, 52: USINT, 53: UINT, 54: UDINT, 55: SINT,
+    61: UINT, 62: UINT, 64: TIMESPAN, 65: ULINT, 66: TIMESTAMP,
+}  # fmt: skip

@@ -62,6 +62,7 @@ class PlusSession:
     operating state. ``all_written`` tells that no further write is worth looking at. ``tls``: the client asked for TLS.
     ``challenged``: the CPU offers authentication, and ``authenticated``: the client took it. ``given`` are the ids of its
     sessions; ``integrity`` is the latest (sequence number, integrity id) of each of the two counters that a client has.
+    ``polls`` are the latest answers to reads that were judged, by the reads; both without what differs each time.
     """
 
     __slots__ = (
@@ -75,6 +76,7 @@ class PlusSession:
         "host",
         "identity",
         "integrity",
+        "polls",
         "program",
         "role",
         "session_name",
@@ -95,6 +97,7 @@ class PlusSession:
         self.session_name = ""
         self.explores = 0
         self.all_written = False
+        self.polls: dict[bytes, bytes] = {}
         self.tls = False
         self.challenged = False
         self.authenticated = False

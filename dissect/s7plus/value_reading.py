@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dissect.s7plus.blobs import COMPRESSED, PLAIN_KEYS, check_blob, is_compressed
 from dissect.s7plus.ids import id_name
 from dissect.s7plus.layouts import LIST_END, MEMBER, PACKED, PACKED_TWICE, ROW
 from dissect.s7plus.value_showing import value_said
@@ -45,6 +46,8 @@ def read_value(walk: Walk, layout: Layout, start: int, label: str = "", id_: int
     else:
         value = Value(flags, type_, _read_content(walk, flags, type_), offset, walk.at)
         walk.part(layout, start, f"{label}{value_said(value, id_)}" if walk.shown else "")
+        if type_ == BLOB and id_ in COMPRESSED:
+            _look_into_blobs(walk, value)
     return value
 
 
@@ -103,30 +106,63 @@ def _read_variant(walk: Walk) -> Value:
     flags = walk.u8("flags")
     type_ = walk.u8("type")
     shown, walk.shown = walk.shown, False
-    walk.enter("variant")
-    if type_ == STRUCT:
-        content: object = _read_struct(walk, flags, MEMBER, offset, "")
-    else:
-        content = _read_content(walk, flags, type_)
+    content: object = None
+    try:
+        walk.enter("variant")
+        content = (
+            _read_struct(walk, flags, MEMBER, offset, "") if type_ == STRUCT else _read_content(walk, flags, type_)
+        )
+    finally:
+        walk.shown = shown  # also for what is left where it does not fit
     walk.depth -= 1
-    walk.shown = shown
     return Value(flags, type_, content, offset, walk.at)
 
 
 def _read_blob(walk: Walk) -> Blob:
     root = walk.number(VLQ, "root")
     if root <= 1:
-        return Blob(root, walk.take(walk.counted(VLQ, "length"), "blob"))
+        octets = walk.take(walk.counted(VLQ, "length"), "blob")
+        return Blob(root, octets, end=walk.at)
     head = walk.take(8, "blob head")
     kind = walk.u8("kind")
     if kind == 0:
         shown, walk.shown = walk.shown, False
-        members = read_members(walk)
-        walk.shown = shown
+        try:
+            members = read_members(walk)
+        finally:
+            walk.shown = shown
         return Blob(root, b"", head, kind, members)
     if kind not in {2, 3}:
         raise FormatError("unknown_type", "blob kind", walk.at - 1, 0, kind)
     return Blob(root, walk.take(walk.counted(VLQ, "length"), "blob"), head, kind)
+
+
+def parse_content(flags: int, type_: int, octets: bytes) -> Value | None:
+    """Return the value whose content ``octets`` are, None when they are not one content and nothing else.
+
+    Not for structures, whose content here ends where their members begin.
+    """
+    walk = Walk(octets, 0, len(octets), False)
+    try:
+        content = _read_content(walk, flags, type_)
+    except FormatError:
+        return None
+    return Value(flags, type_, content) if walk.left == 0 else None
+
+
+def _look_into_blobs(walk: Walk, value: Value) -> None:
+    """Note the compressed blobs among the contents of a value, and those of them that do not keep what they promise."""
+    content = value.content
+    found = content if isinstance(content, list) else [(0, content)]
+    for key, one in [pair for pair in found if isinstance(pair, tuple)]:
+        if key >= PLAIN_KEYS or not isinstance(one, Blob) or not is_compressed(one.octets):
+            continue
+        begin = one.end - len(one.octets)
+        walk.blobs.append((begin, one.end))
+        opened = check_blob(one.octets, walk.inflating)
+        walk.inflating = max(0, walk.inflating - opened.size)
+        if opened.fault:
+            walk.faults.append(FormatError(opened.fault, "blob", begin, opened.size, len(one.octets)))
 
 
 def _read_struct(walk: Walk, flags: int, layout: Layout, start: int, label: str) -> object:

@@ -112,18 +112,28 @@ class Packed:
 
 
 class Blob:
-    """Octets behind the id of a root. A root above 1 has ``head`` (8 octets), ``kind`` and for kind 0 ``members``."""
+    """Octets behind the id of a root. A root above 1 has ``head`` (8 octets), ``kind`` and for kind 0 ``members``.
 
-    __slots__ = ("head", "kind", "members", "octets", "root")
+    ``end`` is where the octets end within what they were read from.
+    """
+
+    __slots__ = ("end", "head", "kind", "members", "octets", "root")
 
     def __init__(
-        self, root: int, octets: bytes, head: bytes = b"", kind: int = -1, members: list[Member] | None = None
+        self,
+        root: int,
+        octets: bytes,
+        head: bytes = b"",
+        kind: int = -1,
+        members: list[Member] | None = None,
+        end: int = 0,
     ) -> None:
         self.root = root
         self.octets = octets
         self.head = head
         self.kind = kind
         self.members: list[Member] = members if members is not None else []
+        self.end = end
 
 
 def find_member(members: list[Member], id_: int) -> Value | None:

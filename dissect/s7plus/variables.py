@@ -13,6 +13,8 @@ from dissect.s7plus.layouts import (
     LIST_ID,
     NAME_LIST,
     TAG_DESCRIPTION,
+    TAG_DESCRIPTION_END,
+    TAG_VARIABLE,
     VARIABLE,
     VARIABLE_LIST,
     VARIABLE_NAME,
@@ -30,6 +32,22 @@ from dissect.wire.varint import SIGNED, VLQ
 
 _HEAD: Final = struct.Struct("<IIB")
 _OFFSETS: Final = struct.Struct("<BHH")
+
+# Kinds of variables (`dissect.s7plus.tables.VARIABLE_KINDS`), and where their numbers say what.
+_FB_ARRAY: Final = 0
+_PLAIN: Final = 1
+_PLAIN_BOTH: Final = 8
+_STRINGS: Final = frozenset((2, 9))
+_ARRAYS: Final = frozenset((_FB_ARRAY, 3, 4, 6, 7, 10, 11, 13, 14))
+_SEVERAL: Final = frozenset((_FB_ARRAY, 4, 7, 11, 14))
+_TYPE_ID: Final[dict[int, int]] = {_FB_ARRAY: 2, 5: 2, 12: 2, 15: 2, 6: 6, 13: 6, 7: 18, 14: 18}
+_ELEMENT_SIZES: Final[dict[int, int]] = {6: 4, 13: 4, 7: 16, 14: 16}
+#: Datatype of a bit that stands alone in an array of bits.
+_BBOOL: Final = 40
+
+
+def _signed(number: int) -> int:
+    return number - (1 << 32) if number >> 31 else number
 
 
 class Variable:
@@ -71,16 +89,76 @@ class Variable:
         return DATATYPES.name(self.datatype)
 
     @property
-    def lower_bound(self) -> int:
-        """Index of the first element of an array, 0 for anything else."""
-        if self.kind in {3, 10}:
-            return self.numbers[2] - (1 << 32 if self.numbers[2] >> 31 else 0)
-        return 0
+    def is_array(self) -> bool:
+        """True for arrays of any kind."""
+        return self.kind in _ARRAYS
+
+    @property
+    def count(self) -> int:
+        """Elements of an array, in all dimensions; 0 for anything else."""
+        if self.kind == _FB_ARRAY:
+            return self.numbers[9]
+        return self.numbers[3] if self.is_array else 0
+
+    @property
+    def dimensions(self) -> list[tuple[int, int]]:
+        """Lower bound and count of each dimension of an array, that which counts fastest first."""
+        if not self.is_array:
+            return []
+        if self.kind not in _SEVERAL:
+            return [(_signed(self.numbers[2]), self.numbers[3])]
+        at = 13 if self.kind == _FB_ARRAY else 4
+        pairs = zip(self.numbers[at : at + 6], self.numbers[at + 6 : at + 12], strict=True)
+        return [(_signed(lower), count) for lower, count in pairs if count]
 
     @property
     def type_id(self) -> int:
-        """Id of the type of a structure or an FB instance, 0 for anything else."""
-        return self.numbers[2] if self.kind in {5, 12} else 0
+        """Id of the type of a structure or an FB instance, or of the elements of an array of them; 0 for anything else."""
+        at = _TYPE_ID.get(self.kind, -1)
+        return self.numbers[at] if at >= 0 else 0
+
+    @property
+    def most_characters(self) -> int:
+        """Maximal length of a String or WString as declared, 0 where it is not known."""
+        return self.offset_1 if self.kind in _STRINGS or (self.is_array and not self.type_id) else 0
+
+    def offset(self, classic: bool) -> int:
+        """Return where the variable stands within its structure, in the classic or in the optimised layout."""
+        if self.kind == _PLAIN:
+            return self.offset_1 if classic else self.offset_2
+        if self.kind == _PLAIN_BOTH:
+            return self.offset_2 if classic else self.offset_1
+        return self.numbers[1 if classic else 0]
+
+    def bit(self, classic: bool) -> int:
+        """Return the number of its bit, in the classic or in the optimised layout."""
+        if self.datatype == _BBOOL and not classic:
+            return self.bit_offsets & 7
+        return self.bit_offsets >> 4 & 7 if classic and self.bit_offsets & 8 else self.attributes & 7
+
+    def element_size(self, classic: bool) -> int:
+        """Return the octets of an element of an array of structures, 0 where they are not known."""
+        at = _ELEMENT_SIZES.get(self.kind, -1)
+        return self.numbers[at if classic else at + 1] if at >= 0 else 0
+
+    def index_text(self, index: int) -> str:
+        """Return the indices of an element as the program writes them: ``[3]``, ``[2,0]``; empty for one that is not there."""
+        dimensions = self.dimensions
+        if not 0 <= index < self.count and self.datatype != _BBOOL:
+            return ""
+        indices: list[str] = []
+        for number, (lower, count) in enumerate(dimensions):
+            if number == len(dimensions) - 1:
+                if index >= count:
+                    return ""
+                indices.append(str(index + lower))
+                break
+            row = (count + 7) // 8 * 8 if self.datatype == _BBOOL and number == 0 else count  # rows of bits fill octets
+            index, place = divmod(index, row)
+            if place >= count:
+                return ""
+            indices.append(str(place + lower))
+        return f"[{','.join(reversed(indices))}]" if indices else ""
 
 
 class VariableList:
@@ -197,6 +275,8 @@ def read_tag_description(walk: Walk) -> TagDescription:
     start = walk.at
     kind = walk.u8("kind")
     name = walk.take(walk.counted(VLQ, "name length"), "name").decode("utf-8", "replace")
+    walk.part(TAG_DESCRIPTION, start - 1, name)
+    behind = walk.at
     walk.take(2, "type")  # an octet of unknown meaning, and the type of the value
     datatype = walk.number(VLQ, "datatype")
     walk.take(4, "flags")
@@ -221,12 +301,12 @@ def read_tag_description(walk: Walk) -> TagDescription:
     if kind & 0x08:
         _numbers(walk, 2)
     octets = walk.octets[start : walk.at]
+    walk.part(TAG_VARIABLE, behind, f"LID {lid} {DATATYPES.name(datatype)}" if walk.shown else "", 1)
     if walk.u8("end of tag description") != TAG_DESCRIPTION_END_TAG:
         raise FormatError(
             "bad_value", "end of tag description", walk.at - 1, TAG_DESCRIPTION_END_TAG, walk.octets[walk.at - 1]
         )
-    if walk.shown:
-        walk.part(TAG_DESCRIPTION, start - 1, f"LID {lid} {name} {DATATYPES.name(datatype)}")
+    walk.part(TAG_DESCRIPTION_END, walk.at - 1)
     return TagDescription(octets, name, datatype, lid)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.s7plus.blobs import MAX_INFLATED
 from dissect.wire.layout import Layout
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import OCTETS, SURPLUS, Part
@@ -38,10 +39,23 @@ class Walk:
 
     ``parts`` are cut only with ``shown``. Values, objects and elements of arrays count against a ``budget``: by default more
     than the octets can hold, so that only elements without octets are stopped; with ``most`` the walk ends there, which is no
-    fault of its sender.
+    fault of its sender. ``blobs`` are (offset, end) of the compressed ones, ``faults`` what does not stop the walk.
     """
 
-    __slots__ = ("at", "bounded", "budget", "depth", "end", "octets", "parts", "parts_end", "shown")
+    __slots__ = (
+        "at",
+        "blobs",
+        "bounded",
+        "budget",
+        "depth",
+        "end",
+        "faults",
+        "inflating",
+        "octets",
+        "parts",
+        "parts_end",
+        "shown",
+    )
 
     def __init__(self, octets: bytes, at: int, end: int, shown: bool, most: int = 0) -> None:
         self.octets = octets
@@ -51,6 +65,9 @@ class Walk:
         self.parts: list[Part] = []
         self.parts_end = at  # of the last part
         self.depth = 0
+        self.blobs: list[tuple[int, int]] = []
+        self.faults: list[FormatError] = []
+        self.inflating = MAX_INFLATED  # octets that blobs may yet become
         self.budget = 3 * len(octets) + 1024
         self.bounded = 0 < most < self.budget
         if self.bounded:
@@ -131,10 +148,13 @@ class Walk:
 
     def rest(self, malformed: list[Malformed], fault: FormatError | None = None, limit: str = "tsdu") -> None:
         """Cut what is left of the walk as octets, and tell the fault that ended it."""
-        if fault is not None and fault.reason != EXHAUSTED:
-            malformed.append(
-                Malformed("s7plus", fault.reason, fault.field, fault.at, fault.needed, fault.available, limit)
-            )
+        ended = [fault] if fault is not None and fault.reason != EXHAUSTED else []
+        malformed.extend(
+            [
+                Malformed("s7plus", one.reason, one.field, one.at, one.needed, one.available, limit)
+                for one in self.faults + ended
+            ]
+        )
         self.depth = 0
         if self.parts_end < self.end and self.shown:
             surplus = fault is not None and fault.reason == "trailing_octets"

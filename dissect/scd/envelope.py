@@ -157,7 +157,7 @@ class Envelope:
 
     @property
     def framed(self) -> bool:
-        """Whether messages tell their size, so that a stream can be cut into them."""
+        """Whether messages contain their size, so that a stream can be cut into them."""
         return self._size is not None
 
     @property
@@ -168,7 +168,7 @@ class Envelope:
     def frame_size(self, octets: Octets, at: int = 0) -> int:
         """Return the size of the message that begins at ``at``, 0 while its header is not all there.
 
-        Raises `Error` E_PROTOCOL or E_LENGTH for what is no message, E_DICTIONARY when messages do not tell their size.
+        Raises `Error` E_PROTOCOL or E_LENGTH for what is not a message, E_DICTIONARY when messages do not contain their size.
         """
         size, error = self.frame(octets, at)
         if error is not None:

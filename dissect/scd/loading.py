@@ -25,7 +25,7 @@ MAX_DESCRIPTION: Final = 4 << 20
 def load(path: str | os.PathLike[str]) -> Dictionary:
     """Return the dictionary of a file, compiled, source or device description; nothing is kept of one that is wrong.
 
-    Raises `DictionaryError` with the place, OSError where there is no reading the file.
+    Raises `DictionaryError` with the place, OSError if the file cannot be read.
     """
     if is_description(path):
         return import_file(path).dictionary
@@ -49,7 +49,7 @@ def compile_source(path: str | os.PathLike[str]) -> Dictionary:
 
     What a device description says and a dictionary cannot hold is dropped; `import_file` tells it.
 
-    Raises `DictionaryError` with file, line and rule, OSError where there is no reading the file.
+    Raises `DictionaryError` with file, line and rule, OSError if the file cannot be read.
     """
     if is_description(path):
         return import_file(path).dictionary

@@ -26,7 +26,7 @@ def as_plain(value: Value) -> Plain:
 
 
 def from_plain(plain: Plain, kind: SimpleType, bits: int, where: str = "") -> Value:
-    """Return the value that records keep as ``plain``; raises `Error` for what is no value of the type or kept otherwise."""
+    """Return the value that records keep as ``plain``; raises `Error` for what is not a value of the type or kept otherwise."""
     value: object = plain
     if kind.kind is Kind.STRING and isinstance(plain, bytes):
         try:

@@ -59,7 +59,7 @@ SECTIONS: Final = (
 
 
 def section_of(index: int) -> Section:
-    """Return the section of ``index``; raises `Error` E_INDEX for what is no 16-bit index (R57)."""
+    """Return the section of ``index``; raises `Error` E_INDEX for what is not a 16-bit index (R57)."""
     for section in SECTIONS:
         if section.first <= index <= section.last:
             return section

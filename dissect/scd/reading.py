@@ -72,7 +72,7 @@ class Table:
         return key in self.content
 
     def mark(self, key: str) -> None:
-        """Note that the key was read by somebody else."""
+        """Note that the key was read elsewhere."""
         self._asked.add(key)
 
     def done(self) -> None:

@@ -47,9 +47,9 @@ _OTHER_MAGICS: Final = (
 def open_capture(path: str | os.PathLike[str]) -> Reader:
     """Open the capture at ``path``, or on standard input when that is ``-``, and return its reader.
 
-    What it holds is told by its first octets, never by its name: pcap or pcapng, plain or in gzip or zstd. Raises
+    Its first octets say what it holds, never its name: pcap or pcapng, plain or in gzip or zstd. Raises
     `CaptureError`, with one line for a person, when there is nothing to read: no such file, not a capture, nothing in
-    it, or zstd without the package that reads it. Damage further on raises nothing; the reader tells it.
+    it, or zstd without the package that reads it. Damage further on raises nothing; the reader reports it.
     """
     path = os.fspath(path)
     source = _open_stdin() if path == "-" else _open_file(path)
@@ -288,7 +288,7 @@ class ZstdSource(_CompressedSource):
     """The content of a zstd file (RFC 8878), all frames one after the other. ImportError without the zstandard package.
 
     The frames are walked here, block by block: a block holds at most 128 KiB of content, so that no input, however
-    small, makes the decompressor give more at once; and the end of the last block is known, so that a cut is told.
+    small, makes the decompressor give more at once; and the end of the last block is known, so that a cut is reported.
     """
 
     def __init__(self, source: OctetSource, head: bytes) -> None:

@@ -253,7 +253,7 @@ class PcapngWriter:
 
     @property
     def closed(self) -> bool:
-        """True when nothing can be written any more."""
+        """True when nothing more can be written."""
         return self._descriptor < 0
 
     def fileno(self) -> int:

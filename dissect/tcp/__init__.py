@@ -1,1 +1,1 @@
-"""From a frame to each direction's octets in order, holes told as holes."""
+"""From a frame to each direction's octets in order, gaps reported as gaps."""

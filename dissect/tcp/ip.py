@@ -189,7 +189,7 @@ class _Datagram:
         self.conflict: bool = False
 
     def may_end(self, end: i64, more: bool) -> bool:
-        """Tell whether a fragment that reaches to ``end`` agrees with what is known of the datagram's end."""
+        """Return whether a fragment that reaches to ``end`` agrees with what is known of the datagram's end."""
         if self.total >= 0:
             return end <= self.total if more else end == self.total
         if more or not self.pieces:

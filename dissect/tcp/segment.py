@@ -21,7 +21,7 @@ _IN_UDP: Final = 6
 
 
 def is_damaged(addresses: bytes, protocol: i64, buf: bytes, at: i64, end: i64) -> bool:
-    """Tell whether the checksum of the whole segment or datagram ``buf[at:end]`` is wrong.
+    """Return whether the checksum of the whole segment or datagram ``buf[at:end]`` is wrong.
 
     ``addresses`` are those of the IP header, the sender's first. A packet captured on the computer that sends it may bear
     the sum of the pseudo header only, and its network card does the rest: that is no damage. Nor is a UDP datagram without.

@@ -59,7 +59,7 @@ class Held:
 
 
 class Chunk:
-    """What comes out: octets in order (``hole`` is 0), or a hole of ``hole`` octets.
+    """What comes out: octets in order (``hole`` is 0), or a gap of ``hole`` octets.
 
     ``end_seq`` is the sequence number after it; ``frame`` and ``time_ns`` are of the packet that made the octets available,
     ``own_frame`` and ``own_ns`` of the one that brought them first, ``ack`` is the TCP acknowledgement that the last of them
@@ -187,12 +187,12 @@ class HalfStream:
             self._acked_segments = 0
 
     def passing(self, time_ns: i64) -> None:
-        """A segment of the connection went by; gives holes up when their time is over. Call it only while holding."""
+        """A segment of the connection went by; gives gaps up when their time is over. Call it only while holding."""
         self._acked_segments += 1
         self.expire(time_ns)
 
     def expire(self, time_ns: i64) -> None:
-        """Give up holes whose time is over; a far jump that nothing confirmed is left waiting for confirmation."""
+        """Give up gaps whose time is over; a far jump that nothing confirmed is left waiting for confirmation."""
         if self._acked_to >= 0 and (
             self._acked_segments > ACK_GRACE_SEGMENTS or time_ns - self._acked_ns > ACK_GRACE_NS
         ):
@@ -214,7 +214,7 @@ class HalfStream:
         return self._believed(held)
 
     def _believed(self, held: list[Held]) -> bool:
-        """Tell whether the first stretch held may be where it says without a word of the far end."""
+        """Return whether the first stretch held may be where it says without a word of the far end."""
         ahead: i64 = held[0].at - self.position
         if self.heard:
             return ahead <= WINDOW
@@ -234,7 +234,7 @@ class HalfStream:
         self.held_octets = 0
 
     def give_up(self) -> None:
-        """Declare the first hole and pass on what waited behind it."""
+        """Declare the first gap and pass on what waited behind it."""
         held = self.held
         if held is None:
             return
@@ -250,7 +250,7 @@ class HalfStream:
         self.ready.append(Chunk(b"", hole, self.next_seq, -1, frame, time_ns))
 
     def finish(self) -> None:
-        """The stream ends: give up every hole and pass on what is held."""
+        """The stream ends: give up every gap and pass on what is held."""
         while self.held is not None:
             self._give_up_or_drop()
         self.last = b""  # a connection may be remembered long after its end
@@ -437,7 +437,7 @@ class TcpConnection:
         return self.initiator >= 0
 
     def is_new_connection(self, side: i64, isn: i64) -> bool:
-        """Tell whether a SYN with this initial sequence number starts another connection than this one."""
+        """Return whether a SYN with this initial sequence number starts a different connection from this one."""
         stream = self.streams[side]
         if stream.start_seq < 0:
             return bool(self.ended)
@@ -460,7 +460,7 @@ class TcpConnection:
         return True
 
     def _fits(self, side: i64, seq: i64, window: i64) -> bool:
-        """Tell whether a sequence number is within ``window`` of what is expected from ``side``."""
+        """Return whether a sequence number is within ``window`` of what is expected from ``side``."""
         stream = self.streams[side]
         if stream.next_seq < 0:
             return True
@@ -468,7 +468,7 @@ class TcpConnection:
         return distance <= window or MASK + 1 - distance <= window
 
     def note_reset(self, side: i64, seq: i64, frame: i64, time_ns: i64) -> bool:
-        """A RST was seen; False when its sequence number is far from what is expected, so that it is not believed."""
+        """A RST was seen; False when its sequence number is far from what is expected, so that it is ignored."""
         if not self._fits(side, seq, _RESET_WINDOW):
             return False
         if not self.ended:
@@ -486,5 +486,5 @@ class TcpConnection:
 
     @property
     def closed(self) -> bool:
-        """True when neither side sends any more."""
+        """True when neither side sends anything more."""
         return self.fin_seen[0] and self.fin_seen[1]

@@ -17,6 +17,7 @@ from dissect.golden.writing import golden_text
 from dissect.report import words
 from dissect.testing.captures import MISTAKES, CaptureFolder, near, path_of
 from dissect.testing.golden_files import GoldenFiles, folder_of, golden_of, stem_of
+from dissect.transactions.naming import Naming
 from dissect.wire.saving import save
 
 NONE: Final = "none"
@@ -43,7 +44,9 @@ class GoldenCheck:
         test: tuple[str, Path],
         update: str,
         asked_else: Callable[[], bool],
+        naming: Naming | None = None,
     ) -> None:
+        self._naming = naming
         self._ledger = ledger
         self._captures = captures
         self._stem = stem_of(test[0])
@@ -78,7 +81,7 @@ class GoldenCheck:
         __tracebackhide__ = True
         if name is not None and not isinstance(name, str):
             raise TypeError(f"name={name!r}: the name of a golden must be a string")
-        options = DiffOptions([ignore] if isinstance(ignore, str) else ignore, latency)
+        options = DiffOptions([ignore] if isinstance(ignore, str) else ignore, latency, self._naming)
         place = golden_of(self._folder, self._stem, name)
         if place in self._checked:
             raise ValueError(f"{self._shown(place)} was already checked in this test: give this one a name (name=...)")

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from dissect.testing.golden_check import GoldenCheck
     from dissect.testing.recorder import Recorders
     from dissect.testing.servers import Servers
+    from dissect.transactions.naming import Naming
 
 #: What a worker's account is called on its way to the controller.
 _ACCOUNT: Final = "s7dissect"
@@ -30,6 +31,7 @@ _UNUSED: Final = "unused"
 
 _LEDGER: Final = pytest.StashKey[GoldenFiles]()
 _SERVERS: Final = pytest.StashKey["Servers"]()
+_TAGS: Final = pytest.StashKey["Naming"]()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -43,6 +45,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "differ as well). None is ever deleted.",
     )
     parser.addini("s7_captures", "Folder of captures, from the ini file.", default="tests/captures")
+    parser.addini(
+        "s7_tags", "Files of tags, from the ini file: failures name the values by them.", "linelist", default=[]
+    )
     parser.addini("s7_goldens", "Folder of goldens, from the ini file.", default="tests/goldens")
 
 
@@ -78,7 +83,21 @@ def s7_golden(request: pytest.FixtureRequest, s7_capture: CaptureFolder) -> Gold
     config = request.config
     test = (request.node.nodeid, request.node.path)
     update = str(config.getoption("--s7-update"))
-    return GoldenCheck(config.stash[_LEDGER], s7_capture, test, update, lambda: _asked_else(request.node))
+    naming = _naming(config)
+    return GoldenCheck(config.stash[_LEDGER], s7_capture, test, update, lambda: _asked_else(request.node), naming)
+
+
+def _naming(config: pytest.Config) -> Naming | None:
+    """Return what names values by the files of ``s7_tags``, read once; None for no file."""
+    files = config.getini("s7_tags")
+    if not files:
+        return None
+    if _TAGS not in config.stash:
+        from dissect.tags import load_tags
+
+        root = config.inipath.parent if config.inipath is not None else config.invocation_params.dir
+        config.stash[_TAGS] = load_tags([root / file for file in files]).naming()
+    return config.stash[_TAGS]
 
 
 @pytest.fixture

@@ -25,6 +25,7 @@ BAD_HEADER: Final = 14
 BAD_CHECKSUM: Final = 15
 LINK_TYPE: Final = 16
 FAILED: Final = 17
+LEFT_OUT: Final = 18
 
 #: Names of the categories, by the numbers above.
 CATEGORIES: Final[list[str]] = [
@@ -46,6 +47,7 @@ CATEGORIES: Final[list[str]] = [
     "bad_checksum",
     "link_type",
     "failed",
+    "left_out",
 ]
 #: From here on a category means that the packet was not used.
 FIRST_IGNORED: Final = NOT_IP

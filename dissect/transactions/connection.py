@@ -32,12 +32,14 @@ from dissect.transactions.results import Subscription
 if TYPE_CHECKING:
     from dissect.s7plus.session import PlusSession
     from dissect.tls.session import TlsSession
+    from dissect.transactions.naming import Naming
 
 # What is known of the protocol a TCP connection carries; which one it is says `Connection.protocol`.
 PROBING: Final = 0
 ISO: Final = 1  # apart from the others because nearly every packet asks for it
 FOREIGN: Final = 2  # only counted
 FOLLOWED: Final = 3  # read by another protocol of the engine: IBH-NetLink, SCD where a port is bound to it
+LEFT_OUT: Final = 4  # recognised and numbered, but not selected: nothing of it is read
 
 #: `Connection.dt_limit` while nothing is known against any size.
 NO_LIMIT: Final = 0x7FFFFFFF
@@ -68,7 +70,7 @@ MAX_REMEMBERED: Final = 256
 class Writes:
     """The latest writes of a connection: how many they are, and a sample of them.
 
-    ``count`` counts all writes ever; the others begin anew with each look: ``since_ns`` and ``pdus`` are the time and the PDUs
+    ``count`` counts all writes ever; the others start over with each look: ``since_ns`` and ``pdus`` are the time and the PDUs
     of the connection when it began, ``variables`` and ``answer_ns`` the requests of the sample and the time their answers took.
     """
 
@@ -102,7 +104,7 @@ class Traits:
         self.loaded: set[str] = set()
 
     def first(self, slug: str) -> bool:
-        """Tell whether ``slug`` is said for the first time on this connection, and remember that it was."""
+        """Return whether ``slug`` is said for the first time on this connection, and remember that it was."""
         if slug in self.told:
             return False
         self.told.add(slug)
@@ -147,6 +149,7 @@ class Connection:
         "last_request",
         "last_request_ns",
         "mid_stream",
+        "naming",
         "number",
         "open_at_end",
         "open_requests",
@@ -184,6 +187,7 @@ class Connection:
         self.bound: i64 = (
             -1
         )  # number of the binding that a carrier found for its TSAPs or ports, -1 while nobody looked
+        self.naming: Naming | None = None  # who knows names for addresses of this CPU
         self.state: i64 = PROBING
         self.probed: i64 = 0  # segments with octets looked at while probing
         self.plus: PlusSession | None = None  # what S7comm-plus told of client, CPU and subscriptions

@@ -210,7 +210,7 @@ class Dialogue:
         return transaction
 
     def waits(self, side: Side, rosctr: i64, pdu_ref: i64) -> bool:
-        """Tell whether a request is open that an answer of ``side`` with this reference would complete."""
+        """Return whether a request is open that an answer of ``side`` with this reference would complete."""
         key: i64 = key_of(rosctr, pdu_ref)
         return key in side.connection.open_requests[1 - side.index].table
 
@@ -380,7 +380,7 @@ class Dialogue:
 
 
 def _strange(request: Transaction, answer: Transaction) -> bool:
-    """Tell whether a held answer cannot be that of a request."""
+    """Return whether a held answer cannot be that of a request."""
     rosctr: i64 = answer.response_rosctr
     at: i64 = answer.response_offset
     parameters = answer.parameters
@@ -391,9 +391,9 @@ def _strange(request: Transaction, answer: Transaction) -> bool:
 def contradicts(
     request: Transaction, rosctr: i64, parameters: Parameters, buf: bytes, at: i64, size: i64, data_at: i64
 ) -> bool:
-    """Tell whether an answer cannot be that of ``request``: by its function, its item count or the size of its items.
+    """Return whether an answer cannot be that of ``request``: by its function, its item count or the size of its items.
 
-    Asked where holes make it likely that an answer belongs to a request that was not seen.
+    For when gaps make it likely that an answer belongs to a request that was not seen.
     """
     if mismatch(request.parameters, parameters):
         return True
@@ -409,12 +409,12 @@ def contradicts(
 
 
 def _unseen(request: Transaction, answering: Side) -> bool:
-    """Tell whether a request acknowledges octets of the answering side that the capture has not shown yet."""
+    """Return whether a request acknowledges octets of the answering side that the capture has not shown yet."""
     ahead: i64 = (request.request_ack - answering.stream.next_seq) & MASK
     return request.request_ack >= 0 and answering.stream.next_seq >= 0 and 0 < ahead < HALF_SPACE
 
 
 def _holes(side: Side) -> bool:
-    """Tell whether octets of either side of a connection are missing from the capture."""
+    """Return whether octets of either side of a connection are missing from the capture."""
     peer = side.peer
     return side.holes > 0 or (peer is not None and peer.holes > 0)

@@ -37,7 +37,7 @@ class Ending:
     """The end of a connection, or of the capture while it was open.
 
     ``how`` is one of the words above, ``side`` the side that ended it (-1: neither), ``frame`` the packet that shows it (0
-    for none) and ``time_ns`` when that was. ``open_requests`` were without answer, but for those whose answer may stand in a
+    for none) and ``time_ns`` when that was. ``open_requests`` were without answer, but for those whose answer may be in a
     hole of the capture (``hole_frames``: packets at which the latest hole in the answers to each side was given up);
     ``oldest`` is what the one asked first wants, with its packet and time. The last request, answer and refusal before the
     end are told as what was asked and when (None and 0 for none), the server's last message inside TLS only as when;

@@ -39,7 +39,7 @@ class Chain:
     """The payloads of one userdata answer or BSEND, in one part or several.
 
     ``octets`` are the payloads without data heads; ``whole`` tells that the last part was there. ``first`` and ``last`` are the
-    transactions of the first and of the newest part, ``transactions`` counts them. ``r_id`` is -1 for what is no BSEND.
+    transactions of the first and of the newest part, ``transactions`` counts them. ``r_id`` is -1 for anything but a BSEND.
     """
 
     __slots__ = (
@@ -85,12 +85,12 @@ class Chain:
 
     @property
     def sent(self) -> bytes:
-        """What the program sent with a BSEND, without R_ID and length; empty for what is no BSEND."""
+        """What the program sent with a BSEND, without R_ID and length; empty for anything but a BSEND."""
         return bytes(self._octets[_BEFORE_SENT:]) if self.r_id >= 0 else b""
 
     @property
     def announced(self) -> int:
-        """The octets of ``sent`` that the first piece of a BSEND announces; -1 when it does not, and for what is no BSEND."""
+        """The octets of ``sent`` that the first piece of a BSEND announces; -1 when it does not, or is no BSEND."""
         if self.r_id < 0 or self.size < _BEFORE_SENT:
             return -1
         return int.from_bytes(self._octets[PBC_ID.size : _BEFORE_SENT], "big")

@@ -27,6 +27,8 @@ TEST_JOB: Final = "test_job"
 PASSWORD: Final = "password"  # noqa: S105 - the name of a kind, no secret
 SESSION: Final = "session"
 DELETE: Final = "delete"
+CONTROL: Final = "control"
+POLLING: Final = "polling"
 #: Every kind with a sentence.
 KINDS: Final[dict[str, str]] = {
     CONNECT: "A connection is set up: TCP, COTP and Setup communication.",
@@ -40,6 +42,8 @@ KINDS: Final[dict[str, str]] = {
     PASSWORD: "A password is sent to the PLC.",
     SESSION: "A client opens an S7comm-plus session and later deletes it.",
     DELETE: "A block is deleted from the PLC.",
+    CONTROL: "A client stops or starts the PLC, or resets its memory.",
+    POLLING: "A client reads the same S7comm-plus variables again and again.",
 }
 
 # How an operation ended.
@@ -147,7 +151,7 @@ class Operation:
         return self.end_ns - self.begin_ns
 
     def content_parts(self) -> list[Part]:
-        """Cut the joined answer or BSEND into parts, anew at each call; empty where there is none (reference 4.3)."""
+        """Cut the joined answer or BSEND into parts, again at each call; empty where there is none (reference 4.3)."""
         head = self.content_head
         if head is None:
             return []
@@ -193,7 +197,7 @@ class OpenOperations:
 
 
 class OperationBook:
-    """Finished operations, numbered, waiting to be told."""
+    """Finished operations, numbered, waiting to be reported."""
 
     def __init__(self) -> None:
         self.count = 0

@@ -16,7 +16,7 @@ from dissect.s7.body import Body
 from dissect.s7.control import PI_BLOCK
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.parameters import HEADER_SIZE, UserdataHead
-from dissect.s7.services import LINK_IN, LINK_IN_SECOND
+from dissect.s7.services import LINK_IN, LINK_IN_SECOND, PROGRAM
 from dissect.s7.tables import (
     ACKNOWLEDGED,
     ALARM_8,
@@ -46,6 +46,7 @@ from dissect.s7.tables import (
     NOTIFY,
     NOTIFY_8,
     PI_SERVICE,
+    PLC_STOP,
     REQUEST_DOWNLOAD,
     SCAN,
     SEND_PASSWORD,
@@ -65,6 +66,7 @@ from dissect.transactions.operation import (
     BEYOND_END,
     BSEND,
     CONNECT,
+    CONTROL,
     CUT_SHORT,
     CYCLIC,
     DONE,
@@ -73,6 +75,7 @@ from dissect.transactions.operation import (
     LONG_ANSWER,
     MESSAGES,
     PASSWORD,
+    POLLING,
     REFUSED,
     RUNNING,
     SESSION,
@@ -121,6 +124,10 @@ class Transfers:
             self._upload_piece(transaction, body, answer)
         elif function == END_UPLOAD:
             self._end_upload(transaction, body)
+        elif function == PLC_STOP or (function == PI_SERVICE and body.text("service") == PROGRAM):
+            what = transaction.function_name if function == PLC_STOP else subject_of(transaction)
+            operation = self._book.begin(CONTROL, "", transaction, what)
+            self._book.settle(operation, transaction, DONE, REFUSED)
         elif function == PI_SERVICE:
             _link_in(transaction, body)
 
@@ -240,7 +247,7 @@ def _went_well(transaction: Transaction) -> bool:
 
 
 def _last(transaction: Transaction, answer: Body) -> bool:
-    """Tell whether an answer says that no more follows."""
+    """Return whether an answer says that no more follows."""
     return transaction.outcome != UNANSWERED and answer.number("more") != 1
 
 
@@ -263,7 +270,7 @@ _ALARM_ABORTS: Final = frozenset((0, 4, 6, 8))
 _TEST_STARTS: Final = frozenset((BLOCK_STATUS_JOB, VARIABLE_STATUS, MODIFY_VARIABLE, FORCE_VARIABLES, BLOCK_STATUS_V2))
 
 #: Kinds that run until somebody stops them.
-ENDLESS: Final = frozenset((CYCLIC, MESSAGES, TEST_JOB, SESSION))
+ENDLESS: Final = frozenset((CYCLIC, MESSAGES, TEST_JOB, SESSION, POLLING))
 _MAX_SUBJECT: Final = 200
 #: Where the header states the octets of the data block.
 _DATA_LENGTH_AT: Final = 8
@@ -317,7 +324,7 @@ class Operations(OperationBook):
                 self._userdata(transaction, head)
         elif parameters.function == SETUP_COMMUNICATION:
             self._set_up(transaction)
-        elif REQUEST_DOWNLOAD <= parameters.function <= PI_SERVICE:
+        elif REQUEST_DOWNLOAD <= parameters.function <= PLC_STOP:
             if self._transfers is None:
                 from dissect.transactions.operations import Transfers
 

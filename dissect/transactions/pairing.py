@@ -139,7 +139,7 @@ class OpenRequests:
         return older
 
     def drop_superseded(self, found: Transaction) -> list[Transaction]:
-        """Close and return the requests kept behind ``found``, oldest first; their answers will not come any more."""
+        """Close and return the requests kept behind ``found``, oldest first; no answers to them will come."""
         dropped: list[Transaction] = []
         link = found.superseded
         found.superseded = None
@@ -172,10 +172,10 @@ class OpenRequests:
         return oldest
 
     def lose(self, found: Transaction, frame: i64, hole_frame: i64) -> Transaction | None:
-        """Remove those of several identical requests whose answers are in a hole; return them, linked by ``earlier``.
+        """Remove those of several identical requests whose answers are in a gap; return them, linked by ``earlier``.
 
         The answer that came, in packet ``frame``, is taken for that of the latest request captured before it. What was
-        asked before that one, and before the hole was given up at ``hole_frame``, will not be answered any more.
+        asked before that one, and before the hole was given up at ``hole_frame``, will not be answered.
         """
         keep = found
         while keep.earlier is not None and keep.request_frame > frame:
@@ -238,7 +238,7 @@ class OpenRequests:
         """Return how many requests were asked at ``time_ns`` or later, after packet ``frame``, and are still open.
 
         Stops counting at ``enough``, so that it costs no more when there are thousands.
-        An identical request stands where the one before it stands, so that some of them may be overlooked.
+        An identical request has the place of the one before it, so that some of them may be overlooked.
         """
         count: i64 = 0
         for transaction in reversed(self.table.values()):

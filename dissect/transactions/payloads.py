@@ -28,7 +28,7 @@ TITLE: Final = "SCD"
 
 
 def is_scd_key(key: int) -> bool:
-    """Tell whether a row of statistics is one of SCD."""
+    """Return whether a row of statistics is one of SCD."""
     return key >= _FUNCTION
 
 
@@ -112,7 +112,7 @@ class ScdParameters(Parameters):
 
     @property
     def subject(self) -> str:
-        """What is asked or told, for a person."""
+        """What is requested or answered, for a person."""
         return f"{TITLE} {self.scd.subject}"
 
 

@@ -12,13 +12,17 @@ from dissect.s7plus.events import (
     DELETED,
     PASSWORD,
     READ_OUT,
+    RESET,
     SESSION,
+    START,
+    STOP,
     SUBSCRIBED,
     SUBSCRIBED_ALARMS,
     TEST_JOB,
     Event,
 )
 from dissect.s7plus.session import PlusSession
+from dissect.s7plus.tables import V3
 from dissect.transactions import operation as kinds
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import DONE, FAILED, REFUSED, Operation, OperationBook
@@ -33,12 +37,34 @@ _KINDS: Final[dict[str, str]] = {
     CHANGED: kinds.DOWNLOAD,
     READ_OUT: kinds.UPLOAD,
     PASSWORD: kinds.PASSWORD,
+    STOP: kinds.CONTROL,
+    START: kinds.CONTROL,
+    RESET: kinds.CONTROL,
 }
 #: Those that go on until their object is deleted; the others are over with their transaction.
 _LASTING: Final = frozenset((SESSION, SUBSCRIBED, SUBSCRIBED_ALARMS, TEST_JOB))
 _DELETE: Final = "delete "
 _LOAD: Final = "load "
 _MAX_SUBJECT: Final = 200
+#: Reads of the same variables that make it polling, and different ones that are remembered.
+_POLLED: Final = 3
+MAX_POLLS: Final = 1024
+#: Where the body of a request begins, how much further in version 3, and what ends the addresses in it.
+_BODY: Final = 18
+_DIGEST: Final = 33
+_QUALIFIER: Final = b"\x00\x00\x04\xe8"
+
+
+class Poll:
+    """How often the same variables were read, and the operation that this is, None at first."""
+
+    __slots__ = ("count", "frame", "operation", "time_ns")
+
+    def __init__(self, transaction: Transaction) -> None:
+        self.count = 1
+        self.frame = transaction.request_frame
+        self.time_ns = transaction.request_ns
+        self.operation: Operation | None = None
 
 
 class PlusOperations:
@@ -47,6 +73,7 @@ class PlusOperations:
     def __init__(self, book: OperationBook) -> None:
         self._book = book
         self._open: dict[tuple[int, int], Operation] = {}  # by connection and object
+        self._polls: dict[tuple[int, bytes], Poll] = {}  # by connection and what is read
 
     def take(self, event: Event, session: PlusSession, transaction: Transaction) -> None:
         """Take an event of a transaction: it may begin an operation, or end one."""
@@ -82,8 +109,36 @@ class PlusOperations:
             operation.pushes += 1
             operation.octets += int(transaction.response_size)
 
+    def polled(self, session: PlusSession, transaction: Transaction) -> None:
+        """Take a read of variables: the third of the same ones, each soon after the other, begins an operation."""
+        octets = transaction.request_octets
+        at = _BODY + (_DIGEST if octets[1:2] == bytes((V3,)) else 0)
+        key = int(transaction.connection.number), octets[at : octets.find(_QUALIFIER, at)]
+        poll = self._polls.get(key)
+        if poll is None:
+            if len(self._polls) >= MAX_POLLS:
+                del self._polls[next(iter(self._polls))]
+            self._polls[key] = Poll(transaction)
+            return
+        poll.count += 1
+        operation = poll.operation
+        if operation is None:
+            if poll.count < _POLLED:
+                return
+            asked = transaction.plus_halves()[0]
+            labels = [session.label(address) for address in asked.contents.addresses] if asked is not None else []
+            operation = self._book.begin(kinds.POLLING, "", transaction, ", ".join(labels)[:_MAX_SUBJECT])
+            operation.begin_ns = poll.time_ns
+            operation.first_frame = poll.frame
+            operation.parts = poll.count
+            poll.operation = operation
+        elif not operation.result:
+            operation.add(transaction)
+
     def end(self, connection: Connection) -> None:
         """A connection is over: what is open there is closed by the book."""
         number = int(connection.number)
+        for poll in [poll for poll in self._polls if poll[0] == number]:
+            del self._polls[poll]
         for key in [key for key in self._open if key[0] == number]:
             del self._open[key]

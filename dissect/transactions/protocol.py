@@ -43,7 +43,7 @@ class Protocol:
         self.state: i64 = state
 
     def probe(self, side: Side, octets: bytes, at_start: bool) -> bool:
-        """Tell whether ``octets``, the next of a connection not known yet, are its own; ``at_start``: its very first ones."""
+        """Return whether ``octets``, the next of a connection not known yet, are its own; ``at_start``: its very first ones."""
         return False
 
     def begin(self, side: Side, at_start: bool) -> None:

@@ -184,7 +184,7 @@ def _check_write(transaction: Transaction, count: i64, buf: bytes, at: i64, end:
 
 
 def mismatch(request: Parameters, answer: Parameters) -> bool:
-    """Tell whether an answer names something else than its request: the function, for userdata group and subfunction.
+    """Return whether an answer names something else than its request: the function, for userdata group and subfunction.
 
     For SCD it is the service and the object it is about.
     """
@@ -204,7 +204,7 @@ def mismatch(request: Parameters, answer: Parameters) -> bool:
 
 
 def check_written(parameters: Parameters, buf: bytes, at: i64, size: i64) -> i64:
-    """Hold the data block of a write request to its items; return flags. What was told of its lengths is not told again."""
+    """Check the data block of a write request against its items; return flags. Errors in its lengths were reported already."""
     data_at: i64 = at + HEADER_SIZE + len(parameters.octets)
     if parameters.malformed or data_at + u16(buf, at + 8) != at + size:
         return 0
@@ -237,7 +237,7 @@ def check_data_codes(transaction: Transaction) -> None:
 
 
 def odd_data_code(item: Item, answer: DataItem) -> bool:
-    """Tell whether a good data item has another transport size than CPUs answer its request item with (reference 3.5)."""
+    """Return whether a good data item has another transport size than CPUs answer its request item with (reference 3.5)."""
     if item.syntax_id != S7ANY or item.area == RECORD_AREA:
         return False
     expected: int = ANSWER_TRANSPORT_SIZE.get(item.transport_size, -1)
@@ -274,8 +274,8 @@ class ItemResult:
     """An item of the request joined with its own answer (either may be missing).
 
     ``return_code`` is -1 when there is no answer; ``data`` the octets read or written, None when there are none.
-    ``decodable`` tells whether ``data`` has the size that the item asked for, so that ``value`` can be decoded.
-    ``unchanged`` tells that a push says the value is the one it sent before.
+    ``decodable``: ``data`` has the size that the item asked for, so that ``value`` can be decoded.
+    ``unchanged``: a push says that the value is the one it sent before.
     """
 
     __slots__ = ("answer", "data", "item", "return_code", "unchanged")
@@ -366,7 +366,7 @@ def write_results(items: list[Item], written: list[DataItem], codes: list[int]) 
 
 
 def has_items(head: UserdataHead) -> bool:
-    """Tell whether a userdata PDU is about items: of a cyclic service or of a test function on variables."""
+    """Return whether a userdata PDU is about items: of a cyclic service or of a test function on variables."""
     if head.group == GROUP_CYCLIC:
         return head.subfunction in CYCLIC_ITEMS
     return head.group == GROUP_TEST and head.subfunction in TEST_ITEMS

@@ -257,7 +257,7 @@ class ConnectionTable:
             self.half_open_evicted += 1
 
     def refused(self, key: bytes) -> bool:
-        """Tell whether a reset with ``key`` answers a connection attempt, and forget the attempt."""
+        """Return whether a reset with ``key`` answers a connection attempt, and forget the attempt."""
         return self._half_open.pop(reverse_key(key), None) is not None
 
     def open(self, key: bytes, vlan: i64, frame: i64, time_ns: i64) -> Side:

@@ -118,9 +118,9 @@ class Transaction:
 
     Sides are 0 and 1 of ``connection``; ``asked_by`` is the side whose request this is (for an orphan answer and a push: the
     side it was sent to). Times are nanoseconds since 1970; frames count from 1, 0 means there is none. ``outcome`` is one of
-    the numbers above, ``reason`` tells why a request stayed unanswered. ``flags`` gathers what was odd (`flag` values).
+    the numbers above, ``reason`` says why a request stayed unanswered. ``flags`` gathers what was odd (`flag` values).
 
-    The octets of both PDUs are kept as (buffer, offset, size) and read only when somebody looks; `results` are kept after the
+    The octets of both PDUs are kept as (buffer, offset, size) and read only on demand; `results` are kept after the
     first look, because a refusal is looked at by rules and outputs alike.
     """
 
@@ -195,7 +195,7 @@ class Transaction:
         return f"Transaction({self.number}, {self.function_name}, {self.outcome_name})"
 
     def acknowledged(self, end_seq: i64) -> bool:
-        """Tell whether the request acknowledged the other side's octets up to ``end_seq``, so that they came before it."""
+        """Return whether the request acknowledged the other side's octets up to ``end_seq``, so that they came before it."""
         return self.request_ack >= 0 and ((self.request_ack - end_seq) & MASK) < HALF_SPACE
 
     @property
@@ -205,7 +205,7 @@ class Transaction:
 
     @property
     def function(self) -> int:
-        """Function code; an Ack without parameters takes it from the request, -1 when nobody knows.
+        """Function code; an Ack without parameters takes it from the request, -1 when unknown.
 
         One octet, in S7comm-plus two (see `is_plus`).
         """
@@ -271,7 +271,7 @@ class Transaction:
 
     @property
     def request(self) -> Pdu | None:
-        """The S7comm request, parsed anew at each access; None when there is none."""
+        """The S7comm request, parsed again at each access; None when there is none."""
         if not self.request_size or self.is_plus or self.is_scd:
             return None
         return parse_pdu(
@@ -280,7 +280,7 @@ class Transaction:
 
     @property
     def response(self) -> Pdu | None:
-        """The S7comm answer, parsed anew at each access; None when there is none."""
+        """The S7comm answer, parsed again at each access; None when there is none."""
         if not self.response_size or self.is_plus or self.is_scd:
             return None
         return parse_pdu(
@@ -289,7 +289,7 @@ class Transaction:
 
     @property
     def plus_request(self) -> PlusPdu | None:
-        """The S7comm-plus request, parsed anew at each access; None when there is none."""
+        """The S7comm-plus request, parsed again at each access; None when there is none."""
         if not self.request_size or not self.is_plus:
             return None
         return parse_plus(
@@ -298,7 +298,7 @@ class Transaction:
 
     @property
     def plus_response(self) -> PlusPdu | None:
-        """The S7comm-plus response or notification, parsed anew at each access; None when there is none."""
+        """The S7comm-plus response or notification, parsed again at each access; None when there is none."""
         if not self.response_size or not self.is_plus:
             return None
         return parse_plus(
@@ -311,7 +311,7 @@ class Transaction:
         return (shown_half(asked) if asked is not None else None, shown_half(told) if told is not None else None)
 
     def plus_items(self) -> list[PlusItem]:
-        """Return every item of an S7comm-plus read, write or notification joined with its answer, read anew at each call.
+        """Return every item of an S7comm-plus read, write or notification joined with its answer, read again at each call.
 
         Empty for other functions.
         """

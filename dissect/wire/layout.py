@@ -127,7 +127,7 @@ class Field:
 
 
 class FieldValue:
-    """A field read from octets: where it stands and what it says.
+    """A field read from octets: its place and its meaning.
 
     ``value`` is its number; a field that holds octets has them in ``octets`` and 0 for a number, any other has None there.
     """

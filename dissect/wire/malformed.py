@@ -13,6 +13,8 @@ REASONS: Final = (
     "trailing_octets",  # octets are left over where nothing may follow
     "count_mismatch",   # a count field and what stands there differ
     "unknown_type",     # a type octet that is in no table, so what follows cannot be read
+    "bad_compression",  # compressed octets that do not inflate, or end before or after the end of what they hold
+    "too_large",        # compressed octets that become more than a bound allows
 )  # fmt: skip
 
 #: Whose length field set the limit that was broken.
@@ -69,6 +71,10 @@ class Malformed:
             return f"{surplus} too many{behind} at byte {self.offset}, in {container}"
         if self.reason == "count_mismatch":
             return f"{where}: {self.needed} announced, {self.available} there"
+        if self.reason == "bad_compression":
+            return f"{where}: its {_octets(self.available)} cannot be decompressed to the end"
+        if self.reason == "too_large":
+            return f"{where}: its {_octets(self.available)} decompress to {self.needed} or more"
         if self.reason == "unknown_type":
             return f"{where} is {self.available}, which is unknown"
         return f"{where} is {self.available}, expected {self.needed}"

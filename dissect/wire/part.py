@@ -26,7 +26,7 @@ class Part:
     """A part of a message: ``octets[offset:end]``, read as ``layout`` says.
 
     ``values`` are the fields that lie whole in it; ``note`` says in a few words what the part is about, where its parser
-    knows (``SZL 0x0011``); it is text from the wire and not escaped. ``depth`` is how many parts it stands inside of.
+    knows (``SZL 0x0011``); it is text from the wire and not escaped. ``depth`` is how many parts enclose it.
     """
 
     __slots__ = ("_octets", "_values", "depth", "end", "layout", "note", "offset")
@@ -42,7 +42,7 @@ class Part:
 
     @property
     def values(self) -> list[FieldValue]:
-        """The fields, read when somebody looks."""
+        """The fields, read on demand."""
         values = self._values
         if values is None:
             values = self.layout.read(self._octets, self.offset, self.end)
@@ -80,7 +80,7 @@ class Part:
 
 
 class Cursor:
-    """Walks over ``octets[at:end]`` and cuts parts from it; what does not fit is told in ``malformed``.
+    """Walks over ``octets[at:end]`` and cuts parts from it; what does not fit is reported in ``malformed``.
 
     ``limit`` is whose length set the end (`dissect.wire.malformed.LIMITS`). After the first part that does not fit, every
     further `take` returns None, so that a parser needs to look only where it depends on a value.
@@ -105,7 +105,7 @@ class Cursor:
         """Cut the next part; None when it does not fit.
 
         ``size`` is that of the whole part where the layout is `Layout.open`, all that is left by default. What is there of a
-        part that does not fit is cut all the same, and told to be too short.
+        part that does not fit is cut all the same, and reported as too short.
         """
         wanted = layout.size
         if layout.open:

@@ -22,7 +22,7 @@ _numbers: Final = itertools.count(1)
 
 
 def is_special(path: str | os.PathLike[str]) -> bool:
-    """Tell whether ``path`` is there and no regular file: a device or a FIFO, which is written to and never replaced.
+    """Return whether ``path`` is there and no regular file: a device or a FIFO, which is written to and never replaced.
 
     A folder is none: it cannot be written to. Raises `OSError` where that cannot be found out, unless nothing is there.
     """

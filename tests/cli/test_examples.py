@@ -21,6 +21,7 @@ from dissect.playback.server import Server
 from tests.cli.support import Ran, run
 from tests.cli.test_outputs import commands
 from tests.report.schemas import ROOT
+from tests.tags.support import example_files
 
 CAPTURE: Final = ROOT / "captures" / "transfer.pcapng"
 ALL: Final = [(command, line) for command, lines in EXAMPLES.items() for line in lines]
@@ -51,8 +52,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copy(CAPTURE, here / name)
     shutil.copy(ROOT / "captures" / "item-errors.pcapng", here / "new.pcapng")
     (here / "plant.key").write_bytes(bytes(range(32)))
+    (here / "session.keys").write_text(f"CLIENT_RANDOM {32 * '00'} {48 * '00'}\n", encoding="ascii")
     (here / "alerts.toml").write_text(ALERTS, encoding="utf-8")
     (here / "device.eds").write_bytes(DEVICE)
+    example_files(here)
     (here / "bin").mkdir()
     program = here / "bin" / "s7dissect"
     program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m dissect "$@"\n', encoding="utf-8")

@@ -190,3 +190,12 @@ def test_several_packets_may_be_named(capfdbinary: Capture, tmp_path: Path) -> N
     ran = run(capfdbinary, "show", "-T", "jsonl", "--frame", "8", "--frame", "1", path)
     assert [json.loads(line)["frame"] for line in ran.out.splitlines()] == [8]
     assert ran.err == "s7dissect: packet 1 completes no message\n"
+
+
+@pytest.mark.parametrize("face", ["text", "jsonl"])
+def test_frames_may_be_several_and_each_is_shown(capfdbinary: Capture, tmp_path: Path, face: str) -> None:
+    path = saved(tmp_path / "a.pcapng", read(read(begun(), 1), 2).packets())
+    lines = [run(capfdbinary, "show", "-T", face, "--frame", str(number), path).out for number in (8, 9, 11)]
+    assert all(lines)
+    asked = ["--frame", "11", "--frame", "8", "--frame", "9"]
+    assert run(capfdbinary, "show", "-T", face, *asked, path).out == "".join(lines)

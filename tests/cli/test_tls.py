@@ -82,6 +82,8 @@ def test_what_opens_on_each_command(capfdbinary: Capture, trace: Path, keys: Pat
     assert "S7comm-plus GetMultiVariables" in ran.out
     assert "GetMultiVariables" not in run(capfdbinary, "transactions", trace).out
     assert run(capfdbinary, "show", "--tls-keys", keys, trace).out.count("GetMultiVariables") == 2
+    tree = run(capfdbinary, "show", "-V", "--tls-keys", keys, trace).out
+    assert tree.count("decrypted; offsets count from the start of the S7comm-plus PDU") == 2
     assert "GetMultiVariables" in run(capfdbinary, "golden", "--tls-keys", keys, trace).out
     assert run(capfdbinary, "diff", "--tls-keys", keys, trace, trace).code == 0
     assert "GetMultiVariables" in run(capfdbinary, "monitor", "--plain", "--tls-keys", keys, trace).out

@@ -121,3 +121,20 @@ def test_a_capture_without_s7_says_what_was_there(capfdbinary: Capture, tmp_path
     ran = run(capfdbinary, "transactions", path)
     assert (ran.code, ran.out) == (0, "")
     assert ran.err == "s7dissect: no S7 transaction: 3 packets\n"
+
+
+def test_a_capture_without_s7_names_the_protocols_that_were_there(capfdbinary: Capture, corpus: Path) -> None:
+    ran = run(capfdbinary, "transactions", corpus / "rdp-proprietary-encryption.pcap")
+    assert (ran.code, ran.out) == (0, "")
+    assert (
+        ran.err == "s7dissect: no S7 transaction: 542 packets (355 of other protocols over TCP); connections: 2 RDP\n"
+    )
+
+
+def test_transactions_behind_gaps_stand_in_the_order_of_the_capture(capfdbinary: Capture, corpus: Path) -> None:
+    """Thirty-two of them waited for empty TPDUs that the filter of this capture left out."""
+    path = corpus / "faults" / "wincc_s400_first_part.pcapng"
+    told = [json.loads(line) for line in run(capfdbinary, "transactions", "-T", "jsonl", path).out.splitlines()]
+    packets = [max(one["request_frame"] or 0, one["response_frame"] or 0) for one in told]
+    assert len(packets) == 582
+    assert packets == sorted(packets)

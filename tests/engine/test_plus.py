@@ -9,10 +9,13 @@ import pytest
 
 import dissect
 from dissect.s7plus.assembly import MAX_PDU
+from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.objects import PlusObject
-from dissect.s7plus.value_tables import INT
-from dissect.s7plus.values import Value
+from dissect.s7plus.tables import SET_VAR_SUBSTREAMED
+from dissect.s7plus.value_tables import INT, UDINT
+from dissect.s7plus.values import Value, build_value
 from tests.s7plus import bodies
+from tests.s7plus.bodies import end, get_stream, number
 from tests.s7plus.pdus import (
     CREATE_OBJECT,
     ERROR,
@@ -338,3 +341,27 @@ def test_shared_captures(
         slug for slug in analysis.pipeline.finding_counts if not slug.startswith("security.")
     }  # of S7comm in the same file
     assert odd <= {"session.idle"}  # keep-alive probes of connections that say nothing
+
+
+def test_a_stream_of_pieces_with_keep_alives_and_events_between() -> None:
+    """SetVarSubStreamed: a complete request in the first frame, a piece of the stream in each further one."""
+    head = asked(1, SET_VAR_SUBSTREAMED, body=get_stream(52, [7]) + build_value(Value(0, UDINT, 9)))
+    sizes = [900, 3, 600]
+    pieces = [framed(number(size) + bytes(size), 3, trailer=False) for size in sizes]
+    last = framed(number(5) + b"piece" + end(9), 3)
+    talk = begun()
+    talk.ask(framed(head, 3, trailer=False), pieces[0])
+    talk.tell(event(1000), KEEP_ALIVE)
+    talk.ask(KEEP_ALIVE, pieces[1], event(7, b"LOGOUT"), pieces[2], last)
+    talk.tell(framed(told(1, SET_VAR_SUBSTREAMED, body=b"\0" + end(10)), 3))
+    talk.close()
+    assert facts(talk) == [("answered", "S7comm-plus SetVarSubStreamed", 1)]
+    assert talk.findings == []
+    request = talk.transactions[0].plus_request
+    assert request is not None
+    found = parse_contents(request)
+    assert (request.frames, found.malformed, found.whole, found.integrity_id) == (5, [], True, 9)
+    assert [ends - begin for begin, ends in found.pieces] == [*sizes, 5]
+    plus = talk.pipeline.plus
+    assert (plus.pdus, plus.cut_pdus, plus.unpaired) == (6, 0, 4)
+    assert (plus.versions[0xFE], plus.versions[0xFF]) == (2, 2)

@@ -225,8 +225,9 @@ def test_keys_that_come_after_the_records() -> None:
     talk = Talk()
     keys = talk.unlock(b"")
     begun(talk)
-    for side, octets in [*pair.begun, (0, client.seal(ASK))]:
-        number = talk.packet(side, dt(octets))
+    for side, octets in pair.begun:
+        talk.packet(side, dt(octets))
+    number = talk.ask(client.seal(ASK))
     keys.add(pair.keys())
     answer = talk.tell(server.seal(TELL))
     talk.close()
@@ -241,8 +242,8 @@ def test_what_waits_for_keys_counts_as_held() -> None:
     begun(talk)
     for side, octets in pair.begun:
         talk.packet(side, dt(octets))
-    (side,) = talk.pipeline.table.all_open()
-    held = [talk.pipeline.iso.held(end) for end in (side, side.peer) if end is not None]
+    (end,) = talk.pipeline.table.all_open()
+    held = [talk.pipeline.iso.held(one) for one in (end, end.peer) if one is not None]
     assert held == [len(pair.ends[0].seal(FINISHED, HANDSHAKE)) * 2, 0]
 
 

@@ -15,6 +15,7 @@ from dissect.source.files import find_reader
 from dissect.transactions.table import Side
 from tests.fuzz import files, frames, inputs, pdus, scripts, streams
 from tests.fuzz.containers import Packets
+from tests.fuzz.plus_seeds import plus_seeds
 from tests.golden.support import WRITTEN
 from tests.properties.captures import ROOT, SHARED, Memory
 from tests.properties.packets import Packet
@@ -127,6 +128,9 @@ class Seeds:
             for pdu in parts.pdus
         }
         return [bytes((pdus.CUT if number % 9 == 0 else 0,)) + pdu for number, pdu in enumerate(kinds.values())]
+
+    def plus(self) -> list[bytes]:
+        return plus_seeds([octets for parts in self._parts for octets in parts.pdus])
 
     def files(self) -> list[bytes]:
         made = []

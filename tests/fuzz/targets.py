@@ -10,6 +10,7 @@ from tests.fuzz.files import files
 from tests.fuzz.frames import frames
 from tests.fuzz.inputs import inputs
 from tests.fuzz.pdus import pdus
+from tests.fuzz.plus import plus
 from tests.fuzz.seeds import Seeds
 from tests.fuzz.segments import segments
 from tests.fuzz.streams import streams
@@ -23,6 +24,7 @@ TARGETS: Final[dict[str, TargetRow]] = {
     "segments": (segments, Seeds.segments, 4096),
     "streams": (streams, Seeds.streams, 4096),
     "pdus": (pdus, Seeds.pdus, 2048),
+    "plus": (plus, Seeds.plus, 4096),
     "files": (files, Seeds.files, 12288),
     "inputs": (inputs, Seeds.inputs, 8192),
 }

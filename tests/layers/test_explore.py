@@ -25,7 +25,8 @@ def test_explore_lists_every_layer_with_its_name(
     assert capsys.readouterr().out == by_name
     cells = [[cell.strip() for cell in line.split("|")] for line in by_name.splitlines()]
     rows = {row[0]: row[1] for row in cells if len(row) == 2 and row[0]}
-    assert set(dissect.layers.__all__) - {"S7Session", "at", "bind_port", "bind_scd", "unbind_scd"} <= set(rows)
+    layers = {name for name in dissect.layers.__all__ if isinstance(getattr(dissect.layers, name), type)}
+    assert layers - {"S7Session"} <= set(rows)
     assert rows["S7_CyclicRequest"] == "S7 cyclic request"
     assert not [name for name, shown in rows.items() if not shown]
 

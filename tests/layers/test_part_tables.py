@@ -15,7 +15,8 @@ import pytest
 import dissect
 import dissect.layers
 from dissect.layers import S7_BlockInfo, S7_Clock, S7_Part, S7_StartOB1, part_classes
-from dissect.layers.part_tables import SECTIONS, Row
+from dissect.layers.part_row import Row
+from dissect.layers.part_tables import SECTIONS
 from dissect.layers.parts import CLASSES
 
 ROWS: Final = [row for rows in SECTIONS.values() for row in rows]

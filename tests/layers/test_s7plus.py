@@ -38,7 +38,7 @@ EXAMPLES = [
     (framed(told(5), 3), "S7comm-plus V3 Response GetMultiVariables seq=5"),
     (framed(told(5, opcode=2)), "S7comm-plus V2 Response2 GetMultiVariables seq=5"),
     (framed(notified()), "S7comm-plus V2 Notification subscription=0x70000e51"),
-    (framed(notified(), 1), "S7comm-plus V1 fragment"),
+    (framed(notified(), 1), "S7comm-plus V1 Notification"),
     (framed(told(5), trailer=False), "S7comm-plus V2 Response GetMultiVariables seq=5 goes on"),
     (framed(b"more of it", 3, trailer=False), "S7comm-plus V3 fragment goes on"),
     (event(12, b"LOGOUT"), "S7comm-plus system event confirmed=12"),
@@ -127,7 +127,7 @@ def same(packet: Packet, octets: bytes) -> None:
     for name in ("opcode", "function", "sequence", "session_id", "transport_flags", "subscription_id", "credit_tick"):
         if name in body.default_fields:
             assert body.getfieldval(name) == getattr(pdu, name), name
-    assert body.body == pdu.body
+    assert b"".join([bytes(part) for part in body.body]) == pdu.body
     if pdu.version == 3:
         assert packet.digest == pdu.integrity
 

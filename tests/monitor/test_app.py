@@ -228,7 +228,7 @@ def test_pause_holds_the_screen_and_not_the_capture() -> None:
     drive(session, act)
 
 
-@pytest.mark.parametrize("key", ["f", "up"])
+@pytest.mark.parametrize("key", ["F", "up"])
 def test_freezing_holds_the_transactions_alone(key: str) -> None:
     session, more = two_parts()
 
@@ -483,3 +483,24 @@ def test_local_time_on_every_screen(monkeypatch: pytest.MonkeyPatch) -> None:
     finally:
         monkeypatch.undo()
         time.tzset()
+
+
+def test_an_expression_selects_what_rolls_by() -> None:
+    session, _ = two_parts()
+
+    async def act(app: MonitorApp, pilot: Pilot[bool]) -> None:
+        await until(pilot, lambda: "TRANSACTIONS 2" in text(app))
+        assert len(app.entries.rows) == 3
+        await press(pilot, "f")
+        app._input.value = "number == 2 and latncy > 1s"
+        await press(pilot, "enter")
+        assert app.foot.left.startswith("NOT SELECTED: no field 'latncy'; did you mean latency")
+        assert len(app.entries.rows) == 3
+        app._input.value = "number == 2"
+        await press(pilot, "enter")
+        assert "filter: number == 2" in text(app)
+        assert [entry.what.number for entry in app.entries.rows] == [2]
+        await press(pilot, "escape")
+        assert len(app.entries.rows) == 3
+
+    drive(session, act)

@@ -8,6 +8,7 @@ from rich.cells import cell_len
 from dissect.monitor import details, rows
 from dissect.monitor.app import save
 from dissect.monitor.lists import ConnectionFacts
+from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock
 from tests.monitor.support import hostile, model_of, of_capture, of_packets
 from tests.report.support import UNSAFE
@@ -98,3 +99,14 @@ def test_saving_never_overwrites_and_follows_no_link(tmp_path, monkeypatch) -> N
     monkeypatch.setattr("dissect.monitor.app._TRIES", 3)
     with pytest.raises(FileExistsError, match="too many"):
         save(tmp_path, 0, [])
+
+
+def test_a_narrow_row_has_room_for_what_a_push_says() -> None:
+    """The group of a function stands before it where there is room, else behind Enter."""
+    entries = model_of(of_capture("crafted/pushes")).entries
+    pushes = [
+        entry for entry in entries if isinstance(entry.what, Transaction) and "cyclic" in entry.what.function_name
+    ]
+    narrow = [rows.joined(rows.entry_row(entry, 80, Clock())) for entry in pushes]
+    assert any("  cyclic transfer  push  job 4: item 1 = 00 aa" in line for line in narrow)
+    assert all("cyclic services: " in rows.joined(rows.entry_row(entry, 160, Clock())) for entry in pushes)

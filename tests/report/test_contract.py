@@ -186,6 +186,7 @@ def test_a_connection_from_beginning_to_end() -> None:
         "vlan": [100, 7],
         "protocol": "s7comm",
         "identified_by": None,
+        "tls": None,
         "start": "syn",
         "first_frame": 1,
         "first_time": "2024-03-04T05:06:07.000000000Z",

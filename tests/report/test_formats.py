@@ -169,7 +169,7 @@ def test_what_a_made_format_lacks_is_refused(capfdbinary: Capture, tmp_path: Pat
         ("show", "jsnl", "Did you mean jsonl?"),
         ("analyze", "jsonn", "Did you mean json?"),
         ("show", "csv", "csv is for transactions."),
-        ("operations", "zzz", "'zzz' is not one of 'text', 'jsonl'."),
+        ("operations", "zzz", "'zzz' is not one of 'text', 'jsonl', 'fields'."),
     ],
 )
 def test_a_wrong_format_is_answered_with_the_nearest(
@@ -183,7 +183,7 @@ def test_a_wrong_format_is_answered_with_the_nearest(
 
 def test_the_help_lists_the_table(capfdbinary: Capture) -> None:
     text = " ".join(run(capfdbinary, "transactions", "--help").out.split())
-    assert "[text|jsonl|csv]" in text
+    assert "[text|jsonl|csv|fields]" in text
     for row in formats_for(TRANSACTIONS):
         assert f"{row.name} ({row.about})" in text
 

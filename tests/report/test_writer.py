@@ -7,8 +7,8 @@ import pytest
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.report.formats import FORMATS, TRANSACTIONS
-from dissect.report.places import Places
 from dissect.report.styled import Line
+from dissect.report.words import Places
 from dissect.report.writer import TransactionFeed, Writer
 from dissect.source.packet import SourceFile
 from dissect.transactions.transaction import Transaction

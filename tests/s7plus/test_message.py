@@ -99,7 +99,7 @@ def test_pdus_of_captures() -> None:
 def test_a_notification_of_version_1_has_another_form() -> None:
     pdu = parse_plus(framed(notified(), 1))
     assert (pdu.kind, pdu.subscription_id, pdu.sequence, pdu.malformed) == ("Notification", -1, -1, [])
-    assert fixed_part(pdu) is None
+    assert fixed_part(pdu) is layouts.NOTIFICATION_V1
 
 
 def test_a_pdu_in_several_frames() -> None:

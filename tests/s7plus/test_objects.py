@@ -97,7 +97,12 @@ def test_an_old_tag_description() -> None:
     assert isinstance(found, TagDescription)
     assert (found.name, found.datatype, found.lid, walk.left) == ("levl", 5, 9, 0)
     assert build_elements([found]) == wire
-    assert walk.parts[0].note == "LID 9 levl Int"
+    assert [(part.layout.name, part.note) for part in walk.parts] == [
+        ("tag description", "levl"),
+        ("tag", "LID 9 Int"),
+        ("end of tag description", ""),
+    ]
+    assert [part.end - part.offset for part in walk.parts] == [7, len(octets) - 6, 1]
 
 
 @pytest.mark.parametrize(

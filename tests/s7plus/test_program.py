@@ -89,3 +89,68 @@ def test_what_is_remembered_is_bounded() -> None:
         program.learn([type_of(0x92000000 | number, *[(f"v{lid}", variable(lid)) for lid in range(1, each + 1)])])
     kept = [number for number in range(1, 8) if program.find(Address(0, 0x8A0E0000 | number, ACTUAL, [1])) is not None]
     assert kept == [4, 5, 6, 7]
+
+
+# ---- arrays, structures inside arrays, strings -----------------------------------------------------------------------
+
+MATRIX = (0, 0, 0, 6, *(1, 0xFFFFFFFF, 0, 0, 0, 0), *(3, 2, 0, 0, 0, 0))  # [-1..0, 1..3]: the last index counts fastest
+LINE = type_of(
+    0x92000004,
+    ("matrix", variable(1, 5, 11, numbers=MATRIX)),
+    ("valves", variable(2, 17, 13, numbers=(0, 0, 1, 4, 8, 6, 0x91000007, 0, 0, 0, 0))),
+    ("field", variable(3, 17, 14, numbers=(*MATRIX, 8, 6, 0x91000007, 0, 0, 0, 0))),
+    ("motors", variable(4, 17, 0, numbers=(0, 0, 0x91000007, *[0] * 6, 2, 0, 0, 0, *(5, *[0] * 5), *(2, *[0] * 5)))),
+    ("pump", variable(5, 17, 15, numbers=(0, 0, 0x91000007, *[0] * 6))),
+    ("title", variable(6, 19, 9, numbers=(0, 0))),
+    ("bits", variable(7, 40, 11, numbers=MATRIX)),
+)
+
+
+@pytest.mark.parametrize(
+    ("lids", "path"),
+    [
+        ([1], '"matrix"'),
+        ([1, 0], '"matrix"[-1,1]'),
+        ([1, 2], '"matrix"[-1,3]'),
+        ([1, 3], '"matrix"[0,1]'),
+        ([1, 5], '"matrix"[0,3]'),
+        ([1, 6], '"matrix" LID 6'),
+        ([2, 3], '"valves"[4]'),
+        ([2, 3, 1, 1], '"valves"[4].open'),
+        ([2, 3, 1, 2, 1], '"valves"[4].inner.open'),
+        ([2, 3, 1], '"valves"[4].open'),  # where the number between index and member is left out
+        ([2, 4, 1, 1], '"valves" LID 4.1.1'),
+        ([3, 4, 1, 1], '"field"[0,2].open'),
+        ([4, 1, 1, 1], '"motors"[6].open'),
+        ([5, 1], '"pump".open'),
+        ([6], '"title"'),
+        ([6, 0, 256], '"title"'),
+        ([6, 2, 4], '"title" LID 2.4'),
+        ([7, 2], '"bits"[-1,3]'),
+        ([7, 3], '"bits" LID 3'),  # a row of bits fills its byte
+        ([7, 8], '"bits"[0,1]'),
+        ([7, 16], '"bits" LID 16'),
+    ],
+)
+def test_elements_and_members(lids: list[int], path: str) -> None:
+    program = Program()
+    program.learn([LINE, VALVE])
+    found = program.find(Address(0, 0x8A0E0004, ACTUAL, lids))
+    assert found is not None
+    assert found.path == path
+    assert (found.variable is None) == (" LID " in path)
+    assert found.whole_array == (lids == [1])
+
+
+def test_a_checksum_that_differs_is_told() -> None:
+    program = Program()
+    program.learn([TANK])
+    wrong = Address(0xAABBCCDE, 0x8A0E0003, ACTUAL, [9])
+    assert program.find(wrong) is None
+    assert program.doubt(wrong) == "CRC 0xaabbccdd in the program that passed, which differs: no name"
+    for address in (
+        Address(0xAABBCCDD, 0x8A0E0003, ACTUAL, [9]),
+        Address(7, 0x8A0E0004, ACTUAL, [9]),
+        Address(7, 52, 7, []),
+    ):
+        assert program.doubt(address) == ""

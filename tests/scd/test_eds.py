@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dissect import scd
+from dissect.scd import eds
 from dissect.scd.codec import Codec
 from dissect.scd.dump import dump_toml
 from dissect.scd.eds import import_eds
@@ -481,6 +483,28 @@ def test_a_file_too_large_or_of_another_kind(tmp_path: Path) -> None:
         import_file(path)
     with pytest.raises(DictionaryError, match=r"'\.toml' is not one of \.eds"):
         import_file(tmp_path / "x.toml")
+
+
+def test_a_large_file_is_read_in_portions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """python-canopen takes many times the memory of a file, so it gets a part of the objects at a time."""
+    objects = range(0x2000, 0x2000 + 600)
+    listed = "\n".join(f"{number}=0x{index:04X}" for number, index in enumerate(objects, 1))
+    sections = "\n".join(
+        f"[{index:04X}]\nParameterName=Object {index:04X}\nObjectType=7\nDataType=7\nAccessType=rw\nPDOMapping=0\n"
+        for index in objects
+    )
+    path = tmp_path / "large.eds"
+    path.write_text(f"[ManufacturerObjects]\nSupportedObjects={len(objects)}\n{listed}\n{sections}", encoding="ascii")
+    peaks, names = [], []
+    for portion in (10**9, 50):
+        monkeypatch.setattr(eds, "_PORTION", portion)
+        tracemalloc.start()
+        names.append(list(import_file(path).dictionary.objects))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert names[0] == names[1]
+    assert len(names[0]) == len(objects)
+    assert peaks[1] < 0.9 * peaks[0]
 
 
 def test_without_canopen(monkeypatch: pytest.MonkeyPatch) -> None:

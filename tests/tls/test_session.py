@@ -251,11 +251,11 @@ def test_what_waits_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_sessions_share_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sessions, "MAX_WAITING_ALL", 3000)
     waiting = Waiting()
-    for _ in range(3):
-        session = TlsSession(KeyRing(KeyLog()), waiting)
+    sessions_of = [TlsSession(KeyRing(KeyLog()), waiting) for _ in range(3)]
+    for session in sessions_of:
         told(session, wire([(0, b"x" * 500)]).flights)
         assert waiting.octets <= 3000
-    assert session.shut > 0
+    assert sessions_of[-1].shut > 0
 
 
 def test_nothing_waits_where_nobody_has_keys() -> None:

@@ -96,7 +96,7 @@ class Beside:
         self.made: list[Path] = []
 
     def companions(self) -> list[Companion]:
-        """Make what was asked for; whatever cannot be is told before anything is captured."""
+        """Make what was asked for; what cannot be made is reported before anything is captured."""
         made: list[Companion] = []
         if self._file is not None and self._limits is None:
             made.append(self._one_file(self._file))

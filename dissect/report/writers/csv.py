@@ -16,6 +16,7 @@ from dissect.report.writers.jsonl import SMALL
 from dissect.s7.tables import BYTE, RETURN_CODES, USERDATA
 from dissect.s7.values import Value
 from dissect.transactions.connection import Connection
+from dissect.transactions.naming import NamedValue
 from dissect.transactions.results import ItemResult
 from dissect.transactions.transaction import Transaction, TransactionError
 from dissect.wire.text import Clock, cell
@@ -82,15 +83,21 @@ class CsvRows:
     def rows(self, transaction: Transaction) -> list[list[str]]:
         """Return the rows of a transaction, one at least: of the items of a read or write, then of the values of SCD.
 
-        What is in neither is the subject of a row of its own.
+        An item with tags has a row for each of them, and for the octets between them. What is in neither is the subject of a
+        row of its own.
         """
         own = self._own(transaction)
         rows: list[list[str]] = []
         results = transaction.results()
+        naming = transaction.connection.naming
         errors = transaction.errors
         whole = "; ".join([_error(error) for error in errors if not error.where.startswith(_ITEM)]) if errors else ""
         for index, result in enumerate(results):
             said = _errors_of(errors, index + 1, whole) if errors else ""
+            known = naming.named(result) if naming is not None else []
+            rows += [own + self._named(str(index + 1), result, value, said) for value in known]
+            if known:
+                continue
             rows.append(own + self._result(str(index + 1), result, said))
         for found in transaction.scd:
             for row in found.values:
@@ -186,6 +193,23 @@ class CsvRows:
             "",
         ]
 
+    def _named(self, number: str, result: ItemResult, known: NamedValue, errors: str) -> list[str]:
+        """Return the cells of a tag in an item, or of octets without one."""
+        code: i64 = result.return_code
+        return [
+            number,
+            self._cell(known.address),
+            self._cell(known.name),
+            SMALL[code] if code >= 0 else "",
+            self._cell(RETURN_CODES.name(int(code))) if code >= 0 else "",
+            _plain_cell(known.value),
+            cell(known.remark),
+            self._cell(known.unit),
+            known.data.hex(),
+            cell(errors) if errors else "",
+            "",
+        ]
+
 
 def _errors_of(errors: list[TransactionError], number: int, whole: str) -> str:
     where = f"{_ITEM} {number}"
@@ -204,7 +228,10 @@ def _value_cell(result: ItemResult) -> str:
     if item is not None and data and item.transport_size == BYTE and result.decodable:
         texts = [SMALL[octet] for octet in data]  # as it would be decoded, without a list of numbers in between
         return texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"
-    value = result.value
+    return _plain_cell(result.value)
+
+
+def _plain_cell(value: Value) -> str:
     if value is None:
         return ""
     if isinstance(value, str):

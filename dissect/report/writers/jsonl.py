@@ -33,6 +33,7 @@ from dissect.s7.tables import FUNCTIONS, READ_VAR, ROSCTR, SETUP_COMMUNICATION, 
 from dissect.s7.values import Value, decode_value, real_text
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.transactions.connection import Connection
+from dissect.transactions.naming import NamedValue
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.results import area_results
@@ -286,6 +287,14 @@ class TransactionLines(Observer):
         return found
 
     def _items(self, transaction: Transaction) -> str:
+        naming = transaction.connection.naming
+        if naming is not None:
+            return ",".join(
+                [
+                    _with_tags(_item(result.item, result.return_code, result.data), naming.named(result))
+                    for result in transaction.results()
+                ]
+            )
         if (
             transaction.outcome == ANSWERED
             and not transaction.has_errors
@@ -316,6 +325,31 @@ def _item(item: Item | None, code: i64, data: bytes | None) -> str:
     known: bool = item is not None and (item.size == len(data) or item.fits(len(data)))
     value = octets_value(item.transport_size, data) if item is not None and known else "null"
     return f'{head}{told},"data":"{data.hex()}","value":{value}}}'
+
+
+def _with_tags(item: str, known: list[NamedValue]) -> str:
+    """Return the object of an item with its tags, and the octets that none of them covers."""
+    tags = ",".join([_tag(value) for value in known if value.name])
+    free = ",".join(
+        [
+            f'{{"address":{json_text(value.address)},"offset":{value.offset},"data":"{value.data.hex()}"}}'
+            for value in known
+            if not value.name
+        ]
+    )
+    return f'{item[:-1]},"tags":[{tags}],"untagged":[{free}]}}'
+
+
+def _tag(known: NamedValue) -> str:
+    raw = f',"raw":{value_text(known.raw)}' if known.raw is not known.value and known.raw != known.value else ""
+    remark = f',"remark":{json_text(known.remark)}' if known.remark else ""
+    comment = f',"comment":{json_text(known.comment)}' if known.comment else ""
+    data = f',"data":"{known.data.hex()}"' if known.value is None and known.data else ""
+    return (
+        f'{{"name":{json_text(known.name)},"address":{json_text(known.address)},"type":{json_text(known.type)}'
+        f',"value":{value_text(known.value)},"unit":{json_text(known.unit) if known.unit else "null"}'
+        f',"whole":{"true" if known.whole else "false"},"offset":{known.offset}{raw}{data}{remark}{comment}}}'
+    )
 
 
 def _errors(transaction: Transaction) -> str:

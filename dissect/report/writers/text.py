@@ -28,6 +28,7 @@ from dissect.s7.tables import JOB, RETURN_CODES, SUCCESS
 from dissect.s7plus.hiding import shown_contents
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.transactions.connection import Connection
+from dissect.transactions.naming import Naming
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.results import ItemResult
@@ -52,7 +53,7 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> 
     parts = [part for part in (words.outcome(transaction), facet.subject(transaction)) if part]
     said = f"  {'  '.join(parts)}" if parts else ""
     return (
-        f"{clock.moment(begun)}  #{transaction.number:<5} {frames:<12} {asked} → {answered}"
+        f"{clock.moment(begun)}  #{transaction.number:<5} {frames:<12} {places.end(asked)} → {places.end(answered)}"
         f"  {words.duration(transaction.latency_ns):>8}  {transaction.function_name}{said}"
     )
 
@@ -65,7 +66,7 @@ def styled_transaction(transaction: Transaction, clock: Clock, places: Places) -
 
 def pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places) -> str:
     """Return one S7 PDU on one line."""
-    said = f"  {body}" if (body := _body(pdu)) else ""
+    said = f"  {body}" if (body := _body(pdu, connection.naming)) else ""
     function = f"  {pdu.function_name}" if pdu.function_name else ""
     if pdu.cut:
         said += "  TRUNCATED by the capture"
@@ -105,10 +106,10 @@ def plus_line(pdu: PlusPdu, connection: Connection, clock: Clock, places: Places
 
 def _head(frame: int, time_ns: int, connection: Connection, side: int, clock: Clock, places: Places) -> str:
     ends = connection.tcp.ends
-    return f"{places.mark(frame):>6}  {clock.moment(time_ns)}  {ends[side]} → {ends[1 - side]}"
+    return f"{places.mark(frame):>6}  {clock.moment(time_ns)}  {places.end(ends[side])} → {places.end(ends[1 - side])}"
 
 
-def _body(pdu: Pdu) -> str:
+def _body(pdu: Pdu, naming: Naming | None) -> str:
     parameters = pdu.parameters
     if pdu.error_class > 0 or pdu.error_code > 0:
         code = (pdu.error_class << 8) | pdu.error_code
@@ -117,7 +118,7 @@ def _body(pdu: Pdu) -> str:
         setup = parameters.setup
         return str(setup)
     if parameters.items and pdu.rosctr == JOB:
-        return _requested(pdu, parameters.items)
+        return _requested(pdu, parameters.items, naming)
     codes = pdu.return_codes()
     if codes:
         refused = [
@@ -136,13 +137,13 @@ def _body(pdu: Pdu) -> str:
     return f"{_KINDS[head.type]}, sequence {head.sequence}{more}{error}{f'  {said}' if said else ''}"
 
 
-def _requested(pdu: Pdu, items: list[Item]) -> str:
+def _requested(pdu: Pdu, items: list[Item], naming: Naming | None) -> str:
     """Return the items a job asks for, with the values it writes."""
     data = pdu.data_items()
     said = []
     for index, item in enumerate(items):
         written = data[index].data if index < len(data) else None
-        said.append(words.item(ItemResult(item, -1, written, None), index + 1))
+        said.append(words.item(ItemResult(item, -1, written, None), index + 1, naming))
     return ", ".join(said)
 
 
@@ -261,7 +262,8 @@ class TextWriter(Writer):
         if self.verbose:
             from dissect.report.tree import plus_tree_lines
 
-            self._tree(plus_tree_lines(pdu, self._whole(octets, cut)))
+            decrypted = connection.tls is not None and connection.tls.is_open
+            self._tree(plus_tree_lines(pdu, self._whole(octets, cut), decrypted))
 
     def scd_message(self, found: ScdMessage, connection: Connection) -> None:
         """Add the line of an SCD message."""
@@ -284,6 +286,6 @@ class TextWriter(Writer):
 
 
 def _says_no(pdu: Pdu) -> bool:
-    """Tell whether a PDU is damaged, or refuses something."""
+    """Return whether a PDU is damaged, or refuses something."""
     refused = [code for code in pdu.return_codes() if code != SUCCESS] if pdu.rosctr != JOB else []
     return bool(pdu.malformed or pdu.error_class > 0 or pdu.error_code > 0 or refused)

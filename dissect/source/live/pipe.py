@@ -42,7 +42,7 @@ class PipeSource:
         self._poll.register(descriptor, select.POLLIN)
 
     def gather_head(self) -> bool:
-        """Have enough octets to tell what comes; False when time is up before. At the end of the pipe fewer have to do."""
+        """Have enough octets to recognise what comes; False when time is up before. At the end of the pipe fewer have to do."""
         try:
             while len(self._head) < _HEAD:
                 piece = self._more(CHUNK)
@@ -103,7 +103,7 @@ class PipeReader(LiveReader):
     def step(self, sink: PacketSink) -> bool:
         """Deliver what arrives within ``wait_ms``, about 64 KiB at most; False at the end of the pipe, or once stopped.
 
-        Raises `CaptureError` when what comes is no capture. Compressed captures make it wait for as long as they do.
+        Raises `CaptureError` when what comes is not a capture. Compressed captures make it wait for as long as they do.
         """
         if self._ended:
             return False
@@ -125,7 +125,7 @@ class PipeReader(LiveReader):
         return more
 
     def stop(self) -> None:
-        """End with what the pipe holds now; who writes into it is told by the pipe being closed."""
+        """End with what the pipe holds now; whoever writes into it sees the pipe closed."""
         if self._stop_at is None:
             self._stop_at = time.monotonic() + _STOP_S
 

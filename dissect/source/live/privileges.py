@@ -39,7 +39,7 @@ class User(NamedTuple):
 
 
 def is_root() -> bool:
-    """Tell whether this process has the rights of root."""
+    """Return whether this process has the rights of root."""
     return hasattr(os, "geteuid") and os.geteuid() == 0
 
 
@@ -133,7 +133,7 @@ def rights_left() -> str:
 
 
 def program_readable() -> bool:
-    """Tell whether this process may still read the Python that it runs on: otherwise nothing can be imported any more."""
+    """Return whether this process may still read the Python that it runs on: otherwise nothing more can be imported."""
     return all([os.access(file, os.R_OK) for file in (os.__file__, __file__)])
 
 

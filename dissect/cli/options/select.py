@@ -1,0 +1,290 @@
+"""The options of all commands that select: ``-Y``, ``--connection``, ``--time``, ``-c``, and ``-e`` for ``-T fields``.
+
+What they come to is a `Chosen`, which the command gets as ``chosen``.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+from click.shell_completion import CompletionItem
+
+if TYPE_CHECKING:
+    from dissect.engine.observer import Observer
+    from dissect.engine.pipeline import Options
+    from dissect.live.selected import SelectedEvents
+    from dissect.live.session import Session
+    from dissect.report.analysis import Part
+    from dissect.report.formats import Format
+    from dissect.report.writer import MessageChoice, Writer
+    from dissect.select import Where
+    from dissect.select.sieve import Sieve
+    from dissect.select.things import Context
+    from dissect.session import Run
+    from dissect.wire.text import Clock
+
+    _ParamType = click.ParamType[str]
+else:
+    _ParamType = click.ParamType
+
+#: Name of the format that writes fields alone.
+FIELDS_FORMAT: Final = "fields"
+
+
+class Chosen:
+    """What the options of a command select: ``where`` (None for everything), and at most ``most`` results (0 for all).
+
+    ``columns`` are the fields of ``-T fields``.
+    """
+
+    def __init__(self, where: Where | None, most: int = 0, columns: Sequence[str] = ()) -> None:
+        self.where = where
+        self.most = most
+        self.columns = tuple(columns)
+        self.taken = 0
+        self._sieve: Sieve | None = None
+        self._context: Context | None = where.context if where is not None else None
+
+    @property
+    def context(self) -> Context:
+        """What fields need to know of the run."""
+        if self._context is None:
+            from dissect.select.things import Context
+
+            self._context = Context()
+        return self._context
+
+    @property
+    def full(self) -> bool:
+        """True when as many results were taken as are wanted."""
+        return bool(self.most) and self.taken >= self.most
+
+    def narrow(self, options: Options) -> Options:
+        """Return the options of a run that does not read connections of which nothing can be selected."""
+        if self.where is not None and self.where.narrows:
+            options.only = self.where.may_hold
+        return options
+
+    def begin(self, run: Run, files: Sequence[str]) -> None:
+        """Tell the fields when ``run`` over ``files`` begins and how its packets are numbered."""
+        if self.where is None and not self.columns:
+            return
+        from dissect.cli.run import places_of
+
+        self.context.start = lambda: int(run.pipeline.first_ns)
+        if len(files) > 1:
+            self.context.number = places_of(run, files).number
+
+    def sieve(self, observer: Observer, at_once: bool = False) -> Observer:
+        """Return what tells ``observer`` of what is selected only, or itself where all is; ``at_once`` as `Sieve` has it."""
+        if self.where is None:
+            return observer
+        from dissect.select.sieve import Sieve
+
+        self._sieve = Sieve(observer, self.where, at_once)
+        return self._sieve
+
+    @property
+    def findings(self) -> Mapping[str, int] | None:
+        """The findings that were let through, by slug; None where nothing was held back."""
+        return self._sieve.findings if self._sieve is not None else None
+
+    def part(self, run: Run) -> Part | None:
+        """Return what the analysis of a selection is of; None where it is of everything."""
+        return self._sieve.part(run.pipeline) if self._sieve is not None else None
+
+    def choice(self, kind: str, also: Callable[[Any], bool] | None = None) -> Callable[[Any], bool] | None:
+        """Return what tells whether a thing of a kind is wanted, by these options and ``also``; None when all are."""
+        wanted = self.where.predicate(kind) if self.where is not None else None
+        if wanted is None and not self.most:
+            return also
+        if not self.most and also is None:
+            return wanted
+
+        def takes(thing: Any) -> bool:
+            if self.full or (also is not None and not also(thing)) or (wanted is not None and not wanted(thing)):
+                return False
+            self.taken += 1
+            return True
+
+        return takes
+
+    def events(self, session: Session) -> SelectedEvents | None:
+        """Return what lets events of a live session pass; None where all do."""
+        if self.where is None:
+            return None
+        from dissect.live.selected import SelectedEvents
+
+        self.where.context.start = lambda: int(session.run.pipeline.first_ns)
+        return SelectedEvents(self.where)
+
+    def message_choice(self) -> MessageChoice | None:
+        """Return what tells whether a message of `show` is wanted; None when all are."""
+        takes = self.choice("message")
+        if takes is None:
+            return None
+        from dissect.select.things import Message
+
+        return lambda *message: takes(Message(*message))
+
+    def writer(self, format_: Format, kind: str, clock: Clock, verbose: bool = False) -> Writer:
+        """Return the writer of a format; UsageError where ``-e`` and ``-T fields`` do not come together."""
+        if (format_.name == FIELDS_FORMAT) != bool(self.columns):
+            missing = "-e FIELD (repeatable)" if not self.columns else f"-T {FIELDS_FORMAT}"
+            given = f"-T {FIELDS_FORMAT}" if not self.columns else "-e"
+            raise click.UsageError(f"{given} needs {missing}.")
+        writer = format_.writer(kind, clock, verbose)
+        if self.columns:
+            from dissect.select.columns import FieldsWriter
+
+            assert isinstance(writer, FieldsWriter)
+            writer.write_fields(self.columns, self.context)
+        return writer
+
+
+class ExpressionType(_ParamType):
+    """An expression, checked when everything else is known; the shell completes the names of fields."""
+
+    name = "expression"
+
+    def __init__(self, kinds: Sequence[str] = ()) -> None:
+        self._kinds = kinds
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Return what has been typed with the names of fields that begin as its last word does."""
+        from dissect.select.fields import FIELDS
+
+        head, word = _last_word(incomplete)
+        return [
+            CompletionItem(f"{head}{field.name}", help=field.about)
+            for field in FIELDS.values()
+            if field.name.startswith(word) and (not self._kinds or not field.getters.keys().isdisjoint(self._kinds))
+        ]
+
+
+def _last_word(text: str) -> tuple[str, str]:
+    at = max([text.rfind(mark) for mark in " (!&|"]) + 1
+    return text[:at], text[at:]
+
+
+class FieldType(ExpressionType):
+    """The name of a field."""
+
+    name = "field"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the name as it is; one that is wrong is reported with the nearest."""
+        from dissect.config.hints import close_names
+        from dissect.select.fields import NAMES
+
+        field = NAMES.get(value.lower())
+        if field is None:
+            near = close_names(value, NAMES)
+            hint = f" Did you mean {' or '.join(near)}?" if near else " `s7dissect fields` lists them."
+            raise click.BadParameter(f"no field {value!r}.{hint}", ctx, param)
+        if self._kinds and field.getters.keys().isdisjoint(self._kinds):
+            raise click.BadParameter(f"{value!r} is a field of {' and '.join(field.things)}s.", ctx, param)
+        return str(value)
+
+
+def _window(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
+    from dissect.recording.window import parse_window
+
+    if value is not None:
+        try:
+            parse_window(value)
+        except ValueError as error:
+            raise click.BadParameter(f"{error}.", ctx, param) from None
+    return value
+
+
+_where: Final = (
+    "Only what this expression selects, such as 'host == 192.168.0.1 and latency > 20ms' (see `s7dissect help select`)."
+)
+
+
+def where_option(*kinds: str, help: str = _where) -> Callable[[Any], Any]:  # noqa: A002 - as click
+    """Return the option ``-Y`` alone; the command gets its text as ``where``."""
+    return click.option("-Y", "--where", "where", type=ExpressionType(kinds), metavar="EXPR", help=help)
+
+
+def read_where(text: str | None, also: Sequence[str] = (), kinds: Sequence[str] = ()) -> Where | None:
+    """Return the selection of an option; None where nothing was given. A wrong one is wrong use."""
+    if not text and not also:
+        if text is not None:
+            raise click.BadParameter("the expression is empty.", param_hint="'-Y' / '--where'")
+        return None
+    from dissect.select import SelectError, Where
+    from dissect.select.things import KINDS
+
+    try:
+        return Where(text or "", also, kinds or KINDS)
+    except SelectError as error:
+        raise click.BadParameter(str(error), param_hint="'-Y' / '--where'") from None
+
+
+def select_options(
+    *kinds: str, numbers: bool = True, results: str = ""
+) -> Callable[[Callable[..., int]], Callable[..., int]]:
+    """Return what adds the options to a command about things of ``kinds``; it is given a `Chosen` as ``chosen``.
+
+    ``numbers``: ``--connection`` and ``--time`` as well. ``results``, what its results are called: ``-c`` and ``-e`` too.
+    """
+
+    def decorate(command: Callable[..., int]) -> Callable[..., int]:
+        @functools.wraps(command)
+        def with_chosen(
+            *arguments: Any,
+            where: str | None,
+            numbers_of: tuple[int, ...] = (),
+            window: str | None = None,
+            first_results: int | None = None,
+            columns: tuple[str, ...] = (),
+            **options: Any,
+        ) -> int:
+            also = []
+            if numbers_of:
+                also.append(f"connection in {{{', '.join([str(number) for number in numbers_of])}}}")
+            if window is not None:
+                also.append(f"time in {{{window}}}")
+            return command(
+                *arguments, chosen=Chosen(read_where(where, also, kinds), first_results or 0, columns), **options
+            )
+
+        added: list[Callable[[Any], Any]] = [where_option(*kinds)]
+        if numbers:
+            added.append(
+                click.option(
+                    "--connection", "numbers_of", multiple=True, type=click.IntRange(min=1), metavar="N",
+                    help="Only connection N of the analyze report. Repeatable.",
+                )
+            )  # fmt: skip
+            added.append(
+                click.option(
+                    "--time", "window", callback=_window, metavar="BEGIN..END",
+                    help="Only within this time range: times of day, dates and times (UTC), or seconds from the first packet; "
+                    "either end may be omitted.",
+                )
+            )  # fmt: skip
+        if results:
+            added.append(
+                click.option(
+                    "-c", "--count", "first_results", type=click.IntRange(min=1), default=None, metavar="N",
+                    help=f"Only the first N {results}; then stop reading.",
+                )
+            )  # fmt: skip
+            added.append(
+                click.option(
+                    "-e", "columns", multiple=True, type=FieldType(kinds), metavar="FIELD",
+                    help=f"With -T {FIELDS_FORMAT}: a column with this field (see `s7dissect fields`). Repeatable.",
+                )
+            )  # fmt: skip
+        decorated: Any = with_chosen
+        for option in reversed(added):
+            decorated = option(decorated)
+        return decorated  # type: ignore[no-any-return]
+
+    return decorate

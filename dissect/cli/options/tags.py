@@ -1,0 +1,145 @@
+"""The options of the analysing commands that give addresses names."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+from click.core import ParameterSource
+
+if TYPE_CHECKING:
+    from dissect.tags import TagSet
+    from dissect.tags.problems import Problem
+    from dissect.transactions.naming import Naming
+
+#: Problems of tags that are listed in full; of more their number.
+MAX_LISTED: Final = 50
+
+
+def tag_options(command: Callable[..., int]) -> Callable[..., int]:
+    """Add ``--tags`` and what belongs to it to a command, which is given the ``naming`` they make, or None without them."""
+
+    @tag_reading_options
+    @click.option(
+        "--tags",
+        "tags",
+        multiple=True,
+        metavar="FILE",
+        help="Names, types and units for addresses: a tag table, symbol table, source of a DB or CSV; HOST=FILE for one PLC. "
+        "Repeatable.",
+    )
+    @functools.wraps(command)
+    def with_naming(
+        *arguments: Any, tags: tuple[str, ...], encoding: str, numbers: dict[str, int], **options: Any
+    ) -> int:
+        return command(*arguments, naming=naming_of(tags, encoding, numbers), **options)
+
+    return with_naming
+
+
+def tag_reading_options(command: Callable[..., int]) -> Callable[..., int]:
+    """Add ``--tags-encoding`` and ``--tags-db``; the command is given ``encoding`` and ``numbers``."""
+    command = click.option(
+        "--tags-db",
+        "numbers",
+        multiple=True,
+        callback=_numbers,
+        metavar="NAME=N",
+        help="The number of a data block whose source gives only its name. Repeatable.",
+    )(command)
+    return click.option(
+        "--tags-encoding",
+        "encoding",
+        default="",
+        callback=_encoding,
+        metavar="NAME",
+        help="Code page of tag files that are not UTF-8, such as cp1251 or cp1252.",
+    )(command)
+
+
+def _encoding(ctx: click.Context, param: click.Parameter, name: str) -> str:
+    import codecs
+
+    try:
+        if name:
+            codecs.lookup(name)
+    except LookupError:
+        raise click.BadParameter(
+            f"{name!r} is not an encoding: try cp1252, cp1251, gbk or utf-8.", ctx, param
+        ) from None
+    return name
+
+
+def _numbers(ctx: click.Context, param: click.Parameter, texts: Sequence[str]) -> dict[str, int]:
+    found = {}
+    for text in texts:
+        name, equals, number = text.rpartition("=")
+        if not equals or not name.strip() or not number.strip().isdigit() or not 0 < int(number) <= 65535:
+            raise click.BadParameter(f"expected NAME=NUMBER with a number from 1 to 65535, got {text!r}.", ctx, param)
+        found[name.strip().strip('"')] = int(number)
+    return found
+
+
+def naming_of(paths: Sequence[str], encoding: str, numbers: dict[str, int]) -> Naming | None:
+    """Return what names values by files of tags, None for no file. Raises `click.ClickException`."""
+    if not paths:
+        ctx = click.get_current_context()
+        for name in ("encoding", "numbers"):
+            if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+                raise click.UsageError("missing --tags FILE: --tags-encoding and --tags-db say how it is read.")
+        return None
+    from dissect.config.settings import split_host
+    from dissect.tags.naming import HostNaming
+
+    by_host: dict[str, list[str]] = {}
+    for path in paths:
+        host, name = split_host(path)
+        by_host.setdefault(host, []).append(name)
+    found = {host: load(names, encoding, numbers).naming() for host, names in by_host.items()}
+    rest = found.pop("", None)
+    return HostNaming(found, rest) if found else rest
+
+
+def load(paths: Sequence[str], encoding: str, numbers: dict[str, int]) -> TagSet:
+    """Return the tags of files; warnings go to stderr. Raises `click.ClickException` with everything that is wrong."""
+    from dissect.tags import TagError
+    from dissect.tags.loading import load_tags
+    from dissect.tags.problems import ERROR, WARNING
+
+    found = guarded(lambda: load_tags(paths, encoding, numbers), TagError)
+    if isinstance(found, TagError):
+        errors = [problem for problem in found.problems if problem.severity == ERROR]
+        listed = listing(errors)
+        raise click.ClickException(
+            "\n".join(
+                [f"{len(errors)} mistakes in the tags; nothing of them was used:", *listed]
+                if len(errors) > 1
+                else listed
+            )
+        )
+    tags: TagSet = found
+    for text in listing([problem for problem in found.problems if problem.severity == WARNING]):
+        click.echo(f"s7dissect: {text}", err=True)
+    return tags
+
+
+def guarded(read: Callable[[], Any], error: type[Exception]) -> Any:
+    """Return what ``read`` returns, or the ``error`` it raises; what the system refuses is the user's error."""
+    from dissect.wire.text import printable
+
+    try:
+        return read()
+    except error as refused:
+        return refused
+    except OSError as refused:
+        raise click.ClickException(f"{printable(str(refused.filename))}: {refused.strerror}") from None
+    except ImportError as refused:
+        raise click.ClickException(printable(str(refused))) from None
+
+
+def listing(problems: Sequence[Problem]) -> list[str]:
+    """Return problems as lines, those beyond `MAX_LISTED` as their number."""
+    rest = len(problems) - MAX_LISTED
+    return [*[str(problem) for problem in problems[:MAX_LISTED]], *([f"and {rest} more"] if rest > 0 else [])]

@@ -1,0 +1,25 @@
+"""Where `s7dissect.toml` is: looked for at every start, so nothing is imported to read it until one is there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+NAME: Final = "s7dissect.toml"
+#: Folders above the present one that are looked into for a project's file.
+_MOST_FOLDERS: Final = 64
+
+
+def find_files(folder: Path, user: Path) -> list[Path]:
+    """Return the files that are there, the one that counts most first.
+
+    That is the file of the project, in ``folder`` or the nearest folder above it, before that of the ``user``'s folder.
+    """
+    found = []
+    for place in [folder, *folder.parents][:_MOST_FOLDERS]:
+        if (place / NAME).is_file():
+            found.append(place / NAME)
+            break
+    if (user / NAME).is_file() and user / NAME not in found:
+        found.append(user / NAME)
+    return found

@@ -1,0 +1,85 @@
+"""S7comm-plus, which Wireshark has no dissector for: what its own PDUs prove (docs/s7plus.md).
+
+Two things hold in every public capture: a PDU is read to its last octet, and the integrity id of a response is that of its
+request plus the sequence number. A wrong reading would show, because the id stands behind everything else.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.contents import Contents
+from dissect.s7plus.message import PlusPdu, parse_plus
+from dissect.s7plus.tables import KEEP_ALIVE, REQUEST, RESPONSE
+
+#: Requests that wait for their response, and faults that are kept in words.
+_OPEN: Final = 10_000
+_KEPT: Final = 100
+
+
+class PlusProof:
+    """Counts the PDUs of a capture that prove themselves.
+
+    ``read`` of ``pdus`` whole ones are read to their last octet; the integrity ids of ``true`` of ``pairs`` responses follow
+    from those of their requests. ``cut`` PDUs are not whole, and not looked at. ``faults`` say which do not hold, and why.
+    """
+
+    def __init__(self) -> None:
+        self.pdus = 0
+        self.cut = 0
+        self.read = 0
+        self.pairs = 0
+        self.true = 0
+        self.faults: list[str] = []
+        self._asked: dict[tuple[int, int, int], int] = {}
+
+    @property
+    def holds(self) -> bool:
+        """True when all that was looked at holds."""
+        return self.read == self.pdus and self.true == self.pairs
+
+    def __str__(self) -> str:
+        cut = f", {self.cut} not whole" if self.cut else ""
+        return (
+            f"S7comm-plus: {self.read} of {self.pdus} whole PDUs read to their last byte{cut}; "
+            f"{self.true} of {self.pairs} response ids = request id + sequence number"
+        )
+
+    def take(self, octets: bytes, frame: int, connection: int, side: int, cut: bool) -> None:
+        """Take a PDU: its frames one behind the other."""
+        pdu = parse_plus(octets, frame, 0, connection, side, cut)
+        if not pdu.whole:
+            self.cut += 1
+            return
+        found = parse_contents(pdu, shown=False)
+        self.pdus += 1
+        facts = [*pdu.malformed, *found.malformed]
+        if not facts and (found.whole or pdu.version == KEEP_ALIVE):
+            self.read += 1
+        else:
+            self._fault(pdu, str(facts[0]) if facts else "its body is not known")
+        self._pair(pdu, found)
+
+    def _pair(self, pdu: PlusPdu, found: Contents) -> None:
+        if found.integrity_id < 0:
+            return
+        asker = pdu.side if pdu.opcode == REQUEST else 1 - pdu.side
+        key = (pdu.connection, asker, pdu.sequence)
+        if pdu.opcode == REQUEST:
+            while len(self._asked) >= _OPEN:
+                del self._asked[next(iter(self._asked))]
+            self._asked[key] = found.integrity_id
+        elif pdu.opcode == RESPONSE and key in self._asked:
+            self.pairs += 1
+            asked = self._asked.pop(key)
+            if found.integrity_id == (asked + pdu.sequence) & 0xFFFFFFFF:
+                self.true += 1
+            else:
+                self._fault(pdu, f"integrity id {found.integrity_id}, that of its request is {asked}")
+
+    def _fault(self, pdu: PlusPdu, why: str) -> None:
+        if len(self.faults) < _KEPT:
+            self.faults.append(
+                f"frame {pdu.frame} S7comm-plus {pdu.kind} {pdu.function_name}: {why}".replace(" :", ":")
+            )

@@ -1,0 +1,132 @@
+"""Compressed blobs: what engineering tools store of a block's interface, comments and code (docs/s7plus.md).
+
+A version of four octets, then a zlib stream, whose header often names a preset dictionary by its Adler-32. CPUs with firmware 2
+leave the version out. Without the dictionary the text stays closed, but lengths do not depend on what the dictionary holds: so
+whether a stream ends where it should, and how large it becomes, is checked with an empty one in its place.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from typing import Final
+
+#: Attributes that hold compressed blobs.
+COMPRESSED: Final = frozenset((2449, 2533, 2544, 2545, 2546, 2583, 2584, 2585, 2589, 4275, 4683, 7564))
+#: In a sparse array, elements from this key on are not compressed.
+PLAIN_KEYS: Final = 0x80000000
+#: How many times its own size a blob may become, and how many octets all blobs of a PDU together.
+MAX_RATIO: Final = 1000
+MAX_INFLATED: Final = 32 * 1024 * 1024
+#: Even a few octets may become this many.
+_LEAST: Final = 4096
+
+# Why a blob stays closed; the first two are reasons of `Malformed`.
+BAD: Final = "bad_compression"
+TOO_LARGE: Final = "too_large"
+NO_DICTIONARY: Final = "no dictionary"
+
+_VERSION: Final = 4
+_HEADER: Final = 2
+_DICTIONARY: Final = 0x20  # of the second octet of the header: four octets follow that name a dictionary
+_CHECKSUM: Final = 4  # Adler-32 of the contents, behind them
+_WINDOW: Final = 15  # the largest there is, 32 KiB
+_PIECE: Final = 1 << 18
+_EMPTY: Final = bytes(1 << _WINDOW)  # stands for a dictionary: as far back as a stream can reach
+
+
+class Opened:
+    """A blob that was tried: ``octets`` are its contents as far as they were kept, ``size`` how many there are.
+
+    ``dictionary`` is the Adler-32 of the one that it needs, -1 for none. ``fault`` is empty, or one of the words above.
+    """
+
+    __slots__ = ("dictionary", "fault", "octets", "size")
+
+    def __init__(self, dictionary: int) -> None:
+        self.dictionary = dictionary
+        self.fault = ""
+        self.octets = b""
+        self.size = 0
+
+
+def is_compressed(octets: bytes) -> bool:
+    """Tell whether a blob of one of the attributes above holds a zlib stream."""
+    return _start(octets) >= 0
+
+
+def _start(octets: bytes) -> int:
+    """Return where the zlib stream begins, -1 for none."""
+    for at in (0, _VERSION):
+        if len(octets) >= at + _HEADER:
+            method, flags = octets[at], octets[at + 1]
+            if method & 0x0F == zlib.DEFLATED and method >> 4 < 8 and (method << 8 | flags) % 31 == 0:
+                return at
+    return -1
+
+
+def check_blob(octets: bytes, allowed: int = MAX_INFLATED) -> Opened:
+    """Inflate a compressed blob to see whether it keeps what its format promises; its contents are not kept. Never raises.
+
+    ``allowed`` is how many octets it may become, beside `MAX_RATIO`.
+    """
+    return _inflate(octets, _EMPTY, allowed, kept=0)
+
+
+def open_blob(octets: bytes, dictionaries: Mapping[int, bytes], kept: int = MAX_INFLATED) -> Opened:
+    """Inflate a compressed blob, of its contents the first ``kept`` octets. Never raises.
+
+    ``dictionaries`` are preset dictionaries by their Adler-32.
+    """
+    start = _start(octets)
+    named = _named(octets, start)
+    dictionary = b"" if named < 0 else dictionaries.get(named, b"")
+    if named >= 0 and not dictionary:
+        opened = check_blob(octets)
+        opened.fault = opened.fault or NO_DICTIONARY
+        return opened
+    return _inflate(octets, dictionary, MAX_INFLATED, kept)
+
+
+def _named(octets: bytes, start: int) -> int:
+    """Return the Adler-32 of the dictionary that a stream needs, -1 for none."""
+    at = start + _HEADER
+    if start < 0 or not octets[start + 1] & _DICTIONARY or at + _CHECKSUM > len(octets):
+        return -1
+    return int.from_bytes(octets[at : at + _CHECKSUM], "big")
+
+
+def _inflate(octets: bytes, dictionary: bytes, allowed: int, kept: int) -> Opened:
+    start = _start(octets)
+    opened = Opened(_named(octets, start))
+    if start < 0:
+        opened.fault = BAD
+        return opened
+    most = min(allowed, max(_LEAST, MAX_RATIO * len(octets)))
+    checks = opened.dictionary < 0 or dictionary is not _EMPTY
+    if checks:
+        stream = zlib.decompressobj(zdict=dictionary) if dictionary and opened.dictionary >= 0 else zlib.decompressobj()
+        rest = octets[start:]
+    else:
+        stream = zlib.decompressobj(-_WINDOW, zdict=dictionary)
+        rest = octets[start + _HEADER + _CHECKSUM :]
+    parts: list[bytes] = []
+    try:
+        while not stream.eof:
+            piece = stream.decompress(rest, _PIECE)
+            rest = stream.unconsumed_tail
+            opened.size += len(piece)
+            if opened.size > most:
+                opened.fault = TOO_LARGE
+                break
+            if kept > 0:
+                parts.append(piece[:kept])
+                kept -= len(piece)
+            if not piece and not rest and not stream.eof:
+                break  # it goes on behind the last octet
+    except zlib.error:
+        opened.fault = BAD
+    if not opened.fault and (not stream.eof or len(stream.unused_data) != (0 if checks else _CHECKSUM)):
+        opened.fault = BAD
+    opened.octets = b"".join(parts)
+    return opened

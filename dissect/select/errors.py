@@ -1,0 +1,53 @@
+"""What is wrong with an expression, and where."""
+
+from __future__ import annotations
+
+import unicodedata
+from typing import Final
+
+from dissect.wire.text import printable
+
+#: Characters of an expression that are shown around the place that is wrong.
+_SHOWN: Final = 70
+
+
+class SelectError(ValueError):
+    """An expression that cannot be: ``reason`` in one sentence, and what it is about: ``text[start:end]``."""
+
+    def __init__(self, reason: str, text: str = "", start: int = 0, end: int = 0) -> None:
+        super().__init__(reason)
+        self.reason = reason
+        self.text = text
+        self.start = start
+        self.end = end
+
+    def within(self, text: str, start: int, end: int) -> SelectError:
+        """Return the same error with its place, unless it has one."""
+        return self if self.text else SelectError(self.reason, text, start, end)
+
+    def lines(self) -> list[str]:
+        """Return the reason, the expression, and a mark below what is wrong; safe to show."""
+        if not self.text:
+            return [printable(self.reason)]
+        first = max(0, min(self.start, len(self.text)) - _SHOWN)
+        shown = self.text[first : first + 2 * _SHOWN]
+        before = "… " if first else ""
+        line = "".join([_one(character) for character in shown])
+        indent = len(before) + sum([_width(character) for character in line[: self.start - first]])
+        size = max(1, min(self.end, first + len(shown)) - self.start)
+        after = " …" if first + len(shown) < len(self.text) else ""
+        return [printable(self.reason), f"  {before}{line}{after}", f"  {' ' * indent}{'^' * size}"]
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
+
+def _one(character: str) -> str:
+    """Return a character that takes the place of one: what would not print is a question mark."""
+    if character.isspace():
+        return " "
+    return character if printable(character) == character else "?"
+
+
+def _width(character: str) -> int:
+    return 2 if unicodedata.east_asian_width(character) in {"W", "F"} else 1

@@ -1,0 +1,393 @@
+"""The fields: one table of name, type, meaning, example, and how each kind of thing answers. Everything else reads it.
+
+`s7dissect fields`, docs/select.md, completion and the predicates take their names from here. ``also`` are further names: those
+of the JSON contract where a field has a shorter one, so that both can be typed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
+
+from dissect.findings.catalogue import CATALOGUE, NOTE, SEVERITIES
+from dissect.findings.catalogue import KINDS as FINDING_KINDS
+from dissect.findings.reporter import Finding
+from dissect.iso.upper import UPPER_NAMES
+from dissect.report.writer import COTP, NETLINK
+from dissect.s7.errors import ERROR_CODES
+from dissect.s7.tables import (
+    AREA_LETTERS,
+    AREAS,
+    LETTER_AREAS,
+    RETURN_CODES,
+    ROSCTR,
+    TRANSPORT_SIZES,
+    USERDATA_GROUPS,
+    USERDATA_SUBFUNCTIONS,
+    USERDATA_TYPES,
+)
+from dissect.s7plus.tables import OPCODES
+from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
+from dissect.scd.wording import json_value
+from dissect.select import getters as of
+from dissect.select.getters import Getter, OfConnection, OfItem
+from dissect.select.items import ItemFacts
+from dissect.select.literals import (
+    AnyValue,
+    Code,
+    CodeValue,
+    Duration,
+    Host,
+    Kind,
+    Number,
+    Octets,
+    S7Address,
+    Text,
+    Time,
+    Truth,
+)
+from dissect.select.things import CONNECTION, FINDING, KINDS, MESSAGE, OPERATION, PACKET, TRANSACTION, Context
+from dissect.transactions import ending
+from dissect.transactions.operation import KINDS as OPERATION_KINDS
+from dissect.transactions.operation import RESULTS
+from dissect.transactions.payloads import ScdMessage
+from dissect.transactions.transaction import OUTCOMES, REASON_TEXTS
+
+
+class Field:
+    """A field: its names, the type of its values, what it means, a condition as an example, and who has it.
+
+    ``getters`` are by kind of thing (`dissect.select.things.KINDS`). ``of_item`` gives the value of one item, for those
+    that items have: these may have an index behind their name. ``decided`` tells that the ends and the number of a connection
+    alone say what its value is, so that what is not selected need not be read.
+    """
+
+    __slots__ = ("about", "also", "decided", "example", "getters", "kind", "name", "of_item")
+
+    def __init__(
+        self,
+        name: str,
+        kind: Kind,
+        about: str,
+        example: str,
+        getters: Mapping[str, Getter],
+        also: tuple[str, ...] = (),
+        of_item: OfItem | None = None,
+        decided: bool = False,
+    ) -> None:
+        self.name = name
+        self.kind = kind
+        self.about = about
+        self.example = example
+        self.getters = getters
+        self.also = also
+        self.of_item = of_item
+        self.decided = decided
+
+    def __repr__(self) -> str:
+        return f"Field({self.name!r})"
+
+    @property
+    def things(self) -> tuple[str, ...]:
+        """The kinds of things that have it."""
+        return tuple([kind for kind in KINDS if kind in self.getters])
+
+
+def _all(getter: Getter, kinds: Iterable[str] = KINDS) -> dict[str, Getter]:
+    return dict.fromkeys(kinds, getter)
+
+
+def _connected(get: OfConnection) -> dict[str, Getter]:
+    return dict.fromkeys(KINDS, of.of_connection(get))
+
+
+_TALK: Final = (TRANSACTION, OPERATION)
+_PDUS: Final = (TRANSACTION, MESSAGE)
+
+
+def _item(
+    name: str,
+    kind: Kind,
+    about: str,
+    example: str,
+    get: OfItem,
+    kinds: Iterable[str] = _PDUS,
+    others: Mapping[str, Getter] | None = None,
+) -> Field:
+    """Return a field that every item has for itself; ``others`` are getters of things whose items are not known."""
+
+    def got(thing: Any, context: Context) -> list[Any]:
+        found: list[Any] = []
+        for item in of.items(thing, context):
+            value = get(item, context)
+            if isinstance(value, list):
+                found += value
+            elif value is not None:
+                found.append(value)
+        return found
+
+    also = "items.transport_size" if name == "type" else f"items.{name}"
+    return Field(name, kind, about, example, {**dict.fromkeys(kinds, got), **(others or {})}, (also,), get)
+
+
+def _attribute(name: str) -> OfItem:
+    return lambda item, _context: getattr(item, name)
+
+
+def _text(get: Getter, kinds: Iterable[str]) -> dict[str, Getter]:
+    return _all(lambda thing, context: get(thing, context) or None, kinds)
+
+
+def _thing(name: str) -> Getter:
+    """Return the getter of a number that a thing keeps under this name."""
+    return lambda thing, _context: int(getattr(thing, name))
+
+
+def _word(name: str) -> Getter:
+    """Return the getter of a word that a thing keeps under this name; None for none."""
+
+    def got(thing: Any, _context: Context) -> CodeValue | None:
+        word = getattr(thing, name)
+        return of.name_code(word) if word else None
+
+    return got
+
+
+def _severity(finding: Finding) -> CodeValue:
+    return CodeValue(_WEIGHTS[finding.severity], (finding.severity,))
+
+
+#: Severities by weight, so that they can be compared: `severity >= warning`.
+_WEIGHTS: Final = {severity: len(SEVERITIES) - at for at, severity in enumerate(SEVERITIES)}
+
+
+def _subfunctions() -> Iterable[str]:
+    return [name for table in USERDATA_SUBFUNCTIONS.values() for name in table.names().values()]
+
+
+def _areas() -> Iterable[str]:
+    return [*AREA_LETTERS.values(), *LETTER_AREAS, *AREAS.names().values()]
+
+
+def _area(item: ItemFacts, _context: Context) -> CodeValue | None:
+    area = item.area
+    if area is None:
+        return None
+    german = [letter for letter, number in LETTER_AREAS.items() if number == area.number and letter not in area.names]
+    return CodeValue(area.number, (*area.names, *german)) if german else area
+
+
+def _error_names() -> Iterable[str]:
+    for table in (ERROR_CODES, RETURN_CODES, PLUS_CODES):
+        yield from table.names().values()
+
+
+def _tags(item: ItemFacts, context: Context) -> list[str]:
+    return list(context.tags(item.source))
+
+
+def _scd_values(get: Any) -> Any:
+    return lambda found: [value for row in found.values if (value := get(row)) not in {None, ""}]
+
+
+def _scd_error(found: ScdMessage) -> str | None:
+    return found.message.error.code if found.message.error is not None else None
+
+
+_ROWS: Final = (
+    # ---- who
+    Field("host", Host(), "Either end of the connection: an address, a network, or an address with its port.",
+          "host == 192.168.0.0/24", _all(of.ends), decided=True),
+    Field("client", Host(), "The end that opened the connection.", "client == 192.168.0.10",
+          _connected(lambda connection: connection.client)),
+    Field("server", Host(), "The other end, usually the PLC.", "server in {192.168.0.1, 192.168.0.2}",
+          _connected(lambda connection: connection.server)),
+    Field("port", Number(), "Either TCP or UDP port.", "port == 102", _all(of.ports), decided=True),
+    Field("src", Host(), "Who sent the message or packet.", "src == 192.168.0.1",
+          {MESSAGE: lambda thing, _context: thing.ends[0],
+           PACKET: lambda thing, _context: thing.ends[0] if thing.ends else None}),
+    Field("dst", Host(), "Who receives it.", "dst == 192.168.0.1",
+          {MESSAGE: lambda thing, _context: thing.ends[1],
+           PACKET: lambda thing, _context: thing.ends[1] if thing.ends else None}),
+    Field("asked_by", Host(), "Who sent the request, or received an unsolicited message.", "asked_by == 192.168.0.10",
+          _all(of.asked_by, _TALK)),
+    Field("answered_by", Host(), "The other end.", "answered_by == 192.168.0.1", _all(of.answered_by, _TALK)),
+    Field("connection", Number(), "Number of the connection, as `analyze` counts them.", "connection in {1, 3}",
+          _connected(lambda connection: int(connection.number)), decided=True),
+    Field("protocol", Code(lambda: [*UPPER_NAMES, "ibh_netlink", COTP, NETLINK]), "The protocol.",
+          "protocol == s7comm_plus", _all(of.protocol, (TRANSACTION, CONNECTION, MESSAGE))),
+    Field("calling_tsap", Text(), "TSAP of the client, where the connect request was captured.", 'calling_tsap == "01.00"',
+          _connected(of.tsap(called=False)), ("calling_tsap.text",)),
+    Field("called_tsap", Text(), "TSAP of the server.", 'called_tsap == "01.02"', _connected(of.tsap(called=True)),
+          ("called_tsap.text",)),
+    Field("rack", Number(), "Rack that the called TSAP names.", "rack == 0", _connected(of.rack), ("called_tsap.rack",)),
+    Field("slot", Number(), "Slot that the called TSAP names.", "slot == 2", _connected(of.slot), ("called_tsap.slot",)),
+    Field("vlan", Number(), "VLAN ids.", "vlan == 100", _connected(of.vlans)),
+    Field("pdu_length", Number(), "PDU length granted on the connection.", "pdu_length < 480",
+          _connected(lambda connection: int(connection.pdu_length) or None)),
+    Field("ended", Code(lambda: [ending.FIN, ending.RESET, ending.DISCONNECT, ending.ERROR_TPDU, ending.REUSED,
+                                 ending.REPLACED, ending.EVICTED, ending.OPEN]),
+          "How the connection ended.", "ended == reset", {CONNECTION: of.ended}, ("ending.how",)),
+    Field("pdus", Number(), "S7 PDUs on the connection.", "pdus > 1000", {CONNECTION: _thing("pdus")}),
+
+    # ---- when
+    Field("frame", Number(), "Number of a packet: request or answer, first or last packet, packets of a finding.",
+          "frame in {100..200}", _all(of.frames), ("frames",)),
+    Field("request_frame", Number(), "Packet that completed the request.", "request_frame == 17",
+          {TRANSACTION: of.frame_at(0)}),
+    Field("response_frame", Number(), "Packet that completed the answer.", "response_frame == 18",
+          {TRANSACTION: of.frame_at(1)}),
+    Field("first_frame", Number(), "First packet of the operation.", "first_frame < 100", {OPERATION: of.frame_at(0)}),
+    Field("last_frame", Number(), "Last packet of the operation.", "last_frame > 100", {OPERATION: of.frame_at(1)}),
+    Field("time", Time(), "When it was, or began: date and time (UTC), time of day, or a time after the first packet.",
+          "time >= 14:51:37", _all(of.time), ("begin_time",)),
+    Field("request_time", Time(), "When the request came.", "request_time < 2016-02-08T14:51:37.5",
+          {TRANSACTION: of.request_time}),
+    Field("response_time", Time(), "When the answer came.", "response_time > 90s", {TRANSACTION: of.response_time}),
+    Field("latency", Duration(), "Time from request to answer.", "latency > 20ms",
+          {TRANSACTION: lambda thing, _context: thing.latency_ns}),
+    Field("latency_ns", Duration(bare=True), "The same; a number without a unit counts nanoseconds.", "latency_ns > 20000000",
+          {TRANSACTION: lambda thing, _context: thing.latency_ns}),
+    Field("duration", Duration(), "Time from the first packet to the last.", "duration > 5s",
+          _all(of.duration, (OPERATION, CONNECTION))),
+    Field("duration_ns", Duration(bare=True), "The same; a number without a unit counts nanoseconds.",
+          "duration_ns > 5000000000", _all(of.duration, (OPERATION, CONNECTION))),
+
+    # ---- what
+    Field("number", Number(), "Number of the transaction or operation in the run.", "number in {1..20}",
+          _all(_thing("number"), _TALK)),
+    Field("function", Code(of.function_names, also="scd"), "The function; `read` and `write` are those of any protocol.",
+          'function == "Read Var"', _all(of.function, _PDUS), ("function.code", "function.name")),
+    Field("userdata.group", Code(lambda: USERDATA_GROUPS.names().values()), "Function group of userdata.",
+          'userdata.group == "CPU functions"', _all(of.group, _PDUS), ("userdata.group_name",)),
+    Field("userdata.subfunction", Code(_subfunctions), "Subfunction of userdata.", 'userdata.subfunction == "read SZL"',
+          _all(of.subfunction, _PDUS), ("userdata.subfunction_name",)),
+    Field("userdata.type", Code(lambda: USERDATA_TYPES.names().values()), "Request, response or indication of userdata.",
+          "userdata.type == 0", _all(of.userdata_type, _PDUS), ("userdata.type_name",)),
+    Field("rosctr", Code(lambda: ROSCTR.names().values()), "Kind of the S7 PDU; of a transaction that of its request.",
+          "rosctr == Job", _all(of.rosctr, _PDUS), ("rosctr_name",)),
+    Field("pdu_ref", Number(), "Reference by which request and answer belong together.", "pdu_ref == 0x0105",
+          _all(of.pdu_ref, _PDUS)),
+    Field("subject", Text(), "What it is about, in words; the words may change.", 'subject contains "OB1"',
+          _text(of.subject, _TALK)),
+    Field("kind", Code(lambda: [*OPERATION_KINDS, *FINDING_KINDS]), "Kind of the operation or finding.", "kind == download",
+          {OPERATION: _word("kind"), FINDING: of.of_finding(lambda finding: of.name_code(finding.rule.kind))}),
+
+    # ---- what became of it
+    Field("outcome", Code(lambda: OUTCOMES), "What became of the request.", "outcome == unanswered",
+          {TRANSACTION: _word("outcome_name")}),
+    Field("reason", Code(lambda: REASON_TEXTS, also=""), "Why there is no answer, or why the end is missing.",
+          "reason == connection_closed", _all(_word("reason"), _TALK)),
+    Field("failed", Truth(), "Something was refused, or an answer is missing.", "failed", _all(of.failed, _TALK)),
+    Field("error", Code(_error_names), "Errors of the answer, by name or code; alone: there is one.", "error == 0x0a",
+          _all(of.errors, (TRANSACTION, OPERATION, MESSAGE)), ("errors.code", "errors.name", "error.code", "error.name")),
+    Field("error.where", Text(), "The part of the answer that refuses.", 'error.where == "header"',
+          {TRANSACTION: of.error_text("where")}, ("errors.where",)),
+    Field("error.text", Text(), "The sentence about an error.", 'error.text contains "protected"',
+          {TRANSACTION: of.error_text("text")}, ("errors.text",)),
+    Field("result", Code(lambda: RESULTS), "How the operation ended.", "result != done", {OPERATION: _word("result")}),
+    Field("transaction_count", Number(), "Transactions of the operation.", "transaction_count > 10",
+          {OPERATION: _thing("parts")}),
+    Field("pushes", Number(), "Transactions of the operation that were sent unasked.", "pushes > 0",
+          {OPERATION: _thing("pushes")}),
+    Field("octets", Number(), "Bytes of data that the operation carried.", "octets > 10000", {OPERATION: _thing("octets")}),
+    Field("malformed", Truth(), "The message contradicts itself.", "malformed", {MESSAGE: of.malformed}),
+    Field("cut", Truth(), "The capture kept only the beginning of the message.", "cut",
+          {MESSAGE: lambda thing, _context: thing.cut}),
+
+    # ---- items
+    _item("address", S7Address(), "Address of an item; `overlaps` compares bits.", "address overlaps DB10.DBW4",
+          _attribute("place")),
+    _item("db", Number(), "Number of the data block of an item.", "db in {10, 20}", _attribute("db")),
+    _item("area", Code(_areas), "Memory area of an item.", "area == M", _area),
+    _item("type", Code(lambda: TRANSPORT_SIZES.names().values(), also=""), "Requested type of an item.", "type == REAL",
+          _attribute("type")),
+    _item("count", Number(), "Requested elements of an item.", "count > 100", _attribute("count")),
+    _item("tag", Text(), "Names of the tags that an item covers, where tags are loaded.", 'tag == "Tank.Level"', _tags),
+    _item("value", AnyValue(), "Value of an item that was read or written; any element of an array.",
+          "value[DB10.DBD16] > 80", lambda item, _context: item.values, (TRANSACTION,)),
+    _item("data", Octets(), "Bytes of an item that were read or written.", "data contains 00:01", _attribute("data"),
+          (TRANSACTION,)),
+    _item("return_code", Code(lambda: [*RETURN_CODES.names().values(), *PLUS_CODES.names().values()]),
+          "Return code of an item.", "return_code != 0xff", _attribute("return_code"), (TRANSACTION,),
+          {MESSAGE: of.return_codes}),
+    Field("items", Number(), "How many items there are.", "items > 20", _all(of.item_count, _PDUS)),
+
+    # ---- findings
+    Field("slug", Code(lambda: CATALOGUE), "Name of the finding.", 'slug matches "^security"',
+          {FINDING: of.of_finding(lambda finding: of.name_code(finding.slug))}),
+    Field("severity", Code(lambda: SEVERITIES, ranks=_WEIGHTS), f"Weight of the finding, from {NOTE} to {SEVERITIES[0]}.",
+          "severity >= warning", {FINDING: of.of_finding(_severity)}),
+    Field("detail", Text(), "What was observed, in words; the words may change.", 'detail contains "OB1"',
+          {FINDING: of.of_finding(lambda finding: finding.detail or None)}),
+    Field("technique", Text(), "MITRE ATT&CK techniques of the finding, by name or id.", "technique == T0858",
+          {FINDING: of.of_finding(of.techniques)}),
+
+    # ---- S7comm-plus
+    Field("s7plus.version", Number(), "Version of the header: 1, 2, 3; 254 system event, 255 keep-alive.",
+          "s7plus.version == 3", _all(of.of_plus(lambda pdu: of.known(pdu.version)), _PDUS)),
+    Field("s7plus.opcode", Code(lambda: OPCODES.names().values()), "Request, response or notification.",
+          "s7plus.opcode == notification",
+          _all(of.of_plus(lambda pdu: CodeValue(pdu.opcode, (OPCODES.name(pdu.opcode),)) if pdu.opcode >= 0 else None), _PDUS)),
+    Field("s7plus.session_id", Number(), "Session of the request.", "s7plus.session_id == 0x3a2",
+          _all(of.of_plus(lambda pdu: of.known(pdu.session_id)), _PDUS)),
+    Field("s7plus.subscription_id", Number(), "Subscription that sends the notification.", "s7plus.subscription_id",
+          _all(of.of_plus(lambda pdu: of.known(pdu.subscription_id)), _PDUS)),
+    Field("s7plus.return_value", Number(), "Return value of the response, 0 for success.", "s7plus.return_value != 0",
+          _all(of.of_plus(lambda pdu: of.known(pdu.return_value)), _PDUS)),
+
+    # ---- SCD
+    Field("scd.binding", Text(), "Name of the binding that found the message.", 'scd.binding == "pump"',
+          _all(of.of_scd(lambda found: found.binding), _PDUS)),
+    Field("scd.service", Code(lambda: ("read", "write", "pdo")), "Service of the message.", "scd.service == write",
+          _all(of.of_scd(lambda found: of.name_code(found.message.service) if found.message.service else None), _PDUS)),
+    Field("scd.phase", Code(lambda: ("request", "response", "abort", "push")), "Its part in it.", "scd.phase == abort",
+          _all(of.of_scd(lambda found: of.name_code(found.message.phase) if found.message.phase else None), _PDUS)),
+    *[Field(f"scd.{role}", Number(), about, example, _all(of.of_scd(of.scd_number(role)), _PDUS)) for role, about, example in (
+        ("tid", "Transaction number; of a PDO its counter.", "scd.tid == 7"),
+        ("err", "`scd_err_t`: 0 good, below 0 an error.", "scd.err < 0"),
+        ("index", "Index of the object.", "scd.index == 0x6001"),
+        ("sub", "Sub-index.", "scd.sub == 1"),
+    )],
+    Field("scd.pdo", Text(), "The PDO.", "scd.pdo == T1", _all(of.of_scd(lambda found: found.message.pdo or None), _PDUS)),
+    Field("scd.name", Text(), "Names of its values in the dictionary.", 'scd.name contains "pump"',
+          _all(of.of_scd(_scd_values(lambda row: row.name)), _PDUS)),
+    Field("scd.value", AnyValue(), "Its values, with scale and shift.", "scd.value > 50",
+          _all(of.of_scd(_scd_values(lambda row: json_value(row.physical))), _PDUS)),
+    Field("scd.unit", Text(), "Units of its values.", 'scd.unit == "kPa"',
+          _all(of.of_scd(_scd_values(lambda row: row.unit)), _PDUS)),
+    Field("scd.flags", Text(), "What is irregular about it.", "scd.flags == limits",
+          _all(of.of_scd(lambda found: list(found.message.flags)), _PDUS)),
+    Field("scd.error", Text(), "Why it was not decoded.", "scd.error == E_CRC", _all(of.of_scd(_scd_error), _PDUS)),
+)  # fmt: skip
+
+#: The fields by their name, in the order of the table.
+FIELDS: Final[Mapping[str, Field]] = {field.name: field for field in _ROWS}
+
+#: Each name that can be typed, and its field.
+NAMES: Final[Mapping[str, Field]] = {
+    **{also: field for field in _ROWS for also in field.also},
+    **FIELDS,
+}
+
+#: What Wireshark calls some of them, for who types that.
+WIRESHARK: Final[Mapping[str, str]] = {
+    "ip.addr": "host",
+    "ip.host": "host",
+    "ipv6.addr": "host",
+    "ip.src": "src",
+    "ip.dst": "dst",
+    "tcp.port": "port",
+    "tcp.stream": "connection",
+    "frame.number": "frame",
+    "frame.time": "time",
+    "frame.time_relative": "time",
+    "s7comm.header.pduref": "pdu_ref",
+    "s7comm.header.rosctr": "rosctr",
+    "s7comm.param.func": "function",
+    "s7comm.param.item.db": "db",
+    "s7comm.param.item.area": "area",
+    "s7comm.param.item.address": "address",
+    "s7comm.param.userdata.funcgroup": "userdata.group",
+    "s7comm.data.returncode": "return_code",
+}

@@ -1,0 +1,438 @@
+"""How each kind of thing answers for a field: functions of the thing and the `Context`, one value, several, or None.
+
+Several are a list; None and an empty list both mean that the thing does not have the field.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable
+from typing import Any, Final
+
+from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
+from dissect.report import facets, words
+from dissect.s7.errors import ERROR_CODES
+from dissect.s7.parameters import Parameters
+from dissect.s7.tables import (
+    FUNCTIONS,
+    READ_VAR,
+    RETURN_CODES,
+    ROSCTR,
+    USERDATA_GROUPS,
+    USERDATA_SUBFUNCTIONS,
+    USERDATA_TYPES,
+    WRITE_VAR,
+)
+from dissect.s7plus.items import READS, WRITES
+from dissect.s7plus.parameters import PlusParameters
+from dissect.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
+from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
+from dissect.select.items import ItemFacts
+from dissect.select.literals import CodeValue
+from dissect.select.things import Context, Found, Message, Packet
+from dissect.tcp.stream import Endpoint
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import DONE, RUNNING, Operation
+from dissect.transactions.payloads import ScdMessage, ScdParameters
+from dissect.transactions.transaction import NO_CODE, Transaction
+
+Getter = Callable[[Any, Context], Any]
+OfItem = Callable[[ItemFacts, Context], Any]
+OfConnection = Callable[[Connection], Any]
+
+#: What reads and writes are called in short, whatever protocol they are of.
+READ: Final = "read"
+WRITE: Final = "write"
+_MAX_KNOWN: Final = 4096
+
+
+def named(*names: str, number: int | None = None) -> CodeValue:
+    """Return a value that has names."""
+    return CodeValue(number, names)
+
+
+@functools.cache
+def name_code(name: str) -> CodeValue:
+    """Return a value that has a name only; of names that are few."""
+    return CodeValue(None, (name,))
+
+
+# ---- connections ----------------------------------------------------------------------------------------------------
+
+
+def connection_of(thing: Any) -> Connection | None:
+    """Return the connection of a thing, None where it has none."""
+    found: Connection | None = thing if isinstance(thing, Connection) else thing.connection
+    return found
+
+
+def of_connection(get: OfConnection) -> Getter:
+    """Return the getter of what a thing's connection answers."""
+
+    def got(thing: Any, _context: Context) -> Any:
+        connection = connection_of(thing)
+        return get(connection) if connection is not None else None
+
+    return got
+
+
+def ends(thing: Any, _context: Context) -> Iterable[Endpoint] | None:
+    """Return both ends of the connection, or of a packet."""
+    if isinstance(thing, Packet):
+        return thing.ends
+    connection = connection_of(thing)
+    return connection.tcp.ends if connection is not None else None
+
+
+def ports(thing: Any, context: Context) -> list[int] | None:
+    """Return both ports."""
+    found = ends(thing, context)
+    return [end.port for end in found if end.port >= 0] if found is not None else None
+
+
+def vlans(connection: Connection) -> list[int]:
+    """Return the VLAN ids."""
+    return words.vlans(connection.tcp.vlan)
+
+
+def asked_by(thing: Transaction | Operation, _context: Context) -> Endpoint:
+    """Return who asked."""
+    return thing.connection.tcp.ends[thing.asked_by]
+
+
+def answered_by(thing: Transaction | Operation, _context: Context) -> Endpoint:
+    """Return the other end."""
+    return thing.connection.tcp.ends[1 - thing.asked_by]
+
+
+def tsap(called: bool) -> OfConnection:
+    """Return what gives a TSAP as text."""
+
+    def got(connection: Connection) -> str | None:
+        found = connection.tsap_called if called else connection.tsap_calling
+        return str(found) if found is not None else None
+
+    return got
+
+
+def rack(connection: Connection) -> int | None:
+    """Return the rack that the called TSAP names."""
+    found = connection.tsap_called
+    return found.rack if found is not None and found.rack >= 0 else None
+
+
+def slot(connection: Connection) -> int | None:
+    """Return the slot that the called TSAP names."""
+    found = connection.tsap_called
+    return found.slot if found is not None and found.slot >= 0 else None
+
+
+def ended(connection: Connection, _context: Context) -> CodeValue | None:
+    """Return how a connection ended."""
+    return name_code(connection.ending.how) if connection.ending is not None else None
+
+
+def protocol(thing: Any, _context: Context) -> CodeValue | None:
+    """Return the protocol of a thing's own, or of its connection."""
+    if isinstance(thing, Message):
+        return name_code(thing.protocol)
+    if isinstance(thing, Transaction):
+        return name_code(UPPER_NAMES[S7COMM_PLUS if thing.is_plus else SCD if thing.is_scd else S7COMM])
+    connection = connection_of(thing)
+    return name_code(connection.protocol) if connection is not None and connection.protocol else None
+
+
+# ---- packets and times ----------------------------------------------------------------------------------------------
+
+
+def frames(thing: Any, context: Context) -> list[int]:
+    """Return the packets that a thing is known by."""
+    if isinstance(thing, Transaction):
+        found = [thing.request_frame, thing.response_frame]
+    elif isinstance(thing, Operation):
+        found = [thing.first_frame, thing.last_frame]
+    elif isinstance(thing, Found):
+        found = thing.finding.frames
+    elif isinstance(thing, Connection):
+        found = [thing.tcp.first_frame, thing.tcp.last_frame]
+    else:
+        found = [thing.frame]
+    return [context.number(int(frame)) for frame in found if frame]
+
+
+def frame_at(place: int) -> Getter:
+    """Return the getter of the first or second of two packets."""
+
+    def got(thing: Transaction | Operation, context: Context) -> int | None:
+        if isinstance(thing, Operation):
+            frame = (thing.first_frame, thing.last_frame)[place]
+        else:
+            frame = (thing.request_frame, thing.response_frame)[place]
+        return context.number(int(frame)) if frame else None
+
+    return got
+
+
+def time(thing: Any, _context: Context) -> int | None:
+    """Return when a thing was: its first packet, of a transaction the request where there is one."""
+    if isinstance(thing, Transaction):
+        return int(thing.request_ns if thing.request_frame else thing.response_ns)
+    if isinstance(thing, Operation):
+        return thing.begin_ns
+    if isinstance(thing, Found):
+        return int(thing.finding.time_ns) if thing.finding.frames else None
+    if isinstance(thing, Connection):
+        return int(thing.tcp.first_ns)
+    return int(thing.time_ns)
+
+
+def request_time(thing: Transaction, _context: Context) -> int | None:
+    """Return when the request came."""
+    return int(thing.request_ns) if thing.request_frame else None
+
+
+def response_time(thing: Transaction, _context: Context) -> int | None:
+    """Return when the answer came."""
+    return int(thing.response_ns) if thing.response_frame else None
+
+
+def duration(thing: Operation | Connection, _context: Context) -> int:
+    """Return how long it took."""
+    if isinstance(thing, Connection):
+        return int(thing.tcp.last_ns - thing.tcp.first_ns)
+    return thing.duration_ns
+
+
+# ---- transactions and messages --------------------------------------------------------------------------------------
+
+
+def failed(thing: Transaction | Operation, _context: Context) -> bool:
+    """Tell whether something was refused or not answered."""
+    if isinstance(thing, Operation):
+        return thing.result not in {DONE, RUNNING}
+    return bool(thing.failed)
+
+
+class _Functions:
+    """The functions of parameter blocks, which polling shares."""
+
+    def __init__(self) -> None:
+        self._known: dict[Parameters, CodeValue] = {}
+
+    def __call__(self, parameters: Parameters) -> CodeValue | None:
+        found = self._known.get(parameters)
+        if found is None:
+            if len(self._known) >= _MAX_KNOWN:
+                self._known.clear()
+            found = self._known[parameters] = _function(parameters)
+        return found if found.names or found.number is not None else None
+
+
+_functions: Final = _Functions()
+
+
+def _function(parameters: Parameters) -> CodeValue:
+    if isinstance(parameters, ScdParameters):
+        return CodeValue(None, (parameters.function_name, parameters.name))
+    if isinstance(parameters, PlusParameters):
+        code = int(parameters.code)
+        names = [parameters.function_name.removeprefix("S7comm-plus "), parameters.function_name]
+        if code in READS | WRITES:
+            names.append(READ if code in READS else WRITE)
+        return CodeValue(code if code >= 0 else None, tuple(names))
+    head = parameters.userdata
+    if head is not None:
+        return CodeValue(0, (head.name, head.subfunction_name))
+    function = int(parameters.function)
+    if function < 0:
+        return CodeValue(None, ())
+    short = {READ_VAR: (READ,), WRITE_VAR: (WRITE,)}.get(function, ())
+    return CodeValue(function, (FUNCTIONS.name(function), *short))
+
+
+def function(thing: Transaction | Message, _context: Context) -> CodeValue | None:
+    """Return the function of a transaction or a PDU."""
+    if isinstance(thing, Transaction):
+        return _functions(thing.parameters)
+    if thing.pdu is not None:
+        return _functions(thing.pdu.parameters)
+    plus = thing.plus
+    if plus is not None and plus.function >= 0:
+        return _function(PlusParameters(plus.function))
+    if thing.scd is not None and thing.scd.message.service:
+        return CodeValue(None, (f"SCD {thing.scd.message.service}", thing.scd.message.service))
+    return None
+
+
+def function_names() -> Iterable[str]:
+    """Return the names of all functions."""
+    yield from FUNCTIONS.names().values()
+    yield from (READ, WRITE, "notification", "pdo")
+    for group, table in USERDATA_SUBFUNCTIONS.items():
+        yield USERDATA_GROUPS.name(group)
+        for name in table.names().values():
+            yield name
+            yield f"{USERDATA_GROUPS.name(group)}: {name}"
+    for name in PLUS_FUNCTIONS.names().values():
+        yield name
+        yield f"S7comm-plus {name}"
+
+
+def _head(thing: Transaction | Message) -> Any:
+    if isinstance(thing, Message):
+        return thing.pdu.parameters.userdata if thing.pdu is not None else None
+    return thing.parameters.userdata
+
+
+def group(thing: Transaction | Message, _context: Context) -> CodeValue | None:
+    """Return the function group of userdata."""
+    head = _head(thing)
+    return CodeValue(head.group, (head.group_name,)) if head is not None else None
+
+
+def subfunction(thing: Transaction | Message, _context: Context) -> CodeValue | None:
+    """Return the subfunction of userdata."""
+    head = _head(thing)
+    return CodeValue(head.subfunction, (head.subfunction_name,)) if head is not None else None
+
+
+def userdata_type(thing: Transaction | Message, _context: Context) -> CodeValue | None:
+    """Return whether userdata is a request, a response or an indication."""
+    head = _head(thing)
+    return CodeValue(head.type, (USERDATA_TYPES.name(head.type),)) if head is not None else None
+
+
+def rosctr(thing: Transaction | Message, _context: Context) -> CodeValue | None:
+    """Return the kind of an S7 PDU, of a transaction that of its request."""
+    if isinstance(thing, Message):
+        number = thing.pdu.rosctr if thing.pdu is not None else -1
+    else:
+        number = -1 if thing.is_plus or thing.is_scd else int(thing.rosctr)
+    return CodeValue(number, (ROSCTR.name(number),)) if number >= 0 else None
+
+
+def pdu_ref(thing: Transaction | Message, _context: Context) -> int | None:
+    """Return the number by which request and answer belong together."""
+    if isinstance(thing, Transaction):
+        text = facets.facet_of(thing).reference(thing)
+        return int(text) if text else None
+    if thing.pdu is not None:
+        return thing.pdu.pdu_ref if thing.pdu.pdu_ref >= 0 else None
+    if thing.plus is not None:
+        return thing.plus.sequence if thing.plus.sequence >= 0 else None
+    return thing.scd.message.tid if thing.scd is not None and "tid" in thing.scd.message.numbers else None
+
+
+def subject(thing: Transaction | Operation, _context: Context) -> str:
+    """Return what it is about, in words."""
+    return thing.subject if isinstance(thing, Operation) else facets.subject(thing)
+
+
+def errors(thing: Transaction | Operation | Message, _context: Context) -> list[CodeValue]:
+    """Return every error of an answer."""
+    if isinstance(thing, Transaction):
+        return [
+            CodeValue(error.code if error.code != NO_CODE else None, (error.name,)) for error in thing.errors
+        ] if thing.has_errors else []  # fmt: skip
+    if isinstance(thing, Operation):
+        code = thing.error_code
+        codes = PLUS_CODES if thing.connection.plus is not None else ERROR_CODES
+        return [CodeValue(code, (codes.name(code),))] if code else []
+    pdu = thing.pdu
+    if pdu is None or not pdu.refused:
+        return []
+    code = max(pdu.error_class, 0) << 8 | max(pdu.error_code, 0)
+    head = pdu.parameters.userdata
+    if head is not None and head.error_code:
+        code = head.error_code
+    found = [CodeValue(code, (ERROR_CODES.name(code),))] if code else []
+    return found + [CodeValue(one, (RETURN_CODES.name(one),)) for one in pdu.return_codes() if one != 0xFF]
+
+
+def error_text(what: str) -> Getter:
+    """Return the getter of a text of every error: ``where`` or ``text``."""
+
+    def got(thing: Transaction, _context: Context) -> list[str]:
+        return [getattr(error, what) for error in thing.errors] if thing.has_errors else []
+
+    return got
+
+
+def malformed(thing: Message, _context: Context) -> bool:
+    """Tell whether a PDU contradicts itself."""
+    found = thing.pdu or thing.plus
+    return bool(found.malformed) if found is not None else False
+
+
+def items(thing: Transaction | Message, context: Context) -> list[ItemFacts]:
+    """Return the items of a thing."""
+    if isinstance(thing, Message):
+        return thing.items(context.reader)
+    return context.reader.items(thing)
+
+
+def item_count(thing: Transaction | Message, context: Context) -> int:
+    """Return how many items there are."""
+    return len(items(thing, context))
+
+
+def return_codes(thing: Message, _context: Context) -> list[CodeValue]:
+    """Return the return codes of an answer."""
+    codes = thing.pdu.return_codes() if thing.pdu is not None else []
+    return [CodeValue(code, (RETURN_CODES.name(code),)) for code in codes]
+
+
+def of_finding(get: Callable[[Any], Any]) -> Getter:
+    """Return the getter of what a finding answers."""
+    return lambda found, _context: get(found.finding)
+
+
+def techniques(finding: Any) -> list[str]:
+    """Return the techniques of MITRE ATT&CK that a finding may be part of."""
+    return [text for one in finding.rule.techniques for text in (one.name, one.v18, one.v19) if text]
+
+
+# ---- S7comm-plus and SCD --------------------------------------------------------------------------------------------
+
+
+def of_plus(get: Callable[[Any], Any]) -> Getter:
+    """Return the getter of what request and response of S7comm-plus answer."""
+
+    def got(thing: Transaction | Message, _context: Context) -> list[Any]:
+        if isinstance(thing, Message):
+            halves = [thing.plus]
+        elif thing.is_plus:
+            halves = [thing.plus_request, thing.plus_response]
+        else:
+            return []
+        values = [get(half) for half in halves if half is not None]
+        return [value for value in values if value is not None]
+
+    return got
+
+
+def known(value: int) -> int | None:
+    """Return a number, None for -1."""
+    return value if value >= 0 else None
+
+
+def of_scd(get: Callable[[ScdMessage], Any]) -> Getter:
+    """Return the getter of what the SCD messages of a thing answer."""
+
+    def got(thing: Transaction | Message, _context: Context) -> list[Any]:
+        messages = ([thing.scd] if thing.scd else []) if isinstance(thing, Message) else thing.scd
+        found: list[Any] = []
+        for message in messages:
+            value = get(message)
+            if isinstance(value, (list, tuple)) and not isinstance(value, CodeValue):
+                found += value
+            elif value is not None:
+                found.append(value)
+        return found
+
+    return got
+
+
+def scd_number(role: str) -> Callable[[ScdMessage], int | None]:
+    """Return what gives a field of the envelope by its role; None where the envelope has none."""
+    return lambda found: found.message.numbers.get(role)

@@ -1,0 +1,195 @@
+"""Items as selections see them: address, type, value, return code, of S7comm, S7comm-plus and SCD in one form."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, Final
+
+from dissect.report.plus import DB_AREA, S7_AREAS
+from dissect.s7.items import Item
+from dissect.s7.tables import (
+    AREA_LETTERS,
+    AREAS,
+    BIT,
+    DB_AREAS,
+    ELEMENT_OCTETS,
+    NUMBERED_AREAS,
+    RECORD_AREA,
+    RETURN_CODES,
+    SUCCESS,
+    TRANSPORT_SIZES,
+)
+from dissect.s7plus.ids import DATA_BLOCK
+from dissect.s7plus.items import PlusItem
+from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
+from dissect.scd.wording import Row, json_value
+from dissect.select.literals import CodeValue, Place
+from dissect.transactions.results import ItemResult
+from dissect.transactions.transaction import Transaction
+
+#: Returns the names of the tags that an item covers; where no tags are loaded, none.
+Tagger = Callable[[Any], Iterable[str]]
+
+#: Request items whose facts are remembered: polling repeats the same ones.
+_MOST_KNOWN: Final = 8192
+_UNKNOWN_ELEMENT: Final = 1
+
+
+class ItemFacts:
+    """One item. What it does not have is None; ``values`` are its value, or the elements of an array.
+
+    ``source`` is the `ItemResult`, `PlusItem` or row of SCD it was made of.
+    """
+
+    __slots__ = ("area", "count", "data", "db", "name", "place", "return_code", "source", "type", "unit")
+
+    def __init__(self, source: ItemResult | PlusItem | Row) -> None:
+        self.source = source
+        self.place: Place | None = None
+        self.area: CodeValue | None = None
+        self.db: int | None = None
+        self.type: CodeValue | None = None
+        self.count: int | None = None
+        self.return_code: CodeValue | None = None
+        self.data: bytes | None = None
+        self.name: str | None = None
+        self.unit: str | None = None
+
+    @property
+    def values(self) -> list[object]:
+        """Its value as the JSON contract has it: one element, or those of an array; none where it cannot be decoded."""
+        source = self.source
+        if isinstance(source, ItemResult):
+            value: object = source.value
+        elif isinstance(source, PlusItem):
+            value = source.json_value
+        else:
+            value = json_value(source.physical)
+        found: list[object] = []
+        _flatten(value, found)
+        return found
+
+
+def _flatten(value: object, into: list[object]) -> None:
+    if isinstance(value, list):
+        for element in value:
+            _flatten(element, into)
+    elif isinstance(value, dict):
+        for element in value.values():
+            _flatten(element, into)
+    elif value is not None:
+        into.append(value)
+
+
+class ItemReader:
+    """Reads the items of transactions; remembers what request items say, and the items of the latest transaction."""
+
+    def __init__(self) -> None:
+        self._known: dict[Item, ItemFacts] = {}
+        self._latest: Transaction | None = None
+        self._facts: list[ItemFacts] = []
+
+    def items(self, transaction: Transaction) -> list[ItemFacts]:
+        """Return the items of a transaction, those of SCD behind those of S7."""
+        if transaction is self._latest:
+            return self._facts
+        if transaction.is_plus:
+            facts = [plus_facts(item) for item in transaction.plus_items()]
+        else:
+            facts = [self.s7(result) for result in transaction.results()]
+        if transaction.is_scd or transaction.carried is not None:
+            facts += [scd_facts(row) for found in transaction.scd for row in found.values]
+        # Only of what will not change any more may be said the same when it is asked again.
+        self._latest = transaction if transaction.outcome else None
+        self._facts = facts
+        return facts
+
+    def s7(self, result: ItemResult) -> ItemFacts:
+        """Return the facts of an item of S7comm."""
+        facts = ItemFacts(result)
+        facts.data = result.data
+        if result.return_code >= 0:
+            code = int(result.return_code)
+            facts.return_code = CodeValue(code, (RETURN_CODES.name(code),))
+        item = result.item
+        if item is not None:
+            asked = self.asked(item)
+            facts.place, facts.area, facts.db = asked.place, asked.area, asked.db
+            facts.type, facts.count = asked.type, asked.count
+        return facts
+
+    def asked(self, item: Item) -> ItemFacts:
+        """Return what a request item says; the same object for the same item."""
+        facts = self._known.get(item)
+        if facts is None:
+            if len(self._known) >= _MOST_KNOWN:
+                self._known.clear()
+            facts = self._known[item] = _asked(item)
+        return facts
+
+
+def _asked(item: Item) -> ItemFacts:
+    facts = ItemFacts(ItemResult(item, -1, None, None))
+    area, size = int(item.area), int(item.transport_size)
+    if area < 0 or size < 0:
+        facts.place = Place(item.address, item.label)
+        return facts
+    count = int(item.count)
+    bits = count
+    if item.size >= 0:
+        bits = int(item.size) * 8 if size != BIT else count
+    elif size != BIT:
+        bits = ELEMENT_OCTETS.get(size, _UNKNOWN_ELEMENT) * 8 * count
+    if area in NUMBERED_AREAS:
+        bits = count
+    db = int(item.db) if area in DB_AREAS or area == RECORD_AREA else 0
+    facts.place = Place(item.address, item.label, area, db, int(item.start_bit), bits)
+    facts.area = area_code(area)
+    facts.db = int(item.db) if area in DB_AREAS else None
+    facts.type = CodeValue(size, (TRANSPORT_SIZES.name(size),))
+    facts.count = count
+    return facts
+
+
+def area_code(area: int) -> CodeValue:
+    """Return an area with its letters and its name."""
+    letters = AREA_LETTERS.get(area)
+    return CodeValue(area, (letters, AREAS.name(area)) if letters is not None else (AREAS.name(area),))
+
+
+def plus_facts(item: PlusItem) -> ItemFacts:
+    """Return the facts of an item of S7comm-plus."""
+    facts = ItemFacts(item)
+    facts.data = item.data
+    if item.return_code == 0:
+        facts.return_code = CodeValue(SUCCESS, (RETURN_CODES.name(SUCCESS),))
+    elif item.return_code > 0:
+        facts.return_code = CodeValue(item.return_code, (PLUS_CODES.name(item.return_code),))
+    if item.value is not None:
+        facts.type = CodeValue(None, (item.value.type_name,))
+    address = item.address
+    if address is None:
+        return facts
+    label = item.label
+    db = address.area & 0xFFFF if address.area >> 16 == DATA_BLOCK else None
+    area = DB_AREA if db is not None else S7_AREAS.get(address.area)
+    facts.db = db
+    facts.area = area_code(area) if area is not None else None
+    facts.place = Place(label, label)
+    if area is not None and address.start_bit >= 0:
+        facts.place = Place(label, label, area, db or 0, address.start_bit, 8 * len(item.data) if item.data else 1)
+    return facts
+
+
+def scd_facts(row: Row) -> ItemFacts:
+    """Return the facts of a value of SCD."""
+    facts = ItemFacts(row)
+    facts.place = Place(row.address, row.address)
+    facts.name = row.name or None
+    facts.unit = row.unit or None
+    return facts
+
+
+def no_tags(_source: object) -> Iterable[str]:
+    """Return no names: no tags are loaded."""
+    return ()

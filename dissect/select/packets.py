@@ -1,0 +1,159 @@
+"""Which packets of a capture an expression selects: one reading tells, another one asks.
+
+A packet is judged by what it carries: by the transactions whose request or answer it completes or holds a part of, and by the
+findings that name it, where the expression asks for what only findings have. One that carries neither is judged by itself: its
+number, its time, its ends, its connection. Where the expression asks for nothing else, every packet is judged so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.engine.observer import Observer
+from dissect.findings.reporter import Finding
+from dissect.recording.selection import AGAIN_NS, Choice, TimedSpan, key_of, packet_key
+from dissect.recording.spans import SpanBook
+from dissect.select.sieve import Numbers
+from dissect.select.things import FINDING, PACKET, TRANSACTION, Packet
+from dissect.select.where import Where
+from dissect.tcp.stream import Endpoint
+from dissect.transactions.connection import Connection
+from dissect.transactions.table import Side, endpoints, reverse_key
+from dissect.transactions.transaction import Transaction
+
+#: Kinds of things that an expression about packets may ask for.
+KINDS: Final = (PACKET, TRANSACTION, FINDING)
+#: Tells whether a packet is selected: number, time, buffer, start, end, link type.
+PacketTest = Callable[[int, int, bytes, int, int, int], bool]
+_EVER: Final = (-(2**63), 2**63)
+
+
+class _Ends:
+    """What of the TCP side of a connection a packet's fields ask for."""
+
+    __slots__ = ("ends", "vlan")
+
+    def __init__(self, connection: Connection) -> None:
+        self.ends = connection.tcp.ends
+        self.vlan = int(connection.tcp.vlan)
+
+
+class _Line:
+    """A connection of which only that is kept which the fields of a packet ask for, and where in the capture it is."""
+
+    __slots__ = ("client", "first", "last", "number", "pdu_length", "server", "tcp", "tsap_called", "tsap_calling")
+
+    def __init__(self, connection: Connection) -> None:
+        self.number = int(connection.number)
+        self.client = connection.client
+        self.server = connection.server
+        self.tcp = _Ends(connection)
+        self.tsap_calling = connection.tsap_calling
+        self.tsap_called = connection.tsap_called
+        self.pdu_length = int(connection.pdu_length)
+        self.first = int(connection.tcp.first_frame)
+        self.last = int(connection.tcp.last_frame)
+
+
+class PacketSelection(Observer):
+    """Watches the first reading; `test` then gives what tells of each packet whether it is selected."""
+
+    def __init__(self, where: Where) -> None:
+        super().__init__()
+        self._where = where
+        self._alone = where.knows(PACKET)
+        self._findings = not self._alone and not where.knows(TRANSACTION)
+        self.wants_pdus = self.wants_tpdus = not self._alone
+        self._wanted = where.predicate(TRANSACTION)
+        self._book = SpanBook()
+        self._lines: dict[bytes, list[_Line]] = {}
+        self._carrying = Numbers()
+        self._frames: set[int] = set()
+        self._spans: list[TimedSpan] = []
+
+    def connection_opened(self, connection: Connection) -> None:
+        """Remember a connection, for findings."""
+        self._where.context.opened(connection)
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Remember what packets of a connection are asked for."""
+        self._where.context.closed(connection)
+        line = _Line(connection)
+        key = key_of(connection.tcp)
+        for one in {key, reverse_key(key)}:
+            self._lines.setdefault(one, []).append(line)
+
+    def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        """Take note where a TPKT stands in its stream."""
+        self._book.tpkt(side, octets)
+
+    def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        """Take note where an IBH-NetLink packet stands in its stream."""
+        self._book.ibh_packet(side, octets)
+
+    def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        """Take note where a PDU stands in its stream."""
+        self._book.pdu(side, int(frame), len(octets))
+
+    def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        """Take note where a PDU stands in its stream."""
+        self._book.pdu(side, int(frame), len(octets))
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Remember where request and answer stand, if the transaction is selected."""
+        if self._alone:
+            return
+        number, asked_by = int(transaction.connection.number), int(transaction.asked_by)
+        spans = [
+            self._book.pop(number, asked_by, int(transaction.request_frame), int(transaction.request_size)),
+            self._book.pop(number, 1 - asked_by, int(transaction.response_frame), int(transaction.response_size)),
+        ]
+        frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
+        for frame in frames:
+            self._carrying.add(frame)
+        if not self._wanted(transaction):
+            return
+        self._frames.update(frames)
+        times = [int(at) for at in (transaction.request_ns, transaction.response_ns) if at]
+        self._spans += [
+            TimedSpan(span, min(times) - AGAIN_NS, max(times) + AGAIN_NS) for span in spans if span is not None
+        ]
+
+    def finding(self, finding: Finding) -> None:
+        """Remember the packets of a finding, where that decides."""
+        if not self._findings:
+            return
+        for frame in finding.frames:
+            self._carrying.add(int(frame))
+        if self._where.finding(finding):
+            self._frames.update([int(frame) for frame in finding.frames])
+
+    def test(self) -> PacketTest:
+        """Return what tells of a packet whether it is selected. Never raises."""
+        carried = Choice(False, frozenset(self._frames), (), self._spans, _EVER, {})
+        itself = self._where.predicate(PACKET)
+
+        def takes(frame: int, time_ns: int, buf: bytes, start: int, end: int, link_type: int) -> bool:
+            if not self._alone:
+                if carried.takes(frame, time_ns, buf, start, end, link_type):
+                    return True
+                if frame in self._carrying:
+                    return False
+            return itself(self._packet(frame, time_ns, buf, start, end, link_type))
+
+        return takes
+
+    def _packet(self, frame: int, time_ns: int, buf: bytes, start: int, end: int, link_type: int) -> Packet:
+        key, addresses = packet_key(buf, start, end, link_type)
+        if not addresses:
+            return Packet(frame, time_ns, None, None)
+        if not key:
+            half = len(addresses) // 2
+            return Packet(frame, time_ns, (Endpoint(addresses[:half], -1), Endpoint(addresses[half:], -1)), None)
+        for line in self._lines.get(key, ()):
+            if line.first <= frame <= line.last:
+                return Packet(frame, time_ns, endpoints(key), line)
+        return Packet(frame, time_ns, endpoints(key), None)

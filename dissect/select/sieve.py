@@ -1,0 +1,216 @@
+"""Between the pipeline and whoever is told: lets pass what is selected, and what belongs to it.
+
+A thing is judged by its own fields where it has all that the expression asks for. Where it does not, it passes with the
+transactions it belongs to: a connection that has a selected one, an operation that consists of some, a finding
+that shows a packet of one.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from typing import Final
+
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Pipeline
+from dissect.findings.reporter import Finding
+from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
+from dissect.report.analysis import Part
+from dissect.report.words import Places
+from dissect.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION, Message
+from dissect.select.where import PLURALS, Where
+from dissect.source.packet import SourceFile
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import Operation
+from dissect.transactions.payloads import ScdMessage
+from dissect.transactions.table import Side
+from dissect.transactions.transaction import Transaction
+
+#: Numbers are remembered a bit each, in pages, of which the oldest go: 16 million in 2 MiB.
+_PAGE: Final = 32_768
+_PAGES: Final = 512
+
+
+class Numbers:
+    """A set of numbers that come about in order, in little memory; the oldest are forgotten."""
+
+    def __init__(self) -> None:
+        self._pages: OrderedDict[int, bytearray] = OrderedDict()
+
+    def add(self, number: int) -> None:
+        """Remember a number."""
+        at, bit = divmod(number, _PAGE)
+        page = self._pages.get(at)
+        if page is None:
+            page = self._pages[at] = bytearray(_PAGE // 8)
+            if len(self._pages) > _PAGES:
+                self._pages.popitem(last=False)
+        page[bit >> 3] |= 1 << (bit & 7)
+
+    def __contains__(self, number: int) -> bool:
+        at, bit = divmod(number, _PAGE)
+        page = self._pages.get(at)
+        return page is not None and bool(page[bit >> 3] & 1 << (bit & 7))
+
+
+class Sieve(Observer):
+    """Tells ``observer`` of what ``where`` selects. ``left_out`` counts the rest by kind; ``findings`` what passed, by slug.
+
+    With ``at_once`` a finding is judged when it comes, as a live line needs it. Otherwise it waits for its transaction where
+    only that can tell, until its connection is over.
+    """
+
+    def __init__(self, observer: Observer, where: Where, at_once: bool = False) -> None:
+        super().__init__()
+        self.wants_pdus = observer.wants_pdus
+        self.wants_tpdus = observer.wants_tpdus
+        self.passed = dict.fromkeys((TRANSACTION, OPERATION, FINDING, CONNECTION), 0)
+        self.left_out = dict.fromkeys(self.passed, 0)
+        self.findings: dict[str, int] = {}
+        self._observer = observer
+        self._where = where
+        self._at_once = at_once
+        self._wanted = where.predicate(TRANSACTION)
+        self._connections = set[int]()  # open ones with a selected transaction
+        self._open = set[int]()
+        self._numbers = Numbers()
+        self._frames = Numbers()
+        self._waiting: dict[int, list[Finding]] = {}
+        self._by_itself = {kind: where.knows(kind) for kind in PLURALS}
+
+    def begin(self, pipeline: Pipeline, files: Sequence[SourceFile], several: bool) -> None:
+        """The run begins: its pipeline, and its files, by which packets are numbered where there are ``several``."""
+        context = self._where.context
+        context.start = lambda: int(pipeline.first_ns)
+        if several:
+            context.number = Places(files, several).number
+
+    def part(self, pipeline: Pipeline) -> Part:
+        """Return what an analysis says of the selection, after ``pipeline`` has finished."""
+        part = Part(self._where.text)
+        part.transactions = self.left_out[TRANSACTION]
+        part.operations = self.left_out[OPERATION]
+        part.connections = self.left_out[CONNECTION]
+        part.findings = self.left_out[FINDING]
+        part.not_read = pipeline.connections.left_out
+        judged = self.passed[FINDING] + self.left_out[FINDING]
+        part.findings_not_judged = max(0, sum(pipeline.finding_counts.values()) - judged)
+        part.finding_counts = dict(self.findings)
+        return part
+
+    def connection_opened(self, connection: Connection) -> None:
+        """Tell of a connection whose ends decide."""
+        self._where.context.opened(connection)
+        self._open.add(int(connection.number))
+        if self._by_itself[CONNECTION] and self._where.connection(connection):
+            self._observer.connection_opened(connection)
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Tell of the end of a connection, and of the findings that waited for it."""
+        number = int(connection.number)
+        self._where.context.closed(connection)
+        self._open.discard(number)
+        for finding in self._waiting.pop(number, ()):
+            self._pass_finding(finding, self._shows_selected(finding))
+        wanted = self._where.connection(connection) if self._by_itself[CONNECTION] else number in self._connections
+        self._connections.discard(number)
+        self._count(CONNECTION, wanted)
+        if wanted:
+            self._observer.connection_closed(connection)
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Tell of a transaction that is selected."""
+        if not self._wanted(transaction):
+            self.left_out[TRANSACTION] += 1
+            return
+        self.passed[TRANSACTION] += 1
+        if not self._by_itself[CONNECTION]:
+            self._connections.add(int(transaction.connection.number))
+        if not self._by_itself[OPERATION]:
+            self._numbers.add(int(transaction.number))
+        if not self._by_itself[FINDING]:
+            for frame in (transaction.request_frame, transaction.response_frame):
+                if frame:
+                    self._frames.add(int(frame))
+        self._observer.transaction(transaction)
+
+    def operation(self, operation: Operation) -> None:
+        """Tell of an operation that is selected, or that selected transactions are part of."""
+        if self._by_itself[OPERATION]:
+            wanted = self._where.operation(operation)
+        else:
+            wanted = any([number in self._numbers for number in operation.transactions])
+        self._count(OPERATION, wanted)
+        if wanted:
+            self._observer.operation(operation)
+
+    def finding(self, finding: Finding) -> None:
+        """Tell of a finding that is selected, or that shows a selected transaction."""
+        if self._by_itself[FINDING]:
+            self._pass_finding(finding, self._where.finding(finding))
+        elif self._at_once or finding.connection not in self._open:
+            self._pass_finding(finding, self._shows_selected(finding))
+        else:
+            self._waiting.setdefault(int(finding.connection), []).append(
+                finding
+            )  # the reporter bounds how many there are
+
+    def _shows_selected(self, finding: Finding) -> bool:
+        return any([int(frame) in self._frames for frame in finding.frames])
+
+    def _pass_finding(self, finding: Finding, wanted: bool) -> None:
+        self._count(FINDING, wanted)
+        if wanted:
+            self.findings[finding.slug] = self.findings.get(finding.slug, 0) + 1
+            self._observer.finding(finding)
+
+    def _count(self, kind: str, wanted: bool) -> None:
+        if wanted:
+            self.passed[kind] += 1
+        else:
+            self.left_out[kind] += 1
+
+    # ---- messages ---------------------------------------------------------------------------------------------------
+
+    def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
+        """Tell of a PDU that is selected by what it says itself."""
+        if self._takes(UPPER_NAMES[S7COMM], frame, time_ns, side, octets, cut):
+            self._observer.pdu(frame, time_ns, side, octets, cut)
+
+    def plus_pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
+        """Tell of a PDU that is selected by what it says itself."""
+        if self._takes(UPPER_NAMES[S7COMM_PLUS], frame, time_ns, side, octets, cut):
+            self._observer.plus_pdu(frame, time_ns, side, octets, cut)
+
+    def scd(self, frame: int, time_ns: int, side: Side, found: ScdMessage) -> None:
+        """Tell of an SCD message that is selected by what it says itself."""
+        if self._takes(UPPER_NAMES[SCD], frame, time_ns, side, found.octets, scd=found):
+            self._observer.scd(frame, time_ns, side, found)
+
+    def _takes(
+        self,
+        protocol: str,
+        frame: int,
+        time_ns: int,
+        side: Side,
+        octets: bytes,
+        cut: bool = False,
+        scd: ScdMessage | None = None,
+    ) -> bool:
+        if not self._by_itself[MESSAGE]:
+            return False
+        return self._where.message(
+            Message(protocol, int(frame), int(time_ns), side.connection, int(side.index), octets, cut, scd)
+        )
+
+    def tpdu(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
+        """Hand on a TPKT: whoever wants them knows what they are part of."""
+        self._observer.tpdu(frame, time_ns, side, octets)
+
+    def ibh_packet(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
+        """Hand on an IBH-NetLink packet, for the same reason."""
+        self._observer.ibh_packet(frame, time_ns, side, octets)
+
+    def comment(self, frame: int, text: str) -> None:
+        """Hand on a comment of the capture."""
+        self._observer.comment(frame, text)

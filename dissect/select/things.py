@@ -1,0 +1,146 @@
+"""What selections are about beside transactions, operations and connections: findings, messages, packets.
+
+`Context` holds what a field needs beyond the thing itself.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+from functools import cached_property
+from typing import Final
+
+from dissect.findings.reporter import Finding
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7plus.message import PlusPdu, parse_plus
+from dissect.select.items import ItemFacts, ItemReader, Tagger, no_tags
+from dissect.tcp.stream import Endpoint
+from dissect.transactions.connection import Connection
+from dissect.transactions.payloads import ScdMessage
+
+# Kinds of things that can be selected; `dissect.select.fields` says which fields each has.
+TRANSACTION: Final = "transaction"
+OPERATION: Final = "operation"
+FINDING: Final = "finding"
+CONNECTION: Final = "connection"
+MESSAGE: Final = "message"
+PACKET: Final = "packet"
+KINDS: Final = (TRANSACTION, OPERATION, FINDING, CONNECTION, MESSAGE, PACKET)
+
+#: Connections that are over and still remembered, for findings that come later.
+_REMEMBERED: Final = 4096
+
+
+class Context:
+    """What fields need beyond a thing: the start of the capture, places of packets, tags, connections by their number.
+
+    ``start`` returns the time of the first packet, nanoseconds since 1970. ``number`` returns the number of a packet within its
+    file. ``tags`` names what an item covers.
+    """
+
+    def __init__(self) -> None:
+        self.start: Callable[[], int] = lambda: 0
+        self.number: Callable[[int], int] = int
+        self.tags: Tagger = no_tags
+        self.reader = ItemReader()
+        self._connections: dict[int, Connection] = {}
+        self._over: OrderedDict[int, Connection] = OrderedDict()
+
+    def opened(self, connection: Connection) -> None:
+        """Remember a connection by its number."""
+        self._connections[int(connection.number)] = connection
+
+    def closed(self, connection: Connection) -> None:
+        """Remember a connection that is over for a while longer."""
+        number = int(connection.number)
+        self._connections.pop(number, None)
+        self._over[number] = connection
+        if len(self._over) > _REMEMBERED:
+            self._over.popitem(last=False)
+
+    def connection(self, number: int) -> Connection | None:
+        """Return the connection of a number; None for 0, the capture as a whole."""
+        return self._connections.get(number) or self._over.get(number)
+
+
+class Found:
+    """A finding, and the connection it is about, None for the capture as a whole."""
+
+    __slots__ = ("connection", "finding")
+
+    def __init__(self, finding: Finding, connection: Connection | None) -> None:
+        self.finding = finding
+        self.connection = connection
+
+
+class Message:
+    """A message of `show`: ``octets`` of a PDU of ``protocol``, or of a TPDU or packet that carries none.
+
+    ``scd`` is an SCD message in the place of octets. What is inside is read when a field asks for it.
+    """
+
+    def __init__(
+        self,
+        protocol: str,
+        frame: int,
+        time_ns: int,
+        connection: Connection,
+        side: int,
+        octets: bytes = b"",
+        cut: bool = False,
+        scd: ScdMessage | None = None,
+    ) -> None:
+        self.protocol = protocol
+        self.frame = frame
+        self.time_ns = time_ns
+        self.connection = connection
+        self.side = side
+        self.octets = octets
+        self.cut = cut
+        self.scd = scd
+
+    @property
+    def ends(self) -> tuple[Endpoint, Endpoint]:
+        """Sender and receiver."""
+        ends = self.connection.tcp.ends
+        return ends[self.side], ends[1 - self.side]
+
+    @cached_property
+    def pdu(self) -> Pdu | None:
+        """The S7 PDU, None for other protocols."""
+        if self.protocol != "s7comm":
+            return None
+        return parse_pdu(self.octets, self.frame, self.time_ns, int(self.connection.number), self.side, self.cut)
+
+    @cached_property
+    def plus(self) -> PlusPdu | None:
+        """The S7comm-plus PDU, None for other protocols."""
+        if self.protocol != "s7comm_plus":
+            return None
+        return parse_plus(self.octets, self.frame, self.time_ns, int(self.connection.number), self.side, self.cut)
+
+    def items(self, reader: ItemReader) -> list[ItemFacts]:
+        """Return the items that a request of S7comm names, and the values of SCD."""
+        if self.scd is not None:
+            from dissect.select.items import scd_facts
+
+            return [scd_facts(row) for row in self.scd.values]
+        pdu = self.pdu
+        return [reader.asked(item) for item in pdu.parameters.items] if pdu is not None else []
+
+
+class Packet:
+    """A packet of a capture: its number and time, who sent it to whom where that is known, and its connection.
+
+    ``connection`` need have no more than a packet's fields ask for.
+    """
+
+    __slots__ = ("connection", "ends", "frame", "time_ns")
+
+    def __init__(
+        self, frame: int, time_ns: int, ends: tuple[Endpoint, Endpoint] | None, connection: object | None
+    ) -> None:
+        self.frame = frame
+        self.time_ns = time_ns
+        self.ends = ends
+        self.connection = connection

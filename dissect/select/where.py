@@ -1,0 +1,362 @@
+"""An expression as predicates: one for each kind of thing, made once, when the first such thing comes.
+
+What a comparison means: it holds if any value of the field fits (`!=`: if none is equal, and there is one); a field that a
+thing does not have makes every comparison false. `not X` holds exactly where X does not, so that X and not X together are all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, Final
+
+from dissect.config.hints import close_names
+from dissect.findings.reporter import Finding
+from dissect.select.errors import SelectError
+from dissect.select.fields import FIELDS, NAMES, WIRESHARK, Field
+from dissect.select.getters import Getter
+from dissect.select.grammar import All, Comparison, Either, FieldName, Literal, Negation, Node, Presence, parse
+from dissect.select.literals import IN, S7Address, Test, place_of
+from dissect.select.things import (
+    CONNECTION,
+    FINDING,
+    KINDS,
+    MESSAGE,
+    OPERATION,
+    PACKET,
+    TRANSACTION,
+    Context,
+    Found,
+    Message,
+    Packet,
+)
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import Operation
+from dissect.transactions.transaction import Transaction
+
+Predicate = Callable[[Any], bool]
+#: Returns whether a condition holds for everything on a connection, for nothing, or None where that is not known.
+Judge = Callable[[Connection], bool | None]
+
+#: What people call many of a kind.
+PLURALS: Final = {
+    TRANSACTION: "transactions",
+    OPERATION: "operations",
+    FINDING: "findings",
+    CONNECTION: "connections",
+    MESSAGE: "messages",
+    PACKET: "packets",
+}
+
+
+class Where:
+    """A selection. ``text`` is as it was typed; further expressions in ``also`` have to hold as well.
+
+    ``kinds`` are the kinds of things it is asked about: a field that none of them has is an error. Raises `SelectError`.
+    """
+
+    def __init__(
+        self, text: str, also: Sequence[str] = (), kinds: Iterable[str] = KINDS, context: Context | None = None
+    ) -> None:
+        self.context = context if context is not None else Context()
+        self.texts = tuple([part for part in (text, *also) if part])
+        self._kinds = tuple(kinds)
+        self._nodes = [self._checked(part) for part in self.texts or (text,)]
+        self._names = {field.name for node in self._nodes for field in _fields(node)}
+        self._made: dict[str, Predicate] = {}
+        self._judges: list[Judge] | None = None
+
+    def __repr__(self) -> str:
+        return f"Where({self.text!r})"
+
+    @property
+    def text(self) -> str:
+        """The whole expression."""
+        return self.texts[0] if len(self.texts) == 1 else " and ".join([f"({part})" for part in self.texts])
+
+    # ---- what it selects --------------------------------------------------------------------------------------------
+
+    def transaction(self, transaction: Transaction) -> bool:
+        """Tell whether a transaction is selected."""
+        return self.predicate(TRANSACTION)(transaction)
+
+    def operation(self, operation: Operation) -> bool:
+        """Tell whether an operation is selected."""
+        return self.predicate(OPERATION)(operation)
+
+    def connection(self, connection: Connection) -> bool:
+        """Tell whether a connection is selected."""
+        return self.predicate(CONNECTION)(connection)
+
+    def finding(self, finding: Finding) -> bool:
+        """Tell whether a finding is selected; its connection is one that the context was told of."""
+        return self.predicate(FINDING)(Found(finding, self.context.connection(int(finding.connection))))
+
+    def message(self, message: Message) -> bool:
+        """Tell whether a message is selected."""
+        return self.predicate(MESSAGE)(message)
+
+    def packet(self, packet: Packet) -> bool:
+        """Tell whether a packet is selected."""
+        return self.predicate(PACKET)(packet)
+
+    def predicate(self, kind: str) -> Predicate:
+        """Return the predicate of a kind of things, made at the first call."""
+        made = self._made.get(kind)
+        if made is None:
+            made = self._made[kind] = _together([_Maker(kind, self.context).predicate(node) for node in self._nodes])
+        return made
+
+    def knows(self, kind: str) -> bool:
+        """Tell whether things of a kind have every field that is asked for, so that they can be judged by themselves."""
+        return all([kind in FIELDS[name].getters for name in self._names])
+
+    @property
+    def narrows(self) -> bool:
+        """True when the ends or the number of a connection can rule out all that is on it."""
+        return any([FIELDS[name].decided or name in _ENDS for name in self._names])
+
+    def may_hold(self, connection: Connection) -> bool:
+        """Tell whether anything on a connection can be selected, by its ends and its number alone; True when in doubt."""
+        if self._judges is None:
+            self._judges = [_judge(node, self.context) for node in self._nodes]
+        return all([judge(connection) is not False for judge in self._judges])
+
+    # ---- making -----------------------------------------------------------------------------------------------------
+
+    def _checked(self, text: str) -> Node:
+        """Return the tree of an expression all of whose fields exist, and whose values are of their types."""
+        node = parse(text)
+        for condition in _conditions(node):
+            name = condition.field
+            field = self._field(name, text)
+            try:
+                _index(name, field, self.context)
+                if isinstance(condition, Comparison):
+                    _test(condition, field, self.context)
+            except SelectError as error:
+                raise error.within(text, error.start, error.end) from None
+        return node
+
+    def _field(self, name: FieldName, text: str) -> Field:
+        field = NAMES.get(name.name)
+        if field is None:
+            known = WIRESHARK.get(name.name)
+            near = [known] if known else close_names(name.name, NAMES)
+            hint = f"; did you mean {' or '.join(near)}?" if near else "; `s7dissect fields` lists the fields"
+            raise SelectError(f"no field {name.name!r}{hint}", text, name.start, name.end)
+        if not any([kind in field.getters for kind in self._kinds]):
+            here = " and ".join([PLURALS[kind] for kind in self._kinds])
+            there = " and ".join([PLURALS[kind] for kind in field.things])
+            raise SelectError(f"{here} have no field {name.name!r}; {there} have it", text, name.start, name.end)
+        return field
+
+
+def _fields(node: Node) -> Iterator[Field]:
+    for condition in _conditions(node):
+        yield NAMES[condition.field.name]
+
+
+def _conditions(node: Node) -> Iterator[Presence | Comparison]:
+    if isinstance(node, Negation):
+        yield from _conditions(node.within)
+    elif isinstance(node, (All, Either)):
+        for part in node.parts:
+            yield from _conditions(part)
+    else:
+        yield node
+
+
+def _together(predicates: list[Predicate]) -> Predicate:
+    if len(predicates) == 1:
+        return predicates[0]
+    return lambda thing: all([predicate(thing) for predicate in predicates])
+
+
+#: Operators that ask of every value what their counterpart asks of any.
+_NEGATED: Final = {"!=": "==", "!==": "=="}
+
+
+def _test(condition: Comparison, field: Field, context: Context) -> Test:
+    """Return the test of one value; of `!=` and `!==` that of `==`."""
+    operator = condition.operator
+    if operator not in field.kind.operators:
+        takes = ", ".join(field.kind.operators)
+        raise SelectError(
+            f"{field.name} is a {field.kind.name} and cannot be compared with {operator}; it takes {takes}",
+            start=condition.start, end=condition.end,
+        )  # fmt: skip
+    plain = "==" if operator == "===" else _NEGATED.get(operator, operator)
+    return field.kind.test(plain, condition.literals, lambda: context.start())  # noqa: PLW0108 - it may be set later
+
+
+def _index(name: FieldName, field: Field, context: Context) -> Callable[[Any], bool] | None:
+    """Return what tells whether an item is the one in brackets; None without brackets."""
+    if not name.index:
+        return None
+    if field.of_item is None:
+        raise SelectError(
+            f"{field.name} is not of an item, so that no brackets can follow", start=name.start, end=name.end
+        )
+    literal = Literal(name.index.strip("\"'"), True, name.start, name.end)
+    same = S7Address().compare("==", literal, context.start)
+    block = place_of(literal.text)
+    if block is not None and block.whole:
+        same = block.overlaps
+    return lambda item: (item.place is not None and same(item.place)) or literal.text in context.tags(item.source)
+
+
+class _Maker:
+    """Makes the predicate of one kind of things."""
+
+    def __init__(self, kind: str, context: Context) -> None:
+        self._kind = kind
+        self._context = context
+
+    def predicate(self, node: Node) -> Predicate:
+        """Return the predicate of a tree."""
+        if isinstance(node, Negation):
+            inner = self.predicate(node.within)
+            return lambda thing: not inner(thing)
+        if isinstance(node, (All, Either)):
+            parts = [self.predicate(part) for part in node.parts]
+            return _every(parts) if isinstance(node, All) else _some(parts)
+        field = NAMES[node.field.name]
+        get = self._getter(node.field, field)
+        if get is None:
+            return _never
+        if isinstance(node, Presence):
+            return self._present(field, get)
+        return self._compared(node, _test(node, field, self._context), get)
+
+    def _getter(self, name: FieldName, field: Field) -> Getter | None:
+        get = field.getters.get(self._kind)
+        index = _index(name, field, self._context)
+        if get is None or index is None:
+            return get
+        of_item = field.of_item
+        from dissect.select.getters import items
+
+        def indexed(thing: Any, context: Context) -> list[Any]:
+            found: list[Any] = []
+            for item in items(thing, context):
+                if index(item):
+                    value = of_item(item, context) if of_item is not None else None
+                    if isinstance(value, list):
+                        found += value
+                    elif value is not None:
+                        found.append(value)
+            return found
+
+        return indexed
+
+    def _present(self, field: Field, get: Getter) -> Predicate:
+        context = self._context
+        if field.kind.truth:
+            return lambda thing: bool(get(thing, context))
+        return lambda thing: get(thing, context) not in (None, [], ())
+
+    def _compared(self, condition: Comparison, test: Test, get: Getter) -> Predicate:
+        context = self._context
+        operator = condition.operator
+
+        def holds(thing: Any) -> bool:
+            found = get(thing, context)
+            if found is None:
+                return False
+            if type(found) is not list and type(found) is not tuple:
+                return test(found)
+            for value in found:  # noqa: SIM110 - a generator costs as much as a condition
+                if test(value):
+                    return True
+            return False
+
+        def none_equal(thing: Any) -> bool:
+            found = _listed(get(thing, context))
+            return bool(found) and not any([test(value) for value in found])
+
+        def one_differs(thing: Any) -> bool:
+            return not all([test(value) for value in _listed(get(thing, context))])
+
+        def all_equal(thing: Any) -> bool:
+            found = _listed(get(thing, context))
+            return bool(found) and all([test(value) for value in found])
+
+        return {"!=": none_equal, "!==": one_differs, "===": all_equal}.get(operator, holds)
+
+
+def _listed(found: Any) -> Sequence[Any]:
+    if found is None:
+        return ()
+    return found if type(found) is list or type(found) is tuple else (found,)
+
+
+def _never(_thing: Any) -> bool:
+    return False
+
+
+def _every(parts: list[Predicate]) -> Predicate:
+    if len(parts) == 2:
+        first, second = parts
+        return lambda thing: first(thing) and second(thing)
+
+    def every(thing: Any) -> bool:
+        for part in parts:  # noqa: SIM110 - as above
+            if not part(thing):
+                return False
+        return True
+
+    return every
+
+
+def _some(parts: list[Predicate]) -> Predicate:
+    if len(parts) == 2:
+        first, second = parts
+        return lambda thing: first(thing) or second(thing)
+
+    def some(thing: Any) -> bool:
+        for part in parts:  # noqa: SIM110 - as above
+            if part(thing):
+                return True
+        return False
+
+    return some
+
+
+# ---- what a connection alone decides --------------------------------------------------------------------------------
+
+#: Fields that name one end: where it is neither end of the connection, they do not hold.
+_ENDS: Final = frozenset(("client", "server", "asked_by", "answered_by"))
+
+
+def _judge(node: Node, context: Context) -> Judge:
+    """Return what says of a connection whether a condition can hold for anything on it."""
+    if isinstance(node, Negation):
+        inner = _judge(node.within, context)
+
+        def turned(connection: Connection) -> bool | None:
+            found = inner(connection)
+            return None if found is None else not found
+
+        return turned
+    if isinstance(node, (All, Either)):
+        return _joined([_judge(part, context) for part in node.parts], isinstance(node, Either))
+    if isinstance(node, Comparison):
+        field = NAMES[node.field.name]
+        if field.decided:
+            return _Maker(CONNECTION, context).predicate(node)
+        if field.name in _ENDS and node.operator in {"==", "===", IN}:
+            test = _test(node, field, context)
+            return lambda connection: None if any([test(end) for end in connection.tcp.ends]) else False
+    return lambda _connection: None
+
+
+def _joined(parts: list[Judge], either: bool) -> Judge:
+    """Return the judge of conditions one of which holds (``either``) or all of which hold."""
+
+    def joined(connection: Connection) -> bool | None:
+        found = [part(connection) for part in parts]
+        if either in found:
+            return either
+        return None if None in found else not either
+
+    return joined

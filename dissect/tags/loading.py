@@ -1,0 +1,401 @@
+"""Files of tags → one set: told apart by content, joined where one declares what another needs (docs/tags.md)."""
+
+from __future__ import annotations
+
+import codecs
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from dissect.config.hints import close_to
+from dissect.s7.tables import DB
+from dissect.tags.csv_tables import looks_like_table, read_csv
+from dissect.tags.declarations import Block, Shape, essence, looks_like_source, read_declarations
+from dissect.tags.decoding import EncodingError, decode_text
+from dissect.tags.json_lists import read_json
+from dissect.tags.layout import Layout, LayoutError, type_names
+from dissect.tags.model import Tag
+from dissect.tags.naming import TagNaming
+from dissect.tags.problems import ERROR, Problem
+from dissect.tags.symbol_tables import TIA_FIELDS, is_asc, read_asc, read_dif, read_sdf, read_seq
+from dissect.tags.tag_file import TagFile
+from dissect.tags.types import unknown
+from dissect.tags.xlsx_files import is_workbook, read_xlsx
+from dissect.tags.xml_files import XmlError, parse_xml, read_xml
+
+MAX_FILE: Final = 64 << 20
+_XML: Final = (b"<", b"\xff\xfe<", b"\xfe\xff\0<")
+_FOREIGN: Final = (
+    (b"SQLite format 3", "a SQLite database"),
+    (b"\xd0\xcf\x11\xe0", "an OLE document, such as an old Excel workbook or a project file"),
+    (b"MZ", "a Windows program"),
+    (b"PK", "a ZIP archive, such as a TIA project archive, without a workbook"),
+    (b"\x1f\x8b", "a file compressed with gzip"),
+    (b"%PDF", "a PDF document"),
+)
+_CAPTURES: Final = (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x4d\x3c\xb2\xa1", b"\x0a\x0d\x0d\x0a")
+
+
+class TagError(Exception):
+    """Files of tags that cannot be used as they are; ``problems`` are all that was found in them."""
+
+    def __init__(self, problems: list[Problem]) -> None:
+        self.problems = problems
+        super().__init__("\n".join([str(problem) for problem in problems if problem.severity == ERROR]))
+
+
+class TagSet:
+    """The tags of files that were read together.
+
+    ``sizes`` are the octets of data blocks whose whole layout is known, by number. ``problems`` are those of all files, by
+    file and line; ``more`` counts those beyond what is kept.
+    """
+
+    def __init__(self, files: list[TagFile]) -> None:
+        self.files = files
+        self.tags: list[Tag] = []
+        self.sizes: dict[int, int] = {}
+        self.names: dict[int, str] = {}
+
+    def naming(self) -> TagNaming:
+        """Return what names values by these tags."""
+        return TagNaming(self.tags)
+
+    @property
+    def problems(self) -> list[Problem]:
+        """What was found, file by file, line by line."""
+        return [each for file in self.files for each in sorted(file.problems.found, key=lambda row: row.line)]
+
+    @property
+    def more(self) -> int:
+        """Problems that are only counted."""
+        return sum([file.problems.more for file in self.files])
+
+
+def load_tags(
+    paths: Sequence[str | os.PathLike[str]], encoding: str = "", numbers: Mapping[str, int] | None = None
+) -> TagSet:
+    """Return the tags of files, which are used together or not at all.
+
+    ``encoding`` is the code page of those that nothing tells it of; ``numbers`` gives data blocks their number by name.
+    Raises `TagError` with everything that is wrong with them, OSError where there is no reading one, ImportError (whose text
+    says what to install) for a format that needs a library, LookupError for an unknown encoding.
+    """
+    found = read_tags(paths, encoding, numbers)
+    if any([problem.severity == ERROR for problem in found.problems]):
+        raise TagError(found.problems)
+    return found
+
+
+def read_tags(
+    paths: Sequence[str | os.PathLike[str]], encoding: str = "", numbers: Mapping[str, int] | None = None
+) -> TagSet:
+    """Return what `load_tags` does, whatever is wrong with the files. Raises OSError, ImportError, LookupError."""
+    if encoding:
+        codecs.lookup(encoding)
+    files = [_read(os.fspath(path), encoding) for path in paths]
+    found = TagSet(files)
+    _Joining(found, {name.lower(): number for name, number in (numbers or {}).items()}).join()
+    return found
+
+
+# ---- one file -------------------------------------------------------------------------------------------------------
+
+
+def _read(path: str, encoding: str) -> TagFile:
+    file = TagFile(path)
+    with Path(path).open("rb") as stream:
+        octets = stream.read(MAX_FILE + 1)
+    if len(octets) > MAX_FILE:
+        file.problems.error(0, f"more than {MAX_FILE >> 20} MB: not a file of tags")
+    elif not octets.strip():
+        file.problems.error(0, "is empty")
+    else:
+        _dispatch(octets, file, encoding)
+        if not any([file.tags, file.blocks, file.symbols, file.placed, file.constants, file.problems.found]):
+            file.problems.error(0, "has no tag, block or symbol")
+    return file
+
+
+def _dispatch(octets: bytes, file: TagFile, encoding: str) -> None:
+    """Find out what a file is, and read it."""
+    if is_workbook(octets):
+        try:
+            read_xlsx(octets, file)
+        except ImportError:
+            raise _missing(file.path, "XLSX", "python-calamine") from None
+        return
+    for begin, what in _FOREIGN:
+        if octets.startswith(begin):
+            file.problems.error(0, f"is {what}: not a file of tags; export the tags or the source of the block")
+            return
+    if octets.startswith(_CAPTURES):
+        file.problems.error(0, "is a capture, not a file of tags")
+        return
+    body = octets.lstrip(b"\xef\xbb\xbf \t\r\n")
+    try:
+        if body.startswith(_XML):
+            read_xml(parse_xml(octets), file)
+            return
+        text, file.encoding = decode_text(octets, encoding)
+    except ImportError:
+        raise _missing(file.path, "XML", "defusedxml") from None
+    except (XmlError, EncodingError) as error:
+        file.problems.error(error.line, str(error))
+        return
+    if file.encoding:
+        file.problems.note(
+            0, f"is not UTF-8; read as {file.encoding}: if names look wrong, say --tags-encoding (cp1251, gbk, ...)"
+        )
+    _text(text, file)
+
+
+def _missing(path: str, what: str, library: str) -> ImportError:
+    return ImportError(f"{path} is {what}, which needs {library}: pip install 's7dissect[tags]'")
+
+
+def _text(text: str, file: TagFile) -> None:
+    first = next((line for line in text.splitlines() if line.strip()), "")
+    if first.lstrip().startswith(("{", "[")) and not looks_like_source(text):
+        read_json(text, file)
+    elif is_asc(first):
+        read_asc(text, file)
+    elif first.startswith("\t"):
+        read_seq(text, file)
+    elif first.strip().upper() == "TABLE":
+        read_dif(text, file)
+    elif first.startswith('"') and first.count('","') in {3, TIA_FIELDS - 1}:
+        read_sdf(text, file)
+    elif looks_like_table(first):
+        read_csv(text, file)
+    elif looks_like_source(text):
+        file.format = "source (AWL, SCL)"
+        file.blocks, constants = read_declarations(text, file.problems)
+        file.constants.update(constants)
+    elif any([mark in first for mark in ",;\t"]):
+        read_csv(text, file)
+    else:
+        file.problems.error(
+            1,
+            f"begins with {first.strip()[:60]!r}, which no known format does: expected a table with a header "
+            "(address,type,name), a STEP 7 or TIA export, or a source",
+        )
+
+
+# ---- all together ---------------------------------------------------------------------------------------------------
+
+
+class _Joining:
+    """Joins files: numbers of blocks, types, constants; then lays out blocks and checks names."""
+
+    def __init__(self, found: TagSet, numbers: dict[str, int]) -> None:
+        self._set = found
+        self._numbers = numbers
+        self._types: dict[str, Shape] = {}
+        self._first: dict[str, tuple[Block, TagFile]] = {}
+        self._constants: dict[str, int] = {}
+        self._symbols: dict[tuple[str, int], str] = {}
+        self._blocks: dict[str, int] = {}
+        self._placed: dict[int, tuple[Block, TagFile]] = {}
+
+    def join(self) -> None:
+        """Do it."""
+        for file in self._set.files:
+            self._constants.update(file.constants)
+            for symbol in file.symbols:
+                self._symbols.setdefault((symbol.kind, symbol.number), symbol.name)
+                if symbol.kind == "DB":
+                    self._blocks.setdefault(symbol.name.lower(), symbol.number)
+        for file in self._set.files:
+            for block in file.blocks:
+                self._declare(block, file)
+        for name in self._numbers:
+            known = [block.name for file in self._set.files for block in file.blocks if block.kind == "DATA_BLOCK"]
+            if name not in [each.lower() for each in known] and self._set.files:
+                self._set.files[0].problems.error(
+                    0, f"--tags-db {name}: no file has a data block of that name{close_to(name, known)}"
+                )
+        for file in self._set.files:
+            for block in file.blocks:
+                if block.kind == "DATA_BLOCK":
+                    self._block(block, file)
+            self._structured(file)
+        self._collect()
+
+    def _declare(self, block: Block, file: TagFile) -> None:
+        if block.kind == "DATA_BLOCK":
+            return
+        before = self._first.setdefault(block.name.lower(), (block, file))
+        other, where = before
+        if other is not block and essence(other.shape) != essence(block.shape):
+            file.problems.error(
+                block.line,
+                f"type {block.name!r} is declared differently in {where.path}, line {other.line}: which one is right?",
+            )
+        names = [block.name.lower()]
+        for (kind, number), symbol in self._symbols.items():
+            if kind in {"UDT", "FB", "SFB"}:
+                both = {f"{kind} {number}".lower(), symbol.lower()}
+                if block.name.lower() in both:
+                    names.extend(both)
+        for name in names:
+            self._types.setdefault(name, block.shape)
+
+    def _shape(self, name: str) -> Shape | None:
+        return self._types.get(name.strip('"').lower())
+
+    def _constant(self, name: str) -> int | None:
+        return self._constants.get(name.lower())
+
+    def _number(self, block: Block) -> int | None:
+        """Return the number of a data block: what the user says, what is written, what a symbol table says."""
+        name = block.name.lower()
+        said = self._numbers.get(name)
+        if said is not None:
+            return said
+        return block.number if block.number is not None else self._blocks.get(name)
+
+    def _block(self, block: Block, file: TagFile) -> None:
+        if block.optimized:
+            others = [each for each in file.blocks if each.kind == "DATA_BLOCK" and not each.optimized]
+            complain = file.problems.warning if others or file.tags else file.problems.error
+            complain(
+                block.line,
+                f'DB "{block.name}" has S7_Optimized_Access TRUE: its members have no fixed addresses; '
+                "export it after switching optimised access off",
+            )
+            file.skipped["members of optimised blocks"] += 1
+            return
+        number = self._number(block)
+        if number is None:
+            file.problems.error(
+                block.line,
+                f"DB {block.name!r} has no number: add --tags-db '{block.name}=10', or name the symbol table that has it too",
+            )
+            return
+        before = self._placed.get(number)
+        if before is not None:
+            other, where = before
+            file.problems.error(
+                block.line,
+                f'DB{number} is "{other.name}" ({where.path}:{other.line}) and "{block.name}": two blocks of one number',
+            )
+            return
+        shape = block.shape
+        if block.of:
+            named = self._shape(block.of)
+            if named is None:
+                file.problems.error(
+                    block.line,
+                    f'DB "{block.name}" is an instance of {block.of!r}, which is not in this file or the others: '
+                    "name its source too",
+                )
+                return
+            shape = named
+        if self._missing(shape, block, file):
+            return
+        try:
+            layout = Layout(shape, self._shape, self._constant)
+        except LayoutError as error:
+            file.problems.error(error.line, f"{block.name}: {error}")
+            return
+        self._placed[number] = (block, file)
+        symbol = self._symbols.get(("DB", number), "")
+        title = symbol if block.number is not None and symbol else block.name.replace("DB ", "DB")
+        self._set.sizes[number] = layout.size
+        self._set.names[number] = title
+        self._fields(layout, title, DB, number, 0, file)
+
+    def _missing(self, shape: Shape, block: Block, file: TagFile) -> bool:
+        """Note every type that the block needs and no file declares; tell whether there is one."""
+        missing: dict[str, int] = {}
+        known: set[str] = set()
+        waiting = [shape]
+        while waiting:
+            for name, line in type_names(waiting.pop()):
+                if name.lower() in known:
+                    continue
+                known.add(name.lower())
+                inner = self._shape(name)
+                if inner is None:
+                    missing[name] = line
+                else:
+                    waiting.append(inner)
+        for name, line in missing.items():
+            file.problems.error(
+                line,
+                f"{block.name}: type {name!r} is not in this or the other files; export it too (.udt) and name both files",
+            )
+        return bool(missing)
+
+    def _fields(self, layout: Layout, title: str, area: int, db: int, base: int, file: TagFile) -> None:
+        doubts: Counter[str] = Counter()
+        for field in layout.fields:
+            tag = Tag(
+                f"{title}.{field.name}", area, db, base + field.start, field.type.kind, field.type.name, field.type.bits
+            )
+            tag.dims = field.dims
+            tag.prefix = field.prefix
+            tag.step = field.step
+            for low, high in field.dims:
+                tag.count *= high - low + 1
+            tag.comment = field.comment
+            tag.remark = f"address not certain: {field.remark}" if field.remark else ""
+            tag.file, tag.line = file.path, field.line
+            doubts[field.remark] += 1
+            file.tags.append(tag)
+        for doubt, count in doubts.items():
+            if doubt:
+                file.problems.warning(0, f"{title}: {count} addresses are not certain: {doubt}")
+
+    def _structured(self, file: TagFile) -> None:
+        """Lay out tags of tag tables whose type is a structure."""
+        for placed in file.placed:
+            shape = self._shape(placed.type)
+            if shape is None:
+                names = list(self._types)
+                near = close_to(placed.type, names) if names else ""
+                file.problems.error(
+                    placed.line,
+                    f"{placed.name[:60]}: {unknown(placed.type)}, nor declared in one of the files{near}: "
+                    "name its source (.udt) too",
+                )
+                continue
+            try:
+                layout = Layout(shape, self._shape, self._constant)
+            except LayoutError as error:
+                file.problems.error(placed.line, f"{placed.name[:60]}: {error}")
+                continue
+            address = placed.address
+            self._fields(layout, placed.name, address.area, address.db, address.start, file)
+
+    def _collect(self) -> None:
+        """Put the tags of all files together; one name stands for one variable."""
+        first: dict[str, Tag] = {}
+        for file in self._set.files:
+            for tag in file.tags:
+                name = f"{tag.name}[{tag.prefix}".lower() if tag.prefix else tag.name.lower()
+                before = first.setdefault(name, tag)
+                if before is tag:
+                    self._set.tags.append(tag)
+                    self._check_size(tag, file)
+                elif (before.area, before.db, before.start, before.type) == (tag.area, tag.db, tag.start, tag.type):
+                    file.skipped["repeated"] += 1
+                else:
+                    place = f"{before.file}:{before.line}" if before.file != tag.file else f"line {before.line}"
+                    file.problems.error(
+                        int(tag.line),
+                        f"{tag.name!r} is {tag.address}, and {before.address} at {place}: two tags of one name",
+                    )
+
+    def _check_size(self, tag: Tag, file: TagFile) -> None:
+        size = self._set.sizes.get(int(tag.db), 0) if tag.area == DB else 0
+        if size and tag.end > size * 8:
+            block = self._set.names[int(tag.db)]
+            file.problems.error(
+                int(tag.line),
+                f"{tag.name} ({tag.address}) ends at byte {(tag.end - 1) // 8}: "
+                f"outside DB{tag.db} {block!r}, which has {size} bytes",
+            )

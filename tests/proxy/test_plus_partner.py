@@ -1,0 +1,92 @@
+"""S7comm-plus between a client and a server of others, the package s7commplus, through `s7dissect proxy`.
+
+They are looser than a PLC (captures/README.md), so this proves that sessions run through the relay and are understood; what the
+format is, public captures say (tests/s7plus/test_shared_captures.py).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.cli.test_proxy import proxy
+from tests.conftest import Command
+from tests.proxy.support import LOOPBACK, port_of_nobody
+
+client_module = pytest.importorskip("s7commplus.client")
+server_module = pytest.importorskip("s7commplus.server")
+
+VARIABLES = {"temperature": ("Real", 0), "pressure": ("Real", 4), "count": ("Int", 8)}
+
+
+@contextlib.contextmanager
+def cpu() -> Iterator[int]:
+    """A server with one block; the port it listens at."""
+    server = server_module.S7CommPlusServer()
+    server.register_db(1, VARIABLES)
+    port = port_of_nobody()
+    server.start(host=LOOPBACK, port=port)
+    try:
+        yield port
+    finally:
+        server.stop()
+
+
+def used(port: int) -> None:
+    """Write, read one and two, read what is not there, look around."""
+    client = client_module.S7CommPlusClient()
+    client.connect(LOOPBACK, port=port)
+    try:
+        client.db_write(1, 0, struct.pack(">f", 21.5))
+        assert client.db_read(1, 0, 4) == struct.pack(">f", 21.5)
+        assert client.db_read_multi([(1, 0, 4), (1, 4, 4)]) == [struct.pack(">f", 21.5), bytes(4)]
+        with pytest.raises(Exception, match="error"):
+            client.db_read(7, 0, 4)
+        assert client.get_cpu_state() == "RUN"
+        assert client.explore()
+    finally:
+        client.disconnect()
+
+
+def test_a_session_runs_through_the_relay_and_is_understood(tmp_path: Path, s7dissect: Command) -> None:
+    path = tmp_path / "out.pcapng"
+    with cpu() as port, proxy(port, "-w", path, "-T", "jsonl") as made:
+        used(made.port)
+        code, lines, _ = made.ended()
+    assert code == 0
+    told = [json.loads(line) for line in lines]
+    found = [one for one in told if one.get("schema") == "s7dissect.transaction/1"]
+    functions = [one["function"]["name"] for one in found]
+    assert functions[:2] == ["InitSSL", "CreateObject"]
+    assert functions[-1] == "DeleteObject"
+    assert {"SetMultiVariables", "GetMultiVariables", "Explore"} <= set(functions)
+    assert {one["outcome"] for one in found} == {"answered"}
+    reads = [one for one in found if one["function"]["name"] == "GetMultiVariables"]
+    written = [item for one in found if one["function"]["name"] == "SetMultiVariables" for item in one["items"]]
+    assert any(item["data"] is not None and struct.pack(">f", 21.5).hex() in item["data"] for item in written)
+    assert any(struct.pack(">f", 21.5).hex() in (item["data"] or "") for one in reads for item in one["items"])
+    assert sum(len(one["items"]) == 2 for one in reads) >= 1
+    assert sum(bool(one["errors"]) for one in found) == 1  # what is not there
+    # The capture tells the same as the relay did, and is whole.
+    again = s7dissect("transactions", "-T", "jsonl", path)
+    assert again.returncode == 0
+    assert [json.loads(line)["function"] for line in again.stdout.splitlines()] == [one["function"] for one in found]
+
+
+def test_what_the_partner_does_is_no_attack(tmp_path: Path, s7dissect: Command) -> None:
+    """Requests count up, and sessions are its own: no finding of replay, of a session of others, of lost notifications."""
+    path = tmp_path / "out.pcapng"
+    with cpu() as port, proxy(port, "-w", path) as made:
+        used(made.port)
+        used(made.port)
+        made.ended()
+    findings = json.loads(s7dissect("analyze", "-T", "json", path).stdout)["findings"]
+    assert findings["security.write"] == 2
+    unwanted = {"security.replay", "security.session_reused", "s7plus.notifications_lost", "security.unauthenticated"}
+    assert not unwanted & set(findings)
+    assert not [slug for slug in findings if slug.startswith(("tpkt.", "cotp.", "stream.", "internal."))]

@@ -1,0 +1,170 @@
+"""Compressed blobs: opened, checked without their dictionary, and those that lie or would become endless."""
+
+from __future__ import annotations
+
+import zlib
+from typing import Final
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dissect.s7plus import blobs
+from dissect.s7plus.blobs import BAD, MAX_INFLATED, NO_DICTIONARY, TOO_LARGE, check_blob, is_compressed, open_blob
+from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.events import take
+from dissect.s7plus.message import parse_plus
+from dissect.s7plus.objects import Attribute, PlusObject, Relation
+from dissect.s7plus.program import Program
+from dissect.s7plus.session import Identity, PlusSession
+from dissect.s7plus.tables import CREATE_OBJECT
+from dissect.s7plus.value_tables import BLOB, SPARSE_ARRAY, UDINT
+from dissect.s7plus.values import Blob, Value
+from tests.s7plus.bodies import create_object
+from tests.s7plus.pdus import asked, framed
+
+VERSION: Final = b"\x98\0\0\2"
+DICTIONARY: Final = b'<Comment RefID=""><DictEntry Language="en-US"></DictEntry></Comment>'
+TEXT: Final = b'<Comment RefID="26"><DictEntry Language="en-US">the pump runs too long</DictEntry></Comment>'
+INTERFACE: Final = 2544
+COMMENTS: Final = 2546
+
+
+def compressed(text: bytes, dictionary: bytes = b"") -> bytes:
+    stream = zlib.compressobj(zdict=dictionary) if dictionary else zlib.compressobj()
+    return stream.compress(text) + stream.flush()
+
+
+def bomb(size: int) -> bytes:
+    return VERSION + compressed(bytes(size))
+
+
+def known(dictionary: bytes) -> dict[int, bytes]:
+    return {zlib.adler32(dictionary): dictionary}
+
+
+@pytest.mark.parametrize("version", [b"", VERSION])
+def test_without_dictionary(version: bytes) -> None:
+    opened = open_blob(version + compressed(TEXT), {})
+    assert (opened.octets, opened.size, opened.dictionary, opened.fault) == (TEXT, len(TEXT), -1, "")
+
+
+def test_with_dictionary() -> None:
+    blob = VERSION + compressed(TEXT, DICTIONARY)
+    assert is_compressed(blob)
+    opened = open_blob(blob, known(DICTIONARY))
+    assert (opened.octets, opened.fault, opened.dictionary) == (TEXT, "", zlib.adler32(DICTIONARY))
+
+
+def test_without_the_dictionary_that_it_needs_only_its_size_is_known() -> None:
+    opened = open_blob(VERSION + compressed(TEXT, DICTIONARY), known(b"another one"))
+    assert (opened.octets, opened.size, opened.fault) == (b"", len(TEXT), NO_DICTIONARY)
+
+
+@given(st.binary(max_size=2000), st.binary(min_size=1, max_size=300))
+def test_the_size_does_not_depend_on_the_dictionary(text: bytes, dictionary: bytes) -> None:
+    blob = VERSION + compressed(text + dictionary, dictionary)
+    checked, opened = check_blob(blob), open_blob(blob, known(dictionary))
+    assert (checked.size, checked.fault) == (opened.size, opened.fault) == (len(text + dictionary), "")
+
+
+@pytest.mark.parametrize("octets", [b"", b"\x98\0\0\2", b"plain text", bytes(20), b"\xef\xbe\xad\xde" * 4])
+def test_what_is_not_compressed(octets: bytes) -> None:
+    assert not is_compressed(octets)
+    assert check_blob(octets).fault == BAD
+
+
+def test_a_stream_that_is_cut_goes_on_or_was_changed() -> None:
+    for blob in (VERSION + compressed(TEXT), VERSION + compressed(TEXT, DICTIONARY)):
+        for size in range(len(VERSION) + 2, len(blob)):
+            assert open_blob(blob[:size], known(DICTIONARY)).fault == BAD, size
+            assert check_blob(blob[:size]).fault == BAD, size
+        assert check_blob(blob + b"\0").fault == BAD
+        assert open_blob(blob + b"\0", known(DICTIONARY)).fault == BAD
+    wrong = bytearray(VERSION + compressed(TEXT, DICTIONARY))
+    wrong[-1] ^= 1  # its checksum
+    assert open_blob(bytes(wrong), known(DICTIONARY)).fault == BAD
+
+
+def test_a_bomb_is_stopped_at_a_thousand_times_its_size() -> None:
+    blob = bomb(MAX_INFLATED)
+    assert len(blob) < 40_000
+    opened = open_blob(blob, {})
+    assert opened.fault == TOO_LARGE
+    assert opened.size <= 1000 * len(blob) + (1 << 18)
+    assert check_blob(bomb(1_000_000), allowed=100_000).fault == TOO_LARGE
+    assert open_blob(bomb(4000), {}).fault == ""
+
+
+def test_only_as_much_as_is_wanted_is_kept() -> None:
+    opened = open_blob(VERSION + compressed(TEXT * 9), {}, kept=10)
+    assert (opened.octets, opened.size) == (TEXT[:10], 9 * len(TEXT))
+
+
+@given(st.binary(max_size=200))
+def test_any_octets_raise_nothing(octets: bytes) -> None:
+    for blob in (octets, VERSION + b"\x78\x7d" + octets, VERSION + b"\x78\xda" + octets, b"\x78\xda" + octets):
+        assert check_blob(blob).size <= MAX_INFLATED
+        open_blob(blob, known(octets))
+
+
+# ---- within a PDU ---------------------------------------------------------------------------------------------------
+
+
+def download(*values: tuple[int, Value]) -> bytes:
+    attributes = [Attribute(id_, value) for id_, value in values]
+    block = PlusObject(0x8A0E0003, 2574, 0, 0, 0, [*attributes, Relation(7, 9)])
+    return framed(asked(1, CREATE_OBJECT, body=create_object(3, Value(0, UDINT, 0), block)))
+
+
+def one(blob: bytes) -> Value:
+    return Value(0, BLOB, Blob(0, blob))
+
+
+def test_sound_blobs_are_noted_where_they_stand() -> None:
+    blob = VERSION + compressed(TEXT, DICTIONARY)
+    comments = Value(SPARSE_ARRAY, BLOB, [(1, Blob(0, blob)), (0x80000001, Blob(0, blob)), (2, Blob(0, b"plain"))])
+    pdu = parse_plus(download((INTERFACE, one(blob)), (COMMENTS, comments), (233, one(blob)), (INTERFACE, one(b""))))
+    found = parse_contents(pdu)
+    assert [pdu.data[begin:end] for begin, end in found.blobs] == [blob, blob]
+    assert found.malformed == []
+
+
+@pytest.mark.parametrize(
+    ("blob", "reason", "said"),
+    [
+        (bomb(2_000_000), TOO_LARGE, "decompress to 2000000 or more"),
+        (VERSION + compressed(TEXT)[:-3], BAD, "cannot be decompressed to the end"),
+        (VERSION + compressed(TEXT, DICTIONARY) + b"more", BAD, "cannot be decompressed to the end"),
+    ],
+)
+def test_a_lying_blob_is_told_with_its_place_and_hides_nothing(blob: bytes, reason: str, said: str) -> None:
+    octets = download((INTERFACE, one(blob)), (2521, Value(0, UDINT, 7)))
+    pdu = parse_plus(octets)
+    found = parse_contents(pdu)
+    (fact,) = found.malformed
+    assert fact.reason == reason
+    assert said in str(fact)
+    assert pdu.data[fact.offset :].startswith(blob)
+    assert found.objects[0].number(2521) == 7
+    assert found.whole
+    facts = take(PlusSession(Program(), Identity()), CREATE_OBJECT, octets, b"")
+    assert facts is not None
+    assert [(one.reason, octets[one.offset : one.offset + 4]) for one in facts.malformed] == [(reason, blob[:4])]
+    assert facts.events
+
+
+def test_all_blobs_of_a_pdu_share_one_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dissect.s7plus.walk.MAX_INFLATED", 250_000)
+    blob = VERSION + compressed(bytes(100_000) + TEXT)
+    found = parse_contents(parse_plus(download(*[(INTERFACE, one(blob))] * 4)))
+    assert [fact.reason for fact in found.malformed] == [TOO_LARGE] * 2
+    assert len(found.blobs) == 4
+
+
+def test_the_shared_bound_holds_for_a_large_pdu() -> None:
+    """As many bombs as go into a PDU, each within its ratio: what is inflated of them all is bounded."""
+    blob = VERSION + compressed(bytes(blobs.MAX_INFLATED // 4))
+    found = parse_contents(parse_plus(download((COMMENTS, Value(SPARSE_ARRAY, BLOB, [(1, Blob(0, blob))] * 2)))))
+    assert len(blob) * blobs.MAX_RATIO < blobs.MAX_INFLATED // 4
+    assert [fact.reason for fact in found.malformed] == [TOO_LARGE] * 2
