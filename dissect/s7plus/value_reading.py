@@ -109,9 +109,8 @@ def _read_variant(walk: Walk) -> Value:
     content: object = None
     try:
         walk.enter("variant")
-        content = (
-            _read_struct(walk, flags, MEMBER, offset, "") if type_ == STRUCT else _read_content(walk, flags, type_)
-        )
+        struct: bool = type_ == STRUCT
+        content = _read_struct(walk, flags, MEMBER, offset, "") if struct else _read_content(walk, flags, type_)
     finally:
         walk.shown = shown  # also for what is left where it does not fit
     walk.depth -= 1
