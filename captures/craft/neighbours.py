@@ -43,8 +43,7 @@ def look_alikes(case: Case) -> None:
             case.find("session.foreign_on_102")
 
     for version in (1, 2, 3):
-        request, answer = plus(version, 0x31), plus(version, 0x32)
-        talk_of(request, answer, request, answer, foreign=False)
+        talk_of(*[plus(version, opcode, number) for number in (1, 2) for opcode in (0x31, 0x32)], foreign=False)
         case.count(answered=2)
     case.table("tsdus", s7comm_plus=12)
     talk_of(dt(TLS_HELLO), dt(TLS_HELLO), dt(TLS_DATA), dt(TLS_DATA))
@@ -63,11 +62,12 @@ def look_alikes(case: Case) -> None:
     talk_of(b"GET / HTTP/1.1\r\nHost: plc\r\n\r\n", b"HTTP/1.1 404 Not Found\r\n\r\n", transport=False)
 
 
-def plus(version: int, opcode: int) -> bytes:
-    """A TPKT with S7comm-plus, the end of a sequence; from version 3 on its content is protected."""
-    head = bytes([opcode]) + bytes.fromhex("00 00 05 60 00 00 00 01")
+def plus(version: int, opcode: int, number: int) -> bytes:
+    """A TPKT with S7comm-plus, the end of a sequence; from version 3 on its content is protected, and has an integrity id."""
+    head = bytes([opcode]) + bytes.fromhex("00 00 05 60 00 00") + number.to_bytes(2, "big")
     content = head + (bytes.fromhex("00 00 01 20 34 00 00") if opcode == 0x31 else bytes.fromhex("34 00"))
-    content += (b"\x07" if opcode == 0x31 else b"\x08") * (version == 3) + bytes(4)
+    integrity_id = 6 + number if opcode == 0x31 else 6 + 2 * number
+    content += bytes([integrity_id]) * (version == 3) + bytes(4)
     if version == 3:
         content = b"\x20" + b"\x5a" * 32 + content
     return dt(bytes([0x72, version]) + len(content).to_bytes(2, "big") + content + bytes([0x72, version, 0, 0]))

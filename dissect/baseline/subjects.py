@@ -10,6 +10,8 @@ from dissect.s7.items import Item
 from dissect.s7.parameters import Parameters
 from dissect.s7.syntaxes import DB_READ, SYMBOL
 from dissect.s7.tables import AREA_LETTERS, DB_AREAS, READ_VAR, SYNTAX_IDS, WRITE_VAR
+from dissect.s7plus.ids import AREAS, BLOCK_KINDS, block_name
+from dissect.s7plus.items import WRITES
 from dissect.s7plus.parameters import PlusParameters
 from dissect.transactions import payloads as carried
 from dissect.transactions.connection import Connection
@@ -46,6 +48,8 @@ class Subjects:
     def of(self, transaction: Transaction) -> Subject:
         """Return what a transaction is about."""
         parameters = transaction.parameters
+        if isinstance(parameters, PlusParameters):
+            return _plus_subject(transaction, parameters.statistics_name)  # what it is about stands in its contents
         known = self._known.get(parameters)
         if known is None:
             if len(self._known) >= _MAX_CACHED:
@@ -59,12 +63,22 @@ def _subject(transaction: Transaction) -> Subject:
     parameters = transaction.parameters
     if transaction.is_scd:
         return Subject(carried.TITLE, (), ())
-    if isinstance(parameters, PlusParameters):
-        return Subject(parameters.statistics_name, (), ())
     areas = tuple(dict.fromkeys([name for item in parameters.items for name in area_names(item)]))
     reads = areas if parameters.function == READ_VAR else ()
     writes = areas if parameters.function == WRITE_VAR else ()
     return Subject(parameters.function_name, reads, writes)
+
+
+def _plus_subject(transaction: Transaction, function: str) -> Subject:
+    """Return the blocks and areas of an S7comm-plus read, write or notification; attributes of objects are none."""
+    names = tuple(dict.fromkeys([
+        AREAS.get(item.address.area) or block_name(item.address.area)
+        for item in transaction.plus_items()
+        if item.address is not None and (item.address.area in AREAS or item.address.area >> 16 in BLOCK_KINDS)
+    ]))  # fmt: skip
+    return Subject(
+        function, () if transaction.function in WRITES else names, names if transaction.function in WRITES else ()
+    )
 
 
 def area_names(item: Item) -> list[str]:

@@ -20,7 +20,7 @@ from dissect.cli.run import (
     complain,
     drive,
     files_argument,
-    nanoseconds,
+    slow_option,
 )
 from dissect.report.formats import ANALYSIS, Format
 
@@ -33,15 +33,7 @@ if TYPE_CHECKING:
 @click.command("analyze", epilog=EXIT_CODES)
 @files_argument
 @format_option(ANALYSIS)
-@click.option(
-    "--slow",
-    "slow_ns",
-    callback=nanoseconds,
-    default="1000",
-    show_default=True,
-    metavar="MS",
-    help="Report answers that take longer than this many milliseconds.",
-)
+@slow_option
 @select_options()
 @checksums_option
 @fail_on_option

@@ -19,7 +19,7 @@ from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.rights import check_user, open_interface
-from dissect.cli.run import checksums_option
+from dissect.cli.run import checksums_option, slow_option
 from dissect.cli.scrape import Scrape, allow_remote_option, metrics_option
 from dissect.cli.watching import (
     POLL_MOST,
@@ -30,7 +30,6 @@ from dissect.cli.watching import (
     new_shower,
     only_option,
     overdue_option,
-    slow_option,
     write_events,
 )
 from dissect.report.formats import EVENTS, Format, formats_for

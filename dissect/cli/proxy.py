@@ -15,6 +15,7 @@ from dissect.cli.main import EXIT_DAMAGED, EXIT_OK, EXIT_OUTPUT
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
+from dissect.cli.run import slow_option
 from dissect.cli.watching import (
     POLL_MOST,
     POLL_S,
@@ -24,7 +25,6 @@ from dissect.cli.watching import (
     new_shower,
     only_option,
     overdue_option,
-    slow_option,
     write_events,
 )
 from dissect.report.formats import EVENTS, Format, formats_for

@@ -57,6 +57,18 @@ def nanoseconds(ctx: click.Context, param: click.Parameter, ms: str | None) -> i
     return int(number * 1e6)
 
 
+#: ``--slow MS``; the command's argument is ``slow_ns``.
+slow_option: Final[Callable[[Any], Any]] = click.option(
+    "--slow",
+    "slow_ns",
+    callback=nanoseconds,
+    default="1000",
+    show_default=True,
+    metavar="MS",
+    help="Report answers that take longer than this many milliseconds.",
+)
+
+
 #: What the help of each command ends with.
 EXIT_CODES: Final = (
     "Exit code: 0 success, 1 a finding that --fail-on names, 2 wrong use or an unreadable file, 3 a damaged or truncated file, "

@@ -44,16 +44,6 @@ only_option: Final[Callable[[Any], Any]] = click.option(
 )
 
 
-#: ``--slow MS``; the command's argument is ``slow_ns``.
-slow_option: Final[Callable[[Any], Any]] = click.option(
-    "--slow",
-    "slow_ns",
-    callback=nanoseconds,
-    default="1000",
-    show_default=True,
-    metavar="MS",
-    help="Report answers that take longer than this many milliseconds.",
-)
 #: ``--overdue MS``; the command's argument is ``overdue_ns``.
 overdue_option: Final[Callable[[Any], Any]] = click.option(
     "--overdue",

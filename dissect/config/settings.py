@@ -102,6 +102,11 @@ def _color(value: object, _folder: Path) -> str:
     return str(value)
 
 
+def _check_format(name: str, formats: tuple[str, ...]) -> None:
+    if name not in formats:
+        raise ValueError(f"{name!r} is not one of {', '.join(formats)}{close_to(name, formats)}")
+
+
 #: Every key: what it means for docs/config.md, and what takes its value (with the folder of the file). Tables are joined.
 KEYS: Final[dict[str, tuple[str, Callable[[object, Path], Any]]]] = {
     "tags": ("files of tags, as `--tags`", _tag_files),
@@ -179,13 +184,9 @@ def _read(path: Path, problems: list[str], formats: tuple[str, ...]) -> dict[str
             problems.append(f"{place}: {shortened(key, 60)}: unknown key{hint}")
             continue
         try:
-            read = row[1](value, path.resolve().parent)
+            found[key] = row[1](value, path.resolve().parent)
+            if key == "format":
+                _check_format(str(value), formats)
         except ValueError as error:
             problems.append(f"{place}: {key}: {shortened(str(error), 200)}")
-            continue
-        if key == "format" and value not in formats:
-            hint = f"{value!r} is not one of {', '.join(formats)}{close_to(str(value), formats)}"
-            problems.append(f"{place}: {key}: {shortened(hint, 200)}")
-            continue
-        found[key] = read
     return found

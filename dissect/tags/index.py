@@ -23,7 +23,7 @@ class Part:
     and ``piece`` where in it the piece begins.
     """
 
-    __slots__ = ("bit", "bits", "count", "first", "piece", "tag", "whole")
+    __slots__ = ("address", "bit", "bits", "count", "first", "name", "piece", "tag", "type", "whole")
 
     def __init__(self, tag: Tag, first: i64, count: i64, bit: i64, bits: i64, piece: i64, whole: bool) -> None:
         self.tag: Tag = tag
@@ -33,6 +33,9 @@ class Part:
         self.bits: i64 = bits
         self.piece: i64 = piece
         self.whole: bool = whole
+        self.name: str = ""  # these three are written once, when the part is first shown
+        self.address: str = ""
+        self.type: str = ""
 
     @property
     def all(self) -> bool:

@@ -123,11 +123,13 @@ def part_name(part: Part) -> str:
 def _silent(part: Part) -> NamedValue:
     """Return a part of an item without octets: refused, not answered, or asked for only."""
     tag = part.tag
-    start: i64 = tag.start + part.first * tag.step + part.piece
-    place = (
-        tag.address if part.all else place_text(tag.area, tag.db, start, tag.size if part.whole else min(part.bits, 8))
-    )
-    value = NamedValue(part_name(part), place, _type(part))
+    if not part.name:
+        start: i64 = tag.start + part.first * tag.step + part.piece
+        bits: i64 = tag.size if part.whole else min(part.bits, 8)
+        part.name = part_name(part)
+        part.address = tag.address if part.all else place_text(tag.area, tag.db, start, bits)
+        part.type = _type(part)
+    value = NamedValue(part.name, part.address, part.type)
     value.offset = part.bit // 8
     value.unit = tag.unit
     value.comment = tag.comment

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from contextlib import suppress
 from typing import Final, NamedTuple
 
 from dissect.tags.address import AddressError, TagAddress, block_number, fitted, language, parse_tag_address
@@ -157,28 +156,24 @@ def parse_scale(text: str) -> Scale:
     written = "".join(text.split())
     if not written:
         return Scale()
-    scale = None
-    with suppress(ValueError):
-        scale = _scale(written)
-    if scale is None or scale.factor == 0:
-        raise ValueError(
-            f"scale {text.strip()[:40]!r}: expected a factor (0.1), factor and shift (0.1-40), or 0..27648 = 0..100"
-        )
-    return scale
-
-
-def _scale(written: str) -> Scale | None:
-    """Return the scale, None where two ends of a range are the same. Raises ValueError for what is no number."""
     raw, equals, scaled = written.partition("=")
-    if equals:
-        low, high = _range(raw)
-        bottom, top = _range(scaled)
-        factor = (top - bottom) / (high - low) if high != low else 0.0
-        return Scale(factor, bottom - low * factor) if high != low else None
-    cut = max(written.rfind("+"), written.rfind("-"))
-    if cut > 0 and written[cut - 1] not in "eE":
-        return Scale(float(written[:cut]), float(written[cut:]))
-    return Scale(float(written))
+    try:
+        if equals:
+            low, high = _range(raw)
+            bottom, top = _range(scaled)
+            factor = (top - bottom) / (high - low)
+            return Scale(factor, bottom - low * factor)
+        cut = max(written.rfind("+"), written.rfind("-"))
+        if cut > 0 and written[cut - 1] not in "eE":
+            return Scale(float(written[:cut]), float(written[cut:]))
+        factor = float(written)
+        if factor:
+            return Scale(factor)
+    except (ValueError, ZeroDivisionError):
+        pass
+    raise ValueError(
+        f"scale {text.strip()[:40]!r}: expected a factor (0.1), factor and shift (0.1-40), or 0..27648 = 0..100"
+    )
 
 
 def _range(text: str) -> tuple[float, float]:

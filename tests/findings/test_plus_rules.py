@@ -235,6 +235,20 @@ def test_a_client_that_explores_for_its_subscription() -> None:
     assert said(talk) == []
 
 
+def test_a_client_that_subscribes_on_another_connection() -> None:
+    """TIA Portal explores on one connection while another has its subscriptions."""
+    talk = begun()
+    made = PlusObject(211, 1001, 0, 0, 0, [Attribute(1048, Value(0x20, UDINT, list(LIST)))])
+    do(talk, 1, CREATE_OBJECT, bodies.create_object(285, NOTHING, made, integrity_id=1), b"\0\1\x87\x07")
+    other = Talk(client_port=50001, beside=talk)
+    other.hello()
+    other.connect()
+    for number in range(1, 4):
+        explore(other, number)
+    other.close()
+    assert "security.reconnaissance" not in [slug for slug, _ in said(talk)]
+
+
 def test_writes_are_told_once_for_outputs_and_once_for_the_rest() -> None:
     talk = begun()
     output, flag = Address(0, 81, 3736, [3, 0, 1]), Address(0, 82, 3736, [3, 100, 2])
@@ -381,7 +395,7 @@ def test_a_pdu_with_too_many_values_is_told() -> None:
             },
         ),
         ("S7-1200-Uploading-OB1-TIAV12.pcap", {"security.program_change": 1}),
-        ("yeni_onlineyapilmis_upload.pcapng", {"security.program_read": 1, "security.reconnaissance": 1}),
+        ("yeni_onlineyapilmis_upload.pcapng", {"security.program_read": 1}),
         ("TEST.pcapng", {"security.write": 1, "security.write_outputs": 1}),
         ("plc.pcap", {"security.program_change": 4, "security.reconnaissance": 3}),
         ("S7-1511_db2_var1_HMI.pcap", {}),

@@ -149,6 +149,16 @@ def test_a_failure_says_as_much_as_can_be_read(project: Project) -> None:
     result.stdout.fnmatch_lines([f"  and {len(numbers) - 1 - 20} further differences"])
 
 
+def test_a_change_is_told_by_the_tags_of_the_project(project: Project) -> None:
+    (project.path / "tags.csv").write_text("address,type,name,unit\nDB1.DBB116,BYTE,Tank.Level,cm\n")
+    project.ini("s7_tags = tags.csv")
+    written(project)
+    project.change("DB1.DBB116 BYTE = 116", "DB1.DBB116 BYTE = 117")
+    result = project.run()
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["*READ Tank.Level (DB1.DBB116): was 117 cm, is 116 cm"])
+
+
 def test_a_second_golden_of_a_test_takes_a_name(project: Project) -> None:
     project.test(ONE + '    s7_golden.check("pump")\n')
     result = project.run("--s7-update", "new")

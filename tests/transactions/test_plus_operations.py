@@ -7,10 +7,12 @@ from pathlib import Path
 import pytest
 
 import dissect
+from dissect.s7plus.contents import Address
 from dissect.s7plus.objects import Attribute, PlusObject, build_object
-from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, SET_VARIABLE
-from dissect.s7plus.value_tables import BLOB, INT, STRUCT, UDINT, WSTRING
+from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, GET_MULTI_VARIABLES, SET_VARIABLE
+from dissect.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UDINT, WSTRING
 from dissect.s7plus.values import Blob, Struct, Value, build_value
+from dissect.transactions.plus_operations import MAX_POLLS
 from tests.findings.test_plus_rules import DENIED, NOTHING, begun, block, do, explore
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
@@ -121,6 +123,44 @@ def test_blocks() -> None:
     assert [one.error_code for one in talk.operations] == [0, 0xFF9C, 0, 0]
 
 
+def test_orders_to_stop_and_to_start() -> None:
+    talk = begun()
+    for number, (state, answer) in enumerate(((1, b"\0"), (3, DENIED), (2, b"\0")), 1):
+        do(talk, number, SET_VARIABLE, bodies.set_variable(52, [2167], Value(0, DINT, state)), answer)
+    assert [one[:3] for one in told_of(talk)] == [
+        ("control", "operating state request 1 STOP", "done"),
+        ("control", "operating state request 3 RUN", "refused"),
+        ("control", "operating state request 2 reset retentive", "done"),
+    ]
+
+
+def read(talk: Talk, number: int, *wanted: Address) -> None:
+    talk.ask(framed(asked(number, GET_MULTI_VARIABLES, body=bodies.get_multi(*wanted, integrity_id=number)), 3))
+    values = [(item, Value(0, INT, number)) for item in range(1, len(wanted) + 1)]
+    talk.tell(framed(told(number, GET_MULTI_VARIABLES, bodies.multi_got(values, [], 2 * number)), 3))
+
+
+def test_the_same_variables_read_three_times_are_polled() -> None:
+    """Others in between make no difference, nor does what was read twice only."""
+    talk = begun()
+    level, speed = Address(0, 82, 3736, [3, 100, 2]), Address(0, 82, 3736, [3, 102, 2])
+    for number, wanted in enumerate(((level, speed), (speed,), (level, speed), (level,), (level, speed), (speed,)), 1):
+        read(talk, number, *wanted)
+    frames = [int(one.request_frame) for one in talk.transactions]
+    assert told_of(talk) == [("polling", "MW100, MW102", "running", 3, 0)]
+    (operation,) = talk.operations
+    assert (operation.first_frame, operation.last_frame) == (frames[0], frames[4] + 1)
+
+
+def test_polls_that_are_remembered_are_bounded() -> None:
+    talk = begun()
+    for number in range(1, MAX_POLLS + 2):
+        read(talk, number, Address(0, 82, 3736, [3, number, 2]))
+    for number in range(MAX_POLLS + 2, MAX_POLLS + 4):
+        read(talk, number, Address(0, 82, 3736, [3, 1, 2]))  # the first was forgotten
+    assert told_of(talk) == []
+
+
 def test_a_password() -> None:
     talk = begun()
     do(talk, 1, SET_VARIABLE, bodies.set_variable(0x386, [304], Value(0, BLOB, Blob(0, b"x" * 20))))
@@ -130,9 +170,11 @@ def test_a_password() -> None:
 @pytest.mark.parametrize(
     ("name", "kinds"),
     [
-        ("S7-1200-Uploading-OB1-TIAV12.pcap", {"download": 1, "session": 1}),
-        ("yeni_onlineyapilmis_upload.pcapng", {"upload": 1, "session": 2, "cyclic": 5, "messages": 1}),
+        ("S7-1200-Uploading-OB1-TIAV12.pcap", {"download": 1, "session": 1, "polling": 1}),
+        ("yeni_onlineyapilmis_upload.pcapng", {"upload": 1, "session": 2, "cyclic": 5, "messages": 1, "polling": 5}),
         ("plc.pcap", {"download": 4, "session": 3}),
+        ("online_stop_yeni_yeni.pcapng", {"control": 1, "polling": 2}),
+        ("S7-1511_db2_var1_HMI.pcap", {"session": 1, "polling": 1}),
     ],
 )
 def test_shared_captures(corpus: Path, name: str, kinds: dict[str, int]) -> None:

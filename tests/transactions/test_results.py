@@ -7,7 +7,8 @@ import struct
 import pytest
 
 from dissect.findings.reporter import Finding
-from dissect.transactions.subscriptions import MAX_JOBS, UNCHANGED
+from dissect.transactions.results import UNCHANGED
+from dissect.transactions.subscriptions import MAX_JOBS
 from dissect.transactions.transaction import Transaction
 from tests.transactions.talk import Talk, ack_data, dbw, head, item, job, read, userdata, write
 
