@@ -148,20 +148,11 @@ HEADER: Final = Layout("block header", _SOURCE, header_fields(False))
 
 
 def parse_list(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut the answer to list blocks: how many there are of each type; types without blocks have no note."""
-    first: Part | None = None
-    some = False
+    """Cut the answer to list blocks: how many there are of each type."""
     while head.type == RESPONSE and cursor.left:
         part = cursor.take(BLOCK_COUNT)
-        if part is None:
-            continue
-        first = first or part
-        count = part.number("block_count")
-        if count:
-            part.note = f"{count} {part.text('block_type')}"
-            some = True
-    if first is not None and not some:
-        first.note = "no blocks"
+        if part is not None:
+            part.note = f"{part.number('block_count')} {part.text('block_type')}"
 
 
 def parse_list_of_type(cursor: Cursor, head: UserdataHead) -> None:
