@@ -10,7 +10,8 @@ import pytest
 
 from dissect.iso.upper import TLS
 from dissect.transactions.connection import Connection
-from tests.findings.plus_scenarios import MODERN, opened, read as read_plus, set_up
+from tests.findings.plus_scenarios import MODERN, opened, set_up
+from tests.findings.plus_scenarios import read as read_plus
 from tests.s7plus.pdus import INIT_SSL, asked, framed, notified, told
 from tests.tls import sealing
 from tests.tls.sealing import FINISHED, HANDSHAKE, Pair

@@ -1,7 +1,7 @@
 """Fuzz target ``tls``: what the two sides of a TLS session send, as records, handshake messages and certificates.
 
-The first octet chooses the key log: none, or one whose secrets belong to the suites of `tests.tls.sealing` and to the session of
-``captures/s7plus/s7commplus-tls.pcapng``. Pieces follow: the side, whether octets are missing before it, its length, its octets.
+The first octet chooses the key log: none, or one whose secrets belong to the suites of `tests.tls.sealing` and to the session
+of ``captures/s7plus/s7commplus-tls.pcapng``. Pieces follow: the side, whether octets are missing before it, its length, its octets.
 """
 
 from __future__ import annotations
@@ -128,6 +128,11 @@ def tls_seeds() -> list[bytes]:
         said += [(1, server.seal(b"three")), (0, client.seal(b"\1\0", ALERT))]
         cut = [(side, octets[at : at + 31]) for side, octets in said for at in range(0, len(octets), 31)]
         for kind in (0, number << 1 | _WITH_KEYS):
-            made += [written(said, kind), written(cut, kind), written(said[2:], kind), written(said[:3] + said[4:], kind)]
+            made += [
+                written(said, kind),
+                written(cut, kind),
+                written(said[2:], kind),
+                written(said[:3] + said[4:], kind),
+            ]
             made += [written(said, kind, lost) for lost in (1, 4, 5)]
     return made

@@ -28,6 +28,9 @@ NOTHING: Final = {
     "mms_one_sided_read_request": "MMS",
     "rdp-proprietary-encryption": "RDP",
     "s7commplus_1511_opc_all_types": "S7comm-plus",
+    "plus-plant": "S7comm-plus",
+    "s7commplus": "S7comm-plus",
+    "s7commplus-tls": "S7comm-plus in TLS",
 }
 #: Connections that break off here, by number: what the client sends there no server can go on with.
 BROKEN: Final = {
@@ -160,5 +163,5 @@ def test_a_capture_of_nothing_but_s7comm_plus_is_refused_in_a_sentence(name: str
 
 
 def test_where_nothing_is_s7comm_plus_it_is_not_named() -> None:
-    with pytest.raises(ServerError, match="so there is nothing to serve$"):
+    with pytest.raises(ServerError, match=r"so there is nothing to serve$"):
         load_recording(FOLDER / "refused-port.pcapng")
