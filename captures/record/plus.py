@@ -64,7 +64,7 @@ def serve(server: Any, port: int, folder: Path, tls: bool) -> None:
     pem = folder / "pem"
     write_certificate(pem)
     server.start(host=LOOPBACK, port=port, use_tls=True, tls_cert=str(pem), tls_key=str(pem))
-    server._ssl_context.keylog_filename = str(folder / "keys")
+    server._ssl_context.keylog_filename = str(folder / "keys")  # noqa: SLF001 - there is no other way in
 
 
 def talk(port: int, tls: bool) -> None:

@@ -54,7 +54,11 @@ class PlusSessions:
                 del self._given[next(iter(self._given))]
             self._given[str(connection.server.host), number] = int(connection.number)
         identity = session.identity
-        if not _in_tls(session, connection) and _offers_tls(identity) and connection.traits.first("security.clear_text"):
+        if (
+            not _in_tls(session, connection)
+            and _offers_tls(identity)
+            and connection.traits.first("security.clear_text")
+        ):
             text = f"no TLS, though {identity.order_number} {identity.firmware} offers it"
             self._security.tell("security.clear_text", transaction, text)
 

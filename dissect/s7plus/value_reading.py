@@ -62,7 +62,8 @@ def _read_content(walk: Walk, flags: int, type_: int) -> object:
                 return pairs
             pairs.append((key, walk.number(VLQ, "variant") if type_ == VARIANT else _read_one(walk, type_)))
     if flags & (ARRAY | ADDRESS_ARRAY):
-        count = walk.counted(VLQ, "count")
+        # Elements of Null have no octets: the budget alone bounds how many there are.
+        count = walk.number(VLQ, "count") if type_ == NULL else walk.counted(VLQ, "count")
         walk.spend(count, "count")
         return [_read_one(walk, type_) for _ in range(count)]
     return _read_one(walk, type_)

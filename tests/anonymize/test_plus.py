@@ -18,7 +18,7 @@ from dissect.anonymize.plus_contents import PROCESS, PlusContents
 from dissect.s7plus.assembly import MAX_PDU
 from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.s7plus.objects import Attribute, PlusObject, every_object
+from dissect.s7plus.objects import Attribute, PlusObject, build_object, every_object
 from dissect.s7plus.tables import CREATE_OBJECT, EXPLORE, GET_MULTI_VARIABLES, SET_MULTI_VARIABLES, SET_VARIABLE
 from dissect.s7plus.value_reading import read_value
 from dissect.s7plus.value_tables import (
@@ -212,7 +212,7 @@ def plant() -> Talk:
 
 
 def build(one: PlusObject) -> bytes:
-    return bodies.build_object(one)
+    return build_object(one)
 
 
 def test_a_conversation_keeps_its_meaning(tmp_path: Path) -> None:

@@ -1,7 +1,8 @@
 """Fuzz target ``tls``: what the two sides of a TLS session send, as records, handshake messages and certificates.
 
 The first octet chooses the key log: none, or one whose secrets belong to the suites of `tests.tls.sealing` and to the session
-of ``captures/s7plus/s7commplus-tls.pcapng``. Pieces follow: the side, whether octets are missing before it, its length, its octets.
+of ``captures/s7plus/s7commplus-tls.pcapng``. Pieces follow: the side, whether octets are missing before it, its length, its
+octets.
 """
 
 from __future__ import annotations

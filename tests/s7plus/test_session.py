@@ -122,7 +122,6 @@ def subscribed(one: PlusSession, id_: int, numbers: list[int]) -> None:
 def test_subscriptions() -> None:
     one = session()
     subscribed(one, 0x70400001, LIST)
-    assert one.subscribed
     assert one.address_of(0x70400001, 0xFFFFFFFF) == Address(0xA1D977B6, 82, 3736, [10])
     assert one.address_of(0x70400001, 1) is None
     assert one.address_of(0x70400002, 0xFFFFFFFF) is None

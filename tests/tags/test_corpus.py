@@ -72,7 +72,7 @@ def test_a_source_agrees_with_the_address_table_in_its_comment(tags: Path) -> No
     seen = {1: 0, 2: 0}
     for tag in found.tags:
         place, type_ = table[tag.name.rpartition(".")[2]]
-        assert (tag.start // 8 + (tag.start % 8) / 10, tag.type) == (place, type_), tag.name
+        assert (int(tag.start) // 8 + int(tag.start) % 8 / 10, tag.type) == (place, type_), tag.name
         seen[int(tag.db)] += 1
     assert seen == {1: 22, 2: 22}
 

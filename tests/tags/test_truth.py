@@ -83,10 +83,10 @@ def series(octets: bytearray) -> dict[str, object]:
     day = date(1990, 1, 1) + timedelta(days=_ROLL.randrange(60000))
     put("shift", util.set_date, 32, day, f"D#{day.isoformat()}")
     curve = [_ROLL.randrange(-32768, 32768) for _ in range(4)]
-    for number, value in enumerate(curve):
-        util.set_int(octets, 34 + 2 * number, value)
+    for number, step in enumerate(curve):
+        util.set_int(octets, 34 + 2 * number, step)
     said["Press.curve"] = curve
-    ready = _ROLL.random() < 0.5
+    ready: bool = _ROLL.random() < 0.5
     util.set_bool(octets, 42, 0, ready)
     said["Press.ready"] = ready
     put("energy", util.set_lreal, 44, _ROLL.uniform(-1e9, 1e9))
@@ -113,7 +113,9 @@ def test_the_values_by_tags_are_those_that_the_peer_wrote_and_read(tmp_path: Pat
         taken(session, lambda events: any([event.kind == CLOSED for event in events]))
     tags = load_tags([source], numbers={"Press": 1})
     assert tags.sizes == {1: 56}
-    writes, whole, parts = [], [], []
+    writes: list[list[NamedValue]] = []
+    whole: list[list[NamedValue]] = []
+    parts: list[list[NamedValue]] = []
     for event in dissect.open(path, tags=tags, pdus=False):
         if isinstance(event, Transaction) and event.function in {READ_VAR, WRITE_VAR}:
             values = [value for _, value in named_values(event)]
