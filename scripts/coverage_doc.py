@@ -252,7 +252,7 @@ def expected() -> dict[str, list[str]]:
         for group, table in tables.USERDATA_SUBFUNCTIONS.items()
         for row in table
         for kind, name in KINDS.items()
-        if name in row.text.partition(";")[0].lower().split("/")
+        if name in row.text.partition(";")[0].lower().rstrip(".").split("/")
     ]
     return {
         TPDUS: [row.name for row in iso.TPDU_TYPES],

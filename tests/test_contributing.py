@@ -163,9 +163,9 @@ def test_to_add_a_finding(tree: Tree) -> None:
 
 # ---- a userdata subfunction -----------------------------------------------------------------------------------------
 
-LAST_CLOCK: Final = """            (0x04, "set clock (second form)", "Request/response; write."),
+LAST_CLOCK: Final = """            (0x04, "set clock (second form)", "Request/response.", CLOCK),
 """
-QUALITY_NAME: Final = """            (0x05, "read clock quality", "Request/response; read."),
+QUALITY_NAME: Final = """            (0x05, "read clock quality", "Request/response.", READ),
 """
 QUALITY_LAYOUT: Final = """
 #: How good the clock is.
@@ -185,9 +185,9 @@ def parse_quality(cursor: Cursor, head: UserdataHead) -> None:
 
 
 def parse_clock("""
-QUALITY_ROW: Final = """    (7, clock.READ_QUALITY): clock.parse_quality,
+QUALITY_ROW: Final = """    (GROUP_TIME, READ_QUALITY): clock.parse_quality,
 """
-SET_CLOCK_ROW: Final = """    (7, clock.SET_CLOCK_SECOND): clock.parse_clock,
+SET_CLOCK_ROW: Final = """    (GROUP_TIME, SET_CLOCK_SECOND): clock.parse_clock,
 """
 QUALITY_PDUS: Final = """    (ASKED, 5, ""), (TOLD, 5, "01"),
 """
@@ -218,9 +218,9 @@ print(json.dumps([[event.outcome_name, event.response.body.notes] for event in f
 
 def test_to_add_a_userdata_subfunction(tree: Tree) -> None:
     tree.replace("dissect/s7/tables.py", LAST_CLOCK, LAST_CLOCK + QUALITY_NAME)
-    tree.replace(
-        "dissect/s7/clock.py", "SET_CLOCK_SECOND: Final = 4\n", "SET_CLOCK_SECOND: Final = 4\nREAD_QUALITY: Final = 5\n"
-    )
+    number = "SET_CLOCK_SECOND: Final = 4\n"
+    tree.replace("dissect/s7/tables.py", number, number + "READ_QUALITY: Final = 5\n")
+    tree.replace("dissect/s7/bodies.py", "    SET_CLOCK_SECOND,\n", "    READ_QUALITY,\n    SET_CLOCK_SECOND,\n")
     tree.replace("dissect/s7/clock.py", "\n\ndef parse_clock(", QUALITY_LAYOUT)
     tree.replace("dissect/s7/bodies.py", SET_CLOCK_ROW, SET_CLOCK_ROW + QUALITY_ROW)
     tree.replace("captures/craft/coverage_userdata.py", SET_CLOCK_PDUS, SET_CLOCK_PDUS + QUALITY_PDUS)

@@ -44,6 +44,10 @@ interfaces -T json
 replay TRANSFER --dry-run
 schema
 schema analysis
+fields
+tags check TAGS
+tags list TAGS -T json
+tags convert TAGS -o -
 scd dump PLANT
 scd check PLANT
 scd compile PLANT -o -
@@ -73,7 +77,7 @@ scd diff MISSING PLANT -T json
 scd dump MISSING
 scd decode -d MISSING --pdo T1 00
 """
-FILES: Final = {"TRANSFER": TRANSFER, "SZL": SZL, "PLANT": PLANT}
+FILES: Final = {"TAGS": str(ROOT / "captures" / "tags" / "valve.csv"), "TRANSFER": TRANSFER, "SZL": SZL, "PLANT": PLANT}
 
 
 def calls(text: str) -> list[list[str]]:

@@ -76,6 +76,15 @@ CASES: Final = """
 3 scd decode -d PLANT --message DC02
 0 scd encode -d PLANT --value 0x6001 raw:5
 2 scd encode -d PLANT --value 0x6001 x
+0 tags check TAGS
+1 tags check WRONGTAGS
+2 tags check MISSING
+0 tags list TAGS
+2 tags list WRONGTAGS
+0 tags convert TAGS -o OUT
+2 tags convert WRONGTAGS -o OUT
+0 fields
+2 fields nonsense
 0 schema
 2 schema nothing
 """
@@ -138,7 +147,10 @@ def files(tmp_path_factory: pytest.TempPathFactory, nursery: Nursery) -> dict[st
     renamed.write_text(text.replace(first[0], 'name = "another"', 1), encoding="utf-8")
     number = re.search(r"^index = 0x6001$", text, re.MULTILINE)
     broken.write_text(text.replace("0x6001", "0x0001") if number is None else text.replace(number[0], "index = 1"))
+    wrong_tags = folder / "wrong.csv"
+    wrong_tags.write_text("address,type,name\nDB1.DBW0,REAL,Tank.Level\n", encoding="utf-8")
     return {
+        "TAGS": ROOT / "captures" / "tags" / "valve.csv", "WRONGTAGS": wrong_tags,
         "GOOD": good, "CUT": cut, "OTHER": other, "MISSING": folder / "missing.pcapng", "LEARNED": learned,
         "PLANT": plant, "BROKEN": broken, "RENAMED": renamed,
     }  # fmt: skip
