@@ -128,7 +128,7 @@ def listed(text: str) -> list[list[str]]:
 
 
 def name_of(call: list[str]) -> str:
-    return " ".join(call[:2]) if call[0] == "scd" else call[0]
+    return " ".join(call[:2]) if call[0] in {"scd", "tags"} else call[0]
 
 
 @pytest.fixture(scope="module")
