@@ -151,7 +151,7 @@ def until_listening(folder: Path, line: str) -> None:
 
 
 def test_every_command_has_two_examples_that_fit_a_terminal() -> None:
-    every = {**commands(), "scd": None}
+    every = {**commands(), "scd": None, "tags": None}
     assert set(EXAMPLES) == set(every)
     for command, lines in EXAMPLES.items():
         assert len(lines) >= 2, command
