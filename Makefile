@@ -32,6 +32,9 @@ export VENV
 # what it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
+# The files with tests of time or memory: to collect all others for them takes longer than most of them.
+MEASURED = $(shell grep -rl --include='*.py' '^@pytest.mark.measured' tests)
+
 .PHONY: demo test wheels container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz properties record clean
 .NOTPARALLEL:
 
@@ -68,7 +71,7 @@ test-installed:
 	export S7DISSECT_EXPECT=$$build S7DISSECT_WHEEL="$$(echo $(abspath $(VENV))/s7dissect-wheel/*.whl)"; \
 	set -ex; \
 	$(PYTEST) $(WORKERS) -m "not measured"; \
-	$(PYTEST) -m measured || [ $$? -eq 5 ]
+	$(PYTEST) -m measured $(MEASURED) || [ $$? -eq 5 ]
 
 # The property tests try hard on the wheel; fewer examples show here that the source reads alike without the compiler.
 test-interpreted:
