@@ -20,7 +20,7 @@ _OBJECT: Final = 18
 _NO_SESSION: Final = 288
 #: Sessions that are remembered; the one that was given first leaves.
 MAX_GIVEN: Final = 4096
-#: By the beginning of its order number: the firmware from which on a CPU offers TLS (Siemens, STEP 7 V17).
+#: By the beginning of its order number: the first firmware with secure PG/HMI communication (TIA Portal V17).
 _TLS_SINCE: Final[dict[str, tuple[int, int]]] = {"6ES7 21": (4, 5), "6ES7 51": (2, 9)}
 _ERROR: Final = 0x8000
 
@@ -43,7 +43,7 @@ class PlusSessions:
         number = int(u32(octets, at))
         if number > _NO_SESSION and number not in session.given:
             self._judge_owner(number, transaction)
-        if session.challenged and not session.authenticated and not session.tls:
+        if session.challenged and not session.authenticated and not _in_tls(session, transaction.connection):
             self._judge_authentication(number, transaction)
 
     def opened(self, session: PlusSession, number: int, transaction: Transaction) -> None:
@@ -54,7 +54,11 @@ class PlusSessions:
                 del self._given[next(iter(self._given))]
             self._given[str(connection.server.host), number] = int(connection.number)
         identity = session.identity
-        if not session.tls and _offers_tls(identity) and connection.traits.first("security.clear_text"):
+        if (
+            not _in_tls(session, connection)
+            and _offers_tls(identity)
+            and connection.traits.first("security.clear_text")
+        ):
             text = f"no TLS, though {identity.order_number} {identity.firmware} offers it"
             self._security.tell("security.clear_text", transaction, text)
 
@@ -79,6 +83,11 @@ class PlusSessions:
             return
         if transaction.connection.traits.first("security.unauthenticated"):
             self._security.tell("security.unauthenticated", transaction, transaction.function_name)
+
+
+def _in_tls(session: PlusSession, connection: Connection) -> bool:
+    """Tell whether the client asked for TLS, or TLS was seen: InitSSL may be missing from the capture."""
+    return session.tls or connection.tls is not None
 
 
 def _offers_tls(identity: Identity) -> bool:

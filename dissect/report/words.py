@@ -18,7 +18,7 @@ from dissect.iso.upper import EMPTY, S7COMM, S7COMM_PLUS, UPPER_NAMES, classify
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
 from dissect.s7.tables import BYTE, RETURN_CODES
-from dissect.s7.values import Value
+from dissect.s7.values import Value, spelled
 from dissect.source.packet import SourceFile
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
@@ -127,8 +127,6 @@ _SHOWN_TEXT: Final = 32
 _SHOWN_OCTETS: Final = 16
 #: Tags of one item that a line names.
 _SHOWN_TAGS: Final = 16
-#: Fewer characters than these may be a chance.
-_LEAST_TEXT: Final = 4
 #: Items or notes that a summary names, and characters of a note.
 _NAMED: Final = 3
 NOTE: Final = 100
@@ -199,25 +197,16 @@ def value(shown: Value) -> str:
 
 def octets(data: bytes) -> str:
     """Return octets as hexadecimal on one line, cut after 16 with a note of how many there are, and the text in them if any."""
-    text = spelled(data)
+    text = _text_in(data)
     said = f" '{text}'" if text else ""
     if len(data) <= _SHOWN_OCTETS:
         return (data.hex(" ") or "(empty)") + said
     return f"{data[:_SHOWN_OCTETS].hex(' ')} … {len(data)} bytes{said}"
 
 
-def spelled(data: bytes) -> str:
-    """Return the text that octets spell, empty where they do not: ASCII that can be printed, NULs or blanks behind it.
-
-    An S7 STRING begins with its greatest and its present length.
-    """
-    if len(data) >= _LEAST_TEXT + 2 and data[1] <= data[0] and _LEAST_TEXT <= data[1] <= len(data) - 2:
-        content = data[2 : 2 + data[1]]
-    else:
-        content = data.rstrip(b"\0 ")
-    if len(content) < _LEAST_TEXT or not all([0x20 <= octet < 0x7F for octet in content]):
-        return ""
-    text = content.decode("ascii")
+def _text_in(data: bytes) -> str:
+    """Return the text that octets spell, cut to a line."""
+    text = spelled(data)
     return printable(text if len(text) <= _SHOWN_TEXT else f"{text[:_SHOWN_TEXT]}…")
 
 

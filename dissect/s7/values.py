@@ -32,6 +32,8 @@ _FIRST_DIGITS: Final = bytes(
     ]
 )
 _MS_PER_DAY: Final = 86_400_000
+#: Fewer characters than these may be a chance.
+LEAST_TEXT: Final = 4
 _S5_BASE_MS: Final = (10, 100, 1000, 10000)
 
 
@@ -91,6 +93,25 @@ def _element(transport_size: i64, octets: bytes) -> bool | int | float | str | N
     if transport_size == 0x0B:
         return duration(number)
     return date_and_time(octets)
+
+
+def spelled(octets: bytes) -> str:
+    """Return the text that octets spell, empty where they do not: ASCII that can be printed, NULs or blanks behind it.
+
+    An S7 STRING begins with its greatest and its present length.
+    """
+    size: i64 = len(octets)
+    if size < LEAST_TEXT:
+        return ""
+    present: i64 = octets[1]
+    said: bool = present <= octets[0] and LEAST_TEXT <= present <= size - 2
+    content = octets[2 : 2 + present] if said else octets.rstrip(b"\0 ")
+    if len(content) < LEAST_TEXT:
+        return ""
+    for octet in content:
+        if octet < 0x20 or octet >= 0x7F:
+            return ""
+    return content.decode("ascii")
 
 
 def real(octets: bytes) -> float:

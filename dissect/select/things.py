@@ -12,7 +12,10 @@ from typing import Final
 
 from dissect.findings.reporter import Finding
 from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7plus.hiding import shown_half
+from dissect.s7plus.items import join_items
 from dissect.s7plus.message import PlusPdu, parse_plus
+from dissect.s7plus.tables import REQUEST
 from dissect.select.items import ItemFacts, ItemReader
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
@@ -119,11 +122,18 @@ class Message:
         return parse_plus(self.octets, self.frame, self.time_ns, int(self.connection.number), self.side, self.cut)
 
     def items(self, reader: ItemReader) -> list[ItemFacts]:
-        """Return the items that a request of S7comm names, and the values of SCD."""
+        """Return the items that a request names or a notification of S7comm-plus brings, and the values of SCD."""
         if self.scd is not None:
             from dissect.select.items import scd_facts
 
             return [scd_facts(row) for row in self.scd.values]
+        plus = self.plus
+        if plus is not None:
+            from dissect.select.items import plus_facts
+
+            half = shown_half(plus)
+            asked, told = (half, None) if plus.opcode == REQUEST else (None, half)
+            return [plus_facts(item) for item in join_items(asked, told, self.connection.plus)]
         pdu = self.pdu
         return reader.requested(pdu.parameters.items, self.connection.naming) if pdu is not None else []
 

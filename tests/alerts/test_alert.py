@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 
+import pytest
+
 from tests.alerts.rules_of import alert
 from tests.report.support import UNSAFE
 
@@ -17,6 +19,16 @@ def test_a_line_is_one_line() -> None:
         "2024-03-04 05:06:08.500000 UTC  ALERT warning  rule: TSAP \\x1b[2J\\u202egnp\\x0anext \\x7f \\xff é, repeated 1 time"
     )
     assert UNSAFE.search(one.line()) is None
+
+
+@pytest.mark.parametrize("severity", ["error", "warning", "note"])
+def test_what_a_webhook_and_a_program_get_names_the_severity_twice(severity: str) -> None:
+    """Beside the key there is the whole alert in one text, for receivers that show one and no more."""
+    told = json.loads(alert(severity=severity).as_json())
+    assert told["severity"] == severity
+    assert told["line"] == alert(severity=severity).line()
+    assert f" UTC  ALERT {severity}  " in told["line"]
+    assert told["text"] in told["line"]
 
 
 def test_long_texts_are_cut() -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from dissect.alerts.loading import RuleError, load_rules
 from tests.cli.support import halves, run, simple
 from tests.report.support import OWN, ROOT
 
@@ -119,6 +120,22 @@ def test_rules_are_tried(capfdbinary: Capture, tmp_path: Path) -> None:
     assert "  ALERT error  stopped: " in told.out
     assert not target.exists()  # nothing is done
     assert run(capfdbinary, "baseline", POLL, "--rules", rules) == (0, "", "")
+
+
+def test_rules_are_tried_where_their_program_and_socket_are_not(capfdbinary: Capture, tmp_path: Path) -> None:
+    """Nothing is sent, so a rules file of another machine is tried on this one."""
+    rules = tmp_path / "alerts.toml"
+    rules.write_text(
+        f'[[action]]\nname = "log"\nsyslog = "{tmp_path}/log"\n'
+        f'[[action]]\nname = "page"\ncommand = ["{tmp_path}/page", "{{severity}}"]\n'
+        '[[rule]]\nname = "stopped"\nwhen = "finding"\nfinding = "security.plc_stop"\nactions = ["log", "page"]\n'
+    )
+    told = run(capfdbinary, "baseline", CONTROL, "--rules", rules)
+    assert (told.code, "  ALERT error  stopped: " in told.out, told.err) == (1, True, "")
+    for gone in ("log", "page"):  # to watch a line with them is another matter
+        with pytest.raises(RuleError, match=f"{tmp_path}/{gone}"):
+            load_rules(rules)
+        (tmp_path / gone).touch(0o755)
 
 
 @pytest.mark.parametrize(

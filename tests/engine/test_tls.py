@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import ssl
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
 from dissect.iso.upper import TLS
 from dissect.transactions.connection import Connection
+from tests.findings.plus_scenarios import MODERN, opened, set_up
+from tests.findings.plus_scenarios import read as read_plus
 from tests.s7plus.pdus import INIT_SSL, asked, framed, notified, told
 from tests.tls import sealing
 from tests.tls.sealing import FINISHED, HANDSHAKE, Pair
@@ -294,3 +297,62 @@ def test_what_the_handshake_costs_is_bounded() -> None:
         assert side.peer is not None
         assert talk.pipeline.iso.held(side) + talk.pipeline.iso.held(side.peer) < 400_000
     talk.close()
+
+
+class Said:
+    """Takes what scenarios of findings say, as records for a session: (side, octets)."""
+
+    def __init__(self) -> None:
+        self.flights: list[tuple[int, bytes]] = []
+
+    def ask(self, octets: bytes) -> None:
+        self.flights.append((0, octets))
+
+    def tell(self, octets: bytes) -> None:
+        self.flights.append((1, octets))
+
+
+@pytest.mark.parametrize("key", [False, True])
+def test_findings_of_sessions_are_right_inside_tls(key: bool) -> None:
+    """No clear text where there is TLS; the challenge that is left unanswered is the way without TLS."""
+    said: Any = Said()
+    opened(said, version=MODERN)
+    set_up(said, key=key)
+    read_plus(said, 3)
+    found = wire(said.flights)
+    talk = Talk()
+    talk.unlock(found.key_log)
+    spoken(begun(talk), found)
+    talk.close()
+    assert [function for _, function in facts(talk)] == [
+        "S7comm-plus CreateObject", "S7comm-plus SetMultiVariables", "S7comm-plus GetMultiVariables",
+    ]  # fmt: skip
+    assert not {"security.clear_text", "security.unauthenticated", "session.tls_closed"} & set(talk.slugs())
+
+
+def test_the_same_without_tls_is_clear_text_and_unauthenticated() -> None:
+    talk = Talk()
+    talk.hello()
+    talk.connect()
+    opened(talk, version=MODERN)
+    set_up(talk, key=False)
+    read_plus(talk, 3)
+    talk.close()
+    assert {"security.clear_text", "security.unauthenticated"} <= set(talk.slugs())
+
+
+def test_tls_without_init_ssl_is_no_clear_text_either() -> None:
+    """TLS may begin behind the connection's confirmation at once; what is inside is encrypted all the same."""
+    said: Any = Said()
+    opened(said, version=MODERN)
+    set_up(said, key=False)
+    read_plus(said, 3)
+    found = wire(said.flights)
+    talk = Talk()
+    talk.unlock(found.key_log)
+    talk.hello()
+    talk.connect()
+    spoken(talk, found)
+    talk.close()
+    assert len(talk.transactions) == 3
+    assert not {"security.clear_text", "security.unauthenticated"} & set(talk.slugs())

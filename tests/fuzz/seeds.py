@@ -16,6 +16,7 @@ from dissect.transactions.table import Side
 from tests.fuzz import files, frames, inputs, pdus, scripts, streams
 from tests.fuzz.containers import Packets
 from tests.fuzz.plus_seeds import plus_seeds
+from tests.fuzz.tls import tls_seeds
 from tests.golden.support import WRITTEN
 from tests.properties.captures import ROOT, SHARED, Memory
 from tests.properties.packets import Packet
@@ -131,6 +132,9 @@ class Seeds:
 
     def plus(self) -> list[bytes]:
         return plus_seeds([octets for parts in self._parts for octets in parts.pdus])
+
+    def tls(self) -> list[bytes]:
+        return tls_seeds()
 
     def files(self) -> list[bytes]:
         made = []

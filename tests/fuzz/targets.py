@@ -14,6 +14,7 @@ from tests.fuzz.plus import plus
 from tests.fuzz.seeds import Seeds
 from tests.fuzz.segments import segments
 from tests.fuzz.streams import streams
+from tests.fuzz.tls import tls
 
 #: A target, how it is seeded, and the longest input a fuzzer makes.
 TargetRow = tuple[Callable[[bytes], None], Callable[[Seeds], list[bytes]], int]
@@ -25,6 +26,7 @@ TARGETS: Final[dict[str, TargetRow]] = {
     "streams": (streams, Seeds.streams, 4096),
     "pdus": (pdus, Seeds.pdus, 2048),
     "plus": (plus, Seeds.plus, 4096),
+    "tls": (tls, Seeds.tls, 12288),
     "files": (files, Seeds.files, 12288),
     "inputs": (inputs, Seeds.inputs, 8192),
 }

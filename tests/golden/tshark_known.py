@@ -127,6 +127,7 @@ ROWS: Final = [
     Row("crafted/netlink", "connection 1, 1-5", {}, "no-dissector-ibh"),
     Row("crafted/plus-plant", "1-24", {}, "no-dissector-plus"),
     Row("s7plus/s7commplus", "connection 1, 1-13", {}, "no-dissector-plus"),
+    Row("s7plus/s7commplus-tls", "connection 1, 1-13", {}, "no-dissector-plus"),
     Row(
         "crafted/netlink-faults", "connection 1, connection 2, connection 3, connection 4, 1-10", {}, "no-dissector-ibh"
     ),

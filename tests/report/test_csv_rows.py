@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-import json
+
+import pytest
 
 from dissect.report.words import Places
 from dissect.report.writer import TransactionFeed
@@ -79,8 +80,24 @@ def test_a_long_value_is_whole() -> None:
     talk = begun().send(0, dt(messages.read_job(1, [many]))).send(1, dt(messages.read_answer(1, [many], [octets])))
     (told,) = rows(transactions(talk.packets())[1])
     assert told["octets"] == octets.hex()
-    assert json.loads(told["value"]) == list(octets)
+    assert (told["value"], told["value_text"]) == (octets.hex(" "), "")
     assert "…" not in "".join(told.values())
+
+
+@pytest.mark.parametrize(
+    ("octets", "text"),
+    [
+        (b"Pump\x00\x00", "Pump"),
+        (b"\x0a\x05Valve\x00", "Valve"),  # an S7 STRING
+        (b"=SUM(A1)", "'=SUM(A1)"),  # no formula for a spreadsheet
+        (b"\x14\x15", ""),
+    ],
+)
+def test_an_array_of_bytes_is_hexadecimal_with_the_text_that_it_spells(octets: bytes, text: str) -> None:
+    item = Item(0x02, len(octets), 1, 0x84, 0)
+    talk = begun().send(0, dt(messages.read_job(1, [item]))).send(1, dt(messages.read_answer(1, [item], [octets])))
+    (told,) = rows(transactions(talk.packets())[1])
+    assert (told["value"], told["value_text"], told["octets"]) == (octets.hex(" "), text, octets.hex())
 
 
 def test_a_transaction_without_items_says_what_it_is_about() -> None:

@@ -164,6 +164,28 @@ def test_a_whole_line() -> None:
     }
 
 
+@pytest.mark.parametrize(
+    ("octets", "text"),
+    [
+        (b"Pump\x00\x00", "Pump"),
+        (b"\x0a\x05Valve\x00", "Valve"),  # an S7 STRING
+        (b'"\\' * 40, '"\\' * 40),  # whole, and escaped
+        (b"Pump\x7f", None),
+        (b"abc", None),  # too short to mean anything
+        (b"\x14\x15", None),
+    ],
+)
+def test_an_array_of_bytes_has_the_text_that_it_spells(octets: bytes, text: str | None) -> None:
+    item = Item(0x02, len(octets), 1, 0x84, 0)
+    talk = read(begun(), 1, item, octets).send(0, dt(messages.write_job(2, [item], [octets])))
+    told = both(talk)
+    (read_item,) = told.lines[1]["items"]
+    assert (read_item["data"], read_item["value"]) == (octets.hex(), list(octets))
+    assert read_item.get("text") == text
+    (written,) = told.pdus[-1]["data_items"]
+    assert (written["value"], written.get("text")) == (list(octets), text)
+
+
 def test_keys_stand_in_one_order() -> None:
     keys = [list(line) for line in both(read(read(begun(), 1), 2, WORD, 0x0A)).lines[1:]]
     assert keys[0] == keys[1]

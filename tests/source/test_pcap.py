@@ -65,6 +65,16 @@ def test_every_packet_in_pieces_of_any_size(sample: Pcap, piece: int) -> None:
 
 
 @each_sample
+def test_headers_are_read_alike_by_either_way(sample: Pcap, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiled, numbers are read octet by octet; interpreted, by struct. Where this is compiled both are the same way."""
+    told: list[list[Frame]] = []
+    for compiled in (True, False):
+        monkeypatch.setattr("dissect.source.pcap.COMPILED", compiled)
+        told.append(drain(reader_of(sample.octets, 61)).frames)
+    assert told == [sample.frames, sample.frames]
+
+
+@each_sample
 @pytest.mark.parametrize("piece", [1 << 20, 1])
 def test_cut_anywhere_gives_the_whole_records_and_tells(sample: Pcap, piece: int) -> None:
     for size in range(4, len(sample.octets)):

@@ -294,3 +294,15 @@ def full(monkeypatch):
 def test_the_option_is_in_the_help(project: Project) -> None:
     result = project.run("--help")
     result.stdout.fnmatch_lines(["*--s7-update={none,new,all}*", "*s7_captures*", "*s7_goldens*"])
+
+
+def test_s7comm_plus_is_kept_and_compared(project: Project) -> None:
+    project.add_capture("s7plus/s7commplus", "plus")
+    project.test("def test_plus(s7_golden):\n    s7_golden.check('plus')\n", "tests/test_plus.py")
+    project.run("--s7-update", "new").assert_outcomes(passed=1)
+    project.run().assert_outcomes(passed=1)
+    golden = project.golden("test_plus/test_plus")
+    text = golden.read_text()
+    assert "41 ac 00 00" in text
+    golden.write_text(text.replace("41 ac 00 00", "41 ad 00 00"))
+    project.run().assert_outcomes(failed=1)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dissect.wire.text import cell, encodable, printable, shortened
+from dissect.wire.text import cell, encodable, printable, shortened, titled
 
 ANY = st.text(st.characters())  # surrogates included
 
@@ -98,3 +98,17 @@ def test_a_cell_is_safe_in_any_row(text: str) -> None:
     for piece in safe.split(";"):
         first = piece.lstrip()[:1]
         assert first not in {"=", "@", "\uff1d", "\uff20"}
+
+
+@pytest.mark.parametrize(
+    ("name", "about", "text"),
+    [
+        ("CPU functions: read SZL", "SZL 0x0011 module identification", "CPU functions: read SZL 0x0011 module identification"),
+        ("read SZL", "SZLs", "read SZL SZLs"),  # only a whole word is the same
+        ("Read Var", "DB1.DBW0", "Read Var DB1.DBW0"),
+        ("Read Var", "", "Read Var"),
+        ("", "SZL 0x0011", "SZL 0x0011"),
+    ],
+)  # fmt: skip
+def test_a_word_that_ends_the_name_and_begins_what_it_is_about_stands_once(name: str, about: str, text: str) -> None:
+    assert titled(name, about) == text

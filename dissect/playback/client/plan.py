@@ -14,6 +14,7 @@ from dissect.iso.tables import CR, DR_REASONS
 from dissect.playback.client.download import Download, find_downloads
 from dissect.playback.client.permissions import Permissions
 from dissect.playback.client.recorded import ReplayError
+from dissect.playback.protocols import plus_hint
 from dissect.s7.build import build_setup
 from dissect.s7.parameters import Setup
 from dissect.s7.tables import JOB, SETUP_COMMUNICATION
@@ -209,7 +210,9 @@ def make_plan(
     links = [link for link in session.as_begun if not numbers or link.number in numbers]
     parts = [Part(link, called) for link in links]
     if not any([_playable(part) for part in parts]):
-        raise ReplayError(f"{session.name}: no connection in it speaks S7comm over TCP, so there is nothing to replay")
+        raise ReplayError(
+            f"{session.name}: no connection in it speaks S7comm over TCP, so there is nothing to replay{plus_hint(session)}"
+        )
     for part in playable(parts):
         part.connect_request(0)  # what cannot be asked for is told before anything is sent
     return parts

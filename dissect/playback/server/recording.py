@@ -10,6 +10,7 @@ from dissect.golden.model import GoldenError, Link, Session, Transaction
 from dissect.golden.reading import read_session
 from dissect.iso.cotp import parse_tpdu
 from dissect.iso.tables import CC
+from dissect.playback.protocols import plus_hint
 from dissect.playback.server.answers import farewell
 from dissect.playback.server.arranging import Seen, arrange
 from dissect.playback.server.model import ENDS, Recording, Script
@@ -50,7 +51,9 @@ def recording_of(session: Session) -> Recording:
     for text in session.damage:
         recording.note(text)
     if not recording.scripts:
-        raise ServerError(f"{session.name}: no connection in it speaks S7comm over TCP, so there is nothing to serve")
+        raise ServerError(
+            f"{session.name}: no connection in it speaks S7comm over TCP, so there is nothing to serve{plus_hint(session)}"
+        )
     return recording
 
 

@@ -14,7 +14,7 @@ from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.report.writers.jsonl import SMALL
 from dissect.s7.tables import BYTE, RETURN_CODES, USERDATA
-from dissect.s7.values import Value
+from dissect.s7.values import Value, spelled
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import NamedValue
 from dissect.transactions.results import ItemResult
@@ -186,7 +186,7 @@ class CsvRows:
             SMALL[code] if code >= 0 else "",
             self._cell(RETURN_CODES.name(int(code))) if code >= 0 else "",
             _value_cell(result),
-            "",
+            _text_cell(result),
             "",
             data.hex() if data is not None else "",
             cell(errors) if errors else "",
@@ -226,9 +226,17 @@ def _value_cell(result: ItemResult) -> str:
     item = result.item
     data = result.data
     if item is not None and data and item.transport_size == BYTE and result.decodable:
-        texts = [SMALL[octet] for octet in data]  # as it would be decoded, without a list of numbers in between
-        return texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"
+        return SMALL[data[0]] if len(data) == 1 else data.hex(" ")
     return _plain_cell(result.value)
+
+
+def _text_cell(result: ItemResult) -> str:
+    """Return the cell of the text that an array of bytes spells."""
+    item = result.item
+    data = result.data
+    if item is None or data is None or item.transport_size != BYTE or not result.decodable:
+        return ""
+    return cell(spelled(data))
 
 
 def _plain_cell(value: Value) -> str:

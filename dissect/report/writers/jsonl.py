@@ -29,8 +29,8 @@ from dissect.s7.hiding import without_secrets
 from dissect.s7.items import DataItem, Item
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import Parameters, UserdataHead
-from dissect.s7.tables import FUNCTIONS, READ_VAR, ROSCTR, SETUP_COMMUNICATION, SUCCESS, USERDATA_TYPES, WRITE_VAR
-from dissect.s7.values import Value, decode_value, real_text
+from dissect.s7.tables import BYTE, FUNCTIONS, READ_VAR, ROSCTR, SETUP_COMMUNICATION, SUCCESS, USERDATA_TYPES, WRITE_VAR
+from dissect.s7.values import Value, decode_value, real_text, spelled
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import NamedValue
@@ -324,7 +324,15 @@ def _item(item: Item | None, code: i64, data: bytes | None) -> str:
         return f'{head}{told},"data":null,"value":null}}'
     known: bool = item is not None and (item.size == len(data) or item.fits(len(data)))
     value = octets_value(item.transport_size, data) if item is not None and known else "null"
-    return f'{head}{told},"data":"{data.hex()}","value":{value}}}'
+    return f'{head}{told},"data":"{data.hex()}","value":{value}{_text_of(item, data) if known else ""}}}'
+
+
+def _text_of(item: Item | None, data: bytes) -> str:
+    """Return the key of the text that an array of bytes spells, empty where it spells none."""
+    if item is None or item.transport_size != BYTE:
+        return ""
+    text = spelled(data)
+    return f',"text":{json_text(text)}' if text else ""
 
 
 def _with_tags(item: str, known: list[NamedValue]) -> str:
@@ -477,7 +485,7 @@ def _data_item(pdu: Pdu, index: int, answer: DataItem) -> str:
     if index < len(pdu.parameters.items):
         item = pdu.parameters.items[index]
         value = octets_value(item.transport_size, answer.data) if item.fits(len(answer.data)) else "null"
-        text += f',"value":{value}'
+        text += f',"value":{value}{_text_of(item, answer.data) if value != "null" else ""}'
     return text + "}"
 
 

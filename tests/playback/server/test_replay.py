@@ -7,6 +7,9 @@ from typing import Final
 
 import pytest
 
+from dissect.golden.reading import read_session
+from dissect.playback.client.plan import make_plan
+from dissect.playback.client.recorded import ReplayError
 from dissect.playback.server import Server, ServerError, load_recording
 from tests.playback.server.support import Tpkts, messages, play
 
@@ -25,6 +28,9 @@ NOTHING: Final = {
     "mms_one_sided_read_request": "MMS",
     "rdp-proprietary-encryption": "RDP",
     "s7commplus_1511_opc_all_types": "S7comm-plus",
+    "plus-plant": "S7comm-plus",
+    "s7commplus": "S7comm-plus",
+    "s7commplus-tls": "S7comm-plus in TLS",
 }
 #: Connections that break off here, by number: what the client sends there no server can go on with.
 BROKEN: Final = {
@@ -140,3 +146,22 @@ def test_the_tables_of_exceptions_name_captures() -> None:
     here = {path.name.partition(".")[0] for path in PATHS}
     named = {name for name, _ in (*BROKEN, *WHOLE, *REORDERED)} | LOST.keys() | STRANGE.keys() | IN_PART
     assert named <= here
+
+
+@pytest.mark.parametrize("name", ["s7plus/s7commplus", "s7plus/s7commplus-tls", "crafted/plus-plant"])
+def test_a_capture_of_nothing_but_s7comm_plus_is_refused_in_a_sentence(name: str) -> None:
+    path = FOLDER / f"{name}.pcapng"
+    why = "it speaks S7comm-plus, whose digests cannot be made without the key of the session"
+    with pytest.raises(ServerError) as refused:
+        load_recording(path)
+    text = str(refused.value)
+    assert text.endswith(f"no connection in it speaks S7comm over TCP, so there is nothing to serve: {why}")
+    assert "\n" not in text
+    with pytest.raises(ReplayError) as withheld:
+        make_plan(read_session(path, messages=True))
+    assert str(withheld.value).endswith(f"so there is nothing to replay: {why}")
+
+
+def test_where_nothing_is_s7comm_plus_it_is_not_named() -> None:
+    with pytest.raises(ServerError, match=r"so there is nothing to serve$"):
+        load_recording(FOLDER / "refused-port.pcapng")
