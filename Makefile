@@ -23,8 +23,17 @@ PYTEST := $(BIN)/pytest
 ENGINE := $(wildcard tests/wire tests/source tests/tcp tests/iso tests/s7 tests/transactions tests/findings \
 	tests/engine tests/test_session.py tests/report tests/properties)
 
+# A file goes to one worker as a whole, in the order of tests/conftest.py: those that take long come first.
+WORKERS := -n $(JOBS) --dist loadfile --no-loadscope-reorder
+
 export PYTHONSAFEPATH := 1
 export VENV
+# Without kept bytecode every worker rewrites the asserts of all tests again, and every command that a test starts compiles
+# what it imports.
+unexport PYTHONDONTWRITEBYTECODE
+
+# The files with tests of time or memory: to collect all others for them takes longer than most of them.
+MEASURED = $(shell grep -rl --include='*.py' '^@pytest.mark.measured' tests)
 
 .PHONY: demo test wheels container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz properties record clean
 .NOTPARALLEL:
@@ -61,11 +70,12 @@ test-installed:
 	fi; \
 	export S7DISSECT_EXPECT=$$build S7DISSECT_WHEEL="$$(echo $(abspath $(VENV))/s7dissect-wheel/*.whl)"; \
 	set -ex; \
-	$(PYTEST) -n $(JOBS) --dist loadfile -m "not measured"; \
-	$(PYTEST) -m measured || [ $$? -eq 5 ]
+	$(PYTEST) $(WORKERS) -m "not measured"; \
+	$(PYTEST) -m measured $(MEASURED) || [ $$? -eq 5 ]
 
+# The property tests try hard on the wheel; fewer examples show here that the source reads alike without the compiler.
 test-interpreted:
-	S7DISSECT_EXPECT=interpreted PYTHONPATH=$(CURDIR) $(PYTEST) -n $(JOBS) --dist loadfile -m "not measured" $(ENGINE)
+	S7DISSECT_EXAMPLES=$${S7DISSECT_EXAMPLES:-50} S7DISSECT_EXPECT=interpreted PYTHONPATH=$(CURDIR) $(PYTEST) $(WORKERS) -m "not measured" $(ENGINE)
 
 # What docs/probe/Containerfile says, done in a temporary folder.
 container-steps: environment
@@ -77,14 +87,14 @@ format: test-environment
 
 # Only interpreted code can be traced.
 coverage: test-environment
-	PYTHONPATH=$(CURDIR) $(PYTEST) -n $(JOBS) --dist loadfile -m "not measured" --cov --cov-report=term $(ENGINE)
+	PYTHONPATH=$(CURDIR) $(PYTEST) $(WORKERS) -m "not measured" --cov --cov-report=term $(ENGINE)
 
 # Every property test with fresh seeds, round after round; a round that fails is repeated with SEED=the one it printed.
 properties: test-environment
 	@for round in $$(seq $(ROUNDS)); do \
 		seed=$${SEED:-$$(od -An -N4 -tu4 /dev/urandom | tr -d ' ')}; \
 		echo "round $$round of $(ROUNDS): --hypothesis-seed=$$seed"; \
-		CI= PYTHONPATH=$(CURDIR) $(PYTEST) -q -n $(JOBS) --dist loadfile -m "hypothesis and not measured" \
+		CI= PYTHONPATH=$(CURDIR) $(PYTEST) -q $(WORKERS) -m "hypothesis and not measured" \
 			--hypothesis-seed=$$seed || exit 1; \
 	done
 

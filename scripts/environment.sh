@@ -75,9 +75,11 @@ wait
 wheel=$(echo "$wheels"/*.whl)
 if [ ! -e "$wheels/installed-$extra" ]; then
   echo "environment: installing it${extra:+ with what the ${extra}s need}"
+  # The same version is not the same build: pip would leave an earlier one where it is.
+  if [ -e "$venv/bin/s7dissect" ]; then
+    "${pip[@]}" install --force-reinstall --no-deps "$wheel" </dev/null
+  fi
   "${pip[@]}" install "$wheel${extra:+[$extra]}" </dev/null
-  # The same version is not the same build.
-  "${pip[@]}" install --force-reinstall --no-deps "$wheel" </dev/null
   touch "$wheels/installed-" "$wheels/installed-$extra"
 fi
 "$venv/bin/s7dissect" --version

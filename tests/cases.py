@@ -10,20 +10,24 @@ from typing import Any
 Test = Callable[..., None]
 
 
-def each(name: str, values: Iterable[object]) -> Callable[[Test], Test]:
-    """Run the test with each of ``values`` as its argument ``name``, all of them even when some fail; failures name theirs."""
-    cases = tuple(values)
+def each(names: str | tuple[str, ...], values: Iterable[Any]) -> Callable[[Test], Test]:
+    """Run the test with each of ``values`` as its argument ``names``, all of them even when some fail; failures name theirs.
+
+    With several names each of the values is a tuple of as many.
+    """
+    several = (names,) if isinstance(names, str) else names
+    cases = [dict(zip(several, (value,) if isinstance(names, str) else value, strict=True)) for value in values]
     assert cases, "a test of no case"
 
     def decorate(test: Test) -> Test:
         @functools.wraps(test)
         def run(**fixtures: Any) -> None:
             failures: list[Exception] = []
-            for value in cases:
+            for case in cases:
                 try:
-                    test(**fixtures, **{name: value})
+                    test(**fixtures, **case)
                 except Exception as error:  # noqa: BLE001 - whatever a test fails with
-                    error.add_note(f"the case: {name}={value!r}")
+                    error.add_note("the case: " + ", ".join(f"{name}={value!r}" for name, value in case.items()))
                     failures.append(error)
             if len(failures) == 1:
                 raise failures[0]
@@ -31,7 +35,7 @@ def each(name: str, values: Iterable[object]) -> Callable[[Test], Test]:
                 raise ExceptionGroup(f"{len(failures)} of {len(cases)} cases failed", failures[:20])
 
         wanted = inspect.signature(test)
-        fixtures = [parameter for parameter in wanted.parameters.values() if parameter.name != name]
+        fixtures = [parameter for parameter in wanted.parameters.values() if parameter.name not in several]
         run.__signature__ = wanted.replace(parameters=fixtures)  # type: ignore[attr-defined]
         return run
 

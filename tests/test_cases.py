@@ -33,6 +33,25 @@ def test_a_failure_names_its_case() -> None:
     assert caught.value.__notes__ == ["the case: number=5"]
 
 
+def test_a_failure_names_all_that_is_its_case() -> None:
+    @each("left", (1, 2))
+    @each(("right", "total"), ((3, 4), (4, 6)))
+    def fails(left: int, right: int, total: int) -> None:
+        assert left + right == total
+
+    with pytest.raises(ExceptionGroup, match="2 of 2 cases failed") as caught:
+        fails()
+    assert [error.__notes__ for error in caught.value.exceptions] == [
+        ["the case: right=4, total=6", "the case: left=1"],
+        ["the case: right=3, total=4", "the case: left=2"],
+    ]
+
+
+def test_a_case_has_as_many_values_as_names() -> None:
+    with pytest.raises(ValueError, match="longer"):
+        each(("left", "right"), [(1, 2, 3)])
+
+
 def test_several_failures_are_all_told() -> None:
     @each("number", range(9))
     def fails(number: int) -> None:

@@ -12,6 +12,7 @@ from dissect.transactions.table import Side
 from tests.bindings import plant
 from tests.bindings.test_streams import a_side
 from tests.bindings.test_streams import cut as cut_messages
+from tests.cases import each
 from tests.cli.support import run
 from tests.engine.test_ibh import Link
 from tests.ibh import packets as ibh
@@ -111,8 +112,8 @@ def split(pieces: list[bytes], how: str) -> list[bytes]:
 HOW: Final = ("segments", "one segment", "octets")
 
 
-@pytest.mark.parametrize("how", HOW)
-@pytest.mark.parametrize("odd", ODD)
+@each("how", HOW)
+@each("odd", ODD)
 def test_no_good_pdu_goes_missing(odd: str, how: str) -> None:
     talk = Watch()
     talk.open()
@@ -175,8 +176,8 @@ IBH_ODD: Final = {
 }
 
 
-@pytest.mark.parametrize("how", HOW)
-@pytest.mark.parametrize("odd", IBH_ODD)
+@each("how", HOW)
+@each("odd", IBH_ODD)
 def test_no_good_pdu_goes_missing_in_a_gateway(odd: str, how: str) -> None:
     link = Link()
     link.begin()
@@ -250,8 +251,8 @@ SCD_ODD: Final = {
 }
 
 
-@pytest.mark.parametrize("how", ["segments", "one segment"])
-@pytest.mark.parametrize("odd", SCD_ODD)
+@each("how", ["segments", "one segment"])
+@each("odd", SCD_ODD)
 def test_no_good_message_goes_missing(odd: str, how: str) -> None:
     side = a_side(synced=True)
     found, _ = cut_messages(side, *split([ASK_SCD, SCD_ODD[odd], ASK_SCD, ASK_SCD], how))

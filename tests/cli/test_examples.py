@@ -72,18 +72,18 @@ def shell(folder: Path, line: str, **more: str) -> subprocess.CompletedProcess[s
     )  # fmt: skip
 
 
-def prepared(folder: Path, command: str, line: str) -> str:
+def prepared(capfdbinary: pytest.CaptureFixture[bytes], folder: Path, command: str, line: str) -> str:
     """Return a line as it can be run here; the files it needs are made by the examples of other commands."""
     for theirs, ours in ELSEWHERE.items():
         line = line.replace(theirs, ours)
     if command.startswith("scd"):
         shutil.copy(ROOT / "captures" / "scd" / "plant.toml", folder / "plant.toml")
-        assert shell(folder, "s7dissect scd compile plant.toml -o plant.scd").returncode == 0
+        assert here(capfdbinary, "s7dissect scd compile plant.toml -o plant.scd").code == 0
     if "--against plant.toml" in line:
         (folder / "plant.toml").unlink(missing_ok=True)
-        assert shell(folder, "s7dissect baseline old.pcapng -o plant.toml").returncode == 0
+        assert here(capfdbinary, "s7dissect baseline old.pcapng -o plant.toml").code == 0
     if "session.s7.txt" in line:
-        assert shell(folder, "s7dissect golden trace.pcapng -o session.s7.txt").returncode == 0
+        assert here(capfdbinary, "s7dissect golden trace.pcapng -o session.s7.txt").code == 0
     for name in re.findall(r"(?:-o|-w|>) (\S+)", line):
         if (folder / name).is_file() and name != "session.s7.txt":
             (folder / name).unlink()
@@ -97,7 +97,7 @@ def test_an_example_runs(
     if command == "verify" and not shutil.which("tshark"):
         pytest.skip("needs tshark")
     monkeypatch.chdir(folder)
-    line = prepared(folder, command, line)
+    line = prepared(capfdbinary, folder, command, line)
     if command in FOR_EVER:
         until_listening(folder, line)
         return
@@ -151,7 +151,7 @@ def until_listening(folder: Path, line: str) -> None:
 
 
 def test_every_command_has_two_examples_that_fit_a_terminal() -> None:
-    every = {**commands(), "scd": None}
+    every = {**commands(), "scd": None, "tags": None}
     assert set(EXAMPLES) == set(every)
     for command, lines in EXAMPLES.items():
         assert len(lines) >= 2, command

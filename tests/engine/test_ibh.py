@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from dissect.ibh.tables import IBH_NETLINK, KINDS
 from dissect.transactions.connection import FOLLOWED, FOREIGN, ISO
 from dissect.transactions.table import Side
+from tests.cases import each
 from tests.ibh.packets import ACK, ASK, CLAIM, CLAIMED, DISCONNECT, RECEIPT, TELL, long, short
 from tests.transactions.talk import ACK as ACK_FLAG
 from tests.transactions.talk import CLIENT, RST, SERVER, Talk, dbw, dt, granted, read, setup, words
@@ -181,7 +182,7 @@ def test_a_hole_inside_a_message() -> None:
     assert link.slugs() == ["stream.hole", "ibh.unfinished"]
 
 
-@pytest.mark.parametrize("kept", range(1, len(ASK)))
+@each("kept", range(1, len(ASK)))
 def test_what_the_capture_cut_says_as_much_as_it_does_of_a_tpkt(kept: int) -> None:
     link = Link()
     link.begin()

@@ -15,6 +15,7 @@ from dissect.tcp.ip import MAX_DATAGRAMS
 from dissect.transactions.connection import Connection
 from dissect.transactions.table import MAX_CONNECTIONS, MAX_HALF_OPEN, MAX_LINGERING
 from dissect.transactions.transaction import Transaction
+from tests.cases import each
 from tests.properties.books import Record, Result, check_books, facts, told, true
 from tests.properties.messages import (
     EMPTY_DT,
@@ -235,7 +236,7 @@ CUT_CONTENTS: Final = [b"\x01\x02", b"\xa1\xa2\xa3\xa4\xa5\xa6\xa7\xa8", b"\xff\
 CUT_VALUES: Final = [0x0102, list(CUT_CONTENTS[1]), -2]
 
 
-@pytest.mark.parametrize("kept", range(54, 54 + 7 + 14 + 26 + 1))
+@each("kept", range(54, 54 + 7 + 14 + 26 + 1))
 def test_a_cut_answer_is_paired_and_never_invented(kept: int) -> None:
     talk = ready()
     talk.send(0, dt(read_job(9, CUT_ITEMS))).send(1, dt(read_answer(9, CUT_ITEMS, CUT_CONTENTS)))

@@ -9,8 +9,6 @@ import ssl
 from pathlib import Path
 from typing import Final
 
-import pytest
-
 import dissect
 from dissect.findings.catalogue import CATALOGUE, KINDS, SEVERITIES
 from dissect.s7plus.assembly import MAX_PDU
@@ -19,6 +17,7 @@ from dissect.s7plus.values import Value
 from dissect.tcp import ip
 from dissect.transactions.table import MAX_CONNECTIONS, MAX_HALF_OPEN
 from dissect.transactions.transaction import Transaction
+from tests.cases import each
 from tests.findings import operation_scenarios, plus_scenarios, scd_scenarios, security_scenarios
 from tests.findings.registry import SILENT, SPEAKS, silent, speaks
 from tests.ibh import packets as ibh
@@ -70,7 +69,7 @@ SLUG: Final = re.compile(
 # ---- words ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("slug", CATALOGUE)
+@each("slug", CATALOGUE)
 def test_words(slug: str) -> None:
     rule = CATALOGUE[slug]
     assert rule.slug == slug
@@ -1091,7 +1090,7 @@ def bug(talk: Talk) -> None:
     talk.findings.extend(failing.findings)
 
 
-@pytest.mark.parametrize("slug", CATALOGUE)
+@each("slug", CATALOGUE)
 def test_rule_speaks(slug: str) -> None:
     talk = Talk()
     SPEAKS[slug](talk)
@@ -1105,7 +1104,7 @@ def test_rule_speaks(slug: str) -> None:
             assert not finding.detail.endswith(".")
 
 
-@pytest.mark.parametrize("slug", CATALOGUE)
+@each("slug", CATALOGUE)
 def test_rule_keeps_silent(slug: str) -> None:
     talk = Talk()
     SILENT[slug](talk)

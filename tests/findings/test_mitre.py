@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 
-import pytest
-
 from dissect.findings.mitre import TECHNIQUES, Technique
+from tests.cases import each
 
 #: v18 id → v19 id, from MITRE's crosswalk of 2026-04-28.
 RENUMBERED = {
@@ -32,7 +31,7 @@ def test_no_technique_stands_twice() -> None:
         assert len(values) == len(set(values)), column
 
 
-@pytest.mark.parametrize("technique", TECHNIQUES.values(), ids=str)
+@each("technique", TECHNIQUES.values())
 def test_a_row(technique: Technique) -> None:
     assert TECHNIQUES[technique.key] is technique
     assert re.fullmatch(r"[a-z_]+", technique.key)

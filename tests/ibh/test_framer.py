@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.ibh.framer import MAX_PACKET, NO, UNDECIDED, YES, PacketFramer, judge_beginning, opens
+from tests.cases import each
 from tests.ibh.packets import ACK, ASK, CLAIM, CLAIMED, DISCONNECT, RECEIPT, SEEN, TELL, long, packet, short
 
 #: Octets with which no packet can begin.
@@ -73,7 +74,7 @@ def test_any_octets_are_accounted_for(segments: list[bytes], synced: bool) -> No
 # ---- holes ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("begun", range(3, len(ASK)))
+@each("begun", range(3, len(ASK)))
 def test_a_hole_inside_a_packet_keeps_step(begun: int) -> None:
     for lost in range(1, len(ASK) - begun + 1):
         made = framer()

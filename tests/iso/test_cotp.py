@@ -20,10 +20,11 @@ from dissect.iso.cotp import (
 from dissect.iso.tables import AK, CC, CR, DC, DR, DT, EA, ED, ER, PARAMETERS, RJ, UD
 from dissect.wire.layout import Layout
 from dissect.wire.malformed import LIMITS, REASONS
+from tests.cases import each
 from tests.iso.tpdus import TPDUS, Fields, Parameters
 
 
-@pytest.mark.parametrize(("name", "octets", "fields", "parameters", "data"), TPDUS)
+@each(("name", "octets", "fields", "parameters", "data"), TPDUS)
 def test_every_tpdu_and_form(name: str, octets: str, fields: Fields, parameters: Parameters, data: str) -> None:
     tpdu = parse_tpdu(bytes.fromhex(octets))
     assert tpdu.malformed == []
@@ -56,9 +57,7 @@ FORMS: Final[dict[int, list[tuple[int, Layout]]]] = {
 }
 
 
-@pytest.mark.parametrize(
-    ("type_", "li", "layout"), [(type_, li, layout) for type_, forms in FORMS.items() for li, layout in forms]
-)
+@each(("type_", "li", "layout"), [(type_, li, layout) for type_, forms in FORMS.items() for li, layout in forms])
 def test_the_form_is_chosen_by_li(type_: int, li: int, layout: Layout) -> None:
     tpdu = parse_tpdu(bytes((li, type_ << 4)) + bytes(li - 1) + b"user")
     assert tpdu.layout is layout
@@ -84,8 +83,8 @@ def test_too_short_for_a_type(octets: bytes) -> None:
     assert [str(fact) for fact in tpdu.malformed] == [f"cotp: type at byte 0 needs 2 bytes, the TPKT has {len(octets)}"]
 
 
-@pytest.mark.parametrize("type_", range(16))
-@pytest.mark.parametrize("li", [0, 255])
+@each("type_", range(16))
+@each("li", [0, 255])
 def test_li_that_the_standard_forbids(type_: int, li: int) -> None:
     tpdu = parse_tpdu(bytes((li, type_ << 4)) + bytes(260))
     assert [(fact.reason, fact.field, fact.available) for fact in tpdu.malformed] == [("bad_value", "li", li)]
@@ -147,7 +146,7 @@ def consistent(octets: bytes) -> Tpdu:
     return tpdu
 
 
-@pytest.mark.parametrize("octets", [octets for _, octets, _, _, _ in TPDUS])
+@each("octets", [octets for _, octets, _, _, _ in TPDUS])
 def test_every_truncation_and_every_octet_changed(octets: str) -> None:
     whole = bytes.fromhex(octets)
     for size in range(len(whole)):

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from dissect.iso.foreign import MAX_TEXT, identify, identify_connect
 from dissect.iso.upper import EMPTY, MMS, RDP, S7COMM, TLS, UNKNOWN, classify
+from tests.cases import each
 
 
 def extension(kind: int, value: bytes) -> bytes:
@@ -37,7 +38,7 @@ def said(octets: bytes) -> str:
     return identify(classify(octets, 0, len(octets)), octets, 0, len(octets))
 
 
-@pytest.mark.parametrize(
+@each(
     ("octets", "text"),
     [
         (hello(1), "TLS 1.2 ClientHello"),

@@ -17,6 +17,7 @@ from dissect.iso.recognition import (
     recognise,
 )
 from dissect.iso.upper import TLS, UNKNOWN
+from tests.cases import each
 
 CR: Final = bytes.fromhex("0300001611e00000004b00c0010ac1020100c2020103")
 READ: Final = bytes.fromhex("0300001f02f080320100002500000e00000401120a10020001000184000000")
@@ -24,9 +25,9 @@ HTTP: Final = b"GET / HTTP/1.1\r\n"
 HELLO: Final = bytes.fromhex("160301020001000001fc0303")
 
 
-@pytest.mark.parametrize("at_start", [True, False])
-@pytest.mark.parametrize("on_102", [True, False])
-@pytest.mark.parametrize("octets", [CR, READ, READ[:9], READ[:4], CR + HTTP])
+@each("at_start", [True, False])
+@each("on_102", [True, False])
+@each("octets", [CR, READ, READ[:9], READ[:4], CR + HTTP])
 def test_a_tpkt_is_recognised_on_every_port(octets: bytes, at_start: bool, on_102: bool) -> None:
     assert recognise(octets, at_start, on_102, 0) == HERE
 

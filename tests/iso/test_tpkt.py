@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from dissect.iso import tpkt
 from dissect.iso.tpkt import BAD_LENGTH, BAD_VERSION, HIDING, NO, UNDECIDED, YES, Framer, judge_beginning, plausible
+from tests.cases import each
 from tests.growth import assert_growth
 
 CR: Final = bytes.fromhex("0300001611e00000004b00c0010ac1020100c2020103")
@@ -85,7 +86,7 @@ def test_any_segmentation_gives_the_same_tpkts(packets: list[bytes], cuts: list[
         assert made.faults == []
 
 
-@pytest.mark.parametrize("split", range(1, len(READ)))
+@each("split", range(1, len(READ)))
 def test_a_tpkt_split_anywhere(split: int) -> None:
     made = framer()
     assert fed(made, [READ[:split]]) == []
@@ -127,8 +128,8 @@ def test_one_tpkt_over_3000_segments_takes_linear_work() -> None:
 # ---- lengths that cannot be -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("length", [4, 5, 6])
-@pytest.mark.parametrize("split", range(7))
+@each("length", [4, 5, 6])
+@each("split", range(7))
 def test_a_length_of_4_to_6_is_stepped_over(length: int, split: int) -> None:
     short = (b"\x03\0\0" + bytes([length]) + b"\x02\xf0")[:length]
     octets = READ + short + CR
@@ -138,8 +139,8 @@ def test_a_length_of_4_to_6_is_stepped_over(length: int, split: int) -> None:
     assert (made.framed, made.skipped) == (len(READ + CR), length)
 
 
-@pytest.mark.parametrize("length", range(4))
-@pytest.mark.parametrize("split", range(5))
+@each("length", range(4))
+@each("split", range(5))
 def test_a_length_below_4_loses_the_place_until_the_next_tpkt(length: int, split: int) -> None:
     bad = b"\x03\0\0" + bytes([length])
     octets = READ + bad + JUNK * 9 + READ + CR
@@ -214,7 +215,7 @@ def test_any_octets(octets: bytes, cuts: list[int], synced: bool) -> None:
 RANDOM_DT: Final = bytes.fromhex("0300000b02f080") + b"\x99\x98\x97\x96"
 
 
-@pytest.mark.parametrize(
+@each(
     ("octets", "judged"),
     [
         (b"\x03", UNDECIDED),
@@ -330,7 +331,7 @@ def test_searching_takes_linear_work_in_segments_of_any_size(step: int, pattern:
 # ---- holes ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("arrived", range(4, len(READ)))
+@each("arrived", range(4, len(READ)))
 def test_a_hole_inside_a_tpkt_does_not_cost_the_place(arrived: int) -> None:
     for lost in range(1, len(READ) - arrived + 1):
         made = framer()
@@ -392,7 +393,7 @@ def test_a_hole_while_searching_forgets_what_was_kept() -> None:
     assert fed(made, [JUNK + READ[20:] + READ]) == [READ]
 
 
-@pytest.mark.parametrize("arrived", range(1, len(READ)))
+@each("arrived", range(1, len(READ)))
 def test_a_tpkt_cut_by_the_capture_is_kept_as_far_as_it_goes(arrived: int) -> None:
     made = framer()
     fed(made, [READ + READ[:arrived]])

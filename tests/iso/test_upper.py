@@ -17,6 +17,7 @@ from dissect.iso.upper import (
     classify,
     is_rdp_connect,
 )
+from tests.cases import each
 
 CASES = [
     ("", EMPTY),
@@ -80,7 +81,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("octets", "protocol"), CASES)
+@each(("octets", "protocol"), CASES)
 def test_first_octets_name_the_protocol(octets: str, protocol: int) -> None:
     tsdu = bytes.fromhex(octets)
     assert classify(tsdu, 0, len(tsdu)) == protocol

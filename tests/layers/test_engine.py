@@ -33,6 +33,7 @@ from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import header_size
 from dissect.s7.tables import ROSCTR
 from dissect.wire.part import SURPLUS, Part
+from tests.cases import each
 from tests.layers.examples import EXAMPLES, Example
 from tests.layers.support import tpkts_of
 
@@ -166,7 +167,7 @@ def assert_same_items(body: Packet, pdu: Pdu) -> None:
             assert item.octets == given.data
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=repr)
+@each("example", EXAMPLES)
 def test_worked_examples(example: Example) -> None:
     assert_read_alike(example.octets)
 

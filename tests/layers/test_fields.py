@@ -10,6 +10,7 @@ from dissect.layers import fields
 from dissect.layers.fields import WireLayer, fill_number, header_fields
 from dissect.s7 import layouts as s7_layouts
 from dissect.wire.layout import Layout
+from tests.cases import each
 from tests.layers.support import shown
 
 LAYOUTS = [
@@ -33,7 +34,7 @@ def test_the_fields_read_what_the_layout_reads(layout: Layout, octets: bytes) ->
     assert bytes(packet) == octets
 
 
-@pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.name)
+@each("layout", LAYOUTS)
 def test_the_fields_take_as_many_octets_as_the_layout(layout: Layout) -> None:
     assert len(bytes(layer_of(layout)())) == layout.size
 

@@ -39,6 +39,7 @@ from dissect.layers import (
     S7_WriteVarRequest,
     at,
 )
+from tests.cases import each
 from tests.layers.support import survives
 
 CLASSES: Final = [
@@ -120,7 +121,7 @@ def test_a_body_that_was_dissected_and_changed_is_counted_anew() -> None:
     assert S7(bytes(header)).param_length == 14
 
 
-@pytest.mark.parametrize("layer", CLASSES, ids=lambda layer: layer.__name__)
+@each("layer", CLASSES)
 def test_any_octets_are_read_by_any_layer(layer: type[Packet]) -> None:
     draw = random.Random(layer.__name__)
     for size in (1, 2, 3, 5, 9, 14, 24, 40):

@@ -5,10 +5,11 @@ import pytest
 from dissect.iso.tables import PARAMETERS
 from dissect.layers import COTP_CR, COTP_ER, COTP_Parameter
 from dissect.layers.parameters import tsap_octets
+from tests.cases import each
 from tests.layers.support import shown, survives
 
 
-@pytest.mark.parametrize("code", [row.number for row in PARAMETERS], ids=hex)
+@each("code", [row.number for row in PARAMETERS])
 def test_every_parameter_of_the_table_is_named_and_survives(code: int) -> None:
     packet = survives(COTP_CR, bytes((10, 0xE0, 0, 0, 0, 1, 0, code, 2, 0x12, 0x34)))
     (parameter,) = packet.parameters

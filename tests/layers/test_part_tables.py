@@ -10,20 +10,19 @@ import sys
 from pathlib import Path
 from typing import Final
 
-import pytest
-
 import dissect
 import dissect.layers
 from dissect.layers import S7_BlockInfo, S7_Clock, S7_Part, S7_StartOB1, part_classes
 from dissect.layers.part_row import Row
 from dissect.layers.part_tables import SECTIONS
 from dissect.layers.parts import CLASSES
+from tests.cases import each
 
 ROWS: Final = [row for rows in SECTIONS.values() for row in rows]
 ROOT: Final = Path(__file__).resolve().parent.parent.parent
 
 
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
+@each("row", ROWS)
 def test_a_row_is_a_class(row: Row) -> None:
     cls = getattr(dissect.layers, row.name)
     assert issubclass(cls, S7_Part)

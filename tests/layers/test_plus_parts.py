@@ -27,6 +27,7 @@ from dissect.s7plus.values import Blob, Packed, Struct, Value, build_value
 from dissect.s7plus.variables import TagDescription
 from dissect.s7plus.walk import Walk
 from dissect.wire.part import OCTETS, SURPLUS
+from tests.cases import each
 from tests.layers.support import forget, shown, survives
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
@@ -53,7 +54,7 @@ def blank(parts: list[Packet]) -> list[Packet]:
     return found
 
 
-@pytest.mark.parametrize("name", [row.name for rows in PLUS_SECTIONS.values() for row in rows])
+@each("name", [row.name for rows in PLUS_SECTIONS.values() for row in rows])
 def test_a_new_part_and_a_fuzzed_one(name: str) -> None:
     cls = getattr(s7, name)
     packet = cls()

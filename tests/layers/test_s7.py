@@ -28,6 +28,7 @@ from dissect.layers import (
     S7_WriteVarRequest,
 )
 from dissect.layers.s7 import is_s7
+from tests.cases import each
 from tests.layers.examples import BY_NUMBER, EXAMPLES
 from tests.layers.support import mutated, shown, survives
 
@@ -113,7 +114,7 @@ def test_a_refusal_is_built_from_its_values() -> None:
     )
 
 
-@pytest.mark.parametrize("number", range(45, 68))
+@each("number", range(45, 68))
 def test_other_functions_are_lists_of_parts(number: int) -> None:
     header = pdu(number)
     body = header.payload
@@ -199,7 +200,7 @@ PAIRS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("answer", [example.number for example in EXAMPLES])
+@each("answer", [example.number for example in EXAMPLES])
 def test_each_worked_example_answers_its_request_and_no_other(answer: int) -> None:
     packet = TPKT(BY_NUMBER[answer].octets)
     answered = [

@@ -24,6 +24,7 @@ from dissect.layers import (
     bind_port,
 )
 from dissect.layers.tpkt import CHAIN_LIMIT
+from tests.cases import each
 from tests.layers.examples import BY_NUMBER, EXAMPLES, Example
 from tests.layers.support import forget, mutated, survives
 
@@ -37,13 +38,13 @@ def segment(payload: bytes, sport: int = 49152, dport: int = 102) -> Packet:
     return TCP(bytes(TCP(sport=sport, dport=dport)) + payload)
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=repr)
+@each("example", EXAMPLES)
 def test_every_worked_example_survives_and_is_summed_up(example: Example) -> None:
     packet = survives(TPKT, example.octets)
     assert packet.summary().removeprefix("TPKT / ").removeprefix("COTP_DT / ") == example.summary
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=repr)
+@each("example", EXAMPLES)
 def test_every_worked_example_is_built_without_its_lengths(example: Example) -> None:
     blank = forget(TPKT(example.octets))
     assert blank.length is None

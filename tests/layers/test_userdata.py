@@ -22,11 +22,12 @@ from dissect.layers import (
     S7_UserdataExtended,
     S7_UserdataShort,
 )
+from tests.cases import each
 from tests.layers.examples import BY_NUMBER
 from tests.layers.support import survives
 
 
-@pytest.mark.parametrize("number", [*range(68, 89), *range(90, 99)])
+@each("number", [*range(68, 89), *range(90, 99)])
 def test_head_and_payload_of_the_worked_examples(number: int) -> None:
     octets = BY_NUMBER[number].octets
     header = TPKT(octets)[S7]

@@ -14,6 +14,7 @@ import pytest
 from dissect.oracle.compare import Comparison, compare
 from dissect.oracle.known import FORM, KNOWN, OURS, SCOPE, as_markdown
 from tests.build import dt, pdu, tpdu, tpkt
+from tests.cases import each
 from tests.examples import S7
 from tests.oracle.traffic import PUSH_ACK, Connection, connect, parameter, setup, write_capture
 
@@ -235,7 +236,7 @@ def test_entry_is_met(tmp_path: Path, name: str) -> None:
     assert comparison.known[name] > 0
 
 
-@pytest.mark.parametrize("entry", KNOWN, ids=IDS)
+@each("entry", KNOWN)
 def test_entry_says_what_is_right_and_why(entry: object) -> None:
     known = next(one for one in KNOWN if one is entry)
     assert known.side in {OURS, SCOPE, FORM}

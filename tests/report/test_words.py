@@ -5,6 +5,7 @@ import pytest
 from dissect.iso.tsap import Tsap
 from dissect.report import facets, words
 from dissect.s7.values import Value
+from tests.cases import each
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.report.support import UNSAFE, WORD, begun, first_transaction, read, transactions
@@ -13,7 +14,7 @@ BYTES = Item(0x02, 4, 1, 0x84, 0)
 CHARS = Item(0x03, 40, 1, 0x84, 0)
 
 
-@pytest.mark.parametrize(
+@each(
     ("ns", "text"),
     [
         (None, "-"),

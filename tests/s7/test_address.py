@@ -6,12 +6,13 @@ from hypothesis import strategies as st
 
 from dissect.s7.address import address_text, parse_address
 from dissect.s7.tables import AREA_LETTERS, AREAS, ELEMENT_OCTETS, NUMBERED_AREAS, TRANSPORT_SIZES
+from tests.cases import each
 
 BIT, BYTE, CHAR, WORD, INT, DWORD, DINT, REAL = range(1, 9)
 COUNTER, TIMER, LREAL = 0x1C, 0x1D, 0x30
 
 
-@pytest.mark.parametrize(
+@each(
     ("area", "db", "address", "transport_size", "text"),
     [
         # Data blocks.
@@ -87,7 +88,7 @@ def expected(area: int, width: str) -> str:
     return f"{letters}:{width}5.1"
 
 
-@pytest.mark.parametrize("transport_size", [row.number for row in TRANSPORT_SIZES] + [0x00, 0xFF])
+@each("transport_size", [row.number for row in TRANSPORT_SIZES] + [0x00, 0xFF])
 def test_every_area_with_every_transport_size(transport_size: int) -> None:
     width = "X" if transport_size == BIT else WIDTHS[ELEMENT_OCTETS.get(transport_size, 1)]
     texts = [address_text(area, 3, 41, transport_size) for area in range(256)]

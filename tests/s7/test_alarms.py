@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from dissect.s7 import alarm_layouts as layouts
 from dissect.s7 import alarms
 from dissect.s7.tables import ALARM_QUERY, AR_SEND, MESSAGE_SERVICE
+from tests.cases import each
 from tests.s7.userdata_pdus import (
     PUSH,
     REQUEST,
@@ -100,7 +101,7 @@ EXAMPLES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("kind", "subfunction", "payload", "parts", "notes"), EXAMPLES)
+@each(("kind", "subfunction", "payload", "parts", "notes"), EXAMPLES)
 def test_examples(kind: int, subfunction: int, payload: str, parts: list[str], notes: list[str]) -> None:
     octets = userdata(kind, 4, subfunction, payload)
     found = body(octets)

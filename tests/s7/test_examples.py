@@ -6,8 +6,6 @@ import re
 from pathlib import Path
 from typing import Final
 
-import pytest
-
 from dissect.iso.cotp import parse_tpdu
 from dissect.s7.bodies import parse_body
 from dissect.s7.body import Body
@@ -16,6 +14,7 @@ from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import ACK_HEADER_SIZE
 from dissect.wire.layout import FieldValue
 from dissect.wire.part import OCTETS, SURPLUS
+from tests.cases import each
 from tests.examples import CLIENT, EXAMPLES, S7, Example
 
 #: Octets before an S7 PDU that came in one DT.
@@ -45,14 +44,14 @@ def test_there_are_ninety() -> None:
     assert len(MESSAGES) == 74
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=str)
+@each("example", EXAMPLES)
 def test_the_tpkt_says_how_long_it_is(example: Example) -> None:
     assert int.from_bytes(example.octets[2:4], "big") == len(example.octets)
     tpdu = parse_tpdu(example.octets[4:])
     assert tpdu.malformed == []
 
 
-@pytest.mark.parametrize("example", MESSAGES, ids=str)
+@each("example", MESSAGES)
 def test_it_decodes_without_a_complaint_and_without_a_rest(example: Example) -> None:
     pdu = pdu_of(example)
     body = parse_body(pdu)
@@ -70,7 +69,7 @@ def test_it_decodes_without_a_complaint_and_without_a_rest(example: Example) -> 
         assert unknown == []
 
 
-@pytest.mark.parametrize("example", MESSAGES, ids=str)
+@each("example", MESSAGES)
 def test_a_field_begins_wherever_the_reference_begins_a_line(example: Example) -> None:
     pdu = pdu_of(example)
     ours = {value.offset + S7_AT for value in fields_of(pdu, parse_body(pdu))}
@@ -194,7 +193,7 @@ SAYS: Final[dict[str, dict[int, int | str]]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("title", SAYS)
+@each("title", SAYS)
 def test_fields_say_what_stands_beside_them(title: str) -> None:
     pdu = pdu_of(next(example for example in MESSAGES if example.title == title))
     fields = fields_of(pdu, parse_body(pdu))

@@ -19,6 +19,7 @@ from dissect.s7.items import (
 from dissect.s7.layouts import DATA_ITEM, S7ANY_ITEM
 from dissect.s7.tables import LENGTH_IN_BITS, SYNTAX_IDS, TRANSPORT_SIZES
 from dissect.wire.malformed import Malformed
+from tests.cases import each
 from tests.transactions.talk import dbw, good, item, refused, written
 
 Fault = tuple[str, str, int, int, int, str]
@@ -137,8 +138,8 @@ def test_an_item_that_is_no_variable_specification() -> None:
     assert told == [("bad_value", "item.specification", 2, 0x12, 0x13, "item")]
 
 
-@pytest.mark.parametrize("size", range(3, 16))
-@pytest.mark.parametrize("last", [False, True])
+@each("size", range(3, 16))
+@each("last", [False, True])
 def test_fill_octets(size: int, last: bool) -> None:
     assert item_fill(size, last) == (1 if size % 2 and not last else 0)
 
@@ -261,9 +262,9 @@ def test_what_follows_the_last_item(extra: int) -> None:
             assert told == [("trailing_octets", "data items", 18 + len(content), 0, extra, "data")]
 
 
-@pytest.mark.parametrize("code", [0x00, 0x01, 0x03, 0x05, 0x06, 0x07, 0x0A, 0xFE])
-@pytest.mark.parametrize("length", [0, 4, 0xFFFF])
-@pytest.mark.parametrize("transport_size", [0, 4, 9])
+@each("code", [0x00, 0x01, 0x03, 0x05, 0x06, 0x07, 0x0A, 0xFE])
+@each("length", [0, 4, 0xFFFF])
+@each("transport_size", [0, 4, 9])
 def test_an_item_in_error_is_four_octets_whatever_its_length_says(code: int, length: int, transport_size: int) -> None:
     error = bytes((code, transport_size)) + length.to_bytes(2, "big")
     found, told = data_of(good(4, b"\x12\x34") + error + error + good(9, b"\x56"), 4)

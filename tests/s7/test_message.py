@@ -182,7 +182,7 @@ def fields(item: DataItem) -> tuple[int, int, int, int, str]:
     return item.offset, item.return_code, item.transport_size, item.length, item.data.hex()
 
 
-@pytest.mark.parametrize(("number", "rosctr", "pdu_ref", "param_length", "data_length", "error", "function"), HEADERS)
+@each(("number", "rosctr", "pdu_ref", "param_length", "data_length", "error", "function"), HEADERS)
 def test_header(
     number: int, rosctr: int, pdu_ref: int, param_length: int, data_length: int, error: int, function: int
 ) -> None:
@@ -201,7 +201,7 @@ def test_every_s7_example_is_held_here() -> None:
     assert {row[0] for row in USERDATA_HEADS} == {row[0] for row in HEADERS if row[1] == 7} - {89}
 
 
-@pytest.mark.parametrize(("number", "type_", "group", "subfunction", "sequence", "extension"), USERDATA_HEADS)
+@each(("number", "type_", "group", "subfunction", "sequence", "extension"), USERDATA_HEADS)
 def test_userdata_head(
     number: int, type_: int, group: int, subfunction: int, sequence: int, extension: tuple[int, int, int] | None
 ) -> None:
@@ -293,7 +293,7 @@ def assert_sound(octets: bytes, cut: bool = False) -> Pdu:
     return pdu
 
 
-@pytest.mark.parametrize("number", [row[0] for row in HEADERS])
+@each("number", [row[0] for row in HEADERS])
 def test_truncated_anywhere(number: int) -> None:
     whole = octets_of(number)
     for size in range(len(whole)):
@@ -305,7 +305,7 @@ def test_truncated_anywhere(number: int) -> None:
             assert pdu.malformed[0].needed > size
 
 
-@pytest.mark.parametrize("number", [row[0] for row in HEADERS])
+@each("number", [row[0] for row in HEADERS])
 def test_one_octet_changed_anywhere(number: int) -> None:
     whole = octets_of(number)
     for at in range(1, len(whole)):

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from dissect.s7 import programmer_layouts as layouts
 from dissect.s7.body import Body
 from dissect.wire.part import OCTETS, Part
+from tests.cases import each
 from tests.s7.userdata_pdus import (
     PUSH,
     REQUEST,
@@ -123,7 +124,7 @@ EXAMPLES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("kind", "subfunction", "parameters", "data", "parts", "notes"), EXAMPLES)
+@each(("kind", "subfunction", "parameters", "data", "parts", "notes"), EXAMPLES)
 def test_examples(kind: int, subfunction: int, parameters: str, data: str, parts: list[str], notes: list[str]) -> None:
     octets = userdata(kind, 1, subfunction, payload(parameters, data), 2)
     found = body(octets)

@@ -4,11 +4,12 @@ import pytest
 
 from dissect.s7.start_information import OTHER_START, START_INFORMATION
 from dissect.wire.layout import Layout
+from tests.cases import each
 
 SIZE = 20
 
 
-@pytest.mark.parametrize("layout", [*START_INFORMATION.values(), OTHER_START])
+@each("layout", [*START_INFORMATION.values(), OTHER_START])
 def test_each_is_twenty_octets_with_the_time_at_the_end(layout: Layout) -> None:
     assert layout.size == SIZE
     assert not layout.open

@@ -28,6 +28,7 @@ from dissect.s7.szl_records import (
 from dissect.s7.tables import READ_SZL
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import OCTETS, SURPLUS, Part
+from tests.cases import each
 
 #: Reference section 8.8: the current mode, and the two parts of a list of ids.
 MODE: Final = bytes.fromhex("0424 0000 0014 0001 5144ff0800000000000000002311142215306213")
@@ -195,7 +196,7 @@ def test_unknown_lists_have_records_of_octets() -> None:
     assert (first.octets("octets"), second.octets("octets")) == (b"abc", b"def")
 
 
-@pytest.mark.parametrize("size", range(1, len(MODE)))
+@each("size", range(1, len(MODE)))
 def test_cut(size: int) -> None:
     parts, told = cut(MODE[:size])
     assert told == (["count_mismatch"] if size == SZL_HEAD.size else ["too_short"])

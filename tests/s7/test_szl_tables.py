@@ -5,8 +5,6 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-import pytest
-
 from dissect.s7 import diagnostic_tables, szl_communication, szl_modules, szl_records, szl_tables
 from dissect.s7.diagnostic_tables import EVENTS, event_name
 from dissect.s7.szl_communication import CAPABILITY_RECORDS, STATUS_RECORDS, flags
@@ -14,6 +12,7 @@ from dissect.s7.szl_records import COMPONENT_RECORDS, RECORDS, record_layout, re
 from dissect.s7.szl_tables import CAPABILITIES, COMPONENTS, INDEXES, PARTIAL_LISTS, STATUS_SECTIONS, SZL_IDS
 from dissect.wire.codes import CodeTable
 from dissect.wire.layout import Layout
+from tests.cases import each
 
 MODULES = (szl_tables, diagnostic_tables)
 TABLES = [table for module in MODULES for table in vars(module).values() if isinstance(table, CodeTable)]
@@ -30,7 +29,7 @@ LAYOUTS = [
 ]
 
 
-@pytest.mark.parametrize("table", TABLES, ids=lambda table: table.title)
+@each("table", TABLES)
 def test_rows(table: CodeTable) -> None:
     assert len(table)
     for row in table:
@@ -72,7 +71,7 @@ def test_what_an_index_picks() -> None:
         }
 
 
-@pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.name)
+@each("layout", LAYOUTS)
 def test_fields(layout: Layout) -> None:
     names = [field.name for field in layout.fields]
     assert len(set(names)) == len(names)

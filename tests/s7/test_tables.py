@@ -7,12 +7,13 @@ import pytest
 from dissect.s7 import errors, layouts, tables
 from dissect.wire.codes import CodeTable
 from dissect.wire.layout import Layout
+from tests.cases import each
 
 TABLES = [table for module in (tables, errors) for table in vars(module).values() if isinstance(table, CodeTable)]
 LAYOUTS = [layout for layout in vars(layouts).values() if isinstance(layout, Layout)]
 
 
-@pytest.mark.parametrize("table", [*TABLES, *tables.USERDATA_SUBFUNCTIONS.values()], ids=lambda table: table.title)
+@each("table", [*TABLES, *tables.USERDATA_SUBFUNCTIONS.values()])
 def test_rows(table: CodeTable) -> None:
     assert len(table)
     for row in table:

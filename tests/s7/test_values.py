@@ -22,12 +22,13 @@ from dissect.s7.values import (
     s5time,
     time_of_day,
 )
+from tests.cases import each
 
 BIT, BYTE, CHAR, WORD, INT, DWORD, DINT, REAL, DATE, TOD, TIME, S5TIME = range(1, 13)
 DATE_AND_TIME, WCHAR, COUNTER, TIMER, LREAL = 0x0F, 0x13, 0x1C, 0x1D, 0x30
 
 
-@pytest.mark.parametrize(
+@each(
     ("transport_size", "octets", "value"),
     [
         (BIT, "00", False),
@@ -300,8 +301,8 @@ def test_date_and_time(day: datetime.date, time: datetime.time, weekday: int) ->
     assert date_and_time(octets) == f"DT#{day}-{time:%H:%M:%S}.{ms:03d}"
 
 
-@pytest.mark.parametrize("month", range(1, 13))
-@pytest.mark.parametrize("year", [1990, 1996, 1999, 2000, 2001, 2024, 2089])
+@each("month", range(1, 13))
+@each("year", [1990, 1996, 1999, 2000, 2001, 2024, 2089])
 def test_days_of_a_month(year: int, month: int) -> None:
     last = calendar.monthrange(year, month)[1]
     for day in (1, last, last + 1):

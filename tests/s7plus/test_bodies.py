@@ -30,6 +30,7 @@ from dissect.s7plus.tables import (
 from dissect.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UDINT, USINT, WSTRING
 from dissect.s7plus.values import Blob, Struct, Value, build_members, build_value
 from dissect.s7plus.walk import MAX_PARTS
+from tests.cases import each
 from tests.s7plus import bodies
 from tests.s7plus.pdus import KEEP_ALIVE, NOTIFICATION_V3, asked, event, framed, told
 from tests.s7plus.strategies import OBJECTS, VALUES
@@ -100,7 +101,7 @@ def test_the_order_that_stops_a_cpu() -> None:
     whole(SET_VARIABLE, b"\0" + bodies.end(3), answer=True)
 
 
-@pytest.mark.parametrize(
+@each(
     ("function", "body", "version", "answer"),
     [
         (CREATE_OBJECT, bodies.create_object(285, Value(0, UDINT, 0), TYPE), 1, False),

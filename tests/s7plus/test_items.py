@@ -25,6 +25,7 @@ from dissect.s7plus.tables import (
 )
 from dissect.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UDINT, UINT, USINT, WSTRING
 from dissect.s7plus.values import Blob, Struct, Value, build_value
+from tests.cases import each
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
 from tests.s7plus.test_bodies import LEVEL, LOST, WORD
@@ -148,9 +149,9 @@ def test_values_as_the_program_means_them(datatype: int, value: Value, text: str
 # ---- refusals -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("version", [1, 2, 3])
-@pytest.mark.parametrize("integrity_id", [-1, 0, 9, 300, 2**31])
-@pytest.mark.parametrize(
+@each("version", [1, 2, 3])
+@each("integrity_id", [-1, 0, 9, 300, 2**31])
+@each(
     ("items", "refusals"),
     [
         ([], []),

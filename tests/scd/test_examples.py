@@ -19,6 +19,7 @@ from dissect.scd.records import FieldRecord, ObjectRecord, StructRecord
 from dissect.scd.source import parse_toml
 from dissect.scd.types import STANDARD, STANDARD_NAMES, SimpleType, Value, integer
 from dissect.scd.values import MAC, Interval, NetTime
+from tests.cases import each
 from tests.scd import making
 from tests.scd.making import (
     BOOL,
@@ -101,9 +102,7 @@ VALUES: Final[list[tuple[str, SimpleType, int, object, str]]] = [
     "R22", "R23", "R25", "R27", "R29", "R30", "R37", "R38", "R39", "R40", "R41", "R42", "R43", "R44", "R45", "R46", "R48",
     "R49", "R50", "R52",
 )  # fmt: skip
-@pytest.mark.parametrize(
-    ("kind", "bits", "value", "octets"), [row[1:] for row in VALUES], ids=[row[0] for row in VALUES]
-)
+@each(("kind", "bits", "value", "octets"), [row[1:] for row in VALUES])
 def test_single_values(kind: SimpleType, bits: int, value: object, octets: str) -> None:
     assert sent(kind, value, bits) == octets
     found, flags = received(kind, octets, bits)

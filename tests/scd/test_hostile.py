@@ -149,8 +149,8 @@ def text_places() -> list[int]:
     return [FILE.index(word.encode(), 64) - 64 for word in words]
 
 
-@pytest.mark.parametrize("at", text_places())
-@pytest.mark.parametrize("octet", [0x80, 0xC0, 0xED, 0xFF])
+@each("at", text_places())
+@each("octet", [0x80, 0xC0, 0xED, 0xFF])
 def test_texts_that_are_no_utf8(at: int, octet: int) -> None:
     body = FILE[64:]
     error = refused(sealed(body[:at] + bytes([octet]) + body[at + 1 :]))
@@ -221,10 +221,8 @@ def test_what_no_source_writes_is_refused(at: tuple[int, ...], value: Any, rule:
 # Sources
 
 
-@pytest.mark.parametrize("depth", [MAX_DEPTH + 1, 100, 400, 600, 950, 990, 100_000])
-@pytest.mark.parametrize(
-    "key", ["index", "name", "fields", "default", "texts", "access", "mandatory", "devices", "low"]
-)
+@each("depth", [MAX_DEPTH + 1, 100, 400, 600, 950, 990, 100_000])
+@each("key", ["index", "name", "fields", "default", "texts", "access", "mandatory", "devices", "low"])
 def test_a_source_that_nests_without_end(depth: int, key: str) -> None:
     """Depths near the limit of Python's own recursion are where a second walk would fail that the parser did not."""
     deep = "[" * depth + "]" * depth
@@ -267,10 +265,8 @@ HUGE: Final = {
 }
 
 
-@pytest.mark.parametrize(
-    "key", ["index", "name", "size", "default", "low", "scale", "count", "type", "mandatory", "other"]
-)
-@pytest.mark.parametrize("form", ["digits", "hex", "65 bits"])
+@each("key", ["index", "name", "size", "default", "low", "scale", "count", "type", "mandatory", "other"])
+@each("form", ["digits", "hex", "65 bits"])
 def test_numbers_that_no_field_holds(form: str, key: str) -> None:
     text = OBJECT.replace("index = 0x2000\n", "" if key == "index" else "index = 0x2000\n")
     text = text.replace('name = "x"\n', "" if key == "name" else 'name = "x"\n')

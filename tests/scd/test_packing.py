@@ -17,6 +17,7 @@ from dissect.scd.layout import Slot
 from dissect.scd.packing import Packing, decode_value, encode_value
 from dissect.scd.types import STANDARD, STANDARD_NAMES, Kind, SimpleType, Value, integer
 from dissect.scd.values import MAC, Interval, NetTime
+from tests.cases import each
 from tests.scd import making
 from tests.scd.making import (
     BLOCK,
@@ -224,7 +225,7 @@ def test_places_that_cannot_be(slots: list[Slot], bits: int) -> None:
 
 
 @pytest.mark.requirement("R22", "R25")
-@pytest.mark.parametrize("bits", range(1, 65))
+@each("bits", range(1, 65))
 def test_r22_r25_n_bits_travel_in_k_octets(bits: int) -> None:
     octets = encode_value(integer(bits, signed=False), (1 << bits) - 1)
     assert 8 * (len(octets) - 1) < bits <= 8 * len(octets)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from dissect.scd.errors import ERROR_TEXTS, Error
 from dissect.scd.types import MAX_OCTETS, STANDARD, STANDARD_NAMES, VOID, Kind, integer, reserved, width_trouble
 from dissect.scd.values import MAC, Interval, NetTime
+from tests.cases import each
 
 
 def code_of(call: object, *arguments: object) -> str:
@@ -101,7 +102,7 @@ def test_reserved_has_bits_and_no_value(bits: int) -> None:
 
 
 @pytest.mark.requirement("R20", "R34")
-@pytest.mark.parametrize("bits", range(1, 65))
+@each("bits", range(1, 65))
 def test_every_unsigned_width(bits: int) -> None:
     """0..2^N-1."""
     kind = integer(bits, signed=False)
@@ -110,7 +111,7 @@ def test_every_unsigned_width(bits: int) -> None:
 
 
 @pytest.mark.requirement("R37")
-@pytest.mark.parametrize("bits", range(1, 65))
+@each("bits", range(1, 65))
 def test_every_integer_width(bits: int) -> None:
     """-2^(N-1)..2^(N-1)-1."""
     kind = integer(bits, signed=True)

@@ -17,6 +17,7 @@ from dissect.scd.records import Traits
 from dissect.scd.types import STANDARD
 from dissect.scd.values import MAC, Interval, NetTime
 from dissect.scd.written import parse_written, whole
+from tests.cases import each
 from tests.scd.test_dump import PLANT
 
 ALL = """
@@ -36,23 +37,41 @@ bits = 12
 OD = compile_text(ALL)
 
 
-@pytest.mark.parametrize(
+@each(
     ("name", "text", "value"),
     [
-        ("bool", "true", True), ("bool", "FALSE", False), ("bool", "1", True), ("bool", "0x0", False),
-        ("int8", "-128", -128), ("int8", "0x80", -128), ("int8", " 0x7f ", 127), ("int8", "+5", 5), ("int8", "005", 5),
-        ("int12", "0x800", -2048), ("int12", "-0x1", -1),
-        ("uint64", "0xFFFFFFFFFFFFFFFF", 2**64 - 1), ("uint64", "1 000", 1000),
-        ("float32", "0x3F800000", 1.0), ("float32", "-2.5", -2.5), ("float64", "0x3FF0000000000000", 1.0),
-        ("string", " Насос ", " Насос "), ("string", "", ""),
-        ("block", "0x01FF", b"\x01\xff"), ("block", "01 ff", b"\x01\xff"), ("block", "", b""),
-        ("nettime", "2015-10-18T00:00:00.5Z", NetTime(1445126400, 500000000)), ("nettime", "-1, 5", NetTime(-1, 5)),
+        ("bool", "true", True),
+        ("bool", "FALSE", False),
+        ("bool", "1", True),
+        ("bool", "0x0", False),
+        ("int8", "-128", -128),
+        ("int8", "0x80", -128),
+        ("int8", " 0x7f ", 127),
+        ("int8", "+5", 5),
+        ("int8", "005", 5),
+        ("int12", "0x800", -2048),
+        ("int12", "-0x1", -1),
+        ("uint64", "0xFFFFFFFFFFFFFFFF", 2**64 - 1),
+        ("uint64", "1 000", 1000),
+        ("float32", "0x3F800000", 1.0),
+        ("float32", "-2.5", -2.5),
+        ("float64", "0x3FF0000000000000", 1.0),
+        ("string", " Насос ", " Насос "),
+        ("string", "", ""),
+        ("block", "0x01FF", b"\x01\xff"),
+        ("block", "01 ff", b"\x01\xff"),
+        ("block", "", b""),
+        ("nettime", "2015-10-18T00:00:00.5Z", NetTime(1445126400, 500000000)),
+        ("nettime", "-1, 5", NetTime(-1, 5)),
         ("nettime", "0x0000000500000001", NetTime(1, 5)),
-        ("interval", "[-1, -500]", Interval(-1, -500)), ("interval", "1;2", Interval(1, 2)),
-        ("mac", "00:1b:44:11:3a:b7", MAC("00:1B:44:11:3A:B7")), ("mac", "0x001B44113AB7", MAC("00:1B:44:11:3A:B7")),
-        ("ip", "192.168.100.1", "192.168.100.1"), ("ip", "0xC0A86401", "192.168.100.1"),
+        ("interval", "[-1, -500]", Interval(-1, -500)),
+        ("interval", "1;2", Interval(1, 2)),
+        ("mac", "00:1b:44:11:3a:b7", MAC("00:1B:44:11:3A:B7")),
+        ("mac", "0x001B44113AB7", MAC("00:1B:44:11:3A:B7")),
+        ("ip", "192.168.100.1", "192.168.100.1"),
+        ("ip", "0xC0A86401", "192.168.100.1"),
     ],
-)  # fmt: skip
+)
 def test_value(name: str, text: str, value: object) -> None:
     found = parse_written(text, OD.variable(name))
     assert (str(found) if name == "ip" else found) == value

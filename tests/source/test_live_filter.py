@@ -19,6 +19,7 @@ from dissect.source.live.program import (
     compile_with_libpcap,
 )
 from dissect.source.live.reader import LiveError
+from tests.cases import each
 from tests.source.live_support import ethernet, ip_packet, needs_ring, run_filter, udp
 
 ADDRESSES = ("10.0.0.1", "10.0.0.2", "10.1.2.3", "192.168.7.9")
@@ -109,8 +110,8 @@ def test_agrees_with_libpcap(expression: str, packets: list[bytes]) -> None:
     assert [run_filter(ours, packet) for packet in packets] == [run_filter(theirs, packet) for packet in packets]
 
 
-@pytest.mark.parametrize("tags", ["", "8100 0005", "88a8 0064 8100 0005", "9100 0001 8100 0002 8100 0003"])
-@pytest.mark.parametrize(
+@each("tags", ["", "8100 0005", "88a8 0064 8100 0005", "9100 0001 8100 0002 8100 0003"])
+@each(
     ("expression", "wanted"),
     [
         ("udp port 4711", True),
@@ -171,7 +172,7 @@ def test_and_and_or_bind_alike() -> None:
     assert run_filter(compile_filter("udp or (ip6 and arp)"), udp(b"x"))
 
 
-@pytest.mark.parametrize(
+@each(
     "expression",
     [
         *(
@@ -237,9 +238,9 @@ def test_longer_than_the_kernel_takes_is_told() -> None:
         compile_filter(" or ".join(f"port {port}" for port in range(900)))
 
 
-@pytest.mark.parametrize("distance", range(250, 262))
-@pytest.mark.parametrize("value", [1, 2])
-@pytest.mark.parametrize("ways", ["yes", "no", "both"])
+@each("distance", range(250, 262))
+@each("value", [1, 2])
+@each("ways", ["yes", "no", "both"])
 def test_comparisons_at_the_edge_of_their_reach(distance: int, value: int, ways: str) -> None:
     code = Assembler()
     yes, no = code.label(), code.label()

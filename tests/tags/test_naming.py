@@ -18,6 +18,7 @@ from dissect.tags.naming import TagNaming
 from dissect.tags.values import decode_typed
 from dissect.transactions.naming import NamedValue
 from dissect.transactions.results import ItemResult
+from tests.cases import each
 
 TANK: Final = """address,type,name,unit,scale,comment
 DB1.DBD0,REAL,Tank.Level,m,,level
@@ -121,7 +122,7 @@ def test_a_text_whose_lengths_cannot_be_is_no_value(tank: TagNaming) -> None:
     assert (value.value, value.remark, value.data) == (None, "no valid STRING[6]", b"\xff\x02abcdef")
 
 
-@pytest.mark.parametrize(
+@each(
     ("kind", "octets", "value"),
     [
         ("SINT", "80", -128),

@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.tcp.stream import MASK, Endpoint, TcpConnection
+from tests.cases import each
 
 CLIENT = Endpoint(bytes((10, 0, 0, 1)), 49152)
 SERVER = Endpoint(bytes((10, 0, 0, 2)), 102)
@@ -129,12 +130,23 @@ def test_a_reset_after_both_fins_changes_nothing() -> None:
     assert ended(tcp) == ("fin", 0, 5, 50)
 
 
-@pytest.mark.parametrize(
+@each(
     ("distance", "believed"),
-    [(0, True), (-1, True), (1, True), (65536, True), (-65536, True), (65537, False), (-65537, False), (FAR, False),
-     (-FAR, False), (2**31, False), (2**31 - 1, False)],
-)  # fmt: skip
-@pytest.mark.parametrize("isn", [1000, MASK - 5, 2**31])
+    [
+        (0, True),
+        (-1, True),
+        (1, True),
+        (65536, True),
+        (-65536, True),
+        (65537, False),
+        (-65537, False),
+        (FAR, False),
+        (-FAR, False),
+        (2**31, False),
+        (2**31 - 1, False),
+    ],
+)
+@each("isn", [1000, MASK - 5, 2**31])
 def test_a_reset_far_from_the_window_is_not_believed(distance: int, believed: bool, isn: int) -> None:
     tcp = opened(isn)
     assert tcp.note_reset(0, (tcp.streams[0].next_seq + distance) & MASK, 5, 50) is believed

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from dissect.tcp import ip
 from dissect.tcp.ip import FragmentStore, parse_ip
 from dissect.tcp.stream import address_text
+from tests.cases import each
 from tests.growth import assert_growth
 from tests.tcp.craft import DST, DST6, SRC, SRC6, TCP, UDP, authentication, extension, fragment_header, v4, v6
 
@@ -253,7 +254,7 @@ def filled(store: FragmentStore, pieces: list[Piece], key: bytes = b"k" * 11, ti
     return [whole for whole in done if whole is not None]
 
 
-@pytest.mark.parametrize("order", list(permutations(range(4))))
+@each("order", list(permutations(range(4))))
 def test_fragments_in_every_order(order: tuple[int, ...]) -> None:
     pieces = cut(PAYLOAD, 8, 32, 56)
     store = FragmentStore()
@@ -275,8 +276,8 @@ def test_fragments_of_v4_from_the_wire() -> None:
     assert done == [None, None, PAYLOAD]
 
 
-@pytest.mark.parametrize(("chain", "first"), CHAINS, ids=range(len(CHAINS)))
-@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (1, 2, 0)])
+@each(("chain", "first"), CHAINS)
+@each("order", [(0, 1, 2), (2, 0, 1), (1, 2, 0)])
 def test_fragments_of_v6_from_the_wire(chain: bytes, first: int, order: tuple[int, ...]) -> None:
     """Extension headers behind the fragment header count in the offsets, and are no part of the segment."""
     content = chain + PAYLOAD

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.tcp import link
+from tests.cases import each
 
 V4 = b"\x45\x00\x00\x14" + bytes(16)
 V6 = b"\x60" + bytes(39)
@@ -42,9 +43,9 @@ STACKS = [
 ]
 
 
-@pytest.mark.parametrize("link_type", WITH_ETHERTYPE)
-@pytest.mark.parametrize("ethertype", [IPV4, IPV6])
-@pytest.mark.parametrize("tags", STACKS)
+@each("link_type", WITH_ETHERTYPE)
+@each("ethertype", [IPV4, IPV6])
+@each("tags", STACKS)
 def test_every_cut_of_a_frame(link_type: int, ethertype: int, tags: list[tuple[int, int]]) -> None:
     head = header(link_type, ethertype, tags)
     frame = head + (V4 if ethertype == IPV4 else V6)
@@ -102,9 +103,9 @@ def test_raw_ip_begins_at_once(link_type: int) -> None:
         assert link.find_ip(b"xyz" + buf, 3, 3 + len(buf), link_type) == (3, 0)
 
 
-@pytest.mark.parametrize("link_type", [link.NULL, link.LOOP])
-@pytest.mark.parametrize("family", [b"\x02\0\0\0", b"\0\0\0\x02", b"\x1e\0\0\0", b"\x18\0\0\0", b"\0\0\0\x1c"])
-@pytest.mark.parametrize("packet", [V4, V6])
+@each("link_type", [link.NULL, link.LOOP])
+@each("family", [b"\x02\0\0\0", b"\0\0\0\x02", b"\x1e\0\0\0", b"\x18\0\0\0", b"\0\0\0\x1c"])
+@each("packet", [V4, V6])
 def test_loopback_of_every_system(link_type: int, family: bytes, packet: bytes) -> None:
     frame = b"before" + family + packet
     for size in range(len(frame) - 6):

@@ -11,6 +11,7 @@ from dissect.tcp import link
 from dissect.tcp.ip import FragmentStore
 from dissect.tcp.segment import Segment, find_segment
 from dissect.transactions.accounts import CATEGORIES
+from tests.cases import each
 from tests.tcp.craft import DST, DST6, SRC, SRC6, TCP, UDP, extension, fragment_header, v4, v6
 
 PORTS = struct.pack(">HH", 49152, 102)
@@ -85,7 +86,7 @@ def test_data_offsets_that_lie(offset: int) -> None:
         assert got.problem == "bad_header"
 
 
-@pytest.mark.parametrize("size", range(20))
+@each("size", range(20))
 def test_packets_too_short_for_tcp(size: int) -> None:
     assert found(ethernet(v4(tcp()[:size])) + bytes(60)).problem == "bad_header"
 
@@ -186,7 +187,7 @@ def test_what_is_behind_the_udp_length_is_padding_captured_or_not(packet: bytes)
         assert (got.problem, got.octets, got.missing) == ("", DATA[: size - (whole - len(DATA))], max(0, whole - size))
 
 
-@pytest.mark.parametrize("length", [*range(18), 0x0F00, 65535])
+@each("length", [*range(18), 0x0F00, 65535])
 def test_udp_lengths_that_lie(length: int) -> None:
     for packet in (v4(udp(length=length), protocol=UDP), v6(udp(length=length), next_header=UDP)):
         got = found_udp(ethernet(packet) + bytes(40))  # what the link adds is not the datagram's

@@ -1,8 +1,7 @@
 from __future__ import annotations
 
-import pytest
-
 from dissect.wire.hexdump import hexdump
+from tests.cases import each
 
 
 def test_sixteen_octets_a_line_with_what_they_print_as() -> None:
@@ -21,7 +20,7 @@ def test_nothing_gives_no_line() -> None:
     assert hexdump(b"") == []
 
 
-@pytest.mark.parametrize("size", range(1, 34))
+@each("size", range(1, 34))
 def test_the_octets_and_the_columns_are_right_for_every_size(size: int) -> None:
     octets = bytes((7 * index) & 0xFF for index in range(size))
     lines = hexdump(octets)
