@@ -182,8 +182,8 @@ def _error_names() -> Iterable[str]:
         yield from table.names().values()
 
 
-def _tags(item: ItemFacts, context: Context) -> list[str]:
-    return list(context.tags(item.source))
+def _tags(item: ItemFacts, _context: Context) -> list[str]:
+    return [named.name for named in item.tags]
 
 
 def _scd_values(get: Any) -> Any:

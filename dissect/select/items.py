@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Any, Final
+from collections.abc import Iterable
+from typing import Final
 
 from dissect.report.plus import DB_AREA, S7_AREAS
 from dissect.s7.items import Item
@@ -23,12 +23,10 @@ from dissect.s7plus.ids import DATA_BLOCK
 from dissect.s7plus.items import PlusItem
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.scd.wording import Row, json_value
-from dissect.select.literals import CodeValue, Place
+from dissect.select.literals import CodeValue, Place, place_of
+from dissect.transactions.naming import NamedValue, Naming
 from dissect.transactions.results import ItemResult
 from dissect.transactions.transaction import Transaction
-
-#: Returns the names of the tags that an item covers; where no tags are loaded, none.
-Tagger = Callable[[Any], Iterable[str]]
 
 #: Request items whose facts are remembered: polling repeats the same ones.
 _MOST_KNOWN: Final = 8192
@@ -38,13 +36,15 @@ _UNKNOWN_ELEMENT: Final = 1
 class ItemFacts:
     """One item. What it does not have is None; ``values`` are its value, or the elements of an array.
 
-    ``source`` is the `ItemResult`, `PlusItem` or row of SCD it was made of.
+    ``source`` is the `ItemResult`, `PlusItem`, row of SCD or value of a tag it was made of. ``naming`` knows the tags on its
+    connection.
     """
 
-    __slots__ = ("area", "count", "data", "db", "name", "place", "return_code", "source", "type", "unit")
+    __slots__ = ("area", "count", "data", "db", "name", "naming", "place", "return_code", "source", "type", "unit")
 
-    def __init__(self, source: ItemResult | PlusItem | Row) -> None:
+    def __init__(self, source: ItemResult | PlusItem | Row | NamedValue, naming: Naming | None = None) -> None:
         self.source = source
+        self.naming = naming
         self.place: Place | None = None
         self.area: CodeValue | None = None
         self.db: int | None = None
@@ -63,11 +63,33 @@ class ItemFacts:
             value: object = source.value
         elif isinstance(source, PlusItem):
             value = source.json_value
+        elif isinstance(source, NamedValue):
+            value = source.value
         else:
             value = json_value(source.physical)
         found: list[object] = []
         _flatten(value, found)
         return found
+
+    @property
+    def tags(self) -> list[NamedValue]:
+        """The tags that it covers, wholly or in part; none where none are loaded."""
+        if self.naming is None or not isinstance(self.source, ItemResult):
+            return []
+        return [named for named in self.naming.named(self.source) if named.name]
+
+    def of_tag(self, name: str) -> ItemFacts | None:
+        """Return one of the tags that it covers as an item of its own, None where it does not cover it."""
+        for named in self.tags:
+            if named.name == name:
+                facts = ItemFacts(named)
+                facts.area, facts.db, facts.return_code = self.area, self.db, self.return_code
+                facts.place = place_of(named.address) or self.place
+                facts.type = CodeValue(None, (named.type,)) if named.type else None
+                facts.data = named.data or None
+                facts.name, facts.unit = named.name, named.unit or None
+                return facts
+        return None
 
 
 def _flatten(value: object, into: list[object]) -> None:
@@ -96,7 +118,8 @@ class ItemReader:
         if transaction.is_plus:
             facts = [plus_facts(item) for item in transaction.plus_items()]
         else:
-            facts = [self.s7(result) for result in transaction.results()]
+            naming = transaction.connection.naming
+            facts = [self.s7(result, naming) for result in transaction.results()]
         if transaction.is_scd or transaction.carried is not None:
             facts += [scd_facts(row) for found in transaction.scd for row in found.values]
         # Only of what will not change any more may be said the same when it is asked again.
@@ -104,9 +127,15 @@ class ItemReader:
         self._facts = facts
         return facts
 
-    def s7(self, result: ItemResult) -> ItemFacts:
+    def requested(self, items: Iterable[Item], naming: Naming | None) -> list[ItemFacts]:
+        """Return the facts of the items of a request, of which no value is known."""
+        if naming is None:
+            return [self.asked(item) for item in items]
+        return [self.s7(ItemResult(item, -1, None, None), naming) for item in items]
+
+    def s7(self, result: ItemResult, naming: Naming | None = None) -> ItemFacts:
         """Return the facts of an item of S7comm."""
-        facts = ItemFacts(result)
+        facts = ItemFacts(result, naming)
         facts.data = result.data
         if result.return_code >= 0:
             code = int(result.return_code)
@@ -188,8 +217,3 @@ def scd_facts(row: Row) -> ItemFacts:
     facts.name = row.name or None
     facts.unit = row.unit or None
     return facts
-
-
-def no_tags(_source: object) -> Iterable[str]:
-    """Return no names: no tags are loaded."""
-    return ()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ipaddress
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
@@ -72,7 +73,7 @@ class Place(NamedTuple):
         )
 
 
-class Kind:
+class Kind(ABC):
     """A type of values. ``name`` is what `s7dissect fields` calls it, ``operators`` those that may stand before a literal."""
 
     name = ""
@@ -102,9 +103,9 @@ class Kind:
             tests.append(self.compare("<=", Literal(high, False, middle + 2, literal.end), start))
         return lambda value: all([test(value) for test in tests])
 
+    @abstractmethod
     def compare(self, operator: str, literal: Literal, start: Start) -> Test:
         """Return the test that compares with one literal."""
-        raise NotImplementedError
 
     def shown(self, value: Any) -> str:
         """Return a value as text, for ``-T fields``."""

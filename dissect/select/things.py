@@ -13,7 +13,7 @@ from typing import Final
 from dissect.findings.reporter import Finding
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.select.items import ItemFacts, ItemReader, Tagger, no_tags
+from dissect.select.items import ItemFacts, ItemReader
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import ScdMessage
@@ -32,16 +32,15 @@ _REMEMBERED: Final = 4096
 
 
 class Context:
-    """What fields need beyond a thing: the start of the capture, places of packets, tags, connections by their number.
+    """What fields need beyond a thing: the start of the capture, places of packets, connections by their number.
 
     ``start`` returns the time of the first packet, nanoseconds since 1970. ``number`` returns the number of a packet within its
-    file. ``tags`` names what an item covers.
+    file.
     """
 
     def __init__(self) -> None:
         self.start: Callable[[], int] = lambda: 0
         self.number: Callable[[int], int] = int
-        self.tags: Tagger = no_tags
         self.reader = ItemReader()
         self._connections: dict[int, Connection] = {}
         self._over: OrderedDict[int, Connection] = OrderedDict()
@@ -126,7 +125,7 @@ class Message:
 
             return [scd_facts(row) for row in self.scd.values]
         pdu = self.pdu
-        return [reader.asked(item) for item in pdu.parameters.items] if pdu is not None else []
+        return reader.requested(pdu.parameters.items, self.connection.naming) if pdu is not None else []
 
 
 class Packet:

@@ -15,6 +15,7 @@ from dissect.select.errors import SelectError
 from dissect.select.fields import FIELDS, NAMES, WIRESHARK, Field
 from dissect.select.getters import Getter
 from dissect.select.grammar import All, Comparison, Either, FieldName, Literal, Negation, Node, Presence, parse
+from dissect.select.items import ItemFacts
 from dissect.select.literals import IN, S7Address, Test, place_of
 from dissect.select.things import (
     CONNECTION,
@@ -189,8 +190,8 @@ def _test(condition: Comparison, field: Field, context: Context) -> Test:
     return field.kind.test(plain, condition.literals, lambda: context.start())  # noqa: PLW0108 - it may be set later
 
 
-def _index(name: FieldName, field: Field, context: Context) -> Callable[[Any], bool] | None:
-    """Return what tells whether an item is the one in brackets; None without brackets."""
+def _index(name: FieldName, field: Field, context: Context) -> Callable[[ItemFacts], ItemFacts | None] | None:
+    """Return what gives of an item what the brackets name: itself by its address, or a tag in it; None without brackets."""
     if not name.index:
         return None
     if field.of_item is None:
@@ -202,7 +203,13 @@ def _index(name: FieldName, field: Field, context: Context) -> Callable[[Any], b
     block = place_of(literal.text)
     if block is not None and block.whole:
         same = block.overlaps
-    return lambda item: (item.place is not None and same(item.place)) or literal.text in context.tags(item.source)
+
+    def picked(item: ItemFacts) -> ItemFacts | None:
+        if item.place is not None and same(item.place):
+            return item
+        return item.of_tag(literal.text)
+
+    return picked
 
 
 class _Maker:
@@ -239,8 +246,9 @@ class _Maker:
         def indexed(thing: Any, context: Context) -> list[Any]:
             found: list[Any] = []
             for item in items(thing, context):
-                if index(item):
-                    value = of_item(item, context) if of_item is not None else None
+                named = index(item)
+                if named is not None:
+                    value = of_item(named, context) if of_item is not None else None
                     if isinstance(value, list):
                         found += value
                     elif value is not None:

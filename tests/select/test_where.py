@@ -7,13 +7,14 @@ from typing import Any, Final
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import dissect
 from dissect.select import Where
 from dissect.select.fields import FIELDS, Field
 from dissect.select.items import ItemFacts
 from dissect.select.literals import AnyValue, Code, Duration, Host, Number, Octets, S7Address, Text, Time, Truth
 from dissect.select.things import FINDING, TRANSACTION
 from tests.cases import each
-from tests.select.support import NAMES, gathered
+from tests.select.support import CAPTURES, NAMES, gathered
 
 
 def numbers(expression: str) -> list[int]:
@@ -114,17 +115,33 @@ def test_a_condition_selects(case: tuple[str, list[int]]) -> None:
     assert numbers(case[0]) == case[1]
 
 
-@each("number", range(1, 9))
-def test_a_tag_is_what_the_context_names(number: int) -> None:
-    found = gathered("item-errors")
-    where = Where('tag == "Tank.Level" and value[Tank.Level] == 3.5', context=found.context)
-    before = found.context.tags
-    found.context.tags = lambda result: ["Tank.Level"] if result.item.address == "DB2.DBD16" else []
-    try:
-        one = found.things[TRANSACTION][number - 1]
-        assert where.transaction(one) == (number == 5)
-    finally:
-        found.context.tags = before
+@each(
+    "case",
+    [
+        ('tag == "Valve.pressure"', [2]),
+        ("tag matches Valve", [2, 3, 4, 5, 7]),
+        ("value[Valve.pressure] == 12.5", [2]),
+        ("value[Valve.balance] < 0", [5]),  # scaled, one of three items
+        ("value[Valve.cycles] == 4711 and value[Heartbeat] == 99", [5]),
+        ("value[Valve.cycles] == 99", []),  # the value of another tag of the same request
+        ("type[Valve.position] == INT", [3]),
+        ('value[Valve.name] contains "alv"', [7]),
+        ("tag", [2, 3, 4, 5, 6, 7]),
+        ("value[Nothing] > 0", []),
+    ],
+)
+def test_tags_are_selected_by_name_and_by_their_own_value(case: tuple[str, list[int]]) -> None:
+    events = dissect.open(
+        CAPTURES / "nodes7-write.pcapng", where=case[0], tags=CAPTURES / "tags" / "valve.csv", pdus=False
+    )
+    assert [int(one.number) for one in events if isinstance(one, dissect.Transaction)] == case[1]
+
+
+def test_a_request_alone_has_its_tags_too() -> None:
+    events = dissect.open(
+        CAPTURES / "nodes7-write.pcapng", where='tag == "Remote"', tags=CAPTURES / "tags" / "valve.csv"
+    )
+    assert [int(one.frame) for one in events if isinstance(one, dissect.Pdu)] == [22]
 
 
 def test_findings_are_selected_by_their_own_fields_and_those_of_their_connection() -> None:
