@@ -18,6 +18,9 @@ PLAIN_KEYS: Final = 0x80000000
 #: How many times its own size a blob may become, and how many octets all blobs of a PDU together.
 MAX_RATIO: Final = 1000
 MAX_INFLATED: Final = 32 * 1024 * 1024
+#: Octets of blobs that are remembered as sound, and what one costs beside its own.
+MAX_KEPT: Final = 512 * 1024
+_COST: Final = 128
 #: Even a few octets may become this many.
 _LEAST: Final = 4096
 
@@ -50,6 +53,34 @@ class Opened:
         self.size = 0
 
 
+class SoundBlobs:
+    """The latest blobs that were found sound, and what they become; at most `MAX_KEPT` octets of them."""
+
+    __slots__ = ("_kept", "_sizes")
+
+    def __init__(self) -> None:
+        self._sizes: dict[bytes, int] = {}
+        self._kept = 0
+
+    def size(self, octets: bytes) -> int:
+        """Return how many octets a blob becomes, -1 when it is not known."""
+        return self._sizes.get(octets, -1)
+
+    def add(self, octets: bytes, size: int) -> None:
+        """Keep a blob; those that came first leave."""
+        if octets in self._sizes or len(octets) > MAX_KEPT // 4:
+            return
+        self._sizes[octets] = size
+        self._kept += len(octets) + _COST
+        while self._kept > MAX_KEPT:
+            first = next(iter(self._sizes))
+            del self._sizes[first]
+            self._kept -= len(first) + _COST
+
+
+_SOUND: Final = SoundBlobs()
+
+
 def is_compressed(octets: bytes) -> bool:
     """Tell whether a blob of one of the attributes above holds a zlib stream."""
     return _start(octets) >= 0
@@ -68,9 +99,18 @@ def _start(octets: bytes) -> int:
 def check_blob(octets: bytes, allowed: int = MAX_INFLATED) -> Opened:
     """Inflate a compressed blob to see whether it keeps what its format promises; its contents are not kept. Never raises.
 
-    ``allowed`` is how many octets it may become, beside `MAX_RATIO`.
+    ``allowed`` is how many octets it may become, beside `MAX_RATIO`. Engineering tools read the same blobs again and again:
+    one that was sound is not inflated twice.
     """
-    return _inflate(octets, _EMPTY, allowed, kept=0)
+    opened = Opened(-1)
+    opened.size = _SOUND.size(octets)
+    if 0 <= opened.size <= allowed:
+        opened.dictionary = _named(octets, _start(octets))
+        return opened
+    opened = _inflate(octets, _EMPTY, allowed, kept=0)
+    if not opened.fault:
+        _SOUND.add(octets, opened.size)
+    return opened
 
 
 def open_blob(octets: bytes, dictionaries: Mapping[int, bytes], kept: int = MAX_INFLATED) -> Opened:

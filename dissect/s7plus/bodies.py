@@ -139,7 +139,7 @@ def _object_created(walk: Walk, found: Contents) -> None:
         at = walk.at
         id_ = walk.number(VLQ, "object id")
         found.ids.append(id_)
-        walk.part(layouts.OBJECT_ID_VLQ, at, id_name(id_))
+        walk.part(layouts.OBJECT_ID_VLQ, at, id_name(id_) if walk.shown else "")
     if found.version == V1:
         take_objects(walk, found)
 
@@ -228,7 +228,7 @@ def _explore(walk: Walk, found: Contents) -> None:
     found.object_id = walk.fixed(4, "object id")
     walk.number(VLQ, "id")
     walk.take(3, "explore")
-    walk.part(layouts.EXPLORE_HEAD, at, id_name(found.object_id))
+    walk.part(layouts.EXPLORE_HEAD, at, id_name(found.object_id) if walk.shown else "")
     while True:
         at = walk.at
         filters = walk.u8("filters")
@@ -256,7 +256,8 @@ def _get_link(walk: Walk, found: Contents) -> None:
     found.object_id = walk.fixed(4, "object id")
     found.ids = [walk.number(VLQ, "relation")]
     walk.take(2, "reserved")
-    walk.part(layouts.LINK_REQUEST, at, f"{id_name(found.object_id)} {id_name(found.ids[0])}")
+    note = f"{id_name(found.object_id)} {id_name(found.ids[0])}" if walk.shown else ""
+    walk.part(layouts.LINK_REQUEST, at, note)
 
 
 def _link_got(walk: Walk, found: Contents) -> None:
@@ -266,7 +267,7 @@ def _link_got(walk: Walk, found: Contents) -> None:
     for _ in range(count):
         at = walk.at
         found.ids.append(walk.fixed(4, "object id"))
-        walk.part(layouts.OBJECT_ID, at, id_name(found.ids[-1]))
+        walk.part(layouts.OBJECT_ID, at, id_name(found.ids[-1]) if walk.shown else "")
 
 
 def _begin_sequence(walk: Walk, found: Contents) -> None:
@@ -305,7 +306,7 @@ def _invoke(walk: Walk, found: Contents) -> None:
     at = walk.at
     found.object_id = walk.fixed(4, "sub session")
     found.method = walk.fixed(4, "method")
-    walk.part(layouts.INVOKE_HEAD, at, id_name(found.method))
+    walk.part(layouts.INVOKE_HEAD, at, id_name(found.method) if walk.shown else "")
     take_values_to_end(walk, found)
     take_reserved(walk, 1)
 

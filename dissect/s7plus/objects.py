@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dissect.s7plus.blobs import COMPRESSED
 from dissect.s7plus.ids import id_name
 from dissect.s7plus.layouts import ATTRIBUTE, OBJECT, OBJECT_END, OBJECT_HELD, RELATION
+from dissect.s7plus.skipping import Skipper
 from dissect.s7plus.tables import (
     ATTRIBUTE_TAG,
     NAMES_TAG,
@@ -32,13 +34,25 @@ from dissect.wire.varint import VLQ, build_varint
 
 
 class Attribute:
-    """An attribute of an object: its id and its value."""
+    """An attribute of an object: its id and its value, which may be read only when somebody asks for it."""
 
-    __slots__ = ("id", "value")
+    __slots__ = ("_end", "_octets", "_start", "_value", "id")
 
-    def __init__(self, id_: int, value: Value) -> None:
+    def __init__(self, id_: int, value: Value | None, octets: bytes = b"", start: int = 0, end: int = 0) -> None:
         self.id = id_
-        self.value = value
+        self._value = value
+        self._octets = octets  # where the value is, from ``start`` to ``end``, when it is not read yet
+        self._start = start
+        self._end = end
+
+    @property
+    def value(self) -> Value:
+        """The value."""
+        if self._value is None:
+            walk = Walk(self._octets, self._start, self._end, False)
+            self._value = read_value(walk, ATTRIBUTE, self._start, "", self.id)
+            self._octets = b""
+        return self._value
 
 
 class Relation:
@@ -102,6 +116,12 @@ class PlusObject:
         return [element for element in self.elements if isinstance(element, PlusObject)]
 
     @property
+    def lists(self) -> tuple[list[NameList], list[VariableList]]:
+        """Its lists of names and of variables."""
+        names = [element for element in self.elements if isinstance(element, NameList)]
+        return names, [element for element in self.elements if isinstance(element, VariableList)]
+
+    @property
     def names(self) -> list[str]:
         """Names of the variables it lists."""
         return [name for element in self.elements if isinstance(element, NameList) for name in element.names]
@@ -127,8 +147,7 @@ def read_elements(walk: Walk) -> list[Element]:
         if tag == ATTRIBUTE_TAG:
             walk.at += 1
             id_ = walk.number(VLQ, "attribute")
-            label = f"{id_name(id_)} = " if walk.shown else ""
-            elements.append(Attribute(id_, read_value(walk, ATTRIBUTE, start, label, id_)))
+            elements.append(_read_attribute(walk, start, id_))
         elif tag == RELATION_TAG:
             walk.at += 1
             id_ = walk.number(VLQ, "relation")
@@ -148,6 +167,19 @@ def read_elements(walk: Walk) -> list[Element]:
             elements.append(read_tag_description(walk))
         else:
             return elements
+
+
+def _read_attribute(walk: Walk, start: int, id_: int) -> Attribute:
+    if walk.shown:
+        return Attribute(id_, read_value(walk, ATTRIBUTE, start, f"{id_name(id_)} = ", id_))
+    at = walk.at
+    if id_ not in COMPRESSED:
+        skipper = Skipper(walk.octets, at, walk.end)
+        if skipper.value(walk.depth):
+            walk.at = skipper.at
+            walk.spend(skipper.spent, "value")
+            return Attribute(id_, None, walk.octets, at, walk.at)
+    return Attribute(id_, read_value(walk, ATTRIBUTE, start, "", id_))
 
 
 def _read_object(walk: Walk) -> PlusObject:

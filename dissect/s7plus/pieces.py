@@ -47,7 +47,7 @@ def take_object_id(walk: Walk, found: Contents) -> None:
     """Read the id of the object that is meant. Raises `FormatError`."""
     at = walk.at
     found.object_id = walk.fixed(4, "object id")
-    walk.part(layouts.OBJECT_ID, at, id_name(found.object_id))
+    walk.part(layouts.OBJECT_ID, at, id_name(found.object_id) if walk.shown else "")
 
 
 def take_reserved(walk: Walk, size: int) -> None:
@@ -80,7 +80,7 @@ def take_ids(walk: Walk, found: Contents, count: int) -> None:
         at = walk.at
         id_ = walk.number(VLQ, "attribute id")
         found.ids.append(id_)
-        walk.part(layouts.ATTRIBUTE_ID, at, id_name(id_))
+        walk.part(layouts.ATTRIBUTE_ID, at, id_name(id_) if walk.shown else "")
 
 
 def take_addresses(walk: Walk, found: Contents) -> int:
@@ -89,7 +89,7 @@ def take_addresses(walk: Walk, found: Contents) -> int:
     link = walk.fixed(4, "link")
     count = walk.counted(VLQ, "item count")
     fields = walk.counted(VLQ, "field count")
-    walk.part(layouts.ITEM_COUNTS, at, id_name(link) if link else "")
+    walk.part(layouts.ITEM_COUNTS, at, id_name(link) if link and walk.shown else "")
     if link:
         found.object_id = link
         take_ids(walk, found, fields)

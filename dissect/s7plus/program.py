@@ -11,7 +11,7 @@ from typing import Final
 from dissect.s7plus.contents import Address
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, DATA_BLOCK, TYPE_KINDS, block_name
 from dissect.s7plus.objects import PlusObject, every_object
-from dissect.s7plus.variables import Variable
+from dissect.s7plus.variables import NameList, Variable, VariableList
 
 #: Class of an object that describes a type.
 TYPE_INFO: Final = 511
@@ -26,13 +26,38 @@ _ELEMENT: Final = 1
 _STRINGS: Final = frozenset((19, 62))
 
 
+class TypeInformation:
+    """The variables of a type, as the octets that told them until somebody asks for one."""
+
+    __slots__ = ("_known", "_names", "_variables", "count")
+
+    def __init__(self, names: list[NameList], variables: list[VariableList]) -> None:
+        self._names = names
+        self._variables = variables
+        self._known: dict[int, tuple[str, Variable]] | None = None
+        self.count = sum([one.count for one in names])
+
+    @property
+    def known(self) -> dict[int, tuple[str, Variable]]:
+        """Names and variables by LID."""
+        known = self._known
+        if known is None:
+            names = [name for one in self._names for name in one.names]
+            variables = [variable for one in self._variables for variable in one.variables]
+            known = {variable.lid: (name, variable) for name, variable in zip(names, variables, strict=True)}
+            self._known = known
+            self._names = []
+            self._variables = []
+        return known
+
+
 class Program:
     """The variables of a CPU's blocks and areas, by the id of their type information."""
 
     __slots__ = ("_count", "_types")
 
     def __init__(self) -> None:
-        self._types: dict[int, dict[int, tuple[str, Variable]]] = {}
+        self._types: dict[int, TypeInformation] = {}
         self._count = 0
 
     def learn(self, objects: list[PlusObject]) -> None:
@@ -40,23 +65,29 @@ class Program:
         for one in every_object(objects):
             if one.class_id != TYPE_INFO:
                 continue
-            names, variables = one.names, one.variables
-            if not names or len(names) != len(variables):
+            names, variables = one.lists
+            told = TypeInformation(names, variables)
+            if told.count == 0 or told.count != sum([listed.count for listed in variables]):
                 continue  # no names, or lists that contradict each other
             self._forget(one.rid)
-            pairs = zip(names, variables, strict=True)
-            self._types[one.rid] = {variable.lid: (name, variable) for name, variable in pairs}
-            self._count += len(self._types[one.rid])
+            self._types[one.rid] = told
+            self._count += told.count
             while self._count > MAX_VARIABLES and len(self._types) > 1:
                 self._forget(next(iter(self._types)))
 
     def _forget(self, type_id: int) -> None:
-        self._count -= len(self._types.pop(type_id, {}))
+        told = self._types.pop(type_id, None)
+        if told is not None:
+            self._count -= told.count
+
+    def _known(self, type_id: int) -> dict[int, tuple[str, Variable]] | None:
+        told = self._types.get(type_id)
+        return told.known if told is not None else None
 
     def find(self, address: Address) -> Found | None:
         """Return what an address means, None when its type is not known, or the checksum of its symbol differs."""
         type_id = self._type_of(address.area)
-        known = self._types.get(type_id)
+        known = self._known(type_id)
         if known is None or not address.lids:
             return None
         return self._walk(address, known)
@@ -97,7 +128,7 @@ class Program:
             if variable.datatype in _STRINGS and lids[at] == 0 and at == len(lids) - 2:
                 at = len(lids)  # its characters from the first one on: the string itself
                 break
-            members = self._types.get(variable.type_id)
+            members = self._known(variable.type_id)
             below = members.get(lids[at]) if members is not None else None
             if below is None:
                 break
@@ -111,7 +142,7 @@ class Program:
 
     def doubt(self, address: Address) -> str:
         """Return why an address gets no name although its type passed, empty where there is nothing to say."""
-        known = self._types.get(self._type_of(address.area))
+        known = self._known(self._type_of(address.area))
         entry = known.get(address.lids[0]) if known is not None and address.lids else None
         if entry is None or not _changed(address, entry[1]):
             return ""
@@ -119,7 +150,7 @@ class Program:
 
     def members(self, type_id: int) -> list[tuple[str, Variable]] | None:
         """Return the names and variables of a type, None when it did not pass."""
-        known = self._types.get(type_id)
+        known = self._known(type_id)
         return list(known.values()) if known is not None else None
 
 

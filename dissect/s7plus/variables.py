@@ -20,6 +20,7 @@ from dissect.s7plus.layouts import (
     VARIABLE_NAME,
 )
 from dissect.s7plus.program_tables import DATATYPES
+from dissect.s7plus.skipping import pass_names, pass_variables
 from dissect.s7plus.tables import (
     NAMES_TAG,
     TAG_DESCRIPTION_END_TAG,
@@ -28,6 +29,7 @@ from dissect.s7plus.tables import (
     VARIABLES_TAG,
 )
 from dissect.s7plus.walk import STEP, FormatError, Walk
+from dissect.wire.octets import u32
 from dissect.wire.varint import SIGNED, VLQ
 
 _HEAD: Final = struct.Struct("<IIB")
@@ -42,6 +44,8 @@ _ARRAYS: Final = frozenset((_FB_ARRAY, 3, 4, 6, 7, 10, 11, 13, 14))
 _SEVERAL: Final = frozenset((_FB_ARRAY, 4, 7, 11, 14))
 _TYPE_ID: Final[dict[int, int]] = {_FB_ARRAY: 2, 5: 2, 12: 2, 15: 2, 6: 6, 13: 6, 7: 18, 14: 18}
 _ELEMENT_SIZES: Final[dict[int, int]] = {6: 4, 13: 4, 7: 16, 14: 16}
+#: Octets of a list of nothing: the length of a block that is none.
+_NO_BLOCK: Final = 2
 #: Datatype of a bit that stands alone in an array of bits.
 _BBOOL: Final = 40
 
@@ -162,13 +166,26 @@ class Variable:
 
 
 class VariableList:
-    """The variables of a block, in blocks of octets as they were sent; ``first`` begins the first of these."""
+    """The variables of a block, in blocks of octets as they were sent; ``first`` begins the first of these.
 
-    __slots__ = ("blocks", "first")
+    Where nobody looked yet, ``octets`` hold the list behind its tag, and it is read at the first question.
+    """
 
-    def __init__(self, first: int, blocks: list[list[Variable]]) -> None:
+    __slots__ = ("_blocks", "_octets", "count", "first")
+
+    def __init__(self, first: int, blocks: list[list[Variable]], octets: bytes = b"", count: int = 0) -> None:
         self.first = first
-        self.blocks = blocks
+        self._blocks = blocks
+        self._octets = octets
+        self.count = count or sum([len(block) for block in blocks])
+
+    @property
+    def blocks(self) -> list[list[Variable]]:
+        """The variables of each block of octets."""
+        if self._octets:
+            self._blocks = _read_blocks(Walk(self._octets, 0, len(self._octets), False))[1]
+            self._octets = b""
+        return self._blocks
 
     @property
     def variables(self) -> list[Variable]:
@@ -177,12 +194,22 @@ class VariableList:
 
 
 class NameList:
-    """The names of the variables, in the same order."""
+    """The names of the variables, in the same order; ``octets`` as in `VariableList`."""
 
-    __slots__ = ("blocks",)
+    __slots__ = ("_blocks", "_octets", "count")
 
-    def __init__(self, blocks: list[list[bytes]]) -> None:
-        self.blocks = blocks
+    def __init__(self, blocks: list[list[bytes]], octets: bytes = b"", count: int = 0) -> None:
+        self._blocks = blocks
+        self._octets = octets
+        self.count = count or sum([len(block) for block in blocks])
+
+    @property
+    def blocks(self) -> list[list[bytes]]:
+        """The names of each block of octets."""
+        if self._octets:
+            self._blocks = _read_name_blocks(Walk(self._octets, 0, len(self._octets), False))
+            self._octets = b""
+        return self._blocks
 
     @property
     def names(self) -> list[str]:
@@ -206,6 +233,26 @@ def read_variables(walk: Walk) -> VariableList:
     """Read a list of variables behind its tag. Raises `FormatError`."""
     walk.part(VARIABLE_LIST, walk.at - 1)
     walk.enter("variables")
+    if not walk.shown:
+        start = walk.at
+        end, count = pass_variables(walk.octets, start, walk.end)
+        if end > 0:
+            _pass(walk, end, count)
+            return VariableList(
+                u32(walk.octets, start + 2) if end - start > _NO_BLOCK else 0, [], walk.octets[start:end], count
+            )
+    first, blocks = _read_blocks(walk)
+    walk.depth -= 1
+    return VariableList(first, blocks)
+
+
+def _pass(walk: Walk, end: int, count: int) -> None:
+    walk.at = end
+    walk.spend(STEP * count, "variable")
+    walk.depth -= 1
+
+
+def _read_blocks(walk: Walk) -> tuple[int, list[list[Variable]]]:
     blocks: list[list[Variable]] = []
     first = 0
     while (end := _next_block(walk)) > 0:
@@ -217,8 +264,7 @@ def read_variables(walk: Walk) -> VariableList:
         while walk.at < end:
             block.append(_read_variable(walk, end))
         blocks.append(block)
-    walk.depth -= 1
-    return VariableList(first, blocks)
+    return first, blocks
 
 
 def _next_block(walk: Walk) -> int:
@@ -253,6 +299,18 @@ def read_names(walk: Walk) -> NameList:
     """Read a list of names behind its tag. Raises `FormatError`."""
     walk.part(NAME_LIST, walk.at - 1)
     walk.enter("names")
+    if not walk.shown:
+        start = walk.at
+        end, count = pass_names(walk.octets, start, walk.end)
+        if end > 0:
+            _pass(walk, end, count)
+            return NameList([], walk.octets[start:end], count)
+    blocks = _read_name_blocks(walk)
+    walk.depth -= 1
+    return NameList(blocks)
+
+
+def _read_name_blocks(walk: Walk) -> list[list[bytes]]:
     blocks: list[list[bytes]] = []
     while (end := _next_block(walk)) > 0:
         block: list[bytes] = []
@@ -266,8 +324,7 @@ def read_names(walk: Walk) -> NameList:
             if walk.shown:
                 walk.part(VARIABLE_NAME, at, name[:-1].decode("utf-8", "replace"))
         blocks.append(block)
-    walk.depth -= 1
-    return NameList(blocks)
+    return blocks
 
 
 def read_tag_description(walk: Walk) -> TagDescription:

@@ -10,7 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.s7plus import blobs
-from dissect.s7plus.blobs import BAD, MAX_INFLATED, NO_DICTIONARY, TOO_LARGE, check_blob, is_compressed, open_blob
+from dissect.s7plus.blobs import (
+    BAD,
+    MAX_INFLATED,
+    MAX_KEPT,
+    NO_DICTIONARY,
+    TOO_LARGE,
+    SoundBlobs,
+    check_blob,
+    is_compressed,
+    open_blob,
+)
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.events import take
 from dissect.s7plus.message import parse_plus
@@ -168,3 +178,23 @@ def test_the_shared_bound_holds_for_a_large_pdu() -> None:
     found = parse_contents(parse_plus(download((COMMENTS, Value(SPARSE_ARRAY, BLOB, [(1, Blob(0, blob))] * 2)))))
     assert len(blob) * blobs.MAX_RATIO < blobs.MAX_INFLATED // 4
     assert [fact.reason for fact in found.malformed] == [TOO_LARGE] * 2
+
+
+def test_what_is_remembered_as_sound_is_bounded_and_exact() -> None:
+    sound = SoundBlobs()
+    for number in range(3000):
+        sound.add(number.to_bytes(1000, "big"), number)
+    known = [number for number in range(3000) if sound.size(number.to_bytes(1000, "big")) >= 0]
+    assert known == list(range(3000 - len(known), 3000))
+    assert 0 < len(known) * 1000 <= MAX_KEPT
+    sound.add(bytes(MAX_KEPT), 5)
+    assert sound.size(bytes(MAX_KEPT)) == -1
+
+
+def test_a_blob_that_was_sound_once_keeps_to_what_is_allowed_now() -> None:
+    blob = zlib.compress(bytes(5000) + b"once")
+    first = check_blob(blob)
+    again = check_blob(blob)
+    assert (first.size, first.fault, first.dictionary) == (again.size, again.fault, again.dictionary) == (5004, "", -1)
+    assert check_blob(blob, 5003).fault == TOO_LARGE
+    assert check_blob(blob[:-1]).fault == BAD
