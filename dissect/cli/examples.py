@@ -23,7 +23,7 @@ EXAMPLES: Final = {
     ),
     "tags": (
         "s7dissect tags check plc_tags.xlsx tank.awl",
-        "s7dissect transactions --tags plc_tags.xlsx trace.pcapng",
+        "s7dissect tags list plc_tags.xlsx",
     ),
     "tags check": (
         "s7dissect tags check symbols.asc tank.awl",

@@ -94,7 +94,10 @@ def holds(packets: list[Packet]) -> None:
     pdus = JsonlWriter()
     observed(PduFeed(pdus), packets)
     pdu_lines = [str(line) for line in pdus.take()]
-    assert len([line for line in pdu_lines if json.loads(line)["protocol"] != "cotp"]) == pipeline.s7.pdus
+    assert (
+        len([line for line in pdu_lines if json.loads(line)["protocol"] != "cotp"])
+        == pipeline.s7.pdus + pipeline.plus.pdus
+    )
     trees = TextWriter(verbose=True)
     observed(PduFeed(trees), packets)
     shown += [line.text for line in trees.take() if isinstance(line, Line)]

@@ -509,6 +509,8 @@ def test_every_style_has_a_colour(monkeypatch: pytest.MonkeyPatch, capfdbinary: 
 
 #: Options that `dissect.cli.main` gives to all commands; they are described once.
 SHARED = ("color", "local_time")
+#: The section of docs/commands.md with the options of several commands.
+COMMON = "Selecting, names and keys"
 
 
 def test_the_shared_options_are_in_the_document() -> None:
@@ -570,11 +572,27 @@ def test_every_option_is_in_the_document(name: str) -> None:
     text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     command: click.Command = importlib.import_module(f"dissect.cli.{name}").command
     options = [each for each in command.params if isinstance(each, click.Option) and each.name not in SHARED]
-    part = text.split(f"\n## {name}\n")[1].split("\n## ")[0]
-    told = re.findall(r"^\| `(.*?)` \|", part.replace("`, `", " "), re.MULTILINE)
-    assert [row.split() for row in told] == [
-        [*option.opts, *([option.metavar] if option.metavar else [])] for option in options
+    written = [[*option.opts, *([option.metavar] if option.metavar else [])] for option in options]
+    of_several = option_rows(text, COMMON)
+    assert option_rows(text, name) == [words for words in written if words not in of_several]
+
+
+def test_the_options_of_several_commands_are_in_the_document() -> None:
+    text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    there = [
+        [*option.opts, *([option.metavar] if option.metavar else [])]
+        for name in COMMANDS
+        for option in importlib.import_module(f"dissect.cli.{name}").command.params
+        if isinstance(option, click.Option)
     ]
+    for words in option_rows(text, COMMON):
+        assert there.count(words) > 1, words
+
+
+def option_rows(text: str, section: str) -> list[list[str]]:
+    """Return the options of a section of docs/commands.md, each as its words."""
+    part = text.split(f"\n## {section}\n")[1].split("\n## ")[0]
+    return [row.split() for row in re.findall(r"^\| `(.*?)` \|", part.replace("`, `", " "), re.MULTILINE)]
 
 
 def test_the_lines_in_the_document_are_real(capfdbinary: Capture) -> None:
