@@ -591,7 +591,7 @@ def test_the_options_of_several_commands_are_in_the_document() -> None:
 
 def option_rows(text: str, section: str) -> list[list[str]]:
     """Return the options of a section of docs/commands.md, each as its words."""
-    part = text.split(f"\n## {section}\n")[1].split("\n## ")[0]
+    part = text.split(f"\n## {section}\n")[1].split("\n## ", maxsplit=1)[0]
     return [row.split() for row in re.findall(r"^\| `(.*?)` \|", part.replace("`, `", " "), re.MULTILINE)]
 
 
