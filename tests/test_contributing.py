@@ -132,7 +132,7 @@ FINDING_TRIED: Final = """
 import json, sys
 import dissect
 from tests.findings import test_catalogue as catalogue
-catalogue.test_words("transaction.all_refused")
+catalogue.test_words()
 catalogue.test_what_the_code_notes_is_the_catalogue()
 for scenarios, spoken in ((catalogue.SPEAKS, True), (catalogue.SILENT, False)):
     talk = catalogue.Talk()

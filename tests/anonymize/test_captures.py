@@ -20,7 +20,7 @@ from dissect.session import Run
 from dissect.source.files import open_capture
 from dissect.tcp import ip, link
 from dissect.transactions.table import Side
-from tests.anonymize.support import KEY, anonymized, told
+from tests.anonymize.support import BLANKED, KEY, anonymized, told
 from tests.report.support import OWN, ROOT
 from tests.source.craft import drain
 
@@ -96,7 +96,7 @@ def test_what_happened_stays_and_who_it_was_goes(source: Path, tmp_path: Path) -
     out = tmp_path / "out.pcapng"
     account = anonymized(source, out)
     assert account.written + sum(account.dropped.values()) == account.packets
-    if GARBAGE not in source.name:
+    if GARBAGE not in source.name and source.name not in BLANKED:
         assert told(out) == told(source)
     octets = b"".join([frame.octets for frame in drain(open_capture(str(out))).frames])
     assert [secret for secret in secrets_of(source) if secret in octets] == []

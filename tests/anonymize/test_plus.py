@@ -15,8 +15,9 @@ import dissect
 from dissect.anonymize.account import KEEP, MASK, SCRAMBLE, Account, Choices
 from dissect.anonymize.key import Key
 from dissect.anonymize.plus_contents import PROCESS, PlusContents
-from dissect.s7plus.assembly import MAX_PDU
+from dissect.s7plus.assembly import MAX_PDU, PlusAssembler
 from dissect.s7plus.contents import Address, Contents
+from dissect.s7plus.layouts import VALUE
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.objects import Attribute, PlusObject, build_object, every_object
 from dissect.s7plus.tables import CREATE_OBJECT, EXPLORE, GET_MULTI_VARIABLES, SET_MULTI_VARIABLES, SET_VARIABLE
@@ -64,7 +65,7 @@ def replaced(value: Value, about: int, values: str = MASK, keep_code: bool = Fal
     new = octets[:2] + contents(values, keep_code)[0].value(octets[2:], value.flags, value.type, about)
     assert len(new) == len(octets)
     walk = Walk(new, 0, len(new), False)
-    found = read_value(walk, None, 0)  # type: ignore[arg-type]  # no part is cut
+    found = read_value(walk, VALUE, 0)
     assert walk.left == 0
     return found
 
@@ -305,7 +306,7 @@ def test_frames_of_a_lost_segment_become_zeros(tmp_path: Path) -> None:
 
 
 def test_a_pdu_beyond_what_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dissect.s7plus.assembly.PlusAssembler.__init__.__defaults__", (2000,))
+    monkeypatch.setattr("dissect.anonymize.survey.PlusAssembler", lambda: PlusAssembler(2000))
     talk = begun()
     for number in range(8):
         body = asked(2, EXPLORE) if number == 0 else b""

@@ -27,6 +27,8 @@ DISORDER: Final = frozenset((
     "conflicts.pcapng", "disorder.pcapng", "holes.pcapng", "retransmissions.pcapng", "segments.pcapng",
     "sequence-wrap.pcapng", "snaplen.pcapng", "tpkt-faults.pcapng",
 ))  # fmt: skip
+#: What a record holds cannot be opened without those before it.
+ENCRYPTED: Final = frozenset(("s7commplus-tls.pcapng",))
 ALWAYS: Final = (-(2**63), 2**63)
 
 
@@ -124,7 +126,7 @@ def test_a_transaction_alone_says_the_same(captures: list[Path], tmp_path: Path)
     seen = 0
     for source in captures:
         events = transactions(source)
-        if source.name in DISORDER:
+        if source.name in DISORDER or source.name in ENCRYPTED:
             continue
         for event in events[:: max(1, len(events) // 3)]:
             if event.reason == "reference_reused" or event.connection.tcp.ended == "reused":

@@ -164,14 +164,6 @@ def test_a_lying_blob_is_told_with_its_place_and_hides_nothing(blob: bytes, reas
     assert facts.events
 
 
-def test_all_blobs_of_a_pdu_share_one_bound(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dissect.s7plus.walk.MAX_INFLATED", 250_000)
-    blob = VERSION + compressed(bytes(100_000) + TEXT)
-    found = parse_contents(parse_plus(download(*[(INTERFACE, one(blob))] * 4)))
-    assert [fact.reason for fact in found.malformed] == [TOO_LARGE] * 2
-    assert len(found.blobs) == 4
-
-
 def test_the_shared_bound_holds_for_a_large_pdu() -> None:
     """As many bombs as go into a PDU, each within its ratio: what is inflated of them all is bounded."""
     blob = VERSION + compressed(bytes(blobs.MAX_INFLATED // 4))
