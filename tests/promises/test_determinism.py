@@ -53,7 +53,7 @@ CALLS: Final = [
         "json",
     ],
     ["cut", str(TWO), "-o", "OUT", "--force", "--connection", "2"],
-    ["monitor", "-T", "jsonl", "--only", "transactions,operations,findings", str(TWO)],
+    ["monitor", "-T", "jsonl", "--only", "transactions,operations,findings,connections", str(TWO)],
     ["replay", str(TWO), "--dry-run"],
     ["scd", "compile", PLANT[1], "-o", "OUT"],
     ["scd", "dump", PLANT[1]],
