@@ -139,7 +139,7 @@ def judge_grant(judge: Reporter, transaction: Transaction) -> None:
 
 
 def judge_port(judge: Reporter, connection: Connection, frame: i64, time_ns: i64) -> None:
-    """S7 communication with neither end on port 102, that of ISO-on-TCP; said once a connection."""
+    """S7 communication with neither end on port 102, that of ISO-on-TCP; reported once per connection."""
     ends = connection.tcp.ends
     usual = NETLINK_PORT if connection.protocol == IBH_NETLINK else ISO_TSAP_PORT
     if ends[0].port != usual and ends[1].port != usual:

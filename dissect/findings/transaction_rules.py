@@ -178,7 +178,7 @@ def judge_unanswered(judge: Reporter, transaction: Transaction, now_ns: i64, slo
 
 
 def _why(transaction: Transaction) -> str:
-    """Say why there is no answer, and who cut the connection if that is why."""
+    """Return why there is no answer, and who closed the connection if that is the reason."""
     connection = transaction.connection
     ending = connection.ending
     if transaction.reason == CONNECTION_CLOSED and ending is not None:
