@@ -41,7 +41,7 @@ try:
 except NoLineError as error:
     print(json.dumps({"skip": str(error)}))
     sys.exit()
-path = str(Path(dissect.engine.pipeline.__file__).parent.parent)
+path = str(Path(dissect.engine.pipeline.__file__).parents[2])
 call, environment, build = monitor_call(sys.executable, path, work)
 sender = SenderProcess(work / "made.pcap")
 watcher = monitor(call, environment, build, engine, FAR, only)
