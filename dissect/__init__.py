@@ -19,6 +19,7 @@ __version__: Final = "0.1.0"
 _PUBLIC: Final = {
     "CaptureError": "dissect.source.packet",
     "Connection": "dissect.transactions.connection",
+    "Device": "dissect.inventory.model",
     "Finding": "dissect.findings.reporter",
     "Observer": "dissect.engine.observer",
     "Operation": "dissect.transactions.operation",
@@ -34,6 +35,7 @@ _PUBLIC: Final = {
     "TransactionError": "dissect.transactions.transaction",
     "Where": "dissect.select.where",
     "analyze": "dissect.session",
+    "devices": "dissect.session",
     "open": "dissect.session",
 }
 
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
     from dissect.engine.pipeline import Options as Options
     from dissect.engine.pipeline import Pipeline as Pipeline
     from dissect.findings.reporter import Finding as Finding
+    from dissect.inventory.model import Device as Device
     from dissect.report.analysis import Analysis as Analysis
     from dissect.s7.message import Pdu as Pdu
     from dissect.s7plus.message import PlusPdu as PlusPdu
@@ -49,6 +52,7 @@ if TYPE_CHECKING:
     from dissect.select.where import Where as Where
     from dissect.session import Run as Run
     from dissect.session import analyze as analyze
+    from dissect.session import devices as devices
     from dissect.session import open as open
     from dissect.source.packet import CaptureError as CaptureError
     from dissect.transactions.connection import Connection as Connection

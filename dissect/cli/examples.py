@@ -21,6 +21,11 @@ EXAMPLES: Final = {
         "s7dissect operations trace.pcapng",
         "s7dissect operations --kind download --kind upload trace.pcapng",
     ),
+    "devices": (
+        "s7dissect devices trace.pcapng",
+        "s7dissect devices -T csv ring_*.pcapng > devices.csv",
+        "s7dissect devices --tags plc_tags.xlsx -Y 'server == 192.168.0.1' trace.pcapng",
+    ),
     "tags": (
         "s7dissect tags check plc_tags.xlsx tank.awl",
         "s7dissect tags list plc_tags.xlsx",

@@ -140,6 +140,7 @@ class Connections:
             connection.naming = self._exchange.naming.of(connection)
         protocol.begin(side, at_start)
         self._exchange.observer.connection_opened(connection)
+        self._exchange.watch.opened(connection)
 
     def replace(self, side: Side, frame: i64, now_ns: i64) -> None:
         """Another transport connection begins on the same TCP connection: what was between them was not captured."""

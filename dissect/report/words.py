@@ -63,6 +63,10 @@ class Places:
                 return f"{name}:{end.port}"
         return str(end)
 
+    def host(self, address: str) -> str:
+        """Return the name of a host for a person, its address where it has none."""
+        return self._hosts.get(address, address)
+
     def locate(self, frame: int) -> tuple[str, int]:
         """Return (file name, number within that file) of the packet that is number ``frame`` of the run."""
         index = bisect_right(self._files, frame, key=lambda file: int(file.first_frame)) - 1
