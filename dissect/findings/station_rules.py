@@ -20,7 +20,6 @@ _SLUGS: Final[dict[str, str]] = {
     SERIAL_NUMBER: "device.serial_changed",
     MAC: "device.mac_changed",
 }
-assert frozenset(_SLUGS) == LASTING
 
 
 class StationWatch:
@@ -68,7 +67,7 @@ class StationWatch:
     def _noted(self, found: list[Fact]) -> list[Fact]:
         for fact in found:
             self.book.note(fact)
-            if fact.before and fact.key in _SLUGS:
+            if fact.before and fact.key in LASTING:
                 self._contradicts(fact)
         return found
 

@@ -28,6 +28,8 @@ analyze TRANSFER -T json
 transactions TRANSFER
 transactions TRANSFER -T csv
 operations TRANSFER -T jsonl
+devices TRANSFER
+devices TRANSFER -T csv
 show TRANSFER -V
 show TRANSFER -T jsonl
 cut TRANSFER -o -
@@ -60,6 +62,7 @@ WRONG: Final = """
 analyze MISSING -T json
 transactions MISSING -T jsonl
 operations MISSING -T jsonl
+devices MISSING -T json
 show MISSING -T jsonl
 monitor MISSING -T jsonl
 diff TRANSFER MISSING -T json

@@ -26,6 +26,7 @@ analyze GOOD --scd PLANT --bind NONSENSE
 analyze --nonsense=WORD
 transactions MISSING
 operations MISSING
+devices MISSING
 show MISSING
 cut MISSING -o OUT
 cut GOOD -o NOWHERE

@@ -31,6 +31,10 @@ CASES: Final = """
 1 operations GOOD --fail-on note
 2 operations MISSING
 3 operations CUT
+0 devices GOOD
+1 devices GOOD --fail-on note
+2 devices MISSING
+3 devices CUT
 0 show GOOD
 1 show GOOD --fail-on note
 2 show MISSING
@@ -111,6 +115,7 @@ INTERRUPTED: Final = """
 analyze FILE
 transactions FILE
 operations FILE
+devices FILE
 show FILE
 cut FILE -o OUT
 anonymize FILE -o OUT

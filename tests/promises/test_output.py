@@ -38,6 +38,9 @@ transactions HOSTILE -T jsonl
 transactions HOSTILE -T csv
 operations HOSTILE
 operations HOSTILE -T jsonl
+devices HOSTILE
+devices HOSTILE -T json
+devices HOSTILE -T csv
 show HOSTILE
 show HOSTILE -V
 show HOSTILE -T jsonl
