@@ -31,19 +31,17 @@ class StationWatch:
         self._evidence = Evidence()
 
     def opened(self, connection: Connection) -> list[Fact]:
-        """Take the Ethernet addresses of a connection that was recognised.
+        """Take the Ethernet addresses that the ends of a connection sent with, when it is recognised.
 
-        An address that was only sent to counts where nothing else is known: a redundant router is sent to by a shared
-        address and sends by its own.
+        One that was only sent to says nothing: a redundant router is sent to by a shared address and sends by its own.
         """
         tcp = connection.tcp
         found = []
         for side in (0, 1):
             mac = tcp.mac(side)
-            host = str(tcp.ends[side].host)
-            if mac and (tcp.heard >> side & 1 or not self.book.latest(host, MAC)):
+            if mac and tcp.heard >> side & 1:
                 place = (int(connection.number), [int(tcp.last_frame)], int(tcp.last_ns))
-                found.append(Fact(host, "", MAC, mac.hex(":"), "Ethernet", *place))
+                found.append(Fact(str(tcp.ends[side].host), "", MAC, mac.hex(":"), "Ethernet", *place))
         return self._noted(found)
 
     def take(self, transaction: Transaction) -> list[Fact]:

@@ -7,7 +7,7 @@ once.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from dissect.engine.observer import Observer
@@ -21,7 +21,7 @@ from dissect.s7plus.ids import AREAS, BLOCK_KINDS
 from dissect.s7plus.items import READS, WRITES
 from dissect.s7plus.tables import V3
 from dissect.source.packet import SourceFile
-from dissect.stations.facts import Book, Fact
+from dissect.stations.facts import MAC, Book, Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import named_items
 from dissect.transactions.operation import DELETE, DOWNLOAD, FAILED, REFUSED, UPLOAD, Operation
@@ -115,6 +115,8 @@ class Inventory(Observer):
         self.files = files
         self.facts_not_kept = self._book.not_kept
         for address, device in self._found.items():
+            if device.sent_to is not None and not any(key == MAC for _, key in self._facts_of(address)):
+                self._book.note(device.sent_to)
             station = self._book.stations.get(address)
             if station is not None:
                 device.station = station
@@ -128,6 +130,10 @@ class Inventory(Observer):
         for talk in self.talks:
             self._found[talk.client].asks.append(talk)
             self._found[talk.server].asked_by.append(talk)
+
+    def _facts_of(self, address: str) -> Iterable[tuple[str, str]]:
+        station = self._book.stations.get(address)
+        return station.facts if station is not None else ()
 
     # ---- observer ---------------------------------------------------------------------------------------------------
 
@@ -190,6 +196,8 @@ class Inventory(Observer):
             return
         device = self._device(str(operation.connection.tcp.ends[1 - operation.asked_by].host))
         name = operation.subject.removeprefix("block ")
+        if operation.connection.plus is None:
+            name = name.partition(",")[0]  # active or passive: it is the same block
         if device is None or not name:
             return
         if name in device.blocks or len(device.blocks) < MAX_BLOCKS:
@@ -210,10 +218,14 @@ class Inventory(Observer):
         client_side = int(connection.client_side)
         client, server = (self._device(str(end.host)) for end in (connection.client, connection.server))
         if client is None or server is None:
-            self.talks_not_listed += 1
+            self.devices_not_listed += 1
             return
         tcp = connection.tcp
-        for device in (client, server):
+        for device, side in ((client, client_side), (server, 1 - client_side)):
+            mac = tcp.mac(side)
+            if mac and (device.sent_to is None or (device.sent_to.time_ns > tcp.first_ns)):
+                place = (int(connection.number), [int(tcp.first_frame)], int(tcp.first_ns))
+                device.sent_to = Fact(device.address, "", MAC, mac.hex(":"), "Ethernet, as receiver", *place)
             device.seen((int(tcp.first_frame), int(tcp.first_ns)), (int(tcp.last_frame), int(tcp.last_ns)))
         talk = self._talk(client.address, server.address)
         if talk is None:
@@ -240,7 +252,6 @@ class Inventory(Observer):
         device = self._found.get(address)
         if device is None:
             if len(self._found) >= MAX_DEVICES:
-                self.devices_not_listed += 1
                 return None
             device = self._found[address] = Device(address)
         return device

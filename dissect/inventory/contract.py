@@ -85,8 +85,8 @@ def device_as_dict(device: Device, places: Places) -> dict[str, object]:
         "blocks": _blocks(device),
         "sessions": _names(device.sessions),
         "tsaps": _names(device.tsaps),
-        "pdu_lengths": [int(text) for text in device.pdu_lengths.texts],
-        "parallel_jobs": [int(text) for text in device.parallel_jobs.texts],
+        "pdu_lengths": sorted([int(text) for text in device.pdu_lengths.texts]),
+        "parallel_jobs": sorted([int(text) for text in device.parallel_jobs.texts]),
         "connections": sum(talk.connections for talk in asked),
         "transactions": sum(talk.transactions for talk in asked),
         "answered": sum(talk.answered for talk in asked),
@@ -135,7 +135,7 @@ def _area(area: Area) -> dict[str, object]:
         "refused": area.refused,
         "first_byte": area.low if area.low >= 0 else None,
         "last_byte": area.high if area.high >= 0 else None,
-        "tags": [encodable(tag) for tag in area.tags],
+        "tags": [encodable(tag) for tag in sorted(area.tags)],
         "tags_not_listed": area.more_tags,
     }
 

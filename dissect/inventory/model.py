@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from bisect import insort
 from ipaddress import ip_address
 from typing import Final
 
 from dissect.report.analysis import Latencies
 from dissect.stations import facts
-from dissect.stations.facts import Station, Stretch
+from dissect.stations.facts import Fact, Station, Stretch
 
 # Roles.
 CPU: Final = "CPU"
@@ -32,7 +33,7 @@ MAX_NAMES: Final = 16
 
 
 class Names:
-    """A few distinct texts in the order in which they came; ``more`` counts those beyond `MAX_NAMES`."""
+    """A few distinct texts in order; ``more`` counts those beyond `MAX_NAMES`."""
 
     __slots__ = ("more", "texts")
 
@@ -45,7 +46,7 @@ class Names:
         if not text or text in self.texts:
             return
         if len(self.texts) < MAX_NAMES:
-            self.texts.append(text)
+            insort(self.texts, text)
         else:
             self.more += 1
 
@@ -63,9 +64,9 @@ class Reason:
         self.count = 1
 
     @property
-    def weight(self) -> tuple[int, int]:
+    def weight(self) -> tuple[int, int, str]:
         """What is preferred comes first."""
-        return CERTAINTIES.index(self.certainty), ROLES.index(self.role)
+        return CERTAINTIES.index(self.certainty), ROLES.index(self.role), self.text
 
 
 class Area:
@@ -156,6 +157,7 @@ class Device:
         self.asked_by: list[Talk] = []
         self.asks: list[Talk] = []
         self.sessions = Names()
+        self.sent_to: Fact | None = None  # the network card that packets for it go to, where none of its own was seen
         self.tsaps = Names()
         self.pdu_lengths = Names()
         self.parallel_jobs = Names()

@@ -28,6 +28,8 @@ _ENGINEERING: Final = {
 _PANEL: Final = {CYCLIC: "subscribes to values", MESSAGES: "subscribes to messages"}
 #: In the text of a TSAP of S7comm-plus or of a configured connection.
 _TSAP_TEXTS: Final = (("OPC", OPC), ("ROOT-ES", ENGINEERING), ("ROOT-HMI", PANEL))
+#: The application of SIMATIC NET's OPC server in a session of S7comm-plus.
+_SIMATIC_NET: Final = "SIMATIC NET"
 #: Names of roles in S7comm-plus sessions.
 _SESSIONS: Final = {"engineering": ENGINEERING, "HMI": PANEL}
 
@@ -68,8 +70,8 @@ def judge_client(
         who = session.application or session.session_name
         where = " on ".join([text for text in (who, session.host) if text])
         client.sessions.add(" ".join([text for text in (where, session.user) if text]))
-        if "OPC" in who.upper():
-            client.because(OPC, STATED, f"its session says {who}", first)
+        if who.startswith(_SIMATIC_NET) or "OPC" in f"{who} {session.host}".upper():
+            client.because(OPC, STATED, f"its session says {where}", first)
         elif session.role_name in _SESSIONS:
             client.because(_SESSIONS[session.role_name], STATED, f"its session says {session.role_name}", first)
     _judge_tsaps(client, connection.tsap_calling, connection.tsap_called, int(tcp.first_frame))

@@ -174,7 +174,10 @@ def _agreed(device: Device) -> Iterator[tuple[str, str]]:
     if most:
         yield "at most", ", ".join(most)
     if device.pdu_lengths.texts:
-        yield "negotiated", f"PDU length {_some(device.pdu_lengths)}, parallel jobs {_some(device.parallel_jobs)}"
+        lengths, jobs = [
+            ", ".join(sorted(names.texts, key=int)) for names in (device.pdu_lengths, device.parallel_jobs)
+        ]
+        yield "negotiated", f"PDU length {lengths}, parallel jobs {jobs}"
     if device.tsaps.texts:
         yield "TSAP", _some(device.tsaps)
 

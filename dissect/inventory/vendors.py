@@ -34,7 +34,7 @@ def _names() -> dict[str, str]:
         short, _, long = rest.partition("\t")
         digits, _, bits = prefix.strip().partition("/")
         digits = digits.replace(":", "")
-        name = long.strip() or short.strip()
+        name = long.strip(" ,") or short.strip(" ,")
         if name:
             names[digits[: int(bits) // 4] if bits else digits] = name
     return names

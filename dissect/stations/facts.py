@@ -206,11 +206,6 @@ class Book:
             self.stations[fact.host] = station
         station.note(fact)
 
-    def latest(self, host: str, key: str) -> str:
-        """Return the latest value of a kind at an address; empty where there is none."""
-        station = self.stations.get(host)
-        return station.latest(key) if station is not None else ""
-
 
 def agree(key: str, one: str, other: str) -> bool:
     """Return whether two values can be of the same thing: "V4.3" and "V4.3.1" are, one source says more than the other."""

@@ -1119,6 +1119,7 @@ def test_every_rule_has_both() -> None:
         plus_scenarios.__name__,
         scd_scenarios.__name__,
         security_scenarios.__name__,
+        station_scenarios.__name__,
     }  # importing them entered theirs
     assert set(SPEAKS) == set(SILENT) == set(CATALOGUE)
 
