@@ -176,8 +176,8 @@ def _identification(part: Part) -> list[Said]:
     letter = version_text(version) if version > 0 else ""
     if index == _FIRMWARE and letter and release >= 0:
         said.append((facts.FIRMWARE, f"{letter}.{release >> 8}.{release & 0xFF}"))
-    elif index == _HARDWARE and release not in {-1, 0, BLANK}:
-        said.append((facts.HARDWARE, str(release)))
+    elif index == _HARDWARE and not letter and version not in {-1, 0, BLANK}:
+        said.append((facts.HARDWARE, str(version)))  # its release is that of a file of the programming device
     return said
 
 

@@ -33,8 +33,8 @@ def identification(order: str, firmware: tuple[int, int, int], hardware: int = 1
     return listed(
         0x0011,
         0,
-        struct.pack(">H20sHHH", 1, name, 0xC0, 0, hardware),
-        struct.pack(">H20sHHH", 6, name, 0xC0, 0, hardware),
+        struct.pack(">H20sHHH", 1, name, 0xC0, hardware, 1),
+        struct.pack(">H20sHHH", 6, name, 0xC0, hardware, 1),
         struct.pack(">H20sHHH", 7, bytes(20), 0xC0, ord("V") << 8 | major, minor << 8 | patch),
     )
 
