@@ -24,7 +24,7 @@ EXAMPLES: Final = {
     "devices": (
         "s7dissect devices trace.pcapng",
         "s7dissect devices -T csv ring_*.pcapng > devices.csv",
-        "s7dissect devices --tags plc_tags.xlsx -Y 'server == 192.168.0.1' trace.pcapng",
+        "s7dissect devices --tags plc_tags.xlsx -Y 'port == 102' trace.pcapng",
     ),
     "tags": (
         "s7dissect tags check plc_tags.xlsx tank.awl",
