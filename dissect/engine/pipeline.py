@@ -348,7 +348,9 @@ class Pipeline(PacketSink):
                 server, client = endpoints(key)
                 if server.port == ISO_TSAP_PORT:  # on other ports that is not our business
                     self.counters.note("stream.refused", f"{server} refuses {client}")
-            if not (octets or missing or flags & SYN):  # only octets, or a handshake, make a connection worth remembering
+            if not (
+                octets or missing or flags & SYN
+            ):  # only octets, or a handshake, make a connection worth remembering
                 if flags & (FIN | RST):
                     self.silent.end(key)
                 elif flags & ACK:
