@@ -40,6 +40,7 @@ ORDER: Final = (
     "select",
     "anonymize",
     "session",  # analyze() folds what it reads with report.analysis
+    "index",
     "golden",
     "baseline",
     "alerts",

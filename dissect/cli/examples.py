@@ -26,6 +26,10 @@ EXAMPLES: Final = {
         "s7dissect devices -T csv ring_*.pcapng > devices.csv",
         "s7dissect devices --tags plc_tags.xlsx -Y 'port == 102' trace.pcapng",
     ),
+    "index": (
+        "s7dissect index captures",
+        "s7dissect index -Y 'slug == security.program_change' captures",
+    ),
     "tags": (
         "s7dissect tags check plc_tags.xlsx tank.awl",
         "s7dissect tags list plc_tags.xlsx",
