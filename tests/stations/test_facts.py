@@ -24,8 +24,9 @@ def test_the_same_again_is_one_value() -> None:
 
 def test_a_change_begins_a_new_value_and_going_back_another() -> None:
     book = Book()
-    for frame, mode in enumerate(("RUN", "STOP", "STOP", "RUN"), 1):
-        last = said(book, facts.OPERATING_MODE, mode, frame)
+    for frame, mode in enumerate(("RUN", "STOP", "STOP"), 1):
+        said(book, facts.OPERATING_MODE, mode, frame)
+    last = said(book, facts.OPERATING_MODE, "RUN", 4)
     values = [stretch.value for stretch in book.stations["10.0.0.2"].facts["", facts.OPERATING_MODE]]
     assert values == ["RUN", "STOP", "RUN"]
     assert (last.fresh, last.before) == (True, "STOP")
