@@ -8,6 +8,8 @@ from typing import Final
 EXAMPLES: Final = {
     "analyze": (
         "s7dissect analyze trace.pcapng",
+        "s7dissect analyze --brief trace.pcapng",
+        "s7dissect analyze --per-file ring_*.pcapng",
         "s7dissect analyze --fail-on 'security.*' ring_*.pcapng",
         "ssh gateway cat trace.pcap.gz | s7dissect analyze -T json -",
     ),
