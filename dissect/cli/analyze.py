@@ -23,7 +23,7 @@ from dissect.cli.run import (
     files_argument,
     slow_option,
 )
-from dissect.report.formats import ANALYSIS, Format
+from dissect.report.formats import ANALYSIS, Format, formats_for
 
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
@@ -72,7 +72,7 @@ def command(
     from dissect.report.summary import Summary
     from dissect.session import Run
 
-    if (brief or per_file) and format_.name != "text":
+    if (brief or per_file) and format_ is not formats_for(ANALYSIS)[0]:
         raise click.UsageError(f"{'--brief' if brief else '--per-file'} is for text, not for -T {format_.name}.")
     if brief and per_file:
         raise click.UsageError("--brief and --per-file are two reports: choose one.")
