@@ -35,7 +35,11 @@ OUTPUTS = re.findall(r"```\n\$ s7dissect (.*?)\n(.*?)```", README, re.DOTALL)
 
 
 def test_the_readme_shows_output() -> None:
-    assert len(OUTPUTS) == 8
+    assert len(OUTPUTS) == 10
+
+
+def test_the_page_of_tables_is_their_definition() -> None:
+    assert run("scripts/tables_doc.py") == (ROOT / "docs" / "tables.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(("command", "shown"), OUTPUTS)

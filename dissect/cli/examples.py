@@ -54,6 +54,16 @@ EXAMPLES: Final = {
         "s7dissect baseline --against plant.toml new.pcapng",
         "s7dissect baseline --rules alerts.toml new.pcapng",
     ),
+    "export": (
+        "s7dissect export trace.pcapng -o trace.parquet",
+        "s7dissect export trace.pcapng -o trace.sqlite --only items --only findings",
+        "s7dissect export ring_*.pcapng -o csv:tables -Y 'function == write'",
+    ),
+    "sql": (
+        "s7dissect sql slowest trace.pcapng",
+        "s7dissect sql 'SELECT outcome, count(*) FROM transactions GROUP BY 1' trace.pcapng",
+        "s7dissect sql -T csv off-shift ring_*.pcapng",
+    ),
     "golden": (
         "s7dissect golden trace.pcapng -o session.s7.txt",
         "s7dissect golden --with time,latency trace.pcapng",

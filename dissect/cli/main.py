@@ -38,6 +38,8 @@ COMMANDS: Final = {
     "cut": "Extract part of a capture, findings as packet comments.",
     "anonymize": "Replace addresses, names and values for sharing.",
     "baseline": "Learn what is normal, or report what is not.",
+    "export": "Write tables for Parquet, DuckDB, SQLite, CSV, Arrow.",
+    "sql": "Query the traffic in SQL.",
     "golden": "Write a session as stable text to keep and compare.",
     "diff": "Report what changed between two sessions.",
     "verify": "Compare our dissection with Wireshark's.",

@@ -32,8 +32,10 @@ ANALYSIS: Final = "analysis"
 ALERTS: Final = "alerts"
 DIFFERENCES: Final = "differences"
 OUTCOME: Final = "outcome"
+#: Rows of a query.
+ROWS: Final = "rows"
 
-KINDS: Final = (TRANSACTIONS, PDUS, OPERATIONS, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME)
+KINDS: Final = (TRANSACTIONS, PDUS, OPERATIONS, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, ROWS)
 
 
 class Format(NamedTuple):
@@ -76,7 +78,7 @@ FORMATS: Final[dict[str, Format]] = {
             "lines for a person",
             ("dissect.report.writers.text:TextWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
             ("dissect.live.lines:PlainLines", (EVENTS,)),
-            ("dissect.report.outcome:text_outcome", (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME)),
+            ("dissect.report.outcome:text_outcome", (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, ROWS)),
             verbose=True,
             piecewise=True,
         ),
@@ -86,8 +88,14 @@ FORMATS: Final[dict[str, Format]] = {
             ("dissect.report.writers.jsonl:JsonlWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
             ("dissect.live.json_lines:JsonLines", (EVENTS,)),
             ("dissect.report.outcome:json_outcome", (ALERTS,)),
+            ("dissect.export.result_lines:json_lines", (ROWS,)),
         ),
-        _row("csv", "a row for each item", ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,))),
+        _row(
+            "csv",
+            "a row for each item",
+            ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,)),
+            ("dissect.export.result_lines:csv_lines", (ROWS,)),
+        ),
         _row("json", "one JSON object", ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME))),
         _row(
             "fields",

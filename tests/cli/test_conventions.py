@@ -33,6 +33,8 @@ show TRANSFER -T jsonl
 cut TRANSFER -o -
 anonymize TRANSFER -o -
 baseline TRANSFER
+sql interventions TRANSFER
+sql talkers TRANSFER -T csv
 golden TRANSFER
 diff TRANSFER SZL
 diff TRANSFER SZL -T json
@@ -68,6 +70,8 @@ replay MISSING --to 127.0.0.1:9 -T json
 replay TRANSFER --dry-run -T json
 verify MISSING -T json
 anonymize MISSING -o - -T json
+sql talkers MISSING
+export MISSING -o csv:OUT
 golden MISSING
 cut MISSING -o -
 baseline MISSING

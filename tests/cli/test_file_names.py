@@ -40,6 +40,15 @@ baseline GOOD --against MISSING
 baseline GOOD --against NONSENSE
 baseline GOOD --rules MISSING
 baseline GOOD --rules NONSENSE
+export MISSING -o OUT.parquet
+export NONSENSE -o csv:OUT
+export GOOD -o csv:NOWHERE
+export GOOD -o sqlite:NOWHERE
+export GOOD -o WORD
+export GOOD -o csv:OUT --only WORD
+sql talkers MISSING
+sql talkers NONSENSE
+sql WORD GOOD
 golden MISSING
 golden NONSENSE
 golden GOOD -o NOWHERE

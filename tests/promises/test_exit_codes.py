@@ -47,6 +47,12 @@ CASES: Final = """
 3 baseline CUT
 0 help live
 2 help nonsense
+0 export GOOD -o csv:OUT
+2 export GOOD -o OUT
+3 export CUT -o sqlite:OUT
+0 sql periods GOOD
+2 sql SELEKT GOOD
+3 sql refused CUT
 0 golden GOOD
 2 golden MISSING
 3 golden CUT
@@ -115,6 +121,8 @@ show FILE
 cut FILE -o OUT
 anonymize FILE -o OUT
 baseline FILE -o OUT
+export FILE -o sqlite:OUT
+sql refused FILE
 golden FILE -o OUT
 diff FILE OTHER
 diff OTHER FILE
