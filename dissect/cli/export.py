@@ -57,6 +57,12 @@ _EXIT_CODES = (
     "written to a file, several are files in the folder OUT.",
 )
 @click.option(
+    "--zeek-compat",
+    "zeek_compat",
+    type=click.Choice(["strict"]),
+    help="With zeek: leave out the rows that ICSNPP loses, to compare with a Zeek.",
+)
+@click.option(
     "--force", is_flag=True, help="Replace OUT if it exists: a file, or a folder that an earlier export wrote."
 )
 @slow_option
@@ -69,6 +75,7 @@ def command(
     files: tuple[str, ...],
     output: str,
     only: tuple[str, ...],
+    zeek_compat: str | None,
     force: bool,
     slow_ns: int,
     checksums: bool,
@@ -95,11 +102,15 @@ def command(
         target = target_of(output, only, len(files))
     except (UnknownFormError, UnknownTableError) as error:
         raise click.UsageError(printable(str(error))) from None
+    if zeek_compat and not target.form.name.startswith("zeek"):
+        raise click.UsageError("--zeek-compat needs the form zeek: or zeek-json:.")
     check_output(target, files, force)
     names = [encodable(name) for name in files]
     try:
         with saved(target) as place:
-            export = target.form.open(Request(place, target.folder, only, names, __version__))
+            export = target.form.open(
+                Request(place, target.folder, only, names, __version__, {"strict": bool(zeek_compat)})
+            )
             options = Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
             run = Run(files, chosen.sieve(export.observer), chosen.narrow(options))
             chosen.begin(run, files)

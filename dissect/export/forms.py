@@ -17,6 +17,7 @@ from dissect.engine.observer import Observer
 from dissect.export.feed import Sink, TableFeed
 from dissect.export.parquet import metadata_of
 from dissect.export.tables import TABLES, UnknownTableError, chosen_tables
+from dissect.export.zeek.columns import LOGS
 from dissect.session import Run
 
 
@@ -169,6 +170,7 @@ def duckdb_export(request: Request) -> Export:
 
 
 _HERE: Final = "dissect.export.forms:"
+_ZEEK: Final = "dissect.export.zeek.export:"
 #: By name.
 FORMS: Final[dict[str, Form]] = {
     form.name: form
@@ -178,6 +180,8 @@ FORMS: Final[dict[str, Form]] = {
         Form("sqlite", (".sqlite", ".sqlite3", ".db"), "SQLite database", f"{_HERE}sqlite_export", "file"),
         Form("csv", (".csv",), "CSV files", f"{_HERE}csv_export", "either"),
         Form("arrow", (".arrow", ".feather", ".ipc"), "Arrow IPC files", f"{_HERE}arrow_export", "either"),
+        Form("zeek", (), "logs of Zeek", f"{_ZEEK}tsv_export", "folder", tuple(LOGS)),
+        Form("zeek-json", (), "logs of Zeek in JSON", f"{_ZEEK}json_export", "folder", tuple(LOGS)),
     )
 }
 

@@ -94,10 +94,10 @@ WITH reads AS (
   SELECT client_host, server_host, address,
          ts_ns - lag(ts_ns) OVER (PARTITION BY connection, address ORDER BY ts_ns, transaction) AS pause
   FROM items WHERE operation = 'read')
-SELECT client_host, server_host, address, count(*) + 1 AS reads, round(median(pause) / 1e6, 3) AS period_ms,
+SELECT client_host, server_host, address, count(*) AS reads, round(median(pause) / 1e6, 3) AS period_ms,
        round(quantile_cont(pause, 0.95) / 1e6 - median(pause) / 1e6, 3) AS jitter_ms
-FROM reads WHERE pause IS NOT NULL
-GROUP BY ALL HAVING count(*) >= 2
+FROM reads
+GROUP BY ALL HAVING count(pause) >= 2
 ORDER BY period_ms, client_host, server_host, address""",
     ),
     Question(
