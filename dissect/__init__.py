@@ -34,6 +34,7 @@ _PUBLIC: Final = {
     "TransactionError": "dissect.transactions.transaction",
     "Where": "dissect.select.where",
     "analyze": "dissect.session",
+    "frames": "dissect.export.frames",
     "open": "dissect.session",
 }
 
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from dissect.engine.observer import Observer as Observer
     from dissect.engine.pipeline import Options as Options
     from dissect.engine.pipeline import Pipeline as Pipeline
+    from dissect.export.frames import frames as frames
     from dissect.findings.reporter import Finding as Finding
     from dissect.report.analysis import Analysis as Analysis
     from dissect.s7.message import Pdu as Pdu

@@ -143,8 +143,9 @@ def test_both_protocols_in_a_cooked_capture(corpus: Path, tmp_path: Path) -> Non
     assert picked(found["s7comm"], "is_orig", *[name for name, _ in LOGS["s7comm"]]) == jobs
     codes = picked(found["cotp"], "pdu_code", "pdu_name")
     assert codes.count(("0x0f", "DT Data")) == 155
-    assert codes[86:88] == [("0x0e", "CR Connection Request"), ("0x0d", "CC Connection Confirm")]
-    assert {row["id.orig_p"] for row in found["cotp"][:86]} == {"49154"}
+    at = codes.index(("0x0e", "CR Connection Request"))
+    assert codes[at + 1] == ("0x0d", "CC Connection Confirm")
+    assert {row["id.orig_p"] for row in found["cotp"][:at]} == {"49154"}
     assert len({row["uid"] for row in found["cotp"]}) == 2
 
 
