@@ -23,7 +23,7 @@ def run(*arguments: str) -> str:
 
 
 def test_the_readme_has_snippets() -> None:
-    assert len(SNIPPETS) == 3
+    assert len(SNIPPETS) == 4
 
 
 @pytest.mark.parametrize("snippet", SNIPPETS)

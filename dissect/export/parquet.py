@@ -29,8 +29,8 @@ _DAY_NS: Final = 86_400_000_000_000
 _NO_DAY: Final = "__HIVE_DEFAULT_PARTITION__"
 
 
-class _File:
-    """One Parquet file and the batches that wait for its next row group."""
+class ParquetFile:
+    """One Parquet file, and the batches that wait for its next row group."""
 
     def __init__(self, path: Path, batches: Batches) -> None:
         parquet = needed("pyarrow.parquet")
@@ -51,6 +51,7 @@ class _File:
         )
 
     def add(self, rows: Sequence[Row]) -> None:
+        """Take rows; write a row group when it is full."""
         batch = self._batches.batch(rows)
         self._waiting.append(batch)
         self._rows += batch.num_rows
@@ -59,6 +60,7 @@ class _File:
             self.write()
 
     def write(self) -> None:
+        """Write the rows that wait as a row group."""
         if self._waiting:
             table = self._pa.Table.from_batches(self._waiting, self._batches.schema).unify_dictionaries()
             self._writer.write_table(table, row_group_size=self._rows)
@@ -66,10 +68,12 @@ class _File:
             self._rows = self._bytes = 0
 
     def close(self) -> None:
+        """Write the rest, and the end of the file."""
         self.write()
         self._writer.close()
 
     def abandon(self) -> None:
+        """Close a file of which nothing will be kept."""
         with suppress(Exception):  # it could not be written to
             self._writer.close()
         self._writer.is_open = False  # else it tries again when it is forgotten, and complains
@@ -85,7 +89,7 @@ class ParquetSink(Sink):
         self._alone = alone
         self._by_day = by_day
         self._batches = {table.name: Batches(table, metadata=dict(metadata)) for table in tables}
-        self._open: OrderedDict[tuple[str, str], _File] = OrderedDict()
+        self._open: OrderedDict[tuple[str, str], ParquetFile] = OrderedDict()
         self._parts: dict[tuple[str, str], int] = {}
         for name in self._batches:
             if not by_day:
@@ -113,14 +117,14 @@ class ParquetSink(Sink):
             file.abandon()
         self._open.clear()
 
-    def _file(self, name: str, day: str) -> _File:
+    def _file(self, name: str, day: str) -> ParquetFile:
         file = self._open.get((name, day))
         if file is None:
             mine = [key for key in self._open if key[0] == name]
             if len(mine) >= _MOST_OPEN:
                 self._open.pop(mine[0]).close()
             number = self._parts[name, day] = self._parts.get((name, day), 0) + 1
-            file = _File(self._place(name, day, number), self._batches[name])
+            file = ParquetFile(self._place(name, day, number), self._batches[name])
             self._open[name, day] = file
         return file
 

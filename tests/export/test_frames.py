@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import sys
-from typing import Final
+from typing import Any, Final
 
 import pytest
 
@@ -51,3 +52,23 @@ def test_wrong_names_and_missing_libraries(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setitem(sys.modules, "polars", None)
     with pytest.raises(ImportError, match=r"dissect\.frames needs polars: pip install polars"):
         dissect.frames(ERRORS, library="polars")
+
+
+def test_every_cell_of_the_notebook_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    notebook = json.loads((ROOT / "docs" / "frames.ipynb").read_text(encoding="utf-8"))
+    cells = ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert len(cells) >= 7
+    assert all(not cell["outputs"] for cell in notebook["cells"] if cell["cell_type"] == "code")
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    names: dict[str, Any] = {}
+    for number, cell in enumerate(cells):
+        exec(compile(cell, f"cell {number}", "exec"), names)
+    assert names["latency_ms"].min() > 0
+    assert len(names["latency_ms"]) == len(names["answered"]) > 0
+    pressure = names["pressure"]
+    assert set(pressure["operation"]) == {"write"}
+    assert set(pressure["number"]) == {12.5}
+    assert names["by_hour"].to_numpy().sum() == len(names["writes"]) > 0
+    assert list(names["by_function"].index)
+    assert names["slow"].collect().height > 0
