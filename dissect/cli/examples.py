@@ -61,6 +61,7 @@ EXAMPLES: Final = {
     "export": (
         "s7dissect export trace.pcapng -o trace.parquet",
         "s7dissect export trace.pcapng -o trace.sqlite --only items --only findings",
+        "s7dissect export trace.pcapng -o findings.stix",
         "s7dissect export ring_*.pcapng -o tables.csv -Y 'function == write'",
     ),
     "sql": (

@@ -45,8 +45,8 @@ _EXIT_CODES = (
     "output",
     required=True,
     metavar="OUT",
-    help="What to write; its form follows from the ending (.parquet, .duckdb, .sqlite, .csv, .arrow), or stands in front of "
-    "it: parquet:FOLDER.",
+    help="What to write; its form follows from the ending (.parquet, .duckdb, .sqlite, .csv, .arrow, .stix), or stands in "
+    "front of it: parquet:FOLDER, zeek:FOLDER, zeek-json:FOLDER, ecs:FOLDER.",
 )
 @click.option(
     "--only",
@@ -84,7 +84,7 @@ def command(
     naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
-    """Write tables for other tools: Parquet, DuckDB, SQLite, CSV, Arrow.
+    """Write tables and logs for other tools: Parquet, DuckDB, SQLite, CSV, Arrow, Zeek, Elastic, STIX.
 
     The tables are connections, transactions, items, operations, findings and pdus, with the same columns in every form
     (`s7dissect help tables`). Parquet, Arrow and DuckDB need the extra [data].

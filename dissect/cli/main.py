@@ -38,7 +38,7 @@ COMMANDS: Final = {
     "cut": "Extract part of a capture, findings as packet comments.",
     "anonymize": "Replace addresses, names and values for sharing.",
     "baseline": "Learn what is normal, or report what is not.",
-    "export": "Write tables for Parquet, DuckDB, SQLite, CSV, Arrow.",
+    "export": "Tables and logs for other tools: Parquet, SQL, Zeek …",
     "sql": "Query the traffic in SQL.",
     "golden": "Write a session as stable text to keep and compare.",
     "diff": "Report what changed between two sessions.",

@@ -169,6 +169,8 @@ def duckdb_export(request: Request) -> Export:
     return TableExport(request, DuckdbSink(request.path, chosen_tables(request.parts), _metadata(request)))
 
 
+#: What `dissect.export.ecs` writes.
+ECS_PARTS: Final = ("transactions", "findings", "connections")
 _HERE: Final = "dissect.export.forms:"
 _ZEEK: Final = "dissect.export.zeek.export:"
 #: By name.
@@ -180,6 +182,8 @@ FORMS: Final[dict[str, Form]] = {
         Form("sqlite", (".sqlite", ".sqlite3", ".db"), "SQLite database", f"{_HERE}sqlite_export", "file"),
         Form("csv", (".csv",), "CSV files", f"{_HERE}csv_export", "either"),
         Form("arrow", (".arrow", ".feather", ".ipc"), "Arrow IPC files", f"{_HERE}arrow_export", "either"),
+        Form("ecs", (), "documents of the Elastic Common Schema", "dissect.export.ecs:ecs_export", "folder", ECS_PARTS),
+        Form("stix", (".stix", ".stix.json"), "STIX bundle", "dissect.export.stix:stix_export", "file", ("findings",)),
         Form("zeek", (), "logs of Zeek", f"{_ZEEK}tsv_export", "folder", tuple(LOGS)),
         Form("zeek-json", (), "logs of Zeek in JSON", f"{_ZEEK}json_export", "folder", tuple(LOGS)),
     )
@@ -196,8 +200,8 @@ def target_of(text: str, only: Sequence[str], files: int) -> Target:
     path = rest if form is not None else text
     prefixed = form is not None
     if form is None:
-        ending = os.path.splitext(os.fspath(text).rstrip("/"))[1].lower()  # noqa: PTH122 - a name, whatever it is of
-        form = next((one for one in FORMS.values() if ending in one.endings), None)
+        name = text.rstrip("/").lower()
+        form = next((one for one in FORMS.values() if name.endswith(one.endings)), None)
     if form is None:
         raise UnknownFormError(_unknown(prefix if colon and len(prefix) > 1 else "", text))
     if not path:
