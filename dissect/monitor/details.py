@@ -16,6 +16,7 @@ from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.text import connection_lines, finding_lines
 from dissect.report.tree import plus_tree_lines, tree_lines
 from dissect.report.writers.text import pdu_line, plus_line
+from dissect.s7plus.hiding import shown_contents
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
@@ -81,8 +82,9 @@ def _halves(transaction: Transaction, clock: Clock) -> Iterator[Line]:
         ("Answer", transaction.plus_response, told),
     ):
         if plus is not None:
-            yield from _heading(title, plus_line(plus, connection, clock, PLACES))
-            yield from _plain(plus_tree_lines(plus, packet))
+            contents = shown_contents(plus)
+            yield from _heading(title, plus_line(plus, connection, clock, PLACES, contents))
+            yield from _plain(plus_tree_lines(plus, packet, contents=contents))
 
 
 def _heading(title: str, text: str) -> Iterator[Line]:
