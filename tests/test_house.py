@@ -39,6 +39,7 @@ ORDER: Final = (
     "select",
     "anonymize",
     "session",  # analyze() folds what it reads with report.analysis
+    "index",
     "golden",
     "baseline",
     "alerts",
