@@ -160,7 +160,7 @@ class _Queue(Observer):
         self.events.append(connection)
 
 
-def _naming(tags: Tags) -> Naming | None:
+def naming_of(tags: Tags) -> Naming | None:
     """Return what names values by files of tags, None for no tags."""
     if tags is None:
         return None
@@ -171,7 +171,7 @@ def _naming(tags: Tags) -> Naming | None:
     return load_tags([tags] if isinstance(tags, (str, os.PathLike)) else tags).naming()
 
 
-def _decoder(
+def decoder_of(
     scd: str | os.PathLike[str] | Dictionary | None, bind: str | os.PathLike[str] | None
 ) -> PayloadDecoder | None:
     """Return what decodes SCD, None where nothing is asked for. ValueError when only one half is given."""
@@ -234,7 +234,7 @@ def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
     return keys
 
 
-def _keys(given: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None) -> KeyLog | None:
+def keys_of(given: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None) -> KeyLog | None:
     if given is None:
         return None
     return read_tls_keys([given] if isinstance(given, (str, os.PathLike)) else given)
@@ -267,7 +267,7 @@ def open(
     """
     queue = _Queue(pdus)
     options = Options(
-        slow_ns, decoder=_decoder(scd, bind), checksums=checksums, tls_keys=_keys(tls_keys), naming=_naming(tags)
+        slow_ns, decoder=decoder_of(scd, bind), checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags)
     )
     run = _run([path, *more], queue, _sieved(queue, where, options), options)
     while run.step():
@@ -295,7 +295,7 @@ def analyze(
     """
     analysis = Analysis()
     options = Options(
-        slow_ns, decoder=_decoder(scd, bind), checksums=checksums, tls_keys=_keys(tls_keys), naming=_naming(tags)
+        slow_ns, decoder=decoder_of(scd, bind), checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags)
     )
     sieve = _sieved(analysis, where, options)
     run = _run([path, *more], analysis, sieve, options)

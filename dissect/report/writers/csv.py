@@ -202,7 +202,7 @@ class CsvRows:
             self._cell(known.name),
             SMALL[code] if code >= 0 else "",
             self._cell(RETURN_CODES.name(int(code))) if code >= 0 else "",
-            _plain_cell(known.value),
+            plain_cell(known.value),
             cell(known.remark),
             self._cell(known.unit),
             known.data.hex(),
@@ -227,7 +227,7 @@ def _value_cell(result: ItemResult) -> str:
     data = result.data
     if item is not None and data and item.transport_size == BYTE and result.decodable:
         return SMALL[data[0]] if len(data) == 1 else data.hex(" ")
-    return _plain_cell(result.value)
+    return plain_cell(result.value)
 
 
 def _text_cell(result: ItemResult) -> str:
@@ -239,7 +239,8 @@ def _text_cell(result: ItemResult) -> str:
     return cell(spelled(data))
 
 
-def _plain_cell(value: Value) -> str:
+def plain_cell(value: Value) -> str:
+    """Return the cell of a decoded value."""
     if value is None:
         return ""
     if isinstance(value, str):
