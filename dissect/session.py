@@ -235,6 +235,7 @@ def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
 
 
 def keys_of(given: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None) -> KeyLog | None:
+    """Return the session keys of one key log or several, None for none. Raises what `read_tls_keys` raises."""
     if given is None:
         return None
     return read_tls_keys([given] if isinstance(given, (str, os.PathLike)) else given)

@@ -107,7 +107,7 @@ class Collector(Observer):
         self._every_ns: i64 = every_ns
         self._sums: bool = sums
         self._choose: Choice | None = choose
-        self._most: i64 = most
+        self.most: i64 = most
         self._plcs: dict[str, _Plc] = {}
         self._ends: dict[int, _Plc] = {}
         self._variables: i64 = 0
@@ -240,7 +240,7 @@ class Collector(Observer):
 
     def _named(self, transaction: Transaction, plc: _Plc, named: NamedValue, code: i64, how: str, writes: bool) -> None:
         """Take a value that tags name, or octets between them."""
-        type_ = named.type if named.type else "BYTE" if len(named.data) == 1 else f"{len(named.data)} x BYTE"
+        type_ = named.type or ("BYTE" if len(named.data) == 1 else f"{len(named.data)} x BYTE")
         key = f"{named.address}|{type_}|{named.name}"
         if not named.whole:
             key = f"{key}|{named.remark}"
@@ -248,13 +248,15 @@ class Collector(Observer):
         if variable is None:
             variable = self._variable(plc, key, named.address, type_, named.name, named.unit)
             variable.comment = named.comment
-            variable.bytes_only = named.value is None
+            variable.bytes_only = not named.type and len(named.data) > 1
         if code != SUCCESS:
             self._refuse(variable, code, writes)
             return
-        row = self._row(transaction, variable, how, writes, named.data)
+        row = self._row(transaction, variable, how, writes, _own_octets(named))
         if row is not None:
             row.value = named.value
+            if not named.name and not named.remark:
+                row.value = decode_value(BYTE, named.data)
             row.remark = named.remark
             self._finish(row)
 
@@ -336,7 +338,7 @@ class Collector(Observer):
             self.found.add(wanted.text)
             image = plc.images.get(wanted)
             if image is None:
-                if self._variables >= self._most:
+                if self._variables >= self.most:
                     alone = True
                     continue
                 naming = transaction.connection.naming
@@ -499,7 +501,7 @@ class Collector(Observer):
             if found is None:
                 found = _Plc(end)
                 # Of more PLCs than variables are remembered nothing is remembered.
-                if len(self._plcs) < self._most:
+                if len(self._plcs) < self.most:
                     self._plcs[name] = found
             self._ends[key] = found
         return found
@@ -507,7 +509,7 @@ class Collector(Observer):
     def _variable(self, plc: _Plc, key: str, address: str, type_: str, tag: str, unit: str) -> Variable:
         """Return a new variable, remembered where there is room."""
         variable = Variable(plc.end, address, type_, tag, unit)
-        if self._variables < self._most and self._kept < MAX_KEPT:
+        if self._variables < self.most and self._kept < MAX_KEPT:
             self._variables += 1
             plc.variables[key] = variable
             if self._sums:
@@ -580,6 +582,16 @@ class Collector(Observer):
             statistics.add(row)
         elif not self._sums:
             self.rows.append(row)
+
+
+def _own_octets(named: NamedValue) -> bytes:
+    """Return the octets of a tag; of truth values one for each, because others share the octets that they stand in."""
+    value = named.value
+    if isinstance(value, bool):
+        return b"\1" if value else b"\0"
+    if isinstance(value, list) and named.type.endswith("BOOL"):
+        return bytes([1 if one else 0 for one in value])
+    return named.data
 
 
 def item_type(item: Item) -> str:

@@ -83,11 +83,11 @@ class ValueRow:
 
     ``time_ns`` (nanoseconds since 1970) and ``frame`` are those of the packet with the value: of a read the response, of a
     write the request. ``side`` of ``link`` is the client: who read, wrote or subscribed. ``how`` is one of `HOWS`, ``writes``
-    says whether the client gave the value. ``value`` is as `dissect.s7.values.Value`, of S7comm-plus what JSON can hold; in the
-    unit of the tag, and None where octets have none: then ``data`` has them (None for values without octets of their own).
-    ``previous`` is the value before it, whoever read or wrote that, and ``before`` its octets; ``first`` says that there was none, ``changed`` that it
-    was different (True for the first). ``pieced``: a part of the octets passed, the others are those seen before.
-    ``text`` is what an SCD dictionary calls the value, ``remark`` what is odd about it.
+    says whether the client gave the value. ``value`` is as `dissect.s7.values.Value`, of S7comm-plus what JSON can hold, in the
+    unit of the tag; None where octets have none: then ``data`` has them (None for values without octets of their own).
+    ``previous`` is the value before it, whoever read or wrote that, and ``before`` its octets. ``first``: there was none.
+    ``changed``: it was different (True for the first). ``pieced``: a part of the octets passed, the others are those seen
+    before. ``text`` is what an SCD dictionary calls the value, ``remark`` what is odd about it.
     """
 
     __slots__ = (

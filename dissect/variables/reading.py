@@ -37,10 +37,10 @@ def values(
 ) -> Iterator[ValueRow]:
     """Iterate the values of variables that were read, written or pushed in one capture or several.
 
-    ``of`` are addresses ("DB10.DBD4:REAL") and names of tags; without it the values of all items are there. ``changes`` leaves out
-    what is as before, ``every`` all but the first value of a variable in each such stretch of time. The others are as for
-    `dissect.open`; ``where`` selects transactions. Rows come in the order in which their transactions were complete; at most
-    20,000 variables have a value before (`dissect.variables.collector.MAX_VARIABLES`).
+    ``of`` are addresses ("DB10.DBD4:REAL") and names of tags; without it the values of all items are there. ``changes``
+    leaves out what is as before, ``every`` all but the first value of a variable in each such stretch of time. The others
+    are as for `dissect.open`; ``where`` selects transactions. Rows come in the order in which their transactions were
+    complete; at most 20,000 variables have a value before (`dissect.variables.collector.MAX_VARIABLES`).
     Raises `dissect.variables.choosing.WantedError` for a name that is neither an address nor a tag, ValueError for a time that
     is not above 0, and what `dissect.open` raises.
     """
@@ -144,7 +144,9 @@ def _table(pa: Any, variable: Variable, rows: list[ValueRow]) -> pyarrow.Table:
         "connection": pa.array([row.connection for row in rows], pa.int64()),
         "frame": pa.array([int(row.frame) for row in rows], pa.int64()),
     }
-    table: pyarrow.Table = pa.table(columns, metadata={key: text.encode("utf-8", "replace") for key, text in about.items()})
+    table: pyarrow.Table = pa.table(
+        columns, metadata={key: text.encode("utf-8", "replace") for key, text in about.items()}
+    )
     return table
 
 

@@ -53,8 +53,8 @@ class Pace:
 class Statistics:
     """The values of one variable: how many, first, last, extremes, mean, distinct ones, and who gave and took them.
 
-    ``least``, ``most``, ``total`` and the ``trend`` are of the ``numbers`` among them (a truth value is 0 or 1; NaN and the
-    infinities are none).
+    ``first`` and ``last`` are values, or octets (bytes) where these have no value. ``least``, ``most``, ``total`` and the
+    ``trend`` are of the ``numbers`` among them (a truth value is 0 or 1; NaN and the infinities are none).
     ``distinct`` are octets, or texts of values without octets, at most `MAX_DISTINCT`. ``others`` are values of clients beyond
     `MAX_CLIENTS`.
     """
@@ -102,6 +102,8 @@ class Statistics:
         """Add a value."""
         time_ns: i64 = row.time_ns
         value = row.value
+        if value is None:
+            value = row.data
         if self.count == 0:
             self.first = value
             self.first_ns = time_ns
@@ -153,7 +155,7 @@ class Statistics:
             found = [pace for pace in [*self.writers.values()] if pace.count > 1]
         return max(found, key=_count) if found else None
 
-    def _number(self, exact: int | float, number: float, time_ns: i64) -> None:
+    def _number(self, exact: int | float, number: float, time_ns: i64) -> None:  # noqa: PYI041 - compiled they differ
         if self.numbers == 0:
             self.least = exact
             self.most = exact

@@ -10,7 +10,7 @@ from typing import Any, Final
 from dissect.report import words
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.words import Places
-from dissect.variables.collector import MAX_VARIABLES, Collector
+from dissect.variables.collector import Collector
 from dissect.variables.model import Variable
 from dissect.variables.statistics import MAX_DISTINCT, Pace, Statistics
 from dissect.variables.writers import any_text, place_text, shown, value_cell
@@ -33,6 +33,7 @@ class Summary:
     def __init__(self, collector: Collector, spark: bool = False) -> None:
         self.variables = [row for row in collector.variables if _told(row)]
         self.untracked = int(collector.untracked)
+        self.most = int(collector.most)
         self.spark = spark
 
 
@@ -96,7 +97,7 @@ def _cells(variable: Variable, places: Places, spark: bool) -> list[str]:
     """Return the cells of a variable for a person."""
     found = _statistics(variable)
     counted = found.count > 0
-    numbers = found.numbers > 0 and not variable.type == "BOOL"
+    numbers = found.numbers > 0 and variable.type != "BOOL"
     cells = [
         place_text(variable),
         printable(variable.type),
@@ -116,9 +117,15 @@ def _cells(variable: Variable, places: Places, spark: bool) -> list[str]:
 
 
 def _short(variable: Variable, value: object) -> str:
-    data = bytes(value) if variable.bytes_only and isinstance(value, list) else None
-    text = shown(variable, value, data)
+    text = shown(variable, None if isinstance(value, bytes) else value, _octets(variable, value))
     return text if len(text) <= _COLUMN else f"{text[: _COLUMN - 1]}…"
+
+
+def _octets(variable: Variable, value: object) -> bytes | None:
+    """Return the octets of what statistics keep of a value, None where it says enough."""
+    if isinstance(value, bytes):
+        return value
+    return bytes(value) if variable.bytes_only and isinstance(value, list) else None
 
 
 def _number(number: float) -> str:
@@ -174,9 +181,9 @@ def variable_json(variable: Variable, clock: Clock) -> dict[str, Any]:
         "distinct": found.distinct_count,
         "distinct_more": found.more_distinct,
         "first_time": clock.iso(found.first_ns) if counted else None,
-        "first": json.loads(any_text(found.first)),
+        "first": _json(found.first),
         "last_time": clock.iso(found.last_ns) if counted else None,
-        "last": json.loads(any_text(found.last)),
+        "last": _json(found.last),
         "min": found.least if found.numbers else None,
         "max": found.most if found.numbers else None,
         "mean": found.mean,
@@ -189,6 +196,11 @@ def variable_json(variable: Variable, clock: Clock) -> dict[str, Any]:
         "refused_writes": int(variable.refused_writes),
         "unconfirmed_writes": int(variable.unconfirmed),
     }
+
+
+def _json(value: object) -> object:
+    """Return a value as JSON has it; octets without one have none."""
+    return None if isinstance(value, bytes) else json.loads(any_text(value))
 
 
 def _clients_json(clients: dict[str, Pace]) -> list[dict[str, object]]:
@@ -210,8 +222,11 @@ def csv_rows(summary: Summary) -> Iterable[list[str]]:
             value = found[name]
             if name in {"first", "last"}:
                 given = statistics.first if name == "first" else statistics.last
-                data = bytes(given) if variable.bytes_only and isinstance(given, list) else None
-                row.append(value_cell(variable, given, data))
+                row.append(
+                    given.hex(" ")
+                    if isinstance(given, bytes)
+                    else value_cell(variable, given, _octets(variable, given))
+                )
             elif name in {"readers", "writers"}:
                 row.append("; ".join([f"{one['client']} {one['count']}" for one in value]))
             elif isinstance(value, bool):
@@ -226,6 +241,6 @@ def limits_text(summary: Summary) -> str:
     if not summary.untracked:
         return ""
     return (
-        f"{words.count(summary.untracked, 'value')} of variables beyond the first {MAX_VARIABLES} (or 8 MiB of values) "
+        f"{words.count(summary.untracked, 'value')} of variables beyond the first {summary.most} (or 8 MiB of values) "
         "are not in the summary; name variables, or select with -Y"
     )

@@ -165,8 +165,7 @@ def _tag_at(wanted: Wanted, naming: TagNaming) -> Part | None:
     for part in cover.parts:
         if part.whole and part.bit == 0 and part.bits == wanted.bits:
             at: i64 = 0 if wanted.area in NUMBERED_AREAS else wanted.start % 8
-            found = Part(part.tag, part.first, part.count, at, part.bits, 0, True)
-            return found
+            return Part(part.tag, part.first, part.count, at, part.bits, 0, True)
     return None
 
 

@@ -12,7 +12,6 @@ from dissect.variables.model import ValueRow
 from tests.properties.messages import Item, dt, read_answer, read_job, write_answer, write_job
 from tests.properties.packets import Packet, Talk
 
-
 REAL = 0x08
 BYTE = 0x02
 BIT = 0x01
@@ -61,5 +60,3 @@ def rows_of(talk: Talk, *names: str, changes: bool = False, every_ns: int = 0) -
 def said(rows: Iterable[ValueRow]) -> list[tuple[str, str, str, object]]:
     """Return how, address, type and value of rows."""
     return [(row.how, row.address, row.type, row.value) for row in rows]
-
-

@@ -16,7 +16,7 @@ from dissect.transactions.transaction import Transaction
 from dissect.variables.collector import Collector, item_type
 from tests.report.support import ROOT, begun
 from tests.transactions import talk as line
-from tests.variables.support import BIT, BYTE, INT, REAL, WORD, collected, db, real, reads, rows_of, said, writes
+from tests.variables.support import BIT, BYTE, INT, REAL, WORD, collected, db, reads, real, rows_of, said, writes
 
 CRAFTED: Final = ROOT / "captures" / "crafted"
 SCD: Final = ROOT / "captures" / "scd"
@@ -208,12 +208,14 @@ def test_scd_reads_writes_and_pdos() -> None:
     assert [row.value for row in flow][:3] == [1200, 1193, 1186]
     assert {row.tag for row in flow} == {"Расход 1"}
     assert {row.writes for row in flow} == {False}
-    command = [row for row in rows if row.tag == "Насос 1.speed" and row.writes and row.how == "pdo"]
-    assert [(row.value, row.unit, row.host) for row in command] == [(1500, "об/мин", "192.0.2.10")] * 3
+    command = [row for row in rows if row.address == "0x6000:4" and row.writes and row.how == "pdo"]
+    assert [(row.value, row.host) for row in command] == [(1500, "192.0.2.10")] * 3
     pressure = [row for row in rows if row.tag == "Давление 1"]
     assert pressure
     assert not [row for row in pressure if row.how == "write"]  # read-only: the write was refused
-    told = list(dissect.values(SCD / "plant.pcapng", of="0x6044:0", scd=SCD / "plant.toml", bind=SCD / "plant.bind.toml"))
+    told = list(
+        dissect.values(SCD / "plant.pcapng", of="0x6044:0", scd=SCD / "plant.toml", bind=SCD / "plant.bind.toml")
+    )
     assert {row.address for row in told} == {"0x6044:0"}
 
 
@@ -239,7 +241,7 @@ def test_the_rows_of_a_capture_are_the_items_that_were_not_refused(corpus: Path)
             rows = [
                 (row.how, row.address, row.type, row.value, row.data, int(row.frame))
                 for row in dissect.values(path)
-                if row.how in {"read", "write"} and not row.link.protocol == "s7comm_plus"
+                if row.how in {"read", "write"} and row.link.protocol != "s7comm_plus"
             ]
         except dissect.CaptureError:
             continue
@@ -275,15 +277,36 @@ def test_tags_name_what_items_cover(tmp_path: Path) -> None:
     reads(talk, 3, (db(WORD, 6), b"\x00\xd8"))
     options = Options(strict=True, naming=load_tags([tags]).naming())
     rows = collected(Collector(), talk.packets(), options).take()
-    assert [(row.name, row.type, row.value, row.unit, row.previous) for row in rows if row.value is not None] == [
+    assert [
+        (row.name, row.type, row.value, row.unit, row.previous) for row in rows if row.tag and row.value is not None
+    ] == [
         ("Tank.Level", "REAL", 3.5, "m", None),
         ("Tank.Pump", "BOOL", True, "", None),
         ("Tank.Temp", "INT", 21.5, "°C", None),
         ("Tank.Temp", "INT", 21.6, "°C", 21.5),
     ]
-    rest = [(row.name, row.data, row.remark) for row in rows if row.value is None]
-    assert rest == [
-        ("DB1.DBB5", b"\x09", ""),
-        ("DB1.DBB8", b"\x00\x07", ""),
+    assert [(row.name, row.data, row.remark) for row in rows if row.value is None] == [
         ("Tank.Level", b"\x40\x60", "bytes 0 to 1 of 4"),
     ]
+    assert [(row.type, row.value) for row in rows if not row.tag] == [("BYTE", 9), ("2 x BYTE", [0, 7])]
+
+
+def test_a_bit_changes_by_itself(tmp_path: Path) -> None:
+    """Its neighbours in the byte are no change of it."""
+    tags = tmp_path / "bits.csv"
+    tags.write_text(
+        "address,type,name\nDB1.DBX0.1,BOOL,Pump\nDB1.DBX1.0,Array[0..3] of BOOL,Valves\n", encoding="utf-8"
+    )
+    talk = begun()
+    for ref, octets in enumerate((b"\x02\x01", b"\x83\xf1", b"\x80\xf3"), 1):
+        reads(talk, ref, (db(BYTE, 0, 2), octets))
+    rows = collected(Collector(), talk.packets(), Options(strict=True, naming=load_tags([tags]).naming())).take()
+    assert [(row.value, row.changed) for row in rows if row.tag == "Pump"] == [
+        (True, True),
+        (True, False),
+        (False, True),
+    ]
+    valves = [True, False, False, False]
+    assert [(row.value, row.changed) for row in rows if row.tag == "Valves"] == [
+        (valves, True), (valves, False), ([True, True, False, False], True),
+    ]  # fmt: skip
