@@ -104,8 +104,8 @@ def _cells(variable: Variable, places: Places, spark: bool) -> list[str]:
         str(found.count),
         _short(variable, found.first) if counted else "",
         _short(variable, found.last) if counted and found.distinct_count > 1 else "=" if found.count > 1 else "",
-        _number(found.least) if numbers else "",
-        _number(found.most) if numbers else "",
+        str(found.least) if numbers else "",
+        str(found.most) if numbers else "",
         _number(found.mean) if numbers and found.mean is not None else "",
         _pace(found.pace),
         f"{MAX_DISTINCT}+" if found.more_distinct else str(found.distinct_count) if counted else "",
@@ -129,7 +129,7 @@ def _octets(variable: Variable, value: object) -> bytes | None:
 
 
 def _number(number: float) -> str:
-    return str(number) if isinstance(number, int) else f"{number:.7g}"
+    return str(number) if isinstance(number, int) else f"{number:.9g}"
 
 
 def _pace(pace: Pace | None) -> str:

@@ -188,6 +188,12 @@ class WantedSet:
         if rows is None:
             return []
         end: i64 = start + bits
-        return [
+        found = [
             one for one in rows if one.start < end and start < one.end and (one.naming is None or one.naming is naming)
         ]
+        found.sort(key=_start)
+        return found
+
+
+def _start(wanted: Wanted) -> int:
+    return wanted.start

@@ -27,6 +27,8 @@ analyze TRANSFER
 analyze TRANSFER -T json
 transactions TRANSFER
 transactions TRANSFER -T csv
+values TRANSFER
+values TRANSFER --summary -T csv
 operations TRANSFER -T jsonl
 show TRANSFER -V
 show TRANSFER -T jsonl
@@ -59,6 +61,7 @@ scd encode -d PLANT --value 0x6001 raw:5
 WRONG: Final = """
 analyze MISSING -T json
 transactions MISSING -T jsonl
+values MISSING -T jsonl
 operations MISSING -T jsonl
 show MISSING -T jsonl
 monitor MISSING -T jsonl
