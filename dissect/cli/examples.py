@@ -18,10 +18,10 @@ EXAMPLES: Final = {
         "s7dissect transactions --tls-keys session.keys trace.pcapng",
     ),
     "values": (
-        "s7dissect values trace.pcapng DB1.DBD4:REAL MW20",
-        "s7dissect values --tags plc_tags.xlsx --changes trace.pcapng",
-        "s7dissect values --summary trace.pcapng",
-        "s7dissect values -T csv --every 1s trace.pcapng > values.csv",
+        "s7dissect values press.pcapng DB2.DBD16:REAL MW20",
+        "s7dissect values --tags plc_tags.xlsx --changes press.pcapng",
+        "s7dissect values --summary press.pcapng",
+        "s7dissect values -T csv --every 1s press.pcapng > values.csv",
     ),
     "operations": (
         "s7dissect operations trace.pcapng",

@@ -1,6 +1,6 @@
 """Transactions → rows of values: each item joined with the variable it is about, with what was there before.
 
-Bounded: at most `MAX_VARIABLES` variables with `MAX_KEPT` octets in all are remembered. Values of variables beyond are rows
+Bounded: at most `MAX_VARIABLES` variables (`dissect.variables.tracker`) are remembered. Values of variables beyond are rows
 still, but nothing is known of what was before them, and no summary has them; ``untracked`` counts them.
 """
 
@@ -33,7 +33,6 @@ from dissect.s7plus.tables import NOTIFICATION as PLUS_NOTIFICATION
 from dissect.scd.wording import json_value
 from dissect.tags.model import NUMBERED_BITS
 from dissect.tags.naming import TagNaming
-from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import NamedValue
 from dissect.transactions.payloads import ScdMessage
@@ -41,42 +40,14 @@ from dissect.transactions.results import TEST_WRITES, ItemResult, has_items
 from dissect.transactions.transaction import ANSWERED, Transaction
 from dissect.transactions.transaction import PUSH as OUTCOME_PUSH
 from dissect.variables.model import FORCE, MODIFY, NOTIFICATION, PDO, PUSH, READ, WRITE, ValueRow, Variable
-from dissect.variables.statistics import Statistics
-from dissect.variables.wanted import Image, Wanted, WantedSet
+from dissect.variables.tracker import MAX_VARIABLES, NO_ANSWER, Plan, Plc, Tracker
+from dissect.variables.wanted import Image, WantedSet
 
-MAX_VARIABLES: Final = 20_000
-#: Octets of latest values that are kept for all of them together.
-MAX_KEPT: Final = 8 << 20
 #: Items of which it is remembered what they are about; polling repeats the same ones.
 MAX_PLANS: Final = 16_384
-_NO_ANSWER: Final = -1
 
 #: Tells whether a transaction is wanted.
 Choice = Callable[[Transaction], bool]
-
-
-class _Plan:
-    """What an item of a request is about: its own variable, or the wanted places that it touches."""
-
-    __slots__ = ("bits", "decodes", "start", "variable", "wanted")
-
-    def __init__(self) -> None:
-        self.variable: Variable | None = None
-        self.wanted: list[Wanted] = []
-        self.start: i64 = 0
-        self.bits: i64 = 0
-
-
-class _Plc:
-    """The variables of one end of connections, by address and type, and what is known of wanted places."""
-
-    __slots__ = ("end", "images", "plans", "variables")
-
-    def __init__(self, end: Endpoint) -> None:
-        self.end: Endpoint = end
-        self.variables: dict[str, Variable] = {}
-        self.plans: dict[Item, _Plan] = {}
-        self.images: dict[Wanted, Image] = {}
 
 
 class Collector(Observer):
@@ -97,38 +68,46 @@ class Collector(Observer):
         most: i64 = MAX_VARIABLES,
     ) -> None:
         super().__init__()
-        self.rows: list[ValueRow] = []
-        self.untracked: i64 = 0
-        self.refused: i64 = 0
-        self.unconfirmed: i64 = 0
         self.found: set[str] = set()  # of what is wanted, the texts that a value or a refusal was seen of
+        self._store: Tracker = Tracker(changes, every_ns, sums, most)
         self._wanted: WantedSet | None = wanted
-        self._changes: bool = changes
-        self._every_ns: i64 = every_ns
-        self._sums: bool = sums
         self._choose: Choice | None = choose
-        self.most: i64 = most
-        self._plcs: dict[str, _Plc] = {}
-        self._ends: dict[int, _Plc] = {}
-        self._variables: i64 = 0
-        self._kept: i64 = 0
         self._plans: i64 = 0
 
     def take(self) -> list[ValueRow]:
         """Return the rows collected since the last call."""
-        rows = self.rows
-        self.rows = []
+        rows = self._store.rows
+        self._store.rows = []
         return rows
 
     @property
     def variables(self) -> list[Variable]:
         """Every variable that is remembered, PLC by PLC, in the order in which they were first seen."""
-        return [variable for plc in self._plcs.values() for variable in plc.variables.values()]
+        return [variable for plc in self._store.plcs.values() for variable in plc.variables.values()]
+
+    @property
+    def untracked(self) -> int:
+        """Values of variables that are not remembered."""
+        return self._store.untracked
+
+    @property
+    def most(self) -> int:
+        """How many variables are remembered."""
+        return self._store.most
+
+    @property
+    def refused(self) -> int:
+        """Reads and writes that the PLC refused."""
+        return self._store.refused
+
+    @property
+    def unconfirmed(self) -> int:
+        """Writes of which nobody saw what became."""
+        return self._store.unconfirmed
 
     def connection_closed(self, connection: Connection) -> None:
         """Forget which PLC a connection has."""
-        self._ends.pop(connection.number * 2, None)
-        self._ends.pop(connection.number * 2 + 1, None)
+        self._store.forget(connection)
 
     def transaction(self, transaction: Transaction) -> None:
         """Take the values of a transaction."""
@@ -159,7 +138,7 @@ class Collector(Observer):
     def _read(self, transaction: Transaction) -> None:
         if transaction.outcome != ANSWERED:
             return
-        plc = self._plc(transaction, 1 - transaction.asked_by)
+        plc = self._store.plc(transaction, 1 - transaction.asked_by)
         items = transaction.parameters.items
         if not transaction.has_errors and transaction.connection.naming is None:
             answers = transaction.answered_items()
@@ -175,34 +154,34 @@ class Collector(Observer):
         whole: bool = transaction.error_code != 0
         for result in transaction.results():
             code: i64 = result.return_code
-            if code == _NO_ANSWER and whole:
+            if code == NO_ANSWER and whole:
                 code = 0
             self._result(transaction, plc, result, code, READ, False)
 
     def _written(self, transaction: Transaction) -> None:
         if not transaction.request_size:
             return
-        plc = self._plc(transaction, 1 - transaction.asked_by)
+        plc = self._store.plc(transaction, 1 - transaction.asked_by)
         whole: bool = transaction.outcome == ANSWERED and transaction.error_code != 0
         for result in transaction.results():
             code: i64 = result.return_code
-            if code == _NO_ANSWER and whole:
+            if code == NO_ANSWER and whole:
                 code = 0
             self._result(transaction, plc, result, code, WRITE, True)
 
     def _sent(self, transaction: Transaction) -> None:
         """Take what a cyclic service or a variable table sends, with its first answer or unasked."""
-        plc = self._plc(transaction, 1 - transaction.asked_by)
+        plc = self._store.plc(transaction, 1 - transaction.asked_by)
         for result in transaction.results():
             if result.unchanged:
                 continue
             code: i64 = result.return_code
-            if code != _NO_ANSWER:
+            if code != NO_ANSWER:
                 self._result(transaction, plc, result, code, PUSH, False)
 
     def _modified(self, transaction: Transaction, how: str) -> None:
         """Take what was modified or forced, when the PLC tells what became of it: the values are those of the request."""
-        plc = self._plc(transaction, 1 - transaction.asked_by)
+        plc = self._store.plc(transaction, 1 - transaction.asked_by)
         asked = transaction.subscribed
         if transaction.outcome != OUTCOME_PUSH:
             if transaction.has_errors:
@@ -213,12 +192,12 @@ class Collector(Observer):
             return
         given = asked.written
         for index, result in enumerate(transaction.results()):
-            if index < len(given) and result.return_code != _NO_ANSWER:
+            if index < len(given) and result.return_code != NO_ANSWER:
                 told = ItemResult(result.item, result.return_code, given[index].data, given[index])
                 self._result(transaction, plc, told, result.return_code, how, True)
 
     def _result(
-        self, transaction: Transaction, plc: _Plc, result: ItemResult, code: i64, how: str, writes: bool
+        self, transaction: Transaction, plc: Plc, result: ItemResult, code: i64, how: str, writes: bool
     ) -> None:
         """Take an item with what became of it: by tags where they know it, else by its address."""
         item = result.item
@@ -238,7 +217,7 @@ class Collector(Observer):
             data = b""
         self._item(transaction, plc, item, code, data, how, writes)
 
-    def _named(self, transaction: Transaction, plc: _Plc, named: NamedValue, code: i64, how: str, writes: bool) -> None:
+    def _named(self, transaction: Transaction, plc: Plc, named: NamedValue, code: i64, how: str, writes: bool) -> None:
         """Take a value that tags name, or octets between them."""
         type_ = named.type or ("BYTE" if len(named.data) == 1 else f"{len(named.data)} x BYTE")
         key = f"{named.address}|{type_}|{named.name}"
@@ -246,22 +225,22 @@ class Collector(Observer):
             key = f"{key}|{named.remark}"
         variable = plc.variables.get(key)
         if variable is None:
-            variable = self._variable(plc, key, named.address, type_, named.name, named.unit)
+            variable = self._store.variable(plc, key, named.address, type_, named.name, named.unit)
             variable.comment = named.comment
             variable.bytes_only = not named.type and len(named.data) > 1
         if code != SUCCESS:
-            self._refuse(variable, code, writes)
+            self._store.refuse(variable, code, writes)
             return
-        row = self._row(transaction, variable, how, writes, _own_octets(named))
+        row = self._store.row(transaction, variable, how, writes, _own_octets(named))
         if row is not None:
             row.value = named.value
             if not named.name and not named.remark:
                 row.value = decode_value(BYTE, named.data)
             row.remark = named.remark
-            self._finish(row)
+            self._store.finish(row)
 
     def _item(
-        self, transaction: Transaction, plc: _Plc, item: Item, code: i64, data: bytes, how: str, writes: bool
+        self, transaction: Transaction, plc: Plc, item: Item, code: i64, data: bytes, how: str, writes: bool
     ) -> None:
         """Take an item of S7comm by its address; of a ``code`` that is none of success only that."""
         plan = plc.plans.get(item)
@@ -273,9 +252,9 @@ class Collector(Observer):
                 self._places(transaction, plc, item, plan, code, data, how, writes)
             return
         if code != SUCCESS:
-            self._refuse(variable, code, writes)
+            self._store.refuse(variable, code, writes)
             return
-        row = self._row(transaction, variable, how, writes, data)
+        row = self._store.row(transaction, variable, how, writes, data)
         if row is not None:
             if row.changed or variable.value is None:
                 row.value = (
@@ -283,15 +262,15 @@ class Collector(Observer):
                 )
             else:
                 row.value = variable.value
-            self._finish(row)
+            self._store.finish(row)
 
-    def _plan(self, transaction: Transaction, plc: _Plc, item: Item) -> _Plan:
+    def _plan(self, transaction: Transaction, plc: Plc, item: Item) -> Plan:
         """Find out what an item is about, and remember it."""
         if self._plans >= MAX_PLANS:
             self._plans = 0
-            for each in self._plcs.values():
+            for each in self._store.plcs.values():
                 each.plans.clear()
-        plan = _Plan()
+        plan = Plan()
         wanted = self._wanted
         if wanted is None:
             plan.variable = self._own(plc, item)
@@ -310,22 +289,22 @@ class Collector(Observer):
         self._plans += 1
         return plan
 
-    def _own(self, plc: _Plc, item: Item) -> Variable:
+    def _own(self, plc: Plc, item: Item) -> Variable:
         """Return the variable that an item is by itself."""
         type_ = item_type(item)
         key = f"{item.address}|{type_}|"
         variable = plc.variables.get(key)
         if variable is None:
-            variable = self._variable(plc, key, item.address, type_, "", "")
+            variable = self._store.variable(plc, key, item.address, type_, "", "")
             variable.bytes_only = item.transport_size == BYTE and item.count != 1
         return variable
 
     def _places(
         self,
         transaction: Transaction,
-        plc: _Plc,
+        plc: Plc,
         item: Item,
-        plan: _Plan,
+        plan: Plan,
         code: i64,
         data: bytes,
         how: str,
@@ -338,7 +317,7 @@ class Collector(Observer):
             self.found.add(wanted.text)
             image = plc.images.get(wanted)
             if image is None:
-                if self._variables >= self.most:
+                if self._store.count >= self._store.most:
                     alone = True
                     continue
                 naming = transaction.connection.naming
@@ -354,12 +333,12 @@ class Collector(Observer):
                 address, type_, tag, unit = image.names(typed)
                 key = f"{address}|{type_}|{tag}"
                 known = plc.variables.get(key)
-                variable = known if known is not None else self._variable(plc, key, address, type_, tag, unit)
+                variable = known if known is not None else self._store.variable(plc, key, address, type_, tag, unit)
                 variable.bytes_only = image.part is None and wanted.bits not in (1, 8, 16, 32, 64)
                 image.variable = variable
             if not sound:
                 if code != SUCCESS:
-                    self._refuse(variable, code, writes)
+                    self._store.refuse(variable, code, writes)
                 else:
                     alone = True
                 continue
@@ -368,17 +347,17 @@ class Collector(Observer):
                 alone = True
                 continue
             octets = image.data()
-            row = self._row(transaction, variable, how, writes, octets)
+            row = self._store.row(transaction, variable, how, writes, octets)
             if row is not None:
                 row.pieced = not all_of_it
                 row.value = variable.value if not row.changed else image.value(octets)
-                self._finish(row)
+                self._store.finish(row)
         if alone:
             own = self._own(plc, item)
-            row = self._row(transaction, own, how, writes, data)
+            row = self._store.row(transaction, own, how, writes, data)
             if row is not None:
                 row.value = decode_value(item.transport_size, data) if item.fits(len(data)) else None
-                self._finish(row)
+                self._store.finish(row)
 
     # ---- S7comm-plus and SCD ----------------------------------------------------------------------------------------
 
@@ -389,7 +368,7 @@ class Collector(Observer):
         items = transaction.plus_items()
         if not items:
             return
-        plc = self._plc(transaction, 1 - transaction.asked_by)
+        plc = self._store.plc(transaction, 1 - transaction.asked_by)
         writes: bool = parameters.code in WRITES
         how = WRITE if writes else READ
         asked = transaction.plus_request if transaction.request_size else None
@@ -403,7 +382,7 @@ class Collector(Observer):
             if session is None or item.address is None or item.address.area not in session.given:
                 self._plus_item(transaction, plc, item, how, writes)
 
-    def _plus_item(self, transaction: Transaction, plc: _Plc, item: PlusItem, how: str, writes: bool) -> None:
+    def _plus_item(self, transaction: Transaction, plc: Plc, item: PlusItem, how: str, writes: bool) -> None:
         address = item.label
         wanted = self._wanted
         if wanted is not None:
@@ -413,25 +392,20 @@ class Collector(Observer):
             self.found.add(one.text)
         variable = plc.variables.get(address)
         if variable is None:
-            variable = self._variable(plc, address, address, "", "", "")
+            variable = self._store.variable(plc, address, address, "", "", "")
         if not variable.type:
             variable.type = _plus_type(item)
         if item.return_code > 0 or (writes and item.return_code < 0):
-            self._refuse(variable, item.return_code if item.return_code > 0 else _NO_ANSWER, writes)
+            self._store.refuse(variable, item.return_code if item.return_code > 0 else NO_ANSWER, writes)
             return
         if item.value is None:
             return
         value = item.json_value
-        row = self._row(transaction, variable, how, writes, item.data, value)
+        row = self._store.row(transaction, variable, how, writes, item.data, value)
         if row is not None:
             row.value = value
             row.remark = item.note
-            self._finish(row)
-
-    def _named_variable(self, plc: _Plc, address: str, type_: str, tag: str, unit: str) -> Variable:
-        key = f"{address}|{type_}|{tag}"
-        known = plc.variables.get(key)
-        return known if known is not None else self._variable(plc, key, address, type_, tag, unit)
+            self._store.finish(row)
 
     def _scd(self, transaction: Transaction) -> None:
         carried: bool = transaction.carried is not None
@@ -462,7 +436,7 @@ class Collector(Observer):
                 return
             refused = transaction.has_errors
         unsure: bool = writes and how == WRITE and not carried and transaction.outcome != ANSWERED
-        plc = self._plc(transaction, side)
+        plc = self._store.plc(transaction, side)
         for row in found.values:
             wanted = self._wanted
             if wanted is not None:
@@ -472,12 +446,12 @@ class Collector(Observer):
                 if one is None:
                     continue
                 self.found.add(one.text)
-            variable = self._named_variable(plc, row.address, "", row.name, row.unit)
+            variable = self._store.named(plc, row.address, "", row.name, row.unit)
             if refused or unsure:
-                self._refuse(variable, 0 if refused else _NO_ANSWER, writes)
+                self._store.refuse(variable, 0 if refused else NO_ANSWER, writes)
                 continue
             value = json_value(row.physical)
-            made = self._row(transaction, variable, how, writes, None, value)
+            made = self._store.row(transaction, variable, how, writes, None, value)
             if made is not None:
                 made.frame = found.frame
                 made.time_ns = found.time_ns
@@ -485,103 +459,7 @@ class Collector(Observer):
                 made.value = value
                 made.text = row.text
                 made.remark = ", ".join(row.flags)
-                self._finish(made)
-
-    # ---- what all of them do ----------------------------------------------------------------------------------------
-
-    def _plc(self, transaction: Transaction, side: i64) -> _Plc:
-        """Return the end of a connection that holds variables."""
-        connection = transaction.connection
-        key: i64 = connection.number * 2 + side
-        found = self._ends.get(key)
-        if found is None:
-            end = connection.tcp.ends[side]
-            name = str(end)
-            found = self._plcs.get(name)
-            if found is None:
-                found = _Plc(end)
-                # Of more PLCs than variables are remembered nothing is remembered.
-                if len(self._plcs) < self.most:
-                    self._plcs[name] = found
-            self._ends[key] = found
-        return found
-
-    def _variable(self, plc: _Plc, key: str, address: str, type_: str, tag: str, unit: str) -> Variable:
-        """Return a new variable, remembered where there is room."""
-        variable = Variable(plc.end, address, type_, tag, unit)
-        if self._variables < self.most and self._kept < MAX_KEPT:
-            self._variables += 1
-            plc.variables[key] = variable
-            if self._sums:
-                variable.statistics = Statistics()
-        else:
-            variable.next_ns = -1  # not remembered
-        return variable
-
-    def _refuse(self, variable: Variable, code: i64, writes: bool) -> None:
-        """Count what gave no value: refused, or with no ``code`` at all a write of which nobody saw what became of it."""
-        if code == _NO_ANSWER:
-            if writes:
-                variable.unconfirmed += 1
-                self.unconfirmed += 1
-        elif writes:
-            variable.refused_writes += 1
-            self.refused += 1
-        else:
-            variable.refused_reads += 1
-            self.refused += 1
-
-    def _row(
-        self,
-        transaction: Transaction,
-        variable: Variable,
-        how: str,
-        writes: bool,
-        data: bytes | None,
-        value: object = None,
-    ) -> ValueRow | None:
-        """Begin the row of a value, told from the one before by its octets or, without them, its ``value``; None for no row."""
-        time_ns: i64 = transaction.response_ns
-        frame: i64 = transaction.response_frame
-        if writes and transaction.request_frame:
-            time_ns = transaction.request_ns
-            frame = transaction.request_frame
-        if variable.next_ns < 0:
-            self.untracked += 1
-        elif self._every_ns:
-            if time_ns < variable.next_ns:
-                return None
-            variable.next_ns = (time_ns // self._every_ns + 1) * self._every_ns
-        changed: bool = True
-        if variable.seen:
-            changed = variable.data != data if data is not None else variable.value != value
-            if not changed and self._changes:
-                return None
-        row = ValueRow(variable, transaction.connection, transaction.asked_by, how, time_ns, frame)
-        row.writes = writes
-        row.data = data
-        row.first = not variable.seen
-        row.changed = changed
-        row.previous = variable.value
-        row.before = variable.data
-        return row
-
-    def _finish(self, row: ValueRow) -> None:
-        """Remember the value of a row, and keep or add up the row."""
-        variable = row.variable
-        if variable.next_ns >= 0 and row.changed:
-            data = row.data
-            if data is not None:
-                before = variable.data
-                self._kept += len(data) - (len(before) if before is not None else 0)
-            variable.data = data
-            variable.value = row.value
-            variable.seen = True
-        statistics = variable.statistics
-        if statistics is not None:
-            statistics.add(row)
-        elif not self._sums:
-            self.rows.append(row)
+                self._store.finish(made)
 
 
 def _own_octets(named: NamedValue) -> bytes:

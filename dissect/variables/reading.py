@@ -40,7 +40,7 @@ def values(
     ``of`` are addresses ("DB10.DBD4:REAL") and names of tags; without it the values of all items are there. ``changes``
     leaves out what is as before, ``every`` all but the first value of a variable in each such stretch of time. The others
     are as for `dissect.open`; ``where`` selects transactions. Rows come in the order in which their transactions were
-    complete; at most 20,000 variables have a value before (`dissect.variables.collector.MAX_VARIABLES`).
+    complete; at most 20,000 variables have a value before (`dissect.variables.tracker.MAX_VARIABLES`).
     Raises `dissect.variables.choosing.WantedError` for a name that is neither an address nor a tag, ValueError for a time that
     is not above 0, and what `dissect.open` raises.
     """

@@ -27,8 +27,8 @@ analyze TRANSFER
 analyze TRANSFER -T json
 transactions TRANSFER
 transactions TRANSFER -T csv
-values TRANSFER
-values TRANSFER --summary -T csv
+values WRITES
+values WRITES --summary -T csv
 operations TRANSFER -T jsonl
 show TRANSFER -V
 show TRANSFER -T jsonl
@@ -80,7 +80,9 @@ scd diff MISSING PLANT -T json
 scd dump MISSING
 scd decode -d MISSING --pdo T1 00
 """
-FILES: Final = {"TAGS": str(ROOT / "captures" / "tags" / "valve.csv"), "TRANSFER": TRANSFER, "SZL": SZL, "PLANT": PLANT}
+WRITES: Final = str(ROOT / "captures" / "nodes7-write.pcapng")
+TAGS: Final = str(ROOT / "captures" / "tags" / "valve.csv")
+FILES: Final = {"TAGS": TAGS, "TRANSFER": TRANSFER, "SZL": SZL, "WRITES": WRITES, "PLANT": PLANT}
 
 
 def calls(text: str) -> list[list[str]]:

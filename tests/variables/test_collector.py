@@ -106,9 +106,9 @@ def test_a_place_within_an_item_is_found_with_its_type() -> None:
     reads(talk, 1, (db(BYTE, 0, 10), content))
     assert said(rows_of(talk, "DB1.DBD4:REAL", "DB1.DBX8.7", "DB1.DBW8", "DB1,INT8", "DB2.DBD4", "MW4")) == [
         ("read", "DB1.DBD4", "REAL", 80.5),
-        ("read", "DB1.DBX8.7", "BOOL", True),
         ("read", "DB1.DBW8", "WORD", 0x8102),
         ("read", "DB1.DBW8", "INT", 0x8102 - 0x10000),
+        ("read", "DB1.DBX8.7", "BOOL", True),
     ]
     assert said(rows_of(talk, "DB1.DBB2 x3")) == [("read", "DB1.DBB2", "3 x BYTE", [2, 3, 0x42])]
 
