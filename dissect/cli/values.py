@@ -17,6 +17,7 @@ from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
+from dissect.cli.options.variables import wanted_of
 from dissect.cli.run import EXIT_CODES, checksums_option, complain, drive, places_of
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Options
@@ -130,14 +131,7 @@ def _split(
     """Return the files among the arguments, and what the others choose; the first is a file, whatever it is called."""
     captures = [word for at, word in enumerate(words) if at == 0 or _is_file(word)]
     names = [word for at, word in enumerate(words) if at > 0 and not _is_file(word)]
-    if not names:
-        return captures, None
-    from dissect.variables.choosing import Known, WantedError, choose, scd_names
-
-    try:
-        return captures, choose(names, Known(naming, scd_names(decoder)))
-    except WantedError as error:
-        raise click.UsageError(f"{error}.") from None
+    return captures, wanted_of(names, naming, decoder)
 
 
 def _is_file(word: str) -> bool:

@@ -47,18 +47,21 @@ def _statistics(variable: Variable) -> Statistics:
     return variable.statistics if variable.statistics is not None else Statistics()
 
 
-def sparkline(points: Sequence[float]) -> str:
-    """Return numbers as a line of blocks; one that is not there is as the one before it."""
+def sparkline(points: Sequence[float], levels: str = LEVELS) -> str:
+    """Return numbers as a line of ``levels``; one that is not there is as the one before it, a blank without one."""
     known = [point for point in points if not math.isnan(point)]
     if not known:
         return ""
     least, most = min(known), max(known)
-    line, last = "", known[0]
+    line, last = "", math.nan
     for point in points:
         last = last if math.isnan(point) else point
+        if math.isnan(last):
+            line += " "
+            continue
         # Halves first: the difference of two large numbers may be too large for one.
         share = 0.5 if most == least else (last / 2 - least / 2) / (most / 2 - least / 2)
-        line += LEVELS[min(int(share * len(LEVELS)), len(LEVELS) - 1)]
+        line += levels[min(int(share * len(levels)), len(levels) - 1)]
     return line
 
 
