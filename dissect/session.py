@@ -184,7 +184,7 @@ def decoder_of(
     return load_carrier(scd, bind)
 
 
-def _sieved(observer: Observer, where: str | Where | None, options: Options) -> Sieve | None:
+def sieved(observer: Observer, where: str | Where | None, options: Options) -> Sieve | None:
     """Return what lets ``observer`` know of a selection only, None without one; ``options`` then leave out what can be."""
     if where is None:
         return None
@@ -270,7 +270,7 @@ def open(
     options = Options(
         slow_ns, decoder=decoder_of(scd, bind), checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags)
     )
-    run = _run([path, *more], queue, _sieved(queue, where, options), options)
+    run = _run([path, *more], queue, sieved(queue, where, options), options)
     while run.step():
         yield from queue.events
         queue.events = []
@@ -298,7 +298,7 @@ def analyze(
     options = Options(
         slow_ns, decoder=decoder_of(scd, bind), checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags)
     )
-    sieve = _sieved(analysis, where, options)
+    sieve = sieved(analysis, where, options)
     run = _run([path, *more], analysis, sieve, options)
     while run.step():
         pass

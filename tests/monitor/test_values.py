@@ -21,7 +21,7 @@ from dissect.tags import load_tags
 from dissect.transactions.naming import Naming
 from dissect.variables.choosing import Known, choose
 from tests.monitor.support import SIZES, ended, screen
-from tests.monitor.test_app import Act, files, press
+from tests.monitor.test_app import SCREENS, Act, files, press
 from tests.properties.packets import Packet
 from tests.report.support import ROOT, UNSAFE, begun, transactions
 from tests.tags.support import tank_file
@@ -146,6 +146,18 @@ def test_tags_stand_on_the_main_screen_and_behind_it(tmp_path: Path) -> None:
         assert "Valve.name (DB2.DBB20 x8) = 'Valve'" in "\n".join(screen(app))
 
     drive(session, act, (200, 60))
+
+
+def test_the_screen_in_the_document_is_real() -> None:
+    naming = load_tags([ROOT / "captures" / "tags" / "valve.csv"]).naming()
+    path = ROOT / "captures" / "nodes7-poll.pcapng"
+    session = ended(Session(lambda: open_capture(str(path)), Options(strict=True, naming=naming), name=path.name))
+
+    async def act(app: MonitorApp, pilot: Pilot[bool]) -> None:
+        await press(pilot, "v")
+        assert "\n".join(screen(app)) == SCREENS[2]
+
+    drive(session, act)
 
 
 def test_a_name_from_the_wire_or_a_file_cannot_disturb_the_screen(tmp_path: Path) -> None:
