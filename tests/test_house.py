@@ -40,6 +40,7 @@ ORDER: Final = (
     "anonymize",
     "session",  # analyze() folds what it reads with report.analysis
     "index",
+    "variables",
     "golden",
     "baseline",
     "alerts",
