@@ -33,6 +33,7 @@ EXIT_INTERRUPTED: Final = 130
 COMMANDS: Final = {
     "analyze": "Summarize a capture: connections, timing, errors, findings.",
     "transactions": "List requests with their answers, values and latency.",
+    "values": "List values of variables: when, who, what before.",
     "operations": "List downloads, uploads, subscriptions, passwords.",
     "show": "List S7 PDUs, or dissect them field by field.",
     "cut": "Extract part of a capture, findings as packet comments.",
@@ -56,7 +57,19 @@ COMMANDS: Final = {
     "help": "Show the manual page of a command or topic.",
 }
 #: Commands whose output shows times.
-_TIMED: Final = frozenset(("analyze", "transactions", "operations", "show", "baseline", "index", "monitor", "proxy"))
+_TIMED: Final = frozenset(
+    (
+        "analyze",
+        "transactions",
+        "values",
+        "operations",
+        "show",
+        "baseline",
+        "index",
+        "monitor",
+        "proxy",
+    )
+)
 #: Words that people type as if they were commands, and the option that does it.
 _WORDS: Final = {"version": "--version"}
 

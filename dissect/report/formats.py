@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 TRANSACTIONS: Final = "transactions"
 PDUS: Final = "PDUs"
 OPERATIONS: Final = "operations"
+VALUES: Final = "values"
 #: … of what happens on a live line to a class like `dissect.live.lines.PlainLines` …
 EVENTS: Final = "events"
 # … and what a command came to is given to a function as an `Outcome`.
@@ -35,7 +36,7 @@ OUTCOME: Final = "outcome"
 #: Rows of a query.
 ROWS: Final = "rows"
 
-KINDS: Final = (TRANSACTIONS, PDUS, OPERATIONS, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, ROWS)
+KINDS: Final = (TRANSACTIONS, PDUS, OPERATIONS, VALUES, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, ROWS)
 
 
 class Format(NamedTuple):
@@ -77,6 +78,7 @@ FORMATS: Final[dict[str, Format]] = {
             "text",
             "lines for a person",
             ("dissect.report.writers.text:TextWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
+            ("dissect.variables.writers:ValueText", (VALUES,)),
             ("dissect.live.lines:PlainLines", (EVENTS,)),
             ("dissect.report.outcome:text_outcome", (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, ROWS)),
             verbose=True,
@@ -86,6 +88,7 @@ FORMATS: Final[dict[str, Format]] = {
             "jsonl",
             "a JSON object on each line",
             ("dissect.report.writers.jsonl:JsonlWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
+            ("dissect.variables.writers:ValueJsonl", (VALUES,)),
             ("dissect.live.json_lines:JsonLines", (EVENTS,)),
             ("dissect.report.outcome:json_outcome", (ALERTS,)),
             ("dissect.export.result_lines:json_lines", (ROWS,)),
@@ -94,6 +97,7 @@ FORMATS: Final[dict[str, Format]] = {
             "csv",
             "a row for each item",
             ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,)),
+            ("dissect.variables.writers:ValueCsv", (VALUES,)),
             ("dissect.export.result_lines:csv_lines", (ROWS,)),
         ),
         _row("json", "one JSON object", ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME))),
