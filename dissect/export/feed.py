@@ -8,7 +8,7 @@ from typing import Final
 
 from dissect.engine.observer import Observer
 from dissect.export.rows import Rows
-from dissect.export.tables import CONNECTIONS, FINDINGS, ITEMS, OPERATIONS, PDUS, TRANSACTIONS, Table
+from dissect.export.tables import CONNECTIONS, FINDINGS, ITEMS, OPERATIONS, PDUS, TRANSACTIONS, VALUES, Table
 from dissect.export.transaction_rows import Row
 from dissect.findings.reporter import Finding
 from dissect.select.things import Context
@@ -18,6 +18,7 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
+from dissect.variables.collector import Collector
 
 #: Rows of a table that are handed on together, and bytes of items that may wait.
 ROWS: Final = 8192
@@ -54,6 +55,8 @@ class TableFeed(Observer):
         self._operations = self._waiting.get(OPERATIONS.name)
         self._findings = self._waiting.get(FINDINGS.name)
         self._pdus = self._waiting.get(PDUS.name)
+        self._values = self._waiting.get(VALUES.name)
+        self._collector = Collector()
         self._bytes = 0
 
     def begin(self, files: Sequence[SourceFile]) -> None:
@@ -77,6 +80,7 @@ class TableFeed(Observer):
 
     def connection_closed(self, connection: Connection) -> None:
         """Add the row of a connection."""
+        self._collector.connection_closed(connection)
         if self._findings is not None:
             self._context.closed(connection)
         if self._connections is not None:
@@ -85,6 +89,13 @@ class TableFeed(Observer):
     def transaction(self, transaction: Transaction) -> None:
         """Add the rows of a transaction and of its items."""
         items = self._items
+        if self._values is not None:
+            self._collector.transaction(transaction)
+            self._values += [self._made.value(row) for row in self._collector.take()]
+            if len(self._values) >= ROWS:
+                self.flush()
+        if items is None and self._transactions is None:
+            return
         rows = self._made.items(transaction)
         if self._transactions is not None:
             self._transactions.append(self._made.transaction(transaction, len(rows)))

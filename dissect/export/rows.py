@@ -22,6 +22,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.transaction import Transaction
+from dissect.variables.model import ValueRow
 from dissect.wire.text import encodable
 
 _SIDES: Final = ("client", "server")
@@ -109,6 +110,28 @@ class Rows:
     def transaction(self, transaction: Transaction, item_count: int) -> Row:
         """Return the row of a transaction that has so many items."""
         return self._hot.transaction(transaction, item_count)
+
+    def value(self, row: ValueRow) -> Row:
+        """Return the row of a value of a variable."""
+        variable = row.variable
+        return (
+            int(row.connection),
+            *self._hot.files.locate(int(row.frame)),
+            int(row.time_ns),
+            row.host,
+            row.plc.host,
+            row.how,
+            bool(row.writes),
+            encodable(variable.address),
+            encodable(variable.tag) or None,
+            variable.type or None,
+            variable.unit or None,
+            *_shown(row.value),
+            row.data,
+            bool(row.changed),
+            _shown(row.previous)[0],
+            encodable(row.remark) or None,
+        )
 
     # ---- operations, findings, PDUs ---------------------------------------------------------------------------------
 

@@ -179,6 +179,31 @@ ITEMS: Final = Table(
     ),
 )
 
+VALUES: Final = Table(
+    "values",
+    "value of a variable that was read, written or pushed, tag by tag where tags are given",
+    (
+        _CONNECTION,
+        _FILE,
+        Column("frame", INT, "packet of its file", "packet with the value", "ValueRow.frame"),
+        *_time("ts", "time of that packet", "ValueRow.time_ns"),
+        Column("client_host", WORD, "", "address of who read, wrote or subscribed", "ValueRow.client"),
+        Column("server_host", WORD, "", "address of the PLC that holds the variable", "Variable.plc"),
+        Column("operation", WORD, "", "read, write, push, modify, force, notification or pdo", "ValueRow.how"),
+        Column("written", BOOL, "", "the client gave the value", "ValueRow.writes"),
+        Column("address", WORD, "", "where the variable begins", "Variable.address"),
+        Column("name", WORD, "", "tag, or the name that the program gives it", "Variable.tag"),
+        Column("type", WORD, "", "type of the variable", "Variable.type"),
+        Column("unit", WORD, "", "unit of the value", "Variable.unit"),
+        Column("number", REAL, "unit", "value: a number or truth value", "ValueRow.value"),
+        Column("text", TEXT, "", "value where it is text, several numbers as JSON", "ValueRow.value"),
+        Column("data", BYTES, "", "its bytes", "ValueRow.data"),
+        Column("changed", BOOL, "", "different from the one before it, whoever read or wrote that", "ValueRow.changed"),
+        Column("previous_number", REAL, "unit", "the one before it: a number or truth value", "ValueRow.previous"),
+        Column("remark", TEXT, "", "what is odd about it", "ValueRow.remark"),
+    ),
+)
+
 OPERATIONS: Final = Table(
     "operations",
     "operation: several transactions that belong together, such as a download",
@@ -258,7 +283,7 @@ PDUS: Final = Table(
 
 #: Every table by its name, in the order in which they are listed.
 TABLES: Final[dict[str, Table]] = {
-    table.name: table for table in (CONNECTIONS, TRANSACTIONS, ITEMS, OPERATIONS, FINDINGS, PDUS)
+    table.name: table for table in (CONNECTIONS, TRANSACTIONS, ITEMS, VALUES, OPERATIONS, FINDINGS, PDUS)
 }
 
 

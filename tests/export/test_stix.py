@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from pathlib import Path
 from typing import Any, Final
@@ -70,12 +71,16 @@ def test_ids_of_observables_are_those_of_the_standard(tmp_path: Path) -> None:
             assert one.id == stix2.NetworkTraffic(**{name: one[name] for name in names}).id
 
 
-def test_naughty_strings_and_a_capture_without_findings(tmp_path: Path) -> None:
+def test_naughty_strings_and_a_capture_without_findings(
+    capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path
+) -> None:
     found = bundle(hostile.write(tmp_path / "hostile.pcapng"), tmp_path / "a.stix")
     assert len(found.objects) > 100
     empty = tmp_path / "empty.pcap"
     empty.write_bytes(bytes.fromhex("d4c3b2a1020004000000000000000000ffff000001000000"))
-    assert not bundle(empty, tmp_path / "b.stix").get("objects")
+    ran = run(capfdbinary, "export", empty, "-o", tmp_path / "b.stix")
+    assert ran.code == 0
+    assert json.loads((tmp_path / "b.stix").read_text(encoding="ascii")).keys() == {"type", "id"}  # it needs no objects
 
 
 def test_the_command(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from typing import Final
 
 import pytest
 
+import dissect
 from dissect import analyze
 from dissect.engine.pipeline import Options
 from dissect.export.tables import (
@@ -66,7 +67,7 @@ def test_rows_of_every_capture_keep_to_their_types() -> None:
                         seen[name].add(column)
     for name, columns in seen.items():  # each column has a value somewhere
         missing = {column.name for column in TABLES[name].stored} - columns
-        assert missing <= {"name", "vlans", "announced_bytes"}, (name, missing)
+        assert missing <= {"name", "vlans", "announced_bytes", "unit", "remark"}, (name, missing)
 
 
 def test_counts_are_those_of_analyze() -> None:
@@ -106,6 +107,19 @@ def test_values_are_numbers_or_text_and_those_of_tags_have_their_unit() -> None:
     plain = [row for row in rows_of(path)["items"] if row["address"] == "DB2.DBB16"]
     assert plain
     assert {(row["name"], row["number"]) for row in plain} == {(None, None)}
+
+
+def test_values_are_those_of_the_command_and_follow_each_other() -> None:
+    path = CAPTURES / "crafted" / "plus-plant.pcapng"
+    rows = rows_of(path)["values"]
+    assert len(rows) == len(list(dissect.values(path)))
+    levels = [row for row in rows if row["name"] == 'DB1."level"' or row["address"] == 'DB1."level"']
+    assert [row["number"] for row in levels][:2] == [levels[1]["previous_number"], levels[1]["number"]]
+    tagged = Options(naming=load_tags([CAPTURES / "tags" / "valve.csv"]).naming())
+    polled = rows_of(CAPTURES / "nodes7-poll.pcapng", options=tagged)["values"]
+    pressures = [row for row in polled if row["name"] == "Valve.pressure"]
+    assert {(row["number"], row["unit"], row["type"], row["operation"]) for row in pressures} == {(3.5, "bar", "REAL", "read")}
+    assert [row["changed"] for row in pressures] == [True, False, False, False, False]
 
 
 def test_several_files_count_packets_of_their_own() -> None:
