@@ -21,6 +21,11 @@ EXAMPLES: Final = {
         "s7dissect operations trace.pcapng",
         "s7dissect operations --kind download --kind upload trace.pcapng",
     ),
+    "report": (
+        "s7dissect report trace.pcapng -o report.html",
+        "s7dissect report --plot DB10.DBW0 ring_*.pcapng -o report.html",
+        "s7dissect report --diff old.pcapng new.pcapng -o change.html",
+    ),
     "tags": (
         "s7dissect tags check plc_tags.xlsx tank.awl",
         "s7dissect tags list plc_tags.xlsx",
