@@ -38,6 +38,7 @@ ORDER: Final = (
     "select",
     "anonymize",
     "session",  # analyze() folds what it reads with report.analysis
+    "page",
     "golden",
     "baseline",
     "alerts",
@@ -97,6 +98,8 @@ CLOCK_CALLS: Final = frozenset(("now", "today", "utcnow"))
 #: Third-party packages that stay in one room.
 LOCKED: Final = {
     "cryptography": "tls",
+    "jinja2": "page",
+    "markupsafe": "page",
     "scapy": "layers",
     "pyshark": "oracle",
     "textual": "monitor",

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 _EXIT_CODES: Final = (
     "Exit code: 0 success, 2 wrong use, or an unreadable or unwritable file, 3 a damaged or truncated file (the report covers "
-    "what could be read), 5 the output could not be written (disk full), 130 interrupted (the report covers what was read)."
+    "what could be read), 5 the output could not be written (disk full), 130 interrupted (nothing written)."
 )
 
 
@@ -96,8 +96,8 @@ def command(
 ) -> int:
     """Write captures as one HTML page: what broke, since when and who, plots, and tables to sort and search.
 
-    The page is one file that needs no network and forbids itself any. It holds a bounded part of what was read, and says what it
-    left out. FILE is as for `analyze`; several files are read as one capture.
+    The page is one file that needs no network and forbids itself any. It holds a bounded part of what was read, and says
+    what it left out. FILE is as for `analyze`; several files are read as one capture.
     """
     from dissect import __version__
     from dissect.engine.pipeline import Options
@@ -119,14 +119,17 @@ def command(
         raise click.UsageError("--diff compares whole captures; cut them first to compare a part.")
     if both is None:
         side, code = _read(files, options(), chosen, list(plotted))
+        if code == EXIT_INTERRUPTED:
+            return _unwritten(code)
         write_page(output, render([side], __version__))
         return code
     first, second = SessionReader(both[0]), SessionReader(both[1])
     a, code = _read(both[:1], options(), chosen, list(plotted), first)
     if code == EXIT_INTERRUPTED:
-        click.echo("s7dissect: interrupted; nothing was written", err=True)
-        return code
+        return _unwritten(code)
     b, second_code = _read(both[1:], options(), chosen, list(plotted), second)
+    if second_code == EXIT_INTERRUPTED:
+        return _unwritten(second_code)
     told = differences(first.finish([]), second.finish([]), DiffOptions([], None, naming))
     shown = [printable(difference.text) for difference in islice(told, MAX_DIFFERENCES)]
     write_page(output, render([a, b], __version__, shown, sum([1 for _ in told])))
@@ -154,8 +157,14 @@ def _read(
     code = drive(run, files)
     gathered.analysis.take(run.pipeline, run.files)
     gathered.analysis.part = chosen.part(run)
-    complain(run, code)
-    return Side(gathered, names, code == EXIT_INTERRUPTED), code
+    if code != EXIT_INTERRUPTED:
+        complain(run, code)
+    return Side(gathered, names), code
+
+
+def _unwritten(code: int) -> int:
+    click.echo("s7dissect: interrupted; nothing was written", err=True)
+    return code
 
 
 def _failed(_observer: Observer, error: Exception) -> None:

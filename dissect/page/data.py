@@ -179,30 +179,30 @@ class Data:
         """Operations and operating modes, a lane for each PLC."""
         of = self._of
         hosts = dict.fromkeys([mode.host for mode in of.modes] + [span.host for span in of.spans])
-        lanes = []
-        for host in list(hosts)[:_HOSTS]:
-            lanes.append(
-                {
-                    "host": of.rows.host(host),
-                    "spans": [
-                        [
-                            self._seconds(span.begin_ns),
-                            self._seconds(span.end_ns),
-                            span.kind,
-                            f"o{span.number}",
-                            f"{KINDS[span.kind]}, {span.result}",
-                        ]
-                        for span in of.spans
-                        if span.host == host
-                    ],
-                    "modes": [
-                        [self._seconds(mode.time_ns), printable(mode.text), of.rows.places.number(mode.frame)]
-                        for mode in of.modes
-                        if mode.host == host
-                    ],
-                }
-            )
+        lanes = [self._lane(host) for host in list(hosts)[:_HOSTS]]
         return {"lanes": lanes, "total": len(hosts), "not_drawn": of.operations_not_listed + of.modes_not_drawn}
+
+    def _lane(self, host: str) -> dict[str, Any]:
+        of = self._of
+        return {
+            "host": of.rows.host(host),
+            "spans": [
+                [
+                    self._seconds(span.begin_ns),
+                    self._seconds(span.end_ns),
+                    span.kind,
+                    f"o{span.number}",
+                    f"{KINDS[span.kind]}, {span.result}",
+                ]
+                for span in of.spans
+                if span.host == host
+            ],
+            "modes": [
+                [self._seconds(mode.time_ns), printable(mode.text), of.rows.places.number(mode.frame)]
+                for mode in of.modes
+                if mode.host == host
+            ],
+        }
 
     def _tags(self) -> dict[str, Any]:
         found = sorted(self._of.tags.found.items())
@@ -272,7 +272,8 @@ class Data:
                 "connections",
                 "Connections",
                 [
-                    ("number", NUMBER), ("time", SECONDS), ("client", TEXT), ("server", TEXT), ("protocol", TEXT), ("TSAPs", TEXT),
+                    ("number", NUMBER), ("time", SECONDS), ("client", TEXT), ("server", TEXT), ("protocol", TEXT),
+                    ("TSAPs", TEXT),
                     ("PDUs", NUMBER), ("answered", NUMBER), ("with errors", NUMBER), ("no answer", NUMBER), ("bytes", SIZE),
                     ("end", TEXT),
                 ],
@@ -308,8 +309,8 @@ class Data:
         return {"name": name, "title": title, "columns": columns, "rows": made, "total": max(total, len(rows))}
 
     def _functions(self) -> dict[str, Any]:
-        rows = []
-        for (host, function), spread in self._of.spreads.items():
+        rows: list[dict[str, Any]] = []
+        for (host, function), spread in sorted(self._of.spreads.items(), key=lambda entry: -entry[1].times.count):
             times = spread.times
             rows.append(
                 {
@@ -323,7 +324,6 @@ class Data:
                     "filter": f"s7comm && {host_filter(host, host).partition(' && ')[0]}",
                 }
             )  # fmt: skip
-        rows.sort(key=lambda row: -row["cells"][2])
         columns = [
             ("PLC", TEXT), ("function", TEXT), ("answered", NUMBER), ("with errors", NUMBER), ("no answer", NUMBER),
             ("median", DURATION), ("95 %", DURATION), ("longest", DURATION),

@@ -28,7 +28,7 @@ class Step:
     ``broken``: bytes are missing before it, so that nothing is known of the time up to it.
     """
 
-    __slots__ = ("broken", "count", "first", "last", "largest", "smallest", "time_ns")
+    __slots__ = ("broken", "count", "first", "largest", "last", "smallest", "time_ns")
 
     def __init__(self, time_ns: int, value: float, broken: bool) -> None:
         self.time_ns = time_ns

@@ -4,8 +4,19 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.findings.catalogue import CAPTURE, CATALOGUE, ERROR, FUNCTION, NEGOTIATION, OPERATION, PROTOCOL, SECURITY
-from dissect.findings.catalogue import NOTE, SEVERITIES, Rule
+from dissect.findings.catalogue import (
+    CAPTURE,
+    CATALOGUE,
+    ERROR,
+    FUNCTION,
+    NEGOTIATION,
+    NOTE,
+    OPERATION,
+    PROTOCOL,
+    SECURITY,
+    SEVERITIES,
+    Rule,
+)
 from dissect.findings.reporter import Finding
 from dissect.page.gathered import Gathered
 from dissect.report import words

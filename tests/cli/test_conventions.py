@@ -28,6 +28,7 @@ analyze TRANSFER -T json
 transactions TRANSFER
 transactions TRANSFER -T csv
 operations TRANSFER -T jsonl
+report TRANSFER -o -
 show TRANSFER -V
 show TRANSFER -T jsonl
 cut TRANSFER -o -
@@ -60,6 +61,7 @@ WRONG: Final = """
 analyze MISSING -T json
 transactions MISSING -T jsonl
 operations MISSING -T jsonl
+report MISSING -o -
 show MISSING -T jsonl
 monitor MISSING -T jsonl
 diff TRANSFER MISSING -T json

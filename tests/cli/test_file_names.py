@@ -26,6 +26,9 @@ analyze GOOD --scd PLANT --bind NONSENSE
 analyze --nonsense=WORD
 transactions MISSING
 operations MISSING
+report MISSING -o OUT
+report GOOD -o NOWHERE
+report --diff GOOD MISSING -o OUT
 show MISSING
 cut MISSING -o OUT
 cut GOOD -o NOWHERE
