@@ -125,7 +125,8 @@ class Data:
                     "p95": max(0, times.quantile(0.95)),
                     "max": max(0, times.largest),
                     "bands": [
-                        [lower_end(band * 8), lower_end(band * 8 + 8), count] for band, count in sorted(bands.items())
+                        [max(lower_end(band * 8), times.smallest), min(lower_end(band * 8 + 8), times.largest), count]
+                        for band, count in sorted(bands.items())
                     ],
                 }
             )
