@@ -38,6 +38,7 @@ ORDER: Final = (
     "select",
     "anonymize",
     "session",  # analyze() folds what it reads with report.analysis
+    "index",
     "page",
     "golden",
     "baseline",

@@ -26,6 +26,10 @@ EXAMPLES: Final = {
         "s7dissect report --plot DB10.DBW0 ring_*.pcapng -o report.html",
         "s7dissect report --diff old.pcapng new.pcapng -o change.html",
     ),
+    "index": (
+        "s7dissect index captures",
+        "s7dissect index -Y 'slug == security.program_change' captures",
+    ),
     "tags": (
         "s7dissect tags check plc_tags.xlsx tank.awl",
         "s7dissect tags list plc_tags.xlsx",
