@@ -210,6 +210,11 @@ class Gathered(Observer):
         if finding.slug in _GAPS:
             self._gap(Gap(self._last_ns, max(self._last_ns, int(finding.time_ns)), 0, finding.rule.sentence))
 
+    def list_open(self) -> None:
+        """Take the connections that go on, where a report is of a part of the time: as they are now."""
+        for heard in list(self._heard.values()):
+            self.connection_closed(heard.connection)
+
     # ---- what is kept -----------------------------------------------------------------------------------------------
 
     def slowest(self) -> list[dict[str, Any]]:
@@ -249,10 +254,11 @@ class Gathered(Observer):
     def _look_for_gap(self, connection: Connection, now: int) -> None:
         """See whether bytes of a connection went missing since it was heard last."""
         heard = self._heard.get(int(connection.number))
-        if heard is None:
-            return
         one, other = connection.tcp.streams
         missing = int(one.position - one.octets + other.position - other.octets)
+        if heard is None:  # it was open before this period of a line began
+            heard = self._heard.setdefault(int(connection.number), Heard(connection))
+            heard.missing = missing
         if missing != heard.missing:
             self._gap(
                 Gap(

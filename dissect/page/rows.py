@@ -38,7 +38,7 @@ def _family(host: str) -> str:
 
 
 class Rows:
-    """Writes rows. ``files`` are the inputs as the user named them, ``hosts`` names for addresses.
+    """Writes rows. ``files`` are the inputs as the user named them, none for a line; ``hosts`` names for addresses.
 
     ``places`` names packets; it is set once the files are known, before the first packet.
     """
@@ -60,7 +60,9 @@ class Rows:
     # ---- how to see it elsewhere ------------------------------------------------------------------------------------
 
     def command(self, what: str, frame: int = 0) -> str:
-        """Return an `s7dissect` command on the file that holds packet ``frame``; 0: on all files."""
+        """Return an `s7dissect` command on the file that holds packet ``frame``; 0: on all files; empty without a file."""
+        if not self._files:
+            return ""
         if frame and self.places.several:
             name, number = self.places.locate(frame)
             return f"s7dissect {what.replace(f'--frame {frame}', f'--frame {number}')} {shlex.quote(printable(name))}"
@@ -70,7 +72,7 @@ class Rows:
     def packets(self, frames: list[int]) -> tuple[str, str]:
         """Return (`show` command, Wireshark filter) for packets; both empty for none."""
         known = sorted({frame for frame in frames if frame})
-        if not known:
+        if not known or not self._files:
             return "", ""
         shown = " || ".join([f"frame.number == {self.places.number(frame)}" for frame in known[:_FRAMES]])
         return self.command(f"show -V --frame {known[0]}", known[0]), shown
