@@ -40,10 +40,9 @@ class Bins:
         row = self.rows.get(time_ns // self.width)
         if row is None:
             row = self.rows.setdefault(time_ns // self.width, {})
-            if len(self.rows) > self._most:
+            while len(self.rows) > self._most:
                 self._join()
-                self.add(time_ns, column)
-                return
+                row = self.rows[time_ns // self.width]
         row[column] = row.get(column, 0) + 1
 
     def settle(self, begin_ns: int, end_ns: int, most: int) -> None:

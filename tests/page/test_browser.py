@@ -142,7 +142,7 @@ def test_every_plot_has_its_data(browser: Browser, busy: tuple[Path, dict[str, A
     assert browser.count("#plot-talks path.edge.warning") == 1
     assert len(data["gaps"]) == 1
     for plot in ("rates", "times", "tag-1"):
-        assert browser.count(f"#plot-{plot} rect.gap") == 1, plot
+        assert browser.count(f"#plot-{plot} svg.timed rect.gap") == 1, plot
     assert {one["host"] for one in data["tags"]["series"]} == {"10.0.0.77", data["talks"]["pairs"][0]["server"]}
     path_of_steps = browser.run(
         "return document.querySelector('#plot-tag-2 path.line, #plot-tag-1 path.line').getAttribute('d')"
