@@ -33,6 +33,7 @@ EXIT_INTERRUPTED: Final = 130
 COMMANDS: Final = {
     "analyze": "Summarize a capture: connections, timing, errors, findings.",
     "transactions": "List requests with their answers, values and latency.",
+    "values": "List values of variables: when, who, what before.",
     "operations": "List downloads, uploads, subscriptions, passwords.",
     "report": "Write an HTML page: verdict, plots, tables.",
     "show": "List S7 PDUs, or dissect them field by field.",
@@ -56,7 +57,18 @@ COMMANDS: Final = {
 }
 #: Commands whose output shows times.
 _TIMED: Final = frozenset(
-    ("analyze", "transactions", "operations", "show", "report", "baseline", "index", "monitor", "proxy")
+    (
+        "analyze",
+        "transactions",
+        "values",
+        "operations",
+        "show",
+        "report",
+        "baseline",
+        "index",
+        "monitor",
+        "proxy",
+    )
 )
 #: Words that people type as if they were commands, and the option that does it.
 _WORDS: Final = {"version": "--version"}
