@@ -17,6 +17,7 @@ from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
+from dissect.cli.options.variables import wanted_of
 from dissect.cli.run import checksums_option, complain, drive, places_of, slow_option
 from dissect.wire.saving import save
 from dissect.wire.text import printable
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from dissect.page.rendering import Side
     from dissect.tls.key_log import KeyLog
     from dissect.transactions.naming import Naming
+    from dissect.variables.wanted import WantedSet
 
 _EXIT_CODES: Final = (
     "Exit code: 0 success, 2 wrong use, or an unreadable or unwritable file, 3 a damaged or truncated file (the report covers "
@@ -63,7 +65,8 @@ def check_output(output: str, files: Sequence[str], force: bool) -> None:
     "plotted",
     multiple=True,
     metavar="TAG",
-    help="Plot the values of this tag or address, with those who write it, such as DB1.DBD4. Repeatable.",
+    help="Plot the values of this tag or address, such as DB1.DBD4:REAL, and who writes it (see `s7dissect help values`). "
+    "Repeatable.",
 )
 @click.option(
     "--diff",
@@ -112,22 +115,24 @@ def command(
     if output != "-":
         check_output(output, files or both or (), force)
 
+    plots = wanted_of(plotted, naming, decoder) if plotted else None
+
     def options() -> Options:
         return Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
 
     if both is not None and chosen.where is not None:
         raise click.UsageError("--diff compares whole captures; cut them first to compare a part.")
     if both is None:
-        side, code = _read(files, options(), chosen, list(plotted))
+        side, code = _read(files, options(), chosen, plots)
         if code == EXIT_INTERRUPTED:
             return _unwritten(code)
         write_page(output, render([side], __version__))
         return code
     first, second = SessionReader(both[0]), SessionReader(both[1])
-    a, code = _read(both[:1], options(), chosen, list(plotted), first)
+    a, code = _read(both[:1], options(), chosen, plots, first)
     if code == EXIT_INTERRUPTED:
         return _unwritten(code)
-    b, second_code = _read(both[1:], options(), chosen, list(plotted), second)
+    b, second_code = _read(both[1:], options(), chosen, plots, second)
     if second_code == EXIT_INTERRUPTED:
         return _unwritten(second_code)
     told = differences(first.finish([]), second.finish([]), DiffOptions([], None, naming))
@@ -137,7 +142,7 @@ def command(
 
 
 def _read(
-    files: Sequence[str], options: Options, chosen: Chosen, tags: list[str], beside: Observer | None = None
+    files: Sequence[str], options: Options, chosen: Chosen, plots: WantedSet | None, beside: Observer | None = None
 ) -> tuple[Side, int]:
     """Read captures for a report, and for another observer beside it; return what was gathered and the exit code so far."""
     from dissect.live.run import Fanout
@@ -148,7 +153,7 @@ def _read(
 
     names = ["stdin" if file == "-" else file for file in files]
     rows = Rows(names, clock(), hosts())
-    gathered = Gathered(rows, tags)
+    gathered = Gathered(rows, plots)
     observer = gathered if beside is None else Fanout([gathered, beside], _failed)
     run = Run(files, chosen.sieve(observer), chosen.narrow(options))
     rows.places = places_of(run, files)

@@ -98,7 +98,7 @@ class ReportCompanion(Companion):
 
     def _fresh(self) -> Gathered:
         # There is no file that a command could read a packet from.
-        return Gathered(Rows([], self._clock, self._hosts), [])
+        return Gathered(Rows([], self._clock, self._hosts))
 
     def _write(self) -> None:
         assert self._pipeline is not None

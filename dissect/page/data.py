@@ -211,6 +211,7 @@ class Data:
             "series": [self._tag(name, host, steps) for (name, host), steps in found[:_TAGS] if steps.values],
             "missing": [printable(name) for name in self._of.tags.missing()],
             "not_numbers": [printable(name) for (name, _), steps in found if steps.not_a_number],
+            "refused": [printable(name) for name in self._of.tags.refused()],
             "total": len(found),
         }
 
@@ -228,7 +229,7 @@ class Data:
                 for step in steps.steps
             ],
             "writes": [
-                [self._seconds(write.time_ns), write.value, rows.host(write.writer), int(write.refused), write.number]
+                [self._seconds(write.time_ns), write.value, rows.host(write.writer), rows.places.number(write.frame)]
                 for write in steps.writes
             ],
             "writes_not_kept": steps.writes_not_kept,

@@ -23,6 +23,7 @@ from dissect.source.packet import SourceFile
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import CONNECT, Operation
 from dissect.transactions.transaction import Transaction
+from dissect.variables.wanted import WantedSet
 
 #: Rows of each table.
 MAX_SLOWEST: Final = 300
@@ -103,12 +104,12 @@ class SpreadOf:
 
 
 class Gathered(Observer):
-    """What a report shows of a run. ``rows`` writes the rows of its tables, ``tags`` are those whose values are plotted.
+    """What a report shows of a run. ``rows`` writes the rows of its tables, ``tags`` are those to be plotted, None for none.
 
     ``files`` are those that are being read: it grows, and is set before the first packet.
     """
 
-    def __init__(self, rows: Rows, tags: list[str]) -> None:
+    def __init__(self, rows: Rows, tags: WantedSet | None = None) -> None:
         super().__init__()
         self.analysis = Analysis()
         self.rows = rows
@@ -153,6 +154,7 @@ class Gathered(Observer):
         if len(analysis.connections) > listed:
             self.connections.append(self.rows.connection(connection))
         self.talks.over(connection)
+        self.tags.closed(connection)
         self._look_for_gap(connection, int(connection.tcp.last_ns))
         self._heard.pop(int(connection.number), None)
 

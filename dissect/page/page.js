@@ -448,14 +448,14 @@
         root.append(svg("rect", { x: at(edge(step[0])), width: at(Math.max(3, edge(until) - edge(step[0]))), y: 8, height: bottom - 8, fill: "none", "pointer-events": "all", "data-tip": `${plain(step[4])} ${tag.unit}\nsince ${moment(session, step[0])}` }));
       });
       root.append(svg("path", { class: "line", d: path || "M0 0" }));
-      for (const [seconds, value, writer, refused, number] of tag.writes) {
+      for (const [seconds, value, writer, number] of tag.writes) {
         if (!inside(seconds, seconds)) continue;
-        const said = `${writer} writes ${plain(value)} ${tag.unit}${refused ? ", refused" : ""}\ntransaction ${number}, ${moment(session, seconds)}`;
-        root.append(svg("g", { class: "writer", "data-tip": said, tabindex: 0, "aria-label": said }, svg("path", { class: refused ? "refused" : "write", transform: `translate(${at(x(seconds))} ${at(y(value))})`, d: refused ? "M-5-5L5 5M5-5L-5 5" : "M0-7L6 6H-6Z" })));
+        const said = `${writer} writes ${plain(value)} ${tag.unit}\npacket ${number}, ${moment(session, seconds)}`;
+        root.append(svg("g", { class: "writer", "data-tip": said, tabindex: 0, "aria-label": said }, svg("path", { class: "write", transform: `translate(${at(x(seconds))} ${at(y(value))})`, d: "M0-7L6 6H-6Z" })));
       }
       const writers = [...new Set(tag.writes.map((write) => write[2]))];
       const gathered = tag.width ? ` Gathered in bins of ${duration(tag.width * 1e9)}: smallest to largest.` : "";
-      return [root, html("p", { class: "quiet", text: `${integer(tag.values)} values.${writers.length ? ` Triangles: written by ${writers.slice(0, 4).join(", ")}${writers.length > 4 ? "…" : ""}; crosses: refused.` : ""}${tag.writes_not_kept ? ` ${integer(tag.writes_not_kept)} more writes.` : ""}${gathered} Nothing is drawn across a gap.` })];
+      return [root, html("p", { class: "quiet", text: `${integer(tag.values)} values.${writers.length ? ` Triangles: written by ${writers.slice(0, 4).join(", ")}${writers.length > 4 ? "…" : ""}.` : ""}${tag.writes_not_kept ? ` ${integer(tag.writes_not_kept)} more writes.` : ""}${gathered} Nothing is drawn across a gap.` })];
     };
   }
 
@@ -639,6 +639,7 @@
     const said = [];
     if (session.tags.missing.length) said.push(`No value was seen of ${session.tags.missing.join(", ")}.`);
     if (session.tags.not_numbers.length) said.push(`Values that are no single number are not drawn: ${session.tags.not_numbers.join(", ")}.`);
+    if (session.tags.refused.length) said.push(`Reads or writes were refused of ${session.tags.refused.join(", ")}.`);
     if (session.tags.total > session.tags.series.length + session.tags.not_numbers.length) said.push(`${session.tags.total} tags were found, the first 12 are drawn.`);
     if (said.length) figure(`${prefixes[side]}tags`, name("Tags"), said.join(" "), () => []);
   });

@@ -5,21 +5,17 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.page.bins import WIDTHS
-from dissect.page.rows import time_of
-from dissect.s7.parameters import Parameters
-from dissect.s7.tables import READ_VAR, WRITE_VAR
-from dissect.s7.values import Value
-from dissect.s7plus.tables import SET_MULTI_VARIABLES, SET_VARIABLE
-from dissect.transactions.naming import named_values, plain
+from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
+from dissect.variables.collector import Collector
+from dissect.variables.wanted import WantedSet
 
 #: Values kept one by one; when there are more they are gathered in bins of time.
 _EXACT: Final = 2000
 #: Writes kept for each tag.
 _WRITES: Final = 300
-#: Parameter blocks of which is known whether they hold a wanted address.
-_BLOCKS: Final = 8192
-_WRITING: Final = frozenset((WRITE_VAR, SET_VARIABLE, SET_MULTI_VARIABLES))
+#: Variables whose values are kept: a structure may have thousands of elements.
+_TAGS: Final = 64
 
 
 class Step:
@@ -45,16 +41,15 @@ class Step:
 
 
 class Write:
-    """One write of a tag: by whom, and whether it was refused."""
+    """One write of a tag: by whom, in which packet."""
 
-    __slots__ = ("number", "refused", "time_ns", "value", "writer")
+    __slots__ = ("frame", "time_ns", "value", "writer")
 
-    def __init__(self, time_ns: int, value: float, writer: str, refused: bool, number: int) -> None:
+    def __init__(self, time_ns: int, value: float, writer: str, frame: int) -> None:
         self.time_ns = time_ns
         self.value = value
         self.writer = writer
-        self.refused = refused
-        self.number = number
+        self.frame = frame
 
 
 class TagSteps:
@@ -73,7 +68,7 @@ class TagSteps:
         self.connections: set[int] = set()
         self._broken = False
 
-    def take(self, time_ns: int, value: Value, write: Write | None) -> None:
+    def take(self, time_ns: int, value: object, write: Write | None) -> None:
         """Take a value that was read or written."""
         self.last_ns = max(self.last_ns, time_ns)
         number = _number(value)
@@ -87,8 +82,6 @@ class TagSteps:
                 self.writes.append(write)
             else:
                 self.writes_not_kept += 1
-            if write.refused:
-                return
         last = self.steps[-1] if self.steps else None
         step = Step(time_ns, number, self._broken)
         if last is not None and not self._broken:
@@ -122,7 +115,7 @@ class TagSteps:
             del self.steps[: len(self.steps) - _EXACT]
 
 
-def _number(value: Value) -> float | None:
+def _number(value: object) -> float | None:
     """Return a value as a number to be drawn; None for texts, lists and what is not finite."""
     if isinstance(value, bool):
         return float(value)
@@ -132,40 +125,36 @@ def _number(value: Value) -> float | None:
 
 
 class Tags:
-    """The tags that are to be plotted, by name or address, without regard to case."""
+    """The values of the variables that are to be plotted, None for none, by name and host of the PLC."""
 
-    def __init__(self, wanted: list[str]) -> None:
-        self._wanted = {name.casefold(): name for name in wanted}
-        self._holds: dict[bytes, bool] = {}
-        #: By name as it was asked for, and host of the PLC.
+    def __init__(self, wanted: WantedSet | None) -> None:
+        self._wanted = wanted
+        self._collector = Collector(wanted) if wanted is not None else None
         self.found: dict[tuple[str, str], TagSteps] = {}
+        self.not_followed = 0
 
     def take(self, transaction: Transaction) -> None:
         """Take the values of a transaction."""
-        if not self._wanted:
+        if self._collector is None:
             return
-        parameters = transaction.parameters
-        if parameters.function in {READ_VAR, WRITE_VAR}:
-            named = transaction.connection.naming is not None
-            if not named and not self._may_hold(parameters):
-                return
-        elif parameters.userdata is None and not transaction.is_plus and not transaction.is_scd:
-            return
-        if transaction.is_plus:
-            for item in transaction.plus_items():
-                if item.value is not None:
-                    self._one(transaction, (item.label,), plain(item.value.content), "", item.return_code > 0)
-            return
-        results = transaction.results()
-        told: set[str] = set()
-        for number, value in named_values(transaction):
-            refused = number > 0 and results[number - 1].refused
-            self._one(transaction, (value.name, value.address), value.value, value.unit, refused)
-            told.add(value.address)
-        for result in results:
-            asked = result.item
-            if asked is not None and result.data is not None and asked.address not in told:
-                self._one(transaction, (asked.label, asked.address), result.value, "", result.refused)
+        self._collector.transaction(transaction)
+        for row in self._collector.take():
+            key = (row.name, row.plc.host)
+            steps = self.found.get(key)
+            if steps is None:
+                if len(self.found) >= _TAGS:
+                    self.not_followed += 1
+                    continue
+                steps = self.found.setdefault(key, TagSteps())
+                steps.unit = row.unit
+            steps.connections.add(int(row.connection))
+            write = Write(int(row.time_ns), 0.0, row.host, int(row.frame)) if row.writes else None
+            steps.take(int(row.time_ns), row.value, write)
+
+    def closed(self, connection: Connection) -> None:
+        """A connection is over."""
+        if self._collector is not None:
+            self._collector.connection_closed(connection)
 
     def gap(self, connection: int) -> None:
         """Bytes of a connection are missing; 0: of all."""
@@ -174,35 +163,13 @@ class Tags:
                 steps.gap()
 
     def missing(self) -> list[str]:
-        """Return the tags of which no value was seen."""
-        seen = {name for (name, _), steps in self.found.items() if steps.values}
-        return [name for name in self._wanted.values() if name not in seen]
+        """Return what was chosen and neither seen nor refused."""
+        if self._wanted is None or self._collector is None:
+            return []
+        return [one.text for one in self._wanted.all if one.text not in self._collector.found]
 
-    def _may_hold(self, parameters: Parameters) -> bool:
-        known = self._holds.get(parameters.octets)
-        if known is None:
-            if len(self._holds) >= _BLOCKS:
-                self._holds.clear()
-            known = any(
-                [
-                    item.address.casefold() in self._wanted or item.label.casefold() in self._wanted
-                    for item in parameters.items
-                ]
-            )
-            self._holds[parameters.octets] = known
-        return known
-
-    def _one(self, transaction: Transaction, names: tuple[str, ...], value: Value, unit: str, refused: bool) -> None:
-        for name in dict.fromkeys([self._wanted.get(name.casefold(), "") for name in names]):
-            if not name:
-                continue
-            connection = transaction.connection
-            ends = connection.tcp.ends
-            steps = self.found.setdefault((name, connection.server.host), TagSteps())
-            steps.connections.add(int(connection.number))
-            steps.unit = unit or steps.unit
-            write = None
-            if transaction.function in _WRITING:
-                writer = ends[transaction.asked_by].host
-                write = Write(time_of(transaction), 0.0, writer, refused, int(transaction.number))
-            steps.take(time_of(transaction), value, write)
+    def refused(self) -> list[str]:
+        """Return the variables of which a read or write was refused."""
+        if self._collector is None:
+            return []
+        return [one.name for one in self._collector.variables if one.refused_reads or one.refused_writes]

@@ -14,6 +14,7 @@ from dissect.page.rendering import Side, render
 from dissect.page.rows import Rows
 from dissect.report.words import Places
 from dissect.session import Run
+from dissect.variables.choosing import Known, choose
 from dissect.wire.text import Clock
 from tests.properties import messages
 from tests.properties.messages import Item, dt
@@ -49,7 +50,7 @@ NAUGHTY: Final = (
 def gathered_of(paths: Sequence[Path], tags: Sequence[str] = (), options: Options | None = None) -> Gathered:
     """Return what a report gathers of captures."""
     rows = Rows([path.name for path in paths], Clock(), {})
-    gathered = Gathered(rows, list(tags))
+    gathered = Gathered(rows, choose(tags, Known(None)) if tags else None)
     run = Run(paths, gathered, options or Options(strict=True))
     rows.places = Places(run.files, len(paths) > 1)
     gathered.files = run.files

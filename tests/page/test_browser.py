@@ -150,7 +150,7 @@ def test_every_plot_has_its_data(browser: Browser, busy: tuple[Path, dict[str, A
     assert path_of_steps.startswith("M")
     assert browser.count("#plot-rates a[href='#f-transaction.item_error']") >= 1
     browser.open(written(path.parent, "plant", page_of(PLANT, tags=['DB1."setpoint"'])))
-    assert browser.count("#plot-lanes rect.span") == 7
+    assert browser.count("#plot-lanes svg.timed rect.span") == 7
     assert browser.texts("#plot-lanes g text") == ["STOP", "RUN"]
     assert browser.count("#plot-tag-1 g.writer") == 1
 

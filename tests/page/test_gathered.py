@@ -39,9 +39,10 @@ def test_equal_values_are_one_step_and_writes_have_their_writer(tmp_path: Path) 
     talk.send(0, dt(messages.write_job(10, [WORD], [b"\x00\x63"]))).send(1, dt(messages.write_answer(10, [0x05])))
     found = gathered_of([saved(tmp_path / "a.pcapng", talk.packets())], ["db10.dbw4", "DB99.DBX0.0"])
     ((key, steps),) = found.tags.found.items()
-    assert key[0] == "db10.dbw4"
+    assert key[0] == "DB10.DBW4"
     assert [step.first for step in steps.steps] == [5, 7, 9]
-    assert [(write.value, write.refused) for write in steps.writes] == [(9, False), (99, True)]
+    assert [write.value for write in steps.writes] == [9]
+    assert found.tags.refused() == ["DB10.DBW4"]
     assert {write.writer for write in steps.writes} == {found.analysis.connections[0].client.host}
     assert found.tags.missing() == ["DB99.DBX0.0"]
 
