@@ -74,3 +74,13 @@ def test_links_lead_somewhere() -> None:
 
 def test_the_page_of_findings_is_the_catalogue() -> None:
     assert run("scripts/findings_doc.py") == (ROOT / "docs" / "findings.md").read_text(encoding="utf-8")
+
+
+def test_the_pictures_are_there_and_small_and_fetch_nothing() -> None:
+    """``python scripts/pictures.py`` draws them."""
+    named = re.findall(r'<img src="(.*?)"', README)
+    assert named == ["docs/report.png", "docs/monitor.svg"]
+    for name in named:
+        assert (ROOT / name).stat().st_size < 200_000, name
+    assert (ROOT / named[0]).read_bytes().startswith(b"\x89PNG")
+    assert re.findall(r"(?:url\(.?|href=.)https?:", (ROOT / named[1]).read_text(encoding="utf-8")) == []

@@ -42,6 +42,7 @@ ORDER: Final = (
     "index",
     "variables",
     "export",
+    "page",
     "golden",
     "baseline",
     "alerts",
@@ -102,6 +103,8 @@ CLOCK_CALLS: Final = frozenset(("now", "today", "utcnow"))
 LOCKED: Final = {
     "cryptography": "tls",
     "duckdb": "export",
+    "jinja2": "page",
+    "markupsafe": "page",
     "scapy": "layers",
     "pyshark": "oracle",
     "textual": "monitor",

@@ -28,6 +28,9 @@ transactions MISSING
 values MISSING
 values GOOD WORD
 operations MISSING
+report MISSING -o OUT
+report GOOD -o NOWHERE
+report --diff GOOD MISSING -o OUT
 show MISSING
 cut MISSING -o OUT
 cut GOOD -o NOWHERE

@@ -36,6 +36,9 @@ CASES: Final = """
 1 operations GOOD --fail-on note
 2 operations MISSING
 3 operations CUT
+0 report GOOD -o OUT
+2 report MISSING -o OUT
+3 report CUT -o OUT
 0 show GOOD
 1 show GOOD --fail-on note
 2 show MISSING
@@ -130,6 +133,8 @@ operations FILE
 show FILE
 cut FILE -o OUT
 anonymize FILE -o OUT
+report FILE -o OUT
+report --diff FILE OTHER -o OUT
 baseline FILE -o OUT
 export FILE -o sqlite:OUT
 sql refused FILE
