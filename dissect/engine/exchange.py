@@ -16,7 +16,7 @@ from typing import Any
 from mypy_extensions import i64, mypyc_attr
 
 from dissect.engine.observer import Observer
-from dissect.findings.operation_rules import judge_operation, judge_strays, judge_szl
+from dissect.findings.operation_rules import judge_loaded, judge_operation, judge_strays, judge_szl
 from dissect.findings.plus_rules import PlusWatch
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SAMPLED, SecurityWatch
@@ -109,6 +109,8 @@ class Watch:
         """A connection is over; ``reason`` is one of those of transactions."""
         self.operations.end(connection, reason)
         self.plus.end(connection)
+        if connection.traits.loaded:
+            judge_loaded(self._judge, connection, reason)
         self._tell()
 
     def _tell(self) -> None:

@@ -266,6 +266,8 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "The block is incomplete: the client gave up, or ends its transfers too early.", ""),
     ("operation.not_loaded", NOTE, OPERATION, "A client activated a block that was not loaded on this connection.",
      "It was loaded earlier or on another connection, or someone is activating blocks already in the PLC.", ""),
+    ("operation.not_activated", NOTE, OPERATION, "A client downloaded a block and did not activate it.",
+     "The PLC still runs the block it had before. Load the block again, or find out why the client stopped.", ""),
     ("operation.stray_push", NOTE, OPERATION, "The PLC sends values or messages without a captured subscription.",
      "The capture lacks the subscription, or it had already been cancelled.", ""),
     # Security: events that are normal in some hands and an attack in others (reference 7.4).
