@@ -29,6 +29,7 @@ ORDER: Final = (
     "s7",
     "s7plus",
     "transactions",
+    "program",
     "findings",
     "engine",
     "bindings",
@@ -38,6 +39,7 @@ ORDER: Final = (
     "select",
     "anonymize",
     "session",  # analyze() folds what it reads with report.analysis
+    "carve",
     "golden",
     "baseline",
     "alerts",
@@ -65,6 +67,7 @@ PURE: Final = frozenset(
         "s7",
         "s7plus",
         "transactions",
+        "program",
         "findings",
         "engine",
     )

@@ -105,7 +105,9 @@ def read_folder(folder: str | Path) -> list[CarvedBlock]:
     paths = sorted([path for path in home.iterdir() if path.is_file() and path.suffix != ".xml"])
     found = [block for path in paths if (block := read_block(path)) is not None]
     if not found:
-        raise FolderError(f"{printable(str(folder))}: no block in this folder: no manifest.json, and no file that is one")
+        raise FolderError(
+            f"{printable(str(folder))}: no block in this folder: no manifest.json, and no file that is one"
+        )
     return found
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from dissect.carve.contents import block_values
-from dissect.carve.records import BLOCKS_SCHEMA, COLUMNS, record, row, value_record
+from dissect.carve.records import BLOCKS_SCHEMA, COLUMNS, digest, record, row, value_record
 from dissect.program.carved import CarvedBlock
 from dissect.program.compare import CHANGED, GONE, MOVED, NEW, BlockChange
 from dissect.report import words
@@ -24,6 +24,7 @@ CHANGE_COLUMNS: Final = (
 _TEXT: Final = 60
 #: Values of a data block that a person is shown; JSON and the manifest have all of them.
 _VALUES: Final = 40
+_VALUE: Final = 200
 
 
 class BlockList(Outcome):
@@ -117,7 +118,8 @@ def _facts(block: CarvedBlock) -> str:
 def _value_lines(block: CarvedBlock) -> Iterator[Line]:
     named = block_values(block)
     for value in named[:_VALUES]:
-        yield Line(f"    {shortened(words.named_value(value), 200)}", PLAIN, HANG)
+        place = f" ({value.address})" if value.name else ""
+        yield Line(f"    {shortened(words.named_value(value) + place, _VALUE)}", PLAIN, HANG)
     if len(named) > _VALUES:
         yield Line(f"    and {words.count(len(named) - _VALUES, 'further value')}", PLAIN)
 
@@ -173,7 +175,7 @@ def _size(block: CarvedBlock | None) -> str:
 
 
 def _digest(block: CarvedBlock | None) -> str:
-    return block.digest if block is not None else ""
+    return digest(block) if block is not None else ""
 
 
 def _change_line(change: BlockChange) -> str:
@@ -218,7 +220,7 @@ def _side(block: CarvedBlock | None) -> dict[str, object] | None:
     values: dict[str, object] = {
         "label": block.label,
         "octets": len(block.octets),
-        "sha256": block.digest,
+        "sha256": digest(block),
         "complete": block.complete,
     }
     if block.operation is not None:

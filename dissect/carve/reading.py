@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
-from dissect.program.carved import TRANSFERS, CarvedBlock, carve
+from dissect.program.carved import CarvedBlock, carve
 from dissect.session import Run, read_tls_keys
-from dissect.transactions.operation import Operation
+from dissect.transactions.operation import TRANSFERS, Operation
 
 if TYPE_CHECKING:
     from dissect.select import Where

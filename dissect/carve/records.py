@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import Final
 
 from dissect.carve.contents import NamedValue
@@ -17,6 +18,11 @@ COLUMNS: Final = (
     "missing", "activated", "author", "family", "version", "checksum", "code_time", "interface_time", "protected",
     "begin_time", "end_time", "connection", "first_frame", "last_frame", "activated_frame", "sha256", "file",
 )  # fmt: skip
+
+
+def digest(block: CarvedBlock) -> str:
+    """Return the SHA-256 of the octets of a block, hexadecimal."""
+    return hashlib.sha256(block.octets).hexdigest()
 
 
 def record(block: CarvedBlock, places: Places, clock: Clock) -> dict[str, object]:
@@ -42,7 +48,7 @@ def record(block: CarvedBlock, places: Places, clock: Clock) -> dict[str, object
         "code_time": block.code_time or None,
         "interface_time": block.interface_time or None,
         "protected": block.protected,
-        "sha256": block.digest,
+        "sha256": digest(block),
     }
     operation = block.operation
     if operation is not None:

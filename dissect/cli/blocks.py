@@ -91,9 +91,7 @@ def command(
     return code
 
 
-def _read(
-    files: Sequence[str], options: Options, chosen: Chosen
-) -> tuple[Sequence[CarvedBlock], int, Places, int]:
+def _read(files: Sequence[str], options: Options, chosen: Chosen) -> tuple[Sequence[CarvedBlock], int, Places, int]:
     """Return the blocks of files, how many were too many to keep, what names packets, and the exit code."""
     from dissect.carve.folder import FolderError, read_block, read_folder
     from dissect.carve.reading import Collector

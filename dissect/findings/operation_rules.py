@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.findings.reporter import Reporter
-from dissect.s7.block_names import FILE_SYSTEMS
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.szl import SZL_HEAD, extract
@@ -36,7 +35,6 @@ _ENDLESS_OCTETS: Final = 1 << 20
 _STOPPED_NS: Final = 1_000_000_000
 #: At the end of the capture, a block that was loaded longer ago than this should have been activated.
 _FORGOTTEN_NS: Final = 30_000_000_000
-_PASSIVE: Final = f", {FILE_SYSTEMS['P']}"
 _SYSTEM_DATA: Final = "SDB "
 _ODDITIES: Final = {
     BEYOND_END: "operation.beyond_end",
@@ -81,12 +79,11 @@ def judge_loaded(judge: Reporter, connection: Connection, reason: str) -> None:
     if connection.tcp.has_holes:
         return
     for loaded in connection.traits.loaded.values():
-        waiting = not loaded.frame and not loaded.deleted and loaded.name.endswith(_PASSIVE)
-        if not waiting or loaded.name.startswith(_SYSTEM_DATA):
+        if not loaded.due or loaded.name.startswith(_SYSTEM_DATA):
             continue
         if reason == CAPTURE_ENDED and connection.tcp.last_ns - loaded.time_ns <= _FORGOTTEN_NS:
             continue
-        judge.note("operation.not_activated", connection.number, loaded.frames, loaded.time_ns, loaded.name)
+        judge.note("block.not_activated", connection.number, loaded.frames, loaded.time_ns, loaded.name)
 
 
 def judge_szl(judge: Reporter, transaction: Transaction) -> None:

@@ -6,17 +6,14 @@ that named it; a client that is no STEP 7 (python-snap7) loads contents without 
 
 from __future__ import annotations
 
-import hashlib
 import re
 from typing import Final
 
 from dissect.program.classic import ClassicBlock, read_classic
 from dissect.program.plus import PlusBlock, plus_block_of, plus_blocks
 from dissect.s7.blocks import HEADER as HEADER_LAYOUT
-from dissect.transactions.operation import DONE, DOWNLOAD, UPLOAD, Activation, Operation
+from dissect.transactions.operation import DONE, TRANSFERS, Activation, Operation
 
-#: Operations that carry blocks.
-TRANSFERS: Final = frozenset((DOWNLOAD, UPLOAD))
 S7COMM: Final = "s7comm"
 S7COMM_PLUS: Final = "s7comm_plus"
 #: A transfer of what is not called by type and number, as files of an NC are.
@@ -42,7 +39,7 @@ class CarvedBlock:
     """
 
     __slots__ = (
-        "_digest", "activation", "classic", "kind", "missing", "number", "octets", "operation", "plus", "protocol", "title",
+        "activation", "classic", "kind", "missing", "number", "octets", "operation", "plus", "protocol", "title",
     )  # fmt: skip
 
     def __init__(self, kind: str, number: int, octets: bytes, protocol: str) -> None:
@@ -56,7 +53,6 @@ class CarvedBlock:
         self.plus: PlusBlock | None = None
         self.operation: Operation | None = None
         self.activation: Activation | None = None
-        self._digest = ""
 
     def __repr__(self) -> str:
         return f"CarvedBlock({self.label!r}, {self.direction!r}, {len(self.octets)} bytes)"
@@ -79,9 +75,10 @@ class CarvedBlock:
     @property
     def activated(self) -> bool | None:
         """Whether a client activated it after the download; None for an upload, and where nothing has to be activated."""
-        if self.activation is None:
+        activation = self.activation
+        if activation is None or not (activation.frame or activation.due or activation.deleted):
             return None
-        return self.activation.frame > 0
+        return activation.frame > 0
 
     @property
     def language(self) -> str:
@@ -129,13 +126,6 @@ class CarvedBlock:
         if self.classic is not None:
             return self.classic.protection not in {"", "none"}
         return self.plus is not None and self.plus.protected
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of the octets, hexadecimal."""
-        if not self._digest:
-            self._digest = hashlib.sha256(self.octets).hexdigest()
-        return self._digest
 
     @property
     def plc(self) -> str:

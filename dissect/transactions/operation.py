@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from dissect.s7.block_names import FILE_SYSTEMS
 from dissect.s7.parameters import UserdataHead
 from dissect.wire.part import Part
 
@@ -46,6 +47,9 @@ KINDS: Final[dict[str, str]] = {
     POLLING: "A client reads the same S7comm-plus variables again and again.",
 }
 
+#: Those that carry blocks.
+TRANSFERS: Final = frozenset((DOWNLOAD, UPLOAD))
+
 # How an operation ended.
 DONE: Final = "done"
 REFUSED: Final = "refused"
@@ -67,6 +71,8 @@ BEYOND_END: Final = "beyond_end"
 WRONG_SIZE: Final = "wrong_size"
 CUT_SHORT: Final = "cut_short"
 
+#: What the name of a block ends with that has to be activated.
+_PASSIVE: Final = f", {FILE_SYSTEMS['P']}"
 #: Transactions whose numbers are kept, and oddities.
 _KEPT: Final = 1000
 _MAX_ODDITIES: Final = 8
@@ -102,6 +108,11 @@ class Activation:
         self.time_ns = time_ns
         self.frame = 0
         self.deleted = False
+
+    @property
+    def due(self) -> bool:
+        """True while the block lies in the passive file system, where it does nothing before it is activated."""
+        return not self.frame and not self.deleted and self.name.endswith(_PASSIVE)
 
 
 class Operation:

@@ -1,0 +1,99 @@
+"""What is worth saying about the contents of blocks that are loaded and read out: compared with those that passed before.
+
+Blocks of S7comm-plus are left out: what of them a CPU changes by itself is not known.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.findings.reporter import Reporter
+from dissect.program.carved import CODE, INTERFACE, CarvedBlock, carve
+from dissect.program.compare import changed_parts
+from dissect.transactions.operation import DOWNLOAD, Operation
+
+#: Blocks that are remembered, and their octets; those that passed first are forgotten.
+MAX_BLOCKS: Final = 4096
+MAX_OCTETS: Final = 16 * 1024 * 1024
+#: Parts by which two versions of a block are told apart: values, times and texts of a header change on their own.
+_LOGIC: Final = frozenset((CODE, INTERFACE))
+
+
+class Known:
+    """What is known of one block of a PLC: the version that ``runs`` by all that passed, and one that was ``loaded`` since."""
+
+    __slots__ = ("loaded", "runs")
+
+    def __init__(self) -> None:
+        self.runs: CarvedBlock | None = None
+        self.loaded: CarvedBlock | None = None
+
+    @property
+    def octets(self) -> int:
+        """Octets that are kept for it."""
+        return sum([len(block.octets) for block in (self.runs, self.loaded) if block is not None])
+
+    def settle(self) -> None:
+        """Let the block that was loaded be the one that runs, unless it has not been activated."""
+        if self.loaded is not None:
+            if self.loaded.activated is not False:
+                self.runs = self.loaded
+            self.loaded = None
+
+
+class BlockWatch:
+    """Remembers the latest versions of the blocks of each PLC, and notes what the next one says."""
+
+    def __init__(self, judge: Reporter) -> None:
+        self._judge = judge
+        self._known: dict[tuple[str, str], Known] = {}
+        self._octets = 0
+
+    def take(self, operation: Operation) -> None:
+        """Take a transfer that is over."""
+        if operation.connection.plus is not None:
+            return
+        for block in carve(operation):
+            if block.classic is not None and block.complete:
+                self._take(block, operation)
+
+    def _take(self, block: CarvedBlock, operation: Operation) -> None:
+        key = block.plc, block.label
+        known = self._known.pop(key, None) or Known()
+        self._octets -= known.octets
+        known.settle()
+        if known.runs is not None:
+            self._judge_change(known.runs, block, operation)
+        if operation.kind == DOWNLOAD:
+            known.loaded = block
+        else:
+            known.runs = block
+        self._octets += known.octets
+        self._known[key] = known
+        while len(self._known) > MAX_BLOCKS or (self._octets > MAX_OCTETS and len(self._known) > 1):
+            self._octets -= self._known.pop(next(iter(self._known))).octets
+
+    def _judge_change(self, before: CarvedBlock, block: CarvedBlock, operation: Operation) -> None:
+        changed = [part for part in changed_parts(before, block) if part in _LOGIC]
+        loads = operation.kind == DOWNLOAD
+        if loads and block.code_time and before.code_time and block.code_time < before.code_time:
+            self._note("block.older", operation, before, f"code of {block.code_time}, before it {before.code_time}")
+        if changed:
+            slug = "block.changed" if loads else "block.differs"
+            self._note(slug, operation, before, _sizes(before, block, changed))
+
+    def _note(self, slug: str, operation: Operation, before: CarvedBlock, what: str) -> None:
+        number = operation.connection.number
+        if self._judge.wants(slug, number):
+            earlier = before.operation
+            frames = [earlier.first_frame, operation.first_frame] if earlier is not None else [operation.first_frame]
+            self._judge.detail(slug, number, frames, operation.end_ns, f"{operation.subject}: {what}")
+
+
+def _sizes(before: CarvedBlock, block: CarvedBlock, changed: list[str]) -> str:
+    """Return which parts differ, with their sizes."""
+    was, now = before.parts(), block.parts()
+    return ", ".join([
+        f"{part} of {len(was[part])} bytes" + (f", now {len(now[part])}" if len(was[part]) != len(now[part]) else "")
+        for part in changed
+    ])  # fmt: skip
