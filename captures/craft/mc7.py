@@ -21,7 +21,7 @@ class Network:
 
 def block(
     kind: int, number: int, code: bytes, interface: bytes, networks: bytes = b"", language: int = STL,
-    changed: tuple[int, int] = (DAY, DAY), local: int = 0, texts: tuple[str, str, str] = ("meier", "plant", ""), version: int = 0x12,
+    changed: tuple[int, int] = (DAY, DAY), local: int = 0, texts: tuple[str, str, str] = ("meier", "plant", ""),
 ) -> bytes:  # fmt: skip
     """Return a block as it is transferred; ``changed`` are the days of code and interface, the time of day is 08:30."""
     of_day = (8 * 60 + 30) * 60_000
@@ -30,7 +30,7 @@ def block(
     head = struct.pack(">2sBBBBHII", b"pp", 1, 1, language, kind, number, size, 0) + times
     head += struct.pack(">HHHH", len(interface), len(networks), local, len(code))
     foot = b"".join([text.encode("ascii").ljust(8, b"\0") for text in texts])
-    foot += bytes((version, 0)) + (sum(code) & 0xFFFF).to_bytes(2, "big") + bytes(8)
+    foot += b"\x12\x00" + (sum(code) & 0xFFFF).to_bytes(2, "big") + bytes(8)
     return head + code + interface + networks + foot
 
 

@@ -27,6 +27,8 @@ RAW: Final = ".bin"
 _SUFFIXES: Final = (CLASSIC, PLUS, RAW)
 #: Octets of a file that is read as a block, or as a manifest.
 _LARGEST: Final = 64 * 1024 * 1024
+#: Octets of all texts that are opened: a small blob may hold much.
+MAX_TEXTS: Final = 128 * 1024 * 1024
 _UNSAFE: Final = re.compile(r"[^A-Za-z0-9]+")
 _MAX_WORD: Final = 24
 
@@ -56,25 +58,36 @@ def texts(block: CarvedBlock, dictionaries: Mapping[int, bytes]) -> dict[str, by
     return found
 
 
-def plan(blocks: Sequence[CarvedBlock], dictionaries: Mapping[int, bytes]) -> dict[str, tuple[int, bytes]]:
-    """Return the files of blocks by name: the index of the block, and the octets. The manifest is not among them."""
-    files: dict[str, tuple[int, bytes]] = {}
-    for index, block in enumerate(blocks):
-        name = file_name(index + 1, block)
-        files[name] = index, block.octets
-        for text, octets in texts(block, dictionaries).items():
-            files[f"{name.removesuffix(PLUS)}.{text}.xml"] = index, octets
-    return files
+class Plan:
+    """The files of blocks, known before the first is written: by name the index of the block, and the octets.
+
+    ``left_out`` counts by index the texts that did not fit `MAX_TEXTS`. The manifest is not among the files.
+    """
+
+    def __init__(self, blocks: Sequence[CarvedBlock], dictionaries: Mapping[int, bytes], most: int = MAX_TEXTS) -> None:
+        self.files: dict[str, tuple[int, bytes]] = {}
+        self.left_out: dict[int, int] = {}
+        for index, block in enumerate(blocks):
+            name = file_name(index + 1, block)
+            self.files[name] = index, block.octets
+            for text, octets in texts(block, dictionaries).items():
+                if len(octets) > most:
+                    self.left_out[index] = self.left_out.get(index, 0) + 1
+                    continue
+                most -= len(octets)
+                self.files[f"{name.removesuffix(PLUS)}.{text}.xml"] = index, octets
 
 
-def write_folder(folder: str | Path, files: Mapping[str, tuple[int, bytes]], manifest: dict[str, Any]) -> None:
-    """Write the files of `plan`, then the manifest, in which each block gets the names of its own. Raises `OSError`.
+def write_folder(folder: str | Path, plan: Plan, manifest: dict[str, Any]) -> None:
+    """Write the files of a plan, then the manifest, in which each block gets the names of its own. Raises `OSError`.
 
     ``manifest`` has the records of the blocks as ``blocks``.
     """
     home = Path(folder)
     home.mkdir(parents=True, exist_ok=True)
-    for name, (index, octets) in files.items():
+    for index, count in plan.left_out.items():
+        manifest["blocks"][index]["texts_left_out"] = count
+    for name, (index, octets) in plan.files.items():
         record = manifest["blocks"][index]
         if name.endswith(_SUFFIXES):
             record["file"] = name

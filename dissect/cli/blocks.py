@@ -139,12 +139,12 @@ def _check_folder(output: str, names: Sequence[str], force: bool) -> None:
 
 
 def _write(output: str, told: BlockList, force: bool) -> None:
-    from dissect.carve.folder import plan, write_folder
+    from dissect.carve.folder import Plan, write_folder
     from dissect.report.plus_blobs import dictionaries
 
-    files = plan(told.blocks, dictionaries())
-    _check_folder(output, list(files), force)
-    write_folder(output, files, told.as_dict())
+    plan = Plan(told.blocks, dictionaries())
+    _check_folder(output, list(plan.files), force)
+    write_folder(output, plan, told.as_dict())
 
 
 # ---- comparison -----------------------------------------------------------------------------------------------------
