@@ -43,6 +43,7 @@ def program(case: Case) -> None:
     case.find("security.program_read", 4)
     case.find("security.program_change", 3)  # two downloads, _INSE
     case.find("block.changed")
+    case.find("block.system_call")
     case.find("block.not_activated")
     case.find("operation.unfinished")
 

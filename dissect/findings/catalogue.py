@@ -275,6 +275,11 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
     ("block.older", WARNING, OPERATION, "A client replaced a block by an older one.",
      "The code of the download has an earlier time stamp than the block it replaces: an old backup, or a clock that is wrong.",
      ""),
+    ("block.inconsistent", WARNING, SECURITY, "The tables of a block contradict its code: no programming tool wrote it so.",
+     "Blocks into which code was injected look like this. Compare the block with the project, and find out who loaded it.",
+     "modify_program"),
+    ("block.system_call", WARNING, SECURITY, "A download calls system functions that stop the CPU or change its program.",
+     "Ask why the program should do that; in a block that did not before, it may be meant to harm.", "modify_program"),
     ("operation.stray_push", NOTE, OPERATION, "The PLC sends values or messages without a captured subscription.",
      "The capture lacks the subscription, or it had already been cancelled.", ""),
     # Security: events that are normal in some hands and an attack in others (reference 7.4).

@@ -46,7 +46,9 @@ def read_out(talk: Talk, octets: bytes, name: str = "_0800001A") -> None:
     talk.tell(events.answered(50, 0x1F))
 
 
-@silent("block.changed", "block.differs", "block.older", "block.not_activated")
+@silent(
+    "block.changed", "block.differs", "block.older", "block.not_activated", "block.inconsistent", "block.system_call"
+)  # fmt: skip
 def the_same_program(talk: Talk) -> None:
     """What is loaded is what was read out but for its time and author, and is read out again with other values."""
     talk.open()
@@ -87,3 +89,19 @@ def an_old_backup_is_loaded(talk: Talk) -> None:
     talk.open()
     read_out(talk, OB1)
     load(talk, OLDER)
+
+
+@speaks("block.inconsistent")
+def code_was_injected(talk: Talk) -> None:
+    """A call in front of the code, lengths of block and code corrected, tables left as they were."""
+    injected = bytes.fromhex("FB70 0063 700B 0002")
+    size, code = len(OB1) + len(injected), 30 + len(injected)
+    talk.open()
+    load(talk, OB1[:8] + size.to_bytes(4, "big") + OB1[12:34] + code.to_bytes(2, "big") + injected + OB1[36:])
+
+
+@speaks("block.system_call")
+def it_stops_the_cpu(talk: Talk) -> None:
+    talk.open()
+    read_out(talk, OB1)
+    load(talk, OB1_CHANGED)
