@@ -24,6 +24,7 @@ _PUBLIC: Final = {
     "Operation": "dissect.transactions.operation",
     "Options": "dissect.engine.pipeline",
     "Analysis": "dissect.report.analysis",
+    "CarvedBlock": "dissect.program.carved",
     "Pdu": "dissect.s7.message",
     "Pipeline": "dissect.engine.pipeline",
     "PlusPdu": "dissect.s7plus.message",
@@ -34,14 +35,17 @@ _PUBLIC: Final = {
     "TransactionError": "dissect.transactions.transaction",
     "Where": "dissect.select.where",
     "analyze": "dissect.session",
+    "blocks": "dissect.carve.reading",
     "open": "dissect.session",
 }
 
 if TYPE_CHECKING:
+    from dissect.carve.reading import blocks as blocks
     from dissect.engine.observer import Observer as Observer
     from dissect.engine.pipeline import Options as Options
     from dissect.engine.pipeline import Pipeline as Pipeline
     from dissect.findings.reporter import Finding as Finding
+    from dissect.program.carved import CarvedBlock as CarvedBlock
     from dissect.report.analysis import Analysis as Analysis
     from dissect.s7.message import Pdu as Pdu
     from dissect.s7plus.message import PlusPdu as PlusPdu

@@ -30,6 +30,7 @@ ORDER: Final = (
     "mc7",
     "s7plus",
     "transactions",
+    "program",
     "findings",
     "engine",
     "bindings",
@@ -39,6 +40,7 @@ ORDER: Final = (
     "select",
     "anonymize",
     "session",  # analyze() folds what it reads with report.analysis
+    "carve",
     "golden",
     "baseline",
     "alerts",
@@ -67,6 +69,7 @@ PURE: Final = frozenset(
         "mc7",
         "s7plus",
         "transactions",
+        "program",
         "findings",
         "engine",
     )

@@ -21,6 +21,11 @@ EXAMPLES: Final = {
         "s7dissect operations trace.pcapng",
         "s7dissect operations --kind download --kind upload trace.pcapng",
     ),
+    "blocks": (
+        "s7dissect blocks trace.pcapng",
+        "s7dissect blocks trace.pcapng -o blocks --tags plc_tags.xlsx",
+        "s7dissect blocks --diff trace.pcapng",
+    ),
     "tags": (
         "s7dissect tags check plc_tags.xlsx tank.awl",
         "s7dissect tags list plc_tags.xlsx",

@@ -34,6 +34,7 @@ COMMANDS: Final = {
     "analyze": "Summarize a capture: connections, timing, errors, findings.",
     "transactions": "List requests with their answers, values and latency.",
     "operations": "List downloads, uploads, subscriptions, passwords.",
+    "blocks": "Downloaded and uploaded blocks: list, extract, compare.",
     "show": "List S7 PDUs, or dissect them field by field.",
     "cut": "Extract part of a capture, findings as packet comments.",
     "anonymize": "Replace addresses, names and values for sharing.",
@@ -53,7 +54,7 @@ COMMANDS: Final = {
     "help": "Show the manual page of a command or topic.",
 }
 #: Commands whose output shows times.
-_TIMED: Final = frozenset(("analyze", "transactions", "operations", "show", "baseline", "monitor", "proxy"))
+_TIMED: Final = frozenset(("analyze", "transactions", "operations", "blocks", "show", "baseline", "monitor", "proxy"))
 #: Words that people type as if they were commands, and the option that does it.
 _WORDS: Final = {"version": "--version"}
 

@@ -32,8 +32,9 @@ ANALYSIS: Final = "analysis"
 ALERTS: Final = "alerts"
 DIFFERENCES: Final = "differences"
 OUTCOME: Final = "outcome"
+BLOCKS: Final = "blocks"
 
-KINDS: Final = (TRANSACTIONS, PDUS, OPERATIONS, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME)
+KINDS: Final = (TRANSACTIONS, PDUS, OPERATIONS, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, BLOCKS)
 
 
 class Format(NamedTuple):
@@ -76,7 +77,7 @@ FORMATS: Final[dict[str, Format]] = {
             "lines for a person",
             ("dissect.report.writers.text:TextWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
             ("dissect.live.lines:PlainLines", (EVENTS,)),
-            ("dissect.report.outcome:text_outcome", (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME)),
+            ("dissect.report.outcome:text_outcome", (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, BLOCKS)),
             verbose=True,
             piecewise=True,
         ),
@@ -87,8 +88,17 @@ FORMATS: Final[dict[str, Format]] = {
             ("dissect.live.json_lines:JsonLines", (EVENTS,)),
             ("dissect.report.outcome:json_outcome", (ALERTS,)),
         ),
-        _row("csv", "a row for each item", ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,))),
-        _row("json", "one JSON object", ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME))),
+        _row(
+            "csv",
+            "a row for each item",
+            ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,)),
+            ("dissect.report.outcome:csv_outcome", (BLOCKS,)),
+        ),
+        _row(
+            "json",
+            "one JSON object",
+            ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME, BLOCKS)),
+        ),
         _row(
             "fields",
             "the fields named with -e",

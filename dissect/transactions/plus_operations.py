@@ -89,7 +89,9 @@ class PlusOperations:
             return
         operation = self._book.begin(kind, str(event.object_id), transaction, subject[:_MAX_SUBJECT])
         if kind in {kinds.DOWNLOAD, kinds.UPLOAD}:
-            operation.octets = int(transaction.request_size if kind == kinds.DOWNLOAD else transaction.response_size)
+            carrier = transaction.request_octets if kind == kinds.DOWNLOAD else transaction.response_octets
+            operation.octets = len(carrier)
+            self._book.gather(operation, carrier)
         if event.kind not in _LASTING or transaction.outcome != ANSWERED or transaction.error_code >= 0x8000:
             self._book.settle(operation, transaction, DONE, REFUSED)
         else:

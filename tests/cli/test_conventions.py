@@ -28,6 +28,8 @@ analyze TRANSFER -T json
 transactions TRANSFER
 transactions TRANSFER -T csv
 operations TRANSFER -T jsonl
+blocks TRANSFER
+blocks TRANSFER -T csv
 show TRANSFER -V
 show TRANSFER -T jsonl
 cut TRANSFER -o -

@@ -26,6 +26,10 @@ analyze GOOD --scd PLANT --bind NONSENSE
 analyze --nonsense=WORD
 transactions MISSING
 operations MISSING
+blocks MISSING
+blocks NONSENSE
+blocks GOOD -o NOWHERE
+blocks --diff GOOD MISSING
 show MISSING
 cut MISSING -o OUT
 cut GOOD -o NOWHERE

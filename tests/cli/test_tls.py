@@ -25,7 +25,19 @@ from tests.tls.talks import Wire, wire
 
 Capture = pytest.CaptureFixture[bytes]
 QUESTION, ANSWER = framed(asked(5, body=b"what")), framed(told(5))
-READERS = ("analyze", "transactions", "operations", "show", "cut", "golden", "diff", "baseline", "monitor", "proxy")
+READERS = (
+    "analyze",
+    "transactions",
+    "operations",
+    "blocks",
+    "show",
+    "cut",
+    "golden",
+    "diff",
+    "baseline",
+    "monitor",
+    "proxy",
+)
 
 
 class Secrets(PacketSink):

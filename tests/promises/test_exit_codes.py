@@ -31,6 +31,10 @@ CASES: Final = """
 1 operations GOOD --fail-on note
 2 operations MISSING
 3 operations CUT
+0 blocks GOOD
+1 blocks --diff BLOCKS GOOD
+2 blocks MISSING
+3 blocks CUT
 0 show GOOD
 1 show GOOD --fail-on note
 2 show MISSING
@@ -111,6 +115,7 @@ INTERRUPTED: Final = """
 analyze FILE
 transactions FILE
 operations FILE
+blocks FILE
 show FILE
 cut FILE -o OUT
 anonymize FILE -o OUT
@@ -152,7 +157,7 @@ def files(tmp_path_factory: pytest.TempPathFactory, nursery: Nursery) -> dict[st
     return {
         "TAGS": ROOT / "captures" / "tags" / "valve.csv", "WRONGTAGS": wrong_tags,
         "GOOD": good, "CUT": cut, "OTHER": other, "MISSING": folder / "missing.pcapng", "LEARNED": learned,
-        "PLANT": plant, "BROKEN": broken, "RENAMED": renamed,
+        "PLANT": plant, "BLOCKS": ROOT / "captures" / "crafted" / "program.pcapng", "BROKEN": broken, "RENAMED": renamed,
     }  # fmt: skip
 
 

@@ -17,6 +17,8 @@ from dissect.anonymize import account
 ROOT: Final = Path(__file__).resolve().parents[2]
 SCHEMAS: Final = ROOT / "dissect" / "schema"
 NAMES: Final = (
+    "blocks",
+    "block-changes",
     "analysis", "transaction", "operation", "pdu", "event", "alert", "interfaces", "fields", "diff", "replay", "anonymization",
     "verification", "scd-check", "scd-diff", "scd-decode", "tags-check", "tags-list",
 )  # fmt: skip
