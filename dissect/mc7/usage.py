@@ -170,8 +170,8 @@ def cross_reference_lines(blocks: list[Block]) -> list[str]:
         by_callee.setdefault(call.callee, []).append(call)
     if lines and by_callee:
         lines.append("")
-    for callee, list_ in by_callee.items():
-        lines.append(f"{callee:<24} called by: {_where([(call.block, call.network) for call in list_])}")
+    for callee, uses_there in by_callee.items():
+        lines.append(f"{callee:<24} called by: {_where([(call.block, call.network) for call in uses_there])}")
     return lines
 
 
