@@ -6,7 +6,9 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from dissect.carve.contents import block_values
+from dissect.carve.differences import code_change_lines, code_changes
 from dissect.carve.records import BLOCKS_SCHEMA, COLUMNS, digest, record, row, value_record
+from dissect.mc7.changes import change_values
 from dissect.program.carved import CarvedBlock
 from dissect.program.compare import CHANGED, GONE, MOVED, NEW, BlockChange
 from dissect.report import words
@@ -83,11 +85,12 @@ def block_line(block: CarvedBlock, places: Places, clock: Clock) -> str:
             f"{clock.moment(operation.begin_ns)}  {places.pair(operation.first_frame, operation.last_frame):<10}"
             f" {places.end(ends[operation.asked_by])} → {places.end(ends[1 - operation.asked_by])}  {operation.kind:<8}  "
         )
-    parts = [_title(block), words.count(len(block.octets), "byte"), _state(block, places), _facts(block)]
+    parts = [title(block), words.count(len(block.octets), "byte"), _state(block, places), _facts(block)]
     return head + "  ".join([part for part in parts if part])
 
 
-def _title(block: CarvedBlock) -> str:
+def title(block: CarvedBlock) -> str:
+    """Return what a block is called: ``OB1 'cycle' (AWL/STL)``."""
     name = f" '{shortened(block.name, _TEXT)}'" if block.name else ""
     language = f" ({block.language})" if block.language else ""
     return f"{shortened(block.label, _TEXT)}{name}{language}"
@@ -140,6 +143,8 @@ class BlockChanges(Outcome):
             yield Line(_change_line(change), PLAIN, HANG)
             for called, was, now in change.facts:
                 yield Line(f"    {called}: {_quoted(was)} → {_quoted(now)}", PLAIN, HANG)
+            for text in code_change_lines(change):
+                yield Line(f"    {text}", PLAIN, HANG)
 
     def as_dict(self) -> dict[str, object]:
         """Return them as values."""
@@ -179,15 +184,15 @@ def _digest(block: CarvedBlock | None) -> str:
 
 
 def _change_line(change: BlockChange) -> str:
-    title = _title(change.block)
+    called = title(change.block)
     if change.state == NEW:
-        return f"new      {title}: {words.count(len(change.block.octets), 'byte')}"
+        return f"new      {called}: {words.count(len(change.block.octets), 'byte')}"
     if change.state == GONE:
-        return f"gone     {title}"
+        return f"gone     {called}"
     if change.state == MOVED and change.was is not None:
-        return f"moved    {title}: was {shortened(change.was.label, _TEXT)}"
+        return f"moved    {called}: was {shortened(change.was.label, _TEXT)}"
     unsure = "" if change.comparable else "; one of the two is not whole"
-    return f"{CHANGED}  {title}: {_what(change)}{unsure}"
+    return f"{CHANGED}  {called}: {_what(change)}{unsure}"
 
 
 def _what(change: BlockChange) -> str:
@@ -208,6 +213,7 @@ def _change_record(change: BlockChange) -> dict[str, object]:
         "parts": list(change.parts),
         "comparable": change.comparable,
         "facts": [{"name": called, "was": was, "now": now} for called, was, now in change.facts],
+        "code": change_values(code_changes(change)),
         "was": _side(change.was),
         "now": _side(change.now),
     }

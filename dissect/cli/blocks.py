@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click.core import Command
 
 from dissect.cli.formats import format_option, write_out, write_outcome
 from dissect.cli.look import clock
@@ -32,11 +33,35 @@ _EXIT_CODES = (
     "results cover what was read."
 )
 
+#: The mnemonics of --code, the first where none are named.
+_MNEMONICS = ("STL", "AWL")
 
-@click.command("blocks", epilog=_EXIT_CODES)
+
+class _BlocksCommand(Command):
+    """Takes ``--code`` without a value too, wherever it stands."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Give ``--code`` its default where no mnemonics follow it."""
+        given = []
+        for at, word in enumerate(args):
+            bare = word == "--code" and (at + 1 == len(args) or args[at + 1].upper() not in _MNEMONICS)
+            given.append(f"--code={_MNEMONICS[0]}" if bare else word)
+        return super().parse_args(ctx, given)
+
+
+@click.command("blocks", cls=_BlocksCommand, epilog=_EXIT_CODES)
 @files_argument
 @format_option(BLOCKS)
 @click.option("--diff", "compares", is_flag=True, help="Report what changed from A to B (see above).")
+@click.option(
+    "--code",
+    "mnemonics",
+    type=click.Choice(_MNEMONICS, case_sensitive=False),
+    help="Show the code of S7-300/400 blocks in English (STL, the default) or German (AWL) mnemonics.",
+)
+@click.option(
+    "--xref", "xref", is_flag=True, help="List which block reads and writes which address, and who calls whom."
+)
 @click.option(
     "-o",
     "--output",
@@ -54,6 +79,8 @@ def command(
     files: tuple[str, ...],
     format_: Format,
     compares: bool,
+    mnemonics: str | None,
+    xref: bool,
     output: str | None,
     force: bool,
     checksums: bool,
@@ -67,19 +94,27 @@ def command(
     activated, and what the block says of itself. With --tags the values of data blocks follow. FILE is a pcap or pcapng file,
     plain or compressed with gzip or zstd; - is standard input. A folder that -o wrote, or a file of it, is read as well.
 
-    With --diff FILE is A and B, each a capture, a folder or a block: new, gone, moved and changed blocks are listed. A alone is
-    compared with itself: of each block the first version with the latest.
+    With --diff FILE is A and B, each a capture, a folder or a block: new, gone, moved and changed blocks are listed, of code the
+    instructions that changed, by network. A alone is compared with itself: of each block the first version with the latest.
+
+    With --code each block is shown whole: header, interface, networks with labels and calls, addresses with their tags. Names
+    of variables and labels do not travel with a block.
     """
     if force and output is None:
         raise click.UsageError("--force needs -o DIR.")
-    if compares and output is not None:
-        raise click.UsageError("--diff and -o cannot be combined.")
+    if sum([compares, mnemonics is not None, xref, output is not None]) > 1:
+        raise click.UsageError("--code, --xref, --diff and -o cannot be combined: one at a time.")
+    if (mnemonics is not None or xref) and format_.name == "csv":
+        raise click.UsageError("--code and --xref have no csv: -T text or -T json.")
     options = Options(checksums=checksums, tls_keys=tls_keys, naming=naming)
     if compares:
         return _compare(files, format_, options, chosen)
     if output is not None:
         _check_folder(output, (), force)
     blocks, lost, places, code = _read(files, options, chosen)
+    if mnemonics is not None or xref:
+        _write_code(blocks, format_, mnemonics, naming)
+        return code
     from dissect.carve.listing import BlockList
 
     told = BlockList(blocks, lost, places, clock())
@@ -115,6 +150,16 @@ def _read(files: Sequence[str], options: Options, chosen: Chosen) -> tuple[Seque
     code = drive(run, files)
     complain(run, code)
     return collector.ordered(), collector.lost, places_of(run, files), code
+
+
+def _write_code(blocks: Sequence[CarvedBlock], format_: Format, mnemonics: str | None, naming: Naming | None) -> None:
+    """Write the code of blocks, or their cross-reference where no mnemonics are named."""
+    from dissect.carve.code import BlockCode, BlockUsage
+
+    told = BlockCode(blocks, naming, mnemonics.upper()) if mnemonics is not None else BlockUsage(blocks)
+    write_out(format_.lines(BLOCKS, told))
+    if not blocks:
+        click.echo("s7dissect: no block was downloaded or uploaded", err=True)
 
 
 def _refuse_selection(path: str, chosen: Chosen) -> None:
