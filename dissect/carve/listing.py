@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from dissect.carve.contents import block_values
 from dissect.carve.records import BLOCKS_SCHEMA, COLUMNS, digest, record, row, value_record
+from dissect.mc7.changes import Change, change_lines, change_values
 from dissect.program.carved import CarvedBlock
 from dissect.program.compare import CHANGED, GONE, MOVED, NEW, BlockChange
 from dissect.report import words
@@ -125,20 +126,33 @@ def _value_lines(block: CarvedBlock) -> Iterator[Line]:
 
 
 class BlockChanges(Outcome):
-    """What changed from one set of blocks to another; ``first`` and ``second`` are what they are called."""
+    """What changed from one set of blocks to another; ``first`` and ``second`` are what they are called.
+
+    ``details`` tells of a changed block what changed in its code, interface and values, as far as these can be read.
+    """
 
     layout = WIDE_PAGE
 
-    def __init__(self, changes: Sequence[BlockChange], first: str, second: str) -> None:
+    def __init__(
+        self,
+        changes: Sequence[BlockChange],
+        first: str,
+        second: str,
+        details: Callable[[BlockChange], list[Change]],
+    ) -> None:
         self.changes = changes
         self.first = first
         self.second = second
+        self._details = details
 
     def text(self) -> Iterator[Line]:
-        """Yield a line for each block that changed, and below it what the headers say differently."""
+        """Yield a line for each block that changed, and below it what changed in it."""
         for change in self.changes:
             yield Line(_change_line(change), PLAIN, HANG)
-            for called, was, now in change.facts:
+            details = self._details(change)
+            for text in change_lines(change.block.label, details) if details else ():
+                yield Line(f"    {text}", PLAIN, HANG)
+            for called, was, now in change.facts if not details else ():
                 yield Line(f"    {called}: {_quoted(was)} → {_quoted(now)}", PLAIN, HANG)
 
     def as_dict(self) -> dict[str, object]:
@@ -148,7 +162,7 @@ class BlockChanges(Outcome):
             "a": self.first,
             "b": self.second,
             "same": not self.changes,
-            "changes": [_change_record(change) for change in self.changes],
+            "changes": [_change_record(change, self._details(change)) for change in self.changes],
         }
 
     def rows(self) -> Iterator[Sequence[str]]:
@@ -159,8 +173,9 @@ class BlockChanges(Outcome):
         for change in self.changes:
             block, was, now = change.block, change.was, change.now
             facts = "; ".join([f"{called}: {before} → {after}" for called, before, after in change.facts])
+            details = "; ".join(change_lines(block.label, found)) if (found := self._details(change)) else ""
             texts = (
-                change.state, block.kind, _number(block), _number(was), block.name, ", ".join(change.parts), facts, "",
+                change.state, block.kind, _number(block), _number(was), block.name, ", ".join(change.parts), facts, details,
                 "true" if change.comparable else "false", _size(was), _size(now), _digest(was), _digest(now),
             )  # fmt: skip
             yield [cell(text) for text in texts]
@@ -201,13 +216,14 @@ def _quoted(text: str) -> str:
     return shortened(text, _TEXT) or "(none)"
 
 
-def _change_record(change: BlockChange) -> dict[str, object]:
+def _change_record(change: BlockChange, details: list[Change]) -> dict[str, object]:
     return {
         "state": change.state,
         "label": change.block.label,
         "parts": list(change.parts),
         "comparable": change.comparable,
         "facts": [{"name": called, "was": was, "now": now} for called, was, now in change.facts],
+        "details": change_values(details),
         "was": _side(change.was),
         "now": _side(change.now),
     }

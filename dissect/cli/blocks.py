@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -22,6 +22,7 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from dissect.carve.listing import BlockList
     from dissect.program.carved import CarvedBlock
+    from dissect.report.outcome import Outcome
     from dissect.report.words import Places
     from dissect.tls.key_log import KeyLog
     from dissect.transactions.naming import Naming
@@ -33,9 +34,36 @@ _EXIT_CODES = (
 )
 
 
-@click.command("blocks", epilog=_EXIT_CODES)
+#: The languages of `--code`, the first by default.
+_LANGUAGES: Final = ("STL", "AWL")
+
+
+class _Command(click.Command):
+    """Lets the language behind ``--code`` be left out, although files follow."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Put in the default language."""
+        given = list(args)
+        for at, word in enumerate(args):
+            if word == "--":
+                break
+            if word == "--code" and (at + 1 == len(args) or args[at + 1].upper() not in _LANGUAGES):
+                given.insert(at + 1, _LANGUAGES[0])
+                break
+        return super().parse_args(ctx, given)
+
+
+@click.command("blocks", cls=_Command, epilog=_EXIT_CODES)
 @files_argument
 @format_option(BLOCKS)
+@click.option(
+    "--code",
+    "language",
+    type=click.Choice(_LANGUAGES, case_sensitive=False),
+    metavar="[STL|AWL]",
+    help="Show header, interface and code of each block, English (STL, the default) or German (AWL), data blocks with values.",
+)
+@click.option("--references", is_flag=True, help="Show which block reads and writes which address, and which calls which.")
 @click.option("--diff", "compares", is_flag=True, help="Report what changed from A to B (see above).")
 @click.option(
     "-o",
@@ -53,6 +81,8 @@ _EXIT_CODES = (
 def command(
     files: tuple[str, ...],
     format_: Format,
+    language: str | None,
+    references: bool,
     compares: bool,
     output: str | None,
     force: bool,
@@ -75,8 +105,12 @@ def command(
     if compares and output is not None:
         raise click.UsageError("--diff and -o cannot be combined.")
     options = Options(checksums=checksums, tls_keys=tls_keys, naming=naming)
+    if language is not None and references:
+        raise click.UsageError("--code and --references cannot be combined.")
+    if references and compares:
+        raise click.UsageError("--references and --diff cannot be combined.")
     if compares:
-        return _compare(files, format_, options, chosen)
+        return _compare(files, format_, language or _LANGUAGES[0], options, chosen)
     if output is not None:
         _check_folder(output, (), force)
     blocks, lost, places, code = _read(files, options, chosen)
@@ -85,10 +119,21 @@ def command(
     told = BlockList(blocks, lost, places, clock())
     if output is not None:
         _write(output, told, force)
-    write_out(format_.lines(BLOCKS, told))
+    write_out(format_.lines(BLOCKS, _shown(told, language, references, naming)))
     if not blocks:
         click.echo("s7dissect: no block was downloaded or uploaded", err=True)
     return code
+
+
+def _shown(told: BlockList, language: str | None, references: bool, naming: Naming | None) -> Outcome:
+    """Return the blocks in the form that was asked for."""
+    if language is None and not references:
+        return told
+    from dissect.carve.code import CodeListing, References
+
+    if references:
+        return References(told.blocks)
+    return CodeListing(told.blocks, told.places, told.clock, language or _LANGUAGES[0], naming)
 
 
 def _read(files: Sequence[str], options: Options, chosen: Chosen) -> tuple[Sequence[CarvedBlock], int, Places, int]:
@@ -150,7 +195,8 @@ def _write(output: str, told: BlockList, force: bool) -> None:
 # ---- comparison -----------------------------------------------------------------------------------------------------
 
 
-def _compare(files: Sequence[str], format_: Format, options: Options, chosen: Chosen) -> int:
+def _compare(files: Sequence[str], format_: Format, language: str, options: Options, chosen: Chosen) -> int:
+    from dissect.carve.code import details_of
     from dissect.carve.listing import BlockChanges
     from dissect.program.compare import compare, over_time
 
@@ -158,6 +204,7 @@ def _compare(files: Sequence[str], format_: Format, options: Options, chosen: Ch
         raise click.UsageError("--diff takes A and B: two captures, folders or blocks, or one capture.")
     first, _, _, code = _read(files[:1], options, chosen)
     if len(files) == 1:
+        second = first
         changes = over_time(list(first))
     else:
         second, _, _, other = _read(files[1:], options, chosen)
@@ -165,7 +212,8 @@ def _compare(files: Sequence[str], format_: Format, options: Options, chosen: Ch
         changes = compare(list(first), list(second))
     if code == EXIT_INTERRUPTED:
         return code
-    write_outcome(format_, BLOCKS, BlockChanges(changes, files[0], files[-1]))
+    details = details_of(first, second, language, options.naming)
+    write_outcome(format_, BLOCKS, BlockChanges(changes, files[0], files[-1], details))
     if code:
         return EXIT_USAGE
     return EXIT_GATE if changes else EXIT_OK
