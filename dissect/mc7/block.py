@@ -9,7 +9,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from typing import Final, NamedTuple
 
-from dissect.mc7.code import Instruction, decode, jumps, unknown_octets
+from dissect.mc7.code import Instruction, decode
 from dissect.mc7.interface import Interface, parse_interface
 from dissect.s7.blocks import FOOTER, HEADER
 from dissect.s7.tables import BLOCK_KINDS, BLOCK_LANGUAGES
@@ -311,9 +311,3 @@ def header_length(octets: bytes) -> int:
     if len(octets) < layout.size or octets[:2] != MARK:
         return -1
     return int(u16(octets, 8) << 16 | u16(octets, 10))
-
-
-__all__ = [
-    "Block", "Fact", "Network", "Tables", "block_of_parts", "header_length", "jumps", "parse_block", "parse_tables",
-    "tables_octets", "unknown_octets",
-]  # fmt: skip

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from dissect.mc7.instruction_tables import CALL_LIST, INSTRUCTIONS, Row
-from dissect.mc7.operands import JUMP, JUMP_LIST, NO_OPERAND, Operand, pointer
+from dissect.mc7.operands import JUMP, JUMP_LIST, Operand, pointer
 
 _BY_FIRST: Final[list[list[Row]]] = [[] for _ in range(256)]
 for _row in INSTRUCTIONS:
@@ -205,5 +205,3 @@ def jumps(instructions: list[Instruction]) -> list[Instruction]:
 
 #: First bytes of all jumps.
 _JUMPING: Final = frozenset((0x70, 0xFF))
-
-__all__ = ["LEFT_OVER", "NO_OPERAND", "UNKNOWN", "Instruction", "decode", "jumps", "row_of", "unknown_octets"]

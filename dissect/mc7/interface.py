@@ -170,10 +170,36 @@ class Interface:
         """What a caller gives, in the order of parameter positions: IN, OUT, IN_OUT, RET_VAL."""
         return [declaration for section in PARAMETERS for declaration in self.of(section)]
 
+    def name_at(self, temporary: bool, bit: int) -> str:
+        """Return the name of what stands at a bit of the temporary data or of the instance, empty where nothing begins."""
+        for declaration in self.declarations:
+            if (declaration.place == TEMP) == temporary and declaration.start >= 0:
+                name = _name_at(declaration, bit - declaration.start)
+                if name:
+                    return name
+        return ""
+
     @property
     def temp_bits(self) -> int:
         """Bits of the declared temporary data, -1 where that is open."""
         return _end(self.of(TEMP))
+
+
+def _name_at(declaration: Declaration, bit: int) -> str:
+    """Return the name of the part of a declaration that begins ``bit`` bits behind its own begin."""
+    if bit < 0 or (declaration.bits >= 0 and bit >= max(declaration.bits, 1)):
+        return ""
+    if declaration.type == STRUCT:
+        return next((name for each in declaration.members if (name := _name_at(each, bit - each.start))), "")
+    if declaration.type == ARRAY and declaration.members and declaration.members[0].bits > 0:
+        element = declaration.members[0]
+        step = element_step(element)
+        if len(declaration.bounds) != 1:
+            return f"{declaration.name}[]" if bit % step == 0 else ""
+        inner = _name_at(element, bit % step)
+        index = declaration.bounds[0][0] + bit // step
+        return f"{declaration.name}[{index}]{inner.removeprefix(element.name)}" if inner else ""
+    return declaration.name if bit == 0 else ""
 
 
 def _end(declarations: list[Declaration]) -> int:
@@ -374,7 +400,12 @@ def _array_bits(declaration: Declaration) -> int:
         low, high = declaration.bounds[-1]
         row = max(high - low + 1, 1)
         return _even(count // row * ((row + 7) // 8 * 8))
-    return _even(count * (size if element.type in _BYTES or element.type == BOOL else _even(size)))
+    return _even(count * element_step(element))
+
+
+def element_step(element: Declaration) -> int:
+    """Return how many bits the elements of an array are apart: bits and bytes are packed, others stand on words."""
+    return element.bits if element.type in _BYTES or element.type == BOOL else _even(element.bits)
 
 
 def _take_starts(interface: Interface) -> None:

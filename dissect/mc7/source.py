@@ -289,6 +289,3 @@ def _declaration(text: str, line: int) -> Declaration:
     elif declaration.type == STRUCT:
         declaration.wide = rest == " WIDE"
     return declaration
-
-
-__all__ = ["AssemblyError", "assemble_block", "block_source", "code_lines"]
