@@ -1,174 +1,210 @@
-"""The code of blocks that were carved or read from files: as STL or AWL, and as a cross-reference."""
+"""The code of blocks: listings, their cross-reference, and what changed from one version to another (`dissect.mc7`)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
-from dissect.carve.differences import MAX_CODE
-from dissect.carve.listing import title
-from dissect.mc7.block import DATA_BLOCKS, Block, parse_block
+from dissect.carve.contents import tag_names
+from dissect.carve.listing import block_line
+from dissect.carve.records import digest
+from dissect.mc7.block import Block, parse_block
+from dissect.mc7.changes import Change, compare_blocks
 from dissect.mc7.listing import STL, Lister, block_lines, block_values
-from dissect.mc7.listing import Naming as AddressNaming
 from dissect.mc7.usage import cross_reference_lines, cross_reference_values
-from dissect.mc7.values import block_data
+from dissect.mc7.values import Value, block_data
 from dissect.program.carved import CarvedBlock
-from dissect.report.outcome import PAGE, Outcome
-from dissect.report.styled import DIM, FAILED, HANG, HEADING, PLAIN, Line
-from dissect.s7.tables import DB
-from dissect.tags.naming import TagNaming, part_name
+from dissect.program.compare import CHANGED, BlockChange, versions
+from dissect.report.outcome import WIDE_PAGE, Outcome
+from dissect.report.styled import HANG, HEADING, PLAIN, Line
+from dissect.report.words import Places
+from dissect.s7.address import address_text
+from dissect.s7.tables import BIT, BYTE, DB
 from dissect.transactions.naming import Naming
-from dissect.wire.text import printable
+from dissect.wire.text import Clock, cell
 
-CODE_SCHEMA: Final = "s7dissect.block-code/1"
-USAGE_SCHEMA: Final = "s7dissect.block-usage/1"
-
-
-class Program:
-    """The blocks of a run by PLC, decoded when somebody asks; of each the latest whole version is what others call."""
-
-    def __init__(self, blocks: Sequence[CarvedBlock], naming: Naming | None) -> None:
-        self._naming = naming
-        self._decoded: dict[int, Block] = {}
-        self._latest: dict[tuple[str, str, int], CarvedBlock] = {}
-        self.shown: list[CarvedBlock] = []
-        self.left_out = 0
-        room = MAX_CODE
-        for block in blocks:
-            if block.classic is not None and len(block.octets) > room:
-                self.left_out += 1
-                continue
-            self.shown.append(block)
-            if block.classic is not None:
-                room -= len(block.octets)
-                key = (block.plc, block.kind, block.number)
-                if block.complete or key not in self._latest:
-                    self._latest[key] = block
-
-    def decode(self, block: CarvedBlock) -> Block:
-        """Return a block with its instructions."""
-        found = self._decoded.get(id(block))
-        if found is None:
-            found = self._decoded[id(block)] = parse_block(block.octets)
-        return found
-
-    def lister(self, block: CarvedBlock, language: str = STL) -> Lister:
-        """Return what writes the code of a block, with the tags and the other blocks of its PLC."""
-
-        def callee(kind: str, number: int) -> Block | None:
-            called = self._latest.get((block.plc, kind, number))
-            return self.decode(called) if called is not None else None
-
-        return Lister(language, address_names(block, self._naming), callee)
+CODE_SCHEMA: Final = "s7dissect.blocks-code/1"
+REFERENCES_SCHEMA: Final = "s7dissect.blocks-references/1"
+#: Columns of CSV: of the code a row for each instruction, of the cross-reference one for each use and call.
+CODE_COLUMNS: Final = ("plc", "block", "network", "offset", "label", "name", "operand", "tag", "octets")
+REFERENCE_COLUMNS: Final = ("plc", "address", "access", "block", "network", "offset")
+#: Why nothing is read of a block.
+_NO_HEADER: Final = "  no block header: type and number are those of the request, nothing is read of the contents"
+_PLUS: Final = "  code of an S7-1200/1500 (MC7plus): its encoding is not public"
+_CALL: Final = "call"
 
 
-def address_names(block: CarvedBlock, naming: Naming | None) -> AddressNaming:
-    """Return what names addresses in the code of a block: the tags of its PLC."""
-    if block.operation is not None:
-        naming = block.operation.connection.naming
-    index = naming.index if isinstance(naming, TagNaming) else None
-
-    def name(area: int, db: int, bit: int, bits: int) -> str:
-        cover = index.cover(area, db, bit, bits) if index is not None else None
-        if cover is None or len(cover.parts) != 1 or cover.more:
-            return ""
-        return part_name(cover.parts[0])
-
-    return name
-
-
-class BlockCode(Outcome):
-    """The code of blocks, the values of data blocks, in ``language`` (STL or AWL)."""
-
-    layout = PAGE
-
-    def __init__(self, blocks: Sequence[CarvedBlock], naming: Naming | None, language: str) -> None:
-        self._program = Program(blocks, naming)
-        self._language = language
-
-    def text(self) -> Iterator[Line]:
-        """Yield the blocks one below the other."""
-        for number, block in enumerate(self._program.shown):
-            if number:
-                yield Line("", PLAIN)
-            yield from self._block(block)
-        if self._program.left_out:
-            yield Line(f"and {self._program.left_out} further blocks: more than {MAX_CODE // 1024} KiB of code", FAILED)
-
-    def _block(self, block: CarvedBlock) -> Iterator[Line]:
-        if block.classic is None:
-            yield Line(f"{title(block)}: {_no_code(block)}", HEADING)
-            return
-        decoded = self._program.decode(block)
-        lister = self._program.lister(block, self._language)
-        for number, text in enumerate(block_lines(decoded, lister)):
-            yield Line(text, _style(number, text), HANG)
-        if decoded.kind in DATA_BLOCKS:
-            names = address_names(block, None)
-            for value in block_data(decoded):
-                tag = names(DB, decoded.number, value.bit, 1)
-                at = f"{value.bit // 8}.{value.bit % 8}"
-                comment = f"  // {printable(tag)}" if tag else ""
-                yield Line(f"    {at:<8} {value.name:<16} : {value.type:<16} = {value.text}{comment}", PLAIN, HANG)
-
-    def as_dict(self) -> dict[str, object]:
-        """Return them as values (schema block-code)."""
-        blocks: list[dict[str, object]] = []
-        for block in self._program.shown:
-            if block.classic is None:
-                blocks.append({"block": block.label, "decoded": False, "reason": _no_code(block)})
-                continue
-            decoded = self._program.decode(block)
-            values = {"decoded": True} | block_values(decoded, self._program.lister(block, self._language))
-            if decoded.kind in DATA_BLOCKS:
-                values["values"] = [value._asdict() for value in block_data(decoded)]
-            blocks.append(values)
-        return {
-            "schema": CODE_SCHEMA,
-            "mnemonics": self._language,
-            "left_out": self._program.left_out,
-            "blocks": blocks,
-        }
-
-
-def _style(number: int, text: str) -> str:
-    if text.startswith("!"):
-        return FAILED
-    if number == 0 or text.startswith("NETWORK"):
-        return HEADING
-    return DIM if text.startswith("  ") and not text.startswith("      ") else PLAIN
-
-
-def _no_code(block: CarvedBlock) -> str:
-    if block.plus is not None:
-        return "the code of an S7-1200 or 1500 (MC7plus) cannot be decoded; -o DIR writes its networks as XML"
-    return "contents without a block header: not decoded"
-
-
-class BlockUsage(Outcome):
-    """Which block reads and writes which address, and which calls which; of each block the latest version."""
-
-    layout = PAGE
+class Programs:
+    """The blocks of a set by PLC and label, read once each, so that a call finds the interface of the block it calls."""
 
     def __init__(self, blocks: Sequence[CarvedBlock]) -> None:
-        program = Program(blocks, None)
-        self._left_out = program.left_out
-        self._plcs: dict[str, list[Block]] = {}
-        latest = {(block.plc, block.label): block for block in program.shown if block.classic is not None}
-        for (plc, _), block in latest.items():
-            self._plcs.setdefault(plc, []).append(program.decode(block))
+        self._read: dict[str, Block] = {}
+        self._latest = {key: row[-1] for key, row in versions(blocks, by_plc=True).items()}
+
+    def read(self, block: CarvedBlock) -> Block:
+        """Return a block as far as it can be read, the same object for the same octets."""
+        key = digest(block)
+        found = self._read.get(key)
+        if found is None:
+            found = parse_block(block.octets)
+            self._read[key] = found
+        return found
+
+    def find(self, plc: str, kind: str, number: int) -> Block | None:
+        """Return the latest version of a block of a PLC, None where it did not pass."""
+        block = self._latest.get((plc, f"{kind}{number}"))
+        return self.read(block) if block is not None and block.classic is not None else None
+
+    def lister(self, block: CarvedBlock, language: str, naming: Naming | None) -> Lister:
+        """Return what writes the code of a block, with the tags and the other blocks of its PLC."""
+        operation = block.operation
+        known = operation.connection.naming if operation is not None else naming
+        return Lister(language, tag_names(known), lambda kind, number: self.find(block.plc, kind, number))
+
+    def by_plc(self) -> dict[str, list[Block]]:
+        """Return the latest version of each block that has code, by PLC."""
+        found: dict[str, list[Block]] = {}
+        for (plc, _), block in self._latest.items():
+            if block.classic is not None and self.read(block).has_code:
+                found.setdefault(plc, []).append(self.read(block))
+        return found
+
+
+def details_of(
+    first: Sequence[CarvedBlock], second: Sequence[CarvedBlock], language: str, naming: Naming | None
+) -> Callable[[BlockChange], list[Change]]:
+    """Return what tells what changed in a block from one set to another; of blocks that cannot be read nothing."""
+    programs = Programs([*first, *second])
+    known: dict[int, list[Change]] = {}
+
+    def details(change: BlockChange) -> list[Change]:
+        was, now = change.was, change.now
+        if was is None or now is None or was.classic is None or now.classic is None or change.state != CHANGED:
+            return []
+        if id(change) not in known:
+            lister = programs.lister(now, language, naming)
+            known[id(change)] = compare_blocks(programs.read(was), programs.read(now), lister)
+        return known[id(change)]
+
+    return details
+
+
+class CodeListing(Outcome):
+    """Blocks with header, interface and code; data blocks with their values by declaration."""
+
+    layout = WIDE_PAGE
+
+    def __init__(
+        self,
+        blocks: Sequence[CarvedBlock],
+        places: Places,
+        clock: Clock,
+        language: str = STL,
+        naming: Naming | None = None,
+    ) -> None:
+        self._blocks = blocks
+        self._places = places
+        self._clock = clock
+        self._language = language
+        self._naming = naming
+        self._programs = Programs(blocks)
 
     def text(self) -> Iterator[Line]:
-        """Yield an address a line, with who reads and writes it, then who calls whom."""
-        for plc, blocks in self._plcs.items():
-            if len(self._plcs) > 1:
-                yield Line(plc, HEADING)
-            for text in cross_reference_lines(blocks):
+        """Yield each block: the line of the list, then what it holds."""
+        for number, block in enumerate(self._blocks):
+            if number:
+                yield Line("", PLAIN)
+            yield Line(block_line(block, self._places, self._clock), HEADING, HANG)
+            for text in self._held(block):
                 yield Line(text, PLAIN, HANG)
-        if self._left_out:
-            yield Line(f"without {self._left_out} further blocks: more than {MAX_CODE // 1024} KiB of code", FAILED)
+
+    def _held(self, block: CarvedBlock) -> Iterator[str]:
+        if block.classic is None:
+            yield _PLUS if block.plus is not None else _NO_HEADER
+            return
+        program = self._programs.read(block)
+        yield from block_lines(program, self._programs.lister(block, self._language, self._naming))
+        values = block_data(program) if not program.has_code else []
+        if values:
+            yield "  values"
+        for value in values:
+            yield f"    {value_address(block.number, value):<16} {value.name} : {value.type} = {value.text}"
 
     def as_dict(self) -> dict[str, object]:
-        """Return it as values (schema block-usage)."""
-        plcs = [{"plc": plc or None} | cross_reference_values(blocks) for plc, blocks in self._plcs.items()]
-        return {"schema": USAGE_SCHEMA, "left_out": self._left_out, "plcs": plcs}
+        """Return the blocks as values."""
+        return {
+            "schema": CODE_SCHEMA,
+            "language": self._language,
+            "blocks": [self._values(block) for block in self._blocks if block.classic is not None],
+            "not_read": [block.label for block in self._blocks if block.classic is None],
+        }
+
+    def _values(self, block: CarvedBlock) -> dict[str, object]:
+        program = self._programs.read(block)
+        told = block_values(program, self._programs.lister(block, self._language, self._naming))
+        told["plc"] = block.plc or None
+        told["sha256"] = digest(block)
+        told["complete"] = block.complete
+        told["values"] = [
+            {"name": value.name, "address": value_address(block.number, value), "type": value.type, "value": value.text}
+            for value in (block_data(program) if not program.has_code else [])
+        ]
+        return told
+
+    def rows(self) -> Iterator[Sequence[str]]:
+        """Yield the heading and a row for each instruction."""
+        yield CODE_COLUMNS
+        for block in self._blocks:
+            if block.classic is None:
+                continue
+            program = self._programs.read(block)
+            lister = self._programs.lister(block, self._language, self._naming)
+            for network in lister.networks(program):
+                for line in network.lines:
+                    texts = (
+                        block.plc, block.label, str(network.number), str(line.offset), line.label, line.name, line.operand,
+                        line.comment, line.octets.hex(),
+                    )  # fmt: skip
+                    yield [cell(text) for text in texts]
+
+
+def value_address(db: int, value: Value) -> str:
+    """Return where a value of a data block stands: ``DB2.DBW4``, of a text or structure its first byte."""
+    return address_text(DB, db, value.bit, BIT if value.type == "BOOL" else BYTE)
+
+
+class References(Outcome):
+    """Which blocks read and write which address, and which call which, by PLC; of each block the latest version."""
+
+    layout = WIDE_PAGE
+
+    def __init__(self, blocks: Sequence[CarvedBlock]) -> None:
+        self._programs = Programs(blocks).by_plc()
+
+    def text(self) -> Iterator[Line]:
+        """Yield an address a line, then the calls."""
+        for plc, programs in self._programs.items():
+            if plc:
+                yield Line(plc, HEADING)
+            for text in cross_reference_lines(programs):
+                yield Line(f"  {text}" if plc else text, PLAIN, HANG)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return uses and calls as values."""
+        found = [{"plc": plc or None, **cross_reference_values(blocks)} for plc, blocks in self._programs.items()]
+        return {"schema": REFERENCES_SCHEMA, "plcs": found}
+
+    def rows(self) -> Iterator[Sequence[str]]:
+        """Yield the heading and a row for each use and each call."""
+        yield REFERENCE_COLUMNS
+        for plc, blocks in self._programs.items():
+            told = cross_reference_values(blocks)
+            uses, calls = told["uses"], told["calls"]
+            assert isinstance(uses, list)
+            assert isinstance(calls, list)
+            for use in uses:
+                texts = (plc, use["address"], use["access"], use["block"], str(use["network"]), str(use["offset"]))
+                yield [cell(text) for text in texts]
+            for call in calls:
+                texts = (plc, call["callee"], _CALL, call["block"], str(call["network"]), str(call["offset"]))
+                yield [cell(text) for text in texts]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from dissect.carve.contents import block_values
-from dissect.carve.differences import code_change_lines, code_changes
 from dissect.carve.records import BLOCKS_SCHEMA, COLUMNS, digest, record, row, value_record
-from dissect.mc7.changes import change_values
+from dissect.mc7.changes import Change, change_lines, change_values
 from dissect.program.carved import CarvedBlock
 from dissect.program.compare import CHANGED, GONE, MOVED, NEW, BlockChange
 from dissect.report import words
@@ -85,12 +84,11 @@ def block_line(block: CarvedBlock, places: Places, clock: Clock) -> str:
             f"{clock.moment(operation.begin_ns)}  {places.pair(operation.first_frame, operation.last_frame):<10}"
             f" {places.end(ends[operation.asked_by])} → {places.end(ends[1 - operation.asked_by])}  {operation.kind:<8}  "
         )
-    parts = [title(block), words.count(len(block.octets), "byte"), _state(block, places), _facts(block)]
+    parts = [_title(block), words.count(len(block.octets), "byte"), _state(block, places), _facts(block)]
     return head + "  ".join([part for part in parts if part])
 
 
-def title(block: CarvedBlock) -> str:
-    """Return what a block is called: ``OB1 'cycle' (AWL/STL)``."""
+def _title(block: CarvedBlock) -> str:
     name = f" '{shortened(block.name, _TEXT)}'" if block.name else ""
     language = f" ({block.language})" if block.language else ""
     return f"{shortened(block.label, _TEXT)}{name}{language}"
@@ -128,23 +126,34 @@ def _value_lines(block: CarvedBlock) -> Iterator[Line]:
 
 
 class BlockChanges(Outcome):
-    """What changed from one set of blocks to another; ``first`` and ``second`` are what they are called."""
+    """What changed from one set of blocks to another; ``first`` and ``second`` are what they are called.
+
+    ``details`` tells of a changed block what changed in its code, interface and values, as far as these can be read.
+    """
 
     layout = WIDE_PAGE
 
-    def __init__(self, changes: Sequence[BlockChange], first: str, second: str) -> None:
+    def __init__(
+        self,
+        changes: Sequence[BlockChange],
+        first: str,
+        second: str,
+        details: Callable[[BlockChange], list[Change]],
+    ) -> None:
         self.changes = changes
         self.first = first
         self.second = second
+        self._details = details
 
     def text(self) -> Iterator[Line]:
-        """Yield a line for each block that changed, and below it what the headers say differently."""
+        """Yield a line for each block that changed, and below it what changed in it."""
         for change in self.changes:
             yield Line(_change_line(change), PLAIN, HANG)
-            for called, was, now in change.facts:
-                yield Line(f"    {called}: {_quoted(was)} → {_quoted(now)}", PLAIN, HANG)
-            for text in code_change_lines(change):
+            details = self._details(change)
+            for text in change_lines(change.block.label, details) if details else ():
                 yield Line(f"    {text}", PLAIN, HANG)
+            for called, was, now in change.facts if not details else ():
+                yield Line(f"    {called}: {_quoted(was)} → {_quoted(now)}", PLAIN, HANG)
 
     def as_dict(self) -> dict[str, object]:
         """Return them as values."""
@@ -153,7 +162,7 @@ class BlockChanges(Outcome):
             "a": self.first,
             "b": self.second,
             "same": not self.changes,
-            "changes": [_change_record(change) for change in self.changes],
+            "changes": [_change_record(change, self._details(change)) for change in self.changes],
         }
 
     def rows(self) -> Iterator[Sequence[str]]:
@@ -164,8 +173,9 @@ class BlockChanges(Outcome):
         for change in self.changes:
             block, was, now = change.block, change.was, change.now
             facts = "; ".join([f"{called}: {before} → {after}" for called, before, after in change.facts])
+            details = "; ".join(change_lines(block.label, found)) if (found := self._details(change)) else ""
             texts = (
-                change.state, block.kind, _number(block), _number(was), block.name, ", ".join(change.parts), facts, "",
+                change.state, block.kind, _number(block), _number(was), block.name, ", ".join(change.parts), facts, details,
                 "true" if change.comparable else "false", _size(was), _size(now), _digest(was), _digest(now),
             )  # fmt: skip
             yield [cell(text) for text in texts]
@@ -184,15 +194,15 @@ def _digest(block: CarvedBlock | None) -> str:
 
 
 def _change_line(change: BlockChange) -> str:
-    called = title(change.block)
+    title = _title(change.block)
     if change.state == NEW:
-        return f"new      {called}: {words.count(len(change.block.octets), 'byte')}"
+        return f"new      {title}: {words.count(len(change.block.octets), 'byte')}"
     if change.state == GONE:
-        return f"gone     {called}"
+        return f"gone     {title}"
     if change.state == MOVED and change.was is not None:
-        return f"moved    {called}: was {shortened(change.was.label, _TEXT)}"
+        return f"moved    {title}: was {shortened(change.was.label, _TEXT)}"
     unsure = "" if change.comparable else "; one of the two is not whole"
-    return f"{CHANGED}  {called}: {_what(change)}{unsure}"
+    return f"{CHANGED}  {title}: {_what(change)}{unsure}"
 
 
 def _what(change: BlockChange) -> str:
@@ -206,14 +216,14 @@ def _quoted(text: str) -> str:
     return shortened(text, _TEXT) or "(none)"
 
 
-def _change_record(change: BlockChange) -> dict[str, object]:
+def _change_record(change: BlockChange, details: list[Change]) -> dict[str, object]:
     return {
         "state": change.state,
         "label": change.block.label,
         "parts": list(change.parts),
         "comparable": change.comparable,
         "facts": [{"name": called, "was": was, "now": now} for called, was, now in change.facts],
-        "code": change_values(code_changes(change)),
+        "details": change_values(details),
         "was": _side(change.was),
         "now": _side(change.now),
     }

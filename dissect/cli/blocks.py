@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import click
-from click.core import Command
 
 from dissect.cli.formats import format_option, write_out, write_outcome
 from dissect.cli.look import clock
@@ -23,6 +22,7 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from dissect.carve.listing import BlockList
     from dissect.program.carved import CarvedBlock
+    from dissect.report.outcome import Outcome
     from dissect.report.words import Places
     from dissect.tls.key_log import KeyLog
     from dissect.transactions.naming import Naming
@@ -33,35 +33,38 @@ _EXIT_CODES = (
     "results cover what was read."
 )
 
-#: The mnemonics of --code, the first where none are named.
-_MNEMONICS = ("STL", "AWL")
+
+#: The languages of `--code`, the first by default.
+_LANGUAGES: Final = ("STL", "AWL")
 
 
-class _BlocksCommand(Command):
-    """Takes ``--code`` without a value too, wherever it stands."""
+class _Command(click.Command):
+    """Lets the language behind ``--code`` be left out, although files follow."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Give ``--code`` its default where no mnemonics follow it."""
-        given = []
+        """Put in the default language."""
+        given = list(args)
         for at, word in enumerate(args):
-            bare = word == "--code" and (at + 1 == len(args) or args[at + 1].upper() not in _MNEMONICS)
-            given.append(f"--code={_MNEMONICS[0]}" if bare else word)
+            if word == "--":
+                break
+            if word == "--code" and (at + 1 == len(args) or args[at + 1].upper() not in _LANGUAGES):
+                given.insert(at + 1, _LANGUAGES[0])
+                break
         return super().parse_args(ctx, given)
 
 
-@click.command("blocks", cls=_BlocksCommand, epilog=_EXIT_CODES)
+@click.command("blocks", cls=_Command, epilog=_EXIT_CODES)
 @files_argument
 @format_option(BLOCKS)
-@click.option("--diff", "compares", is_flag=True, help="Report what changed from A to B (see above).")
 @click.option(
     "--code",
-    "mnemonics",
-    type=click.Choice(_MNEMONICS, case_sensitive=False),
-    help="Show the code of S7-300/400 blocks in English (STL, the default) or German (AWL) mnemonics.",
+    "language",
+    type=click.Choice(_LANGUAGES, case_sensitive=False),
+    metavar="[STL|AWL]",
+    help="Show header, interface and code of each block, English (STL, the default) or German (AWL), data blocks with values.",
 )
-@click.option(
-    "--xref", "xref", is_flag=True, help="List which block reads and writes which address, and who calls whom."
-)
+@click.option("--references", is_flag=True, help="Show which block reads and writes which address, and which calls which.")
+@click.option("--diff", "compares", is_flag=True, help="Report what changed from A to B (see above).")
 @click.option(
     "-o",
     "--output",
@@ -78,9 +81,9 @@ class _BlocksCommand(Command):
 def command(
     files: tuple[str, ...],
     format_: Format,
+    language: str | None,
+    references: bool,
     compares: bool,
-    mnemonics: str | None,
-    xref: bool,
     output: str | None,
     force: bool,
     checksums: bool,
@@ -94,36 +97,43 @@ def command(
     activated, and what the block says of itself. With --tags the values of data blocks follow. FILE is a pcap or pcapng file,
     plain or compressed with gzip or zstd; - is standard input. A folder that -o wrote, or a file of it, is read as well.
 
-    With --diff FILE is A and B, each a capture, a folder or a block: new, gone, moved and changed blocks are listed, of code the
-    instructions that changed, by network. A alone is compared with itself: of each block the first version with the latest.
-
-    With --code each block is shown whole: header, interface, networks with labels and calls, addresses with their tags. Names
-    of variables and labels do not travel with a block.
+    With --diff FILE is A and B, each a capture, a folder or a block: new, gone, moved and changed blocks are listed. A alone is
+    compared with itself: of each block the first version with the latest.
     """
     if force and output is None:
         raise click.UsageError("--force needs -o DIR.")
-    if sum([compares, mnemonics is not None, xref, output is not None]) > 1:
-        raise click.UsageError("--code, --xref, --diff and -o cannot be combined: one at a time.")
-    if (mnemonics is not None or xref) and format_.name == "csv":
-        raise click.UsageError("--code and --xref have no csv: -T text or -T json.")
+    if compares and output is not None:
+        raise click.UsageError("--diff and -o cannot be combined.")
     options = Options(checksums=checksums, tls_keys=tls_keys, naming=naming)
+    if language is not None and references:
+        raise click.UsageError("--code and --references cannot be combined.")
+    if references and compares:
+        raise click.UsageError("--references and --diff cannot be combined.")
     if compares:
-        return _compare(files, format_, options, chosen)
+        return _compare(files, format_, language or _LANGUAGES[0], options, chosen)
     if output is not None:
         _check_folder(output, (), force)
     blocks, lost, places, code = _read(files, options, chosen)
-    if mnemonics is not None or xref:
-        _write_code(blocks, format_, mnemonics, naming)
-        return code
     from dissect.carve.listing import BlockList
 
     told = BlockList(blocks, lost, places, clock())
     if output is not None:
         _write(output, told, force)
-    write_out(format_.lines(BLOCKS, told))
+    write_out(format_.lines(BLOCKS, _shown(told, language, references, naming)))
     if not blocks:
         click.echo("s7dissect: no block was downloaded or uploaded", err=True)
     return code
+
+
+def _shown(told: BlockList, language: str | None, references: bool, naming: Naming | None) -> Outcome:
+    """Return the blocks in the form that was asked for."""
+    if language is None and not references:
+        return told
+    from dissect.carve.code import CodeListing, References
+
+    if references:
+        return References(told.blocks)
+    return CodeListing(told.blocks, told.places, told.clock, language or _LANGUAGES[0], naming)
 
 
 def _read(files: Sequence[str], options: Options, chosen: Chosen) -> tuple[Sequence[CarvedBlock], int, Places, int]:
@@ -150,16 +160,6 @@ def _read(files: Sequence[str], options: Options, chosen: Chosen) -> tuple[Seque
     code = drive(run, files)
     complain(run, code)
     return collector.ordered(), collector.lost, places_of(run, files), code
-
-
-def _write_code(blocks: Sequence[CarvedBlock], format_: Format, mnemonics: str | None, naming: Naming | None) -> None:
-    """Write the code of blocks, or their cross-reference where no mnemonics are named."""
-    from dissect.carve.code import BlockCode, BlockUsage
-
-    told = BlockCode(blocks, naming, mnemonics.upper()) if mnemonics is not None else BlockUsage(blocks)
-    write_out(format_.lines(BLOCKS, told))
-    if not blocks:
-        click.echo("s7dissect: no block was downloaded or uploaded", err=True)
 
 
 def _refuse_selection(path: str, chosen: Chosen) -> None:
@@ -195,7 +195,8 @@ def _write(output: str, told: BlockList, force: bool) -> None:
 # ---- comparison -----------------------------------------------------------------------------------------------------
 
 
-def _compare(files: Sequence[str], format_: Format, options: Options, chosen: Chosen) -> int:
+def _compare(files: Sequence[str], format_: Format, language: str, options: Options, chosen: Chosen) -> int:
+    from dissect.carve.code import details_of
     from dissect.carve.listing import BlockChanges
     from dissect.program.compare import compare, over_time
 
@@ -203,6 +204,7 @@ def _compare(files: Sequence[str], format_: Format, options: Options, chosen: Ch
         raise click.UsageError("--diff takes A and B: two captures, folders or blocks, or one capture.")
     first, _, _, code = _read(files[:1], options, chosen)
     if len(files) == 1:
+        second = first
         changes = over_time(list(first))
     else:
         second, _, _, other = _read(files[1:], options, chosen)
@@ -210,7 +212,8 @@ def _compare(files: Sequence[str], format_: Format, options: Options, chosen: Ch
         changes = compare(list(first), list(second))
     if code == EXIT_INTERRUPTED:
         return code
-    write_outcome(format_, BLOCKS, BlockChanges(changes, files[0], files[-1]))
+    details = details_of(first, second, language, options.naming)
+    write_outcome(format_, BLOCKS, BlockChanges(changes, files[0], files[-1], details))
     if code:
         return EXIT_USAGE
     return EXIT_GATE if changes else EXIT_OK

@@ -25,8 +25,6 @@ EXAMPLES: Final = {
         "s7dissect blocks trace.pcapng",
         "s7dissect blocks trace.pcapng -o blocks --tags plc_tags.xlsx",
         "s7dissect blocks --diff trace.pcapng",
-        "s7dissect blocks trace.pcapng --code AWL --tags plc_tags.xlsx",
-        "s7dissect blocks trace.pcapng --xref",
     ),
     "tags": (
         "s7dissect tags check plc_tags.xlsx tank.awl",

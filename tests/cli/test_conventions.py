@@ -30,8 +30,6 @@ transactions TRANSFER -T csv
 operations TRANSFER -T jsonl
 blocks TRANSFER
 blocks TRANSFER -T csv
-blocks TRANSFER --code
-blocks TRANSFER --xref
 show TRANSFER -V
 show TRANSFER -T jsonl
 cut TRANSFER -o -

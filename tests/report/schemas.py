@@ -19,8 +19,6 @@ SCHEMAS: Final = ROOT / "dissect" / "schema"
 NAMES: Final = (
     "blocks",
     "block-changes",
-    "block-code",
-    "block-usage",
     "analysis", "transaction", "operation", "pdu", "event", "alert", "interfaces", "fields", "diff", "replay", "anonymization",
     "verification", "scd-check", "scd-diff", "scd-decode", "tags-check", "tags-list",
 )  # fmt: skip
