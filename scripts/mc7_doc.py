@@ -16,12 +16,12 @@ BEGIN, END = "<!-- {} -->\n", "<!-- end of {} -->\n"
 
 def octets(row: Row) -> str:
     """Return the first word of a row in hexadecimal digits: a range of first bytes, and the second bytes."""
-    first = f"{row.firsts[0]:02X}" + (f"–{row.firsts[-1]:02X}" if len(row.firsts) > 1 else "")
+    first = f"{row.firsts[0]:02X}" + (f"-{row.firsts[-1]:02X}" if len(row.firsts) > 1 else "")
     return f"`{first} {seconds(sorted(row.seconds))}`"
 
 
 def seconds(numbers: list[int]) -> str:
-    """Return numbers as ranges: ``10–17 20–27``."""
+    """Return numbers as ranges: ``10-17 20-27``."""
     if len(numbers) == 256:
         return "xx"
     ranges: list[list[int]] = []
@@ -30,7 +30,7 @@ def seconds(numbers: list[int]) -> str:
             ranges[-1][1] = number
         else:
             ranges.append([number, number])
-    parts = [f"{low:02X}" if low == high else f"{low:02X}–{high:02X}" for low, high in ranges]
+    parts = [f"{low:02X}" if low == high else f"{low:02X}-{high:02X}" for low, high in ranges]
     return " ".join(parts) if len(parts) <= 4 else f"{parts[0]} … {parts[-1]}"
 
 
