@@ -24,6 +24,7 @@ EXAMPLES: Final = {
     "blocks": (
         "s7dissect blocks trace.pcapng",
         "s7dissect blocks trace.pcapng -o blocks --tags plc_tags.xlsx",
+        "s7dissect blocks --code trace.pcapng",
         "s7dissect blocks --diff trace.pcapng",
     ),
     "tags": (

@@ -211,6 +211,8 @@ def _steps(block: Block, lister: Lister) -> list[_Network]:
     threshold = block.interface.temp_bits
     opened = OpenBlocks()
     by_offset = {instruction.offset: instruction for instruction in block.instructions}
+    # The BE that ends every block stands in its last network, whichever that is.
+    final = block.instructions[-1] if block.instructions and block.instructions[-1].name == "BE" else None
     networks: list[_Network] = []
     for network in lister.networks(block):
         temporaries: dict[str, str] = {}
@@ -228,7 +230,7 @@ def _steps(block: Block, lister: Lister) -> list[_Network]:
                 continue
             operand = instruction.operand
             opened.follow(instruction)
-            if instruction.name in {"BLD", "NOP"}:
+            if instruction.name in {"BLD", "NOP"} or instruction is final:
                 continue
             text = _renamed(line.operand, threshold, temporaries)
             if operand.kind == MEMORY and operand.area == "DB" and not operand.via and opened.db >= 0:

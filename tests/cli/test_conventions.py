@@ -30,6 +30,7 @@ transactions TRANSFER -T csv
 operations TRANSFER -T jsonl
 blocks TRANSFER
 blocks TRANSFER -T csv
+blocks --code TRANSFER
 show TRANSFER -V
 show TRANSFER -T jsonl
 cut TRANSFER -o -
