@@ -41,6 +41,7 @@ ORDER: Final = (
     "anonymize",
     "session",  # analyze() folds what it reads with report.analysis
     "carve",
+    "index",
     "golden",
     "baseline",
     "alerts",

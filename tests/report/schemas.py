@@ -22,7 +22,7 @@ NAMES: Final = (
     "blocks-code",
     "blocks-references",
     "analysis", "transaction", "operation", "pdu", "event", "alert", "interfaces", "fields", "diff", "replay", "anonymization",
-    "verification", "scd-check", "scd-diff", "scd-decode", "tags-check", "tags-list",
+    "verification", "scd-check", "scd-diff", "scd-decode", "tags-check", "tags-list", "index",
 )  # fmt: skip
 
 Schema = dict[str, Any]
