@@ -68,5 +68,9 @@ def test_links_lead_somewhere() -> None:
                 assert (document.parent / target).exists(), f"{document.name}: {target}"
 
 
+def test_the_tables_of_block_code_are_those_of_the_decoder() -> None:
+    assert run("scripts/mc7_doc.py") == (ROOT / "docs" / "mc7.md").read_text(encoding="utf-8")
+
+
 def test_the_page_of_findings_is_the_catalogue() -> None:
     assert run("scripts/findings_doc.py") == (ROOT / "docs" / "findings.md").read_text(encoding="utf-8")

@@ -29,6 +29,7 @@ SYSTEM_CALLS: Final[dict[int, tuple[str, str, str]]] = {
     21: ("FILL", COPIES, "fills memory at an address it is given"),
     22: ("CREAT_DB", CHANGES, "creates a data block"),
     23: ("DEL_DB", DELETES, "deletes a data block"),
+    25: ("COMPRESS", CHANGES, "compresses the memory"),
     36: ("MSK_FLT", CHANGES, "masks programming and access errors"),
     39: ("DIS_IRT", CHANGES, "disables interrupts and error events"),
     41: ("DIS_AIRT", CHANGES, "delays interrupts and error events"),
