@@ -81,6 +81,7 @@ PURE_IMPORTS: Final = frozenset(
         "bisect",
         "collections",
         "datetime",
+        "difflib",
         "enum",
         "functools",
         "hashlib",

@@ -162,7 +162,9 @@ def test_code_and_references(capfdbinary: Capture, tmp_path: Path) -> None:
         assert "       SPBN  M2_1" in run(capfdbinary, "blocks", *words).out.splitlines()
     assert run(capfdbinary, "blocks", PROGRAM, "--code").out.startswith("2023-11-14 22:13:20.003500 UTC  8→21")
     rows = list(csv.DictReader(run(capfdbinary, "blocks", "--code", PROGRAM, "-T", "csv").out.splitlines()))
-    assert ("OB1", "3", "UC", "SFC 46 ()") in {(row["block"], row["network"], row["name"], row["operand"]) for row in rows}
+    assert ("OB1", "3", "UC", "SFC 46 ()") in {
+        (row["block"], row["network"], row["name"], row["operand"]) for row in rows
+    }
     told = run(capfdbinary, "blocks", "--references", PROGRAM).out
     assert told.splitlines()[0] == "192.0.2.20"
     assert "  Q 4.0                    write: OB1 network 1" in told.splitlines()
