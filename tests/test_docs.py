@@ -14,11 +14,11 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 SNIPPETS = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 
 
-def run(*arguments: str) -> str:
+def run(*arguments: str, codes: tuple[int, ...] = (0,)) -> str:
     done = subprocess.run(
         [sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, check=False, timeout=120
     )
-    assert done.returncode == 0, done.stderr
+    assert done.returncode in codes, done.stderr
     return done.stdout
 
 
@@ -35,13 +35,13 @@ OUTPUTS = re.findall(r"```\n\$ s7dissect (.*?)\n(.*?)```", README, re.DOTALL)
 
 
 def test_the_readme_shows_output() -> None:
-    assert len(OUTPUTS) == 9
+    assert len(OUTPUTS) == 10
 
 
 @pytest.mark.parametrize(("command", "shown"), OUTPUTS)
 def test_the_output_in_the_readme_is_real(command: str, shown: str) -> None:
     """The lines shown are lines of the real output in their order; … stands for those left out."""
-    real = run("-m", "dissect", *command.split()).splitlines()
+    real = run("-m", "dissect", *command.split(), codes=(0, 1)).splitlines()  # 1: there are differences
     at = 0
     for line in shown.splitlines():
         if line.strip() == "…":

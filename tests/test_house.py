@@ -41,6 +41,7 @@ ORDER: Final = (
     "anonymize",
     "session",  # analyze() folds what it reads with report.analysis
     "carve",
+    "index",
     "golden",
     "baseline",
     "alerts",
@@ -80,6 +81,7 @@ PURE_IMPORTS: Final = frozenset(
         "bisect",
         "collections",
         "datetime",
+        "difflib",
         "enum",
         "functools",
         "hashlib",

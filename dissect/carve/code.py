@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from dissect.carve.contents import tag_names
-from dissect.carve.listing import block_line
+from dissect.carve.listing import transfer_line
 from dissect.carve.records import digest
 from dissect.mc7.block import Block, parse_block
 from dissect.mc7.changes import Change, compare_blocks
@@ -18,8 +18,8 @@ from dissect.program.compare import CHANGED, BlockChange, versions
 from dissect.report.outcome import WIDE_PAGE, Outcome
 from dissect.report.styled import HANG, HEADING, PLAIN, Line
 from dissect.report.words import Places
-from dissect.s7.address import address_text
-from dissect.s7.tables import BIT, BYTE, DB
+from dissect.s7.tables import DB
+from dissect.tags.model import place_text
 from dissect.transactions.naming import Naming
 from dissect.wire.text import Clock, cell
 
@@ -32,6 +32,12 @@ REFERENCE_COLUMNS: Final = ("plc", "address", "access", "block", "network", "off
 _NO_HEADER: Final = "  no block header: type and number are those of the request, nothing is read of the contents"
 _PLUS: Final = "  code of an S7-1200/1500 (MC7plus): its encoding is not public"
 _CALL: Final = "call"
+#: Bits of the types whose place is written with the letter of a width.
+_WIDTHS: Final[dict[str, int]] = {
+    "BOOL": 1,
+    **dict.fromkeys(("WORD", "INT", "DATE", "S5TIME"), 16),
+    **dict.fromkeys(("DWORD", "DINT", "REAL", "TIME_OF_DAY", "TIME"), 32),
+}
 
 
 class Programs:
@@ -114,7 +120,7 @@ class CodeListing(Outcome):
         for number, block in enumerate(self._blocks):
             if number:
                 yield Line("", PLAIN)
-            yield Line(block_line(block, self._places, self._clock), HEADING, HANG)
+            yield Line(transfer_line(block, self._places, self._clock), HEADING, HANG)
             for text in self._held(block):
                 yield Line(text, PLAIN, HANG)
 
@@ -170,7 +176,7 @@ class CodeListing(Outcome):
 
 def value_address(db: int, value: Value) -> str:
     """Return where a value of a data block stands: ``DB2.DBW4``, of a text or structure its first byte."""
-    return address_text(DB, db, value.bit, BIT if value.type == "BOOL" else BYTE)
+    return place_text(DB, db, value.bit, _WIDTHS.get(value.type, 8))
 
 
 class References(Outcome):

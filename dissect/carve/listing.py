@@ -76,6 +76,16 @@ class BlockList(Outcome):
 
 def block_line(block: CarvedBlock, places: Places, clock: Clock) -> str:
     """Return a block on one line: when, who, what, how much, how far it came, and what it says of itself."""
+    parts = [_title(block), words.count(len(block.octets), "byte"), _state(block, places), _facts(block)]
+    return _transfer(block, places, clock) + "  ".join([part for part in parts if part])
+
+
+def transfer_line(block: CarvedBlock, places: Places, clock: Clock) -> str:
+    """Return the same without what the block says of itself, which its listing has."""
+    return f"{_transfer(block, places, clock)}{shortened(block.label, _TEXT)}  {_state(block, places)}"
+
+
+def _transfer(block: CarvedBlock, places: Places, clock: Clock) -> str:
     head = ""
     operation = block.operation
     if operation is not None:
@@ -84,8 +94,7 @@ def block_line(block: CarvedBlock, places: Places, clock: Clock) -> str:
             f"{clock.moment(operation.begin_ns)}  {places.pair(operation.first_frame, operation.last_frame):<10}"
             f" {places.end(ends[operation.asked_by])} → {places.end(ends[1 - operation.asked_by])}  {operation.kind:<8}  "
         )
-    parts = [_title(block), words.count(len(block.octets), "byte"), _state(block, places), _facts(block)]
-    return head + "  ".join([part for part in parts if part])
+    return head
 
 
 def _title(block: CarvedBlock) -> str:

@@ -63,7 +63,9 @@ class _Command(click.Command):
     metavar="[STL|AWL]",
     help="Show header, interface and code of each block, English (STL, the default) or German (AWL), data blocks with values.",
 )
-@click.option("--references", is_flag=True, help="Show which block reads and writes which address, and which calls which.")
+@click.option(
+    "--references", is_flag=True, help="Show which block reads and writes which address, and which calls which."
+)
 @click.option("--diff", "compares", is_flag=True, help="Report what changed from A to B (see above).")
 @click.option(
     "-o",

@@ -24,7 +24,12 @@ EXAMPLES: Final = {
     "blocks": (
         "s7dissect blocks trace.pcapng",
         "s7dissect blocks trace.pcapng -o blocks --tags plc_tags.xlsx",
+        "s7dissect blocks --code trace.pcapng",
         "s7dissect blocks --diff trace.pcapng",
+    ),
+    "index": (
+        "s7dissect index captures",
+        "s7dissect index -Y 'slug == security.program_change' captures",
     ),
     "tags": (
         "s7dissect tags check plc_tags.xlsx tank.awl",

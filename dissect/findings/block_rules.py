@@ -9,9 +9,22 @@ from typing import Final
 
 from dissect.findings.reporter import Reporter
 from dissect.mc7.block import CODE_BLOCKS, Block, parse_block
-from dissect.mc7.checks import calls, inconsistencies
+from dissect.mc7.changes import compare_blocks
+from dissect.mc7.checks import inconsistencies
+from dissect.mc7.hazards import (
+    DELETES,
+    STOPS,
+    is_safety,
+    new_output_writes,
+    new_system_calls,
+    newly_skipped_calls,
+    older_than,
+    summary,
+    system_calls,
+)
 from dissect.program.carved import CODE, INTERFACE, CarvedBlock, carve
 from dissect.program.compare import changed_parts
+from dissect.s7.blocks import HEADER
 from dissect.transactions.operation import DOWNLOAD, Operation
 
 #: Blocks that are remembered, and their octets; those that passed first are forgotten.
@@ -21,17 +34,10 @@ MAX_OCTETS: Final = 16 * 1024 * 1024
 MAX_DECODED: Final = 4 * 1024 * 1024
 #: Inconsistencies of a block, and calls, that are named.
 _NAMED: Final = 3
-#: System functions that stop the CPU, or delete, create and load parts of its program, or lock its reactions.
-SYSTEM_CALLS: Final[dict[int, str]] = {
-    22: "creates a data block",
-    23: "deletes a data block",
-    25: "compresses the memory",
-    46: "stops the CPU",
-    82: "creates a data block in load memory",
-    84: "writes a data block in load memory",
-    85: "creates a data block",
-    109: "sets the protection level",
-}
+#: Octets of a block that say what it is and when it was changed.
+_HEADS: Final = HEADER.size
+#: What a system function does that is reported of a block of which no version passed before.
+_GRAVE: Final = frozenset((STOPS, DELETES))
 #: Parts by which two versions of a block are told apart: values, times and texts of a header change on their own.
 _LOGIC: Final = frozenset((CODE, INTERFACE))
 
@@ -109,26 +115,51 @@ class BlockWatch:
     def _judge_code(self, program: Block, before: CarvedBlock | None, operation: Operation) -> None:
         facts = inconsistencies(program)
         if facts:
-            more = f" and {len(facts) - _NAMED} more" if len(facts) > _NAMED else ""
-            what = "; ".join([fact.text for fact in facts[:_NAMED]]) + more
-            self._note("block.inconsistent", operation, None, what)
+            self._note("block.inconsistent", operation, None, _named([fact.text for fact in facts]))
         if operation.kind != DOWNLOAD:
             return
         known = self._decode(before) if before is not None else None
-        usual = _system_calls(known) if known is not None else {}
-        fresh = {number: network for number, network in _system_calls(program).items() if number not in usual}
-        if fresh:
-            named = [f"SFC {number} in network {network} ({SYSTEM_CALLS[number]})" for number, network in fresh.items()]
-            self._note("block.system_call", operation, before, ", ".join(named))
+        if known is None:
+            system = [call for call in system_calls(program) if call.effect in _GRAVE]
+        else:
+            system = new_system_calls(known, program)
+            self._judge_new_code(known, program, before, operation)
+        if system:
+            self._note("block.system_call", operation, before, _named([call.text for call in system]))
+
+    def _judge_new_code(self, known: Block, program: Block, before: CarvedBlock | None, operation: Operation) -> None:
+        outputs = [f"{use.address} in network {use.network}" for use in new_output_writes(known, program)]
+        if outputs:
+            self._note("block.output_write", operation, before, _named(outputs))
+        skipped = newly_skipped_calls(known, program, self._safety(before))
+        if skipped:
+            texts = [
+                f"{call.jump} around {call.callee}{' (safety)' if call.safety else ''} in network {call.network}"
+                for call in skipped
+            ]
+            self._note("block.skipped_call", operation, before, _named(texts))
+
+    def _safety(self, block: CarvedBlock | None) -> frozenset[str]:
+        """Return the blocks of the safety program of a PLC, as far as they passed."""
+        plc = block.plc if block is not None else ""
+        blocks = [known.runs for (host, _), known in self._known.items() if host == plc and known.runs is not None]
+        programs = [self._decode(each) for each in blocks]
+        return frozenset([program.label for program in programs if program is not None and is_safety(program)])
 
     def _judge_change(self, before: CarvedBlock, block: CarvedBlock, operation: Operation) -> None:
         changed = [part for part in changed_parts(before, block) if part in _LOGIC]
         loads = operation.kind == DOWNLOAD
-        if loads and block.code_time and before.code_time and block.code_time < before.code_time:
-            self._note("block.older", operation, before, f"code of {block.code_time}, before it {before.code_time}")
+        older = older_than(parse_block(before.octets[:_HEADS]), parse_block(block.octets[:_HEADS])) if loads else ""
+        if older:
+            self._note("block.older", operation, before, older)
         if changed:
             slug = "block.changed" if loads else "block.differs"
-            self._note(slug, operation, before, _sizes(before, block, changed))
+            self._note(slug, operation, before, self._changes(before, block) or _sizes(before, block, changed))
+
+    def _changes(self, before: CarvedBlock, block: CarvedBlock) -> str:
+        """Return in three lines what changed in the code; empty where it was not decoded."""
+        was, now = self._decode(before), self._decode(block)
+        return "; ".join(summary(block.label, compare_blocks(was, now))) if was is not None and now is not None else ""
 
     def _note(self, slug: str, operation: Operation, before: CarvedBlock | None, what: str) -> None:
         number = operation.connection.number
@@ -138,13 +169,10 @@ class BlockWatch:
             self._judge.detail(slug, number, frames, operation.end_ns, f"{operation.subject}: {what}")
 
 
-def _system_calls(block: Block) -> dict[int, int]:
-    """Return the `SYSTEM_CALLS` of a block: number of the SFC, and the first network that calls it."""
-    found: dict[int, int] = {}
-    for instruction, kind, number in calls(block):
-        if kind == "SFC" and number in SYSTEM_CALLS:
-            found.setdefault(number, block.network_of(instruction.offset))
-    return found
+def _named(texts: list[str]) -> str:
+    """Return the first of some texts, and how many more there are."""
+    more = f" and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
+    return "; ".join(texts[:_NAMED]) + more
 
 
 def _sizes(before: CarvedBlock, block: CarvedBlock, changed: list[str]) -> str:

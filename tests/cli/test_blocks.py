@@ -134,7 +134,7 @@ def test_what_changed(capfdbinary: Capture, tmp_path: Path) -> None:
     ran = run(capfdbinary, "blocks", "--diff", PROGRAM)
     assert ran.code == 1
     assert ran.out.splitlines()[0] == "changed  OB1 (AWL/STL): code, header"
-    assert "    code time: 2023-09-13 08:30:00.000 → 2023-11-14 08:30:00.000" in ran.out.splitlines()
+    assert "    OB1 time: code 2023-09-13 08:30:00.000 → 2023-11-14 08:30:00.000" in ran.out.splitlines()
     assert run(capfdbinary, "blocks", "--diff", PROGRAM, PROGRAM).code == 0
     run(capfdbinary, "blocks", PROGRAM, "-o", tmp_path)
     assert run(capfdbinary, "blocks", "--diff", tmp_path, PROGRAM).out == ""
@@ -153,3 +153,34 @@ def test_a_damaged_capture_is_told(capfdbinary: Capture, tmp_path: Path) -> None
     ran = run(capfdbinary, "blocks", cut)
     assert (ran.code, "cut.pcapng" in ran.err) == (3, True)
     assert run(capfdbinary, "blocks", "--diff", PROGRAM, cut).code == 2
+
+
+def test_code_and_references(capfdbinary: Capture, tmp_path: Path) -> None:
+    stl = run(capfdbinary, "blocks", "--code", PROGRAM, "-Y", "kind == download")
+    assert (stl.code, "       JCN   M2_1" in stl.out.splitlines()) == (0, True)
+    for words in (("--code", "AWL", PROGRAM), (PROGRAM, "--code", "awl")):
+        assert "       SPBN  M2_1" in run(capfdbinary, "blocks", *words).out.splitlines()
+    assert run(capfdbinary, "blocks", PROGRAM, "--code").out.startswith("2023-11-14 22:13:20.003500 UTC  8→21")
+    rows = list(csv.DictReader(run(capfdbinary, "blocks", "--code", PROGRAM, "-T", "csv").out.splitlines()))
+    assert ("OB1", "3", "UC", "SFC 46 ()") in {
+        (row["block"], row["network"], row["name"], row["operand"]) for row in rows
+    }
+    told = run(capfdbinary, "blocks", "--references", PROGRAM).out
+    assert told.splitlines()[0] == "192.0.2.20"
+    assert "  Q 4.0                    write: OB1 network 1" in told.splitlines()
+    run(capfdbinary, "blocks", PROGRAM, "-o", tmp_path)
+    assert (
+        "       JCN   M2_1" in run(capfdbinary, "blocks", "--code", tmp_path / "0001-OB1-upload.mc7").out.splitlines()
+    )
+    for words, why in (
+        (("--code", PROGRAM, "--references"), "cannot be combined"),
+        (("--diff", PROGRAM, "--references"), "cannot be combined"),
+    ):
+        ran = run(capfdbinary, "blocks", *words)
+        assert (ran.code, why in ran.err) == (2, True)
+
+
+def test_a_change_in_the_words_of_the_code(capfdbinary: Capture) -> None:
+    assert "    OB1 network 1: L S5T#35S → S5T#10S" in run(capfdbinary, "blocks", "--diff", PROGRAM).out.splitlines()
+    german = run(capfdbinary, "blocks", "--diff", "--code", "AWL", PROGRAM)
+    assert (german.code, "    OB1 network 1: L S5T#35S → S5T#10S" in german.out.splitlines()) == (1, True)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Final
 
@@ -30,6 +32,7 @@ transactions TRANSFER -T csv
 operations TRANSFER -T jsonl
 blocks TRANSFER
 blocks TRANSFER -T csv
+blocks --code TRANSFER
 show TRANSFER -V
 show TRANSFER -T jsonl
 cut TRANSFER -o -
@@ -41,6 +44,8 @@ diff TRANSFER SZL -T json
 diff TRANSFER SZL -T junit
 monitor TRANSFER
 monitor TRANSFER -T jsonl
+index FOLDER
+index FOLDER -T json
 interfaces
 interfaces -T json
 replay TRANSFER --dry-run
@@ -79,7 +84,12 @@ scd diff MISSING PLANT -T json
 scd dump MISSING
 scd decode -d MISSING --pdo T1 00
 """
-FILES: Final = {"TAGS": str(ROOT / "captures" / "tags" / "valve.csv"), "TRANSFER": TRANSFER, "SZL": SZL, "PLANT": PLANT}
+_FOLDER: Final = tempfile.TemporaryDirectory()
+shutil.copy(SZL, _FOLDER.name)
+FILES: Final = {
+    "TAGS": str(ROOT / "captures" / "tags" / "valve.csv"), "TRANSFER": TRANSFER, "SZL": SZL, "PLANT": PLANT,
+    "FOLDER": _FOLDER.name,
+}  # fmt: skip
 
 
 def calls(text: str) -> list[list[str]]:

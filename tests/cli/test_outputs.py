@@ -112,6 +112,11 @@ def test_blocks_of_every_capture(capfdbinary: Capture) -> None:
     assert {block["protocol"] for block in found} == {"s7comm", "s7comm_plus"}
     assert {block["activated"] for block in found} == {True, False, None}
     assert any(block.get("values") for block in found)
+    program = ROOT / "captures" / "crafted" / "program.pcapng"
+    for path in (program, *[path for path, one in zip(WHOLE, told, strict=True) if one["blocks"]]):
+        for how in (("--code", "AWL"), ("--references",)):
+            object_of(run(capfdbinary, "blocks", *how, path, "-T", "json", *TAGS))
+    assert object_of(run(capfdbinary, "blocks", "--diff", program, "-T", "json"), (1,))["changes"][0]["details"]
     for first, second in pairwise([path for path, one in zip(WHOLE, told, strict=True) if one["blocks"]]):
         object_of(run(capfdbinary, "blocks", "--diff", first, second, "-T", "json"), (0, 1))
 

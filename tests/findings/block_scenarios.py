@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from captures.craft.mc7 import DAY, DB2, OB1, OB1_CHANGED, code_block
+from captures.craft.mc7 import DAY, DB2, OB1, OB1_CHANGED, Network, code_block
 from tests.findings import events
 from tests.findings.registry import silent, speaks
 from tests.transactions.talk import CLIENT, FIN, Talk, ack_data
 
+#: A call of FC 9, the same with a jump around it, and a write to an output.
+CALLS = code_block(0x08, 1, [Network("FB700009 700B0002")], "")
+SKIPS = code_block(0x08, 1, [Network("C000 FFB80006 FB700009 700B0002 0000", 2)], "")
+WRITES = code_block(0x08, 1, [Network("FB700009 700B0002 D884")], "")
 #: The block as it was two months before.
 OLDER = code_block(0x08, 1, [], "", changed=(DAY - 60, DAY - 60))
 
@@ -47,7 +51,8 @@ def read_out(talk: Talk, octets: bytes, name: str = "_0800001A") -> None:
 
 
 @silent(
-    "block.changed", "block.differs", "block.older", "block.not_activated", "block.inconsistent", "block.system_call"
+    "block.changed", "block.differs", "block.older", "block.not_activated", "block.inconsistent", "block.system_call",
+    "block.output_write", "block.skipped_call",
 )  # fmt: skip
 def the_same_program(talk: Talk) -> None:
     """What is loaded is what was read out but for its time and author, and is read out again with other values."""
@@ -105,3 +110,17 @@ def it_stops_the_cpu(talk: Talk) -> None:
     talk.open()
     read_out(talk, OB1)
     load(talk, OB1_CHANGED)
+
+
+@speaks("block.output_write")
+def it_writes_an_output(talk: Talk) -> None:
+    talk.open()
+    read_out(talk, CALLS)
+    load(talk, WRITES)
+
+
+@speaks("block.skipped_call")
+def a_call_is_jumped_over(talk: Talk) -> None:
+    talk.open()
+    read_out(talk, CALLS)
+    load(talk, SKIPS)

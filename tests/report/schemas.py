@@ -19,8 +19,10 @@ SCHEMAS: Final = ROOT / "dissect" / "schema"
 NAMES: Final = (
     "blocks",
     "block-changes",
+    "blocks-code",
+    "blocks-references",
     "analysis", "transaction", "operation", "pdu", "event", "alert", "interfaces", "fields", "diff", "replay", "anonymization",
-    "verification", "scd-check", "scd-diff", "scd-decode", "tags-check", "tags-list",
+    "verification", "scd-check", "scd-diff", "scd-decode", "tags-check", "tags-list", "index",
 )  # fmt: skip
 
 Schema = dict[str, Any]
