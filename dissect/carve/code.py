@@ -16,7 +16,7 @@ from dissect.mc7.values import Value, block_data
 from dissect.program.carved import CarvedBlock
 from dissect.program.compare import CHANGED, BlockChange, versions
 from dissect.report.outcome import WIDE_PAGE, Outcome
-from dissect.report.styled import HANG, HEADING, PLAIN, Line
+from dissect.report.styled import FAILED, HANG, HEADING, PLAIN, Line
 from dissect.report.words import Places
 from dissect.s7.tables import DB
 from dissect.tags.model import place_text
@@ -32,6 +32,9 @@ REFERENCE_COLUMNS: Final = ("plc", "address", "access", "block", "network", "off
 _NO_HEADER: Final = "  no block header: type and number are those of the request, nothing is read of the contents"
 _PLUS: Final = "  code of an S7-1200/1500 (MC7plus): its encoding is not public"
 _CALL: Final = "call"
+#: Bytes of distinct blocks that are decoded in one run; decoded they take some fifty times the memory.
+MAX_CODE: Final = 4 * 1024 * 1024
+_TOO_MUCH: Final = f"  not decoded: the blocks of this run have more than {MAX_CODE // 1024} KiB together"
 #: Bits of the types whose place is written with the letter of a width.
 _WIDTHS: Final[dict[str, int]] = {
     "BOOL": 1,
@@ -43,8 +46,14 @@ _WIDTHS: Final[dict[str, int]] = {
 class Programs:
     """The blocks of a set by PLC and label, read once each, so that a call finds the interface of the block it calls."""
 
-    def __init__(self, blocks: Sequence[CarvedBlock]) -> None:
+    def __init__(self, blocks: Sequence[CarvedBlock], most: int = MAX_CODE) -> None:
         self._read: dict[str, Block] = {}
+        self._fitting: set[str] = set()
+        for block in blocks:
+            key = digest(block)
+            if block.classic is not None and key not in self._fitting and len(block.octets) <= most:
+                most -= len(block.octets)
+                self._fitting.add(key)
         self._latest = {key: row[-1] for key, row in versions(blocks, by_plc=True).items()}
 
     def read(self, block: CarvedBlock) -> Block:
@@ -56,10 +65,14 @@ class Programs:
             self._read[key] = found
         return found
 
+    def fits(self, block: CarvedBlock) -> bool:
+        """Tell whether a block is of S7-300/400 and among those that are decoded."""
+        return block.classic is not None and digest(block) in self._fitting
+
     def find(self, plc: str, kind: str, number: int) -> Block | None:
         """Return the latest version of a block of a PLC, None where it did not pass."""
         block = self._latest.get((plc, f"{kind}{number}"))
-        return self.read(block) if block is not None and block.classic is not None else None
+        return self.read(block) if block is not None and self.fits(block) else None
 
     def lister(self, block: CarvedBlock, language: str, naming: Naming | None) -> Lister:
         """Return what writes the code of a block, with the tags and the other blocks of its PLC."""
@@ -71,7 +84,7 @@ class Programs:
         """Return the latest version of each block that has code, by PLC."""
         found: dict[str, list[Block]] = {}
         for (plc, _), block in self._latest.items():
-            if block.classic is not None and self.read(block).has_code:
+            if self.fits(block) and self.read(block).has_code:
                 found.setdefault(plc, []).append(self.read(block))
         return found
 
@@ -85,7 +98,7 @@ def details_of(
 
     def details(change: BlockChange) -> list[Change]:
         was, now = change.was, change.now
-        if was is None or now is None or was.classic is None or now.classic is None or change.state != CHANGED:
+        if was is None or now is None or change.state != CHANGED or not (programs.fits(was) and programs.fits(now)):
             return []
         if id(change) not in known:
             lister = programs.lister(now, language, naming)
@@ -122,11 +135,14 @@ class CodeListing(Outcome):
                 yield Line("", PLAIN)
             yield Line(transfer_line(block, self._places, self._clock), HEADING, HANG)
             for text in self._held(block):
-                yield Line(text, PLAIN, HANG)
+                yield Line(text, _style(text), HANG)
 
     def _held(self, block: CarvedBlock) -> Iterator[str]:
         if block.classic is None:
             yield _PLUS if block.plus is not None else _NO_HEADER
+            return
+        if not self._programs.fits(block):
+            yield _TOO_MUCH
             return
         program = self._programs.read(block)
         yield from block_lines(program, self._programs.lister(block, self._language, self._naming))
@@ -141,8 +157,8 @@ class CodeListing(Outcome):
         return {
             "schema": CODE_SCHEMA,
             "language": self._language,
-            "blocks": [self._values(block) for block in self._blocks if block.classic is not None],
-            "not_read": [block.label for block in self._blocks if block.classic is None],
+            "blocks": [self._values(block) for block in self._blocks if self._programs.fits(block)],
+            "not_read": [block.label for block in self._blocks if not self._programs.fits(block)],
         }
 
     def _values(self, block: CarvedBlock) -> dict[str, object]:
@@ -161,7 +177,7 @@ class CodeListing(Outcome):
         """Yield the heading and a row for each instruction."""
         yield CODE_COLUMNS
         for block in self._blocks:
-            if block.classic is None:
+            if not self._programs.fits(block):
                 continue
             program = self._programs.read(block)
             lister = self._programs.lister(block, self._language, self._naming)
@@ -177,6 +193,13 @@ class CodeListing(Outcome):
 def value_address(db: int, value: Value) -> str:
     """Return where a value of a data block stands: ``DB2.DBW4``, of a text or structure its first byte."""
     return place_text(DB, db, value.bit, _WIDTHS.get(value.type, 8))
+
+
+def _style(text: str) -> str:
+    """Return how a line of a listing looks: what does not fit stands out, and where a network begins."""
+    if text.startswith("!"):
+        return FAILED
+    return HEADING if text.startswith("NETWORK ") else PLAIN
 
 
 class References(Outcome):
