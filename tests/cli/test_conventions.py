@@ -33,6 +33,9 @@ values WRITES
 values WRITES --summary -T csv
 operations TRANSFER -T jsonl
 report TRANSFER -o -
+blocks TRANSFER
+blocks TRANSFER -T csv
+blocks --code TRANSFER
 show TRANSFER -V
 show TRANSFER -T jsonl
 cut TRANSFER -o -

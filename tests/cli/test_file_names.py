@@ -31,6 +31,10 @@ operations MISSING
 report MISSING -o OUT
 report GOOD -o NOWHERE
 report --diff GOOD MISSING -o OUT
+blocks MISSING
+blocks NONSENSE
+blocks GOOD -o NOWHERE
+blocks --diff GOOD MISSING
 show MISSING
 cut MISSING -o OUT
 cut GOOD -o NOWHERE
