@@ -103,7 +103,9 @@ FORMATS: Final[dict[str, Format]] = {
             ("dissect.export.result_lines:csv_lines", (ROWS,)),
             ("dissect.report.outcome:csv_outcome", (BLOCKS,)),
         ),
-        _row("json", "one JSON object", ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME, BLOCKS))),
+        _row(
+            "json", "one JSON object", ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME, BLOCKS))
+        ),
         _row(
             "fields",
             "the fields named with -e",
