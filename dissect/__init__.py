@@ -25,6 +25,7 @@ _PUBLIC: Final = {
     "Operation": "dissect.transactions.operation",
     "Options": "dissect.engine.pipeline",
     "Analysis": "dissect.report.analysis",
+    "CarvedBlock": "dissect.program.carved",
     "Pdu": "dissect.s7.message",
     "Pipeline": "dissect.engine.pipeline",
     "PlusPdu": "dissect.s7plus.message",
@@ -34,17 +35,25 @@ _PUBLIC: Final = {
     "Transaction": "dissect.transactions.transaction",
     "TransactionError": "dissect.transactions.transaction",
     "Where": "dissect.select.where",
+    "ValueRow": "dissect.variables.model",
     "analyze": "dissect.session",
     "devices": "dissect.session",
+    "frames": "dissect.export.frames",
+    "blocks": "dissect.carve.reading",
     "open": "dissect.session",
+    "value_tables": "dissect.variables.reading",
+    "values": "dissect.variables.reading",
 }
 
 if TYPE_CHECKING:
+    from dissect.carve.reading import blocks as blocks
     from dissect.engine.observer import Observer as Observer
     from dissect.engine.pipeline import Options as Options
     from dissect.engine.pipeline import Pipeline as Pipeline
+    from dissect.export.frames import frames as frames
     from dissect.findings.reporter import Finding as Finding
     from dissect.inventory.model import Device as Device
+    from dissect.program.carved import CarvedBlock as CarvedBlock
     from dissect.report.analysis import Analysis as Analysis
     from dissect.s7.message import Pdu as Pdu
     from dissect.s7plus.message import PlusPdu as PlusPdu
@@ -60,6 +69,9 @@ if TYPE_CHECKING:
     from dissect.transactions.payloads import ScdMessage as ScdMessage
     from dissect.transactions.transaction import Transaction as Transaction
     from dissect.transactions.transaction import TransactionError as TransactionError
+    from dissect.variables.model import ValueRow as ValueRow
+    from dissect.variables.reading import value_tables as value_tables
+    from dissect.variables.reading import values as values
 else:
 
     def __getattr__(name: str) -> object:

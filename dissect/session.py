@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 #: Files of tags: one, several, or what `dissect.tags.load_tags` made of them.
 Tags: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | TagSet | None"
 
+#: Files with session keys of TLS: one or several.
+KeyLogFiles: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None"
+
 #: A file whose first packet comes this soon after the last one of the file before it continues its connections.
 CONTINUES_NS: Final = 60_000_000_000
 
@@ -161,7 +164,7 @@ class _Queue(Observer):
         self.events.append(connection)
 
 
-def _naming(tags: Tags) -> Naming | None:
+def naming_of(tags: Tags) -> Naming | None:
     """Return what names values by files of tags, None for no tags."""
     if tags is None:
         return None
@@ -172,7 +175,7 @@ def _naming(tags: Tags) -> Naming | None:
     return load_tags([tags] if isinstance(tags, (str, os.PathLike)) else tags).naming()
 
 
-def _decoder(
+def decoder_of(
     scd: str | os.PathLike[str] | Dictionary | None, bind: str | os.PathLike[str] | None
 ) -> PayloadDecoder | None:
     """Return what decodes SCD, None where nothing is asked for. ValueError when only one half is given."""
@@ -185,7 +188,7 @@ def _decoder(
     return load_carrier(scd, bind)
 
 
-def _sieved(observer: Observer, where: str | Where | None, options: Options) -> Sieve | None:
+def sieved(observer: Observer, where: str | Where | None, options: Options) -> Sieve | None:
     """Return what lets ``observer`` know of a selection only, None without one; ``options`` then leave out what can be."""
     if where is None:
         return None
@@ -204,6 +207,20 @@ def _run(paths: Sequence[str | os.PathLike[str]], observer: Observer, sieve: Sie
     run = Run(paths, sieve, options)
     sieve.begin(run.pipeline, run.files, len(paths) > 1)
     return run
+
+
+def prepared_run(
+    paths: Sequence[str | os.PathLike[str]],
+    observer: Observer,
+    options: Options,
+    where: str | Where | None = None,
+    tags: Tags = None,
+    tls_keys: KeyLogFiles = None,
+) -> Run:
+    """Return a run over files that tells ``observer`` of what ``where`` selects; the arguments are those of `open`."""
+    options.tls_keys = keys_of(tls_keys)
+    options.naming = naming_of(tags)
+    return _run(paths, observer, sieved(observer, where, options), options)
 
 
 class KeyLogError(ValueError):
@@ -235,7 +252,8 @@ def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
     return keys
 
 
-def _keys(given: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None) -> KeyLog | None:
+def keys_of(given: KeyLogFiles) -> KeyLog | None:
+    """Return the session keys of one key log or several, None for none. Raises what `read_tls_keys` raises."""
     if given is None:
         return None
     return read_tls_keys([given] if isinstance(given, (str, os.PathLike)) else given)
@@ -268,9 +286,9 @@ def open(
     """
     queue = _Queue(pdus)
     options = Options(
-        slow_ns, decoder=_decoder(scd, bind), checksums=checksums, tls_keys=_keys(tls_keys), naming=_naming(tags)
+        slow_ns, decoder=decoder_of(scd, bind), checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags)
     )
-    run = _run([path, *more], queue, _sieved(queue, where, options), options)
+    run = _run([path, *more], queue, sieved(queue, where, options), options)
     while run.step():
         yield from queue.events
         queue.events = []
@@ -296,9 +314,9 @@ def analyze(
     """
     analysis = Analysis()
     options = Options(
-        slow_ns, decoder=_decoder(scd, bind), checksums=checksums, tls_keys=_keys(tls_keys), naming=_naming(tags)
+        slow_ns, decoder=decoder_of(scd, bind), checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags)
     )
-    sieve = _sieved(analysis, where, options)
+    sieve = sieved(analysis, where, options)
     run = _run([path, *more], analysis, sieve, options)
     while run.step():
         pass

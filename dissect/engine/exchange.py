@@ -11,12 +11,12 @@ where a byte passes, and it hands what it finds back through `Exchange`, like an
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mypy_extensions import i64, mypyc_attr
 
 from dissect.engine.observer import Observer
-from dissect.findings.operation_rules import judge_operation, judge_strays, judge_szl
+from dissect.findings.operation_rules import judge_loaded, judge_operation, judge_strays, judge_szl
 from dissect.findings.plus_rules import PlusWatch
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SAMPLED, SecurityWatch
@@ -30,10 +30,14 @@ from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.dialogue import Dialogue
 from dissect.transactions.naming import Naming
+from dissect.transactions.operation import TRANSFERS, Operation
 from dissect.transactions.operations import Operations
 from dissect.transactions.subscriptions import follow
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import UNANSWERED, Transaction
+
+if TYPE_CHECKING:
+    from dissect.findings.block_rules import BlockWatch
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -94,6 +98,7 @@ class Watch:
         self.operations = Operations()
         self.security = SecurityWatch(judge)
         self.plus = PlusWatch(judge, self.security, self.operations)
+        self._blocks: BlockWatch | None = None
         self.stations = StationWatch(judge)
 
     def opened(self, connection: Connection) -> None:
@@ -124,6 +129,8 @@ class Watch:
         """A connection is over; ``reason`` is one of those of transactions."""
         self.operations.end(connection, reason)
         self.plus.end(connection)
+        if connection.traits.loaded:
+            judge_loaded(self._judge, connection, reason)
         self._tell()
 
     def _tell(self) -> None:
@@ -133,6 +140,8 @@ class Watch:
         self.operations.over = []
         for operation in over:
             judge_operation(self._judge, operation)
+            if operation.content and operation.kind in TRANSFERS:
+                self._look_at_block(operation)
             self._observer.operation(operation)
             if operation.content_head is not None:
                 self._facts(self.stations.joined(operation))
@@ -140,6 +149,13 @@ class Watch:
     def _facts(self, facts: list[Fact]) -> None:
         for fact in facts:
             self._observer.fact(fact)
+
+    def _look_at_block(self, operation: Operation) -> None:
+        if self._blocks is None:
+            from dissect.findings.block_rules import BlockWatch  # late: few captures have blocks
+
+            self._blocks = BlockWatch(self._judge)
+        self._blocks.take(operation)
 
 
 class Exchange:

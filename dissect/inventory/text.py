@@ -261,7 +261,7 @@ def _area(area: Area) -> str:
 
 def _host(address: str, places: Places) -> str:
     """Return an address, with the name that the settings give it in front."""
-    name = places.host(address)
+    name = places.name(address)
     return f"{name} ({address})" if name != address else address
 
 
@@ -285,9 +285,9 @@ def matrix(inventory: Inventory, places: Places) -> Iterator[Line]:
     clients = everybody[:_ROWS]
     yield Line("")
     yield Line("Who talks to whom (transactions; clients in rows, servers in columns)", HEADING)
-    rows = [["", *[places.host(server) for server in servers]]]
+    rows = [["", *[places.name(server) for server in servers]]]
     for client, counts in zip(clients, talks_between(talks, clients, servers), strict=True):
-        rows.append([places.host(client), *[str(count) if count else "." for count in counts]])
+        rows.append([places.name(client), *[str(count) if count else "." for count in counts]])
     yield from table(rows, frozenset(range(1, len(servers) + 1)))
     for left, kind in ((len(everybody) - len(clients), "client"), (len(busy) - len(servers), "server")):
         if left > 0:

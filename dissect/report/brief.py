@@ -119,7 +119,7 @@ def _plcs(analysis: Analysis, places: Places) -> Iterator[Line]:
             for key in (facts.ORDER_NUMBER, facts.FIRMWARE, facts.OPERATING_MODE)
         ]
         numbers = (plc.connections, plc.pdus, plc.answered, plc.errors, plc.missed)
-        rows.append([places.host(host), *told, *[str(number) if number else "." for number in numbers]])
+        rows.append([places.name(host), *told, *[str(number) if number else "." for number in numbers]])
     yield from table(rows, frozenset(range(4, 9)))
     if len(order) > _PLCS:
         yield Line(f"  and {len(order) - _PLCS} more; `s7dissect devices` lists them", DIM)

@@ -305,7 +305,7 @@ def _devices(analysis: Analysis, places: Places) -> Iterator[Line]:
     yield Line("Devices", HEADING)
     keys = [key for key in TOLD if any([station.latest(key) for station in found[:_DEVICES]])]
     rows = [
-        [places.host(station.host), *[shortened(station.latest(key), _CELL) or "." for key in keys]]
+        [places.name(station.host), *[shortened(station.latest(key), _CELL) or "." for key in keys]]
         for station in found[:_DEVICES]
     ]
     yield from table([["address", *[KEYS[key] for key in keys]], *rows], frozenset())
