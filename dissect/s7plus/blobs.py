@@ -104,9 +104,9 @@ def _start(octets: bytes) -> int:
 def may_swell(octets: bytes) -> bool:
     """Return False for a blob that cannot become `MAX_RATIO` times its size, nor `MAX_INFLATED`, whatever dictionary it needs.
 
-    Deflate comes near its limit of 1032 only by matches of 258 octets in two bits each, of which one is the same in all: in such
-    a run every other bit is constant. Whatever else stands between two runs makes at most two octets look otherwise, and costs
-    129 octets or more. So where half of the octets look otherwise, at least 1 of 32 parts is lost.
+    Deflate comes near its limit of 1032 only by matches of 258 octets in two bits each, of which one is the same in all: in
+    such a run every other bit is constant. Whatever else stands between two runs makes at most two octets look otherwise, and
+    costs 129 octets or more. So where half of the octets look otherwise, at least one part in 32 is lost.
     """
     size = len(octets)
     return size >= _LARGE or 2 * len(octets.translate(None, _ALTERNATING)) < size
