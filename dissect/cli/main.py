@@ -33,6 +33,7 @@ EXIT_INTERRUPTED: Final = 130
 COMMANDS: Final = {
     "analyze": "Summarize a capture: connections, timing, errors, findings.",
     "transactions": "List requests with their answers, values and latency.",
+    "values": "List values of variables: when, who, what before.",
     "operations": "List downloads, uploads, subscriptions, passwords.",
     "show": "List S7 PDUs, or dissect them field by field.",
     "cut": "Extract part of a capture, findings as packet comments.",
@@ -41,6 +42,7 @@ COMMANDS: Final = {
     "golden": "Write a session as stable text to keep and compare.",
     "diff": "Report what changed between two sessions.",
     "verify": "Compare our dissection with Wireshark's.",
+    "index": "Index a folder of captures: which can answer a question.",
     "monitor": "Watch live S7 traffic.",
     "interfaces": "List interfaces and what can capture on them.",
     "proxy": "TCP relay in front of a PLC that reports what passes.",
@@ -53,7 +55,19 @@ COMMANDS: Final = {
     "help": "Show the manual page of a command or topic.",
 }
 #: Commands whose output shows times.
-_TIMED: Final = frozenset(("analyze", "transactions", "operations", "show", "baseline", "monitor", "proxy"))
+_TIMED: Final = frozenset(
+    (
+        "analyze",
+        "transactions",
+        "values",
+        "operations",
+        "show",
+        "baseline",
+        "index",
+        "monitor",
+        "proxy",
+    )
+)
 #: Words that people type as if they were commands, and the option that does it.
 _WORDS: Final = {"version": "--version"}
 

@@ -16,9 +16,14 @@ from mypy_extensions import i64
 from dissect.engine.exchange import Exchange
 from dissect.findings.scan_rules import ScanWatch
 from dissect.findings.session_rules import judge_cut, judge_end
+from dissect.iso.cotp import parse_tpdu
 from dissect.iso.foreign import identify
 from dissect.iso.recognition import HERE, OTHER, PROBES, WITHIN, raw_protocol, recognise
+from dissect.iso.tables import CC, CR, DT
+from dissect.iso.tpkt import plausible
 from dissect.iso.upper import RDP, S7COMM_PLUS, TLS, UNKNOWN, UPPER_NAMES
+from dissect.s7.parameters import PROTOCOL_ID
+from dissect.s7plus.parameters import PLUS
 from dissect.tcp.stream import MASK
 from dissect.tls.handshake import chosen_version
 from dissect.transactions.connection import FOREIGN, ISO_TSAP_PORT, LEFT_OUT, PROBING, Connection
@@ -26,6 +31,7 @@ from dissect.transactions.ending import Ending
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import CONNECTION_CLOSED
+from dissect.wire.octets import u16
 
 #: Before the version in `Connection.identified_by` that a ServerHello chose.
 _CHOSE: Final = ", the server chose "
@@ -111,10 +117,47 @@ class Foreign(Protocol):
         self._exchange.reporter.note("session.foreign_on_102", connection.number, [frame], time_ns, detail)
 
 
+class Unread(Protocol):
+    """Takes the connections that a selection leaves out.
+
+    Of their octets it reads the type of the TPDU that a segment begins with, because a connect request after data begins
+    another connection in their place, which has a number of its own and may be selected.
+    """
+
+    def __init__(self, connections: Connections) -> None:
+        super().__init__(LEFT_OUT)
+        self._connections: Connections = connections
+
+    def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
+        """Look at a segment, all of whose octets are new."""
+        octets = buf[at : at + size]
+        if size <= 6 or not plausible(octets, 0, size):
+            return
+        connection = side.connection
+        type_: i64 = octets[5] >> 4
+        if type_ == DT:
+            if size > 7 and (octets[7] == PROTOCOL_ID or octets[7] == PLUS):
+                connection.pdus = 1
+            return
+        if type_ != CR and type_ != CC:
+            return
+        tpdu = parse_tpdu(octets[4 : u16(octets, 2)])
+        if tpdu.malformed and connection.established:
+            return
+        if type_ == CC:
+            connection.tpdu_size = tpdu.tpdu_size or 1
+        elif connection.established and (connection.cr_seen or connection.tpdu_size == 0):
+            self._connections.begin_anew(side)
+            side.protocol.feed(side, octets, 0, size, frame, time_ns)
+        else:
+            connection.cr_seen = True
+
+
 class Connections:
     """Gives connections to protocols and takes them back. ``count`` is the number of those that were opened so far.
 
-    Those that ``only`` does not want get their number and no more; ``left_out`` counts them.
+    Those that ``only`` does not want get their number and no more; ``left_out`` counts them. ``iso`` takes those that begin
+    in the place of one of these.
     """
 
     def __init__(self, exchange: Exchange, only: Callable[[Connection], bool] | None = None) -> None:
@@ -122,16 +165,17 @@ class Connections:
         self.count: i64 = 0
         self.left_out: i64 = 0
         self._only: Callable[[Connection], bool] | None = only
-        self._unread: Protocol = Protocol(LEFT_OUT)
+        self._unread: Protocol = Unread(self)
+        self.iso: Protocol = self._unread
         self.foreign: Foreign = Foreign(exchange)
         self.scans: ScanWatch = ScanWatch(exchange.reporter)
 
     def open(self, side: Side, protocol: Protocol, at_start: bool) -> None:
         """The protocol of a connection is known; ``at_start``: what comes next of ``side`` begins a message."""
         connection = side.connection
-        side.speak(protocol)
         self.count += 1
         connection.number = self.count
+        side.speak(protocol)
         if self._only is not None and not self._only(connection):
             self.left_out += 1
             side.speak(self._unread)
@@ -140,6 +184,15 @@ class Connections:
             connection.naming = self._exchange.naming.of(connection)
         protocol.begin(side, at_start)
         self._exchange.observer.connection_opened(connection)
+
+    def begin_anew(self, side: Side) -> None:
+        """A connection that is not read is over, because another transport connection begins on the same TCP connection."""
+        peer = side.peer
+        assert peer is not None
+        connection = Connection(0, side.tcp)
+        for end in (side, peer):
+            end.connection = connection
+        self.open(side, self.iso, True)
 
     def replace(self, side: Side, frame: i64, now_ns: i64) -> None:
         """Another transport connection begins on the same TCP connection: what was between them was not captured."""

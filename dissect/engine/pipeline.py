@@ -147,6 +147,7 @@ class Pipeline(PacketSink):
         self.plus: S7Plus = S7Plus(self.exchange)
         self.tls: Tls = Tls(self.exchange, self.connections.foreign, self.s7, self.plus, chosen.tls_keys)
         self.iso: IsoOnTcp = IsoOnTcp(self.exchange, self.connections, self.s7, self.plus, self.tls)
+        self.connections.iso = self.iso
         self.ibh: IbhNetLink = IbhNetLink(self.exchange, self.iso)
         #: What else may frame a stream, asked in this order whether a connection is theirs: a new protocol is a row here.
         streams: list[Protocol] = [self.ibh]
@@ -434,11 +435,6 @@ class Pipeline(PacketSink):
         """A segment that is not simply the next one, or of a connection that is not known to be ISO-on-TCP yet."""
         connection = side.connection
         half = side.stream
-        if connection.state == LEFT_OUT:
-            end_seq: i64 = (seq + len(octets) + missing) & stream.MASK
-            if half.next_seq < 0 or (end_seq - half.next_seq) & stream.MASK < stream.HALF_SPACE:
-                half.next_seq = end_seq  # so that its FIN and RST are known for its own
-            return accounts.LEFT_OUT
         if connection.state == FOREIGN:
             if len(octets) > MIN_LENGTH and sound_length(octets, 0, len(octets)):
                 return self._reopen(side, seq, octets, missing)  # what was there before hides no S7 now
@@ -450,6 +446,16 @@ class Pipeline(PacketSink):
             if stream.FAR_AHEAD < ahead < stream.MASK - stream.FAR_AHEAD and connection.established:
                 if is_connect_request(octets):
                     return self._reopen(side, seq, octets, missing)
+        if connection.state == LEFT_OUT:
+            size: i64 = len(octets)
+            end_seq: i64 = (seq + size + missing) & stream.MASK
+            if half.next_seq < 0 or 0 < (end_seq - half.next_seq) & stream.MASK < stream.HALF_SPACE:
+                half.next_seq = end_seq  # so that its FIN and RST are known for its own
+                side.end_seq = end_seq
+                side.protocol.feed(side, octets, 0, size, self.counters.frames, self.counters.now_ns)
+            if side.connection.state == LEFT_OUT:
+                return accounts.LEFT_OUT
+            return accounts.PAYLOAD
         if half.next_seq < 0 and missing == 0 and _may_be_probe(side, octets):
             # The probe of an idle connection: one octet that was sent before (RFC 1122 4.2.3.6), and begins no TPKT.
             half.start(seq + 1)

@@ -9,7 +9,7 @@ from typing import Final
 
 from dissect.findings.plus_sessions import PlusSessions
 from dissect.findings.reporter import Reporter
-from dissect.findings.security_rules import SecurityWatch
+from dissect.findings.security_rules import SecurityWatch, accepted
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
 from dissect.s7plus.events import (
     CHANGED,
@@ -56,6 +56,8 @@ _SLUGS: Final[dict[str, str]] = {
 }
 #: Reported once per connection.
 _ONCE: Final = frozenset((READ_OUT, TEST_JOB))
+#: Commands of which is said that they were accepted.
+_COMMANDS: Final = frozenset((STOP, START, RESET))
 _AREAS: Final[dict[str, int]] = {WRITTEN: WRITTEN_ELSEWHERE, WRITTEN_OUTPUTS: WRITTEN_IO}
 _ALL_WRITTEN: Final = WRITTEN_IO | WRITTEN_ELSEWHERE
 #: Return values that say that a client lacks the rights for a request: access denied.
@@ -142,7 +144,8 @@ class PlusWatch:
         if area:
             self._wrote(session, slug, area, event, transaction)
         elif kind not in _ONCE or transaction.connection.traits.first(slug):
-            self._security.tell(slug, transaction, shortened(event.text, _TEXT))
+            became = accepted(transaction) if kind in _COMMANDS else ""
+            self._security.tell(slug, transaction, shortened(event.text, _TEXT) + became)
 
     def _wrote(self, session: PlusSession, slug: str, area: int, event: Event, transaction: Transaction) -> None:
         """A write to areas of a kind that this connection did not write before; told unless it was refused."""

@@ -183,14 +183,14 @@ class SecurityWatch:
             return
         slug = _SLUGS.get(FUNCTIONS.effect(transaction.function), "")
         if slug:
-            self.tell(slug, transaction, f"PLC stop{_accepted(transaction)}" if slug == "security.plc_stop" else "")
+            self.tell(slug, transaction, f"PLC stop{accepted(transaction)}" if slug == "security.plc_stop" else "")
 
     def _pi_service(self, transaction: Transaction) -> None:
         body = _asked(transaction)
         name = body.text("service") if body is not None else ""
         slug = _service_slug(name)
         if slug == "security.plc_start":
-            self.tell(slug, transaction, f"{_named(transaction)}{_accepted(transaction)}")
+            self.tell(slug, transaction, f"{_named(transaction)}{accepted(transaction)}")
         elif slug:
             self.tell(slug, transaction)
 
@@ -327,7 +327,7 @@ def _forced(transaction: Transaction) -> str:
     return f"{transaction.function_name} {', '.join(said)}{more}" if said else ""
 
 
-def _accepted(transaction: Transaction) -> str:
+def accepted(transaction: Transaction) -> str:
     """Say that a command was accepted; what else became of it says `_tell`."""
     return ", accepted" if transaction.outcome == ANSWERED and not transaction.error_code else ""
 

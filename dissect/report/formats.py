@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 TRANSACTIONS: Final = "transactions"
 PDUS: Final = "PDUs"
 OPERATIONS: Final = "operations"
+VALUES: Final = "values"
 #: … of what happens on a live line to a class like `dissect.live.lines.PlainLines` …
 EVENTS: Final = "events"
 # … and what a command came to is given to a function as an `Outcome`.
@@ -33,7 +34,7 @@ ALERTS: Final = "alerts"
 DIFFERENCES: Final = "differences"
 OUTCOME: Final = "outcome"
 
-KINDS: Final = (TRANSACTIONS, PDUS, OPERATIONS, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME)
+KINDS: Final = (TRANSACTIONS, PDUS, OPERATIONS, VALUES, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME)
 
 
 class Format(NamedTuple):
@@ -75,6 +76,7 @@ FORMATS: Final[dict[str, Format]] = {
             "text",
             "lines for a person",
             ("dissect.report.writers.text:TextWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
+            ("dissect.variables.writers:ValueText", (VALUES,)),
             ("dissect.live.lines:PlainLines", (EVENTS,)),
             ("dissect.report.outcome:text_outcome", (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME)),
             verbose=True,
@@ -84,10 +86,16 @@ FORMATS: Final[dict[str, Format]] = {
             "jsonl",
             "a JSON object on each line",
             ("dissect.report.writers.jsonl:JsonlWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
+            ("dissect.variables.writers:ValueJsonl", (VALUES,)),
             ("dissect.live.json_lines:JsonLines", (EVENTS,)),
             ("dissect.report.outcome:json_outcome", (ALERTS,)),
         ),
-        _row("csv", "a row for each item", ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,))),
+        _row(
+            "csv",
+            "a row for each item",
+            ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,)),
+            ("dissect.variables.writers:ValueCsv", (VALUES,)),
+        ),
         _row("json", "one JSON object", ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME))),
         _row(
             "fields",

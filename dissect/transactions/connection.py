@@ -290,7 +290,7 @@ class Connection:
     @property
     def established(self) -> bool:
         """True when data or a CC was seen."""
-        return self.state == ISO and (self.pdus > 0 or self.tpdu_size > 0)
+        return (self.state == ISO or self.state == LEFT_OUT) and (self.pdus > 0 or self.tpdu_size > 0)
 
     def note_cr(self, side: i64, tpdu: Tpdu) -> None:
         """A connect request: who asks, which TSAPs, which size."""

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Final
 
@@ -27,6 +29,8 @@ analyze TRANSFER
 analyze TRANSFER -T json
 transactions TRANSFER
 transactions TRANSFER -T csv
+values WRITES
+values WRITES --summary -T csv
 operations TRANSFER -T jsonl
 show TRANSFER -V
 show TRANSFER -T jsonl
@@ -39,6 +43,8 @@ diff TRANSFER SZL -T json
 diff TRANSFER SZL -T junit
 monitor TRANSFER
 monitor TRANSFER -T jsonl
+index FOLDER
+index FOLDER -T json
 interfaces
 interfaces -T json
 replay TRANSFER --dry-run
@@ -59,6 +65,7 @@ scd encode -d PLANT --value 0x6001 raw:5
 WRONG: Final = """
 analyze MISSING -T json
 transactions MISSING -T jsonl
+values MISSING -T jsonl
 operations MISSING -T jsonl
 show MISSING -T jsonl
 monitor MISSING -T jsonl
@@ -77,7 +84,16 @@ scd diff MISSING PLANT -T json
 scd dump MISSING
 scd decode -d MISSING --pdo T1 00
 """
-FILES: Final = {"TAGS": str(ROOT / "captures" / "tags" / "valve.csv"), "TRANSFER": TRANSFER, "SZL": SZL, "PLANT": PLANT}
+_FOLDER: Final = tempfile.TemporaryDirectory()
+shutil.copy(SZL, _FOLDER.name)
+FILES: Final = {
+    "TAGS": str(ROOT / "captures" / "tags" / "valve.csv"),
+    "WRITES": str(ROOT / "captures" / "nodes7-write.pcapng"),
+    "FOLDER": _FOLDER.name,
+    "TRANSFER": TRANSFER,
+    "SZL": SZL,
+    "PLANT": PLANT,
+}
 
 
 def calls(text: str) -> list[list[str]]:

@@ -31,8 +31,19 @@ from tests.transactions.talk import dbw, read
 Capture = pytest.CaptureFixture[bytes]
 QUESTION, ANSWER = framed(asked(5, body=b"what")), framed(told(5))
 READERS = (
-    "analyze", "transactions", "operations", "show", "cut", "golden", "diff", "baseline", "verify", "monitor", "proxy",
-)  # fmt: skip
+    "analyze",
+    "transactions",
+    "values",
+    "operations",
+    "show",
+    "cut",
+    "golden",
+    "diff",
+    "baseline",
+    "verify",
+    "monitor",
+    "proxy",
+)
 
 
 class Secrets(PacketSink):

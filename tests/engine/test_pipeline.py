@@ -555,6 +555,29 @@ def test_a_connect_request_after_data_begins_another_connection(distance: int) -
     assert {one.connection.number for one in result.transactions} == {1, 2}
 
 
+@pytest.mark.parametrize("distance", [0, 2**20 + 5000, 2**31 + 5])
+@pytest.mark.parametrize("wanted", [1, 2, 3])
+def test_connections_keep_their_numbers_where_only_one_of_them_is_read(distance: int, wanted: int) -> None:
+    """A repeated and a damaged connect request begin no other one, whether the connection is read or not."""
+    first = poll(ready(), 1, 2)
+    damaged = bytearray(connect(0xE0))
+    damaged[4] += 9  # the length indicator says more than there is
+    first.send(0, bytes(damaged))
+    second = Talk(first.flow, isns=(first.next[0] + distance, first.next[1] + distance))
+    second.send(0, connect(0xE0)).send(0, connect(0xE0)).send(1, connect(0xD0))
+    second.send(0, dt(setup(JOB, 1))).send(1, dt(setup(3, 1)))
+    third = poll(ready(Flow(ports=(50_000, 102))), 5)
+    packets = captured([segment for talk in (first, poll(second, 1, 2, 3), third) for segment in talk.segments])
+    every = Result(packets)
+    assert [one.number for one in every.record.closed] == [1, 2, 3]
+    told_of = {one.number: (one.tcp.first_frame, one.pdus, one.answered) for one in every.record.closed}
+    part = Result(packets, Options(strict=True, only=lambda one: one.number == wanted))
+    assert part.pipeline.connections.count == 3
+    assert {
+        one.number: (one.tcp.first_frame, one.pdus, one.answered) for one in part.record.closed if one.number == wanted
+    } == {wanted: told_of[wanted]}
+
+
 @pytest.mark.parametrize("side", [0, 1])
 @pytest.mark.parametrize("how", ["fin", "reset"])
 def test_who_ended_it_and_what_was_open_then(side: int, how: str) -> None:

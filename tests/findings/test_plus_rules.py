@@ -76,7 +76,7 @@ def test_a_cpu_is_told_to_stop_or_to_run(number: int, slug: str, text: str, vers
     body = bodies.set_variable(52, [2167], Value(0, DINT, number), -1 if version == 1 else 9)
     talk.ask(framed(asked(1, SET_VARIABLE, body=body), version))
     talk.tell(framed(told(1, SET_VARIABLE, b"\0" + bodies.end()), version))
-    assert said(talk) == [(slug, text)]
+    assert said(talk) == [(slug, f"{text}, accepted")]
 
 
 def test_an_order_that_wants_no_answer() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -72,7 +73,9 @@ class Everything(Observer):
 
     def transaction(self, transaction: Any) -> None:
         self.transactions.append(transaction_line(transaction, Clock(), PLACES))
-        self.cells += [dict(zip(CSV_COLUMNS, row, strict=True)) for row in CsvRows(PLACES).rows(transaction)]
+        self.cells += [
+            dict(zip(CSV_COLUMNS, row, strict=True)) for row in csv.reader(CsvRows(PLACES).lines(transaction))
+        ]
         self.told.append(json.loads(self._transactions.line(transaction)))
 
 
