@@ -29,11 +29,6 @@ EXAMPLES: Final = {
         "s7dissect operations trace.pcapng",
         "s7dissect operations --kind download --kind upload trace.pcapng",
     ),
-    "devices": (
-        "s7dissect devices trace.pcapng",
-        "s7dissect devices -T csv ring_*.pcapng > devices.csv",
-        "s7dissect devices --tags plc_tags.xlsx -Y 'port == 102' trace.pcapng",
-    ),
     "report": (
         "s7dissect report trace.pcapng -o report.html",
         "s7dissect report --plot DB10.DBW0 ring_*.pcapng -o report.html",
@@ -44,6 +39,11 @@ EXAMPLES: Final = {
         "s7dissect blocks trace.pcapng -o blocks --tags plc_tags.xlsx",
         "s7dissect blocks --code trace.pcapng",
         "s7dissect blocks --diff trace.pcapng",
+    ),
+    "devices": (
+        "s7dissect devices trace.pcapng",
+        "s7dissect devices -T csv ring_*.pcapng > devices.csv",
+        "s7dissect devices --tags plc_tags.xlsx -Y 'port == 102' trace.pcapng",
     ),
     "index": (
         "s7dissect index captures",

@@ -35,7 +35,7 @@ DIFFERENCES: Final = "differences"
 OUTCOME: Final = "outcome"
 #: Rows of a query.
 ROWS: Final = "rows"
-#: Blocks of a program.
+#: Blocks of a program, and stations.
 BLOCKS: Final = "blocks"
 DEVICES: Final = "devices"
 

@@ -32,12 +32,12 @@ transactions TRANSFER -T csv
 values WRITES
 values WRITES --summary -T csv
 operations TRANSFER -T jsonl
-devices TRANSFER
-devices TRANSFER -T csv
 report TRANSFER -o -
 blocks TRANSFER
 blocks TRANSFER -T csv
 blocks --code TRANSFER
+devices TRANSFER
+devices TRANSFER -T csv
 show TRANSFER -V
 show TRANSFER -T jsonl
 cut TRANSFER -o -
@@ -75,8 +75,8 @@ analyze MISSING -T json
 transactions MISSING -T jsonl
 values MISSING -T jsonl
 operations MISSING -T jsonl
-devices MISSING -T json
 report MISSING -o -
+devices MISSING -T json
 show MISSING -T jsonl
 monitor MISSING -T jsonl
 diff TRANSFER MISSING -T json

@@ -28,7 +28,6 @@ transactions MISSING
 values MISSING
 values GOOD WORD
 operations MISSING
-devices MISSING
 report MISSING -o OUT
 report GOOD -o NOWHERE
 report --diff GOOD MISSING -o OUT
@@ -36,6 +35,7 @@ blocks MISSING
 blocks NONSENSE
 blocks GOOD -o NOWHERE
 blocks --diff GOOD MISSING
+devices MISSING
 show MISSING
 cut MISSING -o OUT
 cut GOOD -o NOWHERE

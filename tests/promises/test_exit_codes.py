@@ -36,10 +36,6 @@ CASES: Final = """
 1 operations GOOD --fail-on note
 2 operations MISSING
 3 operations CUT
-0 devices GOOD
-1 devices GOOD --fail-on note
-2 devices MISSING
-3 devices CUT
 0 report GOOD -o OUT
 2 report MISSING -o OUT
 3 report CUT -o OUT
@@ -47,6 +43,10 @@ CASES: Final = """
 1 blocks --diff BLOCKS GOOD
 2 blocks MISSING
 3 blocks CUT
+0 devices GOOD
+1 devices GOOD --fail-on note
+2 devices MISSING
+3 devices CUT
 0 show GOOD
 1 show GOOD --fail-on note
 2 show MISSING
@@ -138,8 +138,8 @@ analyze FILE
 transactions FILE
 values FILE
 operations FILE
-devices FILE
 blocks FILE
+devices FILE
 show FILE
 cut FILE -o OUT
 anonymize FILE -o OUT
