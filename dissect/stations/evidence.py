@@ -11,19 +11,30 @@ from typing import Final
 from dissect.s7.blocks import BLOCK_COUNT, INFO, LISTED_BLOCK, TYPE_WANTED, header_text
 from dissect.s7.clock import CLOCK as CLOCK_LAYOUT
 from dissect.s7.clock import SETTING
-from dissect.s7.message import Pdu
-from dissect.s7.parameters import UserdataHead
-from dissect.s7.szl import SZL_HEAD
+from dissect.s7.layouts import DATA_HEAD
+from dissect.s7.parameters import HEADER_SIZE, UserdataHead
+from dissect.s7.szl import SZL_HEAD, extract
 from dissect.s7.szl_communication import CAPABILITY_RECORDS, PROTECTION
-from dissect.s7.szl_records import BLANK, COMPONENT_RECORDS, ETHERNET, IDENTIFICATION, OPERATING_MODE, version_text
+from dissect.s7.szl_records import (
+    BLANK,
+    COMPONENT_RECORDS,
+    ETHERNET,
+    IDENTIFICATION,
+    OPERATING_MODE,
+    record_layout,
+    version_text,
+)
+from dissect.s7.szl_tables import HEAD_ONLY
 from dissect.s7.tables import (
     GROUP_BLOCKS,
     GROUP_CPU,
     GROUP_MODE,
     GROUP_TIME,
     READ_SZL,
+    SUCCESS,
     USERDATA,
 )
+from dissect.s7.values import date_and_time
 from dissect.stations import facts
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
@@ -54,6 +65,8 @@ _GENERAL: Final = CAPABILITY_RECORDS[0x01]
 _MODULE: Final = 0x0001
 _HARDWARE: Final = 0x0006
 _FIRMWARE: Final = 0x0007
+#: Where in a clock its DATE_AND_TIME stands, which ends it.
+_TIME: Final = 2
 _NS: Final = 1_000_000_000
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
@@ -106,34 +119,71 @@ class Evidence:
         return made(operation.connection, operation.asked_by, said, source, frames, operation.end_ns)
 
     def _szl(self, transaction: Transaction) -> list[Fact]:
-        answer = transaction.response
-        if answer is None or len(answer.data) < 4 + SZL_HEAD.size or answer.data[5] not in _LISTS:
+        payload = _answered(transaction)
+        if len(payload) < SZL_HEAD.size or payload[1] not in _LISTS:
             return []
-        szl_id = int.from_bytes(answer.data[4:6], "big")
-        return _facts(transaction, self._said(transaction, answer), f"SZL 0x{szl_id:04x}")
+        szl_id = int.from_bytes(payload[:2], "big")
+        return _facts(transaction, self._said(transaction, b"", payload), f"SZL 0x{szl_id:04x}")
 
     def _blocks(self, transaction: Transaction) -> list[Fact]:
-        answer = transaction.response
-        return _facts(transaction, self._said(transaction, answer), "block functions") if answer is not None else []
+        asked, payload = _asked(transaction), _answered(transaction)
+        return _facts(transaction, self._said(transaction, asked, payload), "block functions") if payload else []
 
-    def _said(self, transaction: Transaction, answer: Pdu) -> list[Said]:
-        head = answer.parameters.userdata
+    def _said(self, transaction: Transaction, asked: bytes, payload: bytes) -> list[Said]:
+        """Return what an answer says; it is read in full only when it is a different one from those before."""
+        parameters = transaction.response_parameters
+        head = parameters.userdata if parameters is not None else None
         if head is None or head.error_code or head.data_unit_ref or head.last_data_unit:
             return []  # refused, or a part of an answer
-        asked = transaction.request
-        request = asked.data if asked is not None and head.group == GROUP_BLOCKS else b""
-        key = (head.group, head.subfunction, request, answer.data)
+        key = (head.group, head.subfunction, asked, payload)
         said = self._answers.get(key)
         if said is None:
-            wanted = ""
-            if asked is not None and request:
-                part = asked.body.find(TYPE_WANTED)
-                wanted = part.note if part is not None else ""
-            said = said_by(answer.body.parts, wanted)
+            request = transaction.request if asked else None
+            part = request.body.find(TYPE_WANTED) if request is not None else None
+            if head.group == GROUP_CPU:
+                parts = _records(payload)
+            else:
+                answer = transaction.response
+                parts = answer.body.parts if answer is not None else []
+            said = said_by(parts, part.note if part is not None else "")
             if len(self._answers) >= MAX_ANSWERS:
                 del self._answers[next(iter(self._answers))]
             self._answers[key] = said
         return said
+
+
+def _records(payload: bytes) -> list[Part]:
+    """Cut the records of a list that is whole; those that are not there are left out."""
+    szl_id, length, count = (int.from_bytes(payload[at : at + 2], "big") for at in (0, 4, 6))
+    if extract(szl_id) == HEAD_ONLY or not length:
+        return []
+    parts = []
+    for at in range(SZL_HEAD.size, min(len(payload) - length, SZL_HEAD.size + (count - 1) * length) + 1, length):
+        layout = record_layout(szl_id, payload, at, at + length)
+        parts.append(Part(layout, payload, at, at + (length if layout.open else min(length, layout.size))))
+    return parts
+
+
+def _answered(transaction: Transaction) -> bytes:
+    """Return the payload of a userdata answer, read in place because panels poll; empty where it was not successful."""
+    parameters = transaction.response_parameters
+    if parameters is None:
+        return b""
+    size = len(parameters.octets)
+    return _payload(transaction.response_buf, transaction.response_offset, transaction.response_size, size)
+
+
+def _asked(transaction: Transaction) -> bytes:
+    """Return the payload of a userdata request."""
+    size = len(transaction.parameters.octets)
+    return _payload(transaction.request_buf, transaction.request_offset, transaction.request_size, size)
+
+
+def _payload(buf: bytes, offset: int, size: int, parameters: int) -> bytes:
+    at = offset + HEADER_SIZE + parameters
+    if size < HEADER_SIZE + parameters + DATA_HEAD.size or buf[at] != SUCCESS:
+        return b""
+    return buf[at + DATA_HEAD.size : offset + size]
 
 
 def said_by(parts: list[Part], wanted: str = "") -> list[Said]:
@@ -191,9 +241,9 @@ def _clock(transaction: Transaction, head: UserdataHead) -> list[Fact]:
     setting = head.subfunction in SETTING
     if transaction.outcome != ANSWERED:
         return []
-    pdu = transaction.request if setting else transaction.response
-    part = pdu.body.find(CLOCK_LAYOUT) if pdu is not None else None
-    clock_ns = clock_time(part.text("time")) if part is not None else None
+    payload = _asked(transaction) if setting else _answered(transaction)
+    text = date_and_time(payload[_TIME : CLOCK_LAYOUT.size]) if len(payload) >= CLOCK_LAYOUT.size else None
+    clock_ns = clock_time(text) if text is not None else None
     if clock_ns is None:
         return []
     at_ns = int(transaction.request_ns if setting else transaction.response_ns)
@@ -206,7 +256,7 @@ def clock_time(text: str) -> int | None:
     It has no zone: it is taken as UTC.
     """
     try:
-        found = datetime.strptime(text, "DT#%Y-%m-%d-%H:%M:%S.%f").replace(tzinfo=UTC)
+        found = datetime.fromisoformat(f"{text[3:13]} {text[14:]}").replace(tzinfo=UTC)
     except ValueError:
         return None
     since = found - _EPOCH
