@@ -35,7 +35,7 @@ OUTPUTS = re.findall(r"```\n\$ s7dissect (.*?)\n(.*?)```", README, re.DOTALL)
 
 
 def test_the_readme_shows_output() -> None:
-    assert len(OUTPUTS) == 10
+    assert len(OUTPUTS) == 12
 
 
 @pytest.mark.parametrize(("command", "shown"), OUTPUTS)
