@@ -18,7 +18,7 @@ from dissect.program.carved import CarvedBlock
 from dissect.program.compare import CHANGED, BlockChange, versions
 from dissect.report.outcome import WIDE_PAGE, Outcome
 from dissect.report.plus_blobs import dictionaries
-from dissect.report.styled import HANG, HEADING, PLAIN, Line
+from dissect.report.styled import FAILED, HANG, HEADING, PLAIN, Line
 from dissect.report.words import Places
 from dissect.s7.tables import DB
 from dissect.tags.model import place_text
@@ -36,6 +36,9 @@ _PLUS: Final = "  the code that the CPU runs (MC7plus) is not shown: its encodin
 #: Characters of the names of a section on a line.
 _NAMES: Final = 400
 _CALL: Final = "call"
+#: Bytes of distinct blocks that are decoded in one run; decoded they take some fifty times the memory.
+MAX_CODE: Final = 4 * 1024 * 1024
+_TOO_MUCH: Final = f"  not decoded: the blocks of this run have more than {MAX_CODE // 1024} KiB together"
 #: Bits of the types whose place is written with the letter of a width.
 _WIDTHS: Final[dict[str, int]] = {
     "BOOL": 1,
@@ -47,8 +50,14 @@ _WIDTHS: Final[dict[str, int]] = {
 class Programs:
     """The blocks of a set by PLC and label, read once each, so that a call finds the interface of the block it calls."""
 
-    def __init__(self, blocks: Sequence[CarvedBlock]) -> None:
+    def __init__(self, blocks: Sequence[CarvedBlock], most: int = MAX_CODE) -> None:
         self._read: dict[str, Block] = {}
+        self._fitting: set[str] = set()
+        for block in blocks:
+            key = digest(block)
+            if block.classic is not None and key not in self._fitting and len(block.octets) <= most:
+                most -= len(block.octets)
+                self._fitting.add(key)
         self._latest = {key: row[-1] for key, row in versions(blocks, by_plc=True).items()}
 
     def read(self, block: CarvedBlock) -> Block:
@@ -60,10 +69,14 @@ class Programs:
             self._read[key] = found
         return found
 
+    def fits(self, block: CarvedBlock) -> bool:
+        """Tell whether a block is of S7-300/400 and among those that are decoded."""
+        return block.classic is not None and digest(block) in self._fitting
+
     def find(self, plc: str, kind: str, number: int) -> Block | None:
         """Return the latest version of a block of a PLC, None where it did not pass."""
         block = self._latest.get((plc, f"{kind}{number}"))
-        return self.read(block) if block is not None and block.classic is not None else None
+        return self.read(block) if block is not None and self.fits(block) else None
 
     def lister(self, block: CarvedBlock, language: str, naming: Naming | None) -> Lister:
         """Return what writes the code of a block, with the tags and the other blocks of its PLC."""
@@ -75,7 +88,7 @@ class Programs:
         """Return the latest version of each block that has code, by PLC."""
         found: dict[str, list[Block]] = {}
         for (plc, _), block in self._latest.items():
-            if block.classic is not None and self.read(block).has_code:
+            if self.fits(block) and self.read(block).has_code:
                 found.setdefault(plc, []).append(self.read(block))
         return found
 
@@ -94,7 +107,7 @@ def details_of(
         if was.plus is not None and now.plus is not None:
             bodies = networks(was, dictionaries()), networks(now, dictionaries())
             return compare_networks(bodies[0], bodies[1]) if bodies[0] is not None and bodies[1] is not None else []
-        if was.classic is None or now.classic is None:
+        if not (programs.fits(was) and programs.fits(now)):
             return []
         if id(change) not in known:
             lister = programs.lister(now, language, naming)
@@ -131,7 +144,7 @@ class CodeListing(Outcome):
                 yield Line("", PLAIN)
             yield Line(transfer_line(block, self._places, self._clock), HEADING, HANG)
             for text in self._held(block):
-                yield Line(text, PLAIN, HANG)
+                yield Line(text, _style(text), HANG)
 
     def _held(self, block: CarvedBlock) -> Iterator[str]:
         if block.plus is not None:
@@ -139,6 +152,9 @@ class CodeListing(Outcome):
             return
         if block.classic is None:
             yield _NO_HEADER
+            return
+        if not self._programs.fits(block):
+            yield _TOO_MUCH
             return
         program = self._programs.read(block)
         yield from block_lines(program, self._programs.lister(block, self._language, self._naming))
@@ -153,9 +169,11 @@ class CodeListing(Outcome):
         return {
             "schema": CODE_SCHEMA,
             "language": self._language,
-            "blocks": [self._values(block) for block in self._blocks if block.classic is not None],
+            "blocks": [self._values(block) for block in self._blocks if self._programs.fits(block)],
             "plus_blocks": [_plus_values(block) for block in self._blocks if block.plus is not None],
-            "not_read": [block.label for block in self._blocks if block.classic is None and block.plus is None],
+            "not_read": [
+                block.label for block in self._blocks if block.plus is None and not self._programs.fits(block)
+            ],
         }
 
     def _values(self, block: CarvedBlock) -> dict[str, object]:
@@ -174,7 +192,7 @@ class CodeListing(Outcome):
         """Yield the heading and a row for each instruction."""
         yield CODE_COLUMNS
         for block in self._blocks:
-            if block.classic is None:
+            if not self._programs.fits(block):
                 continue
             program = self._programs.read(block)
             lister = self._programs.lister(block, self._language, self._naming)
@@ -230,6 +248,13 @@ def _plus_values(block: CarvedBlock) -> dict[str, object]:
 def value_address(db: int, value: Value) -> str:
     """Return where a value of a data block stands: ``DB2.DBW4``, of a text or structure its first byte."""
     return place_text(DB, db, value.bit, _WIDTHS.get(value.type, 8))
+
+
+def _style(text: str) -> str:
+    """Return how a line of a listing looks: what does not fit stands out, and where a network begins."""
+    if text.startswith("!"):
+        return FAILED
+    return HEADING if text.startswith("NETWORK ") else PLAIN
 
 
 class References(Outcome):

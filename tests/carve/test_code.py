@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import pytest
+
 from captures.craft.mc7 import DB2, OB1, OB1_CHANGED, Network, code_block
-from dissect.carve.code import CodeListing, References, details_of
+from dissect.carve.code import CodeListing, Programs, References, details_of
 from dissect.carve.contents import tag_names
 from dissect.program.carved import CarvedBlock, block_of
 from dissect.program.compare import compare
@@ -85,3 +87,11 @@ def test_names_of_places() -> None:
     assert name(0x84, 2, 0, 8) == "Valve.open"
     assert name(0x84, 3, 0, 8) == ""
     assert tag_names(None)(0x83, 0, 160, 16) == ""
+
+
+def test_what_is_too_much_is_not_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Programs.__init__, "__defaults__", (len(OB1) + 10,))
+    told = listing(block_of(OB1), block_of(OB1), block_of(OB1_CHANGED))
+    assert len([line for line in lines(told) if line.startswith("NETWORK")]) == 4
+    assert lines(told)[-1].startswith("  not decoded: the blocks of this run")
+    assert told.as_dict()["not_read"] == ["OB1"]
