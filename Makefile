@@ -108,7 +108,7 @@ properties: test-environment
 fuzz:
 	scripts/environment.sh test
 	scripts/environment.sh fuzz
-	@failed=0; for target in container frames segments streams pdus plus tls files inputs; do \
+	@failed=0; for target in container frames segments streams pdus plus blocks tls files inputs; do \
 		PYTHONPATH=$(CURDIR) $(BIN)/python -m tests.fuzz $$target --seconds $(FUZZ_SECONDS) || failed=1; \
 	done; exit $$failed
 

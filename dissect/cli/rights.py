@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 #: The user whom -Z names to keep everything.
 _ROOT: Final = "root"
 #: Rooms of which something is imported only when it is met in a packet, and codecs, which are imported too.
-_ROOMS: Final = ("s7", "s7plus", "transactions", "findings", "report", "live", "recording")
+_ROOMS: Final = ("s7", "s7plus", "transactions", "findings", "report", "select", "export", "live", "recording")
 _CODECS: Final = ("ascii", "latin-1", "utf-16-be", "utf-16-le", "idna")
 
 

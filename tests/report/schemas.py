@@ -18,8 +18,13 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 SCHEMAS: Final = ROOT / "dissect" / "schema"
 NAMES: Final = (
     "analysis",
+    "blocks",
+    "block-changes",
+    "blocks-code",
+    "blocks-references",
     "transaction",
     "operation",
+    "devices",
     "pdu",
     "event",
     "alert",

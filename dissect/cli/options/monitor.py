@@ -6,7 +6,7 @@ import functools
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -71,6 +71,39 @@ def file_of(out: str) -> Path | None:
     return path if path.suffix and not path.is_dir() and not out.endswith("/") else None
 
 
+class LiveExport(NamedTuple):
+    """Tables that are written while a line is watched: where to, how long a file is, and what the line is called."""
+
+    folder: Path
+    every_ns: int
+    source: str
+
+
+def _export_folder(ctx: click.Context, param: click.Parameter, value: str | None) -> Path | None:
+    from dissect.export.forms import UnknownFormError, target_of
+
+    if value is None:
+        return None
+    try:
+        target = target_of(value, [], 1)
+    except UnknownFormError as error:
+        raise click.BadParameter(printable(str(error)), ctx, param) from None
+    if target.form.name != "parquet":
+        raise click.BadParameter(
+            f"only Parquet is written live, as parquet:FOLDER, not {target.form.name}.", ctx, param
+        )
+    if Path(target.path).exists() and not Path(target.path).is_dir():
+        raise click.BadParameter(f"{printable(target.path)} is no folder.", ctx, param)
+    return Path(target.path)
+
+
+def _file_time(ctx: click.Context, param: click.Parameter, value: str) -> int:
+    found = _TIME.fullmatch(value)
+    if found is None or not int(found[1]):
+        raise click.BadParameter(f"expected a time such as 30s or 5min, got {value!r}.", ctx, param)
+    return int(found[1]) * _UNITS[found[2] or "s"]
+
+
 class Beside:
     """What goes along, as the options say. `companions` makes it; `watch` tells it the session."""
 
@@ -81,6 +114,7 @@ class Beside:
         kept: list[tuple[frozenset[str], int]],
         rules: str | None,
         baseline: str | None,
+        export: LiveExport | None = None,
         reports: str | None = None,
         every_ns: int = 0,
     ) -> None:
@@ -101,6 +135,7 @@ class Beside:
         self._kept = kept
         self._rules = rules
         self._baseline = baseline
+        self._export = export
         self._reports = reports
         self._every_ns = every_ns or _HOUR
         self._session: Session | None = None
@@ -116,7 +151,8 @@ class Beside:
     @property
     def directories(self) -> list[str]:
         """The folders that must stay writable."""
-        return [one for one in (self.directory, self._reports) if one is not None]
+        tables = str(self._export.folder) if self._export is not None else None
+        return [one for one in (self.directory, tables, self._reports) if one is not None]
 
     def companions(self, name: str) -> list[Companion]:
         """Make what was asked for of ``name``, what is watched; what cannot be made is reported before anything is captured."""
@@ -127,9 +163,25 @@ class Beside:
             made += self._evidence(self.directory)
         if self._rules is not None:
             made.append(self._alerts(self._rules))
+        if self._export is not None:
+            made.append(self._tables(self._export))
         if self._reports is not None:
             made.append(self._report(self._reports, name))
         return made
+
+    def _tables(self, export: LiveExport) -> Companion:
+        from dissect import __version__
+        from dissect.export.extras import MissingLibraryError
+        from dissect.live.export import ExportCompanion
+        from dissect.source.live.privileges import missing
+
+        try:
+            companion = ExportCompanion(export.folder, export.every_ns, export.source, __version__)
+        except MissingLibraryError as error:
+            raise click.ClickException(str(error)) from None
+        self.made += missing(str(export.folder))
+        export.folder.mkdir(parents=True, exist_ok=True)
+        return companion
 
     def watch(self, session: Session, on_screens: bool) -> None:
         """Take the session; on screens, alerts are shown there and not on stderr."""
@@ -255,6 +307,22 @@ def beside_options(command: Callable[..., int]) -> Callable[..., int]:
         help="With --alerts: the baseline that rules compare with.",
     )
     @click.option(
+        "--export",
+        "export",
+        callback=_export_folder,
+        metavar="FORM:FOLDER",
+        help="Write tables as they come, as parquet:FOLDER (see `s7dissect help export`).",
+    )
+    @click.option(
+        "--export-every",
+        "export_ns",
+        callback=_file_time,
+        default="5min",
+        show_default=True,
+        metavar="TIME",
+        help="With --export: how long a file is; until then its rows cannot be read.",
+    )
+    @click.option(
         "--report",
         "reports",
         metavar="DIR",
@@ -275,11 +343,15 @@ def beside_options(command: Callable[..., int]) -> Callable[..., int]:
         kept: list[tuple[frozenset[str], int]],
         rules: str | None,
         baseline: str | None,
+        export: Path | None,
+        export_ns: int,
         reports: str | None,
         every_ns: int,
         **options: Any,
     ) -> int:
-        beside = Beside(directory, limits, kept, rules, baseline, reports, every_ns)
+        source = options.get("interface") or options.get("file") or "live"
+        tables = LiveExport(export, export_ns, source) if export is not None else None
+        beside = Beside(directory, limits, kept, rules, baseline, tables, reports, every_ns)
         return command(*arguments, beside=beside, **options)
 
     return with_beside
