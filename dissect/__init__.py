@@ -52,8 +52,8 @@ if TYPE_CHECKING:
     from dissect.engine.pipeline import Pipeline as Pipeline
     from dissect.export.frames import frames as frames
     from dissect.findings.reporter import Finding as Finding
-    from dissect.program.carved import CarvedBlock as CarvedBlock
     from dissect.inventory.model import Device as Device
+    from dissect.program.carved import CarvedBlock as CarvedBlock
     from dissect.report.analysis import Analysis as Analysis
     from dissect.s7.message import Pdu as Pdu
     from dissect.s7plus.message import PlusPdu as PlusPdu

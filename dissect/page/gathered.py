@@ -10,7 +10,9 @@ import heapq
 from typing import Any, Final
 
 from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
+from dissect.inventory.collector import Inventory
 from dissect.page.bins import Bins, Spread, bucket
 from dissect.page.polls import Requests
 from dissect.page.rows import ERROR, MISSED, OK, Rows, outcome_of, time_of
@@ -20,6 +22,7 @@ from dissect.report.analysis import Analysis
 from dissect.s7.tables import GROUP_MODE
 from dissect.session import CONTINUES_NS
 from dissect.source.packet import SourceFile
+from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import CONNECT, Operation
 from dissect.transactions.transaction import Transaction
@@ -112,6 +115,7 @@ class Gathered(Observer):
     def __init__(self, rows: Rows, tags: WantedSet | None = None) -> None:
         super().__init__()
         self.analysis = Analysis()
+        self.inventory = Inventory()
         self.rows = rows
         self.rates = Bins()
         self.answer_times = Bins()
@@ -155,12 +159,14 @@ class Gathered(Observer):
             self.connections.append(self.rows.connection(connection))
         self.talks.over(connection)
         self.tags.closed(connection)
+        self.inventory.connection_closed(connection)
         self._look_for_gap(connection, int(connection.tcp.last_ns))
         self._heard.pop(int(connection.number), None)
 
     def transaction(self, transaction: Transaction) -> None:
         """Take a transaction for all plots it belongs to."""
         self.analysis.transaction(transaction)
+        self.inventory.transaction(transaction)
         now = time_of(transaction)
         self._at(now)
         self._look_for_gap(transaction.connection, now)
@@ -187,6 +193,7 @@ class Gathered(Observer):
     def operation(self, operation: Operation) -> None:
         """Take an operation; set-ups of connections are only counted, they have a table of their own."""
         self.analysis.operation(operation)
+        self.inventory.operation(operation)
         if operation.kind == CONNECT:
             return
         if len(self.operations) >= MAX_OPERATIONS:
@@ -197,6 +204,10 @@ class Gathered(Observer):
         self.spans.append(
             Span(operation.begin_ns, operation.end_ns, host, operation.kind, operation.number, operation.result)
         )
+
+    def fact(self, fact: Fact) -> None:
+        """Take what a station said of itself."""
+        self.inventory.fact(fact)
 
     def finding(self, finding: Finding) -> None:
         """Take a finding; of one that says that something is missing, also the time it is missing of."""
@@ -216,6 +227,11 @@ class Gathered(Observer):
         """Take the connections that go on, where a report is of a part of the time: as they are now."""
         for heard in list(self._heard.values()):
             self.connection_closed(heard.connection)
+
+    def take(self, pipeline: Pipeline, files: list[SourceFile]) -> None:
+        """Take over what the pipeline counted, when the run or the period is over."""
+        self.analysis.take(pipeline, files)
+        self.inventory.take(pipeline, files)
 
     # ---- what is kept -----------------------------------------------------------------------------------------------
 

@@ -25,9 +25,9 @@ _NAMES: Final = 160
 _FRAMES: Final = 20
 
 
-def host_filter(one: str, other: str) -> str:
-    """Return the Wireshark display filter for what two hosts exchange."""
-    return " && ".join([f"{_family(host)}.addr == {host}" for host in (one, other)])
+def host_filter(*hosts: str) -> str:
+    """Return the Wireshark display filter for what these hosts exchange."""
+    return " && ".join([f"{_family(host)}.addr == {host}" for host in hosts])
 
 
 def _family(host: str) -> str:
