@@ -343,8 +343,8 @@ def devices(
     from dissect.inventory.collector import Inventory
 
     inventory = Inventory()
-    options = Options(checksums=checksums, tls_keys=_keys(tls_keys), naming=_naming(tags))
-    sieve = _sieved(inventory, where, options)
+    options = Options(checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags))
+    sieve = sieved(inventory, where, options)
     run = _run([path, *more], inventory, sieve, options)
     while run.step():
         pass
