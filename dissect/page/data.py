@@ -304,6 +304,17 @@ class Data:
                 of.operations,
                 len(of.operations) + of.operations_not_listed,
             ),
+            self._table(
+                "blocks",
+                "Blocks that were loaded or read out",
+                [
+                    ("block", TEXT), ("name", TEXT), ("time", SECONDS), ("direction", TEXT), ("from → to", TEXT),
+                    ("bytes", SIZE),
+                    ("state", TEXT), ("language", TEXT), ("author", TEXT), ("version", TEXT), ("code changed", TEXT),
+                ],
+                of.blocks,
+                of.blocks_in_all,
+            ),
             self._devices(),
             self._functions(),
             self._requests(),

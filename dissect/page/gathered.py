@@ -18,6 +18,7 @@ from dissect.page.polls import Requests
 from dissect.page.rows import ERROR, MISSED, OK, Rows, outcome_of, time_of
 from dissect.page.tag_steps import Tags
 from dissect.page.talks import Talks
+from dissect.program.carved import carve
 from dissect.report.analysis import Analysis
 from dissect.s7.tables import GROUP_MODE
 from dissect.session import CONTINUES_NS
@@ -32,6 +33,7 @@ from dissect.variables.wanted import WantedSet
 MAX_SLOWEST: Final = 300
 MAX_FAILED: Final = 500
 MAX_OPERATIONS: Final = 1000
+MAX_BLOCKS: Final = 500
 #: Pairs of PLC and function whose answer times are told apart.
 MAX_SPREADS: Final = 200
 #: Gaps drawn, and changes of the operating mode.
@@ -129,6 +131,8 @@ class Gathered(Observer):
         self.modes: list[Mode] = []
         self.modes_not_drawn = 0
         self.operations: list[dict[str, Any]] = []
+        self.blocks: list[dict[str, Any]] = []
+        self.blocks_in_all = 0
         self.spans: list[Span] = []
         self.operations_not_listed = 0
         self.connections: list[dict[str, Any]] = []
@@ -194,6 +198,10 @@ class Gathered(Observer):
         """Take an operation; set-ups of connections are only counted, they have a table of their own."""
         self.analysis.operation(operation)
         self.inventory.operation(operation)
+        for block in carve(operation):
+            self.blocks_in_all += 1
+            if len(self.blocks) < MAX_BLOCKS:
+                self.blocks.append(self.rows.block(block, operation, self.blocks_in_all))
         if operation.kind == CONNECT:
             return
         if len(self.operations) >= MAX_OPERATIONS:
