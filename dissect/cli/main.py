@@ -141,15 +141,17 @@ class _Main(LazyGroup):
     """The whole command line: words that are used in the place of options, and a file in the place of a command."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Take ``s7dissect version`` for ``s7dissect --version``."""
+        """Take ``s7dissect version`` for ``--version``, and a file, or ``-r FILE`` as tshark has it, for ``analyze FILE``."""
+        if args and args[0] == "-r":
+            args = ["analyze", *args[1:]]
+        elif args and args[0] not in COMMANDS and os.path.isfile(args[0]):  # noqa: PTH113 - any text may be asked for
+            args = ["analyze", *args]
         return super().parse_args(ctx, [_WORDS.get(args[0], args[0]), *args[1:]] if args else args)
 
     def hint(self, name: str) -> str:
-        """Return what may have been meant; a file is probably to be analyzed."""
-        if os.path.exists(name):  # noqa: PTH110 - a name that no path can have is simply not there
-            from dissect.wire.text import printable  # late, as above
-
-            return f" It is a file: s7dissect analyze {printable(name)}"
+        """Return what may have been meant; a folder is probably to be searched through."""
+        if os.path.isdir(name):  # noqa: PTH112 - a name that no path can have is simply not there
+            return f" It is a folder: s7dissect index {printable(name)}"
         return super().hint(name)
 
 
