@@ -57,6 +57,7 @@ COMMANDS: Final = {
     "fields": "List the fields of -Y expressions and -T fields.",
     "tags": "Names for addresses: check, list, convert tags.",
     "schema": "JSON Schemas of the machine-readable outputs.",
+    "completion": "Completion for bash, zsh or fish.",
     "help": "Show the manual page of a command or topic.",
 }
 #: Commands whose output shows times.
@@ -83,7 +84,7 @@ _WORDS: Final = {"version": "--version"}
 _FULL: Final = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
 
 #: Set by the shell when it asks for completions.
-_COMPLETION: Final = "_S7DISSECT_COMPLETE"
+COMPLETION: Final = "_S7DISSECT_COMPLETE"
 
 
 class LazyGroup(click.Group):
@@ -195,7 +196,7 @@ def _run(arguments: list[str] | None) -> int:
         click.echo("s7dissect: standard output is closed", err=True)
         return EXIT_OUTPUT
     try:
-        result = group.main(arguments, prog_name="s7dissect", complete_var=_COMPLETION, standalone_mode=False)
+        result = group.main(arguments, prog_name="s7dissect", complete_var=COMPLETION, standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as exc:
         _show(exc, sys.argv[1:] if arguments is None else arguments)
@@ -206,7 +207,7 @@ def _run(arguments: list[str] | None) -> int:
     except OSError as exc:
         return _system_refused(exc)
     except SystemExit:
-        if _COMPLETION in os.environ:
+        if COMPLETION in os.environ:
             raise
         # In this mode click ends the process by itself for a closed pipe only, and with the code of a failed gate.
         return _system_refused(BrokenPipeError(errno.EPIPE, "Broken pipe"))
