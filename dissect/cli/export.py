@@ -53,8 +53,8 @@ _EXIT_CODES = (
     "only",
     multiple=True,
     metavar="TABLE",
-    help="Only this table (see `s7dissect help tables`) or log. Repeatable. One table alone is written to a file, several are files "
-    "in the folder OUT.",
+    help="Only this table (`s7dissect help tables`) or log. Repeatable. One table alone is a file, several are files in the "
+    "folder OUT.",
 )
 @click.option(
     "--zeek-compat",
