@@ -74,6 +74,7 @@ COLD: Final = (
     "dissect/s7/layouts.py",
     "dissect/s7plus/layouts.py",
     "dissect/*/*_layouts.py",
+    "dissect/findings/block_rules.py",
     "dissect/findings/catalogue.py",
     "dissect/findings/mitre.py",
     "dissect/findings/operation_rules.py",

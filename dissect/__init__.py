@@ -24,6 +24,7 @@ _PUBLIC: Final = {
     "Operation": "dissect.transactions.operation",
     "Options": "dissect.engine.pipeline",
     "Analysis": "dissect.report.analysis",
+    "CarvedBlock": "dissect.program.carved",
     "Pdu": "dissect.s7.message",
     "Pipeline": "dissect.engine.pipeline",
     "PlusPdu": "dissect.s7plus.message",
@@ -36,17 +37,20 @@ _PUBLIC: Final = {
     "ValueRow": "dissect.variables.model",
     "analyze": "dissect.session",
     "frames": "dissect.export.frames",
+    "blocks": "dissect.carve.reading",
     "open": "dissect.session",
     "value_tables": "dissect.variables.reading",
     "values": "dissect.variables.reading",
 }
 
 if TYPE_CHECKING:
+    from dissect.carve.reading import blocks as blocks
     from dissect.engine.observer import Observer as Observer
     from dissect.engine.pipeline import Options as Options
     from dissect.engine.pipeline import Pipeline as Pipeline
     from dissect.export.frames import frames as frames
     from dissect.findings.reporter import Finding as Finding
+    from dissect.program.carved import CarvedBlock as CarvedBlock
     from dissect.report.analysis import Analysis as Analysis
     from dissect.s7.message import Pdu as Pdu
     from dissect.s7plus.message import PlusPdu as PlusPdu

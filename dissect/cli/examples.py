@@ -27,6 +27,17 @@ EXAMPLES: Final = {
         "s7dissect operations trace.pcapng",
         "s7dissect operations --kind download --kind upload trace.pcapng",
     ),
+    "report": (
+        "s7dissect report trace.pcapng -o report.html",
+        "s7dissect report --plot DB10.DBW0 ring_*.pcapng -o report.html",
+        "s7dissect report --diff old.pcapng new.pcapng -o change.html",
+    ),
+    "blocks": (
+        "s7dissect blocks trace.pcapng",
+        "s7dissect blocks trace.pcapng -o blocks --tags plc_tags.xlsx",
+        "s7dissect blocks --code trace.pcapng",
+        "s7dissect blocks --diff trace.pcapng",
+    ),
     "index": (
         "s7dissect index captures",
         "s7dissect index -Y 'slug == security.program_change' captures",

@@ -37,8 +37,8 @@ def _relinquish(beside: Beside, become: User | None, on_screens: bool) -> None:
         _import_all()
         privileges.give(beside.made, become)
     privileges.relinquish(become)
-    if beside.directory is not None:
-        privileges.check_writable(beside.directory, become)
+    for directory in beside.directories:
+        privileges.check_writable(directory, become)
     if on_screens and not privileges.program_readable():
         raise privileges.unreadable(become)
 

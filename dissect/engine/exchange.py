@@ -11,12 +11,12 @@ where a byte passes, and it hands what it finds back through `Exchange`, like an
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mypy_extensions import i64, mypyc_attr
 
 from dissect.engine.observer import Observer
-from dissect.findings.operation_rules import judge_operation, judge_strays, judge_szl
+from dissect.findings.operation_rules import judge_loaded, judge_operation, judge_strays, judge_szl
 from dissect.findings.plus_rules import PlusWatch
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SAMPLED, SecurityWatch
@@ -27,10 +27,14 @@ from dissect.s7.tables import READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.transactions.connection import Connection
 from dissect.transactions.dialogue import Dialogue
 from dissect.transactions.naming import Naming
+from dissect.transactions.operation import TRANSFERS, Operation
 from dissect.transactions.operations import Operations
 from dissect.transactions.subscriptions import follow
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import UNANSWERED, Transaction
+
+if TYPE_CHECKING:
+    from dissect.findings.block_rules import BlockWatch
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -91,6 +95,7 @@ class Watch:
         self.operations = Operations()
         self.security = SecurityWatch(judge)
         self.plus = PlusWatch(judge, self.security, self.operations)
+        self._blocks: BlockWatch | None = None
 
     def take(self, transaction: Transaction) -> None:
         """Take a transaction that is neither a read nor a write."""
@@ -109,6 +114,8 @@ class Watch:
         """A connection is over; ``reason`` is one of those of transactions."""
         self.operations.end(connection, reason)
         self.plus.end(connection)
+        if connection.traits.loaded:
+            judge_loaded(self._judge, connection, reason)
         self._tell()
 
     def _tell(self) -> None:
@@ -118,7 +125,16 @@ class Watch:
         self.operations.over = []
         for operation in over:
             judge_operation(self._judge, operation)
+            if operation.content and operation.kind in TRANSFERS:
+                self._look_at_block(operation)
             self._observer.operation(operation)
+
+    def _look_at_block(self, operation: Operation) -> None:
+        if self._blocks is None:
+            from dissect.findings.block_rules import BlockWatch  # late: few captures have blocks
+
+            self._blocks = BlockWatch(self._judge)
+        self._blocks.take(operation)
 
 
 class Exchange:

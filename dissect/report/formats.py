@@ -35,8 +35,10 @@ DIFFERENCES: Final = "differences"
 OUTCOME: Final = "outcome"
 #: Rows of a query.
 ROWS: Final = "rows"
+#: Blocks of a program.
+BLOCKS: Final = "blocks"
 
-KINDS: Final = (TRANSACTIONS, PDUS, OPERATIONS, VALUES, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, ROWS)
+KINDS: Final = (TRANSACTIONS, PDUS, OPERATIONS, VALUES, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, ROWS, BLOCKS)
 
 
 class Format(NamedTuple):
@@ -80,7 +82,7 @@ FORMATS: Final[dict[str, Format]] = {
             ("dissect.report.writers.text:TextWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
             ("dissect.variables.writers:ValueText", (VALUES,)),
             ("dissect.live.lines:PlainLines", (EVENTS,)),
-            ("dissect.report.outcome:text_outcome", (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, ROWS)),
+            ("dissect.report.outcome:text_outcome", (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, ROWS, BLOCKS)),
             verbose=True,
             piecewise=True,
         ),
@@ -99,8 +101,9 @@ FORMATS: Final[dict[str, Format]] = {
             ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,)),
             ("dissect.variables.writers:ValueCsv", (VALUES,)),
             ("dissect.export.result_lines:csv_lines", (ROWS,)),
+            ("dissect.report.outcome:csv_outcome", (BLOCKS,)),
         ),
-        _row("json", "one JSON object", ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME))),
+        _row("json", "one JSON object", ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME, BLOCKS))),
         _row(
             "fields",
             "the fields named with -e",

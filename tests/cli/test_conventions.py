@@ -32,6 +32,10 @@ transactions TRANSFER -T csv
 values WRITES
 values WRITES --summary -T csv
 operations TRANSFER -T jsonl
+report TRANSFER -o -
+blocks TRANSFER
+blocks TRANSFER -T csv
+blocks --code TRANSFER
 show TRANSFER -V
 show TRANSFER -T jsonl
 cut TRANSFER -o -
@@ -69,6 +73,7 @@ analyze MISSING -T json
 transactions MISSING -T jsonl
 values MISSING -T jsonl
 operations MISSING -T jsonl
+report MISSING -o -
 show MISSING -T jsonl
 monitor MISSING -T jsonl
 diff TRANSFER MISSING -T json

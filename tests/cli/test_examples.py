@@ -31,6 +31,7 @@ ONE: Final = (
     "baseline --against",
     "baseline --rules",
     "diff",
+    "blocks --diff",
     "scd diff",
     "replay trace.pcapng --to",
 )

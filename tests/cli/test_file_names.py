@@ -28,6 +28,13 @@ transactions MISSING
 values MISSING
 values GOOD WORD
 operations MISSING
+report MISSING -o OUT
+report GOOD -o NOWHERE
+report --diff GOOD MISSING -o OUT
+blocks MISSING
+blocks NONSENSE
+blocks GOOD -o NOWHERE
+blocks --diff GOOD MISSING
 show MISSING
 cut MISSING -o OUT
 cut GOOD -o NOWHERE

@@ -35,6 +35,7 @@ READERS = (
     "transactions",
     "values",
     "operations",
+    "blocks",
     "show",
     "cut",
     "golden",

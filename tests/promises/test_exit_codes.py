@@ -36,6 +36,13 @@ CASES: Final = """
 1 operations GOOD --fail-on note
 2 operations MISSING
 3 operations CUT
+0 report GOOD -o OUT
+2 report MISSING -o OUT
+3 report CUT -o OUT
+0 blocks GOOD
+1 blocks --diff BLOCKS GOOD
+2 blocks MISSING
+3 blocks CUT
 0 show GOOD
 1 show GOOD --fail-on note
 2 show MISSING
@@ -127,9 +134,12 @@ analyze FILE
 transactions FILE
 values FILE
 operations FILE
+blocks FILE
 show FILE
 cut FILE -o OUT
 anonymize FILE -o OUT
+report FILE -o OUT
+report --diff FILE OTHER -o OUT
 baseline FILE -o OUT
 export FILE -o sqlite:OUT
 sql refused FILE
@@ -174,7 +184,7 @@ def files(tmp_path_factory: pytest.TempPathFactory, nursery: Nursery) -> dict[st
         "FOLDER": folder / "good", "BROKENFOLDER": folder / "cut",
         "TAGS": ROOT / "captures" / "tags" / "valve.csv", "WRONGTAGS": wrong_tags,
         "GOOD": good, "CUT": cut, "OTHER": other, "MISSING": folder / "missing.pcapng", "LEARNED": learned,
-        "PLANT": plant, "BROKEN": broken, "RENAMED": renamed,
+        "PLANT": plant, "BLOCKS": ROOT / "captures" / "crafted" / "program.pcapng", "BROKEN": broken, "RENAMED": renamed,
     }  # fmt: skip
 
 

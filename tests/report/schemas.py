@@ -18,6 +18,10 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 SCHEMAS: Final = ROOT / "dissect" / "schema"
 NAMES: Final = (
     "analysis",
+    "blocks",
+    "block-changes",
+    "blocks-code",
+    "blocks-references",
     "transaction",
     "operation",
     "pdu",
