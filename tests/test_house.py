@@ -39,6 +39,7 @@ ORDER: Final = (
     "anonymize",
     "session",  # analyze() folds what it reads with report.analysis
     "variables",
+    "index",
     "golden",
     "baseline",
     "alerts",

@@ -27,6 +27,10 @@ EXAMPLES: Final = {
         "s7dissect operations trace.pcapng",
         "s7dissect operations --kind download --kind upload trace.pcapng",
     ),
+    "index": (
+        "s7dissect index captures",
+        "s7dissect index -Y 'slug == security.program_change' captures",
+    ),
     "tags": (
         "s7dissect tags check plc_tags.xlsx tank.awl",
         "s7dissect tags list plc_tags.xlsx",

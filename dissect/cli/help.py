@@ -29,6 +29,7 @@ _PAGES: Final = {
     "baseline": "alerts",
     "diff": "golden",
     "fields": "select",
+    "index": "folders",
     "interfaces": "live",
     "schema": "json",
 }

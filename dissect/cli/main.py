@@ -42,6 +42,7 @@ COMMANDS: Final = {
     "golden": "Write a session as stable text to keep and compare.",
     "diff": "Report what changed between two sessions.",
     "verify": "Compare our dissection with Wireshark's.",
+    "index": "Index a folder of captures: which can answer a question.",
     "monitor": "Watch live S7 traffic.",
     "interfaces": "List interfaces and what can capture on them.",
     "proxy": "TCP relay in front of a PLC that reports what passes.",
@@ -54,7 +55,9 @@ COMMANDS: Final = {
     "help": "Show the manual page of a command or topic.",
 }
 #: Commands whose output shows times.
-_TIMED: Final = frozenset(("analyze", "transactions", "values", "operations", "show", "baseline", "monitor", "proxy"))
+_TIMED: Final = frozenset(
+    ("analyze", "transactions", "values", "operations", "show", "baseline", "index", "monitor", "proxy")
+)
 #: Words that people type as if they were commands, and the option that does it.
 _WORDS: Final = {"version": "--version"}
 

@@ -31,6 +31,7 @@ from dissect.engine.observer import Observer
 from dissect.engine.payload import PayloadStream
 from dissect.engine.plus import S7Plus
 from dissect.engine.s7 import S7
+from dissect.engine.silent import SilentConnections, note_idle
 from dissect.engine.timers import FAR_FUTURE, TICK_NS, Timers
 from dissect.engine.tls import Tls
 from dissect.engine.udp import Datagrams
@@ -62,6 +63,10 @@ _FUSED_SIZE: Final = 54
 _DISORDER_NS: Final = 1_000_000
 #: After a reset a segment this far ahead may have been captured out of order; anything else comes too late.
 _AFTER_RESET: Final = 65536
+
+
+#: A segment with one of these is no probe.
+_NO_PROBE: Final = SYN | FIN | RST
 
 
 #: Octets that all connections together may keep of what is unfinished.
@@ -109,6 +114,19 @@ class Options:
         self.naming: Naming | None = naming
 
 
+def _silent(side: Side) -> bool:
+    """Return whether ``side`` is of a connection to port 102 of which no octet was looked at yet."""
+    return side.connection.state == PROBING and side.connection.probed == 0 and on_102(side)
+
+
+def _may_be_probe(side: Side, octets: bytes) -> bool:
+    """Return whether ``octets``, the first that were captured of ``side``, may be that of a keep-alive probe.
+
+    Its octet is arbitrary; but on a connection that carries something, one that is not zero is read.
+    """
+    return len(octets) == 1 and not side.tcp.known_start and (octets == b"\0" or _silent(side))
+
+
 class Pipeline(PacketSink):
     """Packets in, transactions and findings out. See the module for the way through.
 
@@ -122,6 +140,7 @@ class Pipeline(PacketSink):
         self.exchange: Exchange = Exchange(observer, chosen.decoder, chosen.strict, chosen.slow_ns)
         self.exchange.naming = chosen.naming
         self.counters: Counters = Counters(self.exchange.reporter)
+        self.silent: SilentConnections = SilentConnections(self.counters)
         self.timers: Timers = Timers(self.counters, self.exchange, chosen.overdue_ns)
         self.connections: Connections = Connections(self.exchange, chosen.only)
         self.s7: S7 = S7(self.exchange)
@@ -320,6 +339,7 @@ class Pipeline(PacketSink):
             side = None
         if side is None:
             if flags & SYN and not flags & ACK and not octets:
+                self.silent.end(key)
                 evicted: i64 = self.table.half_open_evicted
                 self.table.note_syn(key, seq, self.counters.frames, self.counters.now_ns)
                 if self.table.half_open_evicted > evicted:
@@ -329,9 +349,16 @@ class Pipeline(PacketSink):
                 server, client = endpoints(key)
                 if server.port == ISO_TSAP_PORT:  # on other ports that is not our business
                     self.counters.note("stream.refused", f"{server} refuses {client}")
-            if not (octets or missing or flags & SYN):
-                return accounts.NO_PAYLOAD  # only octets, or a handshake, make a connection worth remembering
+            if not (
+                octets or missing or flags & SYN
+            ):  # only octets, or a handshake, make a connection worth remembering
+                if flags & (FIN | RST):
+                    self.silent.end(key)
+                elif flags & ACK:
+                    self.silent.take(key, seq, ack)
+                return accounts.NO_PAYLOAD
             side = self._open(key, vlan)
+            self.silent.begin(side)
             if flags & SYN and flags & ACK and side.tcp.initiator < 0:
                 side.tcp.initiator = 1 - side.index
                 side.connection.set_client(1 - side.index)
@@ -393,6 +420,8 @@ class Pipeline(PacketSink):
         side.last_ack = ack if flags & ACK else -1
         size: i64 = len(octets)
         if size == 0 and missing == 0:
+            if side.connection.state == PROBING and peer.last_ack == (seq + 1) & stream.MASK and not flags & _NO_PROBE:
+                side.probes += 1
             return accounts.NO_PAYLOAD
         half = side.stream
         if seq == half.next_seq and half.held is None and missing == 0 and side.connection.state == ISO:
@@ -427,7 +456,7 @@ class Pipeline(PacketSink):
             if side.connection.state == LEFT_OUT:
                 return accounts.LEFT_OUT
             return accounts.PAYLOAD
-        if half.next_seq < 0 and octets == b"\0" and not side.tcp.known_start:
+        if half.next_seq < 0 and missing == 0 and _may_be_probe(side, octets):
             # The probe of an idle connection: one octet that was sent before (RFC 1122 4.2.3.6), and begins no TPKT.
             half.start(seq + 1)
             side.probes += 1
@@ -451,7 +480,8 @@ class Pipeline(PacketSink):
             self.timers.chunks(side)
         if half.held is not None:
             self.timers.wait(side)
-        if what == stream.KEEP_ALIVE and side.probes:
+        if what == stream.KEEP_ALIVE and (side.probes or _silent(side)):
+            side.probes += 1
             return accounts.KEEP_ALIVE
         if connection.state == LEFT_OUT:
             return accounts.LEFT_OUT
@@ -535,7 +565,7 @@ class Pipeline(PacketSink):
             side.protocol.end(side, self.counters.frames, self.counters.now_ns)
         elif connection.state == PROBING and (side.probes or peer.probes) and on_102(side):
             first, second = side.tcp.ends
-            self.counters.note("session.idle", f"{first} and {second}, {int(side.tcp.packets)} packets")
+            note_idle(self.counters, first, second, side.probes + peer.probes)
 
     def finish(self) -> None:
         """The capture ends: every connection still open is closed, everything held is reported."""
@@ -543,6 +573,7 @@ class Pipeline(PacketSink):
             self._finish(side, CONNECTION_CLOSED)
         for side in self.table.all_open():
             self._finish(side, CAPTURE_ENDED)
+        self.silent.finish()
         if self.datagrams is not None:
             self.datagrams.finish()
         self.timers.finish()

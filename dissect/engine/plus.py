@@ -19,6 +19,8 @@ from dissect.transactions.table import Side
 
 #: Functions by which a client may begin to count anew.
 _BEGINNING: Final = frozenset((CREATE_OBJECT, INIT_SSL))
+#: Requests in several frames of a connection whose beginning is remembered.
+_MAX_BEGUN: Final = 64
 
 
 class S7Plus(Protocol):
@@ -53,6 +55,9 @@ class S7Plus(Protocol):
             self.finish(side, frame, time_ns)
         whole = assembler.push(tsdu)
         if whole is None:
+            if assembler.parts is not None and len(assembler.parts) == size:
+                assembler.begun_frame = frame
+                assembler.begun_ns = time_ns
             return
         if assembler.left_out and assembler.parts is None and whole is not tsdu:
             who = side.tcp.ends[side.index]
@@ -124,6 +129,8 @@ class S7Plus(Protocol):
         if pdu.opcode == REQUEST:
             connection.set_client(side.index)
             self._count_request(side, pdu, frame, time_ns)
+            if pdu.frames > 1:
+                self._note_beginning(side, sequence, frame)
             if parameters.starts_tls:
                 connection.identified_by = "InitSSL"
             if pdu.wants_response:
@@ -137,6 +144,19 @@ class S7Plus(Protocol):
             exchange.indication(side, sequence, parameters, octets, frame, time_ns)
         else:
             exchange.response(side, sequence, parameters, octets, frame, time_ns)
+
+    def _note_beginning(self, side: Side, sequence: i64, frame: i64) -> None:
+        """Remember when a request in several frames began, and what was not kept: its transaction knows only its end."""
+        assembler = side.plus
+        if assembler is None:
+            return
+        begun = side.connection.begun
+        if begun is None:
+            begun = {}
+            side.connection.begun = begun
+        while len(begun) >= _MAX_BEGUN:
+            del begun[next(iter(begun))]
+        begun[sequence, frame] = (assembler.begun_frame, assembler.begun_ns, assembler.left_out)
 
     def _count_request(self, side: Side, pdu: PlusPdu, frame: i64, time_ns: i64) -> None:
         """Note a request whose sequence number is not behind that of the one before: every client counts up by one.

@@ -31,6 +31,7 @@ NAMES: Final = {
     "delete": "delete",
     "control": "control",
     "polling": "polling",
+    "transfer": "data transfer",
 }
 _SUBJECT: Final = 120
 

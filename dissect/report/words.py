@@ -15,6 +15,7 @@ from dissect.ibh.tables import IBH_NETLINK
 from dissect.iso.cotp import Tpdu
 from dissect.iso.tsap import Tsap
 from dissect.iso.upper import EMPTY, S7COMM, S7COMM_PLUS, UPPER_NAMES, classify
+from dissect.s7.blocks import BLOCK_COUNT
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
 from dissect.s7.tables import BYTE, RETURN_CODES
@@ -277,8 +278,15 @@ def _content(result: ItemResult) -> str:
 
 
 def body_notes(pdu: Pdu) -> str:
-    """Return what the parts of a PDU are about: the first few notes, and how many more there are."""
-    return some_notes(pdu.body.notes)
+    """Return what the parts of a PDU are about: the first few notes, and how many more there are.
+
+    Of the numbers of blocks in a CPU, the types of which it has none are left out.
+    """
+    body = pdu.body
+    counts = [part for part in body.parts if part.layout is BLOCK_COUNT]
+    if not counts:
+        return some_notes(body.notes)
+    return some_notes([part.note for part in counts if part.number("block_count")]) or "no blocks"
 
 
 def some_notes(found: list[str]) -> str:

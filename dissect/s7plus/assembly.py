@@ -37,9 +37,12 @@ def _begins(frame: bytes) -> bool:
 
 
 class PlusAssembler:
-    """Joins the frames of one direction. ``parts`` is None between PDUs; ``left_out`` counts octets past ``most``."""
+    """Joins the frames of one direction. ``parts`` is None between PDUs; ``left_out`` counts octets past ``most``.
 
-    __slots__ = ("_most", "asked", "left_out", "notified", "parts")
+    ``begun_frame`` and ``begun_ns`` are for who feeds it: packet and time of the first frame of a PDU in several.
+    """
+
+    __slots__ = ("_most", "asked", "begun_frame", "begun_ns", "left_out", "notified", "parts")
 
     def __init__(self, most: i64 = MAX_PDU) -> None:
         self._most: i64 = most
@@ -47,6 +50,8 @@ class PlusAssembler:
         self.notified: i64 = -1  # number of the latest notification, -1 for none
         self.parts: bytearray | None = None
         self.left_out: i64 = 0  # of the PDU at hand
+        self.begun_frame: i64 = 0
+        self.begun_ns: i64 = 0
 
     def push(self, tsdu: bytes) -> bytes | None:
         """Take a TSDU that begins with 0x72; return the PDU when it is whole, else None."""

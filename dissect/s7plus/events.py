@@ -61,6 +61,7 @@ WRITTEN: Final = "write"
 WRITTEN_OUTPUTS: Final = "write outputs"
 PASSWORD: Final = "password"  # noqa: S105 - the name of a kind, no secret
 TEST_JOB: Final = "test job"
+STREAMED: Final = "stream"
 REPLAYED: Final = "replay"
 SESSION: Final = "session"
 SUBSCRIBED: Final = "subscription"
@@ -374,6 +375,8 @@ def _one(session: PlusSession, facts: Facts, function: int, asked: Contents, tol
             session.identified(told.value)
         return
     value = asked.value
+    if asked.pieces:
+        facts.events.append(Event(STREAMED, session.label(Address(0, object_id, ids[0], ids[1:])), object_id))
     if ids[-1] in PASSWORDS:
         facts.events.append(Event(PASSWORD, ""))
     elif ids[0] == REFERENCE_LIST and value is not None and good:

@@ -35,8 +35,9 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
 
 Predicate = Callable[[Any], bool]
-#: Returns whether a condition holds for everything on a connection, for nothing, or None where that is not known.
-Judge = Callable[[Connection], bool | None]
+#: Returns whether a condition holds for everything in something larger, a connection or a file, for nothing in it, or None
+#: where that is not known.
+Judge = Callable[[Any], bool | None]
 
 #: What people call many of a kind.
 PLURALS: Final = {
@@ -119,8 +120,12 @@ class Where:
     def may_hold(self, connection: Connection) -> bool:
         """Tell whether anything on a connection can be selected, by its ends and its number alone; True when in doubt."""
         if self._judges is None:
-            self._judges = [_judge(node, self.context) for node in self._nodes]
+            self._judges = self.judges(lambda condition: _of_ends(condition, self.context))
         return all([judge(connection) is not False for judge in self._judges])
+
+    def judges(self, of_condition: Callable[[Presence | Comparison], Judge]) -> list[Judge]:
+        """Return what judges something larger by each expression, given what judges it by a single condition."""
+        return [_judge(node, of_condition) for node in self._nodes]
 
     # ---- making -----------------------------------------------------------------------------------------------------
 
@@ -133,7 +138,7 @@ class Where:
             try:
                 _index(name, field, self.context)
                 if isinstance(condition, Comparison):
-                    _test(condition, field, self.context)
+                    comparison_test(condition, field, self.context)
             except SelectError as error:
                 raise error.within(text, error.start, error.end) from None
         return node
@@ -177,7 +182,7 @@ def _together(predicates: list[Predicate]) -> Predicate:
 _NEGATED: Final = {"!=": "==", "!==": "=="}
 
 
-def _test(condition: Comparison, field: Field, context: Context) -> Test:
+def comparison_test(condition: Comparison, field: Field, context: Context) -> Test:
     """Return the test of one value; of `!=` and `!==` that of `==`."""
     operator = condition.operator
     if operator not in field.kind.operators:
@@ -233,7 +238,7 @@ class _Maker:
             return _never
         if isinstance(node, Presence):
             return self._present(field, get)
-        return self._compared(node, _test(node, field, self._context), get)
+        return self._compared(node, comparison_test(node, field, self._context), get)
 
     def _getter(self, name: FieldName, field: Field) -> Getter | None:
         get = field.getters.get(self._kind)
@@ -336,33 +341,43 @@ def _some(parts: list[Predicate]) -> Predicate:
 _ENDS: Final = frozenset(("client", "server", "asked_by", "answered_by"))
 
 
-def _judge(node: Node, context: Context) -> Judge:
-    """Return what says of a connection whether a condition can hold for anything on it."""
-    if isinstance(node, Negation):
-        inner = _judge(node.within, context)
+def _of_ends(condition: Presence | Comparison, context: Context) -> Judge:
+    """Return what judges a connection by a condition, from its ends and its number alone."""
+    if isinstance(condition, Comparison):
+        field = NAMES[condition.field.name]
+        if field.decided:
+            return predicate_of(CONNECTION, condition, context)
+        if field.name in _ENDS and condition.operator in {"==", "===", IN}:
+            test = comparison_test(condition, field, context)
+            return lambda connection: None if any([test(end) for end in connection.tcp.ends]) else False
+    return lambda _connection: None
 
-        def turned(connection: Connection) -> bool | None:
-            found = inner(connection)
+
+def predicate_of(kind: str, condition: Presence | Comparison, context: Context) -> Predicate:
+    """Return the predicate of one condition for a kind of things."""
+    return _Maker(kind, context).predicate(condition)
+
+
+def _judge(node: Node, of_condition: Callable[[Presence | Comparison], Judge]) -> Judge:
+    """Return what says of something larger whether an expression can hold for anything in it."""
+    if isinstance(node, Negation):
+        inner = _judge(node.within, of_condition)
+
+        def turned(thing: Any) -> bool | None:
+            found = inner(thing)
             return None if found is None else not found
 
         return turned
     if isinstance(node, (All, Either)):
-        return _joined([_judge(part, context) for part in node.parts], isinstance(node, Either))
-    if isinstance(node, Comparison):
-        field = NAMES[node.field.name]
-        if field.decided:
-            return _Maker(CONNECTION, context).predicate(node)
-        if field.name in _ENDS and node.operator in {"==", "===", IN}:
-            test = _test(node, field, context)
-            return lambda connection: None if any([test(end) for end in connection.tcp.ends]) else False
-    return lambda _connection: None
+        return _joined([_judge(part, of_condition) for part in node.parts], isinstance(node, Either))
+    return of_condition(node)
 
 
 def _joined(parts: list[Judge], either: bool) -> Judge:
     """Return the judge of conditions one of which holds (``either``) or all of which hold."""
 
-    def joined(connection: Connection) -> bool | None:
-        found = [part(connection) for part in parts]
+    def joined(thing: Any) -> bool | None:
+        found = [part(thing) for part in parts]
         if either in found:
             return either
         return None if None in found else not either

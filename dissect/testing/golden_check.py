@@ -104,7 +104,9 @@ class GoldenCheck:
         if not isinstance(what, Session):
             return read_session(path_of(what, self._captures), where=where)
         if where is not None:
-            raise ValueError(f"where={where!r} selects of a capture or a recorder, not of a session that was read already")
+            raise ValueError(
+                f"where={where!r} selects of a capture or a recorder, not of a session that was read already"
+            )
         return what
 
     def _compare(self, place: str, session: Session, options: DiffOptions, timed: bool) -> str:

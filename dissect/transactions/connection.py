@@ -122,6 +122,7 @@ class Connection:
     __slots__ = (
         "_setup_by",
         "answered",
+        "begun",
         "bound",
         "class_",
         "client_known",
@@ -191,6 +192,9 @@ class Connection:
         self.state: i64 = PROBING
         self.probed: i64 = 0  # segments with octets looked at while probing
         self.plus: PlusSession | None = None  # what S7comm-plus told of client, CPU and subscriptions
+        #: Of requests of S7comm-plus in several frames, by sequence number and packet of the last: packet and time of the
+        #: first, and the octets that were not kept.
+        self.begun: dict[tuple[int, int], tuple[int, int, int]] | None = None
         self.tls: TlsSession | None = None  # there from the first record of TLS on
         self.protocol: str = ""  # what the TSDUs speak, as far as one name does
         self.identified_by: str = ""  # of another protocol: the words that say what, and for whom

@@ -29,6 +29,7 @@ SESSION: Final = "session"
 DELETE: Final = "delete"
 CONTROL: Final = "control"
 POLLING: Final = "polling"
+TRANSFER: Final = "transfer"
 #: Every kind with a sentence.
 KINDS: Final[dict[str, str]] = {
     CONNECT: "A connection is set up: TCP, COTP and Setup communication.",
@@ -44,6 +45,7 @@ KINDS: Final[dict[str, str]] = {
     DELETE: "A block is deleted from the PLC.",
     CONTROL: "A client stops or starts the PLC, or resets its memory.",
     POLLING: "A client reads the same S7comm-plus variables again and again.",
+    TRANSFER: "A client streams data into an object by S7comm-plus; the protocol does not say what kind of data.",
 }
 
 # How an operation ended.

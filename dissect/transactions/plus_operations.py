@@ -16,6 +16,7 @@ from dissect.s7plus.events import (
     SESSION,
     START,
     STOP,
+    STREAMED,
     SUBSCRIBED,
     SUBSCRIBED_ALARMS,
     TEST_JOB,
@@ -26,7 +27,7 @@ from dissect.s7plus.tables import V3
 from dissect.transactions import operation as kinds
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import DONE, FAILED, REFUSED, Operation, OperationBook
-from dissect.transactions.transaction import ANSWERED, Transaction
+from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 
 #: Kinds of operations by events that begin one.
 _KINDS: Final[dict[str, str]] = {
@@ -36,6 +37,7 @@ _KINDS: Final[dict[str, str]] = {
     TEST_JOB: kinds.TEST_JOB,
     CHANGED: kinds.DOWNLOAD,
     READ_OUT: kinds.UPLOAD,
+    STREAMED: kinds.TRANSFER,
     PASSWORD: kinds.PASSWORD,
     STOP: kinds.CONTROL,
     START: kinds.CONTROL,
@@ -67,6 +69,16 @@ class Poll:
         self.operation: Operation | None = None
 
 
+def _begin_at_first_frame(operation: Operation, transaction: Transaction) -> int:
+    """Let an operation begin with the first frame of its request; return the octets of that which were not kept."""
+    begun = transaction.connection.begun
+    found = begun.get((int(transaction.pdu_ref), int(transaction.request_frame))) if begun is not None else None
+    if found is None:
+        return 0
+    operation.first_frame, operation.begin_ns, left_out = found
+    return left_out
+
+
 class PlusOperations:
     """Follows the operations of all connections that speak S7comm-plus."""
 
@@ -88,9 +100,13 @@ class PlusOperations:
         if not kind:
             return
         operation = self._book.begin(kind, str(event.object_id), transaction, subject[:_MAX_SUBJECT])
-        if kind in {kinds.DOWNLOAD, kinds.UPLOAD}:
-            operation.octets = int(transaction.request_size if kind == kinds.DOWNLOAD else transaction.response_size)
-        if event.kind not in _LASTING or transaction.outcome != ANSWERED or transaction.error_code >= 0x8000:
+        if kind in {kinds.DOWNLOAD, kinds.TRANSFER}:
+            operation.octets = int(transaction.request_size) + _begin_at_first_frame(operation, transaction)
+        elif kind == kinds.UPLOAD:
+            operation.octets = int(transaction.response_size)
+        if kind == kinds.TRANSFER and transaction.outcome == PUSH:
+            self._book.close(operation, DONE)  # no answer was wanted
+        elif event.kind not in _LASTING or transaction.outcome != ANSWERED or transaction.error_code >= 0x8000:
             self._book.settle(operation, transaction, DONE, REFUSED)
         else:
             self._open[int(transaction.connection.number), event.object_id] = operation

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Final
 
@@ -41,6 +43,8 @@ diff TRANSFER SZL -T json
 diff TRANSFER SZL -T junit
 monitor TRANSFER
 monitor TRANSFER -T jsonl
+index FOLDER
+index FOLDER -T json
 interfaces
 interfaces -T json
 replay TRANSFER --dry-run
@@ -81,8 +85,12 @@ scd dump MISSING
 scd decode -d MISSING --pdo T1 00
 """
 WRITES: Final = str(ROOT / "captures" / "nodes7-write.pcapng")
-TAGS: Final = str(ROOT / "captures" / "tags" / "valve.csv")
-FILES: Final = {"TAGS": TAGS, "TRANSFER": TRANSFER, "SZL": SZL, "WRITES": WRITES, "PLANT": PLANT}
+_FOLDER: Final = tempfile.TemporaryDirectory()
+shutil.copy(SZL, _FOLDER.name)
+FILES: Final = {
+    "TAGS": str(ROOT / "captures" / "tags" / "valve.csv"), "TRANSFER": TRANSFER, "SZL": SZL, "PLANT": PLANT,
+    "FOLDER": _FOLDER.name, "WRITES": WRITES,
+}  # fmt: skip
 
 
 def calls(text: str) -> list[list[str]]:

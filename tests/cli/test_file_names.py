@@ -57,6 +57,8 @@ monitor GOOD --alerts NONSENSE
 monitor GOOD -w NOWHERE
 monitor GOOD --keep-around WORD 1s -w OUT
 monitor GOOD --metrics WORD
+index MISSING
+index FOLDER --file NONSENSE
 interfaces WORD
 proxy --to WORD:x
 proxy --to 127.0.0.1:1 --listen WORD
@@ -106,6 +108,7 @@ def test_a_name_is_escaped_wherever_it_is_told(capfdbinary: Capture, tmp_path: P
         "GOOD": str(simple(tmp_path / "good.pcapng")),
         "OUT": str(tmp_path / "out"),
         "PLANT": PLANT,
+        "FOLDER": str(tmp_path),
         "WORD": EVIL,
     }
     words = []

@@ -25,7 +25,19 @@ from tests.tls.talks import Wire, wire
 
 Capture = pytest.CaptureFixture[bytes]
 QUESTION, ANSWER = framed(asked(5, body=b"what")), framed(told(5))
-READERS = ("analyze", "transactions", "values", "operations", "show", "cut", "golden", "diff", "baseline", "monitor", "proxy")
+READERS = (
+    "analyze",
+    "transactions",
+    "values",
+    "operations",
+    "show",
+    "cut",
+    "golden",
+    "diff",
+    "baseline",
+    "monitor",
+    "proxy",
+)
 
 
 class Secrets(PacketSink):

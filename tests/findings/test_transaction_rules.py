@@ -292,7 +292,9 @@ def test_an_answer_before_its_request(talk: Talk) -> None:
 
 def test_an_item_error_names_the_tag_and_what_was_to_be_written(tmp_path: Path) -> None:
     tags = tmp_path / "tank.csv"
-    tags.write_text("address,type,name,unit\nDB1.DBD4,REAL,Tank.Setpoint,°C\nDB1.DBW0,INT,Tank.Mode,\n", encoding="utf-8")
+    tags.write_text(
+        "address,type,name,unit\nDB1.DBD4,REAL,Tank.Setpoint,°C\nDB1.DBW0,INT,Tank.Mode,\n", encoding="utf-8"
+    )
     talk = Talk()
     talk.pipeline = Pipeline(talk, Options(strict=True, naming=load_tags([tags]).naming()))
     talk.open()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import shutil
 from pathlib import Path
 from typing import Final
 
@@ -61,6 +62,9 @@ CASES: Final = """
 1 monitor GOOD --fail-on warning
 2 monitor MISSING
 3 monitor CUT
+0 index FOLDER
+2 index MISSING
+3 index BROKENFOLDER
 0 interfaces
 2 interfaces -T xml
 0 replay GOOD --dry-run
@@ -94,6 +98,7 @@ CASES: Final = """
 """
 #: What takes a peer, tshark, or a signal in the middle of a run, and is tested where that is at hand.
 ELSEWHERE: Final = {
+    ("index", "130"): "tests/cli/test_index.py::test_interrupted_it_keeps_what_was_read_and_goes_on_there",
     ("verify", "0"): "tests/cli/test_verify.py::test_all_is_explained",
     ("verify", "1"): "tests/cli/test_verify.py::test_what_is_not_explained_is_told",
     ("verify", "2"): "tests/cli/test_verify.py::test_an_unreadable_file",
@@ -152,9 +157,13 @@ def files(tmp_path_factory: pytest.TempPathFactory, nursery: Nursery) -> dict[st
     renamed.write_text(text.replace(first[0], 'name = "another"', 1), encoding="utf-8")
     number = re.search(r"^index = 0x6001$", text, re.MULTILINE)
     broken.write_text(text.replace("0x6001", "0x0001") if number is None else text.replace(number[0], "index = 1"))
+    for name in (good, cut):
+        (folder / name.stem).mkdir()
+        shutil.copy(name, folder / name.stem)
     wrong_tags = folder / "wrong.csv"
     wrong_tags.write_text("address,type,name\nDB1.DBW0,REAL,Tank.Level\n", encoding="utf-8")
     return {
+        "FOLDER": folder / "good", "BROKENFOLDER": folder / "cut",
         "TAGS": ROOT / "captures" / "tags" / "valve.csv", "WRONGTAGS": wrong_tags,
         "GOOD": good, "CUT": cut, "OTHER": other, "MISSING": folder / "missing.pcapng", "LEARNED": learned,
         "PLANT": plant, "BROKEN": broken, "RENAMED": renamed,

@@ -18,7 +18,7 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 SCHEMAS: Final = ROOT / "dissect" / "schema"
 NAMES: Final = (
     "analysis", "transaction", "operation", "pdu", "event", "alert", "interfaces", "fields", "diff", "replay", "anonymization",
-    "verification", "scd-check", "scd-diff", "scd-decode", "tags-check", "tags-list", "value", "variable",
+    "verification", "scd-check", "scd-diff", "scd-decode", "tags-check", "tags-list", "value", "variable", "index",
 )  # fmt: skip
 
 Schema = dict[str, Any]

@@ -4,7 +4,9 @@ import pytest
 
 from dissect.iso.tsap import Tsap
 from dissect.report import facets, words
+from dissect.s7.message import parse_pdu
 from dissect.s7.values import Value
+from tests import build
 from tests.cases import each
 from tests.properties import messages
 from tests.properties.messages import Item, dt
@@ -228,3 +230,19 @@ def test_a_write_without_return_code_is_not_called_written() -> None:
     talk = begun().send(0, dt(messages.write_job(1, [WORD, WORD], [b"\x04\xd2", b"\x00\x01"])))
     talk.send(1, dt(messages.pdu(messages.ACK_DATA, 1, b"\x05\x01", b"\xff")))
     assert facets.subject(first_transaction(talk)) == "DB10.DBW4 = 1234, DB10.DBW4 = 1: no return code"
+
+
+@each(
+    ("counts", "text"),
+    [
+        ({"08": 0, "0E": 0, "0A": 3, "0B": 1}, "3 DB, 1 SDB"),
+        ({"08": 1, "0E": 2, "0C": 3, "0A": 4, "0B": 0}, "1 OB, 2 FB, 3 FC and 1 more"),
+        ({"08": 0, "0A": 0}, "no blocks"),
+        ({}, ""),
+    ],
+)
+def test_types_of_which_there_are_no_blocks_are_left_out(counts: dict[str, int], text: str) -> None:
+    listed = b"".join([type_.encode() + number.to_bytes(2, "big") for type_, number in counts.items()])
+    answer = build.userdata_head(2, 3, 1, 1, 0), build.payload(listed)
+    pdu = parse_pdu(build.pdu(build.USERDATA, 1, *answer))
+    assert words.body_notes(pdu) == text

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 import dissect
+from dissect.s7plus.assembly import MAX_PDU
 from dissect.s7plus.contents import Address
 from dissect.s7plus.objects import Attribute, PlusObject, build_object
-from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, GET_MULTI_VARIABLES, SET_VARIABLE
+from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, GET_MULTI_VARIABLES, SET_VAR_SUBSTREAMED, SET_VARIABLE
 from dissect.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UDINT, WSTRING
 from dissect.s7plus.values import Blob, Struct, Value, build_value
 from dissect.transactions.plus_operations import MAX_POLLS
@@ -17,7 +18,7 @@ from tests.findings.test_plus_rules import DENIED, NOTHING, begun, block, do, ex
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
 from tests.s7plus.test_session import LIST, client
-from tests.transactions.talk import Talk
+from tests.transactions.talk import MS, Talk
 
 LIST_ID = 0x70008001
 
@@ -181,3 +182,73 @@ def test_shared_captures(corpus: Path, name: str, kinds: dict[str, int]) -> None
     analysis = dissect.analyze(str(corpus / "s7plus" / name))
     counts = {kind: sum(results.values()) for kind, results in analysis.operations.items()}
     assert {kind: count for kind, count in counts.items() if kind != "connect"} == kinds
+
+
+def stream(talk: Talk, number: int, *pieces: bytes, flags: int = 0x34) -> None:
+    """A client writes attribute 233 of object 0x90 as a stream, one frame every millisecond."""
+    head = bodies.get_stream(0x90, [233]) + build_value(Value(0, BLOB, Blob(0, b"head")))
+    frames = [asked(number, SET_VAR_SUBSTREAMED, flags=flags, body=head)]
+    frames += [bodies.number(len(piece)) + piece for piece in pieces]
+    frames[-1] += bodies.end(7)
+    for at, frame in enumerate(frames, 1):
+        talk.ask(framed(frame, 3, trailer=at == len(frames)))
+
+
+def test_a_stream_of_data() -> None:
+    """It begins with its first frame; how the object is called is all that is known of it."""
+    talk = begun()
+    stream(talk, 1, b"x" * 1000, b"y" * 500)
+    talk.tell(framed(told(1, SET_VAR_SUBSTREAMED, b"\0" + bodies.end(8)), 3))
+    assert told_of(talk) == [("transfer", "144.ObjectVariableTypeName", "done", 1, 0)]
+    (operation,) = talk.operations
+    (transaction,) = talk.transactions
+    assert operation.octets == transaction.request_size > 1500
+    assert operation.first_frame == transaction.request_frame - 2
+    assert operation.duration_ns == 3 * MS
+
+
+def test_a_stream_without_an_answer() -> None:
+    talk = begun()
+    stream(talk, 1, b"x" * 1000)
+    stream(talk, 2, b"x" * 1000, flags=0x74)
+    assert sorted([one[2] for one in told_of(talk)]) == ["done", "unfinished"]  # the second wanted none
+
+
+def test_a_value_in_one_frame_is_no_stream() -> None:
+    talk = begun()
+    stream(talk, 1)
+    talk.tell(framed(told(1, SET_VAR_SUBSTREAMED, b"\0" + bodies.end(8)), 3))
+    assert told_of(talk) == []
+
+
+def test_all_octets_of_a_stream_count() -> None:
+    """Also those past the bound, which are not kept."""
+    talk = begun()
+    piece = b"x" * 60_000
+    count = MAX_PDU // len(piece) + 10
+    stream(talk, 1, *[piece] * count)
+    talk.tell(framed(told(1, SET_VAR_SUBSTREAMED, b"\0" + bodies.end(8)), 3))
+    (operation,) = [one for one in told_of(talk) if one[0] == "transfer"]
+    assert operation[2] == "done"
+    assert count * len(piece) < talk.operations[0].octets < count * (len(piece) + 50)
+
+
+def test_a_download_in_several_frames_begins_with_the_first() -> None:
+    talk = begun()
+    octets = asked(
+        1, CREATE_OBJECT, body=bodies.create_object(3, NOTHING, block(0x8A320001, 2647, "Main", 4), integrity_id=1)
+    )
+    talk.ask(framed(octets[:40], 3, trailer=False))
+    talk.ask(framed(octets[40:], 3))
+    talk.tell(framed(told(1, CREATE_OBJECT, b"\0\0" + bodies.end(2)), 3))
+    assert told_of(talk) == [("download", "OB1 'Main' (SCL)", "done", 1, 0)]
+    assert talk.operations[0].duration_ns == 2 * MS
+
+
+def test_beginnings_that_are_remembered_are_bounded() -> None:
+    talk = begun()
+    for number in range(1, 100):
+        stream(talk, number, b"x")
+    (connection,) = {one.connection for one in talk.transactions} or {talk.pipeline.table.all_open()[0].connection}
+    assert connection.begun is not None
+    assert len(connection.begun) == 64

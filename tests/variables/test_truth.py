@@ -58,7 +58,9 @@ def test_the_series_that_a_peer_wrote_is_read_back_exactly(tmp_path: Path) -> No
 
     written: dict[str, list[object]] = {name: [] for name in series}
     seen: dict[str, list[object]] = {name: [] for name in series}
-    for row in [row for row in dissect.values(path, tags=tags) if row.tag]:  # beside it the byte behind the truth values
+    for row in [
+        row for row in dissect.values(path, tags=tags) if row.tag
+    ]:  # beside it the byte behind the truth values
         (written if row.how == "write" else seen)[row.tag.removeprefix("Press.")].append(row.value)
     assert written == series
     assert seen == series

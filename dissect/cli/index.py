@@ -1,0 +1,237 @@
+"""`s7dissect index`: a catalogue of a folder of captures, and which of its files can answer a question."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from dissect import __version__
+from dissect.cli.formats import format_option, write_outcome
+from dissect.cli.look import clock
+from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
+from dissect.cli.options.select import where_option
+from dissect.cli.run import drive
+from dissect.report import words
+from dissect.report.formats import OUTCOME, Format
+from dissect.report.outcome import Outcome
+from dissect.report.styled import DIM, FAILED, HEADING, PLAIN, Line
+from dissect.source.packet import CaptureError
+from dissect.wire.text import Clock, duration_text, encodable, printable
+
+if TYPE_CHECKING:
+    from dissect.index.facts import FileFacts
+    from dissect.index.possible import Possible
+    from dissect.index.store import Store
+    from dissect.index.update import Changes
+
+INDEX_SCHEMA: Final = "s7dissect.index/1"
+#: Findings that a line names.
+_NAMED: Final = 3
+
+
+@click.command(
+    "index",
+    epilog="Exit code: 0 success, 2 wrong use or an unreadable folder, 3 a file that cannot be read or is damaged, 5 the index "
+    "or the output could not be written, 130 interrupted.",
+)
+@click.argument("folder", type=click.Path(file_okay=False), metavar="DIR")
+@where_option(help="Only the names of the files from which this expression can select something, one on each line.")
+@format_option(OUTCOME)
+@click.option("-0", "--null", is_flag=True, help="With -Y: end each name with a NUL byte, for xargs -0.")
+@click.option("--no-update", is_flag=True, help="Use what the index knows; look at no file.")
+@click.option(
+    "--file",
+    "index_file",
+    type=click.Path(dir_okay=False),
+    metavar="INDEX",
+    help="Keep the index here.  [default: in DIR]",
+)
+def command(
+    folder: str, where: str | None, format_: Format, null: bool, no_update: bool, index_file: str | None
+) -> int:
+    """Keep an index of the captures in a folder: what each holds, and which of them can answer a question.
+
+    A file is read once; after that only when it was changed. For each file the index has the time range, the addresses of the
+    connections, the number of messages, transactions and errors, and the findings. With -Y it names the files from which
+    the expression can select something, so that other commands need not open the rest; addresses, ports, times and findings
+    rule files out, whatever else the expression says.
+    """
+    from dissect.index.store import NAME, Store, StoreError
+
+    if null and where is None:
+        raise click.UsageError("-0 needs -Y.")
+    possible = _possible(where)
+    place = Path(folder)
+    if not place.is_dir():
+        raise click.ClickException(f"{printable(folder)}: no such folder")
+    path = Path(index_file) if index_file is not None else place / NAME
+    if no_update and not path.is_file():
+        raise click.ClickException(f"{printable(str(path))}: there is no index yet; run without --no-update.")
+    try:
+        with Store(path, __version__) as store:
+            changes = None if no_update else _updated(store, place)
+            code = _complain(changes)
+            if possible is None:
+                write_outcome(format_, OUTCOME, Listing(folder, list(store.files()), changes, clock()))
+                return code
+            fitting = [facts for facts in store.files() if possible(facts)]
+            if format_.name == "text":
+                _write_names(folder, fitting, null)
+            else:
+                write_outcome(format_, OUTCOME, Listing(folder, fitting, changes, clock()))
+            return code
+    except StoreError as error:
+        if error.full:
+            raise OSError(error.full, "No space left on device", str(path)) from None
+        raise click.ClickException(printable(str(error))) from None
+
+
+def _possible(where: str | None) -> Possible | None:
+    if where is None:
+        return None
+    from dissect.index.possible import Possible
+    from dissect.select import SelectError
+
+    try:
+        return Possible(where)
+    except SelectError as error:
+        raise click.BadParameter(str(error), param_hint="'-Y' / '--where'") from None
+
+
+def _updated(store: Store, folder: Path) -> Changes:
+    from dissect.index.facts import filled, watched
+    from dissect.index.update import update
+
+    def read(path: str, facts: FileFacts) -> FileFacts | str | None:
+        run, seen = watched(path)
+        try:
+            code = drive(run, (path,))
+        except CaptureError as error:
+            return str(error)
+        return None if code == EXIT_INTERRUPTED else filled(facts, run, seen)
+
+    return update(store, folder, read)
+
+
+def _complain(changes: Changes | None) -> int:
+    """Say on stderr what could not be read; return the exit code."""
+    if changes is None:
+        return EXIT_OK
+    for name, why in sorted({**changes.unreadable, **changes.damaged}.items()):
+        click.echo(f"s7dissect: {printable(name)}: {printable(why)}", err=True)
+    if not changes.whole:
+        click.echo("s7dissect: interrupted; the index covers the files that were read so far", err=True)
+        return EXIT_INTERRUPTED
+    return EXIT_DAMAGED if changes.unreadable or changes.damaged else EXIT_OK
+
+
+def _write_names(folder: str, files: list[FileFacts], null: bool) -> None:
+    names = [os.path.join(folder, facts.name) for facts in files]  # noqa: PTH118 - as the user wrote the folder
+    if null:
+        sys.stdout.buffer.write(b"".join([os.fsencode(name) + b"\0" for name in names]))
+        sys.stdout.buffer.flush()
+        return
+    from dissect.cli.run import write
+
+    write([printable(name) for name in names])
+
+
+class Listing(Outcome):
+    """Files of an index, and what bringing it up to date changed, None where that was not done."""
+
+    def __init__(self, folder: str, files: list[FileFacts], changes: Changes | None, clock: Clock) -> None:
+        self._folder = folder
+        self._files = files
+        self._changes = changes
+        self._clock = clock
+
+    def text(self) -> Iterator[Line]:
+        """Return a line or two for each file, and what changed."""
+        for facts in self._files:
+            yield Line(printable(facts.name), HEADING, 4)
+            yield Line(f"  {_contents(facts, self._clock)}", PLAIN, 6)
+            if facts.findings:
+                yield Line(f"  {_findings(facts)}", PLAIN, 6)
+            if facts.damage:
+                yield Line(f"  {printable(facts.damage)}", FAILED, 6)
+        said = words.count(len(self._files), "file")
+        changes = self._changes
+        if changes is not None:
+            said += f": {len(changes.read)} read, {changes.unchanged} unchanged since the last time"
+            if changes.gone:
+                said += f", {len(changes.gone)} gone"
+            if changes.unreadable:
+                said += f"; {words.count(len(changes.unreadable), 'file')} could not be read"
+        yield Line(said, DIM, 4)
+
+    def as_dict(self) -> Mapping[str, object]:
+        """Return the object of the JSON contract."""
+        changes = self._changes
+        return {
+            "schema": INDEX_SCHEMA,
+            "folder": encodable(self._folder),
+            "files": [_as_dict(facts) for facts in self._files],
+            "update": None
+            if changes is None
+            else {
+                "whole": changes.whole,
+                "read": [encodable(name) for name in changes.read],
+                "unchanged": changes.unchanged,
+                "gone": [encodable(name) for name in changes.gone],
+                "unreadable": [
+                    {"name": encodable(name), "reason": encodable(why)} for name, why in changes.unreadable.items()
+                ],
+            },
+        }
+
+
+def _contents(facts: FileFacts, clock: Clock) -> str:
+    if not facts.packets:
+        return "no packets"
+    said = [
+        f"from {clock.moment(facts.first_ns)}, {duration_text(max(0, facts.last_ns - facts.first_ns))}",
+        words.count(facts.packets, "packet"),
+        words.count(facts.connections, "connection"),
+        words.count(facts.transactions, "transaction"),
+    ]
+    if facts.errors:
+        said.append(f"{facts.errors} with errors")
+    if facts.unanswered:
+        said.append(f"{facts.unanswered} unanswered")
+    return ", ".join(said)
+
+
+def _findings(facts: FileFacts) -> str:
+    from dissect.findings.catalogue import CATALOGUE, SEVERITIES
+
+    known = [slug for slug in facts.findings if slug in CATALOGUE]
+    known.sort(key=lambda slug: (SEVERITIES.index(CATALOGUE[slug].severity), slug))
+    said = ", ".join([f"{slug} ({facts.findings[slug]})" for slug in known[:_NAMED]])
+    return f"{said} and {len(known) - _NAMED} more" if len(known) > _NAMED else said
+
+
+def _as_dict(facts: FileFacts) -> dict[str, object]:
+    from dissect.tcp.stream import address_text
+
+    clock = Clock()
+    return {
+        "name": encodable(facts.name),
+        "octets": facts.size,
+        "packets": facts.packets,
+        "first_time": clock.iso(facts.first_ns) if facts.packets else None,
+        "last_time": clock.iso(facts.last_ns) if facts.packets else None,
+        "pdus": facts.pdus,
+        "connections": facts.connections,
+        "transactions": facts.transactions,
+        "with_errors": facts.errors,
+        "unanswered": facts.unanswered,
+        "findings": dict(facts.findings),
+        "hosts": sorted({address_text(end) for pair in facts.pairs for end in (pair[0], pair[2])}),
+        "all_hosts": facts.all_pairs,
+        "damage": encodable(facts.damage) or None,
+    }

@@ -1,0 +1,153 @@
+"""Connections on port 102 that are open but silent: nothing but empty keep-alive probes of them was captured.
+
+A probe (RFC 1122, 4.2.3.6) repeats the sequence number below the next one, with one octet or none, and the other side
+acknowledges what it had acknowledged before. An empty probe looks like any acknowledgement, until it is known what its
+receiver acknowledges: then it is the one whose sequence number is one below that. One such segment may be left of a FIN that
+was not captured; two with a pause between them are probes, as long as no number of the connection ever moves.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.engine.counters import Counters
+from dissect.tcp.stream import MASK, Endpoint
+from dissect.transactions.connection import ISO_TSAP_PORT
+from dissect.transactions.table import Side, endpoints, reverse_key
+from dissect.wire.octets import u16
+
+#: Connections watched at once; when there are more, the one not seen for longest has to leave.
+MAX_SILENT: Final = 4096
+#: Probes of one side are at least a second apart (less what timers are off by); what comes earlier was captured twice.
+_PAUSE_NS: Final = 900_000_000
+
+
+class _Way:
+    """One direction: what it acknowledges, and its probes."""
+
+    __slots__ = ("ack", "last_ns", "probes", "seq")
+
+    def __init__(self) -> None:
+        self.seq: i64 = -1  # of its packets before the other direction was seen; -1 for none
+        self.ack: i64 = -1
+        self.probes: i64 = 0
+        self.last_ns: i64 = 0
+
+
+class Silent:
+    """What was seen of one connection that carried no octet so far; ``key`` is that of its first packet."""
+
+    __slots__ = ("_ways", "key", "moved")
+
+    def __init__(self, key: bytes) -> None:
+        self.key: bytes = key
+        self._ways: list[_Way] = [_Way(), _Way()]
+        self.moved: bool = False  # something was sent that the capture does not hold, or that is no probe
+
+    def take(self, way: i64, seq: i64, ack: i64, now_ns: i64) -> None:
+        """Take an empty segment; ``way`` is 0 in the direction of the first packet."""
+        mine, other = self._ways[way], self._ways[1 - way]
+        if mine.ack < 0:
+            mine.ack = ack
+            if other.seq == ack:
+                other.probes = 0  # what was taken for probes are acknowledgements
+            elif other.seq >= 0 and (other.seq + 1) & MASK != ack:
+                self.moved = True
+        elif mine.ack != ack:
+            self.moved = True
+        if other.ack < 0:
+            self.moved = self.moved or (mine.seq >= 0 and mine.seq != seq)
+            mine.seq = seq
+        elif seq == other.ack:
+            return
+        elif (seq + 1) & MASK != other.ack:
+            self.moved = True
+        if mine.probes == 0 or now_ns - mine.last_ns >= _PAUSE_NS:
+            mine.probes += 1
+            mine.last_ns = now_ns
+
+    @property
+    def likely(self) -> int:
+        """How many packets both sides sent that look like probes."""
+        first, second = self._ways
+        return 0 if self.moved or first.ack < 0 or second.ack < 0 else int(first.probes + second.probes)
+
+    @property
+    def probes(self) -> int:
+        """How many probes both sides sent; 0 when it is not certain that they are probes."""
+        first, second = self._ways
+        return self.likely if max(first.probes, second.probes) > 1 else 0
+
+
+class SilentConnections:
+    """Watches the connections to port 102 without octets, `MAX_SILENT` of them, and reports those that only sent probes."""
+
+    def __init__(self, counters: Counters) -> None:
+        self._counters: Counters = counters
+        self._known: OrderedDict[bytes, Silent] = OrderedDict()
+
+    def take(self, key: bytes, seq: i64, ack: i64) -> None:
+        """Take an empty segment with ``key``, of a connection that is not in the table."""
+        ports: i64 = 8 if len(key) == 12 or len(key) == 20 else 32  # IPv4 or IPv6, each with a VLAN or without
+        if u16(key, ports) != ISO_TSAP_PORT and u16(key, ports + 2) != ISO_TSAP_PORT:
+            return
+        known = self._known
+        way: i64 = 0
+        entry = known.get(key)
+        if entry is None:
+            entry = known.get(reverse_key(key))
+            way = 1
+        if entry is None:
+            way = 0
+            entry = Silent(key)
+            known[key] = entry
+        else:
+            known.move_to_end(entry.key)
+        if not entry.moved:
+            entry.take(way, seq, ack, self._counters.now_ns)
+        if len(known) > MAX_SILENT:
+            _, longest = known.popitem(last=False)
+            if longest.probes:
+                self._report(longest)
+            elif not longest.moved:
+                self._counters.note_once("stream.evicted", "connections without data, first here")
+
+    def begin(self, side: Side) -> None:
+        """The connection of ``side`` carries octets now; they may be those of a probe, so the probes before them count."""
+        entry = self._leave(side.key)
+        if entry is not None:
+            side.probes += entry.likely
+
+    def end(self, key: bytes) -> None:
+        """The connection with ``key`` is over, or another one takes its addresses."""
+        entry = self._leave(key)
+        if entry is not None and entry.probes:
+            self._report(entry)
+
+    def finish(self) -> None:
+        """The capture ends."""
+        known = self._known
+        self._known = OrderedDict()
+        for entry in known.values():
+            if entry.probes:
+                self._report(entry)
+
+    def _leave(self, key: bytes) -> Silent | None:
+        known = self._known
+        if not known:
+            return None
+        entry = known.pop(key, None)
+        return entry if entry is not None else known.pop(reverse_key(key), None)
+
+    def _report(self, entry: Silent) -> None:
+        first, second = endpoints(entry.key)
+        note_idle(self._counters, first, second, entry.probes)
+
+
+def note_idle(counters: Counters, first: Endpoint, second: Endpoint, probes: i64) -> None:
+    """Report a connection of which only ``probes`` keep-alive probes were captured."""
+    client, server = (first, second) if second.port == ISO_TSAP_PORT else (second, first)
+    counters.note("session.idle", f"{client} and {server}: {probes} {'probe' if probes == 1 else 'probes'}")

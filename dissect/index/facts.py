@@ -1,0 +1,106 @@
+"""What the catalogue keeps of a capture, and the run that finds it out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from dissect.engine.observer import Observer
+from dissect.session import Run
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import UNANSWERED, Transaction
+
+#: The two ends of a connection: address and port of one, address and port of the other.
+Pair = tuple[bytes, int, bytes, int]
+#: Pairs that are kept of a file; of one with more, no address rules anything out.
+MAX_PAIRS: Final = 10_000
+
+
+@dataclass
+class FileFacts:
+    """A capture in short.
+
+    ``pairs`` are the ends of every connection that `analyze` numbers, each pair once; ``all_pairs`` is False when some did not
+    fit. Times are nanoseconds since 1970, 0 for a file without packets; where the clock of the capture ran ``backwards``, they
+    are those of the first and the last packet. ``findings`` counts by slug. ``damage`` says what could not be read, empty where
+    all was.
+    """
+
+    name: str
+    size: int
+    mtime_ns: int
+    packets: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    pdus: int = 0
+    connections: int = 0
+    transactions: int = 0
+    errors: int = 0
+    unanswered: int = 0
+    findings: Mapping[str, int] = field(default_factory=dict)
+    pairs: frozenset[Pair] = frozenset()
+    all_pairs: bool = True
+    damage: str = ""
+
+    @property
+    def backwards(self) -> bool:
+        """True when packets are not in the order of their times."""
+        return bool(self.findings.get("capture.time_backwards"))
+
+
+class FactsObserver(Observer):
+    """Counts what passes, and keeps the ends."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.connections = 0
+        self.transactions = 0
+        self.errors = 0
+        self.unanswered = 0
+        self.pairs: set[Pair] = set()
+        self.all_pairs = True
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Keep the ends of a connection."""
+        self.connections += 1
+        first, second = connection.tcp.ends
+        pair = (first.address, int(first.port), second.address, int(second.port))
+        if len(self.pairs) < MAX_PAIRS:
+            self.pairs.add(pair)
+        elif pair not in self.pairs:
+            self.all_pairs = False
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Count a transaction."""
+        self.transactions += 1
+        if transaction.has_errors:
+            self.errors += 1
+        if transaction.outcome == UNANSWERED and transaction.missed:
+            self.unanswered += 1
+
+
+def watched(path: str) -> tuple[Run, FactsObserver]:
+    """Return a run over one file, to be stepped to its end, and what watches it."""
+    seen = FactsObserver()
+    return Run([path], seen), seen
+
+
+def filled(facts: FileFacts, run: Run, seen: FactsObserver) -> FileFacts:
+    """Return the facts with what a run found that was stepped to its end."""
+    pipeline = run.pipeline
+    return replace(
+        facts,
+        packets=int(pipeline.frames),
+        first_ns=int(pipeline.first_ns),
+        last_ns=int(pipeline.now_ns),
+        pdus=sum([count for protocol in pipeline.protocols for count, _ in protocol.counted()]),
+        connections=seen.connections,
+        transactions=seen.transactions,
+        errors=seen.errors,
+        unanswered=seen.unanswered,
+        findings=dict(pipeline.finding_counts),
+        pairs=frozenset(seen.pairs),
+        all_pairs=seen.all_pairs,
+        damage="; ".join([file.loss for file in run.files if file.loss]),
+    )

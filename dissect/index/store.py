@@ -1,0 +1,165 @@
+"""The catalogue on disk: a SQLite database with a row for each file, its connections' ends and its findings.
+
+It can be made again at any time, so one that another version wrote is emptied. A file is replaced in one transaction: who
+reads meanwhile, or after a crash, sees it as it was before or as it is.
+"""
+
+from __future__ import annotations
+
+import errno
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+from dissect.index.facts import FileFacts
+
+#: Name of the catalogue in the folder it is of.
+NAME: Final = ".s7dissect-index.sqlite"
+#: Changes with the tables below.
+FORMAT: Final = 1
+#: Marks the database as ours (PRAGMA application_id): "S7ix".
+_MARK: Final = 0x53376978
+#: Seconds to wait for another process that writes.
+_PATIENCE: Final = 10.0
+
+_TABLES: Final = """
+CREATE TABLE about (name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT;
+CREATE TABLE files (
+    id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, size INTEGER NOT NULL, mtime_ns INTEGER NOT NULL,
+    packets INTEGER NOT NULL, first_ns INTEGER NOT NULL, last_ns INTEGER NOT NULL, pdus INTEGER NOT NULL,
+    connections INTEGER NOT NULL, transactions INTEGER NOT NULL, errors INTEGER NOT NULL, unanswered INTEGER NOT NULL,
+    all_pairs INTEGER NOT NULL, damage TEXT NOT NULL
+) STRICT;
+CREATE TABLE pairs (
+    file INTEGER NOT NULL REFERENCES files ON DELETE CASCADE,
+    address BLOB NOT NULL, port INTEGER NOT NULL, other_address BLOB NOT NULL, other_port INTEGER NOT NULL
+) STRICT;
+CREATE TABLE findings (
+    file INTEGER NOT NULL REFERENCES files ON DELETE CASCADE, slug TEXT NOT NULL, count INTEGER NOT NULL
+) STRICT;
+CREATE INDEX pairs_of ON pairs (file);
+CREATE INDEX findings_of ON findings (file);
+"""
+_COLUMNS: Final = (
+    "name", "size", "mtime_ns", "packets", "first_ns", "last_ns", "pdus", "connections", "transactions", "errors",
+    "unanswered", "all_pairs", "damage",
+)  # fmt: skip
+
+
+class StoreError(Exception):
+    """The catalogue cannot be used; the text says why and what to do. ``full`` is the error number of a full disk, else 0."""
+
+    def __init__(self, text: str, full: int = 0) -> None:
+        super().__init__(text)
+        self.full = full
+
+
+class Store:
+    """A catalogue, as a context. One that another ``version`` of the program wrote is emptied: it may have found other things.
+
+    Raises `StoreError` when it cannot be opened, read or written.
+    """
+
+    def __init__(self, path: Path, version: str) -> None:
+        self.path = path
+        self._about = {"format": str(FORMAT), "version": version}
+        self._base: sqlite3.Connection
+
+    def __enter__(self) -> Self:
+        try:
+            self._base = sqlite3.connect(self.path, timeout=_PATIENCE)
+            try:
+                self._prepare()
+            except BaseException:
+                self._base.close()
+                raise
+        except sqlite3.Error as error:
+            raise self._failed(error) from None
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._base.close()
+
+    def _prepare(self) -> None:
+        base = self._base
+        base.execute("PRAGMA foreign_keys = ON")
+        mark = base.execute("PRAGMA application_id").fetchone()[0]
+        tables = base.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+        if mark != _MARK and tables:
+            raise StoreError(f"{self.path} is a database of another program: choose another name with --file")
+        if mark == _MARK and dict(base.execute("SELECT name, value FROM about")) == self._about:
+            return
+        for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall():
+            base.execute(f'DROP TABLE "{name}"')
+        base.executescript(_TABLES)
+        base.executemany("INSERT INTO about VALUES (?, ?)", list(self._about.items()))
+        base.execute(f"PRAGMA application_id = {_MARK}")
+        base.commit()
+
+    def _failed(self, error: sqlite3.Error) -> StoreError:
+        if isinstance(error, sqlite3.OperationalError) and "locked" in str(error):
+            return StoreError(f"{self.path} is being written by another process: try again when that is done")
+        if isinstance(error, sqlite3.DatabaseError) and "not a database" in str(error):
+            return StoreError(f"{self.path} is no index of s7dissect: remove it, or choose another name with --file")
+        if "disk is full" in str(error):
+            return StoreError(f"{self.path}: {error}", errno.ENOSPC)
+        if "readonly" in str(error) or "unable to open" in str(error):
+            return StoreError(f"{self.path} cannot be written: choose another place with --file")
+        return StoreError(f"{self.path}: {error}")
+
+    def known(self) -> dict[str, tuple[int, int]]:
+        """Return size and time of change of each file, by name, as they were when it was read."""
+        try:
+            rows = self._base.execute("SELECT name, size, mtime_ns FROM files").fetchall()
+        except sqlite3.Error as error:
+            raise self._failed(error) from None
+        return {name: (size, mtime_ns) for name, size, mtime_ns in rows}
+
+    def put(self, facts: FileFacts) -> None:
+        """Write what is known of a file, in the place of what was known before."""
+        values = [getattr(facts, name) for name in _COLUMNS]
+        try:
+            with self._base as base:
+                base.execute("DELETE FROM files WHERE name = ?", (facts.name,))
+                marks = ", ".join("?" * len(_COLUMNS))
+                row = base.execute(f"INSERT INTO files ({', '.join(_COLUMNS)}) VALUES ({marks})", values)  # noqa: S608 - our own words
+                number = row.lastrowid
+                base.executemany("INSERT INTO pairs VALUES (?, ?, ?, ?, ?)", [(number, *pair) for pair in facts.pairs])
+                base.executemany(
+                    "INSERT INTO findings VALUES (?, ?, ?)",
+                    [(number, slug, count) for slug, count in facts.findings.items()],
+                )
+        except sqlite3.Error as error:
+            raise self._failed(error) from None
+
+    def drop(self, name: str) -> None:
+        """Forget a file."""
+        try:
+            with self._base as base:
+                base.execute("DELETE FROM files WHERE name = ?", (name,))
+        except sqlite3.Error as error:
+            raise self._failed(error) from None
+
+    def files(self) -> Iterator[FileFacts]:
+        """Yield the files in the order of their first packets, then of their names."""
+        try:
+            base = self._base
+            rows = base.execute(
+                f"SELECT id, {', '.join(_COLUMNS)} FROM files ORDER BY first_ns, name"  # noqa: S608 - our own words
+            ).fetchall()
+            for number, *values in rows:
+                facts = FileFacts(**dict(zip(_COLUMNS, values, strict=True)))
+                facts.all_pairs = bool(facts.all_pairs)
+                facts.pairs = frozenset(
+                    base.execute("SELECT address, port, other_address, other_port FROM pairs WHERE file = ?", (number,))
+                )
+                facts.findings = dict(
+                    base.execute("SELECT slug, count FROM findings WHERE file = ? ORDER BY slug", (number,))
+                )
+                yield facts
+        except sqlite3.Error as error:
+            raise self._failed(error) from None

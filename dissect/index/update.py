@@ -1,0 +1,97 @@
+"""Bring a catalogue up to date with its folder: read what is new or was changed, forget what is gone."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from dissect.index.facts import FileFacts
+from dissect.index.store import Store
+
+#: What the names of captures end with, before that of a compression.
+_CAPTURES: Final = (".pcap", ".pcapng", ".cap", ".ntar")
+_COMPRESSED: Final = (".gz", ".zst")
+
+
+@dataclass
+class Changes:
+    """What an update did: files by what became of them.
+
+    ``unreadable`` says why, by name; ``damaged`` what of a file that was read is missing; ``whole`` is False if broken off.
+    """
+
+    read: list[str] = field(default_factory=list)
+    unchanged: int = 0
+    gone: list[str] = field(default_factory=list)
+    unreadable: dict[str, str] = field(default_factory=dict)
+    damaged: dict[str, str] = field(default_factory=dict)
+    whole: bool = True
+
+
+def captures(folder: Path) -> Iterator[str]:
+    """Yield the captures in a folder and below it, by names relative to it, sorted; hidden files and folders are left out.
+
+    Symbolic links to folders are not followed. Raises `OSError` when the folder itself cannot be read.
+    """
+    with os.scandir(folder) as entries:
+        found = sorted(entries, key=lambda entry: entry.name)
+    for entry in found:
+        if entry.name.startswith("."):
+            continue
+        if entry.is_dir(follow_symlinks=False):
+            try:
+                yield from [f"{entry.name}/{name}" for name in captures(Path(entry.path))]
+            except PermissionError:
+                continue
+        elif is_capture(entry.name) and entry.is_file():
+            yield entry.name
+
+
+def is_capture(name: str) -> bool:
+    """Return whether a file is named as captures are."""
+    stem = name.lower()
+    for ending in _COMPRESSED:
+        stem = stem.removesuffix(ending)
+    # A ring buffer of tcpdump numbers its files behind the name: ring.pcap12.
+    return stem.rstrip("0123456789").endswith(_CAPTURES)
+
+
+def update(store: Store, folder: Path, read: Callable[[str, FileFacts], FileFacts | str | None]) -> Changes:
+    """Read what the catalogue does not know yet, with ``read``, and forget what is gone.
+
+    ``read`` is given the path of a file and facts of which name, size and time of change are filled in. It returns the facts,
+    a text that says why the file cannot be read, or None to break off. Raises `StoreError` and `OSError`.
+    """
+    changes = Changes()
+    known = store.known()
+    names = list(captures(folder))
+    for name in known.keys() - set(names):
+        store.drop(name)
+        changes.gone.append(name)
+    for name in names:
+        path = folder / name
+        try:
+            state = path.stat()
+        except OSError as error:
+            changes.unreadable[name] = error.strerror or str(error)
+            continue
+        if known.get(name) == (state.st_size, state.st_mtime_ns):
+            changes.unchanged += 1
+            continue
+        found = read(str(path), FileFacts(name, state.st_size, state.st_mtime_ns))
+        if found is None:
+            changes.whole = False
+            break
+        if isinstance(found, str):
+            changes.unreadable[name] = found
+            store.drop(name)
+            continue
+        store.put(found)
+        changes.read.append(name)
+        if found.damage:
+            changes.damaged[name] = found.damage
+    changes.gone.sort()
+    return changes
