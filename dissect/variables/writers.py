@@ -208,6 +208,8 @@ class ValueCsv(ValueWriter):
         super().__init__(clock, verbose)
         self._csv: Any = csv.writer(_Sink(self), lineterminator="")
         self._begun: bool = False
+        self._about: dict[Variable, list[str]] = {}
+        self._hosts: dict[int, str] = {}
 
     def values(self, rows: list[ValueRow]) -> None:
         """Add the rows; the first time with the names of the columns in front, also where there are none."""
@@ -233,23 +235,51 @@ class ValueCsv(ValueWriter):
         cells = [self.clock.iso(row.time_ns), str(self.places.number(int(row.frame)))]
         if self.places.several:
             cells.append(cell(self.places.locate(int(row.frame))[0]))
+        plc, address, tag, type_, unit = self._names(variable)
+        value = value_cell(variable, row.value, data)
         cells += [
             str(row.link.number),
-            row.host,
-            str(variable.plc),
+            self._host(row),
+            plc,
             row.how,
-            cell(variable.address),
-            cell(variable.tag),
-            cell(variable.type),
-            value_cell(variable, row.value, data),
-            cell(row.text),
-            cell(variable.unit),
-            value_cell(variable, row.previous, row.before),
+            address,
+            tag,
+            type_,
+            value,
+            cell(row.text) if row.text else "",
+            unit,
+            value_cell(variable, row.previous, row.before) if row.changed else value,
             "" if row.first else "true" if row.changed else "false",
             data.hex() if data is not None else "",
-            PIECED if row.pieced else cell(row.remark),
+            PIECED if row.pieced else cell(row.remark) if row.remark else "",
         ]
         return cells
+
+    def _names(self, variable: Variable) -> list[str]:
+        """Return the cells of a variable, which are the same in all of its rows."""
+        found = self._about.get(variable)
+        if found is None:
+            if len(self._about) >= _MAX_CACHED:
+                self._about.clear()
+            found = [
+                str(variable.plc),
+                cell(variable.address),
+                cell(variable.tag),
+                cell(variable.type),
+                cell(variable.unit),
+            ]
+            self._about[variable] = found
+        return found
+
+    def _host(self, row: ValueRow) -> str:
+        key: i64 = row.link.number * 2 + row.side
+        found = self._hosts.get(key)
+        if found is None:
+            if len(self._hosts) >= _MAX_CACHED:
+                self._hosts.clear()
+            found = row.host
+            self._hosts[key] = found
+        return found
 
 
 class _Sink:
