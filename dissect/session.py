@@ -29,6 +29,7 @@ from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
 
 if TYPE_CHECKING:
+    from dissect.inventory.model import Device
     from dissect.scd.dictionary import Dictionary
     from dissect.select import Where
     from dissect.select.sieve import Sieve
@@ -37,6 +38,9 @@ if TYPE_CHECKING:
 
 #: Files of tags: one, several, or what `dissect.tags.load_tags` made of them.
 Tags: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | TagSet | None"
+
+#: Files with session keys of TLS: one or several.
+KeyLogFiles: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None"
 
 #: A file whose first packet comes this soon after the last one of the file before it continues its connections.
 CONTINUES_NS: Final = 60_000_000_000
@@ -205,6 +209,20 @@ def _run(paths: Sequence[str | os.PathLike[str]], observer: Observer, sieve: Sie
     return run
 
 
+def prepared_run(
+    paths: Sequence[str | os.PathLike[str]],
+    observer: Observer,
+    options: Options,
+    where: str | Where | None = None,
+    tags: Tags = None,
+    tls_keys: KeyLogFiles = None,
+) -> Run:
+    """Return a run over files that tells ``observer`` of what ``where`` selects; the arguments are those of `open`."""
+    options.tls_keys = keys_of(tls_keys)
+    options.naming = naming_of(tags)
+    return _run(paths, observer, sieved(observer, where, options), options)
+
+
 class KeyLogError(ValueError):
     """A file that is given for TLS keys holds none."""
 
@@ -234,7 +252,7 @@ def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
     return keys
 
 
-def keys_of(given: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None) -> KeyLog | None:
+def keys_of(given: KeyLogFiles) -> KeyLog | None:
     """Return the session keys of one key log or several, None for none. Raises what `read_tls_keys` raises."""
     if given is None:
         return None
@@ -306,3 +324,29 @@ def analyze(
     if sieve is not None:
         analysis.part = sieve.part(run.pipeline)
     return analysis
+
+
+def devices(
+    path: str | os.PathLike[str],
+    *more: str | os.PathLike[str],
+    checksums: bool = False,
+    where: str | Where | None = None,
+    tls_keys: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
+    tags: Tags = None,
+) -> Iterator[Device]:
+    """Iterate the devices of one capture or several, the CPUs first: what each is, and by which packets (docs/devices.md).
+
+    They come when everything was read. `dissect.inventory.collector.Inventory` is an observer that does the same in a run of
+    yours, and holds who talked to whom. ``checksums``, ``tls_keys``, ``tags`` and ``where`` as for `open`. Raises
+    `CaptureError` when a file cannot be read at all; damage inside one ends what is read of it.
+    """
+    from dissect.inventory.collector import Inventory
+
+    inventory = Inventory()
+    options = Options(checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags))
+    sieve = sieved(inventory, where, options)
+    run = _run([path, *more], inventory, sieve, options)
+    while run.step():
+        pass
+    inventory.take(run.pipeline, run.files)
+    yield from inventory.devices

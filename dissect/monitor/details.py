@@ -18,6 +18,7 @@ from dissect.report.text import connection_lines, finding_lines
 from dissect.report.tree import plus_tree_lines, tree_lines
 from dissect.report.words import Places
 from dissect.report.writers.text import pdu_line, plus_line
+from dissect.s7plus.hiding import shown_contents
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
@@ -84,8 +85,9 @@ def _halves(transaction: Transaction, clock: Clock, places: Places) -> Iterator[
         ("Answer", transaction.plus_response, told),
     ):
         if plus is not None:
-            yield from _heading(title, plus_line(plus, connection, clock, places))
-            yield from _plain(plus_tree_lines(plus, packet))
+            contents = shown_contents(plus)
+            yield from _heading(title, plus_line(plus, connection, clock, places, contents))
+            yield from _plain(plus_tree_lines(plus, packet, contents=contents))
 
 
 def _heading(title: str, text: str) -> Iterator[Line]:

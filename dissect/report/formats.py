@@ -33,8 +33,26 @@ ANALYSIS: Final = "analysis"
 ALERTS: Final = "alerts"
 DIFFERENCES: Final = "differences"
 OUTCOME: Final = "outcome"
+#: Rows of a query.
+ROWS: Final = "rows"
+#: Blocks of a program, and stations.
+BLOCKS: Final = "blocks"
+DEVICES: Final = "devices"
 
-KINDS: Final = (TRANSACTIONS, PDUS, OPERATIONS, VALUES, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME)
+KINDS: Final = (
+    TRANSACTIONS,
+    PDUS,
+    OPERATIONS,
+    VALUES,
+    EVENTS,
+    ANALYSIS,
+    ALERTS,
+    DIFFERENCES,
+    OUTCOME,
+    ROWS,
+    BLOCKS,
+    DEVICES,
+)
 
 
 class Format(NamedTuple):
@@ -78,7 +96,7 @@ FORMATS: Final[dict[str, Format]] = {
             ("dissect.report.writers.text:TextWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
             ("dissect.variables.writers:ValueText", (VALUES,)),
             ("dissect.live.lines:PlainLines", (EVENTS,)),
-            ("dissect.report.outcome:text_outcome", (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME)),
+            ("dissect.report.outcome:text_outcome", (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, ROWS, BLOCKS, DEVICES)),
             verbose=True,
             piecewise=True,
         ),
@@ -89,14 +107,22 @@ FORMATS: Final[dict[str, Format]] = {
             ("dissect.variables.writers:ValueJsonl", (VALUES,)),
             ("dissect.live.json_lines:JsonLines", (EVENTS,)),
             ("dissect.report.outcome:json_outcome", (ALERTS,)),
+            ("dissect.export.result_lines:json_lines", (ROWS,)),
         ),
         _row(
             "csv",
             "a row for each item",
             ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,)),
             ("dissect.variables.writers:ValueCsv", (VALUES,)),
+            ("dissect.export.result_lines:csv_lines", (ROWS,)),
+            ("dissect.report.outcome:csv_outcome", (BLOCKS,)),
+            ("dissect.inventory.rows:csv_outcome", (DEVICES,)),
         ),
-        _row("json", "one JSON object", ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME))),
+        _row(
+            "json",
+            "one JSON object",
+            ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME, BLOCKS, DEVICES)),
+        ),
         _row(
             "fields",
             "the fields named with -e",

@@ -32,11 +32,19 @@ transactions TRANSFER -T csv
 values WRITES
 values WRITES --summary -T csv
 operations TRANSFER -T jsonl
+report TRANSFER -o -
+blocks TRANSFER
+blocks TRANSFER -T csv
+blocks --code TRANSFER
+devices TRANSFER
+devices TRANSFER -T csv
 show TRANSFER -V
 show TRANSFER -T jsonl
 cut TRANSFER -o -
 anonymize TRANSFER -o -
 baseline TRANSFER
+sql interventions TRANSFER
+sql talkers TRANSFER -T csv
 golden TRANSFER
 diff TRANSFER SZL
 diff TRANSFER SZL -T json
@@ -67,6 +75,8 @@ analyze MISSING -T json
 transactions MISSING -T jsonl
 values MISSING -T jsonl
 operations MISSING -T jsonl
+report MISSING -o -
+devices MISSING -T json
 show MISSING -T jsonl
 monitor MISSING -T jsonl
 diff TRANSFER MISSING -T json
@@ -75,6 +85,8 @@ replay MISSING --to 127.0.0.1:9 -T json
 replay TRANSFER --dry-run -T json
 verify MISSING -T json
 anonymize MISSING -o - -T json
+sql talkers MISSING
+export MISSING -o csv:OUT
 golden MISSING
 cut MISSING -o -
 baseline MISSING
@@ -84,13 +96,16 @@ scd diff MISSING PLANT -T json
 scd dump MISSING
 scd decode -d MISSING --pdo T1 00
 """
-WRITES: Final = str(ROOT / "captures" / "nodes7-write.pcapng")
 _FOLDER: Final = tempfile.TemporaryDirectory()
 shutil.copy(SZL, _FOLDER.name)
 FILES: Final = {
-    "TAGS": str(ROOT / "captures" / "tags" / "valve.csv"), "TRANSFER": TRANSFER, "SZL": SZL, "PLANT": PLANT,
-    "FOLDER": _FOLDER.name, "WRITES": WRITES,
-}  # fmt: skip
+    "TAGS": str(ROOT / "captures" / "tags" / "valve.csv"),
+    "WRITES": str(ROOT / "captures" / "nodes7-write.pcapng"),
+    "FOLDER": _FOLDER.name,
+    "TRANSFER": TRANSFER,
+    "SZL": SZL,
+    "PLANT": PLANT,
+}
 
 
 def calls(text: str) -> list[list[str]]:
