@@ -59,6 +59,7 @@ test-environment:
 	$(COMPILED) scripts/environment.sh test
 	scripts/install-nodes7.sh
 	scripts/install-tshark.sh
+	scripts/install-browser.sh
 	scripts/install-sandbox.sh
 
 lint:
@@ -107,7 +108,7 @@ properties: test-environment
 fuzz:
 	scripts/environment.sh test
 	scripts/environment.sh fuzz
-	@failed=0; for target in container frames segments streams pdus plus tls files inputs; do \
+	@failed=0; for target in container frames segments streams pdus plus blocks tls files inputs; do \
 		PYTHONPATH=$(CURDIR) $(BIN)/python -m tests.fuzz $$target --seconds $(FUZZ_SECONDS) || failed=1; \
 	done; exit $$failed
 

@@ -50,6 +50,7 @@ HOT: Final = (
     "dissect/tags/model.py",
     "dissect/tags/naming.py",
     "dissect/tags/values.py",
+    "dissect/export/transaction_rows.py",
     "dissect/report/analysis.py",
     "dissect/report/facet.py",
     "dissect/report/facets.py",
@@ -58,6 +59,7 @@ HOT: Final = (
     "dissect/report/writers/csv.py",
     "dissect/report/writers/jsonl.py",
     "dissect/report/writers/text.py",
+    "dissect/variables/*.py",
 )
 
 #: What of these stays interpreted although it is imported by them: tables and layouts, which are made once and looked up
@@ -72,9 +74,11 @@ COLD: Final = (
     "dissect/s7/layouts.py",
     "dissect/s7plus/layouts.py",
     "dissect/*/*_layouts.py",
+    "dissect/findings/block_rules.py",
     "dissect/findings/catalogue.py",
     "dissect/findings/mitre.py",
     "dissect/findings/operation_rules.py",
+    "dissect/findings/station_rules.py",
     "dissect/findings/tls_rules.py",
     "dissect/iso/foreign.py",
     "dissect/s7/alarms.py",
@@ -99,6 +103,9 @@ COLD: Final = (
     "dissect/s7/szl_records.py",
     "dissect/s7/transfer.py",
     "dissect/transactions/accounts.py",
+    "dissect/variables/choosing.py",
+    "dissect/variables/reading.py",
+    "dissect/variables/summary.py",
     "dissect/wire/hexdump.py",
     "dissect/wire/saving.py",
 )

@@ -19,11 +19,13 @@ __version__: Final = "0.1.0"
 _PUBLIC: Final = {
     "CaptureError": "dissect.source.packet",
     "Connection": "dissect.transactions.connection",
+    "Device": "dissect.inventory.model",
     "Finding": "dissect.findings.reporter",
     "Observer": "dissect.engine.observer",
     "Operation": "dissect.transactions.operation",
     "Options": "dissect.engine.pipeline",
     "Analysis": "dissect.report.analysis",
+    "CarvedBlock": "dissect.program.carved",
     "Pdu": "dissect.s7.message",
     "Pipeline": "dissect.engine.pipeline",
     "PlusPdu": "dissect.s7plus.message",
@@ -33,15 +35,25 @@ _PUBLIC: Final = {
     "Transaction": "dissect.transactions.transaction",
     "TransactionError": "dissect.transactions.transaction",
     "Where": "dissect.select.where",
+    "ValueRow": "dissect.variables.model",
     "analyze": "dissect.session",
+    "frames": "dissect.export.frames",
+    "blocks": "dissect.carve.reading",
+    "devices": "dissect.session",
     "open": "dissect.session",
+    "value_tables": "dissect.variables.reading",
+    "values": "dissect.variables.reading",
 }
 
 if TYPE_CHECKING:
+    from dissect.carve.reading import blocks as blocks
     from dissect.engine.observer import Observer as Observer
     from dissect.engine.pipeline import Options as Options
     from dissect.engine.pipeline import Pipeline as Pipeline
+    from dissect.export.frames import frames as frames
     from dissect.findings.reporter import Finding as Finding
+    from dissect.inventory.model import Device as Device
+    from dissect.program.carved import CarvedBlock as CarvedBlock
     from dissect.report.analysis import Analysis as Analysis
     from dissect.s7.message import Pdu as Pdu
     from dissect.s7plus.message import PlusPdu as PlusPdu
@@ -49,6 +61,7 @@ if TYPE_CHECKING:
     from dissect.select.where import Where as Where
     from dissect.session import Run as Run
     from dissect.session import analyze as analyze
+    from dissect.session import devices as devices
     from dissect.session import open as open
     from dissect.source.packet import CaptureError as CaptureError
     from dissect.transactions.connection import Connection as Connection
@@ -56,6 +69,9 @@ if TYPE_CHECKING:
     from dissect.transactions.payloads import ScdMessage as ScdMessage
     from dissect.transactions.transaction import Transaction as Transaction
     from dissect.transactions.transaction import TransactionError as TransactionError
+    from dissect.variables.model import ValueRow as ValueRow
+    from dissect.variables.reading import value_tables as value_tables
+    from dissect.variables.reading import values as values
 else:
 
     def __getattr__(name: str) -> object:

@@ -29,6 +29,7 @@ from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
 
 if TYPE_CHECKING:
+    from dissect.inventory.model import Device
     from dissect.scd.dictionary import Dictionary
     from dissect.select import Where
     from dissect.select.sieve import Sieve
@@ -37,6 +38,9 @@ if TYPE_CHECKING:
 
 #: Files of tags: one, several, or what `dissect.tags.load_tags` made of them.
 Tags: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | TagSet | None"
+
+#: Files with session keys of TLS: one or several.
+KeyLogFiles: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None"
 
 #: A file whose first packet comes this soon after the last one of the file before it continues its connections.
 CONTINUES_NS: Final = 60_000_000_000
@@ -160,7 +164,7 @@ class _Queue(Observer):
         self.events.append(connection)
 
 
-def _naming(tags: Tags) -> Naming | None:
+def naming_of(tags: Tags) -> Naming | None:
     """Return what names values by files of tags, None for no tags."""
     if tags is None:
         return None
@@ -171,7 +175,7 @@ def _naming(tags: Tags) -> Naming | None:
     return load_tags([tags] if isinstance(tags, (str, os.PathLike)) else tags).naming()
 
 
-def _decoder(
+def decoder_of(
     scd: str | os.PathLike[str] | Dictionary | None, bind: str | os.PathLike[str] | None
 ) -> PayloadDecoder | None:
     """Return what decodes SCD, None where nothing is asked for. ValueError when only one half is given."""
@@ -184,7 +188,7 @@ def _decoder(
     return load_carrier(scd, bind)
 
 
-def _sieved(observer: Observer, where: str | Where | None, options: Options) -> Sieve | None:
+def sieved(observer: Observer, where: str | Where | None, options: Options) -> Sieve | None:
     """Return what lets ``observer`` know of a selection only, None without one; ``options`` then leave out what can be."""
     if where is None:
         return None
@@ -203,6 +207,20 @@ def _run(paths: Sequence[str | os.PathLike[str]], observer: Observer, sieve: Sie
     run = Run(paths, sieve, options)
     sieve.begin(run.pipeline, run.files, len(paths) > 1)
     return run
+
+
+def prepared_run(
+    paths: Sequence[str | os.PathLike[str]],
+    observer: Observer,
+    options: Options,
+    where: str | Where | None = None,
+    tags: Tags = None,
+    tls_keys: KeyLogFiles = None,
+) -> Run:
+    """Return a run over files that tells ``observer`` of what ``where`` selects; the arguments are those of `open`."""
+    options.tls_keys = keys_of(tls_keys)
+    options.naming = naming_of(tags)
+    return _run(paths, observer, sieved(observer, where, options), options)
 
 
 class KeyLogError(ValueError):
@@ -234,7 +252,8 @@ def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
     return keys
 
 
-def _keys(given: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None) -> KeyLog | None:
+def keys_of(given: KeyLogFiles) -> KeyLog | None:
+    """Return the session keys of one key log or several, None for none. Raises what `read_tls_keys` raises."""
     if given is None:
         return None
     return read_tls_keys([given] if isinstance(given, (str, os.PathLike)) else given)
@@ -267,9 +286,9 @@ def open(
     """
     queue = _Queue(pdus)
     options = Options(
-        slow_ns, decoder=_decoder(scd, bind), checksums=checksums, tls_keys=_keys(tls_keys), naming=_naming(tags)
+        slow_ns, decoder=decoder_of(scd, bind), checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags)
     )
-    run = _run([path, *more], queue, _sieved(queue, where, options), options)
+    run = _run([path, *more], queue, sieved(queue, where, options), options)
     while run.step():
         yield from queue.events
         queue.events = []
@@ -295,9 +314,9 @@ def analyze(
     """
     analysis = Analysis()
     options = Options(
-        slow_ns, decoder=_decoder(scd, bind), checksums=checksums, tls_keys=_keys(tls_keys), naming=_naming(tags)
+        slow_ns, decoder=decoder_of(scd, bind), checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags)
     )
-    sieve = _sieved(analysis, where, options)
+    sieve = sieved(analysis, where, options)
     run = _run([path, *more], analysis, sieve, options)
     while run.step():
         pass
@@ -305,3 +324,29 @@ def analyze(
     if sieve is not None:
         analysis.part = sieve.part(run.pipeline)
     return analysis
+
+
+def devices(
+    path: str | os.PathLike[str],
+    *more: str | os.PathLike[str],
+    checksums: bool = False,
+    where: str | Where | None = None,
+    tls_keys: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
+    tags: Tags = None,
+) -> Iterator[Device]:
+    """Iterate the devices of one capture or several, the CPUs first: what each is, and by which packets (docs/devices.md).
+
+    They come when everything was read. `dissect.inventory.collector.Inventory` is an observer that does the same in a run of
+    yours, and holds who talked to whom. ``checksums``, ``tls_keys``, ``tags`` and ``where`` as for `open`. Raises
+    `CaptureError` when a file cannot be read at all; damage inside one ends what is read of it.
+    """
+    from dissect.inventory.collector import Inventory
+
+    inventory = Inventory()
+    options = Options(checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags))
+    sieve = sieved(inventory, where, options)
+    run = _run([path, *more], inventory, sieve, options)
+    while run.step():
+        pass
+    inventory.take(run.pipeline, run.files)
+    yield from inventory.devices

@@ -169,6 +169,11 @@ SERVICES = [
         "A missing block is refused in either direction.",
     ),
     Session(
+        "program-python", 102, PYTHON, ("python program",), Promise(1, 13),
+        "A program of our own (OB 1, FC 5, FB 7) is loaded, then OB 1 again with one time value changed. The client calls each "
+        "of them DB 1; the header of a block says what it is.",
+    ),
+    Session(
         "transfer-refused", 102, NATIVE, ("native transfer-refused",), Promise(1, 4, header_errors=3),
         "Uploads refused by the protection level: ROSCTR 2 with error class and code.",
     ),

@@ -10,12 +10,15 @@ import logging
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from snap7.client import Client
 from snap7.error import S7Error
 from snap7.type import Area, Block, WordLen
 
 ADDRESS = "127.0.0.1"
+BLOCKS = Path(__file__).resolve().parent / "blocks"
+"""Blocks of our own, made by our assembler (tests/mc7/samples.py)."""
 PE, PA, MK, DB, CT, TM = Area.PE, Area.PA, Area.MK, Area.DB, Area.CT, Area.TM
 SIZES = {
     WordLen.Bit: 1,
@@ -186,6 +189,14 @@ def transfer(port: int) -> None:
     client.download(bytearray(range(60)), 10)
     client.download(bytearray(600), 1)
     refused(client.download, bytearray(10), 99)
+    client.disconnect()
+
+
+def program(port: int) -> None:
+    """Load a program of our own, then one of its blocks with another time value; the client calls every block DB 1."""
+    client = connect(port)
+    for name in ("ob1-35s", "fc5", "fb7", "ob1-10s"):
+        client.download(bytearray((BLOCKS / f"{name}.mc7").read_bytes()), 1)
     client.disconnect()
 
 

@@ -8,6 +8,8 @@ from typing import Final
 EXAMPLES: Final = {
     "analyze": (
         "s7dissect analyze trace.pcapng",
+        "s7dissect analyze --brief trace.pcapng",
+        "s7dissect analyze --per-file ring_*.pcapng",
         "s7dissect analyze --fail-on 'security.*' ring_*.pcapng",
         "ssh gateway cat trace.pcap.gz | s7dissect analyze -T json -",
     ),
@@ -17,9 +19,31 @@ EXAMPLES: Final = {
         "s7dissect transactions -T csv trace.pcapng > trace.csv",
         "s7dissect transactions --tls-keys session.keys trace.pcapng",
     ),
+    "values": (
+        "s7dissect values press.pcapng DB2.DBD16:REAL MW20",
+        "s7dissect values --tags plc_tags.xlsx --changes press.pcapng",
+        "s7dissect values --summary press.pcapng",
+        "s7dissect values -T csv --every 1s press.pcapng > values.csv",
+    ),
     "operations": (
         "s7dissect operations trace.pcapng",
         "s7dissect operations --kind download --kind upload trace.pcapng",
+    ),
+    "report": (
+        "s7dissect report trace.pcapng -o report.html",
+        "s7dissect report --plot DB10.DBW0 ring_*.pcapng -o report.html",
+        "s7dissect report --diff old.pcapng new.pcapng -o change.html",
+    ),
+    "blocks": (
+        "s7dissect blocks trace.pcapng",
+        "s7dissect blocks trace.pcapng -o blocks --tags plc_tags.xlsx",
+        "s7dissect blocks --code trace.pcapng",
+        "s7dissect blocks --diff trace.pcapng",
+    ),
+    "devices": (
+        "s7dissect devices trace.pcapng",
+        "s7dissect devices -T csv ring_*.pcapng > devices.csv",
+        "s7dissect devices --tags plc_tags.xlsx -Y 'port == 102' trace.pcapng",
     ),
     "index": (
         "s7dissect index captures",
@@ -57,6 +81,17 @@ EXAMPLES: Final = {
         "s7dissect baseline old.pcapng -o plant.toml",
         "s7dissect baseline --against plant.toml new.pcapng",
         "s7dissect baseline --rules alerts.toml new.pcapng",
+    ),
+    "export": (
+        "s7dissect export trace.pcapng -o trace.parquet",
+        "s7dissect export trace.pcapng -o trace.sqlite --only items --only findings",
+        "s7dissect export trace.pcapng -o findings.stix",
+        "s7dissect export ring_*.pcapng -o tables.csv -Y 'function == write'",
+    ),
+    "sql": (
+        "s7dissect sql slowest trace.pcapng",
+        "s7dissect sql 'SELECT outcome, count(*) FROM transactions GROUP BY 1' trace.pcapng",
+        "s7dissect sql -T csv off-shift ring_*.pcapng",
     ),
     "golden": (
         "s7dissect golden trace.pcapng -o session.s7.txt",

@@ -33,11 +33,17 @@ EXIT_INTERRUPTED: Final = 130
 COMMANDS: Final = {
     "analyze": "Summarize a capture: connections, timing, errors, findings.",
     "transactions": "List requests with their answers, values and latency.",
+    "values": "List values of variables: when, who, what before.",
     "operations": "List downloads, uploads, subscriptions, passwords.",
+    "report": "Write an HTML page: verdict, plots, tables.",
+    "blocks": "Downloaded and uploaded blocks: list, extract, compare.",
+    "devices": "List devices: what each is, and who talks to whom.",
     "show": "List S7 PDUs, or dissect them field by field.",
     "cut": "Extract part of a capture, findings as packet comments.",
     "anonymize": "Replace addresses, names and values for sharing.",
     "baseline": "Learn what is normal, or report what is not.",
+    "export": "Tables and logs for other tools: Parquet, SQL, Zeek …",
+    "sql": "Query the traffic in SQL.",
     "golden": "Write a session as stable text to keep and compare.",
     "diff": "Report what changed between two sessions.",
     "verify": "Compare our dissection with Wireshark's.",
@@ -54,7 +60,22 @@ COMMANDS: Final = {
     "help": "Show the manual page of a command or topic.",
 }
 #: Commands whose output shows times.
-_TIMED: Final = frozenset(("analyze", "transactions", "operations", "show", "baseline", "index", "monitor", "proxy"))
+_TIMED: Final = frozenset(
+    (
+        "analyze",
+        "transactions",
+        "values",
+        "operations",
+        "devices",
+        "blocks",
+        "show",
+        "report",
+        "baseline",
+        "index",
+        "monitor",
+        "proxy",
+    )
+)
 #: Words that people type as if they were commands, and the option that does it.
 _WORDS: Final = {"version": "--version"}
 

@@ -11,26 +11,33 @@ where a byte passes, and it hands what it finds back through `Exchange`, like an
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mypy_extensions import i64, mypyc_attr
 
 from dissect.engine.observer import Observer
-from dissect.findings.operation_rules import judge_operation, judge_strays, judge_szl
+from dissect.findings.operation_rules import judge_loaded, judge_operation, judge_strays, judge_szl
 from dissect.findings.plus_rules import PlusWatch
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SAMPLED, SecurityWatch
 from dissect.findings.session_rules import judge_grant
+from dissect.findings.station_rules import StationWatch
 from dissect.findings.transaction_rules import judge_transaction, judge_unanswered
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
+from dissect.stations.evidence import TELLING
+from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.dialogue import Dialogue
 from dissect.transactions.naming import Naming
+from dissect.transactions.operation import TRANSFERS, Operation
 from dissect.transactions.operations import Operations
 from dissect.transactions.subscriptions import follow
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import UNANSWERED, Transaction
+
+if TYPE_CHECKING:
+    from dissect.findings.block_rules import BlockWatch
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -91,11 +98,21 @@ class Watch:
         self.operations = Operations()
         self.security = SecurityWatch(judge)
         self.plus = PlusWatch(judge, self.security, self.operations)
+        self._blocks: BlockWatch | None = None
+        self.stations = StationWatch(judge)
+
+    def opened(self, connection: Connection) -> None:
+        """A connection was recognised."""
+        if connection.tcp.macs:
+            self._facts(self.stations.opened(connection))
 
     def take(self, transaction: Transaction) -> None:
         """Take a transaction that is neither a read nor a write."""
         if transaction.is_plus:
             self.plus.take(transaction)
+            session = transaction.connection.plus
+            if session is not None and session.identity.told:
+                self._facts(self.stations.identified(session.identity, transaction))
             self._tell()
             return
         self.operations.take(transaction)
@@ -103,12 +120,17 @@ class Watch:
         if transaction.flags:
             judge_strays(self._judge, transaction)
         self.security.take(transaction)
+        head = transaction.parameters.userdata
+        if head is not None and head.group in TELLING:
+            self._facts(self.stations.take(transaction))
         self._tell()
 
     def end(self, connection: Connection, reason: str) -> None:
         """A connection is over; ``reason`` is one of those of transactions."""
         self.operations.end(connection, reason)
         self.plus.end(connection)
+        if connection.traits.loaded:
+            judge_loaded(self._judge, connection, reason)
         self._tell()
 
     def _tell(self) -> None:
@@ -118,7 +140,22 @@ class Watch:
         self.operations.over = []
         for operation in over:
             judge_operation(self._judge, operation)
+            if operation.content and operation.kind in TRANSFERS:
+                self._look_at_block(operation)
             self._observer.operation(operation)
+            if operation.content_head is not None:
+                self._facts(self.stations.joined(operation))
+
+    def _facts(self, facts: list[Fact]) -> None:
+        for fact in facts:
+            self._observer.fact(fact)
+
+    def _look_at_block(self, operation: Operation) -> None:
+        if self._blocks is None:
+            from dissect.findings.block_rules import BlockWatch  # late: few captures have blocks
+
+            self._blocks = BlockWatch(self._judge)
+        self._blocks.take(operation)
 
 
 class Exchange:

@@ -10,6 +10,7 @@ from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.szl import SZL_HEAD, extract
 from dissect.s7.szl_tables import HEAD_ONLY
 from dissect.s7.tables import GROUP_CPU, READ_SZL, SUCCESS
+from dissect.transactions.connection import Connection
 from dissect.transactions.operation import (
     BEYOND_END,
     BSEND,
@@ -32,6 +33,9 @@ _TRANSFERS: Final = frozenset((DOWNLOAD, UPLOAD, BSEND, LONG_ANSWER))
 _ENDLESS_OCTETS: Final = 1 << 20
 #: At the end of the capture, a transfer whose last step is older than this stopped before.
 _STOPPED_NS: Final = 1_000_000_000
+#: At the end of the capture, a block that was loaded longer ago than this should have been activated.
+_FORGOTTEN_NS: Final = 30_000_000_000
+_SYSTEM_DATA: Final = "SDB "
 _ODDITIES: Final = {
     BEYOND_END: "operation.beyond_end",
     CUT_SHORT: "operation.cut_short",
@@ -65,6 +69,21 @@ def _ought_to_end(operation: Operation) -> bool:
         return True
     endless = operation.kind == LONG_ANSWER and operation.octets > _ENDLESS_OCTETS
     return endless or tcp.last_ns - operation.end_ns > _STOPPED_NS
+
+
+def judge_loaded(judge: Reporter, connection: Connection, reason: str) -> None:
+    """Note blocks that were loaded and neither activated nor deleted before their connection was over.
+
+    Nothing is said where the request may be in a gap, or after the end of the capture. System data take effect with a restart.
+    """
+    if connection.tcp.has_holes:
+        return
+    for loaded in connection.traits.loaded.values():
+        if not loaded.due or loaded.name.startswith(_SYSTEM_DATA):
+            continue
+        if reason == CAPTURE_ENDED and connection.tcp.last_ns - loaded.time_ns <= _FORGOTTEN_NS:
+            continue
+        judge.note("block.not_activated", connection.number, loaded.frames, loaded.time_ns, loaded.name)
 
 
 def judge_szl(judge: Reporter, transaction: Transaction) -> None:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 TRANSACTIONS: Final = "transactions"
 PDUS: Final = "PDUs"
 OPERATIONS: Final = "operations"
+VALUES: Final = "values"
 #: … of what happens on a live line to a class like `dissect.live.lines.PlainLines` …
 EVENTS: Final = "events"
 # … and what a command came to is given to a function as an `Outcome`.
@@ -32,8 +33,26 @@ ANALYSIS: Final = "analysis"
 ALERTS: Final = "alerts"
 DIFFERENCES: Final = "differences"
 OUTCOME: Final = "outcome"
+#: Rows of a query.
+ROWS: Final = "rows"
+#: Blocks of a program, and stations.
+BLOCKS: Final = "blocks"
+DEVICES: Final = "devices"
 
-KINDS: Final = (TRANSACTIONS, PDUS, OPERATIONS, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME)
+KINDS: Final = (
+    TRANSACTIONS,
+    PDUS,
+    OPERATIONS,
+    VALUES,
+    EVENTS,
+    ANALYSIS,
+    ALERTS,
+    DIFFERENCES,
+    OUTCOME,
+    ROWS,
+    BLOCKS,
+    DEVICES,
+)
 
 
 class Format(NamedTuple):
@@ -75,8 +94,9 @@ FORMATS: Final[dict[str, Format]] = {
             "text",
             "lines for a person",
             ("dissect.report.writers.text:TextWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
+            ("dissect.variables.writers:ValueText", (VALUES,)),
             ("dissect.live.lines:PlainLines", (EVENTS,)),
-            ("dissect.report.outcome:text_outcome", (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME)),
+            ("dissect.report.outcome:text_outcome", (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, ROWS, BLOCKS, DEVICES)),
             verbose=True,
             piecewise=True,
         ),
@@ -84,11 +104,25 @@ FORMATS: Final[dict[str, Format]] = {
             "jsonl",
             "a JSON object on each line",
             ("dissect.report.writers.jsonl:JsonlWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
+            ("dissect.variables.writers:ValueJsonl", (VALUES,)),
             ("dissect.live.json_lines:JsonLines", (EVENTS,)),
             ("dissect.report.outcome:json_outcome", (ALERTS,)),
+            ("dissect.export.result_lines:json_lines", (ROWS,)),
         ),
-        _row("csv", "a row for each item", ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,))),
-        _row("json", "one JSON object", ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME))),
+        _row(
+            "csv",
+            "a row for each item",
+            ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,)),
+            ("dissect.variables.writers:ValueCsv", (VALUES,)),
+            ("dissect.export.result_lines:csv_lines", (ROWS,)),
+            ("dissect.report.outcome:csv_outcome", (BLOCKS,)),
+            ("dissect.inventory.rows:csv_outcome", (DEVICES,)),
+        ),
+        _row(
+            "json",
+            "one JSON object",
+            ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME, BLOCKS, DEVICES)),
+        ),
         _row(
             "fields",
             "the fields named with -e",

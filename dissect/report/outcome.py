@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple, Protocol
 
 from dissect.report.styled import PLAIN, Line
@@ -54,6 +54,24 @@ class Tested(Protocol):
 
     def cases(self) -> tuple[str, str, list[Case]]:
         """Return it as tests: the name of the suite, what it is of, and the tests."""
+
+
+class Table(Protocol):
+    """An outcome that is a table."""
+
+    def rows(self) -> Iterable[Sequence[str]]:
+        """Return its rows, the heading first; cells are safe for spreadsheets."""
+
+
+def csv_outcome(outcome: Table) -> Iterator[str]:
+    """Yield the rows of an outcome as CSV."""
+    import csv
+    import io
+
+    for row in outcome.rows():
+        line = io.StringIO()
+        csv.writer(line, lineterminator="").writerow(row)
+        yield line.getvalue()
 
 
 def text_outcome(outcome: Outcome) -> Iterable[str | Line]:

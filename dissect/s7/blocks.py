@@ -116,6 +116,29 @@ def header_fields(named: bool) -> list[Field]:
     ]
 
 
+def footer_fields(named: bool) -> list[Field]:
+    """Return the fields of the 28 octets that say who wrote a block; ``named`` with Wireshark's names."""
+
+    def name(text: str) -> str:
+        return f"s7comm.blockinfo.{text}" if named else ""
+
+    return [
+        Field("author", 8, "Who wrote it.", name("author"), means=latin, holds=HOLDS_BLOCK_TEXT),
+        Field("family", 8, "Family of the block.", name("family"), means=latin, holds=HOLDS_BLOCK_TEXT),
+        Field("name", 8, "Name of the block.", name("headername"), means=latin, holds=HOLDS_BLOCK_TEXT),
+        Field(
+            "version",
+            1,
+            "Major and minor, a nibble each.",
+            name("headerversion"),
+            means=version_text,
+            holds=HOLDS_NUMBER,
+        ),
+        Field("unknown_version", 1, "0 in captures.", name("res_unknown")),
+        Field("checksum", 2, "Checksum of the block.", name("checksum")),
+    ]
+
+
 #: The answer to block info.
 INFO: Final = Layout(
     "block info",
@@ -125,19 +148,7 @@ INFO: Final = Layout(
         Field("info_length", 2, "Bytes that follow.", "s7comm.blockinfo.res_infolength", counts=COUNTS_REST),
         Field("unknown_info", 2, "0x2200 in captures.", "s7comm.blockinfo.res_unknown2"),
         *header_fields(True),
-        Field("author", 8, "Who wrote it.", "s7comm.blockinfo.author", means=latin, holds=HOLDS_BLOCK_TEXT),
-        Field("family", 8, "Family of the block.", "s7comm.blockinfo.family", means=latin, holds=HOLDS_BLOCK_TEXT),
-        Field("name", 8, "Name of the block.", "s7comm.blockinfo.headername", means=latin, holds=HOLDS_BLOCK_TEXT),
-        Field(
-            "version",
-            1,
-            "Major and minor, a nibble each.",
-            "s7comm.blockinfo.headerversion",
-            means=version_text,
-            holds=HOLDS_NUMBER,
-        ),
-        Field("unknown_version", 1, "0 in captures.", "s7comm.blockinfo.res_unknown"),
-        Field("checksum", 2, "Checksum of the block.", "s7comm.blockinfo.checksum"),
+        *footer_fields(True),
         Field("reserved_1", 4, "0.", "s7comm.blockinfo.reserved1"),
         Field("reserved_2", 4, "0.", "s7comm.blockinfo.reserved2"),
     ],
@@ -145,6 +156,8 @@ INFO: Final = Layout(
 
 #: The header of a block where it is transferred; Wireshark does not look into blocks.
 HEADER: Final = Layout("block header", _SOURCE, header_fields(False))
+#: What a transferred block ends with (reference/mc7 section 2).
+FOOTER: Final = Layout("block footer", _SOURCE, [*footer_fields(False), Field("reserved", 8, "0.")])
 
 
 def parse_list(cursor: Cursor, head: UserdataHead) -> None:

@@ -25,7 +25,7 @@ from dissect.s7.tables import (
 )
 from dissect.tcp.stream import Endpoint, TcpConnection
 from dissect.transactions.ending import Ending
-from dissect.transactions.operation import OpenOperations
+from dissect.transactions.operation import Activation, OpenOperations
 from dissect.transactions.pairing import OpenRequests
 from dissect.transactions.results import Subscription
 
@@ -88,7 +88,7 @@ class Traits:
     """What a connection has been used for so far, the memory of the rules about security; every part of it is bounded.
 
     ``written`` has a bit for each kind of area that was written (`dissect.s7.items.AREA_BITS`); ``told`` has the slugs that
-    are said once for a connection; ``szl_ids`` and ``loaded`` are what was asked for and loaded.
+    are said once for a connection; ``szl_ids`` are what was asked for, ``loaded`` the blocks that were loaded, by name.
     """
 
     __slots__ = ("inquiries", "loaded", "pace_ns", "refusals", "szl_ids", "told", "writes", "written")
@@ -101,7 +101,7 @@ class Traits:
         self.refusals = 0
         self.told: set[str] = set()
         self.szl_ids: set[int] = set()
-        self.loaded: set[str] = set()
+        self.loaded: dict[str, Activation] = {}
 
     def first(self, slug: str) -> bool:
         """Return whether ``slug`` is said for the first time on this connection, and remember that it was."""

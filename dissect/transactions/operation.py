@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from dissect.s7.block_names import FILE_SYSTEMS
 from dissect.s7.parameters import UserdataHead
 from dissect.wire.part import Part
 
@@ -48,6 +49,9 @@ KINDS: Final[dict[str, str]] = {
     TRANSFER: "A client streams data into an object by S7comm-plus; the protocol does not say what kind of data.",
 }
 
+#: Those that carry blocks.
+TRANSFERS: Final = frozenset((DOWNLOAD, UPLOAD))
+
 # How an operation ended.
 DONE: Final = "done"
 REFUSED: Final = "refused"
@@ -69,9 +73,15 @@ BEYOND_END: Final = "beyond_end"
 WRONG_SIZE: Final = "wrong_size"
 CUT_SHORT: Final = "cut_short"
 
+#: What the name of a block ends with that has to be activated.
+_PASSIVE: Final = f", {FILE_SYSTEMS['P']}"
 #: Transactions whose numbers are kept, and oddities.
 _KEPT: Final = 1000
 _MAX_ODDITIES: Final = 8
+#: Octets that are kept of one block or file while it is transferred, and of all of them together. Blocks of an S7-300/400
+#: have up to 64 KiB, files of an NC a few MiB.
+MAX_CONTENT: Final = 8 * 1024 * 1024
+MAX_CONTENTS: Final = 64 * 1024 * 1024
 
 
 class Oddity:
@@ -85,6 +95,28 @@ class Oddity:
         self.frame = frame
 
 
+class Activation:
+    """What became of a block after its download: ``frame`` is the packet of the request that activated it, 0 for none yet.
+
+    ``name`` is the block with the file system that it was loaded to, as the download named it; ``frames`` are the first and
+    last packet of the download, ``time_ns`` its end. ``deleted`` tells that a client deleted the block instead.
+    """
+
+    __slots__ = ("deleted", "frame", "frames", "name", "time_ns")
+
+    def __init__(self, name: str, frames: list[int], time_ns: int) -> None:
+        self.name = name
+        self.frames = frames
+        self.time_ns = time_ns
+        self.frame = 0
+        self.deleted = False
+
+    @property
+    def due(self) -> bool:
+        """True while the block lies in the passive file system, where it does nothing before it is activated."""
+        return not self.frame and not self.deleted and self.name.endswith(_PASSIVE)
+
+
 class Operation:
     """Several transactions that belong together.
 
@@ -92,10 +124,13 @@ class Operation:
     not escaped. ``parts`` counts the transactions, of which ``transactions`` keeps the numbers (the first thousand);
     ``pushes`` of them were sent unasked. ``octets`` is the size of what was carried: block content, joined answer, values.
     ``announced`` is the size that was stated beforehand, -1 when none was. ``content`` is the answer or BSEND that came in
-    parts, joined, once it is whole; empty for other kinds. Times are nanoseconds since 1970.
+    parts, joined, once it is whole; of a download or upload, what passed of the block or file once the operation is over (of
+    S7comm-plus the whole PDU that carries the blocks), of which ``dropped`` octets were too much to keep. It is empty for
+    other kinds. ``activation`` says what became of a block that was loaded whole. Times are nanoseconds since 1970.
     """
 
     __slots__ = (
+        "activation",
         "announced",
         "asked_by",
         "begin_ns",
@@ -103,9 +138,11 @@ class Operation:
         "connection",
         "content",
         "content_head",
+        "dropped",
         "end_ns",
         "error_code",
         "first_frame",
+        "held",
         "key",
         "kind",
         "last_frame",
@@ -113,6 +150,7 @@ class Operation:
         "octets",
         "oddities",
         "parts",
+        "pieces",
         "pushes",
         "reason",
         "result",
@@ -143,6 +181,10 @@ class Operation:
         self.oddities: list[Oddity] = []
         self.content = b""
         self.content_head: UserdataHead | None = None
+        self.pieces: list[bytes] = []  # of a block while it is transferred
+        self.held = 0  # their octets
+        self.dropped = 0
+        self.activation: Activation | None = None
 
     def __repr__(self) -> str:
         return f"Operation({self.number}, {self.kind!r}, {self.subject!r}, {self.result!r})"
@@ -205,6 +247,7 @@ class OperationBook:
         self.count = 0
         self.over: list[Operation] = []
         self.evicted = 0
+        self._held = 0  # octets of the pieces of all transfers that go on
 
     def begin(self, kind: str, key: str, transaction: Transaction, subject: str) -> Operation:
         """Open an operation with its first transaction."""
@@ -222,8 +265,23 @@ class OperationBook:
         going.append(operation)
         return operation
 
+    def gather(self, operation: Operation, octets: bytes) -> None:
+        """Keep a piece of the block that an operation transfers, as far as there is room (`MAX_CONTENT`, `MAX_CONTENTS`)."""
+        size = len(octets)
+        if operation.dropped or operation.held + size > MAX_CONTENT or self._held + size > MAX_CONTENTS:
+            operation.dropped += size  # and so is all behind it: a block with a gap would be another block
+            return
+        operation.pieces.append(octets)
+        operation.held += size
+        self._held += size
+
     def close(self, operation: Operation, result: str, reason: str = "") -> None:
         """An operation is over."""
+        if operation.pieces:
+            operation.content = b"".join(operation.pieces)
+            operation.pieces = []
+            self._held -= operation.held
+            operation.held = 0
         self.count += 1
         operation.number = self.count
         operation.result = result

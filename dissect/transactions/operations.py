@@ -15,8 +15,9 @@ from typing import Final
 from dissect.s7.body import Body
 from dissect.s7.control import PI_BLOCK
 from dissect.s7.layouts import DATA_HEAD
+from dissect.s7.message import Pdu
 from dissect.s7.parameters import HEADER_SIZE, UserdataHead
-from dissect.s7.services import LINK_IN, LINK_IN_SECOND, PROGRAM
+from dissect.s7.services import DELETE, LINK_IN, LINK_IN_SECOND, PROGRAM
 from dissect.s7.tables import (
     ACKNOWLEDGED,
     ALARM_8,
@@ -84,12 +85,14 @@ from dissect.transactions.operation import (
     UPLOAD,
     WRONG_ID,
     WRONG_SIZE,
+    Activation,
     Operation,
     OperationBook,
 )
 from dissect.transactions.results import NOT_LOADED, STRAY_PUSH
 from dissect.transactions.transaction import ANSWERED, PUSH, UNANSWERED, Transaction
 from dissect.wire.octets import u16
+from dissect.wire.part import Part
 
 _NAMES: Final = (FILE_NAME, SHORT_FILE_NAME, PLAIN_FILE_NAME)
 _MAX_NAME: Final = 200
@@ -129,7 +132,7 @@ class Transfers:
             operation = self._book.begin(CONTROL, "", transaction, what)
             self._book.settle(operation, transaction, DONE, REFUSED)
         elif function == PI_SERVICE:
-            _link_in(transaction, body)
+            _follow_blocks(transaction, body)
 
     # ---- to the PLC -------------------------------------------------------------------------------------------------
 
@@ -151,8 +154,11 @@ class Transfers:
         operation.add(transaction)
         if operation.complete:
             operation.odd(BEYOND_END, "a segment was requested after the last one", int(transaction.request_frame))
-        piece = answer.find(PIECE) or body.find(PIECE)
-        operation.octets += max(piece.number("length"), 0) if piece is not None else 0
+        piece = answer.find(PIECE)
+        if piece is not None:
+            self._gather(operation, piece, transaction.response)
+        else:
+            self._gather(operation, body.find(PIECE), transaction.request)
         operation.complete = _last(transaction, answer)
         if transaction.error_code:
             self._book.settle(operation, transaction, DONE, FAILED)
@@ -171,8 +177,18 @@ class Transfers:
         self._book.settle(operation, transaction, DONE, FAILED)
         if operation.result == DONE:
             loaded = transaction.connection.traits.loaded
-            if len(loaded) < MAX_REMEMBERED:
-                loaded.add(operation.key)
+            if len(loaded) < MAX_REMEMBERED or operation.key in loaded:
+                frames = [operation.first_frame, operation.last_frame]
+                operation.activation = Activation(operation.key, frames, operation.end_ns)
+                loaded[operation.key] = operation.activation
+
+    def _gather(self, operation: Operation, piece: Part | None, pdu: Pdu | None) -> None:
+        """Take the piece of a block that a PDU carries."""
+        if piece is None or pdu is None:
+            return
+        size = max(piece.number("length"), 0)
+        operation.octets += size
+        self._book.gather(operation, pdu.data[PIECE.size : PIECE.size + size])
 
     def _check_size(self, operation: Operation, transaction: Transaction) -> None:
         frame = int(transaction.request_frame)
@@ -216,8 +232,7 @@ class Transfers:
         operation.add(transaction)
         if operation.complete:
             operation.odd(BEYOND_END, "a segment was requested after the last one", int(transaction.request_frame))
-        piece = answer.find(PIECE)
-        operation.octets += max(piece.number("length"), 0) if piece is not None else 0
+        self._gather(operation, answer.find(PIECE), transaction.response)
         operation.complete = _last(transaction, answer)
         if transaction.error_code:
             self._book.settle(operation, transaction, DONE, FAILED)
@@ -251,14 +266,25 @@ def _last(transaction: Transaction, answer: Body) -> bool:
     return transaction.outcome != UNANSWERED and answer.number("more") != 1
 
 
-def _link_in(transaction: Transaction, body: Body) -> None:
-    """A block is activated: note one that was not loaded on this connection, where that would have been seen."""
+def _follow_blocks(transaction: Transaction, body: Body) -> None:
+    """Blocks are activated or deleted: note what becomes of those that were loaded, and one that was not loaded before."""
     connection = transaction.connection
-    if body.text("service") not in {LINK_IN, LINK_IN_SECOND} or connection.mid_stream or connection.tcp.has_holes:
+    loaded = connection.traits.loaded
+    service = body.text("service")
+    links = service in {LINK_IN, LINK_IN_SECOND}
+    if not links and service != DELETE:
         return
     for part in body.parameters:
-        if part.layout is PI_BLOCK and part.note.removeprefix("block ") not in connection.traits.loaded:
-            transaction.flags |= NOT_LOADED
+        if part.layout is not PI_BLOCK:
+            continue
+        known = loaded.get(part.note.removeprefix("block "))
+        if known is None:
+            if links and not connection.mid_stream and not connection.tcp.has_holes:
+                transaction.flags |= NOT_LOADED
+        elif not links:
+            known.deleted = True
+        elif not transaction.error_code and transaction.outcome != UNANSWERED:
+            known.frame = int(transaction.request_frame)
 
 
 _CYCLIC_STARTS: Final = frozenset((CYCLIC_TRANSFER, CHANGE_DRIVEN))

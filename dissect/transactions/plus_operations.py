@@ -101,9 +101,14 @@ class PlusOperations:
             return
         operation = self._book.begin(kind, str(event.object_id), transaction, subject[:_MAX_SUBJECT])
         if kind in {kinds.DOWNLOAD, kinds.TRANSFER}:
-            operation.octets = int(transaction.request_size) + _begin_at_first_frame(operation, transaction)
+            left_out = _begin_at_first_frame(operation, transaction)
+            operation.octets = int(transaction.request_size) + left_out
+            if kind == kinds.DOWNLOAD:
+                self._book.gather(operation, transaction.request_octets)
+                operation.dropped += left_out
         elif kind == kinds.UPLOAD:
             operation.octets = int(transaction.response_size)
+            self._book.gather(operation, transaction.response_octets)
         if kind == kinds.TRANSFER and transaction.outcome == PUSH:
             self._book.close(operation, DONE)  # no answer was wanted
         elif event.kind not in _LASTING or transaction.outcome != ANSWERED or transaction.error_code >= 0x8000:

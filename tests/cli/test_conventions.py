@@ -29,12 +29,22 @@ analyze TRANSFER
 analyze TRANSFER -T json
 transactions TRANSFER
 transactions TRANSFER -T csv
+values WRITES
+values WRITES --summary -T csv
 operations TRANSFER -T jsonl
+report TRANSFER -o -
+blocks TRANSFER
+blocks TRANSFER -T csv
+blocks --code TRANSFER
+devices TRANSFER
+devices TRANSFER -T csv
 show TRANSFER -V
 show TRANSFER -T jsonl
 cut TRANSFER -o -
 anonymize TRANSFER -o -
 baseline TRANSFER
+sql interventions TRANSFER
+sql talkers TRANSFER -T csv
 golden TRANSFER
 diff TRANSFER SZL
 diff TRANSFER SZL -T json
@@ -63,7 +73,10 @@ scd encode -d PLANT --value 0x6001 raw:5
 WRONG: Final = """
 analyze MISSING -T json
 transactions MISSING -T jsonl
+values MISSING -T jsonl
 operations MISSING -T jsonl
+report MISSING -o -
+devices MISSING -T json
 show MISSING -T jsonl
 monitor MISSING -T jsonl
 diff TRANSFER MISSING -T json
@@ -72,6 +85,8 @@ replay MISSING --to 127.0.0.1:9 -T json
 replay TRANSFER --dry-run -T json
 verify MISSING -T json
 anonymize MISSING -o - -T json
+sql talkers MISSING
+export MISSING -o csv:OUT
 golden MISSING
 cut MISSING -o -
 baseline MISSING
@@ -84,9 +99,13 @@ scd decode -d MISSING --pdo T1 00
 _FOLDER: Final = tempfile.TemporaryDirectory()
 shutil.copy(SZL, _FOLDER.name)
 FILES: Final = {
-    "TAGS": str(ROOT / "captures" / "tags" / "valve.csv"), "TRANSFER": TRANSFER, "SZL": SZL, "PLANT": PLANT,
+    "TAGS": str(ROOT / "captures" / "tags" / "valve.csv"),
+    "WRITES": str(ROOT / "captures" / "nodes7-write.pcapng"),
     "FOLDER": _FOLDER.name,
-}  # fmt: skip
+    "TRANSFER": TRANSFER,
+    "SZL": SZL,
+    "PLANT": PLANT,
+}
 
 
 def calls(text: str) -> list[list[str]]:

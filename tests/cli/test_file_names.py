@@ -25,7 +25,17 @@ analyze GOOD --scd MISSING --bind MISSING
 analyze GOOD --scd PLANT --bind NONSENSE
 analyze --nonsense=WORD
 transactions MISSING
+values MISSING
+values GOOD WORD
 operations MISSING
+report MISSING -o OUT
+report GOOD -o NOWHERE
+report --diff GOOD MISSING -o OUT
+blocks MISSING
+blocks NONSENSE
+blocks GOOD -o NOWHERE
+blocks --diff GOOD MISSING
+devices MISSING
 show MISSING
 cut MISSING -o OUT
 cut GOOD -o NOWHERE
@@ -40,6 +50,15 @@ baseline GOOD --against MISSING
 baseline GOOD --against NONSENSE
 baseline GOOD --rules MISSING
 baseline GOOD --rules NONSENSE
+export MISSING -o OUT.parquet
+export NONSENSE -o csv:OUT
+export GOOD -o csv:NOWHERE
+export GOOD -o sqlite:NOWHERE
+export GOOD -o WORD
+export GOOD -o csv:OUT --only WORD
+sql talkers MISSING
+sql talkers NONSENSE
+sql WORD GOOD
 golden MISSING
 golden NONSENSE
 golden GOOD -o NOWHERE

@@ -30,6 +30,7 @@ from tests.report.support import OWN
 Capture = pytest.CaptureFixture[bytes]
 PLANT: Final = ROOT / "captures" / "scd" / "plant.toml"
 BINDING: Final = ("--scd", PLANT, "--bind", ROOT / "captures" / "scd" / "plant.bind.toml")
+TAGS: Final = ("--tags", ROOT / "captures" / "tags" / "valve.csv")
 TRAFFIC: Final = ROOT / "captures" / "scd" / "plant.pcapng"
 #: Every capture that is whole: the damaged ones have exit codes of their own.
 WHOLE: Final = [path for path in OWN if not path.name.startswith(("cut-gzip", "cut-pcap"))]
@@ -103,6 +104,31 @@ def test_lines_of_two_files_name_them(capfdbinary: Capture) -> None:
     pair = (ROOT / "captures" / "transfer.pcapng", ROOT / "captures" / "szl.pcapng")
     for command, key in (("transactions", "request_file"), ("operations", "first_file"), ("show", "file")):
         assert all(key in line for line in lines_of(run(capfdbinary, command, *pair, "-T", "jsonl")))
+
+
+def test_blocks_of_every_capture(capfdbinary: Capture) -> None:
+    told = [object_of(run(capfdbinary, "blocks", path, "-T", "json", *TAGS)) for path in WHOLE]
+    found = [block for one in told for block in one["blocks"]]
+    assert {block["protocol"] for block in found} == {"s7comm", "s7comm_plus"}
+    assert {block["activated"] for block in found} == {True, False, None}
+    assert any(block.get("values") for block in found)
+    program = ROOT / "captures" / "crafted" / "program.pcapng"
+    for path in (program, *[path for path, one in zip(WHOLE, told, strict=True) if one["blocks"]]):
+        for how in (("--code", "AWL"), ("--references",)):
+            object_of(run(capfdbinary, "blocks", *how, path, "-T", "json", *TAGS))
+    assert object_of(run(capfdbinary, "blocks", "--diff", program, "-T", "json"), (1,))["changes"][0]["details"]
+    for first, second in pairwise([path for path, one in zip(WHOLE, told, strict=True) if one["blocks"]]):
+        object_of(run(capfdbinary, "blocks", "--diff", first, second, "-T", "json"), (0, 1))
+
+
+def test_devices_of_every_capture(capfdbinary: Capture) -> None:
+    told = [object_of(run(capfdbinary, "devices", path, "-T", "json")) for path in WHOLE]
+    assert {device["role"] for one in told for device in one["devices"]} >= {"CPU", "engineering", "panel", "unknown"}
+    assert sum(len(device["modules"]) for one in told for device in one["devices"]) > 20
+    pair = object_of(run(capfdbinary, "devices", *WHOLE[:2], "-T", "json"))
+    assert all("first_file" in device for device in pair["devices"])
+    part = object_of(run(capfdbinary, "devices", WHOLE[0], "-T", "json", "-Y", "function == read"))
+    assert part["selection"]["where"] == "function == read"
 
 
 def test_diffs_of_captures_with_the_next(capfdbinary: Capture) -> None:

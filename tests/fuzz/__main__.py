@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 RSS_MB: Final = 512
 #: libFuzzer gives up when one input takes this long.
 HANG_SECONDS: Final = 20
-NAMES: Final = ("container", "frames", "segments", "streams", "pdus", "plus", "tls", "files", "inputs")
+NAMES: Final = ("container", "frames", "segments", "streams", "pdus", "plus", "blocks", "tls", "files", "inputs")
 #: Rooms not imported as a whole, which takes long or needs what is not there: targets import what they reach of them.
 _LEFT_OUT: Final = (
     "cli",

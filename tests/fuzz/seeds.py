@@ -14,6 +14,7 @@ from dissect.scd.dump import dump_json
 from dissect.source.files import find_reader
 from dissect.transactions.table import Side
 from tests.fuzz import files, frames, inputs, pdus, scripts, streams
+from tests.fuzz.blocks import block_seeds
 from tests.fuzz.containers import Packets
 from tests.fuzz.plus_seeds import plus_seeds
 from tests.fuzz.tls import tls_seeds
@@ -129,6 +130,9 @@ class Seeds:
             for pdu in parts.pdus
         }
         return [bytes((pdus.CUT if number % 9 == 0 else 0,)) + pdu for number, pdu in enumerate(kinds.values())]
+
+    def blocks(self) -> list[bytes]:
+        return block_seeds()
 
     def plus(self) -> list[bytes]:
         return plus_seeds([octets for parts in self._parts for octets in parts.pdus])

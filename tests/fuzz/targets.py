@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
+from tests.fuzz.blocks import blocks
 from tests.fuzz.containers import container
 from tests.fuzz.files import files
 from tests.fuzz.frames import frames
@@ -26,6 +27,7 @@ TARGETS: Final[dict[str, TargetRow]] = {
     "streams": (streams, Seeds.streams, 4096),
     "pdus": (pdus, Seeds.pdus, 2048),
     "plus": (plus, Seeds.plus, 4096),
+    "blocks": (blocks, Seeds.blocks, 4096),
     "tls": (tls, Seeds.tls, 12288),
     "files": (files, Seeds.files, 12288),
     "inputs": (inputs, Seeds.inputs, 8192),

@@ -188,14 +188,14 @@ class CsvRows:
             return f"{label},,{code},{value},{quoted(cell(spelled(data)))},,{data.hex()}"
         size: i64 = len(data)
         singles: bool = item.transport_size == _REAL and size > 0 and size % 4 == 0
-        value = _reals(data) if singles else quoted(_plain_cell(result.value))
+        value = _reals(data) if singles else quoted(plain_cell(result.value))
         return f"{label},,{code},{value},,,{data.hex()}"
 
     def _named(self, result: ItemResult, known: NamedValue) -> str:
         """Return the cells of a tag in an item, or of octets without one, from its address to its octets."""
         return (
             f"{self._cell(known.address)},{self._cell(known.name)},{self._code(result.return_code)}"
-            f",{quoted(_plain_cell(known.value))},{quoted(cell(known.remark))},{self._cell(known.unit)},{known.data.hex()}"
+            f",{quoted(plain_cell(known.value))},{quoted(cell(known.remark))},{self._cell(known.unit)},{known.data.hex()}"
         )
 
 
@@ -225,7 +225,7 @@ def _real(octets: bytes) -> str:
     return text if "." in text else f"{text}.0"
 
 
-def _plain_cell(value: Value) -> str:
+def plain_cell(value: Value) -> str:
     """Return the cell of a value, not in quotes; only text can hold what a spreadsheet would take for a formula."""
     if value is None:
         return ""

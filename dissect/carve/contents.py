@@ -1,0 +1,52 @@
+"""The values of a data block that was transferred: by tags, for its declarations carry no names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from dissect.mc7.listing import no_names
+from dissect.program.carved import CarvedBlock
+from dissect.s7.items import Item
+from dissect.s7.tables import BYTE, DB, SUCCESS
+from dissect.transactions.naming import NamedValue, Naming
+from dissect.transactions.results import ItemResult
+
+__all__ = ["NamedValue", "block_values", "tag_names"]
+
+#: Tags that one operand names.
+_TAGS: Final = 3
+
+
+def block_values(block: CarvedBlock) -> list[NamedValue]:
+    """Return the values in a data block by the tags of its CPU, and the octets between them; empty where no tag is there."""
+    operation = block.operation
+    naming = operation.connection.naming if operation is not None else None
+    if naming is None or block.classic is None or block.kind != "DB":
+        return []  # without a header nothing says where the values begin
+    data = block.classic.code
+    item = Item(b"values of block %d" % block.number, 0)
+    item.transport_size = BYTE
+    item.area = DB
+    item.db = block.number
+    item.start_bit = 0
+    item.count = item.size = len(data)
+    return naming.named(ItemResult(item, SUCCESS, data, None))
+
+
+def tag_names(naming: Naming | None) -> Callable[[int, int, int, int], str]:
+    """Return what names an address (area, data block, first bit, bits) by tags; empty for none."""
+    from dissect.tags.naming import TagNaming, part_name
+
+    if not isinstance(naming, TagNaming):
+        return no_names
+    index = naming.index
+
+    def name(area: int, db: int, bit: int, bits: int) -> str:
+        cover = index.cover(area, db, bit, bits)
+        if cover is None:
+            return ""
+        names = [part_name(part) for part in cover.parts[:_TAGS]]
+        return ", ".join(names) + (" …" if len(cover.parts) > _TAGS else "")
+
+    return name

@@ -1,0 +1,92 @@
+"""Blocks out of captures: `blocks`, and the observer that collects them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Final
+
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Options
+from dissect.program.carved import CarvedBlock, carve
+from dissect.session import Run, read_tls_keys
+from dissect.transactions.operation import TRANSFERS, Operation
+
+if TYPE_CHECKING:
+    from dissect.select import Where
+
+#: Octets of all blocks that are kept, and how many blocks; a program has some thousand blocks of some KiB.
+MAX_OCTETS: Final = 256 * 1024 * 1024
+MAX_BLOCKS: Final = 100_000
+
+
+class Collector(Observer):
+    """Collects the blocks of a run, those of the operations that ``choose`` wants.
+
+    ``blocks`` are in the order in which their transfers ended; `ordered` gives them by packet. What is beyond `MAX_BLOCKS` is
+    counted in ``lost``; of blocks beyond `MAX_OCTETS` the contents are dropped, and the blocks say so.
+    """
+
+    def __init__(self, choose: Callable[[Operation], bool] | None = None, most_octets: int = MAX_OCTETS) -> None:
+        super().__init__()
+        self.blocks: list[CarvedBlock] = []
+        self.lost = 0
+        self._choose = choose
+        self._room = most_octets
+
+    def operation(self, operation: Operation) -> None:
+        """Take the blocks of an operation that is over."""
+        if operation.kind not in TRANSFERS or (self._choose is not None and not self._choose(operation)):
+            return
+        for block in carve(operation):
+            if len(self.blocks) >= MAX_BLOCKS:
+                self.lost += 1
+                continue
+            size = len(block.octets)
+            if size > self._room:
+                block.missing = f"{size} bytes were dropped: the blocks together are too large"
+                block.octets = b""
+            else:
+                self._room -= size
+            self.blocks.append(block)
+        operation.content = b""  # the blocks have it
+
+    def ordered(self) -> list[CarvedBlock]:
+        """Return the blocks by the packet in which their transfer began."""
+        return sorted(self.blocks, key=_place)
+
+
+def _place(block: CarvedBlock) -> tuple[int, int]:
+    operation = block.operation
+    return (operation.first_frame, operation.last_frame) if operation is not None else (0, 0)
+
+
+def blocks(
+    path: str | os.PathLike[str],
+    *more: str | os.PathLike[str],
+    where: str | Where | None = None,
+    tls_keys: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
+    checksums: bool = False,
+) -> list[CarvedBlock]:
+    """Return every block that was downloaded or uploaded in one capture or several, in the order of their packets.
+
+    A block of which a part is missing is there as well, and its ``missing`` says what it lacks. ``where`` selects operations,
+    ``tls_keys`` and ``checksums`` are as for `dissect.open`. Raises `CaptureError` when a file cannot be read at all,
+    `SelectError` for a wrong expression, and what `read_tls_keys` raises.
+    """
+    options = Options(checksums=checksums)
+    if tls_keys is not None:
+        options.tls_keys = read_tls_keys([tls_keys] if isinstance(tls_keys, (str, os.PathLike)) else tls_keys)
+    chosen = None
+    if where is not None:
+        from dissect.select import Where
+
+        selection = Where(where) if isinstance(where, str) else where
+        chosen = selection.predicate("operation")
+        if selection.narrows:
+            options.only = selection.may_hold
+    collector = Collector(chosen)
+    run = Run([path, *more], collector, options)
+    while run.step():
+        pass
+    return collector.ordered()

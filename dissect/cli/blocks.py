@@ -1,0 +1,221 @@
+"""`s7dissect blocks`: the blocks that were downloaded or uploaded, as a list, as files, or compared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from dissect.cli.formats import format_option, write_out, write_outcome
+from dissect.cli.look import clock
+from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
+from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
+from dissect.cli.options.tls import tls_option
+from dissect.cli.run import checksums_option, complain, drive, files_argument, places_of
+from dissect.engine.pipeline import Options
+from dissect.report.formats import BLOCKS, Format
+from dissect.wire.text import printable
+
+if TYPE_CHECKING:
+    from dissect.carve.listing import BlockList
+    from dissect.program.carved import CarvedBlock
+    from dissect.report.outcome import Outcome
+    from dissect.report.words import Places
+    from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
+
+_EXIT_CODES = (
+    "Exit code: 0 success, with --diff no differences, 1 --diff found differences, 2 wrong use or an unreadable file (with "
+    "--diff also a damaged one), 3 a damaged or truncated file, 5 the output could not be written, 130 interrupted. The "
+    "results cover what was read."
+)
+
+
+#: The languages of `--code`, the first by default.
+_LANGUAGES: Final = ("STL", "AWL")
+
+
+class _Command(click.Command):
+    """Lets the language behind ``--code`` be left out, although files follow."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Put in the default language."""
+        given = list(args)
+        for at, word in enumerate(args):
+            if word == "--":
+                break
+            if word == "--code" and (at + 1 == len(args) or args[at + 1].upper() not in _LANGUAGES):
+                given.insert(at + 1, _LANGUAGES[0])
+                break
+        return super().parse_args(ctx, given)
+
+
+@click.command("blocks", cls=_Command, epilog=_EXIT_CODES)
+@files_argument
+@format_option(BLOCKS)
+@click.option(
+    "--code",
+    "language",
+    type=click.Choice(_LANGUAGES, case_sensitive=False),
+    metavar="[STL|AWL]",
+    help="Show header, interface and code of each block, English (STL, the default) or German (AWL), data blocks with values.",
+)
+@click.option(
+    "--references", is_flag=True, help="Show which block reads and writes which address, and which calls which."
+)
+@click.option("--diff", "compares", is_flag=True, help="Report what changed from A to B (see above).")
+@click.option(
+    "-o",
+    "--output",
+    "output",
+    type=click.Path(),
+    metavar="DIR",
+    help="Write each block to a file in DIR, with manifest.json.",
+)
+@click.option("--force", is_flag=True, help="Overwrite files in DIR.")
+@select_options("operation")
+@checksums_option
+@tag_options
+@tls_option
+def command(
+    files: tuple[str, ...],
+    format_: Format,
+    language: str | None,
+    references: bool,
+    compares: bool,
+    output: str | None,
+    force: bool,
+    checksums: bool,
+    chosen: Chosen,
+    naming: Naming | None,
+    tls_keys: KeyLog | None,
+) -> int:
+    """List the blocks that were downloaded to a PLC or uploaded from it, put together from their transfers.
+
+    A line gives the time, packets, client and PLC, direction, type and number, size, whether all of it passed and was
+    activated, and what the block says of itself. With --tags the values of data blocks follow. FILE is a pcap or pcapng file,
+    plain or compressed with gzip or zstd; - is standard input. A folder that -o wrote, or a file of it, is read as well.
+
+    With --diff FILE is A and B, each a capture, a folder or a block: new, gone, moved and changed blocks are listed. A alone is
+    compared with itself: of each block the first version with the latest.
+    """
+    if force and output is None:
+        raise click.UsageError("--force needs -o DIR.")
+    if compares and output is not None:
+        raise click.UsageError("--diff and -o cannot be combined.")
+    options = Options(checksums=checksums, tls_keys=tls_keys, naming=naming)
+    if language is not None and references:
+        raise click.UsageError("--code and --references cannot be combined.")
+    if references and compares:
+        raise click.UsageError("--references and --diff cannot be combined.")
+    if compares:
+        return _compare(files, format_, language or _LANGUAGES[0], options, chosen)
+    if output is not None:
+        _check_folder(output, (), force)
+    blocks, lost, places, code = _read(files, options, chosen)
+    from dissect.carve.listing import BlockList
+
+    told = BlockList(blocks, lost, places, clock())
+    if output is not None:
+        _write(output, told, force)
+    write_out(format_.lines(BLOCKS, _shown(told, language, references, naming)))
+    if not blocks:
+        click.echo("s7dissect: no block was downloaded or uploaded", err=True)
+    return code
+
+
+def _shown(told: BlockList, language: str | None, references: bool, naming: Naming | None) -> Outcome:
+    """Return the blocks in the form that was asked for."""
+    if language is None and not references:
+        return told
+    from dissect.carve.code import CodeListing, References
+
+    if references:
+        return References(told.blocks)
+    return CodeListing(told.blocks, told.places, told.clock, language or _LANGUAGES[0], naming)
+
+
+def _read(files: Sequence[str], options: Options, chosen: Chosen) -> tuple[Sequence[CarvedBlock], int, Places, int]:
+    """Return the blocks of files, how many were too many to keep, what names packets, and the exit code."""
+    from dissect.carve.folder import FolderError, read_block, read_folder
+    from dissect.carve.reading import Collector
+    from dissect.report.words import Places
+    from dissect.session import Run
+
+    try:
+        if len(files) == 1 and Path(files[0]).is_dir():
+            _refuse_selection(files[0], chosen)
+            return read_folder(files[0]), 0, Places([], False), EXIT_OK
+        if len(files) == 1 and Path(files[0]).is_file():
+            block = read_block(files[0])
+            if block is not None:
+                _refuse_selection(files[0], chosen)
+                return [block], 0, Places([], False), EXIT_OK
+    except FolderError as error:
+        raise click.ClickException(str(error)) from None
+    collector = Collector(chosen.choice("operation"))
+    run = Run(files, collector, chosen.narrow(options))
+    chosen.begin(run, files)
+    code = drive(run, files)
+    complain(run, code)
+    return collector.ordered(), collector.lost, places_of(run, files), code
+
+
+def _refuse_selection(path: str, chosen: Chosen) -> None:
+    if chosen.where is not None:
+        raise click.UsageError(f"{printable(path)} is not a capture: -Y, --connection and --time select packets.")
+
+
+# ---- files ----------------------------------------------------------------------------------------------------------
+
+
+def _check_folder(output: str, names: Sequence[str], force: bool) -> None:
+    """Refuse a folder that is none, or has files that would be overwritten."""
+    from dissect.carve.folder import occupied
+
+    home = Path(output)
+    if home.exists() and not home.is_dir():
+        raise click.UsageError(f"{printable(output)} is not a folder; choose another DIR.")
+    taken = [] if force else occupied(output, names)
+    if taken:
+        more = f" and {len(taken) - 1} more" if len(taken) > 1 else ""
+        raise click.UsageError(f"{printable(str(home / taken[0]))}{more} exists; --force overwrites it.")
+
+
+def _write(output: str, told: BlockList, force: bool) -> None:
+    from dissect.carve.folder import Plan, write_folder
+    from dissect.report.plus_blobs import dictionaries
+
+    plan = Plan(told.blocks, dictionaries())
+    _check_folder(output, list(plan.files), force)
+    write_folder(output, plan, told.as_dict())
+
+
+# ---- comparison -----------------------------------------------------------------------------------------------------
+
+
+def _compare(files: Sequence[str], format_: Format, language: str, options: Options, chosen: Chosen) -> int:
+    from dissect.carve.code import details_of
+    from dissect.carve.listing import BlockChanges
+    from dissect.program.compare import compare, over_time
+
+    if len(files) > 2:
+        raise click.UsageError("--diff takes A and B: two captures, folders or blocks, or one capture.")
+    first, _, _, code = _read(files[:1], options, chosen)
+    if len(files) == 1:
+        second = first
+        changes = over_time(list(first))
+    else:
+        second, _, _, other = _read(files[1:], options, chosen)
+        code = max(code, other)
+        changes = compare(list(first), list(second))
+    if code == EXIT_INTERRUPTED:
+        return code
+    details = details_of(first, second, language, options.naming)
+    write_outcome(format_, BLOCKS, BlockChanges(changes, files[0], files[-1], details))
+    if code:
+        return EXIT_USAGE
+    return EXIT_GATE if changes else EXIT_OK

@@ -1,0 +1,42 @@
+"""Which data blocks are open where: followed through straight code, unknown behind each label and each jump list."""
+
+from __future__ import annotations
+
+from dissect.mc7.code import Instruction
+from dissect.mc7.operands import MEMORY, NUMBERED, Operand
+
+#: No block, or one whose number the code computes.
+UNKNOWN_BLOCK = -1
+
+
+class OpenBlocks:
+    """The numbers in the DB and DI registers, `UNKNOWN_BLOCK` where they are open."""
+
+    def __init__(self) -> None:
+        self.db = UNKNOWN_BLOCK
+        self.di = UNKNOWN_BLOCK
+
+    def forget(self) -> None:
+        """Know nothing any more: another way leads here."""
+        self.db = self.di = UNKNOWN_BLOCK
+
+    def follow(self, instruction: Instruction) -> None:
+        """Follow an instruction. A call gives both registers back as they were."""
+        if instruction.name == "OPN":
+            operand = instruction.operand
+            direct = operand.kind == NUMBERED and not operand.via
+            number = operand.number if direct else UNKNOWN_BLOCK
+            if operand.area == "DI":
+                self.di = number
+            else:
+                self.db = number
+        elif instruction.name == "CDB":
+            self.db, self.di = self.di, self.db
+
+    def block_of(self, operand: Operand) -> int:
+        """Return the number of the data block that an operand lies in, `UNKNOWN_BLOCK` for none or an open one."""
+        if operand.kind != MEMORY:
+            return UNKNOWN_BLOCK
+        if operand.area == "DB":
+            return self.db
+        return self.di if operand.area == "DI" else UNKNOWN_BLOCK

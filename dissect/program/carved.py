@@ -1,0 +1,238 @@
+"""Blocks put together from their transfer: a download or upload of S7comm carries one, one of S7comm-plus several.
+
+`carve` takes an operation that is over. What a block is called comes from its header where it has one, else from the request
+that named it; a client that is no STEP 7 (python-snap7) loads contents without a header.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from dissect.program.classic import ClassicBlock, read_classic
+from dissect.program.plus import PlusBlock, plus_block_of, plus_blocks
+from dissect.s7.blocks import HEADER as HEADER_LAYOUT
+from dissect.transactions.operation import DONE, TRANSFERS, Activation, Operation
+
+S7COMM: Final = "s7comm"
+S7COMM_PLUS: Final = "s7comm_plus"
+#: A transfer of what is not called by type and number, as files of an NC are.
+FILE: Final = "file"
+
+# What the parts of a block are called; `compare` says which of them changed.
+HEADER: Final = "header"
+INTERFACE: Final = "interface"
+CODE: Final = "code"
+VALUES: Final = "values"
+
+_NAMED: Final = re.compile(r"(\w+) (\d+), (?:passive|active|active and passive|.)(, header alone)?\Z")
+_HEADER_ALONE: Final = ", header alone"
+
+
+class CarvedBlock:
+    """A block that was downloaded or uploaded, or one read from a file.
+
+    ``kind`` is its type (``DB``), ``number`` -1 for a file; ``label`` both together. ``octets`` are the block as far as it
+    passed; ``missing`` says what it lacks, empty for a whole one. ``operation`` is the transfer, None for a block of a file.
+    ``activation`` says what became of one that was loaded. Texts are from the wire and not escaped, times ISO texts without a
+    zone, as the engineering station wrote them, or empty. ``checksum`` is -1 for none.
+    """
+
+    __slots__ = (
+        "activation", "classic", "kind", "missing", "number", "octets", "operation", "plus", "protocol", "title",
+    )  # fmt: skip
+
+    def __init__(self, kind: str, number: int, octets: bytes, protocol: str) -> None:
+        self.kind = kind
+        self.number = number
+        self.title = ""  # what the request called it, where that is no block
+        self.octets = octets
+        self.protocol = protocol
+        self.missing = ""
+        self.classic: ClassicBlock | None = None
+        self.plus: PlusBlock | None = None
+        self.operation: Operation | None = None
+        self.activation: Activation | None = None
+
+    def __repr__(self) -> str:
+        return f"CarvedBlock({self.label!r}, {self.direction!r}, {len(self.octets)} bytes)"
+
+    @property
+    def label(self) -> str:
+        """Type and number: ``DB1``; of a file its name."""
+        return f"{self.kind}{self.number}" if self.number >= 0 else self.title or self.kind
+
+    @property
+    def direction(self) -> str:
+        """``download``, ``upload``, or empty for a block of a file."""
+        return self.operation.kind if self.operation is not None else ""
+
+    @property
+    def complete(self) -> bool:
+        """True when all of it passed."""
+        return not self.missing
+
+    @property
+    def activated(self) -> bool | None:
+        """Whether a client activated it after the download; None for an upload, and where nothing has to be activated."""
+        activation = self.activation
+        if activation is None or not (activation.frame or activation.due or activation.deleted):
+            return None
+        return activation.frame > 0
+
+    @property
+    def language(self) -> str:
+        """What it was written in, empty where nothing says so."""
+        return self._said("language")
+
+    @property
+    def name(self) -> str:
+        """Its name: of the header, or the symbol of S7comm-plus."""
+        return self._said("name")
+
+    @property
+    def author(self) -> str:
+        """Who wrote it."""
+        return self._said("author")
+
+    @property
+    def family(self) -> str:
+        """Its family."""
+        return self._said("family")
+
+    @property
+    def version(self) -> str:
+        """Its version."""
+        return self._said("version")
+
+    @property
+    def code_time(self) -> str:
+        """When its code was last changed."""
+        return self._said("code_time")
+
+    @property
+    def interface_time(self) -> str:
+        """When its interface was last changed."""
+        return self._said("interface_time")
+
+    @property
+    def checksum(self) -> int:
+        """The checksum in the footer: a fingerprint, its algorithm is not public."""
+        return self.classic.checksum if self.classic is not None else -1
+
+    @property
+    def protected(self) -> bool:
+        """True for know-how protection."""
+        if self.classic is not None:
+            return self.classic.protection not in {"", "none"}
+        return self.plus is not None and self.plus.protected
+
+    @property
+    def plc(self) -> str:
+        """Address of the PLC, empty for a block of a file."""
+        operation = self.operation
+        if operation is None:
+            return ""
+        return str(operation.connection.tcp.ends[1 - operation.asked_by].host)
+
+    def parts(self) -> dict[str, bytes]:
+        """Return its parts by name: code (of a data block values), interface, and the header with all that is left."""
+        if self.classic is not None:
+            code = VALUES if self.kind in _VALUES else CODE
+            rest = _rest(self.octets, self.classic)
+            return {code: self.classic.code, INTERFACE: self.classic.interface, HEADER: rest}
+        if self.plus is not None:
+            return {CODE: self.plus.code, INTERFACE: self.plus.interface, HEADER: self.plus.rest}
+        return {VALUES if self.kind in _VALUES else CODE: self.octets}
+
+    def _said(self, name: str) -> str:
+        known = self.classic if self.classic is not None else self.plus
+        text = getattr(known, name) if known is not None else ""
+        assert isinstance(text, str)
+        return text
+
+
+_VALUES: Final = frozenset(("DB", "SDB", FILE))
+
+
+def _rest(octets: bytes, block: ClassicBlock) -> bytes:
+    """Return header, tables and footer of a block."""
+    size = HEADER_LAYOUT.size
+    begin = size + len(block.code)
+    return octets[:size] + octets[begin + len(block.interface) :]
+
+
+def carve(operation: Operation) -> list[CarvedBlock]:
+    """Return the blocks that an operation carried; empty for one that carried none, or was refused before it did."""
+    if operation.kind not in TRANSFERS:
+        return []
+    if operation.connection.plus is not None and operation.transactions and not _classic_name(operation):
+        return _carve_plus(operation)
+    if not operation.octets and operation.error_code:
+        return []
+    found = block_of(operation.content, operation.subject)
+    found.operation = operation
+    found.activation = operation.activation
+    found.missing = _missing(operation, found)
+    return [found]
+
+
+def block_of(octets: bytes, named: str = "") -> CarvedBlock:
+    """Return octets as a block; ``named`` is what the request called it (``DB 1, passive``), for octets without a header."""
+    classic = read_classic(octets)
+    name = _NAMED.match(named)
+    if classic is not None:
+        found = CarvedBlock(classic.kind, classic.number, octets, S7COMM)
+        found.classic = classic
+    elif name is not None:
+        found = CarvedBlock(name[1], int(name[2]), octets, S7COMM)
+    else:
+        found = CarvedBlock(FILE, -1, octets, S7COMM)
+    found.title = "" if name is not None else named
+    return found
+
+
+def _classic_name(operation: Operation) -> bool:
+    return _NAMED.match(operation.subject) is not None
+
+
+def _missing(operation: Operation, block: CarvedBlock) -> str:
+    """Return in words what a block of a transfer lacks."""
+    got = len(block.octets)
+    if operation.dropped:
+        return f"{operation.dropped} bytes were too much to keep"
+    if operation.announced > got:
+        return f"{got} of {operation.announced} bytes"
+    if block.classic is not None and block.classic.missing and not operation.subject.endswith(_HEADER_ALONE):
+        return f"{got} of {block.classic.size} bytes"
+    if not operation.complete:
+        return f"ended after {got} bytes"
+    if operation.result != DONE:
+        return f"transfer {operation.result}"
+    return ""
+
+
+def _carve_plus(operation: Operation) -> list[CarvedBlock]:
+    found = []
+    for block in plus_blocks(operation.content):
+        one = CarvedBlock(block.kind, block.number, block.octets, S7COMM_PLUS)
+        one.title = block.name
+        one.plus = block
+        one.operation = operation
+        if operation.dropped:
+            one.missing = f"{operation.dropped} bytes were too much to keep"
+        elif operation.result != DONE:
+            one.missing = f"transfer {operation.result}"
+        found.append(one)
+    return found
+
+
+def plus_block(octets: bytes) -> CarvedBlock | None:
+    """Return octets that are one block of S7comm-plus, None where they are none."""
+    block = plus_block_of(octets)
+    if block is None:
+        return None
+    found = CarvedBlock(block.kind, block.number, octets, S7COMM_PLUS)
+    found.title = block.name
+    found.plus = block
+    return found

@@ -1,0 +1,115 @@
+"""Blocks in a PDU of S7comm-plus: objects with a block number, and what their attributes hold (docs/s7plus.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.ids import BLOCK_KINDS
+from dissect.s7plus.message import parse_plus
+from dissect.s7plus.objects import Attribute, PlusObject, every_object, objects_of, read_elements
+from dissect.s7plus.program_tables import LANGUAGES
+from dissect.s7plus.summary import NAME
+from dissect.s7plus.value_showing import iso_time
+from dissect.s7plus.values import Blob, Value
+from dissect.s7plus.walk import FormatError, Walk
+
+_LANGUAGE: Final = 2523
+_PROTECTION: Final = 2524
+_CODE_TIME: Final = 2529
+_INTERFACE_TIME: Final = 2543
+#: Attributes of the code: its source as XML, what the CPU runs, and what both refer to.
+BODY: Final = 2533
+_CODE: Final = frozenset((BODY, 2580, 2583, 2584))
+#: Attributes of the interface: its source as XML, and the types.
+INTERFACE: Final = 2544
+_INTERFACE: Final = frozenset((INTERFACE, 4578))
+#: Names of what a body refers to, as XML.
+REFERENCES: Final = 2583
+#: Blobs that are files of their own, and what they hold.
+TEXTS: Final[dict[int, str]] = {BODY: "body", INTERFACE: "interface", REFERENCES: "references"}
+#: Blocks that are taken from one PDU: a CPU has a few thousand.
+MAX_BLOCKS: Final = 8192
+
+
+class PlusBlock:
+    """A block of an S7-1200/1500: ``octets`` are its object as it stands in the PDU.
+
+    ``code``, ``interface`` and ``rest`` are its attributes, as they are sent, for a comparison; times are ISO texts.
+    """
+
+    __slots__ = (
+        "_object", "author", "code", "code_time", "family", "interface", "interface_time", "kind", "language", "name",
+        "number", "octets", "protected", "rest", "version",
+    )  # fmt: skip
+
+    def __init__(self, one: PlusObject, data: bytes) -> None:
+        self._object = one
+        self.kind = BLOCK_KINDS[one.rid >> 16]
+        self.number = one.rid & 0xFFFF
+        self.octets = data[one.offset : one.end]
+        self.name = one.text(NAME)
+        language = one.number(_LANGUAGE)
+        self.language = LANGUAGES.name(language) if language > 0 else ""
+        self.code_time = _time(one.number(_CODE_TIME))
+        self.interface_time = _time(one.number(_INTERFACE_TIME))
+        self.author = self.family = self.version = ""
+        self.protected = False
+        self.code, self.interface, self.rest = self._split(one, data)
+
+    def _split(self, one: PlusObject, data: bytes) -> tuple[bytes, bytes, bytes]:
+        """Return the attributes of the code, those of the interface, and what is left of the object, as they were sent."""
+        code, interface, rest = bytearray(), bytearray(), bytearray()
+        at = one.offset
+        for element in one.elements:
+            id_ = element.id if isinstance(element, Attribute) else -1
+            if isinstance(element, Attribute) and (id_ in _CODE or id_ in _INTERFACE):
+                value = element.value
+                rest += data[at : value.offset]
+                (code if id_ in _CODE else interface).extend(data[value.offset : value.end])
+                at = value.end
+        rest += data[at : one.end]
+        return bytes(code), bytes(interface), bytes(rest)
+
+    def blobs(self) -> Iterator[tuple[int, bytes]]:
+        """Yield the compressed texts of body and interface: the id of the attribute and the octets, in wire order."""
+        for element in self._object.elements:
+            if isinstance(element, Attribute) and element.id in TEXTS:
+                for octets in _blobs(element.value):
+                    yield element.id, octets
+
+
+def _blobs(value: Value) -> Iterator[bytes]:
+    content = value.content
+    pieces = [content] if isinstance(content, Blob) else content if isinstance(content, list) else []
+    for piece in pieces:
+        one = piece[1] if isinstance(piece, tuple) else piece
+        inner = one.content if isinstance(one, Value) else one
+        if isinstance(inner, Blob):
+            yield inner.octets
+        elif isinstance(inner, bytes):
+            yield inner
+
+
+def _time(ns: int) -> str:
+    return iso_time(ns).replace("T", " ") if ns > 0 else ""
+
+
+def plus_blocks(octets: bytes) -> list[PlusBlock]:
+    """Return the blocks in a PDU, in wire order, as far as it can be read. Never raises."""
+    pdu = parse_plus(octets)
+    found = parse_contents(pdu, False)
+    blocks = [one for one in every_object(found.objects) if one.rid >> 16 in BLOCK_KINDS and one.class_id]
+    return [PlusBlock(one, pdu.data) for one in blocks[:MAX_BLOCKS]]
+
+
+def plus_block_of(octets: bytes) -> PlusBlock | None:
+    """Return the block that octets are, as `PlusBlock.octets` has them; None where they are none. Never raises."""
+    walk = Walk(octets, 0, len(octets), False)
+    try:
+        objects = objects_of(read_elements(walk))
+    except FormatError:
+        return None
+    blocks = [one for one in objects if one.rid >> 16 in BLOCK_KINDS]
+    return PlusBlock(blocks[0], octets) if blocks else None
