@@ -12,6 +12,7 @@ from typing import Final
 import duckdb
 import pytest
 
+import dissect
 from dissect import analyze
 from dissect.engine.observer import Observer
 from dissect.export.tables import TABLES
@@ -19,6 +20,7 @@ from dissect.live.export import ExportCompanion
 from dissect.live.run import LiveRun
 from dissect.source.files import open_capture
 from dissect.source.live.reader import Drops
+from dissect.transactions.transaction import Transaction
 from tests.cli.support import run
 from tests.report.support import ROOT
 
@@ -69,10 +71,8 @@ def test_files_get_their_names_when_their_time_is_over(tmp_path: Path) -> None:
     companion.close()
 
 
-def reading_transactions() -> list[object]:
-    import dissect
-
-    return [event for event in dissect.open(TRANSFER, pdus=False) if isinstance(event, dissect.Transaction)]
+def reading_transactions() -> list[Transaction]:
+    return [event for event in dissect.open(TRANSFER, pdus=False) if isinstance(event, Transaction)]
 
 
 def test_a_killed_run_leaves_whole_files_only(tmp_path: Path) -> None:
