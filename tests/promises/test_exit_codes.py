@@ -61,6 +61,8 @@ CASES: Final = """
 1 baseline OTHER --against LEARNED
 2 baseline MISSING
 3 baseline CUT
+0 completion zsh
+2 completion sh
 0 help live
 2 help nonsense
 0 export GOOD -o csv:OUT
