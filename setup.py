@@ -58,6 +58,7 @@ HOT: Final = (
     "dissect/report/writers/csv.py",
     "dissect/report/writers/jsonl.py",
     "dissect/report/writers/text.py",
+    "dissect/variables/*.py",
 )
 
 #: What of these stays interpreted although it is imported by them: tables and layouts, which are made once and looked up
@@ -100,6 +101,9 @@ COLD: Final = (
     "dissect/s7/szl_records.py",
     "dissect/s7/transfer.py",
     "dissect/transactions/accounts.py",
+    "dissect/variables/choosing.py",
+    "dissect/variables/reading.py",
+    "dissect/variables/summary.py",
     "dissect/wire/hexdump.py",
     "dissect/wire/saving.py",
 )

@@ -34,9 +34,12 @@ _PUBLIC: Final = {
     "Transaction": "dissect.transactions.transaction",
     "TransactionError": "dissect.transactions.transaction",
     "Where": "dissect.select.where",
+    "ValueRow": "dissect.variables.model",
     "analyze": "dissect.session",
     "blocks": "dissect.carve.reading",
     "open": "dissect.session",
+    "value_tables": "dissect.variables.reading",
+    "values": "dissect.variables.reading",
 }
 
 if TYPE_CHECKING:
@@ -60,6 +63,9 @@ if TYPE_CHECKING:
     from dissect.transactions.payloads import ScdMessage as ScdMessage
     from dissect.transactions.transaction import Transaction as Transaction
     from dissect.transactions.transaction import TransactionError as TransactionError
+    from dissect.variables.model import ValueRow as ValueRow
+    from dissect.variables.reading import value_tables as value_tables
+    from dissect.variables.reading import values as values
 else:
 
     def __getattr__(name: str) -> object:

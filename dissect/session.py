@@ -160,7 +160,7 @@ class _Queue(Observer):
         self.events.append(connection)
 
 
-def _naming(tags: Tags) -> Naming | None:
+def naming_of(tags: Tags) -> Naming | None:
     """Return what names values by files of tags, None for no tags."""
     if tags is None:
         return None
@@ -171,7 +171,7 @@ def _naming(tags: Tags) -> Naming | None:
     return load_tags([tags] if isinstance(tags, (str, os.PathLike)) else tags).naming()
 
 
-def _decoder(
+def decoder_of(
     scd: str | os.PathLike[str] | Dictionary | None, bind: str | os.PathLike[str] | None
 ) -> PayloadDecoder | None:
     """Return what decodes SCD, None where nothing is asked for. ValueError when only one half is given."""
@@ -184,7 +184,7 @@ def _decoder(
     return load_carrier(scd, bind)
 
 
-def _sieved(observer: Observer, where: str | Where | None, options: Options) -> Sieve | None:
+def sieved(observer: Observer, where: str | Where | None, options: Options) -> Sieve | None:
     """Return what lets ``observer`` know of a selection only, None without one; ``options`` then leave out what can be."""
     if where is None:
         return None
@@ -234,7 +234,8 @@ def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
     return keys
 
 
-def _keys(given: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None) -> KeyLog | None:
+def keys_of(given: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None) -> KeyLog | None:
+    """Return the session keys of one key log or several, None for none. Raises what `read_tls_keys` raises."""
     if given is None:
         return None
     return read_tls_keys([given] if isinstance(given, (str, os.PathLike)) else given)
@@ -267,9 +268,9 @@ def open(
     """
     queue = _Queue(pdus)
     options = Options(
-        slow_ns, decoder=_decoder(scd, bind), checksums=checksums, tls_keys=_keys(tls_keys), naming=_naming(tags)
+        slow_ns, decoder=decoder_of(scd, bind), checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags)
     )
-    run = _run([path, *more], queue, _sieved(queue, where, options), options)
+    run = _run([path, *more], queue, sieved(queue, where, options), options)
     while run.step():
         yield from queue.events
         queue.events = []
@@ -295,9 +296,9 @@ def analyze(
     """
     analysis = Analysis()
     options = Options(
-        slow_ns, decoder=_decoder(scd, bind), checksums=checksums, tls_keys=_keys(tls_keys), naming=_naming(tags)
+        slow_ns, decoder=decoder_of(scd, bind), checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags)
     )
-    sieve = _sieved(analysis, where, options)
+    sieve = sieved(analysis, where, options)
     run = _run([path, *more], analysis, sieve, options)
     while run.step():
         pass

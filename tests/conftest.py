@@ -29,6 +29,7 @@ pytest_plugins: Final = ("dissect.testing.plugin", "tests.skips")
 
 #: Files with few tests that take long. They begin first, so that none of them is left for one worker while the others rest.
 LONG: Final = (
+    "tests/benchmarks/test_profiles.py",
     "tests/test_contributing.py",
     "tests/test_package.py",
     "tests/test_setup.py",
@@ -57,6 +58,8 @@ if LOCATION.parent == ROOT:
 # What would wait on this machine for its next start waits in a folder of the run instead.
 os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="s7dissect-state-")
 os.environ.pop("STATE_DIRECTORY", None)
+# Workers ask tshark the same: the folder of the process that starts them is theirs too (tests/tshark.py).
+os.environ.setdefault("S7DISSECT_TSHARK_ANSWERS", os.environ["XDG_STATE_HOME"])
 # The same of settings: those of whoever runs the tests are none of theirs.
 os.environ["XDG_CONFIG_HOME"] = os.environ["XDG_STATE_HOME"]
 atexit.register(shutil.rmtree, os.environ["XDG_STATE_HOME"], ignore_errors=True)
@@ -77,7 +80,7 @@ def pytest_configure(config: pytest.Config) -> None:
     slow = [hypothesis.HealthCheck.too_slow]  # two workers on two cores also wait for each other
     hypothesis.settings.register_profile(
         "ci",
-        max_examples=int(examples or 200),
+        max_examples=int(examples or 100),
         deadline=None,
         derandomize=True,
         database=None,

@@ -405,7 +405,8 @@ class MarkdownWriter(Writer):
         """Add a row."""
         self.lines.append(f"| {transaction.number} | {transaction.function_name} | {transaction.outcome_name} |")
 '''
-CSV_ROW: Final = """        _row("csv", "a row for each item", ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,))),
+CSV_ROW: Final = """            ("dissect.variables.writers:ValueCsv", (VALUES,)),
+        ),
 """
 MARKDOWN_ROW: Final = """        _row(
             "markdown", "a Markdown table", ("dissect.report.writers.markdown:MarkdownWriter", (TRANSACTIONS,))

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -42,6 +43,7 @@ ORDER: Final = (
     "session",  # analyze() folds what it reads with report.analysis
     "carve",
     "index",
+    "variables",
     "golden",
     "baseline",
     "alerts",
@@ -179,12 +181,18 @@ def room_of(module: str) -> str:
     return parts[1] if len(parts) > 1 else ""
 
 
+@cache
+def nodes(tree: ast.Module) -> list[ast.AST]:
+    """Return every node of a module: each rule looks at all of them."""
+    return list(ast.walk(tree))
+
+
 def imports(tree: ast.Module) -> Iterator[Import]:
     """Give (line, module) for every import, those inside functions and for type checkers included.
 
     ``from dissect import wire`` gives ``dissect.wire``, ``from dissect import __version__`` gives ``dissect``.
     """
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield node.lineno, alias.name
@@ -200,7 +208,7 @@ def imports(tree: ast.Module) -> Iterator[Import]:
 
 def calls(tree: ast.Module) -> Iterator[tuple[int, str, bool]]:
     """Give (line, name, whether it is an attribute) for every call."""
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if isinstance(node, ast.Call):
             if isinstance(node.func, ast.Name):
                 yield node.lineno, node.func.id, False
@@ -262,7 +270,7 @@ def nothing_runs_what_it_reads(module: str, tree: ast.Module) -> list[str]:
     wrong = [f"{module}:{line}: {name}" for line, name in imports(tree) if name.split(".")[0] in DANGEROUS_IMPORTS]
     wrong += [
         f"{module}:{node.lineno}: a shell"
-        for node in ast.walk(tree)
+        for node in nodes(tree)
         if isinstance(node, ast.keyword) and node.arg == "shell"
     ]
     return wrong + [
@@ -277,7 +285,7 @@ def names_say_something(module: str, tree: ast.Module) -> list[str]:
     wrong = [f"{module}: another project's {parts[1]}"] if len(parts) > 1 and parts[1] in FOREIGN else []
     if not EMPTY_NAMES.isdisjoint(word for part in parts for word in part.split("_")):
         wrong.append(f"{module}: a name that says nothing")
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if isinstance(node, ast.ClassDef):
             words = re.findall(r"[A-Z][a-z]+|[a-z]+", node.name)
             if not EMPTY_NAMES.isdisjoint(word.lower() for word in words):
@@ -295,7 +303,7 @@ NARROWING: Final = (
 def asserts_only_narrow_types(module: str, tree: ast.Module) -> list[str]:
     """An assert may compare names or ask for a type; anything else would be missing under ``python -O``."""
     wrong = []
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if isinstance(node, ast.Assert):
             parts = list(ast.walk(node.test))
             asked = {id(part) for call in parts if is_type_question(call) for part in ast.walk(call)}

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import zipfile
+from importlib.metadata import distribution
 from pathlib import Path
 from typing import Final
 
@@ -96,14 +97,32 @@ def interpreted_build(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def dependencies(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with what the package needs at run time, and without the package."""
+    """A folder with what the package needs at run time, and without the package: links to what is installed here."""
     with zipfile.ZipFile(wheel) as archive:
         (metadata,) = [name for name in archive.namelist() if name.endswith(".dist-info/METADATA")]
         lines = archive.read(metadata).decode().splitlines()
-    needed = [line.split(": ", 1)[1] for line in lines if line.startswith("Requires-Dist:") and "extra ==" not in line]
+    waiting = needs([line.removeprefix("Requires-Dist: ") for line in lines if line.startswith("Requires-Dist: ")])
     folder = tmp_path_factory.mktemp("dependencies")
-    pip("install", "--target", folder, *needed)
+    for name in waiting:  # which grows
+        found = distribution(name)
+        waiting += [other for other in needs(found.requires or []) if other not in waiting]
+        for top in {Path(file).parts[0] for file in found.files or []} - {"..", "__pycache__"}:
+            (folder / top).symlink_to(str(found.locate_file(top)))
     return folder
+
+
+def needs(requirements: list[str]) -> list[str]:
+    """Return the names of what is required without a condition."""
+    return [re.split(r"[^\w.-]", line)[0] for line in requirements if ";" not in line]
+
+
+@pytest.fixture(scope="session")
+def theirs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel of the other project."""
+    folder = tmp_path_factory.mktemp("theirs")
+    pip("download", "--no-deps", "--dest", folder, FOREIGN)
+    (found,) = folder.glob("*.whl")
+    return found
 
 
 def contents(wheel: Path) -> set[str]:
@@ -200,11 +219,11 @@ print(dissect.__version__, callable(dissect.analyze), dissect.wire.build.COMPILE
 
 @pytest.mark.parametrize("order", [("ours", "theirs"), ("theirs", "ours")])
 def test_beside_another_dissect_in_one_environment(
-    order: tuple[str, str], wheel: Path, dependencies: Path, tmp_path: Path
+    order: tuple[str, str], wheel: Path, theirs: Path, dependencies: Path, tmp_path: Path
 ) -> None:
     python = environment(tmp_path / "venv", dependencies)
     for which in order:
-        install(python, wheel if which == "ours" else FOREIGN)
+        install(python, wheel if which == "ours" else theirs)
     assert run(python, "-c", IMPORT_BOTH) == f"{dissect.__version__} True {wheel_is_compiled(wheel)}\n"
     # Neither takes anything of the other along when it goes.
     pip("--python", python, "uninstall", "--yes", "s7dissect")
@@ -213,9 +232,9 @@ def test_beside_another_dissect_in_one_environment(
 
 @pytest.mark.parametrize("order", [("ours", "theirs"), ("theirs", "ours")])
 def test_beside_another_dissect_elsewhere_on_the_path(
-    order: tuple[str, str], wheel: Path, dependencies: Path, tmp_path: Path
+    order: tuple[str, str], wheel: Path, theirs: Path, dependencies: Path, tmp_path: Path
 ) -> None:
-    for folder, what in (("ours", wheel), ("theirs", FOREIGN)):
+    for folder, what in (("ours", wheel), ("theirs", theirs)):
         pip("install", "--no-deps", "--target", tmp_path / folder, what)
     python = environment(tmp_path / "venv", dependencies)
     path = os.pathsep.join(str(tmp_path / folder) for folder in order)

@@ -105,9 +105,8 @@ def connects(tcp: Tree) -> bool:
     return int(tcp["tcp.flags"], 0) & SYN_ACK == SYN_ACK or int(tcp["tcp.len"]) > 0
 
 
-def count_expected(path: Path, port: int) -> Expected:
-    """The ``[expected]`` table; see ``captures/README.md`` for what each number means."""
-    packets = read_packets(path, port)
+def count_expected(packets: list[Tree]) -> Expected:
+    """The ``[expected]`` table of packets as tshark shows them; ``captures/README.md`` says what each number means."""
     # A frame may hold several PDUs.
     pdus = [Pdu(layers["tcp"], tree) for layers in packets for tree in listed(layers.get("s7comm"))]
     waiting: dict[tuple[str, str, bool, int], int] = defaultdict(int)
@@ -152,7 +151,7 @@ def main(arguments: list[str]) -> int:
     differences = 0
     for path in (Path(argument) for argument in arguments if argument != "--check"):
         told = tomllib.loads(path.with_suffix(".toml").read_text())
-        counted = count_expected(path, told["port"])
+        counted = count_expected(read_packets(path, told["port"]))
         if not check:
             print(f"# {path.stem}\n{write_table(counted)}")
         elif counted != told["expected"]:

@@ -22,7 +22,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from dumpcap import Dumpcap
-from expect import Expected, count_expected, write_table
+from expect import Expected, count_expected, read_packets, write_table
 from nodes7 import modules_of, node_of, variables_of
 from relay import Relay
 from sessions import SESSIONS, Session
@@ -219,7 +219,7 @@ def main(names: list[str]) -> int:
             path = Path(scratch) / f"{session.name}.pcapng"
             try:
                 packets = record(session, path)
-                counted = count_expected(path, session.port)
+                counted = count_expected(read_packets(path, session.port))
                 check(session, counted, packets)
             except (RuntimeError, subprocess.TimeoutExpired) as problem:
                 failed += 1

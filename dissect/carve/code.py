@@ -7,6 +7,7 @@ from typing import Final
 
 from dissect.carve.contents import tag_names
 from dissect.carve.listing import transfer_line
+from dissect.carve.networks import NEEDS, compare_networks, interface, networks
 from dissect.carve.records import digest
 from dissect.mc7.block import Block, parse_block
 from dissect.mc7.changes import Change, compare_blocks
@@ -16,12 +17,13 @@ from dissect.mc7.values import Value, block_data
 from dissect.program.carved import CarvedBlock
 from dissect.program.compare import CHANGED, BlockChange, versions
 from dissect.report.outcome import WIDE_PAGE, Outcome
+from dissect.report.plus_blobs import dictionaries
 from dissect.report.styled import FAILED, HANG, HEADING, PLAIN, Line
 from dissect.report.words import Places
 from dissect.s7.tables import DB
 from dissect.tags.model import place_text
 from dissect.transactions.naming import Naming
-from dissect.wire.text import Clock, cell
+from dissect.wire.text import Clock, cell, encodable, printable, shortened
 
 CODE_SCHEMA: Final = "s7dissect.blocks-code/1"
 REFERENCES_SCHEMA: Final = "s7dissect.blocks-references/1"
@@ -30,7 +32,9 @@ CODE_COLUMNS: Final = ("plc", "block", "network", "offset", "label", "name", "op
 REFERENCE_COLUMNS: Final = ("plc", "address", "access", "block", "network", "offset")
 #: Why nothing is read of a block.
 _NO_HEADER: Final = "  no block header: type and number are those of the request, nothing is read of the contents"
-_PLUS: Final = "  code of an S7-1200/1500 (MC7plus): its encoding is not public"
+_PLUS: Final = "  the code that the CPU runs (MC7plus) is not shown: its encoding is not public"
+#: Characters of the names of a section on a line.
+_NAMES: Final = 400
 _CALL: Final = "call"
 #: Bytes of distinct blocks that are decoded in one run; decoded they take some fifty times the memory.
 MAX_CODE: Final = 4 * 1024 * 1024
@@ -98,7 +102,12 @@ def details_of(
 
     def details(change: BlockChange) -> list[Change]:
         was, now = change.was, change.now
-        if was is None or now is None or change.state != CHANGED or not (programs.fits(was) and programs.fits(now)):
+        if was is None or now is None or change.state != CHANGED:
+            return []
+        if was.plus is not None and now.plus is not None:
+            bodies = networks(was, dictionaries()), networks(now, dictionaries())
+            return compare_networks(bodies[0], bodies[1]) if bodies[0] is not None and bodies[1] is not None else []
+        if not (programs.fits(was) and programs.fits(now)):
             return []
         if id(change) not in known:
             lister = programs.lister(now, language, naming)
@@ -138,8 +147,11 @@ class CodeListing(Outcome):
                 yield Line(text, _style(text), HANG)
 
     def _held(self, block: CarvedBlock) -> Iterator[str]:
+        if block.plus is not None:
+            yield from _plus_lines(block)
+            return
         if block.classic is None:
-            yield _PLUS if block.plus is not None else _NO_HEADER
+            yield _NO_HEADER
             return
         if not self._programs.fits(block):
             yield _TOO_MUCH
@@ -158,7 +170,10 @@ class CodeListing(Outcome):
             "schema": CODE_SCHEMA,
             "language": self._language,
             "blocks": [self._values(block) for block in self._blocks if self._programs.fits(block)],
-            "not_read": [block.label for block in self._blocks if not self._programs.fits(block)],
+            "plus_blocks": [_plus_values(block) for block in self._blocks if block.plus is not None],
+            "not_read": [
+                block.label for block in self._blocks if block.plus is None and not self._programs.fits(block)
+            ],
         }
 
     def _values(self, block: CarvedBlock) -> dict[str, object]:
@@ -188,6 +203,46 @@ class CodeListing(Outcome):
                         line.comment, line.octets.hex(),
                     )  # fmt: skip
                     yield [cell(text) for text in texts]
+
+
+def _plus_lines(block: CarvedBlock) -> Iterator[str]:
+    """Yield the interface and the body of a block of S7comm-plus; text of the wire is escaped."""
+    known = dictionaries()
+    for section, names in interface(block, known):
+        yield f"  {printable(section)}: {shortened(', '.join(names), _NAMES)}"
+    found = networks(block, known)
+    if found is None:
+        yield f"  {NEEDS}"
+    for network in found or ():
+        yield ""
+        yield f"NETWORK {network.number} ({printable(network.language)})"
+        for text in network.lines:
+            yield f"       {printable(text)}"
+    yield _PLUS
+
+
+def _plus_values(block: CarvedBlock) -> dict[str, object]:
+    known = dictionaries()
+    found = networks(block, known)
+    return {
+        "block": block.label,
+        "name": encodable(block.name) or None,
+        "plc": block.plc or None,
+        "sha256": digest(block),
+        "opened": found is not None,
+        "interface": [
+            {"section": encodable(section), "names": [encodable(name) for name in names]}
+            for section, names in interface(block, known)
+        ],
+        "networks": [
+            {
+                "network": network.number,
+                "language": encodable(network.language),
+                "lines": [encodable(line) for line in network.lines],
+            }
+            for network in found or ()
+        ],
+    }
 
 
 def value_address(db: int, value: Value) -> str:

@@ -161,7 +161,7 @@ class BlockChanges(Outcome):
             details = self._details(change)
             for text in change_lines(change.block.label, details) if details else ():
                 yield Line(f"    {text}", PLAIN, HANG)
-            for called, was, now in change.facts if not details else ():
+            for called, was, now in change.facts if not details or change.block.plus is not None else ():
                 yield Line(f"    {called}: {_quoted(was)} → {_quoted(now)}", PLAIN, HANG)
 
     def as_dict(self) -> dict[str, object]:

@@ -17,6 +17,12 @@ EXAMPLES: Final = {
         "s7dissect transactions -T csv trace.pcapng > trace.csv",
         "s7dissect transactions --tls-keys session.keys trace.pcapng",
     ),
+    "values": (
+        "s7dissect values press.pcapng DB2.DBD16:REAL MW20",
+        "s7dissect values --tags plc_tags.xlsx --changes press.pcapng",
+        "s7dissect values --summary press.pcapng",
+        "s7dissect values -T csv --every 1s press.pcapng > values.csv",
+    ),
     "operations": (
         "s7dissect operations trace.pcapng",
         "s7dissect operations --kind download --kind upload trace.pcapng",

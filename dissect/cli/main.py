@@ -33,6 +33,7 @@ EXIT_INTERRUPTED: Final = 130
 COMMANDS: Final = {
     "analyze": "Summarize a capture: connections, timing, errors, findings.",
     "transactions": "List requests with their answers, values and latency.",
+    "values": "List values of variables: when, who, what before.",
     "operations": "List downloads, uploads, subscriptions, passwords.",
     "blocks": "Downloaded and uploaded blocks: list, extract, compare.",
     "show": "List S7 PDUs, or dissect them field by field.",
@@ -55,9 +56,20 @@ COMMANDS: Final = {
     "help": "Show the manual page of a command or topic.",
 }
 #: Commands whose output shows times.
-_TIMED: Final = frozenset((
-    "analyze", "transactions", "operations", "blocks", "show", "baseline", "index", "monitor", "proxy",
-))  # fmt: skip
+_TIMED: Final = frozenset(
+    (
+        "analyze",
+        "transactions",
+        "values",
+        "operations",
+        "blocks",
+        "show",
+        "baseline",
+        "index",
+        "monitor",
+        "proxy",
+    )
+)
 #: Words that people type as if they were commands, and the option that does it.
 _WORDS: Final = {"version": "--version"}
 

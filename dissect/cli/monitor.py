@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from dissect.cli.configuration import hosts
 from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock, coloured
@@ -18,6 +19,7 @@ from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
+from dissect.cli.options.variables import wanted_of
 from dissect.cli.rights import check_user, open_interface
 from dissect.cli.run import checksums_option, slow_option
 from dissect.cli.scrape import Scrape, allow_remote_option, metrics_option
@@ -45,6 +47,7 @@ if TYPE_CHECKING:
     from dissect.source.packet import Reader
     from dissect.tls.key_log import KeyLog
     from dissect.transactions.naming import Naming
+    from dissect.variables.wanted import WantedSet
 
 #: As `dissect.source.live.opening` has them, which is imported only when something is opened.
 BUFFER_MIB: Final = 32
@@ -108,6 +111,13 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
 @click.option(
     "-c", "--packets", type=click.IntRange(1), default=None, metavar="N", help="Stop after this many packets."
 )
+@click.option(
+    "--watch",
+    "watched",
+    multiple=True,
+    metavar="VARIABLE",
+    help="On the screens (key v): watch this address or tag; repeatable. Default: every variable.",
+)
 @select_options(numbers=False)
 @metrics_option
 @allow_remote_option
@@ -131,6 +141,7 @@ def command(
     overdue_ns: int,
     duration_ns: int,
     packets: int | None,
+    watched: tuple[str, ...],
     metrics: Address | None,
     allow_remote: bool,
     checksums: bool,
@@ -150,6 +161,7 @@ def command(
     from dissect.live.run import Limits
     from dissect.live.session import Session
 
+    wanted = wanted_of(watched, naming, decoder)
     on_screens = not plain and format_ is None and sys.stdout.isatty() and _screens_will_do()
     opener = _opener(file, interface, expression, (engine, user, buffer_mib), beside, on_screens)
     with Scrape(metrics, allow_remote) as scrape:
@@ -165,7 +177,7 @@ def command(
         scrape.watch(session)
         beside.watch(session, on_screens)
         if on_screens:
-            code = _on_screens(session, slow_ns, chosen)
+            code = _on_screens(session, slow_ns, chosen, wanted)
         else:
             code = _in_lines(session, format_ or formats_for(EVENTS)[0], topics, chosen)
     return gate(session.run, fail_on, code)
@@ -268,9 +280,10 @@ def _screens_will_do() -> bool:
     return will_do()
 
 
-def _on_screens(session: Session, slow_ns: int, chosen: Chosen) -> int:
+def _on_screens(session: Session, slow_ns: int, chosen: Chosen, wanted: WantedSet | None) -> int:
     """Show the screens until they are left; return the exit code."""
     from dissect.monitor.terminal import NoKeyboardError, keyboard
+    from dissect.report.words import Places
 
     if not coloured(True):
         os.environ["NO_COLOR"] = "1"  # what draws the screens asks for it when it is imported
@@ -286,7 +299,7 @@ def _on_screens(session: Session, slow_ns: int, chosen: Chosen) -> int:
         with keyboard():
             session.start()
             try:
-                interrupted = run_app(session, slow_ns, clock(), chosen.where)
+                interrupted = run_app(session, slow_ns, clock(), chosen.where, Places([], False, hosts()), wanted)
             finally:
                 session.close()
     except NoKeyboardError as error:

@@ -10,10 +10,12 @@ import click
 
 from dissect.cli.formats import format_option, write_out, write_outcome
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK, EXIT_USAGE
+from dissect.cli.options.tls import tls_option
 from dissect.cli.run import files_argument
 from dissect.report.formats import OUTCOME, Format
 from dissect.report.outcome import Outcome, plain
 from dissect.report.styled import Line
+from dissect.tls.key_log import KeyLog
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -32,14 +34,17 @@ _EXIT_CODES = (
 @click.option("--known", "every", is_flag=True, help="Text: also list known differences, not only their number.")
 @click.option("--reorder", is_flag=True, help="Let Wireshark reassemble out-of-order TCP segments first.")
 @click.option("--pyshark", is_flag=True, help="Run tshark through pyshark instead of directly.")
-def command(files: tuple[str, ...], format_: Format, every: bool, reorder: bool, pyshark: bool) -> int:
+@tls_option
+def command(
+    files: tuple[str, ...], format_: Format, every: bool, reorder: bool, pyshark: bool, tls_keys: KeyLog | None
+) -> int:
     """Compare our dissection of captures with Wireshark's, field by field: TPKT, COTP, S7comm.
 
     Each difference gives the packet, the field, our value and Wireshark's. Known faults of Wireshark are recognized by their
     bytes, counted and explained; any other difference is a bug, ours or theirs.
 
     Wireshark has no dissector for S7comm-plus. Of its PDUs a line says how many are read to their last byte, and how many
-    responses have the integrity id that follows from their request.
+    responses have the integrity id that follows from their request; with --tls-keys also of those inside TLS.
 
     Needs tshark (apt install tshark), and for --pyshark pyshark (pip install 's7dissect[tshark]'). FILE is a pcap or pcapng
     file; it is read several times, so it cannot be standard input.
@@ -56,7 +61,7 @@ def command(files: tuple[str, ...], format_: Format, every: bool, reorder: bool,
         verification = Verification(version(), every)
         verified = _Verified(verification)
         for file in files:
-            comparison = compare(file, read_pyshark if pyshark else read_tshark, reorder)
+            comparison = compare(file, read_pyshark if pyshark else read_tshark, reorder, tls_keys)
             if comparison.loss:
                 click.echo(f"s7dissect: {printable(file)}: {printable(comparison.loss)}", err=True)
             verified.lines += verification.take(file, comparison)

@@ -34,7 +34,7 @@ from dissect.s7.tables import (
     USERDATA_GROUPS,
     USERDATA_SUBFUNCTIONS,
 )
-from dissect.transactions.naming import subject
+from dissect.transactions.naming import item_subject, subject
 from dissect.transactions.results import (
     BAD_DATA,
     BAD_REQUEST,
@@ -291,5 +291,6 @@ def _judge_errors(judge: Reporter, transaction: Transaction) -> None:
                 transaction.connection.number,
                 _frames(transaction),
                 transaction.response_ns,
-                f"{transaction.function_name} {error.address or error.where}: 0x{error.code:02x} {error.name}",
+                f"{transaction.function_name} {item_subject(transaction, error.item, error.address) or error.where}: "
+                f"0x{error.code:02x} {error.name}",
             )

@@ -19,7 +19,7 @@ from dissect.golden.writing import link_text
 from dissect.ibh.tables import IBH_NETLINK
 from dissect.iso.tables import CC, DR, ER
 from dissect.iso.tpkt import HEADER
-from dissect.session import Run
+from dissect.session import Run, sieved
 from dissect.source.packet import CaptureError
 from dissect.transactions.connection import Connection
 from dissect.transactions.ending import OPEN
@@ -27,6 +27,7 @@ from dissect.transactions.transaction import Transaction as Seen
 
 if TYPE_CHECKING:
     from dissect.iso.tsap import Tsap
+    from dissect.select import Where
     from dissect.transactions.table import Side
 
 #: Octets of a golden; a larger one is refused.
@@ -231,17 +232,25 @@ def read_session(
     *more: str | os.PathLike[str],
     decoder: PayloadDecoder | None = None,
     messages: bool = False,
+    where: str | Where | None = None,
 ) -> Session:
     """Return the session of a capture (or of several, as `dissect.open` reads them) or of a golden; the content decides.
 
-    ``decoder`` decodes SCD (`dissect.bindings.load_carrier`); ``messages`` as for `SessionReader`.
-    Raises `CaptureError` for what is no capture and GoldenError for
-    a golden that is wrong or a session that is too long. Damage inside a capture is told in ``damage``.
+    ``decoder`` decodes SCD (`dissect.bindings.load_carrier`); ``messages`` as for `SessionReader`. Of a
+    capture only the transactions are there that ``where`` selects (docs/select.md).
+    Raises `CaptureError` for what is no capture, GoldenError for a golden that is wrong or a session that is too long,
+    `SelectError` for a wrong expression, and ValueError for one about a golden. Damage inside a capture is told in ``damage``.
     """
     if not more and os.fspath(path) != "-" and Path(path).is_file() and is_golden(path):
+        if where is not None:
+            raise ValueError(f"{os.fspath(path)} is a golden: where selects of captures only")
         return load_golden(path)
     reader = SessionReader(os.fspath(path), messages)
-    run = Run([os.fspath(path), *[os.fspath(other) for other in more]], reader, Options(decoder=decoder))
+    options = Options(decoder=decoder)
+    sieve = sieved(reader, where, options)
+    run = Run([os.fspath(path), *[os.fspath(other) for other in more]], sieve or reader, options)
+    if sieve is not None:
+        sieve.begin(run.pipeline, run.files, bool(more))
     while run.step() and reader.too_long is None:
         pass
     run.finish()

@@ -26,15 +26,18 @@ from dissect.monitor import details
 from dissect.monitor.filter import FAILED, SLOW
 from dissect.monitor.lists import FindingFacts
 from dissect.monitor.model import Model
-from dissect.monitor.panes import ConnectionsPane, EntriesPane, FindingsPane, Pane
+from dissect.monitor.panes import ConnectionsPane, EntriesPane, FindingsPane, Pane, ValuesPane
 from dissect.monitor.rows import PLACES, entry_line
-from dissect.monitor.screens import HELP, Bar, PageScreen
+from dissect.monitor.screens import HELP, Bar, PageScreen, ValuesScreen
 from dissect.recording.names import time_word
 from dissect.report import words
 from dissect.report.styled import HEADING, Line
 from dissect.report.text import connection_lines, finding_lines
+from dissect.report.words import Places
 from dissect.select import SelectError, Where
 from dissect.select.things import Context
+from dissect.variables.wanted import WantedSet
+from dissect.variables.writers import value_line
 from dissect.wire.text import Clock, printable, shortened
 
 #: Names that are tried before it is given up.
@@ -69,20 +72,27 @@ _SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGINT", 
 _WORDS: Final = "words, failed, slow, c12; Enter shows, Esc shows all"
 _EXPRESSION: Final = "an expression, such as host == 192.168.0.1 and latency > 20ms; Enter shows, Esc shows all"
 _END_KEYS: Final = "q quit  / filter  f select  Enter details  s save  ? help"
-_KEYS: Final = "q quit  p pause  F freeze  / filter  f select  Enter details  s save  z zoom  ? help"
+_KEYS: Final = "q quit  p pause  F freeze  / filter  f select  Enter details  s save  z zoom  v values  ? help"
 
 
 def run_app(
-    session: Session, slow_ns: int = 1_000_000_000, clock: Clock | None = None, where: Where | None = None
+    session: Session,
+    slow_ns: int = 1_000_000_000,
+    clock: Clock | None = None,
+    where: Where | None = None,
+    places: Places = PLACES,
+    wanted: WantedSet | None = None,
 ) -> bool:
     """Show ``session``, which was started, until the user quits; return whether that was by a signal or Ctrl+C."""
-    return bool(MonitorApp(session, slow_ns, clock=clock, where=where).run(mouse=False))
+    app = MonitorApp(session, slow_ns, clock=clock, where=where, places=places, wanted=wanted)
+    return bool(app.run(mouse=False))
 
 
 class MonitorApp(App[bool]):
     """The main screen. An answer later than ``slow_ns`` is shown as slow; files go to ``directory``, ``clock`` writes times.
 
-    Of what rolls by only that is shown which ``where`` selects, until another expression is asked for.
+    Of what rolls by only that is shown which ``where`` selects, until another expression is asked for. ``places`` names hosts.
+    ``wanted`` variables are watched from the beginning; without them all are, from the moment their values are asked for.
     """
 
     ENABLE_COMMAND_PALETTE = False
@@ -104,6 +114,7 @@ class MonitorApp(App[bool]):
         Binding("l", "show_only('slow')", show=False),
         Binding("s", "save", show=False),
         Binding("z", "zoom", show=False),
+        Binding("v", "values", show=False),
         Binding("question_mark,f1,h", "help", show=False),
         Binding("escape", "leave_filter", show=False),
     ]
@@ -115,6 +126,8 @@ class MonitorApp(App[bool]):
         directory: Path | None = None,
         clock: Clock | None = None,
         where: Where | None = None,
+        places: Places = PLACES,
+        wanted: WantedSet | None = None,
     ) -> None:
         super().__init__(ansi_color=True)  # the terminal's own colours, and none with NO_COLOR
         self.model = Model(slow_ns)
@@ -125,12 +138,15 @@ class MonitorApp(App[bool]):
         self.zoomed = False
         self.head = Bar("head", reverse=True)
         self.foot = Bar("foot")
-        self.connections = ConnectionsPane()
-        self.entries = EntriesPane(clock)
+        self.connections = ConnectionsPane(places)
+        self.entries = EntriesPane(clock, places)
         self.findings = FindingsPane(clock)
         self._panes: tuple[ConnectionsPane, EntriesPane, FindingsPane] = (self.connections, self.entries, self.findings)
         self._input = Input(placeholder=_WORDS)
         self._asked_select = False
+        self._places = places
+        if wanted is not None:
+            self.model.watch(wanted)
         self._session = session
         self._directory = directory if directory is not None else Path()
         self._clock = clock or Clock()
@@ -191,6 +207,8 @@ class MonitorApp(App[bool]):
         status = self._session.status()
         if not self.paused and len(self.screen_stack) == 1:
             self._show_panes(status)
+        if not self.paused and isinstance(self.screen, ValuesScreen):
+            self._show_values(self.screen, status)
         self._show_head(status)
         if len(self.model.problems) > self._problems_told:
             self.foot.say(f"PROBLEM {printable(self.model.problems[-1])}")
@@ -205,6 +223,16 @@ class MonitorApp(App[bool]):
         self.findings.update_rows(found, self._findings_title(status, found))
         self.entries.update_rows(self.model.entries, self._entries_title(status))
         self._arrange()
+
+    def _show_values(self, screen: ValuesScreen, status: Status) -> None:
+        watched = self.model.watched
+        if watched is None:
+            return
+        facts = watched.facts
+        parts = [f"{watched.refused} refused"] if watched.refused else []
+        parts += [f"{watched.not_listed} of others"] if watched.not_listed else []
+        title = f"VALUES {len(facts)}" + (f" ({', '.join(parts)})" if parts else "")
+        screen.pane.update_values(facts, title, status.now_ns)
 
     def _findings_title(self, status: Status, found: list[FindingFacts]) -> str:
         """Say how many findings there are, the heaviest first."""
@@ -244,7 +272,8 @@ class MonitorApp(App[bool]):
             parts.append(f"{sum(counted)} LOST" if sum(counted) else ("0 lost" if counted else "loss unknown"))
         if status.lost_events:
             parts.append(f"{status.lost_events} NOT SHOWN")
-        self.head.say("  ".join(parts), self._state())
+        for bar in (self.head, *([self.screen.head] if isinstance(self.screen, ValuesScreen) else [])):
+            bar.say("  ".join(parts), self._state())
 
     def _state(self) -> str:
         if self.paused:
@@ -364,13 +393,28 @@ class MonitorApp(App[bool]):
     def on_pane_opened(self, event: Pane.Opened) -> None:
         """Show what is behind a row."""
         if event.pane is self.connections and (one := self.connections.selected) is not None:
-            self._open(f"Connection {one.key}", details.connection_details(one, self.model.entries, self._clock))
+            self._open(
+                f"Connection {one.key}", details.connection_details(one, self.model.entries, self._clock, self._places)
+            )
         elif event.pane is self.findings and (found := self.findings.selected) is not None:
-            self._open(f"Finding {found.key}", details.finding_details(found))
+            self._open(f"Finding {found.key}", details.finding_details(found, self._places))
         elif event.pane is self.entries and (entry := self.entries.selected) is not None:
             what = entry.what
             title = "SCD message" if isinstance(what, tuple) else f"{type(what).__name__} {what.number}"
-            self._open(title, details.entry_lines(entry, self._clock))
+            self._open(title, details.entry_lines(entry, self._clock, self._places))
+        elif isinstance(event.pane, ValuesPane) and (variable := event.pane.selected) is not None:
+            self._open(
+                f"Variable {variable.variable.name}", details.watched_details(variable, self._clock, self._places)
+            )
+
+    def action_values(self) -> None:
+        """Show the values of variables."""
+        if len(self.screen_stack) > 1:
+            return
+        if self.model.watched is None:
+            self.model.watch(None)
+        _ = self.push_screen(ValuesScreen(ValuesPane(self._clock, self._places)), self._back)
+        self.call_after_refresh(self.show)
 
     def action_help(self) -> None:
         """Show the keys."""
@@ -388,9 +432,12 @@ class MonitorApp(App[bool]):
     def action_save(self) -> None:
         """Save what is shown as text."""
         top = self.screen
-        page = top if isinstance(top, PageScreen) else None
-        lines = page.page.lines if page is not None else list(self._shown())
-        bar = page.foot if page is not None else self.foot
+        lines = list(self._shown())
+        bar = self.foot
+        if isinstance(top, PageScreen):
+            lines, bar = top.page.lines, top.foot
+        elif isinstance(top, ValuesScreen):
+            lines, bar = self._values_shown(top), top.foot
         try:
             path = save(self._directory, self._session.status().now_ns, [line.text for line in lines])
         except OSError as error:
@@ -401,18 +448,23 @@ class MonitorApp(App[bool]):
         if not keys.startswith("saved"):
             self.set_timer(_SAID_S, lambda: bar.say(keys))
 
+    def _values_shown(self, screen: ValuesScreen) -> list[Line]:
+        """Return the watched variables, each with the row of its latest value."""
+        latest = [value_line(facts.latest, self._clock, self._places) for facts in screen.pane.rows]
+        return [Line(f"{screen.head.left}  {screen.head.right}", HEADING), *[Line(f"  {text}") for text in latest]]
+
     def _shown(self) -> Iterator[Line]:
         """Yield what the panes hold, in full."""
         yield Line(f"{self.head.left}  {self.head.right}", HEADING)
         yield Line("")
         yield Line(self.connections.title, HEADING)
         for one in self.connections.rows:
-            yield from connection_lines(one.connection, PLACES)
+            yield from connection_lines(one.connection, self._places)
         yield Line("")
         yield Line(self.entries.title, HEADING)
         for entry in self.entries.rows:
-            yield Line(f"  {entry_line(entry, self._clock)}")
+            yield Line(f"  {entry_line(entry, self._clock, self._places)}")
         yield Line("")
         yield Line(self.findings.title, HEADING)
         for found in self.findings.rows:
-            yield from finding_lines(found.rule, found.times, found.details, PLACES, len(found.details))
+            yield from finding_lines(found.rule, found.times, found.details, self._places, len(found.details))

@@ -10,15 +10,19 @@ from dissect.ibh.tables import IBH_NETLINK
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rows import PLACES, entry_line
+from dissect.monitor.watched import WatchedFacts
 from dissect.report import facets, words
 from dissect.report.scd_tree import scd_tree_lines
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.text import connection_lines, finding_lines
 from dissect.report.tree import plus_tree_lines, tree_lines
+from dissect.report.words import Places
 from dissect.report.writers.text import pdu_line, plus_line
+from dissect.s7plus.hiding import shown_contents
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
+from dissect.variables.writers import place_text, shown, value_line
 from dissect.wire.text import Clock, printable, shortened
 
 #: Lines that are shown of one thing.
@@ -29,13 +33,13 @@ _LONG: Final = 1000
 _NOTES: Final = 200
 
 
-def entry_lines(entry: Entry, clock: Clock | None = None) -> list[Line]:
+def entry_lines(entry: Entry, clock: Clock | None = None, places: Places = PLACES) -> list[Line]:
     """Return everything about an entry; ``clock`` writes times."""
-    return list(islice(_entry(entry, clock or Clock()), MAX_LINES))
+    return list(islice(_entry(entry, clock or Clock(), places), MAX_LINES))
 
 
-def _entry(entry: Entry, clock: Clock) -> Iterator[Line]:
-    yield Line(shortened(entry_line(entry, clock), _LONG), HEADING, 4)
+def _entry(entry: Entry, clock: Clock, places: Places) -> Iterator[Line]:
+    yield Line(shortened(entry_line(entry, clock, places), _LONG), HEADING, 4)
     what = entry.what
     if isinstance(what, tuple):
         yield Line("")
@@ -46,7 +50,7 @@ def _entry(entry: Entry, clock: Clock) -> Iterator[Line]:
             if part.note:
                 yield Line(f"  {shortened(part.note, _LONG)}", PLAIN, 4)
     else:
-        yield from _transaction(what, clock)
+        yield from _transaction(what, clock, places)
 
 
 def _numbers(operation: Operation) -> str:
@@ -54,7 +58,7 @@ def _numbers(operation: Operation) -> str:
     return ", ".join(shown) + (", …" if operation.parts > len(shown) else "")
 
 
-def _transaction(transaction: Transaction, clock: Clock) -> Iterator[Line]:
+def _transaction(transaction: Transaction, clock: Clock, places: Places) -> Iterator[Line]:
     for number, text in enumerate(facets.items(transaction), 1):
         yield Line(f"  item {number}  {text}", PLAIN, 4)
     for error in transaction.errors:
@@ -64,25 +68,26 @@ def _transaction(transaction: Transaction, clock: Clock) -> Iterator[Line]:
         for found in transaction.scd:
             yield Line("")
             yield from _plain(scd_tree_lines(found))
-    yield from _halves(transaction, clock)
+    yield from _halves(transaction, clock, places)
 
 
-def _halves(transaction: Transaction, clock: Clock) -> Iterator[Line]:
+def _halves(transaction: Transaction, clock: Clock, places: Places) -> Iterator[Line]:
     connection = transaction.connection
     # `entries.detached` keeps the packet in front of a PDU that it carries whole.
     asked = transaction.request_buf if transaction.request_offset else b""
     told = transaction.response_buf if transaction.response_offset else b""
     for title, pdu, packet in (("Request", transaction.request, asked), ("Answer", transaction.response, told)):
         if pdu is not None:
-            yield from _heading(title, pdu_line(pdu, connection, clock, PLACES))
+            yield from _heading(title, pdu_line(pdu, connection, clock, places))
             yield from _plain(tree_lines(pdu, packet, connection.protocol == IBH_NETLINK))
     for title, plus, packet in (
         ("Request", transaction.plus_request, asked),
         ("Answer", transaction.plus_response, told),
     ):
         if plus is not None:
-            yield from _heading(title, plus_line(plus, connection, clock, PLACES))
-            yield from _plain(plus_tree_lines(plus, packet))
+            contents = shown_contents(plus)
+            yield from _heading(title, plus_line(plus, connection, clock, places, contents))
+            yield from _plain(plus_tree_lines(plus, packet, contents=contents))
 
 
 def _heading(title: str, text: str) -> Iterator[Line]:
@@ -96,10 +101,12 @@ def _plain(lines: Iterable[str]) -> Iterator[Line]:
         yield Line(text.removeprefix("  "), PLAIN, 27)
 
 
-def connection_details(facts: ConnectionFacts, entries: Iterable[Entry], clock: Clock | None = None) -> list[Line]:
+def connection_details(
+    facts: ConnectionFacts, entries: Iterable[Entry], clock: Clock | None = None, places: Places = PLACES
+) -> list[Line]:
     """Return everything about a connection, and the last of ``entries`` that are on it."""
     clock = clock or Clock()
-    lines = list(connection_lines(facts.connection, PLACES))
+    lines = list(connection_lines(facts.connection, places))
     if facts.waiting:
         lines.append(Line(f"     {words.count(facts.waiting, 'request')} pending now", PLAIN, 5))
     if facts.failed and facts.connection.last_error is not None:
@@ -110,7 +117,7 @@ def connection_details(facts: ConnectionFacts, entries: Iterable[Entry], clock: 
     mine = [entry for entry in entries if _same(entry.connection, facts.connection)][-_LAST:]
     if mine:
         lines += [Line(""), Line(f"Its latest transactions (the filter c{facts.key} shows only these)", HEADING)]
-        lines += [Line(f"  {shortened(entry_line(entry, clock), _LONG)}", PLAIN, 4) for entry in mine]
+        lines += [Line(f"  {shortened(entry_line(entry, clock, places), _LONG)}", PLAIN, 4) for entry in mine]
     return lines
 
 
@@ -118,10 +125,37 @@ def _same(one: Connection, other: Connection) -> bool:
     return one.number == other.number
 
 
-def finding_details(facts: FindingFacts) -> list[Line]:
+def finding_details(facts: FindingFacts, places: Places = PLACES) -> list[Line]:
     """Return everything about the findings of a rule, the newest first."""
     details = list(reversed(facts.details))
-    lines = list(finding_lines(facts.rule, facts.times, details, PLACES, len(details)))
+    lines = list(finding_lines(facts.rule, facts.times, details, places, len(details)))
     if details and len(details) < facts.times:
         lines.append(Line("      newest first; findings without detail were only counted", DIM, 8))
+    return lines
+
+
+def watched_details(facts: WatchedFacts, clock: Clock | None = None, places: Places = PLACES) -> list[Line]:
+    """Return everything about a watched variable, and its latest changes, the newest first."""
+    clock = clock or Clock()
+    variable = facts.variable
+    title = f"{place_text(variable)} {printable(variable.type)}".rstrip()
+    lines = [Line(f"{title}  of {places.end(variable.plc)}", HEADING, 4)]
+    if variable.comment:
+        lines.append(Line(f"  {shortened(variable.comment, _NOTES)}", PLAIN, 4))
+    row = facts.latest
+    lines.append(Line(f"  {shown(variable, row.value, row.data, row.text)}", PLAIN, 4))
+    lines.append(Line(f"  {words.count(facts.count, 'value')}, {words.count(facts.changes, 'change')}", PLAIN, 4))
+    refused = variable.refused_reads + variable.refused_writes
+    if refused or variable.unconfirmed:
+        lines.append(
+            Line(
+                f"  refused: {words.count(int(variable.refused_reads), 'read')}, "
+                f"{words.count(int(variable.refused_writes), 'write')}; "
+                f"{words.count(int(variable.unconfirmed), 'write')} unconfirmed",
+                "error",
+                4,
+            )
+        )
+    lines += [Line(""), Line("Its latest changes, the newest first", HEADING)]
+    lines += [Line(f"  {value_line(row, clock, places)}", PLAIN, 4) for row in reversed(facts.rows)]
     return lines

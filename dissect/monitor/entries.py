@@ -99,6 +99,7 @@ def detached(transaction: Transaction) -> Transaction:
     copy.has_errors = transaction.has_errors
     copy.flags = transaction.flags
     copy.carried = transaction.carried
+    copy.subscribed = transaction.subscribed
     ibh = transaction.connection.protocol == IBH_NETLINK
     head = _head(transaction.request_buf, int(transaction.request_offset), int(transaction.request_size), ibh)
     start = int(transaction.request_offset)

@@ -7,13 +7,15 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 from dissect.findings.reporter import Finding
-from dissect.live.session import Event
+from dissect.live.session import CLOSED, Event
 from dissect.monitor.entries import Entry, Ring, What, detached
 from dissect.monitor.filter import Wanted, is_slow
 from dissect.monitor.lists import ConnectionFacts, ConnectionList, FindingFacts, FindingList
+from dissect.monitor.watched import Watched
 from dissect.select import Where
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
+from dissect.variables.wanted import WantedSet
 
 #: Entries that are kept of each sort, and the octets they may take.
 MAX_ENTRIES: Final = 1000
@@ -41,6 +43,12 @@ class Model:
         self._recent = Ring(most, most_octets)
         self._odd = Ring(most, most_octets)
         self._matching = Ring(most, most_octets)
+        self.watched: Watched | None = None
+
+    def watch(self, wanted: WantedSet | None) -> None:
+        """Watch variables from now on, beginning with the transactions that are still there; None for all of them."""
+        self.watched = Watched(wanted)
+        self.watched.take([entry.what for entry in self._recent.entries if isinstance(entry.what, Transaction)])
 
     def take(self, events: Iterable[Event]) -> None:
         """Fold events, in their order."""
@@ -52,12 +60,16 @@ class Model:
                 fresh.append((event.time_ns, what))
             elif isinstance(what, Connection):
                 self._connections.note(what)
+                if self.watched is not None and event.kind == CLOSED:
+                    self.watched.forget(what)
             elif isinstance(what, Finding):
                 self._findings.note(what)
             elif isinstance(what, str):
                 self.problems.append(what)
             elif not isinstance(what, tuple) or not what[0].message.phase:  # SCD with a phase is in a transaction
                 fresh.append((event.time_ns, what))
+        if self.watched is not None:
+            self.watched.take([what for _, what in fresh if isinstance(what, Transaction)])
         self._keep(fresh)
 
     def select(self, where: Where | None) -> None:

@@ -18,7 +18,9 @@ from dissect.monitor import rows
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rows import Piece
+from dissect.monitor.watched import WatchedFacts
 from dissect.report.styled import Line
+from dissect.report.words import Places
 from dissect.wire.text import Clock
 
 Row = TypeVar("Row")
@@ -164,9 +166,9 @@ class Pane(Widget, Generic[Row], can_focus=True):
 class ConnectionsPane(Pane[ConnectionFacts]):
     """The connections."""
 
-    def __init__(self) -> None:
-        glyphs = rows.sparks()
-        super().__init__("connections", lambda row, width: rows.connection_row(row, width, glyphs), lambda row: row.key)
+    def __init__(self, places: Places = rows.PLACES) -> None:
+        look = rows.Look(rows.sparks(), places)
+        super().__init__("connections", lambda row, width: rows.connection_row(row, width, look), lambda row: row.key)
 
     def heading(self, title: str, width: int) -> str:
         """Return the title, and the heads of the columns behind it."""
@@ -192,9 +194,11 @@ class EntriesPane(Pane[Entry]):
     While the cursor is on the last row it stays there; moved away from it, the list is frozen.
     """
 
-    def __init__(self, clock: Clock | None = None) -> None:
+    def __init__(self, clock: Clock | None = None, places: Places = rows.PLACES) -> None:
         shown = clock or Clock()
-        super().__init__("transactions", lambda row, width: rows.entry_row(row, width, shown), lambda row: row.order)
+        super().__init__(
+            "transactions", lambda row, width: rows.entry_row(row, width, shown, places), lambda row: row.order
+        )
         self.frozen = False
         self._latest: list[Entry] = []
 
@@ -247,6 +251,30 @@ class EntriesPane(Pane[Entry]):
     def action_end(self) -> None:
         """Go to the newest, and on with those that come."""
         self.freeze(False)
+
+
+class ValuesPane(Pane[WatchedFacts]):
+    """Watched variables. ``now_ns`` is the time by the clock of the capture, which trends end with."""
+
+    def __init__(self, clock: Clock | None = None, places: Places = rows.PLACES) -> None:
+        look = rows.Look(rows.sparks(), places)
+        shown = clock or Clock()
+        self.now_ns = 0
+        super().__init__(
+            "values",
+            lambda row, width: rows.watched_row(row, width, shown, look, self.now_ns),
+            lambda row: row.variable,
+        )
+
+    def heading(self, title: str, width: int) -> str:
+        """Return the title, and the heads of the columns behind it."""
+        return rows.watched_heads(title, width)
+
+    def update_values(self, fresh: list[WatchedFacts], title: str, now_ns: int) -> None:
+        """Show these variables as they are now; they are the same ones, with other values."""
+        self.now_ns = now_ns
+        self.update_rows(fresh, title)
+        self.refresh()
 
 
 class Page(Widget, can_focus=True):

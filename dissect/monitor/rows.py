@@ -14,6 +14,7 @@ from dissect.findings.reporter import Finding
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rate_history import SECONDS, level
+from dissect.monitor.watched import WatchedFacts
 from dissect.report import facets, words
 from dissect.report.operations import NAMES, operation_line, result
 from dissect.report.scd import scd_summary
@@ -22,6 +23,8 @@ from dissect.report.writers.text import transaction_line
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import DONE, RUNNING, Operation
 from dissect.transactions.transaction import Transaction
+from dissect.variables.summary import sparkline
+from dissect.variables.writers import place_text, shown
 from dissect.wire.text import Clock, printable, shortened
 
 #: From this many columns there is room for more of everything.
@@ -29,6 +32,8 @@ WIDE: Final = 130
 _ROOM_FOR_A_MINUTE: Final = 170
 #: Characters of a row that are worth making.
 _LONG: Final = 400
+#: A value that changed less than this ago is drawn strong.
+_FRESH_NS: Final = 2_000_000_000
 
 PLAIN: Final = ""
 DIM: Final = "dim"
@@ -51,6 +56,13 @@ _PLAIN_TERMINALS: Final = frozenset(("dumb", "linux", "vt100", "vt102", "vt220",
 Piece = tuple[str, str]
 
 
+class Look(NamedTuple):
+    """How rows are drawn: ``glyphs`` of sparklines from low to high, ``places`` with the names of hosts."""
+
+    glyphs: str
+    places: Places = PLACES
+
+
 def sparks() -> str:
     """Return what answer times are drawn with: blocks, or digits where the terminal's font may lack them."""
     return _DIGITS if os.environ.get("TERM", "") in _PLAIN_TERMINALS else _BLOCKS
@@ -71,14 +83,14 @@ class _Column(NamedTuple):
     head: str
     width: int  # 0: what is left
     right: bool
-    cell: Callable[[ConnectionFacts, str], Piece]
+    cell: Callable[[ConnectionFacts, Look], Piece]
 
 
-def _who(facts: ConnectionFacts, _: str) -> Piece:
-    return ends(facts.connection), DIM if facts.over else PLAIN
+def _who(facts: ConnectionFacts, look: Look) -> Piece:
+    return ends(facts.connection, look.places), DIM if facts.over else PLAIN
 
 
-def _state(facts: ConnectionFacts, _: str) -> Piece:
+def _state(facts: ConnectionFacts, _: Look) -> Piece:
     return facts.state, BAD if facts.connection.refused else (DIM if facts.over else PLAIN)
 
 
@@ -93,10 +105,10 @@ def _rate(rate: float) -> Piece:
     return (f"{rate:.1f}" if rate < 1000 else f"{rate:.0f}"), PLAIN
 
 
-def _sparkline(count: int) -> Callable[[ConnectionFacts, str], Piece]:
-    def cell(facts: ConnectionFacts, glyphs: str) -> Piece:
+def _sparkline(count: int) -> Callable[[ConnectionFacts, Look], Piece]:
+    def cell(facts: ConnectionFacts, look: Look) -> Piece:
         levels = [level(latency) for latency in facts.worst[-count:]]
-        return "".join([glyphs[one] if one >= 0 else " " for one in levels]), PLAIN
+        return "".join([look.glyphs[one] if one >= 0 else " " for one in levels]), PLAIN
 
     return cell
 
@@ -126,11 +138,11 @@ _WIDE_COLUMNS: Final = (
 )
 
 
-def connection_row(facts: ConnectionFacts, width: int, glyphs: str) -> list[Piece]:
+def connection_row(facts: ConnectionFacts, width: int, look: Look) -> list[Piece]:
     """Return a connection in ``width`` columns."""
     pieces: list[Piece] = []
     for column, size in _columns(width):
-        text, style = column.cell(facts, glyphs)
+        text, style = column.cell(facts, look)
         pieces.append((f"{fit(text, size, column.right)} ", style))
     return pieces
 
@@ -150,17 +162,17 @@ def _columns(width: int) -> list[tuple[_Column, int]]:
     return [(column, column.width or max(left, 8)) for column in columns]
 
 
-def ends(connection: Connection) -> str:
+def ends(connection: Connection, places: Places = PLACES) -> str:
     """Return who talks to whom; the port everybody has is left out."""
     arrow = "→" if connection.client_known else "↔"
     over = " UDP" if connection.udp else ""
-    return f"{connection.client} {arrow} {str(connection.server).removesuffix(':102')}{over}"
+    return f"{places.end(connection.client)} {arrow} {places.end(connection.server).removesuffix(':102')}{over}"
 
 
 # ---- what rolls by --------------------------------------------------------------------------------------------------
 
 
-def entry_row(entry: Entry, width: int, clock: Clock) -> list[Piece]:
+def entry_row(entry: Entry, width: int, clock: Clock, places: Places = PLACES) -> list[Piece]:
     """Return a transaction, an operation or an SCD message in ``width`` columns.
 
     It begins with ``E`` for an answer with errors, ``U`` for a request unanswered, ``S`` for a slow answer.
@@ -174,20 +186,20 @@ def entry_row(entry: Entry, width: int, clock: Clock) -> list[Piece]:
         return [(head, style), (fit(_said(entry, True), max(width - len(head), 0)), style)]
     first = f"#{what.number}" if not isinstance(what, tuple) else ""
     head = f"{mark} {time[:15]} {fit(first, 9)} {fit(_frames(entry), 13)} {fit(number, 5)} "
-    middle = f"{fit(_direction(entry), 41)} {fit(_took(entry), 8, True)}  "
+    middle = f"{fit(_direction(entry, places), 41)} {fit(_took(entry), 8, True)}  "
     return [(head + middle, style), (fit(_said(entry), max(width - cell_len(head + middle), 0)), style)]
 
 
-def entry_line(entry: Entry, clock: Clock) -> str:
+def entry_line(entry: Entry, clock: Clock, places: Places = PLACES) -> str:
     """Return an entry on one line, however long, as the other commands write it."""
     what = entry.what
     if isinstance(what, Transaction):
-        return transaction_line(what, clock, PLACES)
+        return transaction_line(what, clock, places)
     if isinstance(what, Operation):
-        return operation_line(what, clock, PLACES)
+        return operation_line(what, clock, places)
     found, connection = what
     side = int(found.side)
-    who = f"{connection.tcp.ends[side]} → {connection.tcp.ends[1 - side]}"
+    who = f"{places.end(connection.tcp.ends[side])} → {places.end(connection.tcp.ends[1 - side])}"
     return f"{clock.moment(entry.time_ns)}  {found.frame}  {who}  {scd_summary(found)}"
 
 
@@ -226,11 +238,11 @@ def _frames(entry: Entry) -> str:
     return PLACES.pair(what.first_frame, what.last_frame) if isinstance(what, Operation) else str(what[0].frame)
 
 
-def _direction(entry: Entry) -> str:
+def _direction(entry: Entry, places: Places) -> str:
     what = entry.what
     side = int(what[0].side if isinstance(what, tuple) else what.asked_by)
     both = entry.connection.tcp.ends
-    return f"{both[side]} → {both[1 - side]}"
+    return f"{places.end(both[side])} → {places.end(both[1 - side])}"
 
 
 def _said(entry: Entry, narrow: bool = False) -> str:
@@ -270,6 +282,46 @@ def _detail(finding: Finding, wide: bool) -> str:
     return where + (said if wide or not where else _WHO_TO_WHOM.sub("", said))  # the connection says who
 
 
+# ---- watched variables ----------------------------------------------------------------------------------------------
+
+_VALUE: Final = 18
+_WHEN: Final = 8
+_BY: Final = 16
+
+
+def watched_heads(title: str, width: int) -> str:
+    """Return the heads of the columns, the title where the names stand."""
+    name, trend = _watched_sizes(width)
+    return " ".join(
+        [fit(title, name), fit("value", _VALUE), fit("changed", _WHEN), fit("by", _BY), fit("trend", trend)]
+    )
+
+
+def watched_row(facts: WatchedFacts, width: int, clock: Clock, look: Look, now_ns: int) -> list[Piece]:
+    """Return a variable in ``width`` columns: its value, when it changed last, who read or wrote that, the last seconds."""
+    name, trend = _watched_sizes(width)
+    row = facts.latest
+    changed = facts.rows[-1]
+    value = shown(facts.variable, row.value, row.data, row.text)
+    fresh = now_ns - facts.changed_ns < _FRESH_NS and not changed.first
+    by = f"{'W ' if changed.writes else '  '}{look.places.host(changed.client)}"
+    return [
+        (f"{fit(place_text(facts.variable), name)} ", PLAIN if facts.variable.tag else DIM),
+        (f"{fit(value, _VALUE)} ", STRONG if fresh else PLAIN),
+        (
+            f"{fit(clock.time_of_day(facts.changed_ns)[:_WHEN], _WHEN)} {fit(by, _BY)} ",
+            ODD if changed.writes else PLAIN,
+        ),
+        (fit(sparkline(facts.trend(now_ns, trend), look.glyphs), trend), PLAIN),
+    ]
+
+
+def _watched_sizes(width: int) -> tuple[int, int]:
+    """Return the columns of the name and of the trend."""
+    trend = SECONDS if width >= _ROOM_FOR_A_MINUTE else SECONDS // 2 if width >= WIDE else 8
+    return max(width - _VALUE - _WHEN - _BY - trend - 4, 8), trend
+
+
 def joined(rows: Sequence[Piece]) -> str:
     """Return the text of pieces."""
     return "".join([text for text, _ in rows]).rstrip()
@@ -287,4 +339,5 @@ LEGEND: Final = (
         "the worst answer of each second: to 316 µs, 1 ms, 3.2 ms, 10 ms, 32 ms, 100 ms, 316 ms, longer; blank for none",
     ),
     ("fail", "transactions with errors or without answer"),
+    ("W", "of a value: the client beside it wrote it; else it read it, or was sent it"),
 )

@@ -12,7 +12,7 @@ from textual.events import Resize
 from textual.screen import Screen
 from textual.widget import Widget
 
-from dissect.monitor.panes import Page
+from dissect.monitor.panes import Page, ValuesPane
 from dissect.monitor.rows import LEGEND, fit
 from dissect.report.styled import HEADING, Line
 
@@ -75,6 +75,29 @@ class PageScreen(Screen[None]):
         self._head.say(self._title, self.page.place)
 
 
+class ValuesScreen(Screen[None]):
+    """Watched variables with their trends; it goes on while it is shown."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,v,backspace,left", "dismiss", show=False)]
+
+    def __init__(self, pane: ValuesPane) -> None:
+        super().__init__()
+        self.pane = pane
+        self.head = Bar("head", reverse=True)
+        self.foot = Bar("foot")
+
+    def compose(self) -> ComposeResult:
+        """Put the variables between the state of the line and the keys."""
+        yield self.head
+        yield self.pane
+        yield self.foot
+
+    def on_mount(self) -> None:
+        """Begin at the first variable."""
+        self.pane.focus()
+        self.foot.say("Esc back  ↑ ↓ PgUp PgDn Home End move  Enter details  s save  q quit")
+
+
 HELP: Final = (
     Line("Panes", HEADING),
     Line("  Tab, Shift+Tab   next or previous pane", "", 19),
@@ -82,6 +105,7 @@ HELP: Final = (
     Line("  Home End         first and last; also g G. In the transactions, End follows new ones", "", 19),
     Line("  Enter            details of the row: fields and bytes, a connection, all findings of a rule", "", 19),
     Line("  z                this pane only, or all panes", "", 19),
+    Line("  v                the values of variables, when they changed and by whom, with a trend", "", 19),
     Line(""),
     Line("Time", HEADING),
     Line("  p                pause: the screen stops, the capture continues", "", 19),

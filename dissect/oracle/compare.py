@@ -18,6 +18,7 @@ from dissect.oracle.ours import Witness, take_joined
 from dissect.oracle.plus import PlusProof
 from dissect.oracle.theirs import Frame
 from dissect.oracle.tshark import OracleError, Reader, read_tshark
+from dissect.tls.key_log import KeyLog
 
 _GAVE_UP: Final = "Wireshark stopped where the capture is damaged"
 _WHOLE: Final = Place("", 0, grounds.WHOLE)
@@ -197,14 +198,15 @@ def _alike(ours: Record, theirs: Record) -> bool:
     return len(ours.octets) == len(theirs.octets)
 
 
-def compare(path: str, read: Reader = read_tshark, reorder: bool = False) -> Comparison:
+def compare(path: str, read: Reader = read_tshark, reorder: bool = False, tls_keys: KeyLog | None = None) -> Comparison:
     """Compare both dissections of a capture file; ``read`` asks Wireshark (`read_tshark` or `read_pyshark`).
 
-    ``reorder`` is Wireshark's preference to put TCP segments in order before it looks at them. Raises OracleError when
-    Wireshark cannot be asked and CaptureError when the file cannot be read. Where the capture is damaged Wireshark may give up,
-    before we do or after: what it showed until then is compared.
+    ``reorder`` is Wireshark's preference to put TCP segments in order before it looks at them. ``tls_keys`` open TLS on our
+    side: what is in there Wireshark is not asked about. Raises OracleError when Wireshark cannot be asked and CaptureError when
+    the file cannot be read. Where the capture is damaged Wireshark may give up, before we do or after: what it showed until
+    then is compared.
     """
-    witness = Witness(path)
+    witness = Witness(path, tls_keys)
     bench = _Bench(path, witness)
     waiting: dict[str, dict[int, list[int]]] = {kind: {} for kind in witness.found}
     for kind, found in witness.found.items():

@@ -26,12 +26,14 @@ from dissect.s7.parameters import ACK_HEADER_SIZE
 from dissect.s7.syntaxes import PBC_ID
 from dissect.s7.tables import BSEND, READ_VAR, ROSCTR, USERDATA, WRITE_VAR
 from dissect.session import Run
+from dissect.tls.key_log import KeyLog
 from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.table import Side
 from dissect.wire.layout import Layout
 
 #: Why a PDU is not compared.
 NO_DISSECTOR: Final = "Wireshark has no dissector for IBH-NetLink"
+ENCRYPTED: Final = "Wireshark is not asked to decrypt TLS"
 
 #: Attributes that are not called as their field is.
 _ATTRIBUTES: Final = {"address": "start_bit"}
@@ -54,7 +56,7 @@ class Witness(Observer):
     ``not_comparable`` counts what Wireshark cannot be asked about, by the reason; ``plus`` is what S7comm-plus proves itself.
     """
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, tls_keys: KeyLog | None = None) -> None:
         super().__init__()
         self.wants_tpdus = True
         self.wants_pdus = True
@@ -62,7 +64,7 @@ class Witness(Observer):
         self.ports: set[int] = set()
         self.not_comparable: Counter[str] = Counter()
         self.plus = PlusProof()
-        run = Run([path], self, Options())
+        run = Run([path], self, Options(tls_keys=tls_keys))
         while run.step():
             pass
         #: What of the capture could not be read, empty when all of it was.
@@ -98,6 +100,8 @@ class Witness(Observer):
         """Keep an S7 PDU, unless it came in packets that Wireshark shows as data."""
         if side.connection.protocol == IBH_NETLINK:
             self.not_comparable[NO_DISSECTOR] += 1
+        elif side.inner is not None:
+            self.not_comparable[ENCRYPTED] += 1
         else:
             self.found[facts.PDU].append((frame, octets))
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.bodies import is_known, parse_contents
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.tables import KEEP_ALIVE, REQUEST, RESPONSE
@@ -22,12 +22,14 @@ class PlusProof:
     """Counts the PDUs of a capture that prove themselves.
 
     ``read`` of ``pdus`` whole ones are read to their last octet; the integrity ids of ``true`` of ``pairs`` responses follow
-    from those of their requests. ``cut`` PDUs are not whole, and not looked at. ``faults`` say which do not hold, and why.
+    from those of their requests. ``cut`` PDUs are not whole, and not looked at; of ``unknown`` ones, which are whole,
+    the body is not known (InitSSL among them). ``faults`` say which do not hold, and why.
     """
 
     def __init__(self) -> None:
         self.pdus = 0
         self.cut = 0
+        self.unknown = 0
         self.read = 0
         self.pairs = 0
         self.true = 0
@@ -41,6 +43,8 @@ class PlusProof:
 
     def __str__(self) -> str:
         cut = f", {self.cut} not whole" if self.cut else ""
+        if self.unknown:
+            cut += f", {self.unknown} of functions whose body is not known"
         return (
             f"S7comm-plus: {self.read} of {self.pdus} whole PDUs read to their last byte{cut}; "
             f"{self.true} of {self.pairs} response ids = request id + sequence number"
@@ -53,8 +57,11 @@ class PlusProof:
             self.cut += 1
             return
         found = parse_contents(pdu, shown=False)
-        self.pdus += 1
         facts = [*pdu.malformed, *found.malformed]
+        if not facts and not is_known(pdu):
+            self.unknown += 1
+            return
+        self.pdus += 1
         if not facts and (found.whole or pdu.version == KEEP_ALIVE):
             self.read += 1
         else:

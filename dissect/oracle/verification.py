@@ -10,6 +10,7 @@ from dissect.oracle import facts
 from dissect.oracle.compare import Comparison, Difference
 from dissect.oracle.entry import Known
 from dissect.oracle.known import KNOWN
+from dissect.report import words
 from dissect.wire.text import encodable, printable
 
 VERIFICATION_SCHEMA: Final = "s7dissect.verification/1"
@@ -46,8 +47,10 @@ class Verification:
         """Keep the comparison of a capture and return its lines."""
         self.files.append((path, comparison))
         lines = [f"{printable(path)}: {_counts([comparison])}"]
-        lines += [f"  {count} PDUs not compared: {why}" for why, count in comparison.not_comparable.items()]
-        if comparison.plus.pdus or comparison.plus.cut:
+        lines += [
+            f"  {words.count(count, 'PDU')} not compared: {why}" for why, count in comparison.not_comparable.items()
+        ]
+        if comparison.plus.pdus or comparison.plus.cut or comparison.plus.unknown:
             lines.append(f"  {comparison.plus}")
             lines += [f"  {printable(fault)}" for fault in comparison.plus.faults]
         for difference in comparison.differences:
@@ -94,6 +97,7 @@ def _file(path: str, comparison: Comparison) -> dict[str, object]:
             "pdus": comparison.plus.pdus,
             "read": comparison.plus.read,
             "cut": comparison.plus.cut,
+            "unknown": comparison.plus.unknown,
             "pairs": comparison.plus.pairs,
             "true": comparison.plus.true,
         },

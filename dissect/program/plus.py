@@ -25,8 +25,10 @@ _CODE: Final = frozenset((BODY, 2580, 2583, 2584))
 #: Attributes of the interface: its source as XML, and the types.
 INTERFACE: Final = 2544
 _INTERFACE: Final = frozenset((INTERFACE, 4578))
+#: Names of what a body refers to, as XML.
+REFERENCES: Final = 2583
 #: Blobs that are files of their own, and what they hold.
-TEXTS: Final[dict[int, str]] = {BODY: "body", INTERFACE: "interface"}
+TEXTS: Final[dict[int, str]] = {BODY: "body", INTERFACE: "interface", REFERENCES: "references"}
 #: Blocks that are taken from one PDU: a CPU has a few thousand.
 MAX_BLOCKS: Final = 8192
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 TRANSACTIONS: Final = "transactions"
 PDUS: Final = "PDUs"
 OPERATIONS: Final = "operations"
+VALUES: Final = "values"
 #: … of what happens on a live line to a class like `dissect.live.lines.PlainLines` …
 EVENTS: Final = "events"
 # … and what a command came to is given to a function as an `Outcome`.
@@ -34,7 +35,7 @@ DIFFERENCES: Final = "differences"
 OUTCOME: Final = "outcome"
 BLOCKS: Final = "blocks"
 
-KINDS: Final = (TRANSACTIONS, PDUS, OPERATIONS, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, BLOCKS)
+KINDS: Final = (TRANSACTIONS, PDUS, OPERATIONS, VALUES, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, BLOCKS)
 
 
 class Format(NamedTuple):
@@ -76,6 +77,7 @@ FORMATS: Final[dict[str, Format]] = {
             "text",
             "lines for a person",
             ("dissect.report.writers.text:TextWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
+            ("dissect.variables.writers:ValueText", (VALUES,)),
             ("dissect.live.lines:PlainLines", (EVENTS,)),
             ("dissect.report.outcome:text_outcome", (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, BLOCKS)),
             verbose=True,
@@ -85,6 +87,7 @@ FORMATS: Final[dict[str, Format]] = {
             "jsonl",
             "a JSON object on each line",
             ("dissect.report.writers.jsonl:JsonlWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
+            ("dissect.variables.writers:ValueJsonl", (VALUES,)),
             ("dissect.live.json_lines:JsonLines", (EVENTS,)),
             ("dissect.report.outcome:json_outcome", (ALERTS,)),
         ),
@@ -92,6 +95,7 @@ FORMATS: Final[dict[str, Format]] = {
             "csv",
             "a row for each item",
             ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,)),
+            ("dissect.variables.writers:ValueCsv", (VALUES,)),
             ("dissect.report.outcome:csv_outcome", (BLOCKS,)),
         ),
         _row(

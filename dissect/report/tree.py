@@ -20,7 +20,7 @@ from dissect.s7.hiding import secret_spans, secret_spans_within
 from dissect.s7.message import Pdu
 from dissect.s7plus import layouts as s7plus
 from dissect.s7plus.contents import Contents
-from dissect.s7plus.hiding import shown_contents
+from dissect.s7plus.hiding import Shown, shown_contents
 from dissect.s7plus.ids import HIDDEN
 from dissect.s7plus.message import PlusPdu, fixed_part
 from dissect.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
@@ -86,10 +86,13 @@ def netlink_tree_lines(octets: bytes) -> Iterator[str]:
     yield from _octets(octets, hidden)
 
 
-def plus_tree_lines(pdu: PlusPdu, packet: bytes, decrypted: bool = False) -> Iterator[str]:
+def plus_tree_lines(
+    pdu: PlusPdu, packet: bytes, decrypted: bool = False, contents: Shown | None = None
+) -> Iterator[str]:
     """Yield the tree of an S7comm-plus PDU and the hex view below it.
 
-    ``packet`` as for `tree_lines`, empty where the PDU was ``decrypted``.
+    ``packet`` as for `tree_lines`, empty where the PDU was ``decrypted``. ``contents`` are its contents where they were read
+    before, with their parts; offsets of faults in them are changed.
     """
     whole = packet or pdu.octets
     base = len(whole) - len(pdu.octets)
@@ -111,7 +114,7 @@ def plus_tree_lines(pdu: PlusPdu, packet: bytes, decrypted: bool = False) -> Ite
     if layout is not None:
         yield from _layout(layout, whole[:end], at)
         at += layout.size
-    found, hidden = shown_contents(pdu)
+    found, hidden = contents if contents is not None else shown_contents(pdu)
     if pdu.frames > 1:
         yield _field("", "data", f"{words.count(len(pdu.data), 'byte')} in {pdu.frames} frames")
     if found.parts:

@@ -64,6 +64,14 @@ class Places:
                 return f"{name}:{end.port}"
         return str(end)
 
+    def host(self, end: Endpoint) -> str:
+        """Return the address of an end of a connection as text for a person has it, or the name of the host."""
+        return self.name(end.host)
+
+    def name(self, host: str) -> str:
+        """Return the name of a host by its address, or else the address."""
+        return self._hosts.get(host, host)
+
     def locate(self, frame: int) -> tuple[str, int]:
         """Return (file name, number within that file) of the packet that is number ``frame`` of the run."""
         index = bisect_right(self._files, frame, key=lambda file: int(file.first_frame)) - 1

@@ -35,6 +35,7 @@ from dissect.s7plus.tables import (
     DELETE_OBJECT,
     END_SEQUENCE,
     EXPLORE,
+    FUNCTIONS,
     GET_LINK,
     GET_MULTI_VARIABLES,
     GET_VAR_SUBSTREAMED,
@@ -117,6 +118,13 @@ def _read(walk: Walk, found: Contents, pdu: PlusPdu) -> None:
     reader(walk, found)
     read_end(walk, found, pdu)
     found.whole = walk.left == 0
+
+
+def is_known(pdu: PlusPdu) -> bool:
+    """Return False for functions with a name whose body neither a capture nor a source describes."""
+    if pdu.function not in FUNCTIONS:
+        return True
+    return pdu.function in (_REQUESTS if pdu.opcode == REQUEST else _RESPONSES)
 
 
 # ---- functions ------------------------------------------------------------------------------------------------------

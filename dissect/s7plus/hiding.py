@@ -18,8 +18,11 @@ from dissect.s7plus.values import Blob, Member, Rows, Struct, Value
 from dissect.wire.layout import HOLDS_VALUE
 from dissect.wire.part import Part
 
+#: Contents without secrets, and (offset, end) of each secret within the octets of their PDU.
+Shown = tuple[Contents, list[tuple[int, int]]]
 
-def shown_contents(pdu: PlusPdu, shown: bool = True) -> tuple[Contents, list[tuple[int, int]]]:
+
+def shown_contents(pdu: PlusPdu, shown: bool = True) -> Shown:
     """Return the contents of a PDU without secrets, and (offset, end) of each secret within ``pdu.octets``.
 
     With ``shown`` false there are no parts and no offsets. Never raises.

@@ -15,7 +15,7 @@ NUMBERED_BITS: Final = 16
 _LETTERED: Final[dict[int, int]] = {1: BYTE, 2: 0x04, 4: 0x06, 8: 0x30}
 
 #: Kinds whose room says nothing about a width.
-_UNLETTERED: Final = frozenset(("STRING", "WSTRING", "FSTRING", "OCTETS"))
+UNLETTERED: Final = frozenset(("STRING", "WSTRING", "FSTRING", "OCTETS"))
 
 
 class Tag:
@@ -83,7 +83,7 @@ class Tag:
     @property
     def address(self) -> str:
         """The address as people write it: ``DB10.DBD4``, ``M0.1``, ``T5``."""
-        return place_text(self.area, self.db, self.start, self.size if self.kind not in _UNLETTERED else 8)
+        return place_text(self.area, self.db, self.start, self.size if self.kind not in UNLETTERED else 8)
 
     @property
     def declared(self) -> str:

@@ -23,6 +23,7 @@ class TagNaming(Naming):
     """Names by tags, of every CPU."""
 
     def __init__(self, tags: list[Tag]) -> None:
+        self.tags: list[Tag] = tags
         self.index: TagIndex = TagIndex(tags)
         self._remembered: dict[tuple[bytes, bytes], list[NamedValue]] = {}
 
@@ -70,6 +71,11 @@ class HostNaming(Naming):
     def __init__(self, hosts: dict[str, TagNaming], rest: TagNaming | None) -> None:
         self._hosts: dict[str, TagNaming] = hosts
         self._rest: TagNaming | None = rest
+
+    @property
+    def all(self) -> list[TagNaming]:
+        """The tags of each host, and those of all others."""
+        return [*self._hosts.values(), *([self._rest] if self._rest is not None else [])]
 
     def of(self, connection: Connection) -> Naming | None:
         """Return the tags of the CPU of a connection: of the end that was called, else of the one that called."""

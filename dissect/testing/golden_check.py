@@ -60,24 +60,33 @@ class GoldenCheck:
         return self._ledger.goldens / golden_of(self._folder, self._stem, name)
 
     def check(
-        self, what: object, name: str | None = None, ignore: Iterable[str] = (), latency: str | None = None
+        self,
+        what: object,
+        name: str | None = None,
+        ignore: Iterable[str] = (),
+        latency: str | None = None,
+        where: str | None = None,
     ) -> None:
         """Fail unless ``what`` says the same as its golden.
 
         ``what`` is a capture (a path, or a name of the captures' folder), a recorder or a session. ``name`` tells a golden from
         others of the same test. ``ignore`` and ``latency`` are those of `s7dissect diff` (`dissect.golden.DiffOptions`); with
-        ``latency`` answer times are kept in the golden. Raises ValueError for what is no such option.
+        ``latency`` answer times are kept in the golden. ``where`` is its option -Y: only what the expression selects of a
+        capture or recorder is compared, and kept (docs/select.md). Raises ValueError for what is no such option, `SelectError`
+        for a wrong expression.
         """
         __tracebackhide__ = True
         try:
-            wrong = self._check(what, name, ignore, latency)
+            wrong = self._check(what, name, ignore, latency, where)
         except (*MISTAKES, GoldenError) as mistake:
             raise mistake.with_traceback(None) from None
         if wrong:
             problems = list(getattr(what, "problems", ()))[:MAX_PROBLEMS]
             pytest.fail("\n".join([wrong, *[f"the recorder: {problem}" for problem in problems]]), pytrace=False)
 
-    def _check(self, what: object, name: str | None, ignore: Iterable[str], latency: str | None) -> str:
+    def _check(
+        self, what: object, name: str | None, ignore: Iterable[str], latency: str | None, where: str | None
+    ) -> str:
         __tracebackhide__ = True
         if name is not None and not isinstance(name, str):
             raise TypeError(f"name={name!r}: the name of a golden must be a string")
@@ -87,8 +96,18 @@ class GoldenCheck:
             raise ValueError(f"{self._shown(place)} was already checked in this test: give this one a name (name=...)")
         self._checked.add(place)
         self._ledger.used.add(place)
-        session = what if isinstance(what, Session) else read_session(path_of(what, self._captures))
+        session = self._session(what, where)
         return self._compare(place, session, options, latency is not None)
+
+    def _session(self, what: object, where: str | None) -> Session:
+        """Return what was recorded, or of it what is selected."""
+        if not isinstance(what, Session):
+            return read_session(path_of(what, self._captures), where=where)
+        if where is not None:
+            raise ValueError(
+                f"where={where!r} selects of a capture or a recorder, not of a session that was read already"
+            )
+        return what
 
     def _compare(self, place: str, session: Session, options: DiffOptions, timed: bool) -> str:
         """Compare, write where that is asked for, and return what is wrong, empty for nothing."""

@@ -101,11 +101,32 @@ def subject(transaction: Transaction) -> str:
         names = [value for value in named if value.name]
         item = result.item
         if names:
-            said.extend([written(value) if writes else f"{value.name} ({value.address})" for value in names])
+            said.extend([_said(value, writes) for value in names])
         elif item is not None:
             said.append(item.address)
     more = f" and {len(said) - _NAMED} more" if len(said) > _NAMED else ""
     return f"{parameters.function_name} {', '.join(said[:_NAMED])}{more}"
+
+
+def item_subject(transaction: Transaction, number: int, address: str) -> str:
+    """Return what an item is about, for a person: its tags where it has some, of a write with the values, else ``address``.
+
+    ``number`` is that of the item in ``transaction.results()``, counted from 1. Texts are not escaped.
+    """
+    naming = transaction.connection.naming
+    results = transaction.results() if naming is not None else []
+    if naming is None or not 0 < number <= len(results):
+        return address
+    writes = transaction.parameters.function == WRITE_VAR
+    names = [value for value in naming.named(results[number - 1]) if value.name]
+    if not names:
+        return address
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return ", ".join([_said(value, writes) for value in names[:_NAMED]]) + more
+
+
+def _said(named: NamedValue, writes: bool) -> str:
+    return written(named) if writes else f"{named.name} ({named.address})"
 
 
 def written(named: NamedValue) -> str:

@@ -313,13 +313,19 @@ class ItemResult:
 
 
 class Subscription:
-    """What a job was asked to send: its items, and the PDU that named them."""
+    """What a job was asked to send: its items, and the PDU that named them; ``head`` is that of its parameters."""
 
-    __slots__ = ("items", "request")
+    __slots__ = ("head", "items", "request")
 
     def __init__(self, head: UserdataHead, request: bytes) -> None:
+        self.head: UserdataHead = head
         self.items: list[Item] = requested_items(head, request)
         self.request: bytes = request
+
+    @property
+    def written(self) -> list[DataItem]:
+        """The values that the items were modified or forced to, read from the request at each call; none for other jobs."""
+        return _test_values(self.head, self.request, len(self.items)) if self.head.group == GROUP_TEST else []
 
 
 def read_results(items: list[Item], answers: list[DataItem]) -> list[ItemResult]:

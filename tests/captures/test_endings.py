@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -12,30 +13,50 @@ import pytest
 
 import dissect
 from dissect.transactions.ending import FIN, RESET
+from tests.tshark import ask
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 OWN: Final = sorted((ROOT / "captures").glob("*.pcapng"))
 
 pytestmark = pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not installed")
 
-#: Packet, sender ("address:port"), FIN, RST.
-Flags = tuple[int, str, bool, bool]
+_FIN_BIT: Final = 1
+_RESET_BIT: Final = 4
+#: Packet, sender and receiver ("address:port"), FIN, RST.
+Flags = tuple[int, str, str, bool, bool]
 
 
-def flags_of(path: Path) -> dict[frozenset[str], list[Flags]]:
-    """Ask tshark for the packets with FIN or RST, by the two ends."""
+def flags_shown(path: Path) -> Iterator[Flags]:
+    """Give the packets with FIN or RST that tshark shows of a capture of ours, which other tests ask about too."""
+    for layers in ask(path).packets:
+        tcp = layers.get("tcp")
+        if isinstance(tcp, dict) and (flags := int(tcp["tcp.flags"], 0)) & (_FIN_BIT | _RESET_BIT):
+            host = layers["ip"]["ip.src"] if "ip" in layers else f"[{layers['ipv6']['ipv6.src']}]"
+            far = layers["ip"]["ip.dst"] if "ip" in layers else f"[{layers['ipv6']['ipv6.dst']}]"
+            ends = f"{host}:{tcp['tcp.srcport']}", f"{far}:{tcp['tcp.dstport']}"
+            yield int(layers["frame"]["frame.number"]), *ends, bool(flags & _FIN_BIT), bool(flags & _RESET_BIT)
+
+
+def flags_asked(path: Path) -> Iterator[Flags]:
+    """Ask tshark for the packets with FIN or RST."""
     names = ("frame.number", "ip.src", "ipv6.src", "tcp.srcport", "ip.dst", "ipv6.dst", "tcp.dstport", "tcp.flags.fin")
     command = ["tshark", "-n", "-r", str(path), "-Y", "tcp.flags.fin == 1 or tcp.flags.reset == 1", "-T", "fields"]
     command += ["-E", "occurrence=l"]
     for name in (*names, "tcp.flags.reset"):
         command += ["-e", name]
     told = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120).stdout
-    found: dict[frozenset[str], list[Flags]] = defaultdict(list)
     for line in told.splitlines():
         frame, src4, src6, src_port, dst4, dst6, dst_port, fin, reset = line.split("\t")
         ends = [f"[{six}]:{port}" if six else f"{four}:{port}" for four, six, port in
                 ((src4, src6, src_port), (dst4, dst6, dst_port))]  # fmt: skip
-        found[frozenset(ends)].append((int(frame), ends[0], fin == "1", reset == "1"))
+        yield int(frame), ends[0], ends[1], fin == "1", reset == "1"
+
+
+def flags_of(path: Path) -> dict[frozenset[str], list[tuple[int, str, bool, bool]]]:
+    """Return the packets with FIN or RST by the two ends: number, sender, FIN, RST."""
+    found: dict[frozenset[str], list[tuple[int, str, bool, bool]]] = defaultdict(list)
+    for frame, sender, receiver, fin, reset in flags_shown(path) if path in OWN else flags_asked(path):
+        found[frozenset((sender, receiver))].append((frame, sender, fin, reset))
     return found
 
 

@@ -13,6 +13,7 @@ import dissect
 from captures.record.expect import count_expected
 from captures.record.sessions import SESSIONS
 from dissect.transactions.transaction import Transaction
+from tests.tshark import ask
 
 ROOT = Path(__file__).resolve().parents[2]
 CAPTURES = ROOT / "captures"
@@ -65,7 +66,9 @@ def test_expected_is_what_the_script_caused(name: str) -> None:
 
 def test_expected_is_what_tshark_counts(name: str) -> None:
     told = description(name)
-    assert count_expected(Path(recording(name)), told["port"]) == told["expected"]
+    shown = ask(Path(recording(name)), [told["port"]])
+    assert shown.code == 0, shown.complaint
+    assert count_expected(shown.packets) == told["expected"]
 
 
 def test_analysis_gives_the_expected_counts(name: str) -> None:

@@ -172,12 +172,9 @@ def test_code_and_references(capfdbinary: Capture, tmp_path: Path) -> None:
     assert (
         "       JCN   M2_1" in run(capfdbinary, "blocks", "--code", tmp_path / "0001-OB1-upload.mc7").out.splitlines()
     )
-    for words, why in (
-        (("--code", PROGRAM, "--references"), "cannot be combined"),
-        (("--diff", PROGRAM, "--references"), "cannot be combined"),
-    ):
-        ran = run(capfdbinary, "blocks", *words)
-        assert (ran.code, why in ran.err) == (2, True)
+    for option in ("--code", "--diff"):
+        ran = run(capfdbinary, "blocks", option, PROGRAM, "--references")
+        assert (ran.code, "cannot be combined" in ran.err) == (2, True)
 
 
 def test_a_change_in_the_words_of_the_code(capfdbinary: Capture) -> None:

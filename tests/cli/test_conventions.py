@@ -29,6 +29,8 @@ analyze TRANSFER
 analyze TRANSFER -T json
 transactions TRANSFER
 transactions TRANSFER -T csv
+values WRITES
+values WRITES --summary -T csv
 operations TRANSFER -T jsonl
 blocks TRANSFER
 blocks TRANSFER -T csv
@@ -66,6 +68,7 @@ scd encode -d PLANT --value 0x6001 raw:5
 WRONG: Final = """
 analyze MISSING -T json
 transactions MISSING -T jsonl
+values MISSING -T jsonl
 operations MISSING -T jsonl
 show MISSING -T jsonl
 monitor MISSING -T jsonl
@@ -87,9 +90,13 @@ scd decode -d MISSING --pdo T1 00
 _FOLDER: Final = tempfile.TemporaryDirectory()
 shutil.copy(SZL, _FOLDER.name)
 FILES: Final = {
-    "TAGS": str(ROOT / "captures" / "tags" / "valve.csv"), "TRANSFER": TRANSFER, "SZL": SZL, "PLANT": PLANT,
+    "TAGS": str(ROOT / "captures" / "tags" / "valve.csv"),
+    "WRITES": str(ROOT / "captures" / "nodes7-write.pcapng"),
     "FOLDER": _FOLDER.name,
-}  # fmt: skip
+    "TRANSFER": TRANSFER,
+    "SZL": SZL,
+    "PLANT": PLANT,
+}
 
 
 def calls(text: str) -> list[list[str]]:

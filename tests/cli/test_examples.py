@@ -54,6 +54,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(ROOT / "captures" / "item-errors.pcapng", here / "new.pcapng")
     (here / "captures").mkdir()
     shutil.copy(CAPTURE, here / "captures" / "trace.pcapng")
+    shutil.copy(ROOT / "captures" / "nodes7-write.pcapng", here / "press.pcapng")
     (here / "plant.key").write_bytes(bytes(range(32)))
     (here / "session.keys").write_text(f"CLIENT_RANDOM {32 * '00'} {48 * '00'}\n", encoding="ascii")
     (here / "alerts.toml").write_text(ALERTS, encoding="utf-8")

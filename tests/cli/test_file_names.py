@@ -25,6 +25,8 @@ analyze GOOD --scd MISSING --bind MISSING
 analyze GOOD --scd PLANT --bind NONSENSE
 analyze --nonsense=WORD
 transactions MISSING
+values MISSING
+values GOOD WORD
 operations MISSING
 blocks MISSING
 blocks NONSENSE

@@ -10,6 +10,9 @@ from pathlib import Path
 import pytest
 
 import dissect
+from dissect.s7plus.contents import Address
+from dissect.s7plus.value_tables import INT
+from dissect.s7plus.values import Value
 from dissect.session import KeyLogError, Run
 from dissect.source.files import open_capture
 from dissect.source.packet import PacketSink
@@ -19,15 +22,18 @@ from tests.anonymize.support import anonymized
 from tests.cli.support import run
 from tests.cli.test_outputs import commands
 from tests.report.schemas import complaints
+from tests.s7plus.bodies import get_multi, multi_got
 from tests.s7plus.pdus import asked, framed, told
 from tests.tls.files import filmed
 from tests.tls.talks import Wire, wire
+from tests.transactions.talk import dbw, read
 
 Capture = pytest.CaptureFixture[bytes]
 QUESTION, ANSWER = framed(asked(5, body=b"what")), framed(told(5))
 READERS = (
     "analyze",
     "transactions",
+    "values",
     "operations",
     "blocks",
     "show",
@@ -35,6 +41,7 @@ READERS = (
     "golden",
     "diff",
     "baseline",
+    "verify",
     "monitor",
     "proxy",
 )
@@ -104,6 +111,25 @@ def test_what_opens_on_each_command(capfdbinary: Capture, trace: Path, keys: Pat
     part = tmp_path / "part.pcapng"
     assert run(capfdbinary, "cut", "--tls-keys", keys, trace, "-o", part, "--transaction", "2").code == 0
     assert secrets_in(part) == []  # keys that were given are not written
+
+
+def test_verify_looks_into_tls(capfdbinary: Capture, tmp_path: Path) -> None:
+    """S7comm-plus proves itself there, too; Wireshark is not asked about what it cannot see."""
+    word = Address(0, 82, 3736, [3, 100, 2])
+    request = framed(asked(7, body=get_multi(word, integrity_id=1)), 3)
+    response = framed(told(7, body=multi_got([(1, Value(0, INT, 5))], [], 8)), 3)
+    spoken = wire([(0, request), (1, response), (0, read(1, dbw(1, 0)))])
+    trace = filmed(tmp_path / "trace.pcapng", spoken)
+    (tmp_path / "keys.log").write_bytes(spoken.key_log)
+    closed = run(capfdbinary, "verify", trace)
+    assert (closed.code, "0 of 0 whole PDUs read to their last byte, 2 of functions" in closed.out) == (0, True)
+    opened = run(capfdbinary, "verify", "--tls-keys", tmp_path / "keys.log", trace)
+    assert opened.code == 0
+    assert (
+        "S7comm-plus: 2 of 2 whole PDUs read to their last byte, 2 of functions whose body is not known;" in opened.out
+    )
+    assert "; 1 of 1 response ids = request id + sequence number" in opened.out
+    assert "  1 PDU not compared: Wireshark is not asked to decrypt TLS" in opened.out
 
 
 def test_the_report(capfdbinary: Capture, trace: Path, keys: Path) -> None:

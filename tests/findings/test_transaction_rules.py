@@ -1,8 +1,13 @@
 from __future__ import annotations
 
+import struct
+from pathlib import Path
+
 import pytest
 
+from dissect.engine.pipeline import Options, Pipeline
 from dissect.findings.reporter import Finding
+from dissect.tags import load_tags
 from tests.transactions.talk import (
     CLIENT,
     MS,
@@ -15,6 +20,7 @@ from tests.transactions.talk import (
     dt,
     good,
     head,
+    item,
     job,
     read,
     refused,
@@ -282,3 +288,24 @@ def test_an_answer_before_its_request(talk: Talk) -> None:
     finding = only(talk, "transaction.reordered")
     assert (finding.frames, finding.time_ns) == ([asked, answered], talk.transactions[0].request_ns)
     assert finding.detail == "Read Var DB1.DBW0: the answer precedes the request by 2.00 ms"
+
+
+def test_an_item_error_names_the_tag_and_what_was_to_be_written(tmp_path: Path) -> None:
+    tags = tmp_path / "tank.csv"
+    tags.write_text(
+        "address,type,name,unit\nDB1.DBD4,REAL,Tank.Setpoint,°C\nDB1.DBW0,INT,Tank.Mode,\n", encoding="utf-8"
+    )
+    talk = Talk()
+    talk.pipeline = Pipeline(talk, Options(strict=True, naming=load_tags([tags]).naming()))
+    talk.open()
+    setpoint = item(0x84, 1, 32, 8)
+    talk.ask(write(1, [setpoint], written(7, struct.pack(">f", 80.0))))
+    talk.tell(ack_data(1, b"\x05\x01", b"\x05"))
+    talk.ask(read(2, setpoint, dbw(1, 0), dbw(9, 0)))
+    talk.tell(ack_data(2, b"\x04\x03", refused(5) + refused(5) + refused(10)))
+    assert [finding.detail for finding in talk.findings if finding.slug == "transaction.item_error"] == [
+        "Write Var Tank.Setpoint = 80.0 °C (DB1.DBD4): 0x05 Invalid address",
+        "Read Var Tank.Setpoint (DB1.DBD4): 0x05 Invalid address",
+        "Read Var Tank.Mode (DB1.DBW0): 0x05 Invalid address",
+        "Read Var DB9.DBW0: 0x0a Object does not exist",
+    ]

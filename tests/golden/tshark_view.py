@@ -6,8 +6,6 @@ oldest open request of its connection with the same PDU reference from the other
 
 from __future__ import annotations
 
-import json
-import subprocess
 import tomllib
 from collections import defaultdict
 from collections.abc import Iterator
@@ -30,10 +28,8 @@ from tests.golden.tshark_names import (
     SUBFUNCTIONS,
     USERDATA,
 )
+from tests.tshark import Tree, ask
 
-Tree = dict[str, Any]
-
-_LAYERS: Final = "frame vlan ieee8021ad ip ipv6 tcp cotp s7comm"
 _FIN, _SYN, _RESET, _ACKNOWLEDGES = 1, 2, 4, 16
 _CR, _CC, _DR, _ER = 0x0E, 0x0D, 0x08, 0x07
 _USEND: Final = 0x13
@@ -276,11 +272,9 @@ def ports_of(path: Path) -> list[int]:
 
 def read_frames(path: Path) -> list[Tree]:
     """Return the layers of every packet. Raises AssertionError where tshark fails, unless the file is cut off."""
-    command = ["tshark", "-n", "-r", str(path), "-o", f"tpkt.tcp.port:{','.join(str(port) for port in ports_of(path))}"]
-    command += ["-T", "json", "-x", "-J", _LAYERS, "--no-duplicate-keys"]
-    ran = subprocess.run(command, check=False, capture_output=True, text=True)
-    assert ran.returncode == 0 or "cut short" in ran.stderr, ran.stderr
-    return [packet["_source"]["layers"] for packet in json.loads(ran.stdout)]
+    answer = ask(path, ports_of(path))
+    assert answer.code == 0 or "cut short" in answer.complaint, answer.complaint
+    return answer.packets
 
 
 def _ends(layers: Tree) -> tuple[str, str, str]:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from functools import cache
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -18,6 +20,7 @@ LAYOUTS = [
 ]
 
 
+@cache
 def layer_of(layout: Layout) -> type[Packet]:
     return type(
         "Layer", (WireLayer,), {"name": layout.name, "fields_desc": header_fields(layout), "least": layout.size}

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+from random import Random
 from typing import Any, Final
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scapy.packet import Packet, Raw, fuzz
 
@@ -101,23 +102,33 @@ def test_each_class_is_public_and_says_what_it_is() -> None:
         assert [field.name for field in layout.fields if scapy_name(field.name) not in cls().default_fields] == []
 
 
-@each("cls", PARTS)
-@given(octets=st.binary(max_size=80))
-def test_the_fields_of_a_part_are_those_of_its_layout(cls: type[S7_Part], octets: bytes) -> None:
-    if octets:
-        part = survives(cls, octets)
-        values = cls.layout.read(octets)
-        if len(octets) < cls.layout.size or len(values) < len(cls.layout.fields):
-            assert type(part) is Raw
-            return
-        for value in values:
-            name = scapy_name(value.field.name)
-            given = part.getfieldval(name)
-            if value.octets is not None and not isinstance(
-                given, bytes
-            ):  # as S7comm-plus has it: a number, a list, a text
-                given = part.get_field(name).addfield(part, b"", given)
-            assert given == (value.value if value.octets is None else value.octets), value.field.name
+@settings(max_examples=1)  # of seeds: each is several thousand cases
+@given(rng=st.randoms(use_true_random=True))
+def test_the_fields_of_a_part_are_those_of_its_layout(rng: Random) -> None:
+    for cls in PARTS:
+        size = cls.layout.size
+        # Around the size of the layout every length counts: what is cut off, and what is left over.
+        cases = [rng.randbytes(length) for length in (*range(1, size + 5), size + 9, size + 17, 80)]
+        for octets in (*cases, bytes(size + 2), b"\xff" * (size + 2), b"\x80" * (size + 2)):
+            try:
+                _fields_are_those_of_the_layout(cls, octets)
+            except Exception as error:
+                error.add_note(f"the case: {cls.__name__}, {octets.hex()}")
+                raise
+
+
+def _fields_are_those_of_the_layout(cls: type[S7_Part], octets: bytes) -> None:
+    part = survives(cls, octets)
+    values = cls.layout.read(octets)
+    if len(octets) < cls.layout.size or len(values) < len(cls.layout.fields):
+        assert type(part) is Raw
+        return
+    for value in values:
+        name = scapy_name(value.field.name)
+        given = part.getfieldval(name)
+        if value.octets is not None and not isinstance(given, bytes):  # as S7comm-plus has it: a number, a list, a text
+            given = part.get_field(name).addfield(part, b"", given)
+        assert given == (value.value if value.octets is None else value.octets), value.field.name
 
 
 @each("cls", PARTS)

@@ -17,6 +17,7 @@ from dissect.oracle.facts import IN_BODY, IN_JOINED, NAMES, PDU, TPDU, Fact, Pla
 from dissect.oracle.ours import Witness
 from dissect.oracle.theirs import Frame
 from dissect.oracle.tshark import Reader, read_tshark
+from dissect.tls.key_log import KeyLog
 from tests.build import dt, pdu, tpdu
 from tests.examples import S7
 from tests.oracle.traffic import PUSH_ACK, Connection, connect, other_tpdu, setup, userdata, write_capture
@@ -245,8 +246,8 @@ def test_a_message_we_count_twice_is_a_difference(
     capture: Path, frames: list[Frame], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Generous(Witness):
-        def __init__(self, path: str) -> None:
-            super().__init__(path)
+        def __init__(self, path: str, tls_keys: KeyLog | None = None) -> None:
+            super().__init__(path, tls_keys)
             found = self.found[PDU]
             found.insert(3, found[2])
 
@@ -257,8 +258,8 @@ def test_a_message_we_count_twice_is_a_difference(
 
 def test_a_message_we_lose_is_a_difference(capture: Path, frames: list[Frame], monkeypatch: pytest.MonkeyPatch) -> None:
     class Careless(Witness):
-        def __init__(self, path: str) -> None:
-            super().__init__(path)
+        def __init__(self, path: str, tls_keys: KeyLog | None = None) -> None:
+            super().__init__(path, tls_keys)
             del self.found[PDU][2]
 
     monkeypatch.setattr(comparison_module, "Witness", Careless)

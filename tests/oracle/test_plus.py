@@ -51,8 +51,8 @@ def test_what_holds() -> None:
             "frame 1 S7comm-plus Request GetMultiVariables: s7plus: ",
         ),
         (
-            [(framed(asked(7, INIT_SSL, body=bytes(4))), 0)],
-            "frame 1 S7comm-plus Request InitSSL: its body is not known",
+            [(framed(asked(7, 0x9999, body=bytes(4))), 0)],
+            "frame 1 S7comm-plus Request 0x9999: its body is not known",
         ),
         ([(framed(notified()[:-1] + b"\x77\0"), 1)], "frame 1 S7comm-plus Notification: s7plus: item at byte"),
     ],
@@ -78,6 +78,12 @@ def test_what_is_not_whole_is_counted_and_left_out() -> None:
     assert "0 of 0 whole PDUs read to their last byte, 1 not whole" in str(found)
 
 
+def test_functions_without_a_known_body_prove_nothing() -> None:
+    found = proof((framed(asked(7, INIT_SSL, body=bytes(4))), 0), (framed(told(7, INIT_SSL)), 1))
+    assert (found.pdus, found.unknown, found.holds) == (0, 2, True)
+    assert "0 of 0 whole PDUs read to their last byte, 2 of functions whose body is not known;" in str(found)
+
+
 def test_the_lines_of_verify() -> None:
     verification = Verification("4.0")
     comparison = Comparison()
@@ -90,7 +96,7 @@ def test_the_lines_of_verify() -> None:
     assert not verification.holds
     files = verification.as_dict()["files"]
     assert isinstance(files, list)
-    assert files[1]["s7plus"] == {"pdus": 2, "read": 2, "cut": 0, "pairs": 1, "true": 0}
+    assert files[1]["s7plus"] == {"pdus": 2, "read": 2, "cut": 0, "unknown": 0, "pairs": 1, "true": 0}
 
 
 def test_every_shared_capture_proves_itself(corpus: Path) -> None:

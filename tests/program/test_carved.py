@@ -105,7 +105,7 @@ def test_a_refused_transfer_carries_none() -> None:
 
 def test_too_much_is_dropped_and_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(operation, "MAX_CONTENT", 100)
-    if operation.MAX_CONTENT != 100 or len(carved(upload(OB1, "_0800001A", 7, 40))[0].octets) == len(OB1):
+    if len(carved(upload(OB1, "_0800001A", 7, 40))[0].octets) == len(OB1):
         pytest.skip("compiled constants cannot be changed")
     (block,) = carved(upload(OB1, "_0800001A", 7, 40))
     assert (block.octets, block.missing) == (OB1[:80], "60 bytes were too much to keep")

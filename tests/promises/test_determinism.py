@@ -28,6 +28,8 @@ CALLS: Final = [
     ["analyze", "-T", "json", str(ONE), str(TWO)],
     ["transactions", str(TWO)],
     ["operations", "-T", "jsonl", str(ONE)],
+    ["values", "-T", "jsonl", str(TWO)],
+    ["values", "--summary", str(TWO)],
     ["show", "-V", str(ONE)],
     ["golden", str(ONE), str(TWO)],
     ["golden", "--with", "time,addresses,refs,latency", str(TWO)],

@@ -28,6 +28,10 @@ CASES: Final = """
 1 transactions GOOD --fail-on transaction.item_error
 2 transactions GOOD -T xml
 3 transactions CUT
+0 values GOOD
+1 values GOOD --fail-on transaction.item_error
+2 values GOOD Nonsense
+3 values CUT
 0 operations GOOD
 1 operations GOOD --fail-on note
 2 operations MISSING
@@ -119,6 +123,7 @@ UNTESTED: Final = {("serve", "3"), ("serve", "130"), ("proxy", "130"), ("verify"
 INTERRUPTED: Final = """
 analyze FILE
 transactions FILE
+values FILE
 operations FILE
 blocks FILE
 show FILE

@@ -31,7 +31,7 @@ LARGEST: Final = 64 * 1024
 SAMPLES: Final = [path for path in sorted(SHARED.glob("*.pcap*")) if path.stat().st_size <= LARGEST]
 ALL: Final = os.environ.get("S7DISSECT_MUTATIONS") == "all"
 #: Packets that all samples together may take to try.
-BUDGET: Final = 8_000_000 if COMPILED else 1_500_000
+BUDGET: Final = 2_000_000 if COMPILED else 400_000
 
 
 class Collector(PacketSink):

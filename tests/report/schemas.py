@@ -17,13 +17,31 @@ from dissect.anonymize import account
 ROOT: Final = Path(__file__).resolve().parents[2]
 SCHEMAS: Final = ROOT / "dissect" / "schema"
 NAMES: Final = (
+    "analysis",
     "blocks",
     "block-changes",
     "blocks-code",
     "blocks-references",
-    "analysis", "transaction", "operation", "pdu", "event", "alert", "interfaces", "fields", "diff", "replay", "anonymization",
-    "verification", "scd-check", "scd-diff", "scd-decode", "tags-check", "tags-list", "index",
-)  # fmt: skip
+    "transaction",
+    "operation",
+    "pdu",
+    "event",
+    "alert",
+    "interfaces",
+    "fields",
+    "diff",
+    "replay",
+    "anonymization",
+    "verification",
+    "scd-check",
+    "scd-diff",
+    "scd-decode",
+    "tags-check",
+    "tags-list",
+    "index",
+    "value",
+    "variable",
+)
 
 Schema = dict[str, Any]
 

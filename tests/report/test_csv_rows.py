@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import csv
 import io
+import json
+import math
+import struct
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from dissect.report.words import Places
 from dissect.report.writer import TransactionFeed
-from dissect.report.writers.csv import CSV_COLUMNS, CsvRows, CsvWriter
+from dissect.report.writers.csv import CSV_COLUMNS, CsvRows, CsvWriter, quoted
+from dissect.s7.values import real
 from dissect.source.packet import SourceFile
 from dissect.transactions.transaction import Transaction
 from tests.properties import messages
@@ -22,7 +28,7 @@ SEVERAL = Places([SourceFile("one.pcap", 1), SourceFile("two.pcap", 9)], True)
 
 def rows(transaction: Transaction, places: Places = ONE) -> list[dict[str, str]]:
     made = CsvRows(places)
-    return [dict(zip(made.columns(), row, strict=True)) for row in made.rows(transaction)]
+    return [dict(zip(made.columns(), row, strict=True)) for row in csv.reader(made.lines(transaction))]
 
 
 def test_a_read_of_one_item() -> None:
@@ -98,6 +104,28 @@ def test_an_array_of_bytes_is_hexadecimal_with_the_text_that_it_spells(octets: b
     talk = begun().send(0, dt(messages.read_job(1, [item]))).send(1, dt(messages.read_answer(1, [item], [octets])))
     (told,) = rows(transactions(talk.packets())[1])
     assert (told["value"], told["value_text"], told["octets"]) == (octets.hex(" "), text, octets.hex())
+
+
+@given(st.lists(st.text(st.sampled_from("a\",;\r\n='é")), min_size=2, max_size=6))
+def test_cells_are_quoted_so_that_a_reader_gets_them_back(cells: list[str]) -> None:
+    line = ",".join([quoted(text) for text in cells])
+    assert list(csv.reader(io.StringIO(line, newline=""), strict=True)) == [cells]
+    expected = io.StringIO(newline="")
+    csv.writer(expected).writerow(cells)
+    assert line + "\r\n" == expected.getvalue()
+
+
+def test_singles_are_written_as_json_writes_their_values() -> None:
+    numbers = [0.0, -0.0, 1.0, 123.456, 1e7, 1e20, 1.5e-5, 3.4e38, 1e-45, 854.16736, math.inf, -math.inf, math.nan]
+    item = Item(0x08, 1, 1, 0x84, 0)
+    several = Item(0x08, len(numbers), 1, 0x84, 0)
+    asked = [item] * len(numbers) + [several]
+    octets = [struct.pack(">f", number) for number in numbers]
+    talk = begun().send(0, dt(messages.read_job(1, asked)))
+    talk.send(1, dt(messages.read_answer(1, asked, [*octets, b"".join(octets)])))
+    said = [json.dumps(real(one)) for one in octets]
+    told = rows(transactions(talk.packets())[1])
+    assert [row["value"] for row in told] == [*said, f"[{', '.join(said)}]"]
 
 
 def test_a_transaction_without_items_says_what_it_is_about() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,11 @@ from dissect.report.words import Places
 from dissect.report.writers.csv import CSV_COLUMNS, CsvRows
 from dissect.report.writers.jsonl import PduLines, TransactionLines
 from dissect.report.writers.text import plus_line, transaction_line
+from dissect.s7plus.hiding import shown_contents
 from dissect.s7plus.message import parse_plus
 from dissect.session import Run
+from dissect.tcp.stream import Endpoint, TcpConnection
+from dissect.transactions.connection import Connection
 from dissect.transactions.table import Side
 from dissect.wire.text import Clock
 from tests.properties.messages import dt
@@ -69,7 +73,9 @@ class Everything(Observer):
 
     def transaction(self, transaction: Any) -> None:
         self.transactions.append(transaction_line(transaction, Clock(), PLACES))
-        self.cells += [dict(zip(CSV_COLUMNS, row, strict=True)) for row in CsvRows(PLACES).rows(transaction)]
+        self.cells += [
+            dict(zip(CSV_COLUMNS, row, strict=True)) for row in csv.reader(CsvRows(PLACES).lines(transaction))
+        ]
         self.told.append(json.loads(self._transactions.line(transaction)))
 
 
@@ -285,6 +291,18 @@ def test_a_tree_of_several_frames_and_of_a_part() -> None:
     cut = list(plus_tree_lines(parse_plus(framed(asked(1))[:-4], cut=True), b""))
     assert cut[0].startswith("    the end is missing")
     assert "    S7comm-plus trailer" not in cut
+
+
+def test_contents_that_were_read_are_not_read_again() -> None:
+    """A line and a tree take them as they are given: those of another PDU here."""
+    pdu = parse_plus(framed(asked(1, body=bodies.get_multi(LEVEL)), 3))
+    other = parse_plus(framed(asked(1, body=bodies.get_multi(WORD)), 3))
+    connection = Connection(1, TcpConnection(Endpoint(b"\n\0\0\1", 50000), Endpoint(b"\n\0\0\2", 102), 0, 1, 0))
+    own, others = shown_contents(pdu), shown_contents(other)
+    lines = [plus_line(pdu, connection, Clock(), PLACES, contents) for contents in (None, own, others)]
+    assert lines[0] == lines[1] != lines[2]
+    trees = [list(plus_tree_lines(pdu, b"", False, contents)) for contents in (None, own, others)]
+    assert trees[0] == trees[1] != trees[2]
 
 
 @given(st.binary(max_size=70), st.booleans())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from typing import Any, Final
 
@@ -141,7 +142,7 @@ def test_contents_of_an_item_stand_behind_it() -> None:
 
 
 def rows(transaction: Transaction) -> list[dict[str, str]]:
-    return [dict(zip(CSV_COLUMNS, row, strict=True)) for row in CsvRows(ALONE).rows(transaction)]
+    return [dict(zip(CSV_COLUMNS, row, strict=True)) for row in csv.reader(CsvRows(ALONE).lines(transaction))]
 
 
 def test_csv_rows() -> None:

@@ -135,6 +135,19 @@ def test_answer_times_are_kept_and_compared_when_asked(project: Project) -> None
     result.stdout.fnmatch_lines(["  transaction 2, READ *: answer time was 9.00 s, is *"])
 
 
+def test_only_what_is_selected_is_kept_and_compared(project: Project) -> None:
+    project.test(ONE.replace('"pump"', '"pump", where="function == read and address overlaps DB1"'))
+    project.run("--s7-update", "new").assert_outcomes(passed=1)
+    kept = [line for line in project.golden().read_text().splitlines() if line.startswith("  ") and " = " in line]
+    assert kept
+    assert all([line.startswith("  DB1.") for line in kept])
+    project.run().assert_outcomes(passed=1)
+    project.test(ONE.replace('"pump"', '"pump", where="functoin == read"'))
+    result = project.run()
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["*no field 'functoin'*"])
+
+
 def test_a_failure_says_as_much_as_can_be_read(project: Project) -> None:
     project.add_capture("read-areas-python", "pump")
     written(project)

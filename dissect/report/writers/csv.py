@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import json
-from typing import Any, Final
+from typing import Final
 
 from mypy_extensions import i64
 
@@ -14,7 +13,7 @@ from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.report.writers.jsonl import SMALL
 from dissect.s7.tables import BYTE, RETURN_CODES, USERDATA
-from dissect.s7.values import Value, spelled
+from dissect.s7.values import Value, real_text, spelled
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import NamedValue
 from dissect.transactions.results import ItemResult
@@ -61,17 +60,31 @@ CSV_COLUMNS: Final[list[str]] = _COLUMNS + _ITEM_COLUMNS
 _ITEM: Final = "item"
 #: Cached cells are forgotten together when there are this many.
 _MAX_CACHED: Final = 8192
+_REAL: Final = 0x08
 #: One encoder for all values: to make one takes longer than to use it.
 _JSON: Final = json.JSONEncoder(ensure_ascii=False, default=str)
+#: A row's end where a transaction has no items: the cells between its own and those of errors and subject.
+_NO_ITEM: Final = "," * 9
+
+
+def quoted(text: str) -> str:
+    """Return a cell as RFC 4180 writes it: in quotes where it holds a comma, a quote or a line end."""
+    if "," in text or '"' in text or "\n" in text or "\r" in text:
+        doubled = text.replace('"', '""')
+        return f'"{doubled}"'
+    return text
 
 
 class CsvRows:
-    """Makes rows of transactions: cells in the order of `columns`, safe for spreadsheets."""
+    """Makes rows of transactions: cells in the order of `columns`, safe for spreadsheets.
+
+    Rows are put together from cached texts instead of by `csv`, which looks at every character of every cell again.
+    """
 
     def __init__(self, places: Places) -> None:
         self._places: Places = places
         self._clock: Clock = Clock()
-        self._ends: dict[int, list[str]] = {}
+        self._ends: dict[int, str] = {}
         self._cells: dict[str, str] = {}
 
     def columns(self) -> list[str]:
@@ -80,87 +93,69 @@ class CsvRows:
             return list(CSV_COLUMNS)
         return CSV_COLUMNS[:_FILES_AT] + FILE_COLUMNS + CSV_COLUMNS[_FILES_AT:]
 
-    def rows(self, transaction: Transaction) -> list[list[str]]:
+    def lines(self, transaction: Transaction) -> list[str]:
         """Return the rows of a transaction, one at least: of the items of a read or write, then of the values of SCD.
 
         An item with tags has a row for each of them, and for the octets between them. What is in neither is the subject of a
-        row of its own.
+        row of its own. No row has a line end.
         """
         own = self._own(transaction)
-        rows: list[list[str]] = []
-        results = transaction.results()
+        lines: list[str] = []
         naming = transaction.connection.naming
-        errors = transaction.errors
+        errors = transaction.errors if transaction.has_errors else []
         whole = "; ".join([_error(error) for error in errors if not error.where.startswith(_ITEM)]) if errors else ""
-        for index, result in enumerate(results):
-            said = _errors_of(errors, index + 1, whole) if errors else ""
+        for number, result in enumerate(transaction.results(), 1):
+            said = _errors_of(errors, number, whole) if errors else ""
             known = naming.named(result) if naming is not None else []
-            rows += [own + self._named(str(index + 1), result, value, said) for value in known]
             if known:
-                continue
-            rows.append(own + self._result(str(index + 1), result, said))
+                lines += [f"{own},{number},{self._named(result, value)},{said}," for value in known]
+            else:
+                lines.append(f"{own},{number},{self._result(result)},{said},")
         for found in transaction.scd:
             for row in found.values:
-                rows.append(
-                    [
-                        *own,
-                        str(len(rows) + 1),
-                        cell(row.address),
-                        cell(row.name),
-                        "",
-                        cell(", ".join(row.flags)),
-                        cell(_text(row.physical)),
-                        cell(row.text),
-                        cell(row.unit),
-                        "",
-                        cell(whole),
-                        cell(found.subject),
-                    ]
-                )
-        if not rows:
+                cells = [row.address, row.name, "", ", ".join(row.flags), _text(row.physical), row.text, row.unit, ""]
+                cells += [whole, found.subject]
+                lines.append(f"{own},{len(lines) + 1},{','.join([quoted(cell(text)) for text in cells])}")
+        if not lines:
             about = facet_of(transaction).subject_whole(transaction)
-            rows.append([*own, "", "", "", "", "", "", "", "", "", cell(whole), cell(about)])
-        return rows
+            lines.append(f"{own}{_NO_ITEM},{quoted(cell(whole))},{quoted(cell(about))}")
+        return lines
 
-    def _own(self, transaction: Transaction) -> list[str]:
+    def _own(self, transaction: Transaction) -> str:
         """Return the cells that all rows of a transaction share. Numbers and times are safe as they are."""
         facet = facet_of(transaction)
         asked: i64 = transaction.request_frame
         told: i64 = transaction.response_frame
-        several = self._places.several
-        asked_by, answered_by = self._both(transaction.connection, transaction.asked_by)
+        rosctr = str(transaction.rosctr) if transaction.rosctr <= USERDATA else ""
         latency = transaction.latency_ns
-        cells = [
-            str(transaction.number),
-            str(transaction.connection.number),
-            asked_by,
-            answered_by,
-            facet.reference(transaction),
-            str(transaction.rosctr) if transaction.rosctr <= USERDATA else "",
-            facet.function_number(transaction),
-            self._cell(transaction.function_name),
-            str(self._places.number(int(asked))) if asked else "",
-            str(self._places.number(int(told))) if told else "",
-        ]
-        if several:
-            cells.append(self._cell(self._places.locate(int(asked))[0]) if asked else "")
-            cells.append(self._cell(self._places.locate(int(told))[0]) if told else "")
-        cells.append(self._clock.iso(transaction.request_ns) if asked else "")
-        cells.append(self._clock.iso(transaction.response_ns) if told else "")
-        cells.append(str(latency) if latency is not None else "")
-        cells.append(transaction.outcome_name)
-        cells.append(transaction.reason)
-        return cells
+        frames = (
+            f"{self._places.number(int(asked)) if asked else ''},{self._places.number(int(told)) if told else ''}"
+            if self._places.several
+            else f"{asked or ''},{told or ''}"
+        )
+        if self._places.several:
+            names = [self._cell(self._places.locate(int(frame))[0]) if frame else "" for frame in (asked, told)]
+            frames += f",{names[0]},{names[1]}"
+        return (
+            f"{transaction.number},{self._both(transaction.connection, transaction.asked_by)}"
+            f",{facet.reference(transaction)},{rosctr},{facet.function_number(transaction)}"
+            f",{self._cell(transaction.function_name)},{frames}"
+            f",{self._clock.iso(transaction.request_ns) if asked else ''}"
+            f",{self._clock.iso(transaction.response_ns) if told else ''}"
+            f",{'' if latency is None else latency},{transaction.outcome_name},{transaction.reason}"
+        )
 
-    def _both(self, connection: Connection, asked_by: i64) -> list[str]:
-        """Return who asked and who answered."""
+    def _both(self, connection: Connection, asked_by: i64) -> str:
+        """Return the connection, who asked and who answered."""
         key: i64 = connection.number * 2 + asked_by
         found = self._ends.get(key)
         if found is None:
             if len(self._ends) >= _MAX_CACHED:
                 self._ends.clear()
             ends = connection.tcp.ends
-            found = [cell(str(ends[asked_by])), cell(str(ends[1 - asked_by]))]
+            found = ",".join(
+                [str(connection.number)] + [quoted(cell(str(ends[side]))) for side in (asked_by, 1 - asked_by)]
+            )
             self._ends[key] = found
         return found
 
@@ -170,76 +165,68 @@ class CsvRows:
         if found is None:
             if len(self._cells) >= _MAX_CACHED:
                 self._cells.clear()
-            found = cell(text)
+            found = quoted(cell(text))
             self._cells[text] = found
         return found
 
-    def _result(self, number: str, result: ItemResult, errors: str) -> list[str]:
-        """Return the cells of an item of a read or write."""
-        item = result.item
-        code: i64 = result.return_code
-        data = result.data
-        return [
-            number,
-            self._cell(item.label) if item is not None else "",
-            "",
-            SMALL[code] if code >= 0 else "",
-            self._cell(RETURN_CODES.name(int(code))) if code >= 0 else "",
-            _value_cell(result),
-            _text_cell(result),
-            "",
-            data.hex() if data is not None else "",
-            cell(errors) if errors else "",
-            "",
-        ]
+    def _code(self, code: i64) -> str:
+        """Return the cells of a return code, -1 for none."""
+        return f"{SMALL[code]},{self._cell(RETURN_CODES.name(int(code)))}" if code >= 0 else ","
 
-    def _named(self, number: str, result: ItemResult, known: NamedValue, errors: str) -> list[str]:
-        """Return the cells of a tag in an item, or of octets without one."""
-        code: i64 = result.return_code
-        return [
-            number,
-            self._cell(known.address),
-            self._cell(known.name),
-            SMALL[code] if code >= 0 else "",
-            self._cell(RETURN_CODES.name(int(code))) if code >= 0 else "",
-            _plain_cell(known.value),
-            cell(known.remark),
-            self._cell(known.unit),
-            known.data.hex(),
-            cell(errors) if errors else "",
-            "",
-        ]
+    def _result(self, result: ItemResult) -> str:
+        """Return the cells of an item of a read or write, from its address to its octets."""
+        item = result.item
+        data = result.data
+        label = self._cell(item.label) if item is not None else ""
+        code = self._code(result.return_code)
+        if data is None:
+            return f"{label},,{code},,,,"
+        if item is None or not result.decodable:
+            return f"{label},,{code},,,,{data.hex()}"
+        if item.transport_size == BYTE:
+            value = SMALL[data[0]] if len(data) == 1 else data.hex(" ")
+            return f"{label},,{code},{value},{quoted(cell(spelled(data)))},,{data.hex()}"
+        size: i64 = len(data)
+        singles: bool = item.transport_size == _REAL and size > 0 and size % 4 == 0
+        value = _reals(data) if singles else quoted(plain_cell(result.value))
+        return f"{label},,{code},{value},,,{data.hex()}"
+
+    def _named(self, result: ItemResult, known: NamedValue) -> str:
+        """Return the cells of a tag in an item, or of octets without one, from its address to its octets."""
+        return (
+            f"{self._cell(known.address)},{self._cell(known.name)},{self._code(result.return_code)}"
+            f",{quoted(plain_cell(known.value))},{quoted(cell(known.remark))},{self._cell(known.unit)},{known.data.hex()}"
+        )
 
 
 def _errors_of(errors: list[TransactionError], number: int, whole: str) -> str:
+    """Return the cell of the errors of an item: its own, then those of the whole transaction."""
     where = f"{_ITEM} {number}"
     mine = [_error(error) for error in errors if error.where == where]
-    return "; ".join([text for text in [*mine, whole] if text])
+    return quoted(cell("; ".join([text for text in [*mine, whole] if text])))
 
 
 def _error(error: TransactionError) -> str:
     return f"{error.where}: {words.error_text(error)}"
 
 
-def _value_cell(result: ItemResult) -> str:
-    """Return the cell of a value; only text can hold what a spreadsheet would take for a formula."""
-    item = result.item
-    data = result.data
-    if item is not None and data and item.transport_size == BYTE and result.decodable:
-        return SMALL[data[0]] if len(data) == 1 else data.hex(" ")
-    return _plain_cell(result.value)
+def _reals(octets: bytes) -> str:
+    """Return the cell of singles: a number, or several in the brackets of JSON; ``octets`` hold one at least."""
+    if len(octets) == 4:
+        return _real(octets)
+    return f'"[{", ".join([_real(octets[at : at + 4]) for at in range(0, len(octets), 4)])}]"'
 
 
-def _text_cell(result: ItemResult) -> str:
-    """Return the cell of the text that an array of bytes spells."""
-    item = result.item
-    data = result.data
-    if item is None or data is None or item.transport_size != BYTE or not result.decodable:
-        return ""
-    return cell(spelled(data))
+def _real(octets: bytes) -> str:
+    """Return a single as `_number` writes it."""
+    text = real_text(octets)
+    if "e" in text or "n" in text:
+        return _JSON.encode(float(text))
+    return text if "." in text else f"{text}.0"
 
 
-def _plain_cell(value: Value) -> str:
+def plain_cell(value: Value) -> str:
+    """Return the cell of a value, not in quotes; only text can hold what a spreadsheet would take for a formula."""
     if value is None:
         return ""
     if isinstance(value, str):
@@ -271,25 +258,13 @@ class CsvWriter(Writer):
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
         self._rows: CsvRows = CsvRows(self.places)
-        self._csv: Any = csv.writer(_Sink(self), lineterminator="")
 
     def begin(self, places: Places) -> None:
         """Name packets with ``places``, and begin with the names of the columns."""
         super().begin(places)
         self._rows = CsvRows(places)
-        self._csv.writerow(self._rows.columns())
+        self.lines.append(",".join(self._rows.columns()))
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the rows of a transaction."""
-        self._csv.writerows(self._rows.rows(transaction))
-
-
-class _Sink:
-    """The file of `csv`, which writes a row at once."""
-
-    def __init__(self, writer: CsvWriter) -> None:
-        self._writer: CsvWriter = writer
-
-    def write(self, line: str) -> None:
-        """Take a row."""
-        self._writer.lines.append(line)
+        self.lines += self._rows.lines(transaction)

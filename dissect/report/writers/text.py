@@ -25,7 +25,7 @@ from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.tables import JOB, RETURN_CODES, SUCCESS
-from dissect.s7plus.hiding import shown_contents
+from dissect.s7plus.hiding import Shown, shown_contents
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
@@ -84,12 +84,12 @@ def scd_line(found: ScdMessage, connection: Connection, clock: Clock, places: Pl
     return f"{head}  {scd_summary(found)}"
 
 
-def plus_line(pdu: PlusPdu, connection: Connection, clock: Clock, places: Places) -> str:
-    """Return one S7comm-plus PDU on one line."""
+def plus_line(pdu: PlusPdu, connection: Connection, clock: Clock, places: Places, contents: Shown | None = None) -> str:
+    """Return one S7comm-plus PDU on one line; ``contents`` are its contents where they were read before."""
     parts = [f"S7comm-plus {pdu.kind:<12}"]
     if pdu.readable:
         parts.append(f"seq {pdu.sequence}")
-    found = shown_contents(pdu, shown=False)[0]
+    found = contents[0] if contents is not None else shown_contents(pdu, shown=False)[0]
     said = [", ".join(plus_notes(pdu)), ", ".join(plus_summary(pdu, found))]
     parts += [text for text in (pdu.function_name, *said) if text]
     if pdu.frames > 1:
@@ -258,12 +258,13 @@ class TextWriter(Writer):
         """Add the line of an S7comm-plus PDU."""
         connection = side.connection
         pdu = parse_plus(octets, frame, time_ns, connection.number, side.index, cut)
-        self._add(plus_line(pdu, connection, self.clock, self.places), bool(pdu.malformed))
+        contents = shown_contents(pdu, self.verbose)
+        self._add(plus_line(pdu, connection, self.clock, self.places, contents), bool(pdu.malformed))
         if self.verbose:
             from dissect.report.tree import plus_tree_lines
 
             decrypted = connection.tls is not None and connection.tls.is_open
-            self._tree(plus_tree_lines(pdu, self._whole(octets, cut), decrypted))
+            self._tree(plus_tree_lines(pdu, self._whole(octets, cut), decrypted, contents))
 
     def scd_message(self, found: ScdMessage, connection: Connection) -> None:
         """Add the line of an SCD message."""

@@ -1,0 +1,287 @@
+"""Bodies of S7-1200/1500 blocks as a listing: the XML that travels beside the code of the CPU, network by network.
+
+Ladder and function block networks become one line for each output, in the terms of the gates; SCL its source, token by
+token. Names come from the references that travel with the body. The XML is Siemens' own, its form taken from captures (mc7
+reference section 12).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from difflib import SequenceMatcher
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from dissect.mc7.changes import NETWORK, Change
+from dissect.program.carved import CarvedBlock
+from dissect.program.plus import BODY, INTERFACE, REFERENCES
+from dissect.s7plus.blobs import open_blob
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
+NEEDS: Final = "the body of an S7-1200/1500 block needs s7commplus and defusedxml: pip install 's7dissect[s7plus]'"
+#: Octets of a text that is read, gates inside each other, and characters of a line.
+_LARGEST: Final = 4 * 1024 * 1024
+_DEPTH: Final = 60
+#: Gates that one line is made of: wires may cross so that each gate leads to all others.
+_GATES: Final = 1000
+_WIDTH: Final = 400
+_ESCAPED: Final = re.compile("_x([0-9A-Fa-f]{4})_")
+_RAIL: Final = "TRUE"
+#: Digits of an index that is read.
+_INDEX: Final = 6
+#: Gates that join, and what stands between what they join.
+_JOINS: Final[dict[str, str]] = {"O": " OR ", "A": " AND ", "X": " XOR "}
+#: Gates that write their operand, and what stands in front of it.
+_COILS: Final[dict[str, str]] = {"Coil": "", "SCoil": "set ", "RCoil": "reset "}
+#: Tokens of SCL that are no names.
+_TOKENS: Final[dict[str, str]] = {"BL": " ", "NL": "\n", "OpAs": ":=", "FiSt": ";"}
+
+
+class PlusNetwork(NamedTuple):
+    """A network: its place from 1 on, its language, and its lines."""
+
+    number: int
+    language: str
+    lines: tuple[str, ...]
+
+
+def networks(block: CarvedBlock, dictionaries: Mapping[int, bytes]) -> list[PlusNetwork] | None:
+    """Return the networks of the body of a block, by place; empty without a body, None where it cannot be opened."""
+    try:
+        from defusedxml.ElementTree import fromstring  # noqa: F401 - whether it is there
+    except ImportError:
+        return None
+    bodies: list[Element] = []
+    names: dict[str, str] = {}
+    closed = 0
+    for id_, octets in block.plus.blobs() if block.plus is not None else ():
+        if id_ not in {BODY, REFERENCES}:
+            continue
+        root = _parsed(octets, dictionaries)
+        if root is None:
+            closed += id_ == BODY
+        elif id_ == BODY:
+            bodies.append(root)
+        else:
+            names |= {each.get("RefId", ""): _name(each.get("Name", "")) for each in root.iter("Ident")}
+    if closed and not bodies:
+        return None
+    return sorted([_network(root, names) for root in bodies])
+
+
+def _parsed(octets: bytes, dictionaries: Mapping[int, bytes]) -> Element | None:
+    from defusedxml.common import DefusedXmlException
+    from defusedxml.ElementTree import ParseError, fromstring
+
+    opened = open_blob(octets, dictionaries, _LARGEST)
+    if opened.fault or not opened.octets:
+        return None
+    try:
+        root: Element = fromstring(opened.octets)
+    except (ParseError, DefusedXmlException, ValueError):
+        return None
+    return root
+
+
+def _name(text: str) -> str:
+    """Return a name with what XML cannot hold in place: ``DB_x0020_333`` is ``DB 333``."""
+    return _ESCAPED.sub(lambda found: chr(int(found[1], 16)), text)
+
+
+def _tag(element: Element) -> str:
+    return str(element.tag).rpartition("}")[2]
+
+
+def _network(root: Element, names: Mapping[str, str]) -> PlusNetwork:
+    place = root.get("NetPos", "")
+    number = int(place) if place.isascii() and place.isdigit() else 0
+    lines: list[str] = []
+    for child in root:
+        if _tag(child) == "FlgNet":
+            lines += _Gates(child, names).lines()
+        elif _tag(child) == "SCLSource":
+            lines += _source(child, names)
+    return PlusNetwork(number, root.get("Lang", ""), tuple([line[:_WIDTH] for line in lines]))
+
+
+class _Gates:
+    """The gates of one network and what their pins are wired to."""
+
+    def __init__(self, root: Element, names: Mapping[str, str]) -> None:
+        self._parts: dict[str, Element] = {}
+        self._inputs: dict[str, dict[str, tuple[str, str]]] = {}  # pin → (gate, pin), of an operand (gate, "")
+        self._outputs: dict[str, list[tuple[str, str]]] = {}  # of a gate: (pin, operand)
+        self._used: dict[str, int] = {}
+        self._names = names
+        self._left = _GATES
+        for element in root.iter():
+            uid = element.get("UId", "")
+            if _tag(element) == "Wire":
+                self._wire(list(element))
+            elif uid and _tag(element) not in {"PCon", "OCon", "Wire"}:
+                self._parts[uid] = element
+
+    def _wire(self, ends: list[Element]) -> None:
+        if not ends:
+            return
+        source = ends[0].get("UId", ""), ends[0].get("PinName", "")
+        for end in ends[1:]:
+            uid, pin = end.get("UId", ""), end.get("PinName", "")
+            if _tag(end) == "PCon":
+                self._inputs.setdefault(uid, {})[pin] = source
+                self._used[source[0]] = self._used.get(source[0], 0) + 1
+            elif _tag(end) == "OCon":
+                self._outputs.setdefault(source[0], []).append((source[1], self._operand(uid)))
+
+    def _operand(self, uid: str) -> str:
+        part = self._parts.get(uid)
+        if part is None:
+            return "?"
+        reference = part.get("RefId", "")
+        if reference:
+            return self._names.get(reference) or f"ref {reference}"
+        return "".join(part.itertext()).strip() or "?"
+
+    def _gate(self, part: Element) -> str:
+        reference = part.get("RefId", "")
+        if _tag(part) != "Part" and reference:
+            return f"CALL {self._names.get(reference) or f'ref {reference}'}"
+        return _name(part.get("Gate") or part.get("Name") or _tag(part))
+
+    def _is_box(self, part: Element) -> bool:
+        gate = part.get("Gate", "")
+        return gate != "Contact" and gate not in _JOINS and gate not in _COILS
+
+    def lines(self) -> list[str]:
+        """Return a line for each gate that nothing else is made of."""
+        found: list[str] = []
+        for uid, part in self._parts.items():
+            gate = part.get("Gate", "")
+            self._left = _GATES
+            if _tag(part) != "Part" and uid not in self._inputs:
+                continue
+            if gate in _COILS and "operand" in self._inputs.get(uid, {}):
+                wanted = self._inputs[uid]
+                operand = self._text(wanted["operand"], 0)
+                found.append(f"{_COILS[gate]}{operand} := {self._text(wanted.get('in', ('', '')), 0)}")
+            elif uid in self._outputs or uid not in self._used:
+                told = self._text((uid, ""), 0)
+                outputs = [f"{pin} => {operand}" for pin, operand in self._outputs.get(uid, [])]
+                found.append(" ".join([told, *outputs]))
+        return found
+
+    def _text(self, source: tuple[str, str], depth: int) -> str:
+        uid, pin = source
+        part = self._parts.get(uid)
+        if part is None:
+            return _RAIL
+        if _tag(part) != "Part" and uid not in self._inputs:
+            return self._operand(uid)
+        self._left -= 1
+        if depth >= _DEPTH or self._left < 0:
+            return "…"
+        gate, inputs = self._gate(part), self._inputs.get(uid, {})
+        negated = {each.get("PinName", "") for each in part.iter() if _tag(each) == "Negated"}
+        texts = {
+            name: ("NOT " if name in negated else "") + self._input(name, inputs[name], depth)
+            for name in sorted(inputs)
+        }
+        if gate == "Contact":
+            before = texts.get("in", _RAIL)
+            operand = texts.get("operand", "?")
+            return operand if before == _RAIL else f"{before} AND {operand}"
+        if gate in _JOINS:
+            return f"({_JOINS[gate].join(texts.values())})"
+        if gate in _COILS:
+            return texts.get("in", _RAIL)  # a coil within a line passes on what it gets
+        arguments = ", ".join([f"{name} := {text}" for name, text in texts.items() if text != _RAIL])
+        shown = f"{gate}({arguments})"
+        return f"{shown}.{pin}" if pin not in {"", "out", "OUT", "eno"} else shown
+
+    def _input(self, pin: str, source: tuple[str, str], depth: int) -> str:
+        """Return what a pin gets; the enabling output of a box by the name of the box, which has a line of its own."""
+        part = self._parts.get(source[0])
+        wired = part is not None and source[0] in self._inputs
+        if part is not None and wired and pin == "en" and self._is_box(part):
+            return f"{self._gate(part)}.ENO"
+        return self._text(source, depth + 1)
+
+
+def interface(block: CarvedBlock, dictionaries: Mapping[int, bytes]) -> list[tuple[str, list[str]]]:
+    """Return the sections of the interface of a block that have members, with their names; empty where it cannot be opened."""
+    try:
+        import defusedxml  # noqa: F401 - whether it is there
+    except ImportError:
+        return []
+    found: list[tuple[str, list[str]]] = []
+    for id_, octets in block.plus.blobs() if block.plus is not None else ():
+        root = _parsed(octets, dictionaries) if id_ == INTERFACE else None
+        if root is None:
+            continue
+        parts = [part for each in root.iter() if _tag(each) == "SubParts" for part in each]
+        for section in [each for each in root.iter() if _tag(each) == "Member" and each.get("SubPartIndex")]:
+            index = section.get("SubPartIndex", "")
+            part = parts[int(index)] if index.isdecimal() and len(index) < _INDEX and int(index) < len(parts) else None
+            names = (
+                [_name(each.get("Name", "")) for each in part.iter() if each.get("Name")] if part is not None else []
+            )
+            if names:
+                found.append((_name(section.get("Name", "")), names))
+    return found
+
+
+def _source(root: Element, names: Mapping[str, str]) -> list[str]:
+    """Return SCL as its tokens say it; one that is not known stands in angle brackets."""
+    symbols = {
+        each.get("SymID", ""): names.get(each.get("RefId", ""), f"ref {each.get('RefId', '?')}")
+        for each in root.iter()
+        if _tag(each) == "Symbol"
+    }
+    statements = next((each for each in root.iter() if _tag(each) == "RootStatements"), None)
+    text = "".join([_token(each, symbols) for each in statements.iter()]) if statements is not None else ""
+    return [line.strip() for line in text.split("\n") if line.strip()]
+
+
+def _token(element: Element, symbols: Mapping[str, str]) -> str:
+    tag = _tag(element)
+    if tag in _TOKENS:
+        return _TOKENS[tag]
+    if tag == "Const":
+        return element.get("TE", "?")
+    if "SyId" in element.keys() and tag != "Const":  # noqa: SIM118 - an Element is no mapping
+        return symbols.get(element.get("SyId", ""), "?")
+    return "" if len(element) else f"<{tag}>"
+
+
+# ---- comparison -----------------------------------------------------------------------------------------------------
+
+
+def compare_networks(before: list[PlusNetwork], after: list[PlusNetwork]) -> list[Change]:
+    """Return what changed from one body to another, by network: those that are equal are aligned first."""
+    old, new = [network.lines for network in before], [network.lines for network in after]
+    changes: list[Change] = []
+    for tag, a, b, c, d in SequenceMatcher(None, old, new, False).get_opcodes():
+        if tag == "equal":
+            continue
+        common = min(b - a, d - c)
+        for at in range(common):
+            changes += _lines_changed(before[a + at], after[c + at])
+        changes += [
+            Change(NETWORK, each.number, "\n".join(each.lines), "", " removed") for each in before[a + common : b]
+        ]
+        changes += [
+            Change(NETWORK, each.number, "", "\n".join(each.lines), f" added ({len(each.lines)} lines)")
+            for each in after[c + common : d]
+        ]
+    return changes
+
+
+def _lines_changed(before: PlusNetwork, after: PlusNetwork) -> Iterator[Change]:
+    for tag, a, b, c, d in SequenceMatcher(None, before.lines, after.lines, False).get_opcodes():
+        if tag == "equal":
+            continue
+        was, now = "; ".join(before.lines[a:b]), "; ".join(after.lines[c:d])
+        text = f"{was} → {now}" if was and now else f"{now} added" if now else f"{was} removed"
+        yield Change(NETWORK, after.number, was, now, text)

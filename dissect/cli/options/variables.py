@@ -1,0 +1,25 @@
+"""Variables as the user names them on the command line: addresses and tags."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from dissect.engine.exchange import PayloadDecoder
+    from dissect.transactions.naming import Naming
+    from dissect.variables.wanted import WantedSet
+
+
+def wanted_of(names: Sequence[str], naming: Naming | None, decoder: PayloadDecoder | None) -> WantedSet | None:
+    """Return what is named, None for nothing; a name that is neither an address nor a tag is wrong use."""
+    if not names:
+        return None
+    from dissect.variables.choosing import Known, WantedError, choose, scd_names
+
+    try:
+        return choose(names, Known(naming, scd_names(decoder)))
+    except WantedError as error:
+        raise click.UsageError(f"{error}.") from None

@@ -1,0 +1,151 @@
+"""`s7dissect values`: what values variables had, when, and who read or wrote them."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from dissect.cli.formats import format_option, write_out
+from dissect.cli.gate import fail_on_option, gate
+from dissect.cli.look import clock
+from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
+from dissect.cli.options.tls import tls_option
+from dissect.cli.options.variables import wanted_of
+from dissect.cli.run import EXIT_CODES, checksums_option, complain, drive, places_of
+from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.pipeline import Options
+from dissect.report.formats import VALUES, Format
+from dissect.session import Run
+from dissect.tls.key_log import KeyLog
+from dissect.transactions.naming import Naming
+from dissect.variables.collector import Collector
+from dissect.variables.summary import Summary, limits_text
+from dissect.wire.text import printable
+
+if TYPE_CHECKING:
+    from dissect.variables.wanted import WantedSet
+    from dissect.variables.writers import ValueWriter
+
+#: Ends of names of captures: what has one and is no file is a file that is missing, not an address.
+_CAPTURES: Final = (".pcap", ".pcapng", ".cap", ".gz", ".zst", ".dmp")
+#: Names of what was not seen that one line lists.
+_LISTED: Final = 10
+
+
+def _interval(ctx: click.Context, param: click.Parameter, value: str | None) -> int:
+    """Return a stretch of time in nanoseconds, 0 for none."""
+    if value is None:
+        return 0
+    from dissect.select.errors import SelectError
+    from dissect.select.grammar import Literal
+    from dissect.select.literals import Duration
+
+    try:
+        ns = Duration().nanoseconds(Literal(value, False, 0, len(value)))
+    except SelectError as error:
+        raise click.BadParameter(f"{printable(error.reason)}.", ctx, param) from None
+    if ns <= 0:
+        raise click.BadParameter(f"expected a time above 0, such as 500ms or 1s; got {value!r}.", ctx, param)
+    return min(ns, 2**62)
+
+
+@click.command("values", epilog=EXIT_CODES)
+@click.argument("files", nargs=-1, required=True, type=click.Path(), metavar="FILE... [ADDRESS|TAG]...")
+@format_option(VALUES)
+@click.option("--changes", is_flag=True, help="Only values that differ from the one before, and the first of each.")
+@click.option(
+    "--every",
+    "every_ns",
+    callback=_interval,
+    metavar="TIME",
+    help="At most one value of a variable in each stretch of time, such as 500ms, 1s or 5min: the first in it.",
+)
+@click.option(
+    "--summary", is_flag=True, help="One row for each variable: how often, extremes, period, who reads, who writes."
+)
+@select_options("transaction")
+@checksums_option
+@fail_on_option
+@scd_options
+@tag_options
+@tls_option
+def command(
+    files: tuple[str, ...],
+    format_: Format,
+    changes: bool,
+    every_ns: int,
+    summary: bool,
+    checksums: bool,
+    fail_on: frozenset[str],
+    decoder: PayloadDecoder | None,
+    chosen: Chosen,
+    naming: Naming | None,
+    tls_keys: KeyLog | None,
+) -> int:
+    """List the values of variables, one row for each that was read, written or pushed.
+
+    A row gives the time and packet of the value, who read or wrote it, how (read, write, push, modify, force, notification,
+    pdo), address, tag, type, the value, and the one before it where that was different. What was refused is no value; --summary
+    counts it.
+
+    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. ADDRESS (DB10.DBD4,
+    DB10.DBD4:REAL, MW20, I0.1, 0x6041:0) and TAG (a name of the files of --tags, an element, or a structure for all of its
+    members) choose variables: their values are found wherever an item covers them, and put together where it covers a part.
+    """
+    if summary and (changes or every_ns):
+        raise click.UsageError("--summary is of all values: leave out --changes and --every, or --summary.")
+    captures, wanted = _split(files, naming, decoder)
+    writer: ValueWriter = chosen.writer(format_, VALUES, clock())  # type: ignore[assignment]  # the kind says so
+    collector = Collector(wanted, changes, every_ns, summary, chosen.choice("transaction"))
+    options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
+    run = Run(captures, chosen.sieve(collector) if fail_on else collector, chosen.narrow(options))
+    chosen.begin(run, captures)
+    writer.begin(places_of(run, captures))
+
+    def write() -> None:
+        writer.values(collector.take())
+        write_out(writer.take())
+
+    code = drive(run, captures, None if summary else write)
+    if summary:
+        made = Summary(collector, sys.stdout.isatty())
+        writer.summary(made)
+        write_out(writer.take())
+        if text := limits_text(made):
+            click.echo(f"s7dissect: {text}", err=True)
+    complain(run, code)
+    _miss(wanted, collector)
+    return gate(run, fail_on, code, chosen.findings)
+
+
+def _split(
+    words: Sequence[str], naming: Naming | None, decoder: PayloadDecoder | None
+) -> tuple[list[str], WantedSet | None]:
+    """Return the files among the arguments, and what the others choose; the first is a file, whatever it is called."""
+    captures = [word for at, word in enumerate(words) if at == 0 or _is_file(word)]
+    names = [word for at, word in enumerate(words) if at > 0 and not _is_file(word)]
+    return captures, wanted_of(names, naming, decoder)
+
+
+def _is_file(word: str) -> bool:
+    try:
+        return word == "-" or Path(word).exists() or os.sep in word or word.lower().endswith(_CAPTURES)
+    except OSError:
+        return False  # no path can have such a name
+
+
+def _miss(wanted: WantedSet | None, collector: Collector) -> None:
+    """Say which of the chosen variables had neither a value nor a refusal."""
+    if wanted is None:
+        return
+    missing = [printable(one.text) for one in wanted.all if one.text not in collector.found]
+    if missing:
+        more = f" and {len(missing) - _LISTED} more" if len(missing) > _LISTED else ""
+        click.echo(f"s7dissect: no value of {', '.join(missing[:_LISTED])}{more} in what was read", err=True)

@@ -1,0 +1,106 @@
+"""Variables that are watched: their latest values, who gave them, and a minute of trend of each, in bounded memory."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable
+from typing import Final
+
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import Transaction
+from dissect.variables.collector import Collector
+from dissect.variables.model import ValueRow, Variable
+from dissect.variables.wanted import WantedSet
+
+#: Variables that are watched at once; values of others are counted.
+MAX_WATCHED: Final = 500
+#: Seconds of the capture's clock that a trend shows, and values that the details of a variable list.
+SECONDS: Final = 60
+LATEST: Final = 50
+_NS_PER_S: Final = 1_000_000_000
+
+
+class WatchedFacts:
+    """One variable as it stands: its ``latest`` row, how many values and changes there were, the last changes.
+
+    ``trend`` are (second, number) of the last `SECONDS` in which there was a number.
+    """
+
+    def __init__(self, variable: Variable, row: ValueRow) -> None:
+        self.variable = variable
+        self.latest = row
+        self.changed_ns = int(row.time_ns)
+        self.count = 0
+        self.changes = 0
+        self.rows: deque[ValueRow] = deque(maxlen=LATEST)
+        self._trend: deque[tuple[int, float]] = deque(maxlen=SECONDS)
+
+    def add(self, row: ValueRow) -> None:
+        """Take a value."""
+        self.latest = row
+        self.count += 1
+        if row.changed:
+            self.changed_ns = int(row.time_ns)
+            self.changes += not row.first
+            self.rows.append(row)
+        value = row.value
+        if isinstance(value, (bool, int, float)) and math.isfinite(value):
+            second = int(row.time_ns) // _NS_PER_S
+            if self._trend and self._trend[-1][0] >= second:
+                self._trend.pop()
+            self._trend.append((second, float(value)))
+
+    def trend(self, now_ns: int, seconds: int) -> list[float]:
+        """Return a number for each of the last ``seconds``, the running one included: the latest there was, NaN for none."""
+        last = max(now_ns // _NS_PER_S, self._trend[-1][0] if self._trend else 0)
+        known = dict(self._trend)
+        number = math.nan
+        for second, value in self._trend:
+            if second <= last - seconds:
+                number = value
+        points = []
+        for second in range(last - seconds + 1, last + 1):
+            number = known.get(second, number)
+            points.append(number)
+        return points
+
+
+class Watched:
+    """Folds transactions into `WatchedFacts`: of ``wanted`` variables, or None for all."""
+
+    def __init__(self, wanted: WantedSet | None = None, most: int = MAX_WATCHED) -> None:
+        self._collector = Collector(wanted, most=most)
+        self._facts: dict[Variable, WatchedFacts] = {}
+        self._most = most
+
+    def take(self, transactions: Iterable[Transaction]) -> None:
+        """Fold transactions, in their order."""
+        for transaction in transactions:
+            self._collector.transaction(transaction)
+        for row in self._collector.take():
+            facts = self._facts.get(row.variable)
+            if facts is None:
+                if len(self._facts) >= self._most:
+                    continue
+                facts = self._facts[row.variable] = WatchedFacts(row.variable, row)
+            facts.add(row)
+
+    def forget(self, connection: Connection) -> None:
+        """A connection is over."""
+        self._collector.connection_closed(connection)
+
+    @property
+    def not_listed(self) -> int:
+        """Values of variables that there was no room for."""
+        return int(self._collector.untracked)
+
+    @property
+    def refused(self) -> int:
+        """Reads and writes of the variables that were refused."""
+        return int(self._collector.refused)
+
+    @property
+    def facts(self) -> list[WatchedFacts]:
+        """The variables: those with a name first, in the order in which they were first seen."""
+        return sorted(self._facts.values(), key=lambda one: not one.variable.tag)

@@ -1,0 +1,487 @@
+"""Transactions → rows of values: each item joined with the variable it is about, with what was there before.
+
+Bounded: at most `MAX_VARIABLES` variables (`dissect.variables.tracker`) are remembered. Values of variables beyond are rows
+still, but nothing is known of what was before them, and no summary has them; ``untracked`` counts them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.engine.observer import Observer
+from dissect.s7.items import Item
+from dissect.s7.tables import (
+    BIT,
+    BYTE,
+    FORCE_VARIABLES,
+    GROUP_TEST,
+    JOB,
+    NUMBERED_AREAS,
+    READ_VAR,
+    SUCCESS,
+    TRANSPORT_SIZES,
+    USERDATA,
+    WRITE_VAR,
+)
+from dissect.s7.values import decode_value
+from dissect.s7plus.items import WRITES, PlusItem
+from dissect.s7plus.parameters import PlusParameters
+from dissect.s7plus.tables import NOTIFICATION as PLUS_NOTIFICATION
+from dissect.scd.wording import json_value
+from dissect.tags.model import NUMBERED_BITS
+from dissect.tags.naming import TagNaming
+from dissect.transactions.connection import Connection
+from dissect.transactions.naming import NamedValue
+from dissect.transactions.payloads import ScdMessage
+from dissect.transactions.results import TEST_WRITES, ItemResult, has_items
+from dissect.transactions.transaction import ANSWERED, Transaction
+from dissect.transactions.transaction import PUSH as OUTCOME_PUSH
+from dissect.variables.model import FORCE, MODIFY, NOTIFICATION, PDO, PUSH, READ, WRITE, ValueRow, Variable
+from dissect.variables.tracker import MAX_VARIABLES, NO_ANSWER, Plan, Plc, Tracker
+from dissect.variables.wanted import Image, WantedSet
+
+#: Items of which it is remembered what they are about; polling repeats the same ones.
+MAX_PLANS: Final = 16_384
+
+#: Tells whether a transaction is wanted.
+Choice = Callable[[Transaction], bool]
+
+
+class Collector(Observer):
+    """Is told of transactions, and collects ``rows`` of values until `take`; or with ``sums`` only adds them up.
+
+    ``wanted`` are the places and names to look at, None for everything. ``changes`` leaves out values that are as the one
+    before; ``every_ns`` all but the first of a variable in each such stretch of time (multiples of it since 1970), which are
+    then as if they had not been. ``choose`` tells which transactions are looked at, ``most`` how many variables are remembered.
+    """
+
+    def __init__(
+        self,
+        wanted: WantedSet | None = None,
+        changes: bool = False,
+        every_ns: i64 = 0,
+        sums: bool = False,
+        choose: Choice | None = None,
+        most: i64 = MAX_VARIABLES,
+    ) -> None:
+        super().__init__()
+        self.found: set[str] = set()  # of what is wanted, the texts that a value or a refusal was seen of
+        self._store: Tracker = Tracker(changes, every_ns, sums, most)
+        self._wanted: WantedSet | None = wanted
+        self._choose: Choice | None = choose
+        self._plans: i64 = 0
+
+    def take(self) -> list[ValueRow]:
+        """Return the rows collected since the last call."""
+        rows = self._store.rows
+        self._store.rows = []
+        return rows
+
+    @property
+    def variables(self) -> list[Variable]:
+        """Every variable that is remembered, PLC by PLC, in the order in which they were first seen."""
+        return [variable for plc in self._store.plcs.values() for variable in plc.variables.values()]
+
+    @property
+    def untracked(self) -> int:
+        """Values of variables that are not remembered."""
+        return self._store.untracked
+
+    @property
+    def most(self) -> int:
+        """How many variables are remembered."""
+        return self._store.most
+
+    @property
+    def refused(self) -> int:
+        """Reads and writes that the PLC refused."""
+        return self._store.refused
+
+    @property
+    def unconfirmed(self) -> int:
+        """Writes of which nobody saw what became."""
+        return self._store.unconfirmed
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Forget which PLC a connection has."""
+        self._store.forget(connection)
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Take the values of a transaction."""
+        choose = self._choose
+        if choose is not None and not choose(transaction):
+            return
+        kind: i64 = transaction.rosctr
+        if kind == JOB:
+            function: i64 = transaction.parameters.function
+            if function == READ_VAR:
+                self._read(transaction)
+            elif function == WRITE_VAR:
+                self._written(transaction)
+        elif kind == USERDATA:
+            head = transaction.parameters.userdata
+            if head is not None and has_items(head):
+                if head.group == GROUP_TEST and head.subfunction in TEST_WRITES:
+                    self._modified(transaction, FORCE if head.subfunction == FORCE_VARIABLES else MODIFY)
+                elif transaction.response_size:
+                    self._sent(transaction)
+        elif transaction.is_plus:
+            self._plus(transaction)
+        if transaction.carried is not None or transaction.is_scd:
+            self._scd(transaction)
+
+    # ---- S7comm -----------------------------------------------------------------------------------------------------
+
+    def _read(self, transaction: Transaction) -> None:
+        if transaction.outcome != ANSWERED:
+            return
+        plc = self._store.plc(transaction, 1 - transaction.asked_by)
+        items = transaction.parameters.items
+        if not transaction.has_errors and transaction.connection.naming is None:
+            answers = transaction.answered_items()
+            if len(items) == len(answers):  # nearly always; each meets its own answer without an object in between
+                simple: bool = True
+                for item in items:
+                    if item.areas is not None:
+                        simple = False
+                if simple:
+                    for index, answer in enumerate(answers):
+                        self._item(transaction, plc, items[index], answer.return_code, answer.data, READ, False)
+                    return
+        whole: bool = transaction.error_code != 0
+        for result in transaction.results():
+            code: i64 = result.return_code
+            if code == NO_ANSWER and whole:
+                code = 0
+            self._result(transaction, plc, result, code, READ, False)
+
+    def _written(self, transaction: Transaction) -> None:
+        if not transaction.request_size:
+            return
+        plc = self._store.plc(transaction, 1 - transaction.asked_by)
+        whole: bool = transaction.outcome == ANSWERED and transaction.error_code != 0
+        for result in transaction.results():
+            code: i64 = result.return_code
+            if code == NO_ANSWER and whole:
+                code = 0
+            self._result(transaction, plc, result, code, WRITE, True)
+
+    def _sent(self, transaction: Transaction) -> None:
+        """Take what a cyclic service or a variable table sends, with its first answer or unasked."""
+        plc = self._store.plc(transaction, 1 - transaction.asked_by)
+        for result in transaction.results():
+            if result.unchanged:
+                continue
+            code: i64 = result.return_code
+            if code != NO_ANSWER:
+                self._result(transaction, plc, result, code, PUSH, False)
+
+    def _modified(self, transaction: Transaction, how: str) -> None:
+        """Take what was modified or forced, when the PLC tells what became of it: the values are those of the request."""
+        plc = self._store.plc(transaction, 1 - transaction.asked_by)
+        asked = transaction.subscribed
+        if transaction.outcome != OUTCOME_PUSH:
+            if transaction.has_errors:
+                for result in transaction.results():
+                    self._result(transaction, plc, result, 0, how, True)
+            return
+        if asked is None:
+            return
+        given = asked.written
+        for index, result in enumerate(transaction.results()):
+            if index < len(given) and result.return_code != NO_ANSWER:
+                told = ItemResult(result.item, result.return_code, given[index].data, given[index])
+                self._result(transaction, plc, told, result.return_code, how, True)
+
+    def _result(
+        self, transaction: Transaction, plc: Plc, result: ItemResult, code: i64, how: str, writes: bool
+    ) -> None:
+        """Take an item with what became of it: by tags where they know it, else by its address."""
+        item = result.item
+        if item is None:
+            return
+        naming = transaction.connection.naming
+        if naming is not None and self._wanted is None:
+            named = naming.named(result)
+            if named:
+                for value in named:
+                    self._named(transaction, plc, value, code, how, writes)
+                return
+        data = result.data
+        if data is None:
+            if code == SUCCESS:
+                return
+            data = b""
+        self._item(transaction, plc, item, code, data, how, writes)
+
+    def _named(self, transaction: Transaction, plc: Plc, named: NamedValue, code: i64, how: str, writes: bool) -> None:
+        """Take a value that tags name, or octets between them."""
+        type_ = named.type or ("BYTE" if len(named.data) == 1 else f"{len(named.data)} x BYTE")
+        key = f"{named.address}|{type_}|{named.name}"
+        if not named.whole:
+            key = f"{key}|{named.remark}"
+        variable = plc.variables.get(key)
+        if variable is None:
+            variable = self._store.variable(plc, key, named.address, type_, named.name, named.unit)
+            variable.comment = named.comment
+            variable.bytes_only = not named.type and len(named.data) > 1
+        if code != SUCCESS:
+            self._store.refuse(variable, code, writes)
+            return
+        row = self._store.row(transaction, variable, how, writes, _own_octets(named))
+        if row is not None:
+            row.value = named.value
+            if not named.name and not named.remark:
+                row.value = decode_value(BYTE, named.data)
+            row.remark = named.remark
+            self._store.finish(row)
+
+    def _item(
+        self, transaction: Transaction, plc: Plc, item: Item, code: i64, data: bytes, how: str, writes: bool
+    ) -> None:
+        """Take an item of S7comm by its address; of a ``code`` that is none of success only that."""
+        plan = plc.plans.get(item)
+        if plan is None:
+            plan = self._plan(transaction, plc, item)
+        variable = plan.variable
+        if variable is None:
+            if plan.wanted:
+                self._places(transaction, plc, item, plan, code, data, how, writes)
+            return
+        if code != SUCCESS:
+            self._store.refuse(variable, code, writes)
+            return
+        row = self._store.row(transaction, variable, how, writes, data)
+        if row is not None:
+            if row.changed or variable.value is None:
+                row.value = (
+                    decode_value(item.transport_size, data) if item.size == len(data) or item.fits(len(data)) else None
+                )
+            else:
+                row.value = variable.value
+            self._store.finish(row)
+
+    def _plan(self, transaction: Transaction, plc: Plc, item: Item) -> Plan:
+        """Find out what an item is about, and remember it."""
+        if self._plans >= MAX_PLANS:
+            self._plans = 0
+            for each in self._store.plcs.values():
+                each.plans.clear()
+        plan = Plan()
+        wanted = self._wanted
+        if wanted is None:
+            plan.variable = self._own(plc, item)
+        elif item.area >= 0 and item.start_bit >= 0 and item.size > 0:
+            numbered: bool = item.area in NUMBERED_AREAS
+            plan.start = item.start_bit * NUMBERED_BITS if numbered else item.start_bit
+            plan.bits = 1 if item.transport_size == BIT else 8 * item.size
+            if plan.bits == 1 or plan.start % 8 == 0:
+                naming = transaction.connection.naming
+                tags = naming if isinstance(naming, TagNaming) else None
+                plan.wanted = wanted.touched(item.area, item.db, plan.start, plan.bits, tags)
+        if wanted is not None and not plan.wanted and item.address.lower() in wanted.words:
+            plan.variable = self._own(plc, item)
+            self.found.add(wanted.words[item.address.lower()].text)
+        plc.plans[item] = plan
+        self._plans += 1
+        return plan
+
+    def _own(self, plc: Plc, item: Item) -> Variable:
+        """Return the variable that an item is by itself."""
+        type_ = item_type(item)
+        key = f"{item.address}|{type_}|"
+        variable = plc.variables.get(key)
+        if variable is None:
+            variable = self._store.variable(plc, key, item.address, type_, "", "")
+            variable.bytes_only = item.transport_size == BYTE and item.count != 1
+        return variable
+
+    def _places(
+        self,
+        transaction: Transaction,
+        plc: Plc,
+        item: Item,
+        plan: Plan,
+        code: i64,
+        data: bytes,
+        how: str,
+        writes: bool,
+    ) -> None:
+        """Take the wanted places that an item touches; one whose other octets are not known yet is shown as the item."""
+        sound: bool = code == SUCCESS and len(data) == item.size
+        alone: bool = False
+        for wanted in plan.wanted:
+            self.found.add(wanted.text)
+            image = plc.images.get(wanted)
+            if image is None:
+                if self._store.count >= self._store.most:
+                    alone = True
+                    continue
+                naming = transaction.connection.naming
+                image = Image(wanted, naming if isinstance(naming, TagNaming) else None)
+                plc.images[wanted] = image
+            exact: bool = plan.start == wanted.start and plan.bits == wanted.bits
+            if exact and image.part is None and image.transport_size != item.transport_size:
+                image.transport_size = item.transport_size
+                image.variable = None
+            variable = image.variable
+            if variable is None:
+                typed = item_type(item) if image.transport_size >= 0 and exact else ""
+                address, type_, tag, unit = image.names(typed)
+                key = f"{address}|{type_}|{tag}"
+                known = plc.variables.get(key)
+                variable = known if known is not None else self._store.variable(plc, key, address, type_, tag, unit)
+                variable.bytes_only = image.part is None and wanted.bits not in (1, 8, 16, 32, 64)
+                image.variable = variable
+            if not sound:
+                if code != SUCCESS:
+                    self._store.refuse(variable, code, writes)
+                else:
+                    alone = True
+                continue
+            all_of_it = image.take(data, plan.start, plan.bits)
+            if image.missing:
+                alone = True
+                continue
+            octets = image.data()
+            row = self._store.row(transaction, variable, how, writes, octets)
+            if row is not None:
+                row.pieced = not all_of_it
+                row.value = variable.value if not row.changed else image.value(octets)
+                self._store.finish(row)
+        if alone:
+            own = self._own(plc, item)
+            row = self._store.row(transaction, own, how, writes, data)
+            if row is not None:
+                row.value = decode_value(item.transport_size, data) if item.fits(len(data)) else None
+                self._store.finish(row)
+
+    # ---- S7comm-plus and SCD ----------------------------------------------------------------------------------------
+
+    def _plus(self, transaction: Transaction) -> None:
+        parameters = transaction.parameters
+        if not isinstance(parameters, PlusParameters):
+            return
+        items = transaction.plus_items()
+        if not items:
+            return
+        plc = self._store.plc(transaction, 1 - transaction.asked_by)
+        writes: bool = parameters.code in WRITES
+        how = WRITE if writes else READ
+        asked = transaction.plus_request if transaction.request_size else None
+        if asked is None:
+            told = transaction.plus_response
+            if told is None or told.opcode != PLUS_NOTIFICATION:
+                return
+            how = NOTIFICATION
+        session = transaction.connection.plus
+        for item in items:
+            if session is None or item.address is None or item.address.area not in session.given:
+                self._plus_item(transaction, plc, item, how, writes)
+
+    def _plus_item(self, transaction: Transaction, plc: Plc, item: PlusItem, how: str, writes: bool) -> None:
+        address = item.label
+        wanted = self._wanted
+        if wanted is not None:
+            one = wanted.words.get(address.lower())
+            if one is None:
+                return
+            self.found.add(one.text)
+        variable = plc.variables.get(address)
+        if variable is None:
+            variable = self._store.variable(plc, address, address, "", "", "")
+        if not variable.type:
+            variable.type = _plus_type(item)
+        if item.return_code > 0 or (writes and item.return_code < 0):
+            self._store.refuse(variable, item.return_code if item.return_code > 0 else NO_ANSWER, writes)
+            return
+        if item.value is None:
+            return
+        value = item.json_value
+        row = self._store.row(transaction, variable, how, writes, item.data, value)
+        if row is not None:
+            row.value = value
+            row.remark = item.note
+            self._store.finish(row)
+
+    def _scd(self, transaction: Transaction) -> None:
+        carried: bool = transaction.carried is not None
+        if carried and transaction.has_errors:
+            return  # which of its items was refused does not tell what of SCD was
+        writes: bool = carried and transaction.parameters.function == WRITE_VAR
+        for found in transaction.scd:
+            self._scd_message(transaction, found, carried, writes)
+
+    def _scd_message(self, transaction: Transaction, found: ScdMessage, carried: bool, writes: bool) -> None:
+        """Take a message: of a read the response, of a write the request, of what is sent unasked itself."""
+        side: i64 = 1 - transaction.asked_by
+        how = WRITE if writes else READ
+        refused: bool = False
+        service = found.message.service
+        if service == "pdo":
+            how = PDO
+            # A TPDO is sent by the device, an RPDO is sent to it.
+            if not carried:
+                side = 1 - found.side if found.message.pdo.startswith("R") else found.side
+                writes = side != found.side
+        elif not carried:
+            if service not in ("read", "write"):
+                return
+            writes = service == "write"
+            how = WRITE if writes else READ
+            if writes != (found.side == transaction.asked_by):
+                return
+            refused = transaction.has_errors
+        unsure: bool = writes and how == WRITE and not carried and transaction.outcome != ANSWERED
+        plc = self._store.plc(transaction, side)
+        for row in found.values:
+            wanted = self._wanted
+            if wanted is not None:
+                one = wanted.words.get(row.address.lower())
+                if one is None:
+                    one = wanted.words.get(row.name.lower())
+                if one is None:
+                    continue
+                self.found.add(one.text)
+            variable = self._store.named(plc, row.address, "", row.name, row.unit)
+            if refused or unsure:
+                self._store.refuse(variable, 0 if refused else NO_ANSWER, writes)
+                continue
+            value = json_value(row.physical)
+            made = self._store.row(transaction, variable, how, writes, None, value)
+            if made is not None:
+                made.frame = found.frame
+                made.time_ns = found.time_ns
+                made.side = 1 - side
+                made.value = value
+                made.text = row.text
+                made.remark = ", ".join(row.flags)
+                self._store.finish(made)
+
+
+def _own_octets(named: NamedValue) -> bytes:
+    """Return the octets of a tag; of truth values one for each, because others share the octets that they stand in."""
+    value = named.value
+    if isinstance(value, bool):
+        return b"\1" if value else b"\0"
+    if isinstance(value, list) and named.type.endswith("BOOL"):
+        return bytes([1 if one else 0 for one in value])
+    return named.data
+
+
+def item_type(item: Item) -> str:
+    """Return the type of an item of S7comm as a tag would have it: ``REAL``, ``BOOL``, ``10 x BYTE``."""
+    if item.transport_size < 0:
+        return ""
+    name = "BOOL" if item.transport_size == BIT else TRANSPORT_SIZES.name(item.transport_size)
+    return name if item.count == 1 or item.count < 0 else f"{item.count} x {name}"
+
+
+def _plus_type(item: PlusItem) -> str:
+    found = item.found
+    if found is not None and found.variable is not None:
+        return found.variable.datatype_name
+    return item.value.type_name if item.value is not None else ""

@@ -1,0 +1,176 @@
+"""A variable, and one value of it that passed on the line."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from mypy_extensions import i64
+
+from dissect.tcp.stream import Endpoint
+from dissect.transactions.connection import Connection
+
+if TYPE_CHECKING:
+    from dissect.variables.statistics import Statistics
+
+# How a value passed.
+READ: Final = "read"
+WRITE: Final = "write"
+PUSH: Final = "push"  # of a cyclic or change-driven service, or of a variable table
+MODIFY: Final = "modify"
+FORCE: Final = "force"
+NOTIFICATION: Final = "notification"  # of S7comm-plus
+PDO: Final = "pdo"  # of SCD
+HOWS: Final = (READ, WRITE, PUSH, MODIFY, FORCE, NOTIFICATION, PDO)
+
+
+class Variable:
+    """A place in a CPU, as it was read or written; rows of values share it.
+
+    ``plc`` is the end of the connection that holds it. ``address`` is where it begins ("DB10.DBD4", "0x6041:0"), ``type`` what
+    is there ("REAL", "10 x BYTE"), ``tag`` its name, empty where nobody knows one. ``data`` and ``value`` are the latest,
+    once it was ``seen``. ``refused_reads``, ``refused_writes`` and ``unconfirmed`` count what gave no value: the PLC refused,
+    or nobody saw whether it took a write. Texts are as in the file or on the wire, not escaped.
+    """
+
+    __slots__ = (
+        "address",
+        "bytes_only",
+        "comment",
+        "data",
+        "fragment",
+        "next_ns",
+        "plc",
+        "refused_reads",
+        "refused_writes",
+        "seen",
+        "statistics",
+        "tag",
+        "type",
+        "unconfirmed",
+        "unit",
+        "value",
+    )
+
+    def __init__(self, plc: Endpoint, address: str, type_: str, tag: str, unit: str) -> None:
+        self.plc: Endpoint = plc
+        self.address: str = address
+        self.type: str = type_
+        self.tag: str = tag
+        self.unit: str = unit
+        self.comment: str = ""
+        self.bytes_only: bool = False  # octets without a meaning, which a person reads in hexadecimal
+        self.data: bytes | None = None
+        self.value: object = None
+        self.seen: bool = False
+        self.refused_reads: i64 = 0
+        self.refused_writes: i64 = 0
+        self.unconfirmed: i64 = 0
+        self.next_ns: i64 = 0  # of ``--every``: the next row is not before this time
+        self.statistics: Statistics | None = None
+        self.fragment: str = ""  # a writer's cached text of the names above
+
+    @property
+    def name(self) -> str:
+        """The tag, or else the address."""
+        return self.tag or self.address
+
+    def __repr__(self) -> str:
+        return f"Variable({self.name!r}, {self.type!r})"
+
+
+class ValueRow:
+    """One value of a variable.
+
+    ``time_ns`` (nanoseconds since 1970) and ``frame`` are those of the packet with the value: of a read the response, of a
+    write the request. ``side`` of ``link`` is the client: who read, wrote or subscribed. ``how`` is one of `HOWS`, ``writes``
+    says whether the client gave the value. ``value`` is as `dissect.s7.values.Value`, of S7comm-plus what JSON can hold, in the
+    unit of the tag; None where octets have none: then ``data`` has them (None for values without octets of their own).
+    ``previous`` is the value before it, whoever read or wrote that, and ``before`` its octets. ``first``: there was none.
+    ``changed``: it was different (True for the first). ``pieced``: a part of the octets passed, the others are those seen
+    before. ``text`` is what an SCD dictionary calls the value, ``remark`` what is odd about it.
+    """
+
+    __slots__ = (
+        "before",
+        "changed",
+        "data",
+        "first",
+        "frame",
+        "how",
+        "link",
+        "pieced",
+        "previous",
+        "remark",
+        "side",
+        "text",
+        "time_ns",
+        "value",
+        "variable",
+        "writes",
+    )
+
+    def __init__(self, variable: Variable, link: Connection, side: i64, how: str, time_ns: i64, frame: i64) -> None:
+        self.variable: Variable = variable
+        self.link: Connection = link
+        self.side: i64 = side
+        self.how: str = how
+        self.time_ns: i64 = time_ns
+        self.frame: i64 = frame
+        self.writes: bool = False
+        self.value: object = None
+        self.data: bytes | None = None
+        self.previous: object = None
+        self.before: bytes | None = None
+        self.first: bool = False
+        self.changed: bool = True
+        self.pieced: bool = False
+        self.text: str = ""
+        self.remark: str = ""
+
+    @property
+    def connection(self) -> int:
+        """The number of the connection."""
+        return self.link.number
+
+    @property
+    def client(self) -> Endpoint:
+        """The end that read, wrote or subscribed."""
+        return self.link.tcp.ends[self.side]
+
+    @property
+    def host(self) -> str:
+        """The address of the client."""
+        return self.client.host
+
+    @property
+    def plc(self) -> Endpoint:
+        """The end that holds the variable."""
+        return self.variable.plc
+
+    @property
+    def address(self) -> str:
+        """Where the value stands."""
+        return self.variable.address
+
+    @property
+    def tag(self) -> str:
+        """The name of the variable, empty where nobody knows one."""
+        return self.variable.tag
+
+    @property
+    def name(self) -> str:
+        """The tag, or else the address."""
+        return self.variable.name
+
+    @property
+    def type(self) -> str:
+        """The type of the value."""
+        return self.variable.type
+
+    @property
+    def unit(self) -> str:
+        """The unit of the value, empty for none."""
+        return self.variable.unit
+
+    def __repr__(self) -> str:
+        return f"ValueRow({self.how} {self.name!r} = {self.value!r})"

@@ -1,0 +1,249 @@
+"""A summary of values: one row for each variable, as text, JSON lines and CSV (docs/values.md)."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
+
+from dissect.report import words
+from dissect.report.styled import DIM, HEADING, PLAIN, Line
+from dissect.report.words import Places
+from dissect.variables.collector import Collector
+from dissect.variables.model import Variable
+from dissect.variables.statistics import MAX_DISTINCT, Pace, Statistics
+from dissect.variables.writers import any_text, place_text, shown, value_cell
+from dissect.wire.text import Clock, cell, duration_text, encodable, printable
+
+VARIABLE_SCHEMA: Final = "s7dissect.variable/1"
+#: Levels of a sparkline, from low to high.
+LEVELS: Final = "▁▂▃▄▅▆▇█"
+_COLUMN: Final = 36
+CSV_COLUMNS: Final = (
+    "plc", "address", "tag", "type", "unit", "count", "changes", "distinct", "distinct_more", "first_time", "first",
+    "last_time", "last", "min", "max", "mean", "period_ns", "jitter_ns", "readers", "writers", "other_clients",
+    "refused_reads", "refused_writes", "unconfirmed_writes",
+)  # fmt: skip
+
+
+class Summary:
+    """The variables of a collector that only added up; ``spark`` asks for sparklines."""
+
+    def __init__(self, collector: Collector, spark: bool = False) -> None:
+        self.variables = [row for row in collector.variables if _told(row)]
+        self.untracked = int(collector.untracked)
+        self.most = int(collector.most)
+        self.spark = spark
+
+
+def _told(variable: Variable) -> bool:
+    statistics = variable.statistics
+    counted = variable.refused_reads + variable.refused_writes + variable.unconfirmed
+    return (statistics is not None and statistics.count > 0) or counted > 0
+
+
+def _statistics(variable: Variable) -> Statistics:
+    return variable.statistics if variable.statistics is not None else Statistics()
+
+
+def sparkline(points: Sequence[float], levels: str = LEVELS) -> str:
+    """Return numbers as a line of ``levels``; one that is not there is as the one before it, a blank without one."""
+    known = [point for point in points if not math.isnan(point)]
+    if not known:
+        return ""
+    least, most = min(known), max(known)
+    line, last = "", math.nan
+    for point in points:
+        last = last if math.isnan(point) else point
+        if math.isnan(last):
+            line += " "
+            continue
+        # Halves first: the difference of two large numbers may be too large for one.
+        share = 0.5 if most == least else (last / 2 - least / 2) / (most / 2 - least / 2)
+        line += levels[min(int(share * len(levels)), len(levels) - 1)]
+    return line
+
+
+# ---- text -----------------------------------------------------------------------------------------------------------
+
+_HEADS: Final = (
+    "variable", "type", "count", "first", "last", "min", "max", "mean", "period", "distinct", "read by", "written by",
+    "refused",
+)  # fmt: skip
+_RIGHT: Final = frozenset(("count", "min", "max", "mean", "distinct"))
+
+
+def text_lines(summary: Summary, _clock: Clock, places: Places) -> list[Line]:
+    """Return a table for each PLC, with a line for each variable."""
+    lines: list[Line] = []
+    by_plc: dict[str, list[Variable]] = {}
+    for variable in summary.variables:
+        by_plc.setdefault(places.end(variable.plc), []).append(variable)
+    for plc, variables in by_plc.items():
+        if lines:
+            lines.append(Line(""))
+        lines.append(Line(f"{plc}: {words.count(len(variables), 'variable')}", HEADING))
+        heads = [*_HEADS, "trend"] if summary.spark else list(_HEADS)
+        rows = [_cells(variable, places, summary.spark) for variable in variables]
+        used = [at for at in range(len(heads)) if any([row[at] for row in rows])]
+        widths = {at: max(len(heads[at]), *[len(row[at]) for row in rows]) for at in used}
+        for row in (heads, *rows):
+            text = "  ".join(
+                [row[at].rjust(widths[at]) if heads[at] in _RIGHT else row[at].ljust(widths[at]) for at in used]
+            )
+            lines.append(Line(f"  {text.rstrip()}", DIM if row is heads else PLAIN, 6))
+    return lines
+
+
+def _cells(variable: Variable, places: Places, spark: bool) -> list[str]:
+    """Return the cells of a variable for a person."""
+    found = _statistics(variable)
+    counted = found.count > 0
+    numbers = found.numbers > 0 and variable.type != "BOOL"
+    cells = [
+        place_text(variable),
+        printable(variable.type),
+        str(found.count),
+        _short(variable, found.first) if counted else "",
+        _short(variable, found.last) if counted and found.distinct_count > 1 else "=" if found.count > 1 else "",
+        str(found.least) if numbers else "",
+        str(found.most) if numbers else "",
+        _number(found.mean) if numbers and found.mean is not None else "",
+        _pace(found.pace),
+        f"{MAX_DISTINCT}+" if found.more_distinct else str(found.distinct_count) if counted else "",
+        _clients(found.readers, places),
+        _clients(found.writers, places),
+        _refused(variable),
+    ]
+    return [*cells, sparkline(found.trend) if found.numbers > 1 else ""] if spark else cells
+
+
+def _short(variable: Variable, value: object) -> str:
+    text = shown(variable, None if isinstance(value, bytes) else value, _octets(variable, value))
+    return text if len(text) <= _COLUMN else f"{text[: _COLUMN - 1]}…"
+
+
+def _octets(variable: Variable, value: object) -> bytes | None:
+    """Return the octets of what statistics keep of a value, None where it says enough."""
+    if isinstance(value, bytes):
+        return value
+    return bytes(value) if variable.bytes_only and isinstance(value, list) else None
+
+
+def _number(number: float) -> str:
+    return str(number) if isinstance(number, int) else f"{number:.9g}"
+
+
+def _pace(pace: Pace | None) -> str:
+    if pace is None or pace.period_ns is None:
+        return ""
+    jitter = f" ± {duration_text(pace.jitter_ns)}" if pace.jitter_ns is not None else ""
+    return f"{duration_text(pace.period_ns)}{jitter}"
+
+
+def _clients(clients: dict[str, Pace], places: Places) -> str:
+    return ", ".join([f"{places.name(host)} ({pace.count})" for host, pace in clients.items()])
+
+
+def _refused(variable: Variable) -> str:
+    parts = (
+        (variable.refused_reads, words.count(int(variable.refused_reads), "read")),
+        (variable.refused_writes, words.count(int(variable.refused_writes), "write")),
+        (variable.unconfirmed, f"{words.count(int(variable.unconfirmed), 'write')} unconfirmed"),
+    )
+    return ", ".join([text for number, text in parts if number])
+
+
+# ---- JSON and CSV ---------------------------------------------------------------------------------------------------
+
+
+def json_lines(summary: Summary) -> list[str]:
+    """Return an object for each variable, on a line."""
+    clock = Clock()
+    return [
+        json.dumps(variable_json(variable, clock), separators=(",", ":")).replace("\x7f", "\\u007f")
+        for variable in summary.variables
+    ]
+
+
+def variable_json(variable: Variable, clock: Clock) -> dict[str, Any]:
+    """Return what a summary says of a variable (docs/json.md)."""
+    found = _statistics(variable)
+    counted = found.count > 0
+    pace = found.pace
+    return {
+        "schema": VARIABLE_SCHEMA,
+        "plc": str(variable.plc),
+        "address": encodable(variable.address),
+        "tag": encodable(variable.tag) or None,
+        "type": encodable(variable.type) or None,
+        "unit": encodable(variable.unit) or None,
+        "count": int(found.count),
+        "changes": int(found.changes),
+        "distinct": found.distinct_count,
+        "distinct_more": found.more_distinct,
+        "first_time": clock.iso(found.first_ns) if counted else None,
+        "first": _json(found.first),
+        "last_time": clock.iso(found.last_ns) if counted else None,
+        "last": _json(found.last),
+        "min": found.least if found.numbers else None,
+        "max": found.most if found.numbers else None,
+        "mean": found.mean,
+        "period_ns": pace.period_ns if pace is not None else None,
+        "jitter_ns": pace.jitter_ns if pace is not None else None,
+        "readers": _clients_json(found.readers),
+        "writers": _clients_json(found.writers),
+        "other_clients": int(found.others),
+        "refused_reads": int(variable.refused_reads),
+        "refused_writes": int(variable.refused_writes),
+        "unconfirmed_writes": int(variable.unconfirmed),
+    }
+
+
+def _json(value: object) -> object:
+    """Return a value as JSON has it; octets without one have none."""
+    return None if isinstance(value, bytes) else json.loads(any_text(value))
+
+
+def _clients_json(clients: dict[str, Pace]) -> list[dict[str, object]]:
+    return [
+        {"client": host, "count": int(pace.count), "period_ns": pace.period_ns, "jitter_ns": pace.jitter_ns}
+        for host, pace in clients.items()
+    ]
+
+
+def csv_rows(summary: Summary) -> Iterable[list[str]]:
+    """Return the names of the columns, then a row for each variable."""
+    clock = Clock()
+    yield list(CSV_COLUMNS)
+    for variable in summary.variables:
+        found = variable_json(variable, clock)
+        statistics = _statistics(variable)
+        row = []
+        for name in CSV_COLUMNS:
+            value = found[name]
+            if name in {"first", "last"}:
+                given = statistics.first if name == "first" else statistics.last
+                row.append(
+                    given.hex(" ")
+                    if isinstance(given, bytes)
+                    else value_cell(variable, given, _octets(variable, given))
+                )
+            elif name in {"readers", "writers"}:
+                row.append("; ".join([f"{one['client']} {one['count']}" for one in value]))
+            elif isinstance(value, bool):
+                row.append("true" if value else "false")
+            else:
+                row.append("" if value is None else cell(str(value)))
+        yield row
+
+
+def limits_text(summary: Summary) -> str:
+    """Return what a summary does not say, empty where it says all."""
+    if not summary.untracked:
+        return ""
+    return (
+        f"{words.count(summary.untracked, 'value')} of variables beyond the first {summary.most} (or 8 MiB of values) "
+        "are not in the summary; name variables, or select with -Y"
+    )

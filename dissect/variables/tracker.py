@@ -1,0 +1,172 @@
+"""The variables that were seen: what each had before, how many there may be, and the rows that are made of their values."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.s7.items import Item
+from dissect.tcp.stream import Endpoint
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import Transaction
+from dissect.variables.model import ValueRow, Variable
+from dissect.variables.statistics import Statistics
+from dissect.variables.wanted import Image, Wanted
+
+MAX_VARIABLES: Final = 20_000
+#: Octets of latest values that are kept for all of them together.
+MAX_KEPT: Final = 8 << 20
+#: Where there is no return code: nobody saw what became of an item.
+NO_ANSWER: Final = -1
+
+
+class Plan:
+    """What an item of a request is about: its own variable, or the wanted places that it touches."""
+
+    __slots__ = ("bits", "decodes", "start", "variable", "wanted")
+
+    def __init__(self) -> None:
+        self.variable: Variable | None = None
+        self.wanted: list[Wanted] = []
+        self.start: i64 = 0
+        self.bits: i64 = 0
+
+
+class Plc:
+    """The variables of one end of connections, by address and type, and what is known of wanted places."""
+
+    __slots__ = ("end", "images", "plans", "variables")
+
+    def __init__(self, end: Endpoint) -> None:
+        self.end: Endpoint = end
+        self.variables: dict[str, Variable] = {}
+        self.plans: dict[Item, Plan] = {}
+        self.images: dict[Wanted, Image] = {}
+
+
+class Tracker:
+    """Remembers variables, and makes ``rows`` of their values, or with ``sums`` only adds them up.
+
+    ``untracked`` are values of variables beyond ``most``, or beyond `MAX_KEPT`; ``refused`` and ``unconfirmed`` count what gave
+    no value. ``changes`` and ``every_ns`` as `Collector` has them.
+    """
+
+    def __init__(self, changes: bool, every_ns: i64, sums: bool, most: i64) -> None:
+        self.rows: list[ValueRow] = []
+        self.untracked: i64 = 0
+        self.refused: i64 = 0
+        self.unconfirmed: i64 = 0
+        self.most: i64 = most
+        self.count: i64 = 0
+        self.plcs: dict[str, Plc] = {}
+        self._changes: bool = changes
+        self._every_ns: i64 = every_ns
+        self._sums: bool = sums
+        self._ends: dict[int, Plc] = {}
+        self._kept: i64 = 0
+
+    def forget(self, connection: Connection) -> None:
+        """Forget which PLC a connection has."""
+        self._ends.pop(connection.number * 2, None)
+        self._ends.pop(connection.number * 2 + 1, None)
+
+    def named(self, plc: Plc, address: str, type_: str, tag: str, unit: str) -> Variable:
+        """Return the variable of an address, type and tag."""
+        key = f"{address}|{type_}|{tag}"
+        known = plc.variables.get(key)
+        return known if known is not None else self.variable(plc, key, address, type_, tag, unit)
+
+    def plc(self, transaction: Transaction, side: i64) -> Plc:
+        """Return the end of a connection that holds variables."""
+        connection = transaction.connection
+        key: i64 = connection.number * 2 + side
+        found = self._ends.get(key)
+        if found is None:
+            end = connection.tcp.ends[side]
+            name = str(end)
+            found = self.plcs.get(name)
+            if found is None:
+                found = Plc(end)
+                # Of more PLCs than variables are remembered nothing is remembered.
+                if len(self.plcs) < self.most:
+                    self.plcs[name] = found
+            self._ends[key] = found
+        return found
+
+    def variable(self, plc: Plc, key: str, address: str, type_: str, tag: str, unit: str) -> Variable:
+        """Return a new variable, remembered where there is room."""
+        variable = Variable(plc.end, address, type_, tag, unit)
+        if self.count < self.most and self._kept < MAX_KEPT:
+            self.count += 1
+            plc.variables[key] = variable
+            if self._sums:
+                variable.statistics = Statistics()
+        else:
+            variable.next_ns = -1  # not remembered
+        return variable
+
+    def refuse(self, variable: Variable, code: i64, writes: bool) -> None:
+        """Count what gave no value: refused, or with no ``code`` at all a write of which nobody saw what became of it."""
+        if code == NO_ANSWER:
+            if writes:
+                variable.unconfirmed += 1
+                self.unconfirmed += 1
+        elif writes:
+            variable.refused_writes += 1
+            self.refused += 1
+        else:
+            variable.refused_reads += 1
+            self.refused += 1
+
+    def row(
+        self,
+        transaction: Transaction,
+        variable: Variable,
+        how: str,
+        writes: bool,
+        data: bytes | None,
+        value: object = None,
+    ) -> ValueRow | None:
+        """Begin the row of a value, told from the one before by its octets or, without them, its ``value``; None for no row."""
+        time_ns: i64 = transaction.response_ns
+        frame: i64 = transaction.response_frame
+        if writes and transaction.request_frame:
+            time_ns = transaction.request_ns
+            frame = transaction.request_frame
+        if variable.next_ns < 0:
+            self.untracked += 1
+        elif self._every_ns:
+            if time_ns < variable.next_ns:
+                return None
+            variable.next_ns = (time_ns // self._every_ns + 1) * self._every_ns
+        changed: bool = True
+        if variable.seen:
+            changed = variable.data != data if data is not None else variable.value != value
+            if not changed and self._changes:
+                return None
+        row = ValueRow(variable, transaction.connection, transaction.asked_by, how, time_ns, frame)
+        row.writes = writes
+        row.data = data
+        row.first = not variable.seen
+        row.changed = changed
+        row.previous = variable.value
+        row.before = variable.data
+        return row
+
+    def finish(self, row: ValueRow) -> None:
+        """Remember the value of a row, and keep or add up the row."""
+        variable = row.variable
+        if variable.next_ns >= 0 and row.changed:
+            data = row.data
+            if data is not None:
+                before = variable.data
+                self._kept += len(data) - (len(before) if before is not None else 0)
+            variable.data = data
+            variable.value = row.value
+            variable.seen = True
+        statistics = variable.statistics
+        if statistics is not None:
+            statistics.add(row)
+        elif not self._sums:
+            self.rows.append(row)

@@ -1,0 +1,199 @@
+"""What a user wants to see values of: a place in a CPU with the type of what stands there, or a name."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.s7.tables import BYTE, DB_AREAS, NUMBERED_AREAS
+from dissect.s7.values import decode_value
+from dissect.tags.index import Part
+from dissect.tags.model import UNLETTERED, Tag, place_text
+from dissect.tags.naming import TagNaming, part_name
+from dissect.tags.values import decode_part
+from dissect.variables.model import Variable
+
+#: Transport sizes by bits, for a place of which nothing tells the type.
+_BY_BITS: Final[dict[int, int]] = {8: BYTE, 16: 0x04, 32: 0x06, 64: 0x30}
+_BY_NAME: Final[dict[int, str]] = {8: "BYTE", 16: "WORD", 32: "DWORD"}
+
+
+def place_key(area: i64, db: i64) -> i64:
+    """Return a number for an area, or for a block in one."""
+    return (area << 16) | db if area in DB_AREAS else area << 16
+
+
+class Wanted:
+    """What is wanted: ``bits`` bits of a place from bit ``start`` on (`dissect.tags.model.Tag.start`), or a ``word``.
+
+    ``part`` says how the place is decoded, None where nothing tells its type. ``naming`` are the tags whose CPUs it belongs to,
+    None for every CPU. ``word``, in lower case, is the address or name of what has no place in memory: values of S7comm-plus
+    and SCD.
+    """
+
+    __slots__ = ("area", "bits", "db", "naming", "part", "start", "text", "word")
+
+    def __init__(self, text: str, area: i64 = -1, db: i64 = 0, start: i64 = 0, bits: i64 = 0) -> None:
+        self.text: str = text
+        self.word: str = text.lower()
+        self.area: i64 = area
+        self.db: i64 = db
+        self.start: i64 = start
+        self.bits: i64 = bits
+        self.part: Part | None = None
+        self.naming: TagNaming | None = None
+
+    @property
+    def end(self) -> i64:
+        """The first bit behind it."""
+        return self.start + self.bits
+
+    @property
+    def address(self) -> str:
+        """The address as people write it."""
+        return place_text(self.area, self.db, self.start, self.bits)
+
+    def __repr__(self) -> str:
+        return f"Wanted({self.text!r})"
+
+
+def of_tag(text: str, tag: Tag, naming: TagNaming | None) -> Wanted:
+    """Return a tag as something wanted."""
+    wanted = Wanted(text, tag.area, tag.db, tag.start, tag.end - tag.start)
+    wanted.part = whole(tag)
+    wanted.naming = naming
+    return wanted
+
+
+def whole(tag: Tag) -> Part:
+    """Return all of a tag as a part; its first bit is the one within the octet that it begins in."""
+    bits: i64 = tag.end - tag.start
+    return Part(tag, 0, tag.count, 0 if tag.area in NUMBERED_AREAS else tag.start % 8, bits, 0, True)
+
+
+class Image:
+    """The octets of a wanted place of one CPU, put together from all items that touch it.
+
+    ``octets`` begin at the octet that the place begins in; ``missing`` counts its bits that were never seen.
+    """
+
+    __slots__ = ("known", "missing", "octets", "part", "size", "transport_size", "variable", "wanted")
+
+    def __init__(self, wanted: Wanted, naming: TagNaming | None) -> None:
+        self.wanted: Wanted = wanted
+        first: i64 = wanted.start // 8
+        self.octets: bytearray = bytearray((wanted.end + 7) // 8 - first)
+        self.known: bytearray = bytearray(len(self.octets))
+        self.missing: i64 = wanted.bits
+        self.variable: Variable | None = None
+        self.transport_size: i64 = -1
+        self.part: Part | None = wanted.part
+        if self.part is None and naming is not None:
+            self.part = _tag_at(wanted, naming)
+
+    def take(self, data: bytes, start: i64, bits: i64) -> bool:
+        """Take octets from bit ``start`` on; return whether they were all of the place."""
+        wanted = self.wanted
+        begin: i64 = max(start, wanted.start)
+        end: i64 = min(start + bits, wanted.end)
+        base: i64 = wanted.start - wanted.start % 8
+        if begin % 8 == 0 and end % 8 == 0:
+            at: i64 = (begin - start) // 8
+            first: i64 = (begin - base) // 8
+            last: i64 = (end - base) // 8
+            self.octets[first:last] = data[at : at + last - first]
+            if self.missing:
+                for index in range(first, last):
+                    self._know(index, 0xFF)
+        else:
+            bit: i64 = begin
+            while bit < end:
+                # An item of one bit has it as the lowest of its octet.
+                told: i64 = data[0] & 1 if bits == 1 else (data[(bit - start) // 8] >> ((bit - start) % 8)) & 1
+                index = (bit - base) // 8
+                mask: i64 = 1 << (bit % 8)
+                self.octets[index] = (self.octets[index] & ~mask) | (mask if told else 0)
+                self._know(index, mask)
+                bit += 1
+        return end - begin == wanted.bits
+
+    def _know(self, index: i64, mask: i64) -> None:
+        fresh: i64 = mask & ~self.known[index]
+        self.known[index] |= mask
+        while fresh:
+            self.missing -= fresh & 1
+            fresh >>= 1
+
+    def data(self) -> bytes:
+        """Return its octets; of a single bit one octet with the bit in it."""
+        if self.wanted.bits == 1:
+            return bytes([(self.octets[0] >> (self.wanted.start % 8)) & 1])
+        return bytes(self.octets)
+
+    def value(self, data: bytes) -> object:
+        """Return the value of what `data` returned."""
+        part = self.part
+        if self.wanted.bits == 1:
+            return data[0] == 1
+        if part is not None:
+            return decode_part(part, data)[0]
+        size: i64 = self.transport_size if self.transport_size >= 0 else _BY_BITS.get(self.wanted.bits, BYTE)
+        return int.from_bytes(data, "big") if size == 0x30 and self.transport_size < 0 else decode_value(size, data)
+
+    def names(self, typed: str) -> tuple[str, str, str, str]:
+        """Return address, type, tag and unit; ``typed`` is the type where an item of exactly this place told it."""
+        wanted = self.wanted
+        part = self.part
+        if part is None:
+            bits: i64 = wanted.bits
+            if bits == 1:
+                return wanted.address, "BOOL", "", ""
+            return wanted.address, typed or _BY_NAME.get(bits, f"{bits // 8} x BYTE"), "", ""
+        tag = part.tag
+        address = place_text(wanted.area, wanted.db, wanted.start, 8 if tag.kind in UNLETTERED else tag.size)
+        name = part_name(part) if tag.name else ""
+        typename = tag.declared if part.all else tag.type if part.count == 1 else f"{part.count} x {tag.type}"
+        return address, typename, name, tag.unit
+
+
+def _tag_at(wanted: Wanted, naming: TagNaming) -> Part | None:
+    """Return the tag, or the element of one, that is exactly the wanted place."""
+    cover = naming.index.cover(wanted.area, wanted.db, wanted.start, wanted.bits)
+    if cover is None:
+        return None
+    for part in cover.parts:
+        if part.whole and part.bit == 0 and part.bits == wanted.bits:
+            at: i64 = 0 if wanted.area in NUMBERED_AREAS else wanted.start % 8
+            return Part(part.tag, part.first, part.count, at, part.bits, 0, True)
+    return None
+
+
+class WantedSet:
+    """Everything that is wanted, found by place or by name."""
+
+    def __init__(self, wanted: list[Wanted]) -> None:
+        self.all: list[Wanted] = wanted
+        self.words: dict[str, Wanted] = {one.word: one for one in wanted}
+        self._places: dict[int, list[Wanted]] = {}
+        for one in wanted:
+            if one.area >= 0:
+                self._places.setdefault(int(place_key(one.area, one.db)), []).append(one)
+
+    def touched(self, area: i64, db: i64, start: i64, bits: i64, naming: TagNaming | None) -> list[Wanted]:
+        """Return what of it has a bit in common with ``bits`` bits from bit ``start`` on."""
+        if area < 0:
+            return []
+        rows = self._places.get(int(place_key(area, db)))
+        if rows is None:
+            return []
+        end: i64 = start + bits
+        found = [
+            one for one in rows if one.start < end and start < one.end and (one.naming is None or one.naming is naming)
+        ]
+        found.sort(key=_start)
+        return found
+
+
+def _start(wanted: Wanted) -> int:
+    return wanted.start

@@ -1,0 +1,131 @@
+"""Bodies of S7-1200/1500 blocks: ladder as lines, SCL as its source, names, comparison, hostile XML."""
+
+from __future__ import annotations
+
+import zlib
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dissect.carve.code import CodeListing, details_of
+from dissect.carve.networks import PlusNetwork, compare_networks, interface, networks
+from dissect.program.carved import CarvedBlock, plus_block
+from dissect.program.compare import compare
+from dissect.report.words import Places
+from dissect.s7plus.objects import Attribute, PlusObject, build_object
+from dissect.s7plus.value_tables import BLOB, SPARSE_ARRAY
+from dissect.s7plus.values import Blob, Value
+from dissect.wire.text import Clock
+from tests.report.schemas import complaints
+
+pytest.importorskip("defusedxml")
+
+LADDER = """<Network Lang="LAD" NetPos="1"><FlgNet><Parts>
+<Part UId="1" Gate="Contact"/><Part UId="2" Gate="Contact"><Negated PinName="operand"/></Part><Part UId="3" Gate="O"/>
+<Part UId="4" Gate="SCoil"/><Part UId="5" Gate="Mul"/><Part UId="6" Gate="Move"/>
+<ORef UId="11" RefId="1"/><ORef UId="12" RefId="2"/><ORef UId="13" RefId="3"/><ORef UId="14" RefId="9"/>
+</Parts><Wires>
+<Wire><Powerrail/><PCon UId="1" PinName="in"/><PCon UId="2" PinName="in"/><PCon UId="5" PinName="en"/></Wire>
+<Wire><OCon UId="11"/><PCon UId="1" PinName="operand"/></Wire><Wire><OCon UId="12"/><PCon UId="2" PinName="operand"/></Wire>
+<Wire><PCon UId="1" PinName="out"/><PCon UId="3" PinName="IN1"/></Wire>
+<Wire><PCon UId="2" PinName="out"/><PCon UId="3" PinName="IN2"/></Wire>
+<Wire><PCon UId="3" PinName="OUT"/><PCon UId="4" PinName="in"/></Wire>
+<Wire><OCon UId="13"/><PCon UId="4" PinName="operand"/></Wire>
+<Wire><OCon UId="14"/><PCon UId="5" PinName="in1"/></Wire><Wire><PCon UId="5" PinName="out"/><OCon UId="13"/></Wire>
+<Wire><PCon UId="5" PinName="eno"/><PCon UId="6" PinName="en"/></Wire>
+</Wires></FlgNet></Network>"""
+SCL = """<Network Lang="SCL" NetPos="2"><SCLSource><Symbols><Symbol SymID="3" RefId="2"/></Symbols><RootStatements>
+<Statement><Expression><SymVa SyId="3"/></Expression><BL/><OpAs/><BL/><Expression><Const TE="16#12" SyId="7"/></Expression>
+<Odd/><FiSt/></Statement><NL/></RootStatements></SCLSource></Network>"""
+NAMES = (
+    '<IdentContainer><Ident Name="ready" RefId="1"/><Ident Name="a_x0020_b" RefId="2"/><Ident Name="motor" RefId="3"/>'
+    "</IdentContainer>"
+)
+SECTIONS = (
+    '<BlockInterface><Part><Payload><Root><Member Name="Input" SubPartIndex="1"/><Member Name="Temp" SubPartIndex="9"/></Root>'
+    '</Payload><SubParts><Part/><Part><Payload><Member><Member Name="start"/><Member Name="stop"/></Member></Payload></Part>'
+    "</SubParts></Part></BlockInterface>"
+)
+
+
+def plus(*bodies: str | bytes, names: str = NAMES) -> CarvedBlock:
+    """A block of S7comm-plus with a body of these networks."""
+
+    def blob(text: str | bytes) -> Blob:
+        return Blob(0, b"\0\0\0\x01" + zlib.compress(text if isinstance(text, bytes) else text.encode("utf-8")))
+
+    attributes = [
+        Attribute(2533, Value(SPARSE_ARRAY, BLOB, [(number, blob(text)) for number, text in enumerate(bodies, 1)])),
+        Attribute(2583, Value(SPARSE_ARRAY, BLOB, [(2, blob(names))])),
+        Attribute(2544, Value(0, BLOB, blob(SECTIONS))),
+    ]
+    block = plus_block(build_object(PlusObject(0x8A320001, 2647, 0, 0, 0, [*attributes])))
+    assert block is not None
+    return block
+
+
+def test_ladder_and_scl_with_names() -> None:
+    assert networks(plus(SCL, LADDER), {}) == [
+        PlusNetwork(1, "LAD", (
+            "set motor := (ready OR NOT a b)",
+            "Mul(in1 := ref 9) out => motor",
+            "Move(en := Mul.ENO)",
+        )),
+        PlusNetwork(2, "SCL", ("a b := 16#12<Odd>;",)),
+    ]  # fmt: skip
+    assert interface(plus(SCL), {}) == [("Input", ["start", "stop"])]
+
+
+def test_in_the_listing_and_its_schema() -> None:
+    told = CodeListing([plus(LADDER)], Places([], False), Clock())
+    lines = [line.text for line in told.text()]
+    assert "NETWORK 1 (LAD)" in lines
+    assert "       set motor := (ready OR NOT a b)" in lines
+    assert "  Input: start, stop" in lines
+    assert complaints("blocks-code", told.as_dict(), exact=True) == []
+
+
+def test_what_changed_by_network() -> None:
+    other = LADDER.replace('NetPos="1"', 'NetPos="3"').replace('RefId="9"', 'RefId="1"')
+    first, second = [plus(LADDER, SCL)], [plus(LADDER.replace("SCoil", "Coil"), SCL, other)]
+    (change,) = compare(first, second)
+    assert [(one.network, one.text) for one in details_of(first, second, "STL", None)(change)] == [
+        (1, "set motor := (ready OR NOT a b) → motor := (ready OR NOT a b)"),
+        (3, " added (3 lines)"),
+    ]
+    found = networks(first[0], {})
+    assert found is not None
+    assert compare_networks(found, found[1:])[0].text == " removed"
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"no XML", b"<Network", b'<!DOCTYPE x [<!ENTITY a "b">]><Network>&a;</Network>',
+        b'<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passwd">]><Network>&a;</Network>',
+    ],
+)  # fmt: skip
+def test_xml_that_is_none_stays_closed(body: bytes) -> None:
+    assert networks(plus(body), {}) is None
+    assert [one.number for one in networks(plus(body, SCL), {}) or []] == [2]
+
+
+def test_wires_in_a_circle_and_without_ends() -> None:
+    circle = LADDER.replace("<Powerrail/>", '<PCon UId="4" PinName="out"/>').replace('UId="3" PinName="OUT"', 'UId="9"')
+    (network,) = networks(plus(circle, "<Network><FlgNet><Wire/></FlgNet></Network>"), {})[1:] or [None]  # type: ignore[index]
+    assert network is not None
+    assert all([len(line) <= 400 for line in network.lines])
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(("PCon", "OCon", "Powerrail")), st.integers(0, 6)), max_size=30))
+def test_any_wiring_is_bounded(ends: list[tuple[str, int]]) -> None:
+    wires = "".join([
+        f'<Wire><{tag} UId="{uid}" PinName="in"/><PCon UId="{number % 7}" PinName="IN{number}"/></Wire>'
+        for number, (tag, uid) in enumerate(ends)
+    ])  # fmt: skip
+    parts = "".join([f'<Part UId="{uid}" Gate="O"/>' for uid in range(7)])
+    found = networks(plus(f"<Network><FlgNet>{parts}{wires}</FlgNet></Network>"), {})
+    assert found is not None
+    assert len(found[0].lines) <= 7
