@@ -59,6 +59,7 @@ test-environment:
 	$(COMPILED) scripts/environment.sh test
 	scripts/install-nodes7.sh
 	scripts/install-tshark.sh
+	scripts/install-browser.sh
 	scripts/install-sandbox.sh
 
 lint:

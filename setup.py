@@ -50,6 +50,7 @@ HOT: Final = (
     "dissect/tags/model.py",
     "dissect/tags/naming.py",
     "dissect/tags/values.py",
+    "dissect/export/transaction_rows.py",
     "dissect/report/analysis.py",
     "dissect/report/facet.py",
     "dissect/report/facets.py",

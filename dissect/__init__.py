@@ -36,6 +36,7 @@ _PUBLIC: Final = {
     "Where": "dissect.select.where",
     "ValueRow": "dissect.variables.model",
     "analyze": "dissect.session",
+    "frames": "dissect.export.frames",
     "blocks": "dissect.carve.reading",
     "open": "dissect.session",
     "value_tables": "dissect.variables.reading",
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from dissect.engine.observer import Observer as Observer
     from dissect.engine.pipeline import Options as Options
     from dissect.engine.pipeline import Pipeline as Pipeline
+    from dissect.export.frames import frames as frames
     from dissect.findings.reporter import Finding as Finding
     from dissect.program.carved import CarvedBlock as CarvedBlock
     from dissect.report.analysis import Analysis as Analysis

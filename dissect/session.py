@@ -38,6 +38,9 @@ if TYPE_CHECKING:
 #: Files of tags: one, several, or what `dissect.tags.load_tags` made of them.
 Tags: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | TagSet | None"
 
+#: Files with session keys of TLS: one or several.
+KeyLogFiles: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None"
+
 #: A file whose first packet comes this soon after the last one of the file before it continues its connections.
 CONTINUES_NS: Final = 60_000_000_000
 
@@ -205,6 +208,20 @@ def _run(paths: Sequence[str | os.PathLike[str]], observer: Observer, sieve: Sie
     return run
 
 
+def prepared_run(
+    paths: Sequence[str | os.PathLike[str]],
+    observer: Observer,
+    options: Options,
+    where: str | Where | None = None,
+    tags: Tags = None,
+    tls_keys: KeyLogFiles = None,
+) -> Run:
+    """Return a run over files that tells ``observer`` of what ``where`` selects; the arguments are those of `open`."""
+    options.tls_keys = keys_of(tls_keys)
+    options.naming = naming_of(tags)
+    return _run(paths, observer, sieved(observer, where, options), options)
+
+
 class KeyLogError(ValueError):
     """A file that is given for TLS keys holds none."""
 
@@ -234,7 +251,7 @@ def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
     return keys
 
 
-def keys_of(given: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None) -> KeyLog | None:
+def keys_of(given: KeyLogFiles) -> KeyLog | None:
     """Return the session keys of one key log or several, None for none. Raises what `read_tls_keys` raises."""
     if given is None:
         return None

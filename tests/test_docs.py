@@ -23,7 +23,7 @@ def run(*arguments: str, codes: tuple[int, ...] = (0,)) -> str:
 
 
 def test_the_readme_has_snippets() -> None:
-    assert len(SNIPPETS) == 3
+    assert len(SNIPPETS) == 4
 
 
 @pytest.mark.parametrize("snippet", SNIPPETS)
@@ -35,7 +35,11 @@ OUTPUTS = re.findall(r"```\n\$ s7dissect (.*?)\n(.*?)```", README, re.DOTALL)
 
 
 def test_the_readme_shows_output() -> None:
-    assert len(OUTPUTS) == 11
+    assert len(OUTPUTS) == 12
+
+
+def test_the_page_of_tables_is_their_definition() -> None:
+    assert run("scripts/tables_doc.py") == (ROOT / "docs" / "tables.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(("command", "shown"), OUTPUTS)
@@ -74,3 +78,13 @@ def test_the_tables_of_block_code_are_those_of_the_decoder() -> None:
 
 def test_the_page_of_findings_is_the_catalogue() -> None:
     assert run("scripts/findings_doc.py") == (ROOT / "docs" / "findings.md").read_text(encoding="utf-8")
+
+
+def test_the_pictures_are_there_and_small_and_fetch_nothing() -> None:
+    """``python scripts/pictures.py`` draws them."""
+    named = re.findall(r'<img src="(.*?)"', README)
+    assert named == ["docs/report.png", "docs/monitor.svg"]
+    for name in named:
+        assert (ROOT / name).stat().st_size < 200_000, name
+    assert (ROOT / named[0]).read_bytes().startswith(b"\x89PNG")
+    assert re.findall(r"(?:url\(.?|href=.)https?:", (ROOT / named[1]).read_text(encoding="utf-8")) == []

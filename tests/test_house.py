@@ -44,6 +44,8 @@ ORDER: Final = (
     "carve",
     "index",
     "variables",
+    "export",
+    "page",
     "golden",
     "baseline",
     "alerts",
@@ -106,6 +108,9 @@ CLOCK_CALLS: Final = frozenset(("now", "today", "utcnow"))
 #: Third-party packages that stay in one room.
 LOCKED: Final = {
     "cryptography": "tls",
+    "duckdb": "export",
+    "jinja2": "page",
+    "markupsafe": "page",
     "scapy": "layers",
     "pyshark": "oracle",
     "textual": "monitor",

@@ -27,6 +27,11 @@ EXAMPLES: Final = {
         "s7dissect operations trace.pcapng",
         "s7dissect operations --kind download --kind upload trace.pcapng",
     ),
+    "report": (
+        "s7dissect report trace.pcapng -o report.html",
+        "s7dissect report --plot DB10.DBW0 ring_*.pcapng -o report.html",
+        "s7dissect report --diff old.pcapng new.pcapng -o change.html",
+    ),
     "blocks": (
         "s7dissect blocks trace.pcapng",
         "s7dissect blocks trace.pcapng -o blocks --tags plc_tags.xlsx",
@@ -69,6 +74,17 @@ EXAMPLES: Final = {
         "s7dissect baseline old.pcapng -o plant.toml",
         "s7dissect baseline --against plant.toml new.pcapng",
         "s7dissect baseline --rules alerts.toml new.pcapng",
+    ),
+    "export": (
+        "s7dissect export trace.pcapng -o trace.parquet",
+        "s7dissect export trace.pcapng -o trace.sqlite --only items --only findings",
+        "s7dissect export trace.pcapng -o findings.stix",
+        "s7dissect export ring_*.pcapng -o tables.csv -Y 'function == write'",
+    ),
+    "sql": (
+        "s7dissect sql slowest trace.pcapng",
+        "s7dissect sql 'SELECT outcome, count(*) FROM transactions GROUP BY 1' trace.pcapng",
+        "s7dissect sql -T csv off-shift ring_*.pcapng",
     ),
     "golden": (
         "s7dissect golden trace.pcapng -o session.s7.txt",

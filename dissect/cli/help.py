@@ -35,6 +35,8 @@ _PAGES: Final = {
 }
 #: A link to a page or another file of the project, to which nothing leads from here.
 _LINK: Final = re.compile(r"\[([^\]]+)\]\((?!https?:)([^)#]*)(?:#[^)]*)?\)")
+#: A picture, which a terminal does not show.
+_PICTURE: Final = re.compile(r"^!\[[^\]]*\]\([^)]*\)\n\n?", re.MULTILINE)
 #: Columns beyond which text is hard to read.
 _WIDEST: Final = 110
 
@@ -47,7 +49,7 @@ def pages() -> dict[str, Path]:
 
 def page(topic: str) -> str:
     """Return a page as Markdown, its links as what to type; raises KeyError for an unknown topic."""
-    text = pages()[topic].read_text(encoding="utf-8")
+    text = _PICTURE.sub("", pages()[topic].read_text(encoding="utf-8"))
     return _LINK.sub(_typed, text)
 
 

@@ -170,7 +170,7 @@ def command(
             Options(
                 slow_ns, decoder=decoder, overdue_ns=overdue_ns, checksums=checksums, tls_keys=tls_keys, naming=naming
             ),
-            companions=[*beside.companions(), *scrape.companions],
+            companions=[*beside.companions(interface or ("stdin" if file == "-" else file or "")), *scrape.companions],
             limits=Limits(duration_ns, packets or 0),
             name=interface or ("stdin" if file == "-" else file or ""),
         )

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 #: The user whom -Z names to keep everything.
 _ROOT: Final = "root"
 #: Rooms of which something is imported only when it is met in a packet, and codecs, which are imported too.
-_ROOMS: Final = ("s7", "s7plus", "transactions", "findings", "report", "live", "recording")
+_ROOMS: Final = ("s7", "s7plus", "transactions", "findings", "report", "select", "export", "live", "recording")
 _CODECS: Final = ("ascii", "latin-1", "utf-16-be", "utf-16-le", "idna")
 
 
@@ -37,8 +37,8 @@ def _relinquish(beside: Beside, become: User | None, on_screens: bool) -> None:
         _import_all()
         privileges.give(beside.made, become)
     privileges.relinquish(become)
-    if beside.directory is not None:
-        privileges.check_writable(beside.directory, become)
+    for directory in beside.directories:
+        privileges.check_writable(directory, become)
     if on_screens and not privileges.program_readable():
         raise privileges.unreadable(become)
 

@@ -33,9 +33,12 @@ ANALYSIS: Final = "analysis"
 ALERTS: Final = "alerts"
 DIFFERENCES: Final = "differences"
 OUTCOME: Final = "outcome"
+#: Rows of a query.
+ROWS: Final = "rows"
+#: Blocks of a program.
 BLOCKS: Final = "blocks"
 
-KINDS: Final = (TRANSACTIONS, PDUS, OPERATIONS, VALUES, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, BLOCKS)
+KINDS: Final = (TRANSACTIONS, PDUS, OPERATIONS, VALUES, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, ROWS, BLOCKS)
 
 
 class Format(NamedTuple):
@@ -79,7 +82,7 @@ FORMATS: Final[dict[str, Format]] = {
             ("dissect.report.writers.text:TextWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
             ("dissect.variables.writers:ValueText", (VALUES,)),
             ("dissect.live.lines:PlainLines", (EVENTS,)),
-            ("dissect.report.outcome:text_outcome", (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, BLOCKS)),
+            ("dissect.report.outcome:text_outcome", (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, ROWS, BLOCKS)),
             verbose=True,
             piecewise=True,
         ),
@@ -90,18 +93,18 @@ FORMATS: Final[dict[str, Format]] = {
             ("dissect.variables.writers:ValueJsonl", (VALUES,)),
             ("dissect.live.json_lines:JsonLines", (EVENTS,)),
             ("dissect.report.outcome:json_outcome", (ALERTS,)),
+            ("dissect.export.result_lines:json_lines", (ROWS,)),
         ),
         _row(
             "csv",
             "a row for each item",
             ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,)),
             ("dissect.variables.writers:ValueCsv", (VALUES,)),
+            ("dissect.export.result_lines:csv_lines", (ROWS,)),
             ("dissect.report.outcome:csv_outcome", (BLOCKS,)),
         ),
         _row(
-            "json",
-            "one JSON object",
-            ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME, BLOCKS)),
+            "json", "one JSON object", ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME, BLOCKS))
         ),
         _row(
             "fields",

@@ -75,7 +75,7 @@ def _carried(operation: Operation) -> str:
     return ", ".join(parts)
 
 
-def _codes(operation: Operation) -> CodeTable:
+def error_codes(operation: Operation) -> CodeTable:
     """Return the table that an operation's error is in."""
     return PLUS_CODES if operation.connection.plus is not None else ERROR_CODES
 
@@ -89,7 +89,7 @@ def result(operation: Operation) -> str:
     """Return what came of an operation, and why."""
     shout = shouted(operation.result)
     if operation.error_code:
-        return f"{shout} 0x{operation.error_code:04x} {_codes(operation).name(operation.error_code)}"
+        return f"{shout} 0x{operation.error_code:04x} {error_codes(operation).name(operation.error_code)}"
     why = words.REASONS.get(operation.reason, operation.reason)
     odd = "; ".join([shortened(oddity.detail, _SUBJECT) for oddity in operation.oddities])
     told = ", ".join([text for text in (why, odd) if text])
@@ -116,7 +116,7 @@ def operation_json(operation: Operation, clock: Clock, places: Places) -> str:
         "duration_ns": operation.duration_ns,
         "result": operation.result,
         "reason": operation.reason or None,
-        "error": {"code": code, "name": _codes(operation).name(code), "text": _codes(operation).text(code)}
+        "error": {"code": code, "name": error_codes(operation).name(code), "text": error_codes(operation).text(code)}
         if code
         else None,
         "transaction_count": operation.parts,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import shutil
 import stat
 from pathlib import Path
 from types import TracebackType
@@ -103,3 +104,46 @@ def save(output: str | os.PathLike[str], octets: bytes, mode: int = 0o666) -> No
                 os.close(descriptor)
         except OSError as why:
             raise OSError(why.errno, why.strerror, saving.output) from None
+
+
+class SavingFolder:
+    """A folder of outputs while it is written, as a context: make files in ``path``, which takes its place when all went well.
+
+    When the block raises, nothing is left of it and what was there before stays. A folder that was there is replaced as a
+    whole; whether it may be is up to the caller. Raises `OSError`, which names the output as the user did.
+    """
+
+    def __init__(self, output: str | os.PathLike[str]) -> None:
+        self.output = os.fspath(output)
+        self._target = Path(os.path.realpath(self.output))
+        if self._target.exists() and not self._target.is_dir():
+            raise NotADirectoryError(20, "Not a directory", self.output)
+        short = os.fsdecode(os.fsencode(self._target.name)[:_KEPT])
+        self._number = f"{os.getpid()}-{next(_numbers)}"
+        self._old = self._target.with_name(f".{short}.{self._number}.old{PART}")
+        self._new = self._target.with_name(f".{short}.{self._number}{PART}")
+        self.path = str(self._new)
+
+    def __enter__(self) -> Self:
+        try:
+            self._new.mkdir()
+        except OSError as why:
+            raise OSError(why.errno, why.strerror, self.output) from None
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if kind is not None:
+            shutil.rmtree(self._new, ignore_errors=True)
+            return
+        try:
+            if self._target.exists():
+                self._target.rename(self._old)
+            self._new.rename(self._target)
+        except OSError as why:
+            if self._old.exists() and not self._target.exists():
+                self._old.rename(self._target)
+            shutil.rmtree(self._new, ignore_errors=True)
+            raise OSError(why.errno, why.strerror, self.output) from None
+        shutil.rmtree(self._old, ignore_errors=True)

@@ -32,6 +32,7 @@ transactions TRANSFER -T csv
 values WRITES
 values WRITES --summary -T csv
 operations TRANSFER -T jsonl
+report TRANSFER -o -
 blocks TRANSFER
 blocks TRANSFER -T csv
 blocks --code TRANSFER
@@ -40,6 +41,8 @@ show TRANSFER -T jsonl
 cut TRANSFER -o -
 anonymize TRANSFER -o -
 baseline TRANSFER
+sql interventions TRANSFER
+sql talkers TRANSFER -T csv
 golden TRANSFER
 diff TRANSFER SZL
 diff TRANSFER SZL -T json
@@ -70,6 +73,7 @@ analyze MISSING -T json
 transactions MISSING -T jsonl
 values MISSING -T jsonl
 operations MISSING -T jsonl
+report MISSING -o -
 show MISSING -T jsonl
 monitor MISSING -T jsonl
 diff TRANSFER MISSING -T json
@@ -78,6 +82,8 @@ replay MISSING --to 127.0.0.1:9 -T json
 replay TRANSFER --dry-run -T json
 verify MISSING -T json
 anonymize MISSING -o - -T json
+sql talkers MISSING
+export MISSING -o csv:OUT
 golden MISSING
 cut MISSING -o -
 baseline MISSING

@@ -28,6 +28,9 @@ transactions MISSING
 values MISSING
 values GOOD WORD
 operations MISSING
+report MISSING -o OUT
+report GOOD -o NOWHERE
+report --diff GOOD MISSING -o OUT
 blocks MISSING
 blocks NONSENSE
 blocks GOOD -o NOWHERE
@@ -46,6 +49,15 @@ baseline GOOD --against MISSING
 baseline GOOD --against NONSENSE
 baseline GOOD --rules MISSING
 baseline GOOD --rules NONSENSE
+export MISSING -o OUT.parquet
+export NONSENSE -o csv:OUT
+export GOOD -o csv:NOWHERE
+export GOOD -o sqlite:NOWHERE
+export GOOD -o WORD
+export GOOD -o csv:OUT --only WORD
+sql talkers MISSING
+sql talkers NONSENSE
+sql WORD GOOD
 golden MISSING
 golden NONSENSE
 golden GOOD -o NOWHERE

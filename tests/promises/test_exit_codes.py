@@ -36,6 +36,9 @@ CASES: Final = """
 1 operations GOOD --fail-on note
 2 operations MISSING
 3 operations CUT
+0 report GOOD -o OUT
+2 report MISSING -o OUT
+3 report CUT -o OUT
 0 blocks GOOD
 1 blocks --diff BLOCKS GOOD
 2 blocks MISSING
@@ -56,6 +59,12 @@ CASES: Final = """
 3 baseline CUT
 0 help live
 2 help nonsense
+0 export GOOD -o csv:OUT
+2 export GOOD -o OUT
+3 export CUT -o sqlite:OUT
+0 sql periods GOOD
+2 sql SELEKT GOOD
+3 sql refused CUT
 0 golden GOOD
 2 golden MISSING
 3 golden CUT
@@ -129,7 +138,11 @@ blocks FILE
 show FILE
 cut FILE -o OUT
 anonymize FILE -o OUT
+report FILE -o OUT
+report --diff FILE OTHER -o OUT
 baseline FILE -o OUT
+export FILE -o sqlite:OUT
+sql refused FILE
 golden FILE -o OUT
 diff FILE OTHER
 diff OTHER FILE
@@ -178,7 +191,7 @@ def files(tmp_path_factory: pytest.TempPathFactory, nursery: Nursery) -> dict[st
 @pytest.mark.parametrize(("code", "call"), [(int(words[0]), words[1:]) for words in listed(CASES)], ids=str)
 def test_each_code(nursery: Nursery, files: dict[str, Path], tmp_path: Path, code: int, call: list[str]) -> None:
     told = tmp_path / "stderr"
-    words = [{**files, "OUT": tmp_path / "out"}.get(word, word) for word in call]
+    words = [files.get(word) or word.replace("OUT", str(tmp_path / "out")) for word in call]
     assert nursery.wait(nursery.start(*words, stderr=told)) == code, told.read_text()
     assert "Traceback" not in told.read_text()
 
@@ -187,7 +200,7 @@ def test_each_code(nursery: Nursery, files: dict[str, Path], tmp_path: Path, cod
 def test_130_when_interrupted(nursery: Nursery, files: dict[str, Path], tmp_path: Path, call: list[str]) -> None:
     """By a signal that comes when FILE is opened for the first, the second … time: nothing is written then."""
     told, out = tmp_path / "stderr", tmp_path / "out"
-    words = [{**files, "OUT": out, "FILE": files["GOOD"]}.get(word, word) for word in call]
+    words = [{**files, "FILE": files["GOOD"]}.get(word) or word.replace("OUT", str(out)) for word in call]
     code = 0
     for times in range(1, 20):
         out.unlink(missing_ok=True)
@@ -198,7 +211,7 @@ def test_130_when_interrupted(nursery: Nursery, files: dict[str, Path], tmp_path
         assert list(tmp_path.glob("*out*")) == []
     assert times > 1, told.read_text()
     assert code in {0, 1}
-    assert out.exists() == ("OUT" in call)
+    assert out.exists() == ("OUT" in " ".join(call))
 
 
 def test_every_code_that_a_command_names_is_tested() -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import functools
 import re
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -13,14 +14,16 @@ from dissect.report.slugs import slugs_of
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from dissect.live.run import Companion
     from dissect.live.session import Session
     from dissect.recording.ring_buffer import RingLimits
 
 _TIME = re.compile(r"([0-9]{1,6})(ms|s|min)?")
 _UNITS = {"ms": 1_000_000, "s": 1_000_000_000, "min": 60_000_000_000}
+_PERIOD = re.compile(r"([0-9]{1,6})(s|min|h)")
+_HOUR = 3600 * 1_000_000_000
+_PERIODS = {"s": 1_000_000_000, "min": 60_000_000_000, "h": _HOUR}
+_LEAST = 10_000_000_000
 _FILE = click.Path(dir_okay=False)
 #: Octets of the ring that are written together; what is gathered is written several times a second in any case.
 _BATCH = 64 * 1024
@@ -51,12 +54,54 @@ def _kept(
     return kept
 
 
+def _period(ctx: click.Context, param: click.Parameter, value: str | None) -> int:
+    """Return what ``--every`` says in nanoseconds, 0 when it was not given."""
+    if value is None:
+        return 0
+    found = _PERIOD.fullmatch(value)
+    length = int(found[1]) * _PERIODS[found[2]] if found is not None else 0
+    if length < _LEAST:
+        raise click.BadParameter(f"expected a time of at least 10 s such as 15min or 1h, got {value!r}.", ctx, param)
+    return length
+
+
 def file_of(out: str) -> Path | None:
     """Return the file that ``-w`` names, None where it names a folder: as with tshark, a name with an extension is a file."""
-    from pathlib import Path
-
     path = Path(out)
     return path if path.suffix and not path.is_dir() and not out.endswith("/") else None
+
+
+class LiveExport(NamedTuple):
+    """Tables that are written while a line is watched: where to, how long a file is, and what the line is called."""
+
+    folder: Path
+    every_ns: int
+    source: str
+
+
+def _export_folder(ctx: click.Context, param: click.Parameter, value: str | None) -> Path | None:
+    from dissect.export.forms import UnknownFormError, target_of
+
+    if value is None:
+        return None
+    try:
+        target = target_of(value, [], 1)
+    except UnknownFormError as error:
+        raise click.BadParameter(printable(str(error)), ctx, param) from None
+    if target.form.name != "parquet":
+        raise click.BadParameter(
+            f"only Parquet is written live, as parquet:FOLDER, not {target.form.name}.", ctx, param
+        )
+    if Path(target.path).exists() and not Path(target.path).is_dir():
+        raise click.BadParameter(f"{printable(target.path)} is no folder.", ctx, param)
+    return Path(target.path)
+
+
+def _file_time(ctx: click.Context, param: click.Parameter, value: str) -> int:
+    found = _TIME.fullmatch(value)
+    if found is None or not int(found[1]):
+        raise click.BadParameter(f"expected a time such as 30s or 5min, got {value!r}.", ctx, param)
+    return int(found[1]) * _UNITS[found[2] or "s"]
 
 
 class Beside:
@@ -69,7 +114,12 @@ class Beside:
         kept: list[tuple[frozenset[str], int]],
         rules: str | None,
         baseline: str | None,
+        export: LiveExport | None = None,
+        reports: str | None = None,
+        every_ns: int = 0,
     ) -> None:
+        if every_ns and reports is None:
+            raise click.UsageError("--every needs --report, the folder that pages are written to.")
         if directory is None and (limits is not None or kept):
             raise click.UsageError("-b and --keep-around need -w, where files are written to.")
         if directory == "-":
@@ -85,6 +135,9 @@ class Beside:
         self._kept = kept
         self._rules = rules
         self._baseline = baseline
+        self._export = export
+        self._reports = reports
+        self._every_ns = every_ns or _HOUR
         self._session: Session | None = None
         self._shown = False
         #: The only file that is written, or in whose place the files of a ring are; None where -w names a folder.
@@ -95,8 +148,14 @@ class Beside:
             self.directory = str(file.parent) if limits is not None else None
         self.made: list[Path] = []
 
-    def companions(self) -> list[Companion]:
-        """Make what was asked for; what cannot be made is reported before anything is captured."""
+    @property
+    def directories(self) -> list[str]:
+        """The folders that must stay writable."""
+        tables = str(self._export.folder) if self._export is not None else None
+        return [one for one in (self.directory, tables, self._reports) if one is not None]
+
+    def companions(self, name: str) -> list[Companion]:
+        """Make what was asked for of ``name``, what is watched; what cannot be made is reported before anything is captured."""
         made: list[Companion] = []
         if self._file is not None and self._limits is None:
             made.append(self._one_file(self._file))
@@ -104,7 +163,25 @@ class Beside:
             made += self._evidence(self.directory)
         if self._rules is not None:
             made.append(self._alerts(self._rules))
+        if self._export is not None:
+            made.append(self._tables(self._export))
+        if self._reports is not None:
+            made.append(self._report(self._reports, name))
         return made
+
+    def _tables(self, export: LiveExport) -> Companion:
+        from dissect import __version__
+        from dissect.export.extras import MissingLibraryError
+        from dissect.live.export import ExportCompanion
+        from dissect.source.live.privileges import missing
+
+        try:
+            companion = ExportCompanion(export.folder, export.every_ns, export.source, __version__)
+        except MissingLibraryError as error:
+            raise click.ClickException(str(error)) from None
+        self.made += missing(str(export.folder))
+        export.folder.mkdir(parents=True, exist_ok=True)
+        return companion
 
     def watch(self, session: Session, on_screens: bool) -> None:
         """Take the session; on screens, alerts are shown there and not on stderr."""
@@ -167,6 +244,21 @@ class Beside:
         except FileError as error:
             raise click.ClickException(str(error)) from None
 
+    def _report(self, directory: str, name: str) -> Companion:
+        from dissect import __version__
+        from dissect.cli.configuration import hosts
+        from dissect.cli.look import clock
+        from dissect.cli.report import needs_template_engine
+        from dissect.live.reports import ReportCompanion
+        from dissect.source.live.privileges import missing
+
+        needs_template_engine()
+        if Path(directory).exists() and not Path(directory).is_dir():
+            raise click.UsageError(f"--report writes several pages: {printable(directory)} is not a folder.")
+        self.made += missing(directory)
+        Path(directory).mkdir(parents=True, exist_ok=True)
+        return ReportCompanion(directory, self._every_ns, name, __version__, clock(), hosts())
+
     def _say(self, line: str) -> None:
         """Show an alert, or a message about one, where it will be seen."""
         if self._shown and self._session is not None:
@@ -214,6 +306,35 @@ def beside_options(command: Callable[..., int]) -> Callable[..., int]:
         metavar="PLANT",
         help="With --alerts: the baseline that rules compare with.",
     )
+    @click.option(
+        "--export",
+        "export",
+        callback=_export_folder,
+        metavar="FORM:FOLDER",
+        help="Write tables as they come, as parquet:FOLDER (see `s7dissect help export`).",
+    )
+    @click.option(
+        "--export-every",
+        "export_ns",
+        callback=_file_time,
+        default="5min",
+        show_default=True,
+        metavar="TIME",
+        help="With --export: how long a file is; until then its rows cannot be read.",
+    )
+    @click.option(
+        "--report",
+        "reports",
+        metavar="DIR",
+        help="Write an HTML page for each period, and one at the end, to this folder (see `s7dissect help report`).",
+    )
+    @click.option(
+        "--every",
+        "every_ns",
+        callback=_period,
+        metavar="TIME",
+        help="With --report: the length of a period, such as 15min or 1h (default 1h).",
+    )
     @functools.wraps(command)
     def with_beside(
         *arguments: Any,
@@ -222,9 +343,15 @@ def beside_options(command: Callable[..., int]) -> Callable[..., int]:
         kept: list[tuple[frozenset[str], int]],
         rules: str | None,
         baseline: str | None,
+        export: Path | None,
+        export_ns: int,
+        reports: str | None,
+        every_ns: int,
         **options: Any,
     ) -> int:
-        beside = Beside(directory, limits, kept, rules, baseline)
+        source = options.get("interface") or options.get("file") or "live"
+        tables = LiveExport(export, export_ns, source) if export is not None else None
+        beside = Beside(directory, limits, kept, rules, baseline, tables, reports, every_ns)
         return command(*arguments, beside=beside, **options)
 
     return with_beside

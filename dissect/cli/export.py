@@ -1,0 +1,184 @@
+"""`s7dissect export`: what a capture holds as tables and logs that other tools read."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from dissect import __version__
+from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
+from dissect.cli.options.tls import tls_option
+from dissect.cli.run import checksums_option, complain, drive, files_argument, slow_option
+from dissect.wire.saving import Saving, SavingFolder, is_special
+from dissect.wire.text import encodable, printable
+
+if TYPE_CHECKING:
+    from dissect.engine.exchange import PayloadDecoder
+    from dissect.export.forms import Target
+    from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
+
+#: The file by which a folder is known as an export of ours, which --force may replace.
+MARK = "s7dissect.json"
+
+_EXIT_CODES = (
+    "Exit code: 0 success, 2 wrong use, a missing library, an unreadable or unwritable file, 3 a damaged or truncated file "
+    "(what could be read was written), 5 the output could not be written (disk full), 130 interrupted (nothing written)."
+)
+
+
+@click.command("export", epilog=_EXIT_CODES)
+@files_argument
+@click.option(
+    "-o",
+    "--output",
+    "output",
+    required=True,
+    metavar="OUT",
+    help="What to write; its form follows from the ending (.parquet, .duckdb, .sqlite, .csv, .arrow, .stix), or stands in "
+    "front of it: parquet:FOLDER, zeek:FOLDER, zeek-json:FOLDER, ecs:FOLDER.",
+)
+@click.option(
+    "--only",
+    "only",
+    multiple=True,
+    metavar="TABLE",
+    help="Only this table (see `s7dissect help tables`) or log. Repeatable. One table alone is written to a file, several are "
+    "files in the folder OUT.",
+)
+@click.option(
+    "--zeek-compat",
+    "zeek_compat",
+    type=click.Choice(["strict"]),
+    help="With zeek: leave out the rows that ICSNPP loses, to compare with a Zeek.",
+)
+@click.option(
+    "--force", is_flag=True, help="Replace OUT if it exists: a file, or a folder that an earlier export wrote."
+)
+@slow_option
+@select_options()
+@checksums_option
+@scd_options
+@tag_options
+@tls_option
+def command(
+    files: tuple[str, ...],
+    output: str,
+    only: tuple[str, ...],
+    zeek_compat: str | None,
+    force: bool,
+    slow_ns: int,
+    checksums: bool,
+    decoder: PayloadDecoder | None,
+    chosen: Chosen,
+    naming: Naming | None,
+    tls_keys: KeyLog | None,
+) -> int:
+    """Write tables and logs for other tools: Parquet, DuckDB, SQLite, CSV, Arrow, Zeek, Elastic, STIX.
+
+    The tables are connections, transactions, items, values, operations, findings and pdus, with the same columns in every form
+    (`s7dissect help tables`). Parquet, Arrow and DuckDB need the extra [data].
+
+    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. With several files Parquet is
+    divided into folders by day. OUT appears when all is written, or not at all.
+    """
+    from dissect.engine.pipeline import Options
+    from dissect.export.extras import MissingLibraryError
+    from dissect.export.forms import Request, UnknownFormError, target_of
+    from dissect.export.tables import UnknownTableError
+    from dissect.session import Run
+
+    try:
+        target = target_of(output, only, len(files))
+    except (UnknownFormError, UnknownTableError) as error:
+        raise click.UsageError(printable(str(error))) from None
+    if zeek_compat and not target.form.name.startswith("zeek"):
+        raise click.UsageError("--zeek-compat needs the form zeek: or zeek-json:.")
+    check_output(target, files, force)
+    names = [encodable(name) for name in files]
+    try:
+        with saved(target) as place:
+            export = target.form.open(
+                Request(place, target.folder, only, names, __version__, {"strict": bool(zeek_compat)})
+            )
+            options = Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
+            run = Run(files, chosen.sieve(export.observer), chosen.narrow(options))
+            chosen.begin(run, files)
+            export.begin(run)
+            try:
+                code = drive(run, files)
+                _go_on(code)
+                export.close()
+            except BaseException:
+                export.abandon()
+                raise
+            if target.folder:
+                write_mark(place, target.form.name, export.counts, names)
+    except _InterruptedError:
+        click.echo(f"s7dissect: interrupted; {printable(target.path)} was not written", err=True)
+        return EXIT_INTERRUPTED
+    except MissingLibraryError as error:
+        raise click.ClickException(str(error)) from None
+    complain(run, code)
+    counts = ", ".join([f"{count} {name}" for name, count in export.counts.items()])
+    click.echo(f"s7dissect: {counts} written to {printable(target.path)}", err=True)
+    return code
+
+
+def _go_on(code: int) -> None:
+    if code == EXIT_INTERRUPTED:
+        raise _InterruptedError
+
+
+class _InterruptedError(Exception):
+    """Reading was broken off, so that nothing is to be left of the output."""
+
+
+def check_output(target: Target, files: Sequence[str], force: bool) -> None:
+    """Refuse an output that would destroy something."""
+    path, name = Path(target.path), printable(target.path)
+    if is_special(path):
+        raise click.UsageError(f"{name} is a device or pipe; an export needs a file or folder.")
+    if not path.exists():
+        return
+    if any(Path(file).exists() and Path(file).samefile(path) for file in files):
+        raise click.UsageError(f"{name} is both input and output; choose another OUT.")
+    if path.is_dir() != target.folder:
+        is_one, needs = ("folder", "file") if path.is_dir() else ("file", "folder")
+        raise click.UsageError(f"{name} is a {is_one}, and this export writes a {needs}; choose another OUT.")
+    if path.is_dir() and not any(path.iterdir()):
+        return
+    if not force:
+        raise click.UsageError(f"{name} exists; --force overwrites it.")
+    if path.is_dir() and not (path / MARK).is_file():
+        raise click.UsageError(f"{name} holds files that no export wrote; choose another OUT.")
+
+
+@contextmanager
+def saved(target: Target) -> Iterator[Path]:
+    """Give the place to write to, which becomes the output when the block ends well. Raises `OSError` that names the output."""
+    saving: Any = SavingFolder(target.path) if target.folder else Saving(target.path)
+    try:
+        with saving:
+            yield Path(saving.path)
+    except OSError as error:
+        if error.filename is not None and not str(error.filename).startswith(saving.path):
+            raise
+        why = os.strerror(error.errno) if error.errno not in {None, errno.EIO} else error.strerror or str(error)
+        raise OSError(error.errno, why, target.path) from None
+
+
+def write_mark(folder: Path, form: str, counts: object, files: Sequence[str]) -> None:
+    """Write into a folder who made it, of which captures, and how many rows it has."""
+    told = {"schema": "s7dissect.export/1", "version": __version__, "form": form, "files": list(files), "rows": counts}
+    (folder / MARK).write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")

@@ -1,0 +1,186 @@
+"""`s7dissect report`: captures as one HTML page with a verdict, plots and tables."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from dissect.cli.configuration import hosts
+from dissect.cli.look import clock
+from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
+from dissect.cli.options.tls import tls_option
+from dissect.cli.options.variables import wanted_of
+from dissect.cli.run import checksums_option, complain, drive, places_of, slow_option
+from dissect.wire.saving import save
+from dissect.wire.text import printable
+
+if TYPE_CHECKING:
+    from dissect.engine.exchange import PayloadDecoder
+    from dissect.engine.observer import Observer
+    from dissect.engine.pipeline import Options
+    from dissect.page.rendering import Side
+    from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
+    from dissect.variables.wanted import WantedSet
+
+_EXIT_CODES: Final = (
+    "Exit code: 0 success, 2 wrong use, or an unreadable or unwritable file, 3 a damaged or truncated file (the report covers "
+    "what could be read), 5 the output could not be written (disk full), 130 interrupted (nothing written)."
+)
+
+
+def needs_template_engine() -> None:
+    """Refuse, with what to do, where the extra for reports is not installed."""
+    from dissect.page import rendering
+
+    if not rendering.is_installed():
+        raise click.ClickException(rendering.NEEDS)
+
+
+def check_output(output: str, files: Sequence[str], force: bool) -> None:
+    """Refuse an output that would destroy something."""
+    path = Path(output)
+    for file in files:
+        if file != "-" and path.exists() and Path(file).exists() and path.samefile(file):
+            raise click.UsageError(f"{printable(output)} is both input and output; choose another OUT.")
+    if path.is_file() and not force:
+        raise click.UsageError(f"{printable(output)} exists; --force overwrites it.")
+
+
+@click.command("report", epilog=_EXIT_CODES)
+@click.argument("files", nargs=-1, type=click.Path(), metavar="FILE...")
+@click.option(
+    "-o", "--output", "output", required=True, metavar="OUT", help="The HTML file to write; - is standard output."
+)
+@click.option(
+    "--plot",
+    "plotted",
+    multiple=True,
+    metavar="TAG",
+    help="Plot the values of this tag or address, such as DB1.DBD4:REAL, and who writes it (see `s7dissect help values`). "
+    "Repeatable.",
+)
+@click.option(
+    "--diff",
+    "both",
+    nargs=2,
+    type=click.Path(),
+    default=None,
+    metavar="A B",
+    help="Instead of FILE: two captures side by side, their plots overlaid.",
+)
+@click.option("--force", is_flag=True, help="Overwrite OUT if it exists (never a FILE).")
+@slow_option
+@select_options()
+@checksums_option
+@scd_options
+@tag_options
+@tls_option
+def command(
+    files: tuple[str, ...],
+    output: str,
+    plotted: tuple[str, ...],
+    both: tuple[str, str] | None,
+    force: bool,
+    slow_ns: int,
+    checksums: bool,
+    decoder: PayloadDecoder | None,
+    chosen: Chosen,
+    naming: Naming | None,
+    tls_keys: KeyLog | None,
+) -> int:
+    """Write captures as one HTML page: what broke, since when and who, plots, and tables to sort and search.
+
+    The page is one file that needs no network and forbids itself any. It holds a bounded part of what was read, and says
+    what it left out. FILE is as for `analyze`; several files are read as one capture.
+    """
+    from dissect import __version__
+    from dissect.engine.pipeline import Options
+    from dissect.golden.comparison import differences
+    from dissect.golden.difference import DiffOptions
+    from dissect.golden.reading import SessionReader
+    from dissect.page.rendering import MAX_DIFFERENCES, render
+
+    needs_template_engine()
+    if bool(files) == bool(both):
+        raise click.UsageError("give either FILE or --diff A B." if files else "missing FILE (or --diff A B).")
+    if output != "-":
+        check_output(output, files or both or (), force)
+
+    plots = wanted_of(plotted, naming, decoder) if plotted else None
+
+    def options() -> Options:
+        return Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
+
+    if both is not None and chosen.where is not None:
+        raise click.UsageError("--diff compares whole captures; cut them first to compare a part.")
+    if both is None:
+        side, code = _read(files, options(), chosen, plots)
+        if code == EXIT_INTERRUPTED:
+            return _unwritten(code)
+        write_page(output, render([side], __version__))
+        return code
+    first, second = SessionReader(both[0]), SessionReader(both[1])
+    a, code = _read(both[:1], options(), chosen, plots, first)
+    if code == EXIT_INTERRUPTED:
+        return _unwritten(code)
+    b, second_code = _read(both[1:], options(), chosen, plots, second)
+    if second_code == EXIT_INTERRUPTED:
+        return _unwritten(second_code)
+    told = differences(first.finish([]), second.finish([]), DiffOptions([], None, naming))
+    shown = [printable(difference.text) for difference in islice(told, MAX_DIFFERENCES)]
+    write_page(output, render([a, b], __version__, shown, sum([1 for _ in told])))
+    return max(code, second_code)
+
+
+def _read(
+    files: Sequence[str], options: Options, chosen: Chosen, plots: WantedSet | None, beside: Observer | None = None
+) -> tuple[Side, int]:
+    """Read captures for a report, and for another observer beside it; return what was gathered and the exit code so far."""
+    from dissect.live.run import Fanout
+    from dissect.page.gathered import Gathered
+    from dissect.page.rendering import Side
+    from dissect.page.rows import Rows
+    from dissect.session import Run
+
+    names = ["stdin" if file == "-" else file for file in files]
+    rows = Rows(names, clock(), hosts())
+    gathered = Gathered(rows, plots)
+    observer = gathered if beside is None else Fanout([gathered, beside], _failed)
+    run = Run(files, chosen.sieve(observer), chosen.narrow(options))
+    rows.places = places_of(run, files)
+    gathered.files = run.files
+    chosen.begin(run, files)
+    code = drive(run, files)
+    gathered.analysis.take(run.pipeline, run.files)
+    gathered.analysis.part = chosen.part(run)
+    if code != EXIT_INTERRUPTED:
+        complain(run, code)
+    return Side(gathered, names), code
+
+
+def _unwritten(code: int) -> int:
+    click.echo("s7dissect: interrupted; nothing was written", err=True)
+    return code
+
+
+def _failed(_observer: Observer, error: Exception) -> None:
+    """Let an error of one of two observers be reported as that of one alone is."""
+    raise error
+
+
+def write_page(output: str, page: str) -> None:
+    """Write a page, whole or not at all."""
+    if output == "-":
+        sys.stdout.buffer.write(page.encode())
+        sys.stdout.buffer.flush()
+    else:
+        save(output, page.encode())

@@ -1,0 +1,113 @@
+"""`s7dissect sql`: questions about a capture in SQL."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from dissect.cli.formats import format_option, write_outcome
+from dissect.cli.main import EXIT_OK
+from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import Chosen, select_options
+from dissect.cli.options.tags import tag_options
+from dissect.cli.options.tls import tls_option
+from dissect.cli.run import checksums_option, complain, drive, write
+from dissect.report.formats import ROWS, Format
+
+if TYPE_CHECKING:
+    from dissect.engine.exchange import PayloadDecoder
+    from dissect.export.sql import Query
+    from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
+
+_EXIT_CODES = (
+    "Exit code: 0 success, 2 wrong use, a wrong query, a missing library or an unreadable file, 3 a damaged or truncated file "
+    "(the result covers what was read), 5 the output could not be written, 130 interrupted."
+)
+
+
+@click.command("sql", epilog=_EXIT_CODES)
+@click.argument("query", metavar="QUERY", required=False)
+@click.argument("files", nargs=-1, type=click.Path(), metavar="FILE...")
+@format_option(ROWS)
+@click.option("--questions", is_flag=True, help="List the questions that can be asked by name, with their SQL.")
+@click.option("--allow-files", is_flag=True, help="Let the SQL read and write files and use the network.")
+@select_options()
+@checksums_option
+@scd_options
+@tag_options
+@tls_option
+def command(
+    query: str | None,
+    files: tuple[str, ...],
+    format_: Format,
+    questions: bool,
+    allow_files: bool,
+    checksums: bool,
+    decoder: PayloadDecoder | None,
+    chosen: Chosen,
+    naming: Naming | None,
+    tls_keys: KeyLog | None,
+) -> int:
+    """Query captures in SQL (DuckDB), without a file in between.
+
+    QUERY is SQL over the tables connections, transactions, items, values, operations, findings and pdus (`s7dissect help
+    tables`), or the name of a question, such as slowest. Only tables that it names are made. Needs the extra [data].
+
+    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input.
+    """
+    if questions:
+        write(_questions())
+        return EXIT_OK
+    if query is None or not files:
+        raise click.UsageError(f"Missing argument '{'QUERY' if query is None else 'FILE...'}'.")
+    from dissect.engine.pipeline import Options
+    from dissect.export.extras import MissingLibraryError
+    from dissect.export.feed import TableFeed
+    from dissect.export.result_lines import QueryOutcome
+    from dissect.export.sql import MemorySink, SqlError
+    from dissect.session import Run
+
+    try:
+        asked = _query(query, allow_files)
+        sink = MemorySink(asked.tables)
+        feed = TableFeed(asked.tables, sink)
+        options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
+        run = Run(files, chosen.sieve(feed), chosen.narrow(options))
+        chosen.begin(run, files)
+        feed.begin(run.files)
+        code = drive(run, files)
+        feed.flush()
+        write_outcome(format_, ROWS, QueryOutcome(asked.run(sink.tables())))
+    except (SqlError, MissingLibraryError) as error:
+        raise click.ClickException(str(error)) from None
+    complain(run, code)
+    return code
+
+
+def _query(text: str, allow_files: bool) -> Query:
+    """Return the query, or the question of that name."""
+    from dissect.config.hints import close_names
+    from dissect.export.questions import QUESTIONS
+    from dissect.export.sql import Query
+
+    question = QUESTIONS.get(text.strip())
+    if question is None and text and not any(map(str.isspace, text.strip())):
+        near = close_names(text, QUESTIONS)
+        hint = f" Did you mean {' or '.join(near)}?" if near else ""
+        raise click.UsageError(f"{text!r} is neither SQL nor a question: {', '.join(QUESTIONS)}.{hint}")
+    return Query(question.sql.strip() if question is not None else text, allow_files)
+
+
+def _questions() -> list[str]:
+    from dissect.export.questions import QUESTIONS
+
+    lines: list[str] = []
+    for question in QUESTIONS.values():
+        lines += [
+            f"{question.name}: {question.sentence}",
+            *[f"    {line}" for line in question.sql.strip().split("\n")],
+            "",
+        ]
+    return lines[:-1]

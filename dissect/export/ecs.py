@@ -1,0 +1,358 @@
+"""Documents in the Elastic Common Schema: transactions, findings and connections as NDJSON, with an index template.
+
+Names and allowed values follow ECS 9.4.0. What ECS has no field for stands below ``s7dissect``, so that it meets neither the
+``s7`` of Security Onion nor the ``zeek`` of Malcolm.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import ipaddress
+import json
+from collections.abc import Mapping
+from typing import Any, Final, TextIO
+
+from dissect.engine.observer import Observer
+from dissect.export.attack_tables import TACTICS, TECHNIQUES
+from dissect.export.forms import ECS_PARTS, Export, Request
+from dissect.export.keys import connection_community_id, connection_uid
+from dissect.export.rows import Rows
+from dissect.export.tables import CONNECTIONS, FINDINGS, TRANSACTIONS, Table
+from dissect.findings.reporter import Finding
+from dissect.select.things import Context
+from dissect.session import Run
+from dissect.tcp.stream import Endpoint
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import Transaction
+from dissect.wire.text import Clock, encodable
+
+ECS_VERSION: Final = "9.4.0"
+#: Longest text that is indexed: what is longer is not found again.
+_LONGEST: Final = 1024
+_TCP: Final = "6"
+_UDP: Final = "17"
+#: Severities as numbers, the heaviest the highest.
+_SEVERITIES: Final = {"note": 3, "warning": 6, "error": 9}
+#: Functions by what they do, for ``event.category``; all others are network alone.
+_TRANSFER: Final = frozenset(range(0x1A, 0x20))
+_CONTROL: Final = frozenset((0x28, 0x29))
+_SECURITY_GROUP: Final = 5
+
+
+def index_template() -> dict[str, Any]:
+    """Return the index template: PUT it as ``_index_template/s7dissect`` before the first document."""
+    keyword = {"type": "keyword", "ignore_above": _LONGEST}
+    own = {
+        "connection": {"type": "long"},
+        "transaction": {"type": "long"},
+        "frames": {"type": "long"},
+        "function": {"properties": {"code": {"type": "long"}, "name": keyword}},
+        "latency_ms": {"type": "double"},
+        "outcome": keyword,
+        "errors": keyword,
+        "about": {"type": "match_only_text"},
+        "items": {"type": "long"},
+        "pdu_reference": {"type": "long"},
+        "advice": {"type": "text", "index": False},
+        "file": keyword,
+    }
+    fields: dict[str, Any] = {
+        "@timestamp": {"type": "date_nanos"},
+        "message": {"type": "match_only_text"},
+        "ecs": {"properties": {"version": keyword}},
+        "event": {
+            "properties": {
+                "start": {"type": "date_nanos"},
+                "end": {"type": "date_nanos"},
+                "duration": {"type": "long"},
+                "severity": {"type": "long"},
+            }
+        },
+        **{
+            side: {
+                "properties": {
+                    "ip": {"type": "ip"},
+                    "port": {"type": "long"},
+                    "bytes": {"type": "long"},
+                    "address": keyword,
+                }
+            }
+            for side in ("source", "destination", "client", "server")
+        },
+        "related": {"properties": {"ip": {"type": "ip"}}},
+        "network": {"properties": {"bytes": {"type": "long"}, "packets": {"type": "long"}}},
+        "s7dissect": {"properties": own},
+    }
+    return {
+        "index_patterns": ["logs-s7dissect.*"],
+        "priority": 200,
+        "data_stream": {},
+        "template": {
+            "settings": {"index": {"codec": "best_compression", "mapping": {"total_fields": {"limit": 3000}}}},
+            "mappings": {
+                "date_detection": False,
+                "dynamic_templates": [{"strings": {"match_mapping_type": "string", "mapping": keyword}}],
+                "properties": fields,
+            },
+        },
+        "_meta": {"ecs_version": ECS_VERSION, "description": "S7 transactions, findings and connections of s7dissect"},
+    }
+
+
+class EcsExport(Export, Observer):
+    """Writes ``transactions.ndjson``, ``findings.ndjson``, ``connections.ndjson`` and the index template into a folder."""
+
+    def __init__(self, request: Request) -> None:
+        Observer.__init__(self)
+        self.observer = self
+        self._version = request.version
+        self._files: dict[str, TextIO] = {}
+        for name in ECS_PARTS:
+            if not request.parts or name in request.parts:
+                self._files[name] = (request.path / f"{name}.ndjson").open("w", encoding="ascii", newline="\n")
+        template = json.dumps(index_template(), indent=1)
+        (request.path / "index-template.json").write_text(f"{template}\n", encoding="ascii")
+        self._counts = dict.fromkeys(self._files, 0)
+        self._context = Context()
+        self._rows = Rows([])
+        self._clock = Clock()
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Documents of each file."""
+        return self._counts
+
+    def begin(self, run: Run) -> None:
+        """Name packets by the files of the run."""
+        self._rows = Rows(run.files)
+
+    def flush(self) -> None:
+        """Documents are written as they come."""
+
+    def close(self) -> None:
+        """Close the files."""
+        for file in self._files.values():
+            file.close()
+
+    def abandon(self) -> None:
+        """Close files of which nothing will be kept."""
+        for file in self._files.values():
+            try:
+                file.close()
+            except OSError:  # no room for what it still holds
+                continue
+
+    # ---- as an observer ---------------------------------------------------------------------------------------------
+
+    def connection_opened(self, connection: Connection) -> None:
+        """Remember a connection for its findings."""
+        self._context.opened(connection)
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Write a connection that is over."""
+        self._context.closed(connection)
+        row = _named(CONNECTIONS, self._rows.connection(connection))
+        told = self._document("connection", row["end_ns"], connection, None)
+        told["event"] |= {
+            "kind": "event",
+            "category": ["network"],
+            "type": ["connection", "end"],
+            "action": "connection-ended",
+            "reason": row["ended"],
+            "start": self._clock.iso(row["ts_ns"]),
+            "end": self._clock.iso(row["end_ns"]),
+            "duration": row["end_ns"] - row["ts_ns"],
+        }
+        told["network"] |= {"bytes": row["client_bytes"] + row["server_bytes"], "packets": row["packets"]}
+        for side in ("client", "server"):
+            told[side]["bytes"] = row[f"{side}_bytes"]
+        told["s7dissect"] |= {"uid": connection_uid(connection), "pdus": row["pdus"], "file": row["file"]}
+        self._write("connections", told)
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Write a transaction."""
+        if "transactions" not in self._files:
+            return
+        items = self._rows.items(transaction)
+        row = _named(TRANSACTIONS, self._rows.transaction(transaction, len(items)))
+        connection = transaction.connection
+        asked = row["request_frame"] is not None
+        sender = connection.tcp.ends[int(transaction.asked_by) if asked else 1 - int(transaction.asked_by)]
+        told = self._document("transaction", row["ts_ns"], connection, sender)
+        categories = ["network", *_categories(row)]
+        told["event"] |= {
+            "kind": "event",
+            "category": categories,
+            "type": ["protocol"] if len(categories) == 1 else ["info"],
+            "action": _action(row["function_name"]),
+            "outcome": _outcome(row),
+            "start": self._clock.iso(row["ts_ns"]),
+        }
+        if row["response_ns"] is not None and asked:
+            told["event"] |= {"end": self._clock.iso(row["response_ns"]), "duration": row["latency_ns"]}
+        if row["errors"]:
+            told["error"] = {"message": encodable("; ".join(row["errors"]))}
+        told["s7dissect"] |= {
+            "transaction": row["transaction"],
+            "frames": [frame for frame in (row["request_frame"], row["response_frame"]) if frame is not None],
+            "function": {"code": row["function"], "name": row["function_name"]},
+            "latency_ms": row["latency_ns"] / 1e6 if row["latency_ns"] is not None else None,
+            "outcome": row["outcome"],
+            "errors": row["errors"],
+            "about": row["about"],
+            "items": row["item_count"],
+            "pdu_reference": row["pdu_ref"],
+            "file": row["file"],
+        }
+        self._write("transactions", told)
+
+    def finding(self, finding: Finding) -> None:
+        """Write a finding."""
+        if "findings" not in self._files:
+            return
+        connection = self._context.connection(int(finding.connection))
+        row = _named(FINDINGS, self._rows.finding(finding, connection))
+        told = self._document("finding", row["ts_ns"] or 0, connection, None)
+        rule = finding.rule
+        told["event"] |= {
+            "kind": "alert",
+            "category": ["network", "intrusion_detection"],
+            "type": ["info"],
+            "action": rule.slug,
+            "severity": _SEVERITIES[rule.severity],
+            "reason": rule.sentence,
+        }
+        told["message"] = f"{rule.sentence} {row['detail']}".rstrip()
+        told["rule"] = {"id": rule.slug, "name": rule.sentence, "category": rule.kind, "ruleset": "s7dissect"}
+        if rule.techniques:
+            told["rule"]["version"] = "MITRE ATT&CK for ICS v18"
+            tactics = [TACTICS[id_] for id_ in dict.fromkeys(_tactics(row["techniques"]))]
+            told["threat"] = {
+                "framework": "MITRE ATT&CK for ICS",
+                "tactic": {
+                    "id": [tactic.id for tactic in tactics],
+                    "name": [tactic.name for tactic in tactics],
+                    "reference": [f"https://attack.mitre.org/tactics/{tactic.id}" for tactic in tactics],
+                },
+                "technique": {
+                    "id": row["techniques"],
+                    "name": row["technique_names"],
+                    "reference": [f"https://attack.mitre.org/techniques/{id_}" for id_ in row["techniques"]],
+                },
+            }
+        told["s7dissect"] |= {
+            "frames": row["frames"],
+            "advice": rule.advice,
+            "severity": rule.severity,
+            "file": row["file"],
+        }
+        self._write("findings", told)
+
+    # ---- documents --------------------------------------------------------------------------------------------------
+
+    def _document(
+        self, kind: str, time_ns: int, connection: Connection | None, sender: Endpoint | None
+    ) -> dict[str, Any]:
+        """Return what all documents have. The sender of the first packet is the source, where none is known the client."""
+        told: dict[str, Any] = {
+            "@timestamp": self._clock.iso(time_ns),
+            "ecs": {"version": ECS_VERSION},
+            "event": {"dataset": f"s7dissect.{kind}", "module": "s7dissect", "provider": "s7dissect"},
+            "observer": {"product": "s7dissect", "type": "sensor", "version": self._version},
+            "data_stream": {"type": "logs", "dataset": f"s7dissect.{kind}", "namespace": "default"},
+            "s7dissect": {},
+        }
+        if connection is None:
+            return told
+        client, server = connection.client, connection.server
+        source = sender if sender is not None else client
+        target = server if source is client else client
+        told |= {
+            "client": _end(client),
+            "server": _end(server),
+            "source": _end(source),
+            "destination": _end(target),
+            "related": {"ip": sorted({_ip(client), _ip(server)})},
+            "network": {
+                "transport": "udp" if connection.udp else "tcp",
+                "iana_number": _UDP if connection.udp else _TCP,
+                "type": "ipv6" if len(client.address) == 16 else "ipv4",
+                "community_id": connection_community_id(connection),
+                "protocol": connection.protocol or None,
+            },
+        }
+        told["s7dissect"]["connection"] = int(connection.number)
+        return told
+
+    def _write(self, name: str, told: dict[str, Any]) -> None:
+        file = self._files.get(name)
+        if file is None:
+            return
+        told = _without_nothing(told)
+        content = json.dumps(told, separators=(",", ":"))
+        digest = hashlib.sha256(content.encode("ascii")).digest()[:15]
+        told["event"]["id"] = base64.urlsafe_b64encode(digest).decode("ascii")  # the same in each run
+        file.write(json.dumps(told, separators=(",", ":")).replace("\x7f", "\\u007f") + "\n")
+        self._counts[name] += 1
+
+
+def _named(table: Table, row: tuple[Any, ...]) -> dict[str, Any]:
+    return dict(zip([column.name for column in table.stored], row, strict=True))
+
+
+def _ip(end: Endpoint) -> str:
+    return str(ipaddress.ip_address(end.address))
+
+
+def _end(end: Endpoint) -> dict[str, Any]:
+    address = _ip(end)
+    return {"ip": address, "address": address, "port": end.port if end.port >= 0 else None}
+
+
+def _categories(row: Mapping[str, Any]) -> list[str]:
+    """Return the categories of a transaction beside network."""
+    function = row["function"]
+    if row["userdata_group"] == _SECURITY_GROUP:
+        return ["authentication"]
+    if row["protocol"] != "s7comm" or row["userdata_group"] is not None:
+        return []
+    if function in _TRANSFER:
+        return ["file"]
+    return ["configuration"] if function in _CONTROL else []
+
+
+def _tactics(techniques: list[str]) -> list[str]:
+    return [tactic for id_ in techniques if id_ in TECHNIQUES for tactic in TECHNIQUES[id_][0]]
+
+
+def _action(name: str | None) -> str:
+    """Return a function as a verb of lower-case words with hyphens."""
+    words = "".join([one if one.isalnum() else " " for one in (name or "unknown").lower()]).split()
+    return "-".join(words)
+
+
+def _outcome(row: Mapping[str, Any]) -> str:
+    if row["failed"]:
+        return "failure"
+    return "success" if row["outcome"] in {"answered", "unsolicited"} else "unknown"
+
+
+def _without_nothing(told: dict[str, Any]) -> dict[str, Any]:
+    """Return an object without what is None or empty; texts are such that any encoding can hold them."""
+    kept: dict[str, Any] = {}
+    for key, value in told.items():
+        if isinstance(value, dict):
+            inner = _without_nothing(value)
+            if inner:
+                kept[key] = inner
+        elif isinstance(value, str):
+            kept[key] = encodable(value)
+        elif value is not None and value != []:
+            kept[key] = value
+    return kept
+
+
+def ecs_export(request: Request) -> Export:
+    """Return an export to documents of the Elastic Common Schema."""
+    return EcsExport(request)

@@ -1,0 +1,140 @@
+"""What tells a sink of rows: an observer that keeps some thousand rows of each wanted table and hands them on together."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from dissect.engine.observer import Observer
+from dissect.export.rows import Rows
+from dissect.export.tables import CONNECTIONS, FINDINGS, ITEMS, OPERATIONS, PDUS, TRANSACTIONS, VALUES, Table
+from dissect.export.transaction_rows import Row
+from dissect.findings.reporter import Finding
+from dissect.select.things import Context
+from dissect.source.packet import SourceFile
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import Operation
+from dissect.transactions.payloads import ScdMessage
+from dissect.transactions.table import Side
+from dissect.transactions.transaction import Transaction
+from dissect.variables.collector import Collector
+
+#: Rows of a table that are handed on together, and bytes of items that may wait.
+ROWS: Final = 8192
+_MOST_BYTES: Final = 16 * 1024 * 1024
+
+
+class Sink(ABC):
+    """Where rows go."""
+
+    @abstractmethod
+    def take(self, table: Table, rows: Sequence[Row]) -> None:
+        """Take rows of a table, each with the values of its stored columns."""
+
+
+class TableFeed(Observer):
+    """Makes rows of ``tables`` and hands them to ``sink``; ``counts`` are the rows of each table so far.
+
+    `begin` names the files of the run before the first packet, `flush` hands on what waits, at the latest after the last one.
+    """
+
+    def __init__(self, tables: Iterable[Table], sink: Sink) -> None:
+        super().__init__()
+        self.tables = tuple(tables)
+        names = {table.name for table in self.tables}
+        self.wants_pdus = PDUS.name in names
+        self.counts = dict.fromkeys([table.name for table in self.tables], 0)
+        self._sink = sink
+        self._made = Rows([])
+        self._context = Context()
+        self._waiting: dict[str, list[Row]] = {table.name: [] for table in self.tables}
+        self._connections = self._waiting.get(CONNECTIONS.name)
+        self._transactions = self._waiting.get(TRANSACTIONS.name)
+        self._items = self._waiting.get(ITEMS.name)
+        self._operations = self._waiting.get(OPERATIONS.name)
+        self._findings = self._waiting.get(FINDINGS.name)
+        self._pdus = self._waiting.get(PDUS.name)
+        self._values = self._waiting.get(VALUES.name)
+        self._collector = Collector()
+        self._bytes = 0
+
+    def begin(self, files: Sequence[SourceFile]) -> None:
+        """Name packets by ``files``, which may grow."""
+        self._made = Rows(files)
+
+    def flush(self) -> None:
+        """Hand on the rows that wait."""
+        for table in self.tables:
+            rows = self._waiting[table.name]
+            if rows:
+                self.counts[table.name] += len(rows)
+                self._sink.take(table, rows)
+                rows.clear()
+        self._bytes = 0
+
+    def connection_opened(self, connection: Connection) -> None:
+        """Remember a connection for its findings."""
+        if self._findings is not None:
+            self._context.opened(connection)
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Add the row of a connection."""
+        self._collector.connection_closed(connection)
+        if self._findings is not None:
+            self._context.closed(connection)
+        if self._connections is not None:
+            self._add(self._connections, self._made.connection(connection))
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Add the rows of a transaction and of its items."""
+        items = self._items
+        if self._values is not None:
+            self._collector.transaction(transaction)
+            self._values += [self._made.value(row) for row in self._collector.take()]
+            if len(self._values) >= ROWS:
+                self.flush()
+        if items is None and self._transactions is None:
+            return
+        rows = self._made.items(transaction)
+        if self._transactions is not None:
+            self._transactions.append(self._made.transaction(transaction, len(rows)))
+            if len(self._transactions) >= ROWS:
+                self.flush()
+        if items is not None and rows:
+            items += rows
+            self._bytes += int(transaction.request_size + transaction.response_size)
+            if len(items) >= ROWS or self._bytes >= _MOST_BYTES:
+                self.flush()
+
+    def operation(self, operation: Operation) -> None:
+        """Add the row of an operation."""
+        if self._operations is not None:
+            self._add(self._operations, self._made.operation(operation))
+
+    def finding(self, finding: Finding) -> None:
+        """Add the row of a finding."""
+        if self._findings is not None:
+            self._add(self._findings, self._made.finding(finding, self._context.connection(int(finding.connection))))
+
+    def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
+        """Add the row of an S7 PDU."""
+        if self._pdus is not None:
+            row = self._made.pdu(int(frame), int(time_ns), side.connection, int(side.index), octets, cut)
+            self._add(self._pdus, row)
+
+    def plus_pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
+        """Add the row of an S7comm-plus PDU."""
+        if self._pdus is not None:
+            row = self._made.plus_pdu(int(frame), int(time_ns), side.connection, int(side.index), octets, cut)
+            self._add(self._pdus, row)
+
+    def scd(self, frame: int, time_ns: int, side: Side, found: ScdMessage) -> None:
+        """Add the row of an SCD message of its own."""
+        if self._pdus is not None:
+            self._add(self._pdus, self._made.scd(found, side.connection))
+
+    def _add(self, rows: list[Row], row: Row) -> None:
+        rows.append(row)
+        if len(rows) >= ROWS:
+            self.flush()

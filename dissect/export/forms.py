@@ -1,0 +1,233 @@
+"""The forms of ``s7dissect export``: one table of them, found by a prefix (``parquet:DIR``) or by the ending of a name.
+
+To add one: a class in a file of its own, derived from `Export`, and a row in `FORMS`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple, cast
+
+from dissect.config.hints import close_names
+from dissect.engine.observer import Observer
+from dissect.export.feed import Sink, TableFeed
+from dissect.export.parquet import metadata_of
+from dissect.export.tables import TABLES, UnknownTableError, chosen_tables
+from dissect.export.zeek.columns import LOGS
+from dissect.session import Run
+
+
+class UnknownFormError(ValueError):
+    """A name whose form nobody knows."""
+
+
+class Target(NamedTuple):
+    """Where an export goes: its form, the path, and whether that is a folder."""
+
+    form: Form
+    path: str
+    folder: bool
+
+
+class Export(ABC):
+    """An export while it is written. ``observer`` is told of the traffic, ``counts`` are rows written, by part."""
+
+    observer: Observer
+
+    @property
+    @abstractmethod
+    def counts(self) -> Mapping[str, int]:
+        """Rows written so far, by table or log."""
+
+    @abstractmethod
+    def begin(self, run: Run) -> None:
+        """Take the run before its first packet."""
+
+    @abstractmethod
+    def flush(self) -> None:
+        """Hand on what waits."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Write the rest; nothing comes any more."""
+
+    @abstractmethod
+    def abandon(self) -> None:
+        """Close files of which nothing will be kept; never raises."""
+
+
+class Request(NamedTuple):
+    """What is to be written: to ``path``, which is a folder or not; ``parts`` of it only, all when empty.
+
+    ``files`` are the captures, ``version`` is that of the package.
+    """
+
+    path: Path
+    folder: bool
+    parts: Sequence[str]
+    files: Sequence[str]
+    version: str
+    options: Mapping[str, Any] = {}
+
+
+class Form(NamedTuple):
+    """A form: ``endings`` of names, what it is in a few words, what makes it ("module:name"), and the names of its parts.
+
+    ``shape``: ``file``, ``folder``, or ``either``: a file when there is only one table.
+    """
+
+    name: str
+    endings: tuple[str, ...]
+    about: str
+    maker: str
+    shape: str
+    parts: tuple[str, ...] = ()
+
+    def names(self) -> tuple[str, ...]:
+        """Return what ``--only`` may name."""
+        return self.parts or tuple(TABLES)
+
+    def open(self, request: Request) -> Export:
+        """Begin to write. Raises `MissingLibraryError` when a library is missing, OSError when nothing can be written."""
+        module, _, name = self.maker.partition(":")
+        return cast("Export", getattr(importlib.import_module(module), name)(request))
+
+
+class TableExport(Export):
+    """Tables in a sink."""
+
+    def __init__(self, request: Request, sink: Any) -> None:
+        self.observer: TableFeed = TableFeed(chosen_tables(request.parts), cast("Sink", sink))
+        self.sink = sink
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Rows of each table."""
+        return self.observer.counts
+
+    def begin(self, run: Run) -> None:
+        """Name packets by the files of the run."""
+        self.observer.begin(run.files)
+
+    def flush(self) -> None:
+        """Hand on the rows that wait."""
+        self.observer.flush()
+
+    def close(self) -> None:
+        """Write the rest."""
+        self.observer.flush()
+        self.sink.close()
+
+    def abandon(self) -> None:
+        """Close what is open."""
+        self.sink.abandon()
+
+
+def _metadata(request: Request) -> dict[str, str]:
+    return metadata_of(request.version, request.files)
+
+
+def parquet_export(request: Request) -> Export:
+    """Return an export to Parquet."""
+    from dissect.export.parquet import ParquetSink
+
+    by_day = request.folder and len(request.files) > 1
+    tables = chosen_tables(request.parts)
+    return TableExport(request, ParquetSink(request.path, tables, not request.folder, by_day, _metadata(request)))
+
+
+def arrow_export(request: Request) -> Export:
+    """Return an export to Arrow IPC files."""
+    from dissect.export.arrow_files import ArrowSink
+
+    tables = chosen_tables(request.parts)
+    return TableExport(request, ArrowSink(request.path, tables, not request.folder, _metadata(request)))
+
+
+def csv_export(request: Request) -> Export:
+    """Return an export to CSV files."""
+    from dissect.export.csv_files import CsvSink
+
+    return TableExport(request, CsvSink(request.path, chosen_tables(request.parts), not request.folder))
+
+
+def sqlite_export(request: Request) -> Export:
+    """Return an export to a SQLite database."""
+    from dissect.export.sqlite import SqliteSink
+
+    return TableExport(request, SqliteSink(request.path, chosen_tables(request.parts), _metadata(request)))
+
+
+def duckdb_export(request: Request) -> Export:
+    """Return an export to a DuckDB database."""
+    from dissect.export.duckdb_file import DuckdbSink
+
+    return TableExport(request, DuckdbSink(request.path, chosen_tables(request.parts), _metadata(request)))
+
+
+#: What `dissect.export.ecs` writes.
+ECS_PARTS: Final = ("transactions", "findings", "connections")
+_HERE: Final = "dissect.export.forms:"
+_ZEEK: Final = "dissect.export.zeek.export:"
+#: By name.
+FORMS: Final[dict[str, Form]] = {
+    form.name: form
+    for form in (
+        Form("parquet", (".parquet",), "Parquet", f"{_HERE}parquet_export", "either"),
+        Form("duckdb", (".duckdb", ".ddb"), "DuckDB database", f"{_HERE}duckdb_export", "file"),
+        Form("sqlite", (".sqlite", ".sqlite3", ".db"), "SQLite database", f"{_HERE}sqlite_export", "file"),
+        Form("csv", (".csv",), "CSV files", f"{_HERE}csv_export", "either"),
+        Form("arrow", (".arrow", ".feather", ".ipc"), "Arrow IPC files", f"{_HERE}arrow_export", "either"),
+        Form("ecs", (), "documents of the Elastic Common Schema", "dissect.export.ecs:ecs_export", "folder", ECS_PARTS),
+        Form("stix", (".stix", ".stix.json"), "STIX bundle", "dissect.export.stix:stix_export", "file", ("findings",)),
+        Form("zeek", (), "logs of Zeek", f"{_ZEEK}tsv_export", "folder", tuple(LOGS)),
+        Form("zeek-json", (), "logs of Zeek in JSON", f"{_ZEEK}json_export", "folder", tuple(LOGS)),
+    )
+}
+
+
+def target_of(text: str, only: Sequence[str], files: int) -> Target:
+    """Return where and how an export goes that the user calls ``text``, with these parts, of so many captures.
+
+    Raises `UnknownFormError` and `UnknownTableError` with what may have been meant.
+    """
+    prefix, colon, rest = text.partition(":")
+    form = FORMS.get(prefix) if colon else None
+    path = rest if form is not None else text
+    prefixed = form is not None
+    if form is None:
+        name = text.rstrip("/").lower()
+        form = next((one for one in FORMS.values() if name.endswith(one.endings)), None)
+    if form is None:
+        raise UnknownFormError(_unknown(prefix if colon and len(prefix) > 1 else "", text))
+    if not path:
+        raise UnknownFormError(f"{text} names no file or folder.")
+    for name in only:
+        if name not in form.names():
+            near = close_names(name, form.names())
+            hint = f"Did you mean {' or '.join(near)}?" if near else f"It has {', '.join(form.names())}."
+            raise UnknownTableError(f"{form.about} has no part {name!r}. {hint}")
+    single = form.shape == "file" or (form.shape == "either" and not prefixed and len(set(only)) == 1 and files == 1)
+    return Target(form, path, not single)
+
+
+def _unknown(prefix: str, text: str) -> str:
+    endings = [ending for form in FORMS.values() for ending in form.endings]
+    if prefix:
+        near = close_names(prefix, FORMS)
+    else:
+        ending = os.path.splitext(text)[1]  # noqa: PTH122 - a name, whatever it is of
+        near = close_names(ending, endings) if ending else []
+    hint = f" Did you mean {' or '.join(near)}?" if near else ""
+    known = ", ".join([form.endings[0] if form.endings else f"{form.name}:DIR" for form in FORMS.values()])
+    return f"the form of {text!r} is not known.{hint} Known are names that end in {known}, or FORM:PATH."
+
+
+def listed_forms() -> Iterable[str]:
+    """Yield each form with its endings, for a help text."""
+    for form in FORMS.values():
+        yield f"{form.name} ({', '.join(form.endings)})" if form.endings else form.name

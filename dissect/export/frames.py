@@ -1,0 +1,107 @@
+"""The tables as data frames of pandas or polars, through Arrow."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from dissect.config.hints import close_names
+from dissect.engine.pipeline import Options
+from dissect.export.extras import needed
+from dissect.export.feed import TableFeed
+from dissect.export.sql import MemorySink
+from dissect.export.tables import chosen_tables
+from dissect.session import KeyLogFiles, Tags, prepared_run
+from dissect.wire.text import encodable
+
+if TYPE_CHECKING:
+    from dissect.select import Where
+
+#: What frames are made of, and the library for each.
+LIBRARIES: Final = ("pandas", "polars", "arrow")
+
+
+class Frames:
+    """Frames by the names of their tables: ``frames["items"]``, or ``frames.items``; iterating gives the names.
+
+    A table is made into a frame when it is asked for.
+    """
+
+    def __init__(self, tables: dict[str, Any], library: str) -> None:
+        self._tables = tables
+        self._library = library
+        self._made: dict[str, Any] = {}
+
+    def __repr__(self) -> str:
+        return f"Frames({', '.join([f'{name}: {table.num_rows}' for name, table in self._tables.items()])})"
+
+    def __iter__(self) -> Any:
+        return iter(self._tables)
+
+    def __len__(self) -> int:
+        return len(self._tables)
+
+    def __getitem__(self, name: str) -> Any:
+        """Return the frame of a table. KeyError for one that was not read."""
+        if name not in self._tables:
+            near = close_names(name, self._tables)
+            hint = f"; did you mean {' or '.join(near)}?" if near else f"; there are {', '.join(self._tables)}"
+            raise KeyError(f"no table {encodable(name)!r}{hint}")
+        if name not in self._made:
+            self._made[name] = _frame(self._tables[name], self._library)
+        return self._made[name]
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        try:
+            return self[name]
+        except KeyError as error:
+            raise AttributeError(error.args[0]) from None
+
+
+def frames(
+    path: str | os.PathLike[str],
+    *more: str | os.PathLike[str],
+    library: str = "pandas",
+    tables: Sequence[str] = (),
+    where: str | Where | None = None,
+    tags: Tags = None,
+    tls_keys: KeyLogFiles = None,
+    checksums: bool = False,
+    slow_ns: int = 1_000_000_000,
+) -> Frames:
+    """Return the tables of one capture or several as data frames, columns as in docs/tables.md.
+
+    ``library`` is ``pandas``, ``polars`` or ``arrow`` (a `pyarrow.Table`). Integers with nulls stay integers in pandas: their
+    type is that of Arrow. ``tables`` names those that are wanted, all by default; fewer are faster. The others are those of
+    `dissect.open`. Everything is held in memory.
+    Raises `MissingLibraryError` (an ImportError) with what to type when a library is missing, ValueError for a wrong name of
+    a library or a table, `CaptureError` when a file cannot be read, and `SelectError` for a wrong expression.
+    """
+    if library not in LIBRARIES:
+        near = close_names(library, LIBRARIES)
+        raise ValueError(
+            f"no library {library!r}; {'did you mean ' + near[0] if near else 'use ' + ', '.join(LIBRARIES)}"
+        )
+    for name in {"pyarrow", library} - {"arrow"}:
+        needed(name, "dissect.frames")
+    chosen = chosen_tables(tables)
+    sink = MemorySink(chosen)
+    feed = TableFeed(chosen, sink)
+    run = prepared_run([path, *more], feed, Options(slow_ns, checksums=checksums), where, tags, tls_keys)
+    feed.begin(run.files)
+    while run.step():
+        pass
+    feed.flush()
+    return Frames(sink.tables(), library)
+
+
+def _frame(table: Any, library: str) -> Any:
+    if library == "arrow":
+        return table
+    if library == "polars":
+        return needed("polars", "dissect.frames").from_arrow(table)
+    pandas = needed("pandas", "dissect.frames")
+    return table.to_pandas(types_mapper=pandas.ArrowDtype)

@@ -1,0 +1,158 @@
+"""Parquet: a file for each table, or with several captures a folder for each, divided by day.
+
+Row groups are written as they fill, so that memory stays the same however long the capture is.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import OrderedDict
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+from dissect.export.arrow import Batches
+from dissect.export.extras import needed
+from dissect.export.feed import Sink
+from dissect.export.tables import BYTES, INT, TEXT, WORD, Table
+from dissect.export.transaction_rows import Row
+from dissect.wire.text import civil
+
+#: Rows of a row group: what DuckDB takes as a unit of work. A group is written earlier when it has so many bytes.
+ROW_GROUP: Final = 122_880
+_GROUP_BYTES: Final = 64 * 1024 * 1024
+#: Files of one table that are open at once, each of one day.
+_MOST_OPEN: Final = 4
+_DAY_NS: Final = 86_400_000_000_000
+#: What the convention of Hive calls a partition without a value.
+_NO_DAY: Final = "__HIVE_DEFAULT_PARTITION__"
+
+
+class ParquetFile:
+    """One Parquet file, and the batches that wait for its next row group."""
+
+    def __init__(self, path: Path, batches: Batches) -> None:
+        parquet = needed("pyarrow.parquet")
+        self._pa = needed("pyarrow")
+        self._batches = batches
+        self._waiting: list[Any] = []
+        self._rows = 0
+        self._bytes = 0
+        columns = batches.table.columns
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._writer = parquet.ParquetWriter(
+            path,
+            batches.schema,
+            version="2.6",
+            compression="zstd",
+            use_dictionary=[column.name for column in columns if column.type in {TEXT, WORD, BYTES}],
+            column_encoding={column.name: "DELTA_BINARY_PACKED" for column in columns if column.type == INT},
+        )
+
+    def add(self, rows: Sequence[Row]) -> None:
+        """Take rows; write a row group when it is full."""
+        batch = self._batches.batch(rows)
+        self._waiting.append(batch)
+        self._rows += batch.num_rows
+        self._bytes += batch.nbytes
+        if self._rows >= ROW_GROUP or self._bytes >= _GROUP_BYTES:
+            self.write()
+
+    def write(self) -> None:
+        """Write the rows that wait as a row group."""
+        if self._waiting:
+            table = self._pa.Table.from_batches(self._waiting, self._batches.schema).unify_dictionaries()
+            self._writer.write_table(table, row_group_size=self._rows)
+            self._waiting = []
+            self._rows = self._bytes = 0
+
+    def close(self) -> None:
+        """Write the rest, and the end of the file."""
+        self.write()
+        self._writer.close()
+
+    def abandon(self) -> None:
+        """Close a file of which nothing will be kept."""
+        with suppress(Exception):  # it could not be written to
+            self._writer.close()
+        self._writer.is_open = False  # else it tries again when it is forgotten, and complains
+
+
+class ParquetSink(Sink):
+    """Writes tables to Parquet below ``path``: one file (``alone``), a file for each table, or with ``by_day`` folders."""
+
+    def __init__(
+        self, path: Path, tables: Iterable[Table], alone: bool, by_day: bool, metadata: Mapping[str, str]
+    ) -> None:
+        self._path = path
+        self._alone = alone
+        self._by_day = by_day
+        self._batches = {table.name: Batches(table, metadata=dict(metadata)) for table in tables}
+        self._open: OrderedDict[tuple[str, str], ParquetFile] = OrderedDict()
+        self._parts: dict[tuple[str, str], int] = {}
+        for name in self._batches:
+            if not by_day:
+                self._file(name, "")  # a table without rows is there too, with its columns
+
+    def take(self, table: Table, rows: Sequence[Row]) -> None:
+        """Write rows to the files they belong to."""
+        if not self._by_day:
+            self._file(table.name, "").add(rows)
+            return
+        for day, some in by_days(table, rows).items():
+            self._file(table.name, day).add(some)
+
+    def close(self) -> None:
+        """Write what waits, and close."""
+        for name in self._batches:
+            if self._by_day and not any(key[0] == name for key in self._parts):
+                self._file(name, _NO_DAY)
+        for file in self._open.values():
+            file.close()
+
+    def abandon(self) -> None:
+        """Close files of which nothing will be kept."""
+        for file in self._open.values():
+            file.abandon()
+        self._open.clear()
+
+    def _file(self, name: str, day: str) -> ParquetFile:
+        file = self._open.get((name, day))
+        if file is None:
+            mine = [key for key in self._open if key[0] == name]
+            if len(mine) >= _MOST_OPEN:
+                self._open.pop(mine[0]).close()
+            number = self._parts[name, day] = self._parts.get((name, day), 0) + 1
+            file = ParquetFile(self._place(name, day, number), self._batches[name])
+            self._open[name, day] = file
+        return file
+
+    def _place(self, name: str, day: str, number: int) -> Path:
+        if self._alone:
+            return self._path
+        if not self._by_day:
+            return self._path / f"{name}.parquet"
+        return self._path / name / f"day={day}" / f"part-{number:04}.parquet"
+
+
+def by_days(table: Table, rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Return rows by the day (UTC) of the time that dates them, in their order."""
+    at = table.position(table.time)
+    found: dict[int | None, list[Row]] = {}
+    for row in rows:
+        time_ns = row[at]
+        found.setdefault(time_ns // _DAY_NS if time_ns is not None else None, []).append(row)
+    return {_day_text(day): some for day, some in found.items()}
+
+
+def _day_text(day: int | None) -> str:
+    if day is None:
+        return _NO_DAY
+    year, month, of_month = civil(day)
+    return f"{year:04}-{month:02}-{of_month:02}"
+
+
+def metadata_of(version: str, files: Iterable[str]) -> dict[str, str]:
+    """Return what every file says of itself: who wrote it, and of which captures."""
+    return {"s7dissect.version": version, "s7dissect.files": json.dumps(list(files))}

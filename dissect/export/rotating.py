@@ -1,0 +1,70 @@
+"""Parquet of a live line: files that are whole or not there, a new one of each table after a while.
+
+A file is written under a name that ends with ``.part`` and gets its own when its time is over: who reads the folder finds
+whole files only, also after a run that was killed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from dissect.export.arrow import Batches
+from dissect.export.extras import needed
+from dissect.export.feed import Sink
+from dissect.export.parquet import ParquetFile, by_days
+from dissect.export.tables import Table
+from dissect.export.transaction_rows import Row
+from dissect.wire.saving import Saving
+from dissect.wire.text import Clock
+
+
+class RotatingSink(Sink):
+    """Writes ``FOLDER/TABLE/day=YYYY-MM-DD/part-TIME-N.parquet``; `rotate` ends the files at hand.
+
+    TIME is that of the latest `rotate` by the clock of the capture, in UTC. Raises `OSError` where nothing can be written.
+    """
+
+    def __init__(self, folder: Path, tables: Iterable[Table], metadata: Mapping[str, str]) -> None:
+        needed("pyarrow.parquet", "--export")  # now, while everything can still be read
+        self._folder = folder
+        self._batches = {table.name: Batches(table, metadata=dict(metadata)) for table in tables}
+        self._open: dict[tuple[str, str], tuple[Saving, ParquetFile]] = {}
+        self._since = ""
+        self._clock = Clock()
+
+    def take(self, table: Table, rows: Sequence[Row]) -> None:
+        """Write rows to the files of their days."""
+        for day, some in by_days(table, rows).items():
+            found = self._open.get((table.name, day))
+            if found is None:
+                found = self._open[table.name, day] = self._begin(table, day, some[0][table.position(table.time)])
+            found[1].add(some)
+
+    def rotate(self, now_ns: int) -> None:
+        """End the files at hand: from now on they have their names."""
+        self._since = self._stamp(now_ns)
+        while self._open:
+            saving, file = self._open.pop(next(iter(self._open)))
+            with saving:
+                file.close()
+
+    def abandon(self) -> None:
+        """Close files of which nothing will be kept."""
+        for saving, file in self._open.values():
+            file.abandon()
+            Path(saving.path).unlink(missing_ok=True)
+        self._open.clear()
+
+    def _begin(self, table: Table, day: str, time_ns: int | None) -> tuple[Saving, ParquetFile]:
+        folder = self._folder / table.name / f"day={day}"
+        folder.mkdir(parents=True, exist_ok=True)
+        since = self._since or self._stamp(time_ns or 0)
+        number = 1
+        while (path := folder / f"part-{since}-{number}.parquet").exists():
+            number += 1
+        saving = Saving(path)
+        return saving, ParquetFile(Path(saving.path), self._batches[table.name])
+
+    def _stamp(self, time_ns: int) -> str:
+        return self._clock.iso(time_ns)[:19].replace("-", "").replace(":", "") + "Z"

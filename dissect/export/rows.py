@@ -1,0 +1,302 @@
+"""Rows of every table, as tuples of what `dissect.export.tables` says their stored columns hold."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Final
+
+from dissect.export.keys import connection_community_id, connection_uid
+from dissect.export.transaction_rows import Row, TransactionRows
+from dissect.findings.reporter import Finding
+from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
+from dissect.report.operations import error_codes
+from dissect.report.words import vlans
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7plus.message import PlusPdu, parse_plus
+from dissect.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
+from dissect.s7plus.tables import OPCODES
+from dissect.select.items import ItemFacts, plus_facts, scd_facts
+from dissect.source.packet import SourceFile
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import Operation
+from dissect.transactions.payloads import ScdMessage
+from dissect.transactions.transaction import Transaction
+from dissect.variables.model import ValueRow
+from dissect.wire.text import encodable
+
+_SIDES: Final = ("client", "server")
+
+
+class Rows:
+    """Makes the rows of a run over ``files``, which may grow while it goes on."""
+
+    def __init__(self, files: Sequence[SourceFile]) -> None:
+        self._hot = TransactionRows(files)
+        self._findings = 0
+        self._pdus = 0
+
+    # ---- connections ------------------------------------------------------------------------------------------------
+
+    def connection(self, connection: Connection) -> Row:
+        """Return the row of a connection."""
+        tcp = connection.tcp
+        file, first = self._hot.files.locate(int(tcp.first_frame))
+        _, last = self._hot.files.locate(int(tcp.last_frame))
+        calling, called, granted = connection.tsap_calling, connection.tsap_called, connection.granted
+        ended_by = int(tcp.ended_by)
+        streams = tcp.streams
+        client = streams[connection.client_side]
+        server = streams[1 - connection.client_side]
+        return (
+            int(connection.number),
+            connection_uid(connection),
+            connection_community_id(connection),
+            file,
+            first,
+            last,
+            int(tcp.first_ns),
+            int(tcp.last_ns),
+            *self._hot.ends(connection),
+            bool(connection.client_known),
+            "udp" if connection.udp else "tcp",
+            vlans(int(tcp.vlan)),
+            connection.protocol or None,
+            "syn" if tcp.known_start else ("cr" if connection.cr_seen else "mid_stream"),
+            str(calling) if calling is not None else None,
+            str(called) if called is not None else None,
+            called.rack if called is not None and called.rack >= 0 else None,
+            called.slot if called is not None and called.slot >= 0 else None,
+            int(connection.tpdu_size) or None,
+            int(connection.pdu_length) or None,
+            granted.max_amq_calling if granted is not None else None,
+            granted.max_amq_called if granted is not None else None,
+            int(tcp.packets),
+            int(client.octets),
+            int(server.octets),
+            sum([max(0, int(stream.position) - int(stream.octets)) for stream in streams]),
+            int(connection.pdus),
+            int(connection.answered),
+            int(connection.unanswered),
+            int(connection.orphans),
+            int(connection.unsolicited),
+            int(connection.errors),
+            connection.closed_reason or tcp.ended or "open",
+            _SIDES[ended_by != connection.client_side] if ended_by >= 0 else None,
+            int(connection.open_at_end),
+        )
+
+    # ---- items of other protocols -----------------------------------------------------------------------------------
+
+    def items(self, transaction: Transaction) -> list[Row]:
+        """Return a row for each item, in wire order: of S7comm, or S7comm-plus, then the values of SCD."""
+        if transaction.is_plus:
+            facts = [plus_facts(item) for item in transaction.plus_items()]
+            rows: list[Row] = []
+        elif transaction.is_scd:
+            facts, rows = [], []
+        else:
+            rows = self._hot.items(transaction)
+            if transaction.carried is None:
+                return rows
+            facts = []
+        facts += [scd_facts(row) for found in transaction.scd for row in found.values]
+        if facts:
+            number, begin = int(transaction.number), self._hot.begin(transaction)
+            for index, fact in enumerate(facts, len(rows) + 1):
+                rows.append((number, index, *begin, *_facts(fact)))
+        return rows
+
+    def transaction(self, transaction: Transaction, item_count: int) -> Row:
+        """Return the row of a transaction that has so many items."""
+        return self._hot.transaction(transaction, item_count)
+
+    def value(self, row: ValueRow) -> Row:
+        """Return the row of a value of a variable."""
+        variable = row.variable
+        return (
+            int(row.connection),
+            *self._hot.files.locate(int(row.frame)),
+            int(row.time_ns),
+            row.host,
+            row.plc.host,
+            row.how,
+            bool(row.writes),
+            encodable(variable.address),
+            encodable(variable.tag) or None,
+            variable.type or None,
+            variable.unit or None,
+            *_shown(row.value),
+            row.data,
+            bool(row.changed),
+            _shown(row.previous)[0],
+            encodable(row.remark) or None,
+        )
+
+    # ---- operations, findings, PDUs ---------------------------------------------------------------------------------
+
+    def operation(self, operation: Operation) -> Row:
+        """Return the row of an operation."""
+        connection = operation.connection
+        file, first = self._hot.files.locate(operation.first_frame)
+        _, last = self._hot.files.locate(operation.last_frame)
+        code = operation.error_code
+        return (
+            operation.number,
+            int(connection.number),
+            file,
+            first,
+            last,
+            operation.begin_ns,
+            operation.end_ns,
+            *self._hot.ends(connection),
+            operation.asked_by == connection.client_side,
+            operation.kind,
+            operation.subject,
+            operation.result,
+            operation.reason or None,
+            code,
+            error_codes(operation).name(code) if code else None,
+            operation.parts,
+            list(operation.transactions),
+            operation.pushes,
+            operation.octets,
+            operation.announced if operation.announced >= 0 else None,
+            [odd.detail for odd in operation.oddities],
+        )
+
+    def finding(self, finding: Finding, connection: Connection | None) -> Row:
+        """Return the row of a finding; ``connection`` is the one it is about, where that is known."""
+        self._findings += 1
+        rule = finding.rule
+        frames = [int(frame) for frame in finding.frames]
+        ends = self._hot.ends(connection) if connection is not None else (None,) * 4
+        return (
+            self._findings,
+            rule.slug,
+            rule.severity,
+            rule.kind,
+            int(finding.connection) or None,
+            self._hot.files.locate(frames[0])[0] if frames else None,
+            [self._hot.files.locate(frame)[1] for frame in frames],
+            int(finding.time_ns) or None,
+            ends[0],
+            ends[2],
+            rule.sentence,
+            encodable(finding.detail),
+            rule.advice,
+            [technique.v18 for technique in rule.techniques],
+            [technique.v19 for technique in rule.techniques],
+            [technique.name for technique in rule.techniques],
+        )
+
+    def pdu(self, frame: int, time_ns: int, connection: Connection, side: int, octets: bytes, cut: bool) -> Row:
+        """Return the row of an S7 PDU."""
+        pdu = parse_pdu(octets, frame, time_ns, int(connection.number), side, cut)
+        return (*self._message(frame, time_ns, connection, side), *_pdu(pdu), len(octets), cut, _malformed(pdu))
+
+    def plus_pdu(self, frame: int, time_ns: int, connection: Connection, side: int, octets: bytes, cut: bool) -> Row:
+        """Return the row of an S7comm-plus PDU."""
+        pdu = parse_plus(octets, frame, time_ns, int(connection.number), side, cut)
+        return (*self._message(frame, time_ns, connection, side), *_plus(pdu), len(octets), cut, _malformed(pdu))
+
+    def scd(self, found: ScdMessage, connection: Connection) -> Row:
+        """Return the row of an SCD message."""
+        message = found.message
+        return (
+            *self._message(int(found.frame), int(found.time_ns), connection, int(found.side)),
+            UPPER_NAMES[SCD],
+            message.phase or None,
+            message.tid if "tid" in message.numbers else None,
+            None,
+            f"SCD {message.service}" if message.service else None,
+            *(None,) * 4,
+            len(found.octets),
+            False,
+            [],
+        )
+
+    def _message(self, frame: int, time_ns: int, connection: Connection, side: int) -> Row:
+        self._pdus += 1
+        return (
+            self._pdus,
+            int(connection.number),
+            *self._hot.files.locate(frame),
+            time_ns,
+            *self._hot.ends(connection),
+            side == connection.client_side,
+        )
+
+
+def _shown(value: object) -> tuple[float | None, str | None]:
+    if value is None:
+        return None, None
+    if isinstance(value, (int, float)):
+        return float(value), None
+    if isinstance(value, str):
+        return None, encodable(value)
+    return None, json.dumps(value, default=str)
+
+
+def _facts(facts: ItemFacts) -> Row:
+    """Return the columns of an item of another protocol, from its name on."""
+    place, code = facts.place, facts.return_code
+    found = facts.values
+    value, text = _shown(found[0] if len(found) == 1 else found or None)
+    start = place.start if place is not None and place.area >= 0 else None
+    number = code.number if code is not None else None
+    return (
+        facts.name,
+        facts.area.names[0] if facts.area is not None else None,
+        facts.db,
+        start >> 3 if start is not None else None,
+        start & 7 if start is not None else None,
+        encodable(place.text) if place is not None else None,
+        facts.type.names[0] if facts.type is not None else None,
+        facts.count,
+        number,
+        code.names[0] if code is not None else None,
+        code is not None and number not in {0, 0xFF},
+        value,
+        text,
+        facts.data,
+    )
+
+
+def _pdu(pdu: Pdu) -> Row:
+    """Return the columns from protocol to item count."""
+    parameters = pdu.parameters
+    head = parameters.userdata
+    code = int(pdu.function)
+    error = None
+    if head is not None:
+        error = int(head.error_code)
+    elif pdu.error_class >= 0:
+        error = int(pdu.error_class) << 8 | max(0, int(pdu.error_code))
+    return (
+        UPPER_NAMES[S7COMM],
+        pdu.rosctr_name if pdu.rosctr >= 0 else None,
+        int(pdu.pdu_ref) if pdu.pdu_ref >= 0 else None,
+        code if code >= 0 else None,
+        pdu.function_name or None,
+        int(head.group) if head is not None else None,
+        int(head.subfunction) if head is not None else None,
+        error,
+        int(parameters.item_count) if parameters.item_count >= 0 else None,
+    )
+
+
+def _plus(pdu: PlusPdu) -> Row:
+    code = int(pdu.function)
+    return (
+        UPPER_NAMES[S7COMM_PLUS],
+        OPCODES.name(pdu.opcode) if pdu.opcode >= 0 else None,
+        pdu.sequence if pdu.sequence >= 0 else None,
+        code if code >= 0 else None,
+        PLUS_FUNCTIONS.name(code) if code >= 0 else None,
+        *(None,) * 4,
+    )
+
+
+def _malformed(pdu: Pdu | PlusPdu) -> list[str]:
+    return [encodable(str(one)) for one in pdu.malformed]

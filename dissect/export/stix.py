@@ -1,0 +1,214 @@
+"""Findings as a STIX 2.1 bundle: a sighting of an ATT&CK technique for each finding that points to one, a note for the others.
+
+Ids are the same in each run: those of addresses and traffic as the standard prescribes (UUIDv5 over the properties that
+identify them), all others UUIDv5 in a namespace of our own.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import json
+import uuid
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from dissect.engine.observer import Observer
+from dissect.export.attack_tables import TACTICS, TECHNIQUES
+from dissect.export.forms import Export, Request
+from dissect.export.keys import connection_community_id
+from dissect.export.rows import Rows
+from dissect.findings.mitre import Technique
+from dissect.findings.reporter import Finding
+from dissect.select.things import Context
+from dissect.session import Run
+from dissect.tcp.stream import Endpoint
+from dissect.transactions.connection import Connection
+from dissect.wire.text import Clock, encodable
+
+#: Namespace of the ids of observables (STIX 2.1, 2.9).
+_OBSERVABLES: Final = uuid.UUID("00abedb4-aa42-466c-9c01-fed23315a9b7")
+#: Namespace of our other ids: UUIDv5 of "s7dissect" in that of OIDs.
+_OURS: Final = uuid.uuid5(uuid.NAMESPACE_OID, "s7dissect")
+_SPEC: Final = "2.1"
+_FRAMEWORK: Final = "mitre-attack"
+
+
+class StixExport(Export, Observer):
+    """Collects objects and writes the bundle to a file at the end. Findings are bounded, so the objects are too."""
+
+    def __init__(self, request: Request) -> None:
+        Observer.__init__(self)
+        self.observer = self
+        self._path: Path = request.path
+        self._version = request.version
+        self._objects: dict[str, dict[str, Any]] = {}
+        self._findings = 0
+        self._context = Context()
+        self._rows = Rows([])
+        self._clock = Clock()
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Findings, and objects of the bundle."""
+        return {"findings": self._findings, "objects": len(self._objects)}
+
+    def begin(self, run: Run) -> None:
+        """Name packets by the files of the run."""
+        self._rows = Rows(run.files)
+
+    def flush(self) -> None:
+        """Nothing is written before the end."""
+
+    def close(self) -> None:
+        """Write the bundle."""
+        objects = list(self._objects.values())
+        key = json.dumps(objects, sort_keys=True)
+        bundle: dict[str, Any] = {"type": "bundle", "id": f"bundle--{uuid.uuid5(_OURS, key)}"}
+        if objects:  # an empty list is none that the standard knows
+            bundle["objects"] = objects
+        text = json.dumps(bundle, indent=1).replace("\x7f", "\\u007f")
+        self._path.write_text(f"{text}\n", encoding="ascii")
+
+    def abandon(self) -> None:
+        """Nothing is open."""
+
+    def connection_opened(self, connection: Connection) -> None:
+        """Remember a connection for its findings."""
+        self._context.opened(connection)
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Remember it a while longer."""
+        self._context.closed(connection)
+
+    def finding(self, finding: Finding) -> None:
+        """Add the objects of a finding."""
+        self._findings += 1
+        connection = self._context.connection(int(finding.connection))
+        time = self._time(int(finding.time_ns))
+        tool = self._identity(time)
+        seen = [self._traffic(connection, int(finding.time_ns))] if connection is not None else []
+        text = self._text(finding, connection)
+        if not seen:
+            self._note(finding, tool, time, text, [tool])
+            return
+        key = f"{finding.slug} {self._findings} {seen[0]}"
+        observed = self._add(
+            "observed-data",
+            key,
+            time,
+            tool,
+            first_observed=time,
+            last_observed=time,
+            number_observed=max(1, len(finding.frames)),
+            object_refs=seen,
+        )
+        self._note(finding, tool, time, text, [observed])
+        for technique in finding.rule.techniques:
+            if technique.v18 in TECHNIQUES:
+                self._add(
+                    "sighting",
+                    f"{key} {technique.v18}",
+                    time,
+                    tool,
+                    sighting_of_ref=self._technique(technique, time),
+                    observed_data_refs=[observed],
+                    where_sighted_refs=[tool],
+                    first_seen=time,
+                    last_seen=time,
+                    count=1,
+                )
+
+    # ---- objects ----------------------------------------------------------------------------------------------------
+
+    def _note(self, finding: Finding, tool: str, time: str, text: str, about: list[str]) -> None:
+        rule = finding.rule
+        self._add(
+            "note",
+            f"{rule.slug} {self._findings}",
+            time,
+            tool,
+            abstract=rule.sentence,
+            content=text,
+            object_refs=about,
+            labels=[rule.slug, rule.severity, rule.kind],
+        )
+
+    def _text(self, finding: Finding, connection: Connection | None) -> str:
+        row = self._rows.finding(finding, connection)
+        frames = ", ".join([str(frame) for frame in row[6]])
+        said = [finding.rule.sentence, encodable(finding.detail), f"Packets {frames} of {row[5]}." if frames else ""]
+        if connection is not None:
+            said.append(f"Community ID {connection_community_id(connection)}.")
+        return " ".join([text for text in (*said, finding.rule.advice) if text])
+
+    def _identity(self, time: str) -> str:
+        return self._add("identity", "tool", time, None, name=f"s7dissect {self._version}", identity_class="system")
+
+    def _technique(self, technique: Technique, time: str) -> str:
+        """Add the object of a technique, with MITRE's own id, so that it joins with theirs."""
+        tactics, number = TECHNIQUES[technique.v18]
+        id_ = f"attack-pattern--{number}"
+        if id_ not in self._objects:
+            url = f"https://attack.mitre.org/techniques/{technique.v18}"
+            self._objects[id_] = {
+                "type": "attack-pattern",
+                "spec_version": _SPEC,
+                "id": id_,
+                "created": time,
+                "modified": time,
+                "name": technique.name,
+                "kill_chain_phases": [
+                    {"kill_chain_name": "mitre-ics-attack", "phase_name": TACTICS[tactic].phase} for tactic in tactics
+                ],
+                "external_references": [
+                    {"source_name": _FRAMEWORK, "external_id": technique.v18, "url": url},
+                ],
+            }
+        return id_
+
+    def _traffic(self, connection: Connection, until_ns: int) -> str:
+        """Add the objects of a connection and its ends."""
+        client, server = connection.client, connection.server
+        inner = [connection.protocol] if connection.protocol else []
+        protocols = [
+            "ipv6" if len(client.address) == 16 else "ipv4",
+            "udp" if connection.udp else "tcp",
+            *[name.lower() for name in inner],
+        ]
+        known = {
+            "start": self._time(int(connection.tcp.first_ns)),
+            "src_ref": self._address(client),
+            "dst_ref": self._address(server),
+            "src_port": client.port,
+            "dst_port": server.port,
+            "protocols": protocols,
+        }
+        return self._observable("network-traffic", known)
+
+    def _address(self, end: Endpoint) -> str:
+        address = ipaddress.ip_address(end.address)
+        return self._observable(f"ipv{address.version}-addr", {"value": str(address)})
+
+    def _observable(self, type_: str, known: dict[str, Any]) -> str:
+        canonical = json.dumps(known, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+        id_ = f"{type_}--{uuid.uuid5(_OBSERVABLES, canonical)}"
+        self._objects[id_] = {"type": type_, "spec_version": _SPEC, "id": id_, **known}
+        return id_
+
+    def _add(self, type_: str, key: str, time: str, tool: str | None, **properties: Any) -> str:
+        id_ = f"{type_}--{uuid.uuid5(_OURS, f'{type_} {key} {time if tool else self._version}')}"
+        if id_ not in self._objects:
+            by = {"created_by_ref": tool} if tool is not None else {}
+            head = {"type": type_, "spec_version": _SPEC, "id": id_, **by, "created": time, "modified": time}
+            self._objects[id_] = {**head, **properties}
+        return id_
+
+    def _time(self, time_ns: int) -> str:
+        """Return a time in UTC with the microseconds that most readers keep."""
+        return f"{self._clock.iso(time_ns)[:26]}Z"
+
+
+def stix_export(request: Request) -> Export:
+    """Return an export of findings to a STIX bundle."""
+    return StixExport(request)

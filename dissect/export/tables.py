@@ -1,0 +1,298 @@
+"""The tables: one definition of names, columns, types, units and meanings, which every form of export and docs/tables.md read.
+
+A row is a tuple of the columns that are not derived, in their order; `dissect.export.rows` makes it. Times are nanoseconds
+since 1970 in UTC, as integers, because only these are exact in every reader; beside each stands the same as a
+timestamp, derived.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final, NamedTuple
+
+from dissect.config.hints import close_names
+
+# Types of columns. The form of export says what each is in its format (docs/tables.md).
+INT: Final = "integer"
+REAL: Final = "real"
+BOOL: Final = "boolean"
+TEXT: Final = "text"
+WORD: Final = "word"  # a text that comes again and again: a dictionary where the format has one
+BYTES: Final = "bytes"
+TIME: Final = "time"  # derived of the column of the same name with _ns
+INTS: Final = "integers"
+WORDS: Final = "words"
+TYPES: Final = (INT, REAL, BOOL, TEXT, WORD, BYTES, TIME, INTS, WORDS)
+
+
+class Column(NamedTuple):
+    """A column: ``source`` says where in the package its values come from, ``of`` from which column it is derived."""
+
+    name: str
+    type: str
+    unit: str
+    about: str
+    source: str
+    of: str = ""
+
+
+class Table(NamedTuple):
+    """A table: a row for each ``about``, in the order of completion; ``time`` is the column its rows are dated by."""
+
+    name: str
+    about: str
+    columns: tuple[Column, ...]
+    time: str = "ts_ns"
+
+    @property
+    def stored(self) -> list[Column]:
+        """The columns a row holds values of."""
+        return [column for column in self.columns if not column.of]
+
+    def position(self, name: str) -> int:
+        """Return where in a row the value of a column stands. KeyError for no such column."""
+        for index, column in enumerate(self.stored):
+            if column.name == name:
+                return index
+        raise KeyError(name)
+
+
+class UnknownTableError(ValueError):
+    """A name that no table has."""
+
+
+def _time(name: str, about: str, source: str) -> tuple[Column, Column]:
+    stored = Column(f"{name}_ns", INT, "ns since 1970, UTC", about, source)
+    return Column(name, TIME, "UTC", f"the same as {stored.name}, as a timestamp", source, stored.name), stored
+
+
+_FILE: Final = Column("file", WORD, "", "capture file of the (first) packet", "SourceFile.name")
+_CONNECTION: Final = Column("connection", INT, "", "number of the connection, as analyze lists it", "Connection.number")
+_ENDS: Final = (
+    Column("client_host", WORD, "", "address of the client of the connection", "Connection.client"),
+    Column("client_port", INT, "", "its TCP or UDP port", "Connection.client"),
+    Column("server_host", WORD, "", "address of the server, usually the PLC", "Connection.server"),
+    Column("server_port", INT, "", "its TCP or UDP port", "Connection.server"),
+)
+
+CONNECTIONS: Final = Table(
+    "connections",
+    "transport connection, when it is over or the capture ends",
+    (
+        _CONNECTION,
+        Column("uid", TEXT, "", "identifier in the form of Zeek, the same for the same traffic", "dissect.export.keys"),
+        Column("community_id", TEXT, "", "Community ID v1, joins with Zeek, Suricata, Elastic", "dissect.export.keys"),
+        _FILE,
+        Column("first_frame", INT, "packet of its file", "first packet", "TcpConnection.first_frame"),
+        Column("last_frame", INT, "packet of its file", "last packet", "TcpConnection.last_frame"),
+        *_time("ts", "time of the first packet", "TcpConnection.first_ns"),
+        *_time("end", "time of the last packet", "TcpConnection.last_ns"),
+        *_ENDS,
+        Column("client_known", BOOL, "", "more than a port number says who the client is", "Connection.client_known"),
+        Column("transport", WORD, "", "tcp or udp", "Connection.udp"),
+        Column("vlans", INTS, "", "VLAN ids, the outer tag first", "TcpConnection.vlan"),
+        Column("protocol", WORD, "", "protocol in the connection, as far as one name does", "Connection.protocol"),
+        Column("start", WORD, "", "syn, cr (COTP connect request) or mid_stream", "TcpConnection.known_start"),
+        Column("tsap_calling", TEXT, "", "TSAP of the client", "Connection.tsap_calling"),
+        Column("tsap_called", TEXT, "", "TSAP of the server", "Connection.tsap_called"),
+        Column("rack", INT, "", "rack that the called TSAP names", "Connection.tsap_called"),
+        Column("slot", INT, "", "slot that the called TSAP names", "Connection.tsap_called"),
+        Column("tpdu_size", INT, "bytes", "TPDU size agreed on", "Connection.tpdu_size"),
+        Column("pdu_length", INT, "bytes", "PDU length that the setup granted", "Connection.pdu_length"),
+        Column("max_amq_calling", INT, "", "parallel jobs granted to the caller", "Connection.granted"),
+        Column("max_amq_called", INT, "", "parallel jobs granted to the called side", "Connection.granted"),
+        Column("packets", INT, "", "packets both ways", "TcpConnection.packets"),
+        Column("client_bytes", INT, "bytes", "payload that the client sent", "HalfStream.octets"),
+        Column("server_bytes", INT, "bytes", "payload that the server sent", "HalfStream.octets"),
+        Column("missing_bytes", INT, "bytes", "payload missing from the capture", "HalfStream.position"),
+        Column("pdus", INT, "", "messages both ways", "Connection.pdus"),
+        Column("answered", INT, "", "requests answered", "Connection.answered"),
+        Column("unanswered", INT, "", "requests without an answer, those still open included", "Connection.unanswered"),
+        Column("orphans", INT, "", "responses without a request", "Connection.orphans"),
+        Column("unsolicited", INT, "", "messages sent unasked", "Connection.unsolicited"),
+        Column("with_errors", INT, "", "transactions with an error", "Connection.errors"),
+        Column("ended", WORD, "", "how it ended: fin, reset, open …", "TcpConnection.ended"),
+        Column("ended_by", WORD, "", "client or server, which closed it first", "TcpConnection.ended_by"),
+        Column("open_at_end", INT, "", "requests pending when it ended", "Connection.open_at_end"),
+    ),
+)
+
+TRANSACTIONS: Final = Table(
+    "transactions",
+    "request with its response, response without request, or message sent unasked",
+    (
+        Column("transaction", INT, "", "number of the transaction in the run", "Transaction.number"),
+        _CONNECTION,
+        _FILE,
+        Column("request_frame", INT, "packet of its file", "packet that completed the request", "Transaction.request_frame"),
+        Column("response_frame", INT, "packet of its file", "packet that completed the response", "Transaction.response_frame"),
+        Column("response_file", WORD, "", "capture file of the response", "SourceFile.name"),
+        *_time("ts", "time of the request, or of the response where there is no request", "Transaction.request_ns"),
+        Column("response_ns", INT, "ns since 1970, UTC", "time of the response", "Transaction.response_ns"),
+        Column("latency_ns", INT, "ns", "response time, null without request and response", "Transaction.latency_ns"),
+        *_ENDS,
+        Column("from_client", BOOL, "", "the client asked, or an unasked message went to it", "Transaction.asked_by"),
+        Column("protocol", WORD, "", "s7comm, s7comm-plus or scd", "Transaction.rosctr"),
+        Column("rosctr", WORD, "", "kind of the S7 PDU: Job, Userdata …", "Transaction.rosctr"),
+        Column("pdu_ref", INT, "", "number that pairs request and response", "Facet.reference"),
+        Column("function", INT, "", "function code", "Transaction.function"),
+        Column("function_name", WORD, "", "its name; of userdata group and subfunction", "Transaction.function_name"),
+        Column("userdata_group", INT, "", "function group of userdata", "UserdataHead.group"),
+        Column("subfunction", INT, "", "subfunction of userdata", "UserdataHead.subfunction"),
+        Column("about", TEXT, "", "what a request without items is about, for example the SZL", "Facet.subject_whole"),
+        Column("outcome", WORD, "", "answered, unanswered, orphan_answer or unsolicited", "Transaction.outcome"),
+        Column("reason", WORD, "", "why there was no answer", "Transaction.reason"),
+        Column("failed", BOOL, "", "refused in whole or in part, or without the answer that was due", "Transaction.failed"),
+        Column("error_code", INT, "", "error of header or parameter, 0 for none", "Transaction.error_code"),
+        Column("errors", WORDS, "", "every error: place, name", "Transaction.errors"),
+        Column("item_count", INT, "", "items of it in the table items", "Transaction.results"),
+        Column("request_bytes", INT, "bytes", "size of the request PDU", "Transaction.request_size"),
+        Column("response_bytes", INT, "bytes", "size of the response PDU", "Transaction.response_size"),
+    ),
+)
+
+ITEMS: Final = Table(
+    "items",
+    "item of a read, write, subscription or test function, with what became of it",
+    (
+        Column("transaction", INT, "", "number of the transaction", "Transaction.number"),
+        Column("item", INT, "", "number of the item, from 1", "Transaction.results"),
+        _CONNECTION,
+        *_time("ts", "time of the request, or of the message sent unasked", "Transaction.request_ns"),
+        Column("server_host", WORD, "", "address of the server, usually the PLC", "Connection.server"),
+        Column("client_host", WORD, "", "address of the client", "Connection.client"),
+        Column("operation", WORD, "", "read, write, or notify for what is sent unasked", "Transaction.function"),
+        Column("name", WORD, "", "tags in the item, with --tags, or the variable's name", "Naming.named"),
+        Column("area", WORD, "", "area: DB, M, I, Q …", "Item.area"),
+        Column("db", INT, "", "number of the data block", "Item.db"),
+        Column("byte", INT, "", "byte address; of timers and counters their number", "Item.start_bit"),
+        Column("bit", INT, "", "bit within the byte", "Item.start_bit"),
+        Column("address", WORD, "", "address as people write it, DB10.DBW4", "Item.address"),
+        Column("type", WORD, "", "transport size of the request", "Item.transport_size"),
+        Column("count", INT, "", "elements", "Item.count"),
+        Column("return_code", INT, "", "return code, null without an answer", "ItemResult.return_code"),
+        Column("return_name", WORD, "", "its name", "dissect.s7.tables.RETURN_CODES"),
+        Column("refused", BOOL, "", "the answer refuses this item", "ItemResult.refused"),
+        Column("number", REAL, "", "value: a number or truth value; of a single tag in its unit", "ItemResult.value"),
+        Column("text", TEXT, "", "value where it is text, several numbers as JSON", "ItemResult.value"),
+        Column("data", BYTES, "", "the bytes read or written", "ItemResult.data"),
+    ),
+)
+
+VALUES: Final = Table(
+    "values",
+    "value of a variable that was read, written or pushed, tag by tag where tags are given",
+    (
+        _CONNECTION,
+        _FILE,
+        Column("frame", INT, "packet of its file", "packet with the value", "ValueRow.frame"),
+        *_time("ts", "time of that packet", "ValueRow.time_ns"),
+        Column("client_host", WORD, "", "address of who read, wrote or subscribed", "ValueRow.client"),
+        Column("server_host", WORD, "", "address of the PLC that holds the variable", "Variable.plc"),
+        Column("operation", WORD, "", "read, write, push, modify, force, notification or pdo", "ValueRow.how"),
+        Column("written", BOOL, "", "the client gave the value", "ValueRow.writes"),
+        Column("address", WORD, "", "where the variable begins", "Variable.address"),
+        Column("name", WORD, "", "tag, or the name that the program gives it", "Variable.tag"),
+        Column("type", WORD, "", "type of the variable", "Variable.type"),
+        Column("unit", WORD, "", "unit of the value", "Variable.unit"),
+        Column("number", REAL, "unit", "value: a number or truth value", "ValueRow.value"),
+        Column("text", TEXT, "", "value where it is text, several numbers as JSON", "ValueRow.value"),
+        Column("data", BYTES, "", "its bytes", "ValueRow.data"),
+        Column("changed", BOOL, "", "different from the one before it, whoever read or wrote that", "ValueRow.changed"),
+        Column("previous_number", REAL, "unit", "the one before it: a number or truth value", "ValueRow.previous"),
+        Column("remark", TEXT, "", "what is odd about it", "ValueRow.remark"),
+    ),
+)
+
+OPERATIONS: Final = Table(
+    "operations",
+    "operation: several transactions that belong together, such as a download",
+    (
+        Column("operation", INT, "", "number of the operation in the run", "Operation.number"),
+        _CONNECTION,
+        _FILE,
+        Column("first_frame", INT, "packet of its file", "first packet", "Operation.first_frame"),
+        Column("last_frame", INT, "packet of its file", "last packet", "Operation.last_frame"),
+        *_time("ts", "time of the first packet", "Operation.begin_ns"),
+        *_time("end", "time of the last packet", "Operation.end_ns"),
+        *_ENDS,
+        Column("from_client", BOOL, "", "the client began it", "Operation.asked_by"),
+        Column("kind", WORD, "", "download, upload, polling … (operations --help)", "Operation.kind"),
+        Column("subject", TEXT, "", "what it is about", "Operation.subject"),
+        Column("result", WORD, "", "done, refused, failed, unfinished or running", "Operation.result"),
+        Column("reason", TEXT, "", "why it did not end well", "Operation.reason"),
+        Column("error_code", INT, "", "code of the refusal, 0 for none", "Operation.error_code"),
+        Column("error_name", WORD, "", "its name", "dissect.report.operations"),
+        Column("transaction_count", INT, "", "transactions it is made of", "Operation.parts"),
+        Column("transactions", INTS, "", "their numbers, the first thousand", "Operation.transactions"),
+        Column("pushes", INT, "", "messages of it that were sent unasked", "Operation.pushes"),
+        Column("bytes", INT, "bytes", "size of what was carried", "Operation.octets"),
+        Column("announced_bytes", INT, "bytes", "size that was announced", "Operation.announced"),
+        Column("oddities", WORDS, "", "what contradicts itself in it", "Operation.oddities"),
+    ),
+)
+
+FINDINGS: Final = Table(
+    "findings",
+    "finding in detail (at most 100 a slug and connection, 1000 a slug)",
+    (
+        Column("finding", INT, "", "number of the finding in the run", "order of reports"),
+        Column("slug", WORD, "", "stable name (docs/findings.md)", "Rule.slug"),
+        Column("severity", WORD, "", "error, warning or note", "Rule.severity"),
+        Column("kind", WORD, "", "what it is about", "Rule.kind"),
+        Column("connection", INT, "", "number of the connection, null for the capture as a whole", "Finding.connection"),
+        _FILE,
+        Column("frames", INTS, "packets of their files", "packets that show it", "Finding.frames"),
+        *_time("ts", "time of the last of them", "Finding.time_ns"),
+        Column("client_host", WORD, "", "address of the client", "Connection.client"),
+        Column("server_host", WORD, "", "address of the server", "Connection.server"),
+        Column("sentence", WORD, "", "what happened", "Rule.sentence"),
+        Column("detail", TEXT, "", "what was seen this time", "Finding.detail"),
+        Column("advice", WORD, "", "what to do", "Rule.advice"),
+        Column("techniques", WORDS, "", "MITRE ATT&CK for ICS technique ids, v18", "Technique.v18"),
+        Column("techniques_v19", WORDS, "", "the same in v19", "Technique.v19"),
+        Column("technique_names", WORDS, "", "their names", "Technique.name"),
+    ),
+)
+
+PDUS: Final = Table(
+    "pdus",
+    "message of S7comm, S7comm-plus or SCD, paired or not",
+    (
+        Column("pdu", INT, "", "number of the message in the run", "order of completion"),
+        _CONNECTION,
+        _FILE,
+        Column("frame", INT, "packet of its file", "packet that completed it", "Observer.pdu"),
+        *_time("ts", "time of that packet", "Observer.pdu"),
+        *_ENDS,
+        Column("from_client", BOOL, "", "the client sent it", "Side.index"),
+        Column("protocol", WORD, "", "s7comm, s7comm-plus or scd", "Observer.pdu"),
+        Column("kind", WORD, "", "ROSCTR (Job, Ack_Data …); S7comm-plus: request, response …", "Pdu.rosctr"),
+        Column("pdu_ref", INT, "", "number that pairs request and response", "Pdu.pdu_ref"),
+        Column("function", INT, "", "function code", "Parameters.function"),
+        Column("function_name", WORD, "", "its name; of userdata group and subfunction", "Parameters.function_name"),
+        Column("userdata_group", INT, "", "function group of userdata", "UserdataHead.group"),
+        Column("subfunction", INT, "", "subfunction of userdata", "UserdataHead.subfunction"),
+        Column("error_code", INT, "", "error of header or parameter", "Pdu.header"),
+        Column("item_count", INT, "", "items that its parameters announce", "Parameters.item_count"),
+        Column("bytes", INT, "bytes", "size of the message", "Observer.pdu"),
+        Column("cut", BOOL, "", "the capture cut it short", "Observer.pdu"),
+        Column("malformed", WORDS, "", "what is malformed in it", "Pdu.malformed"),
+    ),
+)
+
+#: Every table by its name, in the order in which they are listed.
+TABLES: Final[dict[str, Table]] = {
+    table.name: table for table in (CONNECTIONS, TRANSACTIONS, ITEMS, VALUES, OPERATIONS, FINDINGS, PDUS)
+}
+
+
+def chosen_tables(names: Iterable[str]) -> list[Table]:
+    """Return the tables of these names in the order of `TABLES`, all for none. Raises `UnknownTableError` with a hint."""
+    wanted = list(names)
+    for name in wanted:
+        if name not in TABLES:
+            near = close_names(name, TABLES)
+            hint = f"Did you mean {' or '.join(near)}?" if near else f"Tables are {', '.join(TABLES)}."
+            raise UnknownTableError(f"no table {name!r}. {hint}")
+    return [table for table in TABLES.values() if not wanted or table.name in wanted]

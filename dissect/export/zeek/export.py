@@ -1,0 +1,211 @@
+"""The logs of a run: an observer that writes them.
+
+By default rows are written that ICSNPP loses (refusals without parameters, SZL answers in parts, S7comm-plus below version 3).
+``strict`` leaves them out, for who compares with a Zeek. A second PDU in one segment, which ICSNPP loses too, is always there.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping
+from typing import Any, Final
+
+from dissect.engine.observer import Observer
+from dissect.export.forms import Export, Request
+from dissect.export.keys import connection_community_id, connection_uid
+from dissect.export.tables import TRANSACTIONS
+from dissect.export.transaction_rows import TransactionRows
+from dissect.export.zeek.columns import LOGS
+from dissect.export.zeek.log import Log
+from dissect.export.zeek.rows import IDENTIFICATION, S7, cotp_row, identification, plus_row
+from dissect.s7plus.message import parse_plus
+from dissect.session import Run
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import LONG_ANSWER, Operation
+from dissect.transactions.table import Side
+from dissect.transactions.transaction import Transaction
+
+#: Connections of which uids, devices and open answers are remembered.
+_MOST_KNOWN: Final = 16_384
+_STORED: Final = [column.name for column in TRANSACTIONS.stored]
+_TRUSTED_VERSION: Final = 3  # of S7comm-plus: the only one that ICSNPP reads
+
+
+class _Known:
+    """What is remembered of a connection: its uid, the names of its device, data units whose first part was seen."""
+
+    __slots__ = ("device", "parts", "uid")
+
+    def __init__(self, uid: str) -> None:
+        self.uid = uid
+        self.device: dict[int, str] = {}
+        self.parts: set[int] = set()
+
+
+class ZeekExport(Export, Observer):
+    """Writes the logs into a folder; ``counts`` are rows by log."""
+
+    def __init__(self, request: Request, as_json: bool) -> None:
+        Observer.__init__(self)
+        self.observer = self
+        self.wants_pdus = True
+        self.wants_tpdus = True
+        names = request.parts or tuple(LOGS)
+        self._strict = bool(request.options.get("strict"))
+        self._logs = {name: Log(request.path, name, as_json) for name in LOGS if name in names}
+        self._known: OrderedDict[int, _Known] = OrderedDict()
+        self._rows = TransactionRows([])
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Rows of each log."""
+        return {name: log.rows for name, log in self._logs.items()}
+
+    def begin(self, run: Run) -> None:
+        """Name packets by the files of the run."""
+        self._rows = TransactionRows(run.files)
+
+    def flush(self) -> None:
+        """Rows are written as they come."""
+
+    def close(self) -> None:
+        """Write the ends of the logs."""
+        for log in self._logs.values():
+            log.close()
+
+    def abandon(self) -> None:
+        """Close the logs."""
+        for log in self._logs.values():
+            log.abandon()
+
+    # ---- as an observer ---------------------------------------------------------------------------------------------
+
+    def tpdu(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
+        """Log a TPDU."""
+        row = cotp_row(octets)
+        if row is not None:
+            self._log("cotp", int(time_ns), side.connection, int(side.index), row)
+
+    def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
+        """Log an S7 PDU, and what it is about."""
+        pdu = S7(octets)
+        connection, index = side.connection, int(side.index)
+        from_server = index != connection.client_side
+        if self._strict and (
+            (pdu.rosctr == 2 and not pdu.parameters) or (pdu.is_szl and not pdu.szl_bounded(from_server))
+        ):
+            return
+        at = (int(time_ns), connection, index)
+        self._log("s7comm", *at, pdu.row())
+        if pdu.is_szl and self._begins_szl(pdu, connection):
+            self._log("s7comm_read_szl", *at, pdu.szl_row())
+            if from_server:
+                self._of(connection).device.update(identification(pdu.data[4:]))
+        if pdu.is_transfer:
+            self._log("s7comm_upload_download", *at, pdu.transfer_row())
+
+    def plus_pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
+        """Log an S7comm-plus PDU."""
+        connection = side.connection
+        pdu = parse_plus(octets, int(frame), int(time_ns), int(connection.number), int(side.index), cut)
+        row = plus_row(pdu)
+        if row is not None and (not self._strict or pdu.version == _TRUSTED_VERSION):
+            self._log("s7comm_plus", int(time_ns), connection, int(side.index), row)
+
+    def operation(self, operation: Operation) -> None:
+        """Take the names of a device from an answer in several parts."""
+        head = operation.content_head
+        if self._strict or operation.kind != LONG_ANSWER or head is None or not operation.content:
+            return
+        if operation.content[:2] == IDENTIFICATION.to_bytes(2, "big"):
+            self._of(operation.connection).device.update(identification(operation.content))
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Log a transaction."""
+        if "s7comm_transaction" not in self._logs:
+            return
+        asked = bool(transaction.request_frame)
+        side = int(transaction.asked_by if asked else 1 - transaction.asked_by)
+        connection = transaction.connection
+        items = transaction.plus_items() if transaction.is_plus else transaction.results()
+        row = dict(zip(_STORED, self._rows.transaction(transaction, len(items)), strict=True))
+        function = row["function"]
+        self._log(
+            "s7comm_transaction",
+            row["ts_ns"],
+            connection,
+            side,
+            (
+                connection_community_id(connection),
+                row["transaction"],
+                row["protocol"],
+                f"0x{function:02x}" if function is not None else None,
+                transaction.function_name or None,
+                transaction.outcome_name,
+                transaction.reason or None,
+                transaction.latency_ns,
+                bool(transaction.failed),
+                [f"{error.where}: {error.name}" for error in transaction.errors],
+                len(items),
+                int(transaction.request_size) if asked else None,
+                int(transaction.response_size) if transaction.response_frame else None,
+                row["request_frame"],
+                row["response_frame"],
+            ),
+        )
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Log the device that a connection spoke of."""
+        known = self._known.pop(int(connection.number), None)
+        log = self._logs.get("s7comm_known_devices")
+        if known is None or not known.device or log is None:
+            return
+        names = [known.device.get(index) for index in (1, 2, 3, 5)]
+        log.add([int(connection.tcp.last_ns), known.uid, *_ends(connection), *(None,) * 5, *names])
+
+    # ---- rows -------------------------------------------------------------------------------------------------------
+
+    def _log(self, name: str, time_ns: int, connection: Connection, side: int, row: tuple[Any, ...]) -> None:
+        log = self._logs.get(name)
+        if log is None:
+            return
+        ends = _ends(connection)
+        is_orig = side == connection.client_side
+        sent = ends if is_orig else (*ends[2:], *ends[:2])
+        log.add((time_ns, self._of(connection).uid, *ends, is_orig, *sent, *row))
+
+    def _of(self, connection: Connection) -> _Known:
+        number = int(connection.number)
+        found = self._known.get(number)
+        if found is None:
+            found = self._known[number] = _Known(connection_uid(connection))
+            if len(self._known) > _MOST_KNOWN:
+                self._known.popitem(last=False)
+        return found
+
+    def _begins_szl(self, pdu: S7, connection: Connection) -> bool:
+        """Tell whether the data of a Read SZL begins with id and index: it does in the first part of an answer only."""
+        unit, more = pdu.unit
+        if self._strict:
+            return unit == 0 or more == 1
+        if pdu.kind != 8 or not unit:
+            return len(pdu.data) >= 8 or pdu.kind == 8
+        parts = self._of(connection).parts
+        first = unit not in parts
+        (parts.add if more else parts.discard)(unit)
+        return first
+
+
+def _ends(connection: Connection) -> tuple[str, int, str, int]:
+    client, server = connection.client, connection.server
+    return client.host, client.port, server.host, server.port
+
+
+def tsv_export(request: Request) -> Export:
+    """Return an export to logs as tab-separated values."""
+    return ZeekExport(request, as_json=False)
+
+
+def json_export(request: Request) -> Export:
+    """Return an export to logs as JSON lines."""
+    return ZeekExport(request, as_json=True)

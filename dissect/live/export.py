@@ -1,0 +1,93 @@
+"""Tables written while a line is watched."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from dissect.engine.pipeline import Pipeline
+from dissect.export.feed import TableFeed
+from dissect.export.parquet import metadata_of
+from dissect.export.rotating import RotatingSink
+from dissect.export.tables import TABLES
+from dissect.findings.reporter import Finding
+from dissect.live.run import Companion
+from dissect.source.live.reader import Drops
+from dissect.source.packet import SourceFile
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import Operation
+from dissect.transactions.payloads import ScdMessage
+from dissect.transactions.table import Side
+from dissect.transactions.transaction import Transaction
+
+
+class ExportCompanion(Companion):
+    """Writes all tables below ``folder`` as Parquet, new files every ``every_ns`` of the capture's clock.
+
+    ``source`` is what the line is called in the column ``file``. Rows are handed on at every tick, so that at most those of a
+    moment wait in memory; files get their names when their time is over.
+    """
+
+    name = "the export"
+
+    def __init__(self, folder: Path, every_ns: int, source: str, version: str) -> None:
+        super().__init__()
+        self._sink = RotatingSink(folder, TABLES.values(), metadata_of(version, [source]))
+        self._feed = TableFeed(TABLES.values(), self._sink)
+        self._feed.begin([SourceFile(source, 1)])
+        self._every_ns = every_ns
+        self._due_ns = 0
+        self._now_ns = 0
+        self.wants_pdus = self._feed.wants_pdus
+
+    def begin(self, pipeline: Pipeline) -> None:
+        """Nothing is to be known of the pipeline."""
+
+    def tick(self, now_ns: int, drops: Drops) -> None:
+        """Hand on the rows, and begin new files where it is time."""
+        self._now_ns = now_ns
+        self._feed.flush()
+        if not self._due_ns:
+            self._due_ns = now_ns + self._every_ns
+        elif now_ns >= self._due_ns:
+            self._due_ns = now_ns + self._every_ns
+            self._sink.rotate(now_ns)
+
+    def close(self) -> None:
+        """Write the rest; what cannot be written leaves nothing behind."""
+        try:
+            self._feed.flush()
+            self._sink.rotate(self._now_ns)
+        finally:
+            self._sink.abandon()
+
+    def connection_opened(self, connection: Connection) -> None:
+        """Hand it on, as all the others."""
+        self._feed.connection_opened(connection)
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Hand it on."""
+        self._feed.connection_closed(connection)
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Hand it on."""
+        self._feed.transaction(transaction)
+
+    def operation(self, operation: Operation) -> None:
+        """Hand it on."""
+        self._feed.operation(operation)
+
+    def finding(self, finding: Finding) -> None:
+        """Hand it on."""
+        self._feed.finding(finding)
+
+    def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
+        """Hand it on."""
+        self._feed.pdu(frame, time_ns, side, octets, cut)
+
+    def plus_pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
+        """Hand it on."""
+        self._feed.plus_pdu(frame, time_ns, side, octets, cut)
+
+    def scd(self, frame: int, time_ns: int, side: Side, found: ScdMessage) -> None:
+        """Hand it on."""
+        self._feed.scd(frame, time_ns, side, found)

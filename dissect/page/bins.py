@@ -1,0 +1,130 @@
+"""Counts over time, and distributions of durations, in bounded memory: what the plots of a report are drawn from."""
+
+from __future__ import annotations
+
+from typing import Final
+
+_MS: Final = 1_000_000
+#: Widths of bins in nanoseconds. Each is a multiple of the one before it, so that bins can be joined, and reads well.
+WIDTHS: Final = tuple(
+    _MS * width
+    for width in (
+        *(1, 2, 10, 20, 100, 200, 1_000, 2_000, 10_000, 20_000, 60_000, 120_000, 600_000, 1_200_000, 3_600_000),
+        *(7_200_000, 43_200_000, 86_400_000, 864_000_000, 8_640_000_000, 86_400_000_000, 864_000_000_000),
+    )
+)
+#: Bins that are kept while packets are read.
+_MOST: Final = 1500
+
+#: Buckets of a distribution to each doubling, as a power of two: durations are told apart to 1/32.
+_STEP_BITS: Final = 5
+_STEPS: Final = 1 << _STEP_BITS
+
+
+class Bins:
+    """Counts by time and column. Only bins with something in them are kept; when there are too many, neighbours are joined.
+
+    ``width`` is in nanoseconds; a bin's number is its time divided by that.
+    """
+
+    __slots__ = ("_most", "_step", "rows", "width")
+
+    def __init__(self, most: int = _MOST) -> None:
+        self.rows: dict[int, dict[int, int]] = {}
+        self._most = most
+        self._step = 0
+        self.width = WIDTHS[0]
+
+    def add(self, time_ns: int, column: int) -> None:
+        """Count one in a column at a time (nanoseconds since 1970)."""
+        row = self.rows.get(time_ns // self.width)
+        if row is None:
+            row = self.rows.setdefault(time_ns // self.width, {})
+            while len(self.rows) > self._most:
+                self._join()
+                row = self.rows[time_ns // self.width]
+        row[column] = row.get(column, 0) + 1
+
+    def settle(self, begin_ns: int, end_ns: int, most: int) -> None:
+        """Join bins until at most about ``most`` of them lie between two times."""
+        while (end_ns - begin_ns) // self.width > most and self._step + 1 < len(WIDTHS):
+            self._join()
+
+    def _join(self) -> None:
+        if self._step + 1 == len(WIDTHS):
+            self._most *= 2  # there is no wider bin: 27 years each
+            return
+        self._step += 1
+        wider = WIDTHS[self._step]
+        factor = wider // self.width
+        joined: dict[int, dict[int, int]] = {}
+        for number, row in self.rows.items():
+            into = joined.setdefault(number // factor, {})
+            for column, count in row.items():
+                into[column] = into.get(column, 0) + count
+        self.rows = joined
+        self.width = wider
+
+
+def bucket(ns: int) -> int:
+    """Return the bucket of a duration in nanoseconds; negative ones count as 0."""
+    if ns < _STEPS:
+        return max(ns, 0)
+    shift = ns.bit_length() - _STEP_BITS - 1
+    return (shift << _STEP_BITS) + (ns >> shift)
+
+
+def lower_end(number: int) -> int:
+    """Return the shortest duration in nanoseconds of a bucket."""
+    if number < 2 * _STEPS:
+        return number
+    shift = (number >> _STEP_BITS) - 1
+    return (number - (shift << _STEP_BITS)) << shift
+
+
+class Spread:
+    """Durations in nanoseconds: count, sums, extremes, and how many fell into each `bucket`."""
+
+    __slots__ = ("buckets", "count", "largest", "smallest", "squares", "sum")
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.sum = 0
+        self.squares = 0
+        self.smallest = 0
+        self.largest = 0
+        self.buckets: dict[int, int] = {}
+
+    def add(self, ns: int) -> None:
+        """Take one duration."""
+        if not self.count or ns < self.smallest:
+            self.smallest = ns
+        if not self.count or ns > self.largest:
+            self.largest = ns
+        self.count += 1
+        self.sum += ns
+        self.squares += ns * ns
+        number = bucket(ns)
+        self.buckets[number] = self.buckets.get(number, 0) + 1
+
+    @property
+    def mean(self) -> int:
+        """The mean, 0 for none."""
+        return self.sum // self.count if self.count else 0
+
+    @property
+    def deviation(self) -> int:
+        """The standard deviation, 0 for none."""
+        if not self.count:
+            return 0
+        return int(max(0.0, self.squares / self.count - (self.sum / self.count) ** 2) ** 0.5)
+
+    def quantile(self, share: float) -> int:
+        """Return the duration that this share of all does not exceed, to 1/32 of it; 0 for none."""
+        wanted = max(1, -int(-share * self.count // 1))
+        seen = 0
+        for number in sorted(self.buckets):
+            seen += self.buckets[number]
+            if seen >= wanted:
+                return min(max(lower_end(number), self.smallest), self.largest)
+        return self.largest

@@ -1,0 +1,431 @@
+"""What the page draws and lists, as JSON-ready values: plots and tables of one session.
+
+Times are in seconds after ``start_ns``, as numbers that JavaScript holds exactly; durations in nanoseconds.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any, Final
+
+from dissect.findings.catalogue import CATALOGUE
+from dissect.page.bins import lower_end
+from dissect.page.gathered import BANDS, Gap, Gathered
+from dissect.page.rows import OUTCOME_NAMES, host_filter
+from dissect.page.tag_steps import TagSteps
+from dissect.page.verdict import by_weight
+from dissect.report import words
+from dissect.report.operations import NAMES as KINDS
+from dissect.wire.text import printable, shortened
+
+#: Bins of time that a plot is drawn of.
+_BINS: Final = 480
+#: Of the answers, one in so many is drawn as a point, the slowest ones, and at least these.
+_ONE_IN: Final = 20
+_LEAST_POINTS: Final = 5
+#: Rows of plots that have a row for each thing.
+_SPREADS: Final = 24
+_POLLS: Final = 24
+_HOSTS: Final = 24
+_TAGS: Final = 12
+#: Rows of tables.
+_VARIABLES: Final = 1000
+_REQUESTS: Final = 500
+#: Marks of findings on the plot of rates.
+_MARKS: Final = 400
+_TEXT: Final = 160
+
+#: A cell is one of these kinds: it says how it is shown and sorted.
+TEXT, SHORT, NUMBER, SECONDS, DURATION, SIZE = "text", "short", "number", "seconds", "duration", "size"
+
+
+class Data:
+    """The data of one session, made of what was gathered."""
+
+    def __init__(self, gathered: Gathered, name: str) -> None:
+        self._of = gathered
+        self._name = name
+        self._start = gathered.start_ns
+        self._end = max(gathered.end_ns, gathered.start_ns + 1)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything."""
+        of = self._of
+        local = of.rows.clock.local
+        return {
+            "name": self._name,
+            "start_ms": self._start / 1e6,
+            "offset_s": time.localtime(self._start // 10**9).tm_gmtoff if local else 0,
+            "zone": of.rows.clock.zone(self._start),
+            "span": self._seconds(self._end),
+            "rates": self._rates(),
+            "times": self._times(),
+            "points": self._points(),
+            "spreads": self._spreads(),
+            "polls": self._polls(),
+            "talks": self._talks(),
+            "lanes": self._lanes(),
+            "tags": self._tags(),
+            "gaps": [self._gap(gap) for gap in [*of.gaps, *of.between_files()]],
+            "gaps_not_drawn": of.gaps_not_drawn,
+            "marks": self._marks(),
+            "tables": self._tables(),
+        }
+
+    def _seconds(self, time_ns: int) -> float:
+        return round((time_ns - self._start) / 1e9, 6)
+
+    # ---- plots ------------------------------------------------------------------------------------------------------
+
+    def _rates(self) -> dict[str, Any]:
+        bins = self._of.rates
+        bins.settle(self._start, self._end, _BINS)
+        rows = [
+            [self._seconds(number * bins.width), *[row.get(column, 0) for column in range(len(OUTCOME_NAMES))]]
+            for number, row in sorted(bins.rows.items())
+        ]
+        return {"width": bins.width / 1e9, "names": OUTCOME_NAMES, "bins": rows}
+
+    def _times(self) -> dict[str, Any]:
+        """Answer times by time: cells of (seconds, lower and upper end in nanoseconds, count)."""
+        bins = self._of.answer_times
+        bins.settle(self._start, self._end, _BINS // 2)
+        step = 32 // BANDS
+        cells = [
+            [self._seconds(number * bins.width), lower_end(band * step), lower_end((band + 1) * step), count]
+            for number, row in sorted(bins.rows.items())
+            for band, count in sorted(row.items())
+        ]
+        return {"width": bins.width / 1e9, "cells": cells}
+
+    def _points(self) -> list[list[Any]]:
+        """The slowest answers one by one: (seconds, nanoseconds, key of the row, what)."""
+        return [
+            [self._seconds(row["cells"][1]), row["cells"][4], row["key"], f"#{row['cells'][0]} {row['cells'][5]}"]
+            for row in self._of.slowest()[: max(_LEAST_POINTS, int(self._of.analysis.answered) // _ONE_IN)]
+        ]
+
+    def _spreads(self) -> dict[str, Any]:
+        found = sorted(self._of.spreads.items(), key=lambda entry: (-entry[1].times.count, entry[0]))
+        rows = []
+        for (host, function), spread in [entry for entry in found if entry[1].times.count][:_SPREADS]:
+            times = spread.times
+            bands: dict[int, int] = {}
+            for number, count in times.buckets.items():
+                bands[number // 8] = bands.get(number // 8, 0) + count
+            rows.append(
+                {
+                    "host": self._of.rows.host(host),
+                    "function": function,
+                    "count": times.count,
+                    "errors": spread.errors,
+                    "missed": spread.missed,
+                    "min": max(0, times.smallest),
+                    "median": max(0, times.quantile(0.5)),
+                    "p95": max(0, times.quantile(0.95)),
+                    "max": max(0, times.largest),
+                    "bands": [
+                        [max(lower_end(band * 8), times.smallest), min(lower_end(band * 8 + 8), times.largest), count]
+                        for band, count in sorted(bands.items())
+                    ],
+                }
+            )
+        return {"rows": rows, "total": len(found), "not_told_apart": self._of.spreads_not_told_apart}
+
+    def _polls(self) -> dict[str, Any]:
+        found = self._of.requests.polls()
+        rows = [
+            {
+                "host": self._of.rows.host(known.connection.server.host),
+                "key": f"c{known.connection.number}",
+                "subject": shortened(known.subject, _TEXT),
+                "count": known.count,
+                "p5": known.periods.quantile(0.05),
+                "median": known.periods.quantile(0.5),
+                "p95": known.periods.quantile(0.95),
+                "min": known.periods.smallest,
+                "max": known.periods.largest,
+                "jitter": known.periods.deviation,
+            }
+            for known in found[:_POLLS]
+        ]
+        return {"rows": rows, "total": len(found), "not_followed": self._of.requests.not_followed}
+
+    def _talks(self) -> dict[str, Any]:
+        pairs = sorted(self._of.talks.pairs.items(), key=lambda entry: (-entry[1].octets, entry[0]))
+        shown: list[dict[str, Any]] = []
+        clients: set[str] = set()
+        servers: set[str] = set()
+        for (client, server), pair in pairs:
+            if len(clients | {client}) > _HOSTS or len(servers | {server}) > _HOSTS:
+                continue
+            clients.add(client)
+            servers.add(server)
+            shown.append(
+                {
+                    "client": self._of.rows.host(client),
+                    "server": self._of.rows.host(server),
+                    "search": [client, server],
+                    "connections": pair.connections,
+                    "pdus": pair.pdus,
+                    "octets": pair.octets,
+                    "errors": pair.errors,
+                    "missed": pair.missed,
+                    "worst": pair.worst,
+                }
+            )
+        return {"pairs": shown, "total": len(pairs), "not_told_apart": self._of.talks.not_told_apart}
+
+    def _lanes(self) -> dict[str, Any]:
+        """Operations and operating modes, a lane for each PLC."""
+        of = self._of
+        hosts = dict.fromkeys([mode.host for mode in of.modes] + [span.host for span in of.spans])
+        lanes = [self._lane(host) for host in list(hosts)[:_HOSTS]]
+        return {"lanes": lanes, "total": len(hosts), "not_drawn": of.operations_not_listed + of.modes_not_drawn}
+
+    def _lane(self, host: str) -> dict[str, Any]:
+        of = self._of
+        return {
+            "host": of.rows.host(host),
+            "spans": [
+                [
+                    self._seconds(span.begin_ns),
+                    self._seconds(span.end_ns),
+                    span.kind,
+                    f"o{span.number}",
+                    f"{KINDS[span.kind]}, {span.result}",
+                ]
+                for span in of.spans
+                if span.host == host
+            ],
+            "modes": [
+                [self._seconds(mode.time_ns), printable(mode.text), of.rows.places.number(mode.frame)]
+                for mode in of.modes
+                if mode.host == host
+            ],
+        }
+
+    def _tags(self) -> dict[str, Any]:
+        found = sorted(self._of.tags.found.items())
+        return {
+            "series": [self._tag(name, host, steps) for (name, host), steps in found[:_TAGS] if steps.values],
+            "missing": [printable(name) for name in self._of.tags.missing()],
+            "not_numbers": [printable(name) for (name, _), steps in found if steps.not_a_number],
+            "refused": [printable(name) for name in self._of.tags.refused()],
+            "total": len(found),
+        }
+
+    def _tag(self, name: str, host: str, steps: TagSteps) -> dict[str, Any]:
+        rows = self._of.rows
+        return {
+            "name": printable(name),
+            "host": rows.host(host),
+            "unit": printable(steps.unit),
+            "width": steps.width_ns / 1e9,
+            "end": self._seconds(steps.last_ns),
+            "values": steps.values,
+            "steps": [
+                [self._seconds(step.time_ns), step.first, step.smallest, step.largest, step.last, int(step.broken)]
+                for step in steps.steps
+            ],
+            "writes": [
+                [self._seconds(write.time_ns), write.value, rows.host(write.writer), rows.places.number(write.frame)]
+                for write in steps.writes
+            ],
+            "writes_not_kept": steps.writes_not_kept,
+            "gaps": [
+                [self._seconds(gap.begin_ns), self._seconds(gap.end_ns)]
+                for gap in self._of.gaps
+                if not gap.connection or gap.connection in steps.connections
+            ],
+        }
+
+    def _gap(self, gap: Gap) -> list[Any]:
+        where = f"connection {gap.connection}: " if gap.connection else ""
+        return [self._seconds(gap.begin_ns), self._seconds(gap.end_ns), f"{where}{gap.why}"]
+
+    def _marks(self) -> dict[str, Any]:
+        """When findings were made: (seconds, severity, slug, detail), the heaviest kept where there are too many."""
+        rules = by_weight(self._of.analysis)
+        order = {rule.slug: number for number, rule in enumerate(rules)}
+        found = sorted(self._of.analysis.findings, key=lambda finding: (order[finding.slug], int(finding.time_ns)))
+        marks = [
+            [self._seconds(int(one.time_ns)), one.severity, one.slug, shortened(one.detail or one.rule.sentence, _TEXT)]
+            for one in found[:_MARKS]
+        ]
+        return {
+            "marks": sorted(marks, key=lambda mark: mark[0]),
+            "total": sum(self._of.analysis.finding_counts.values()),
+        }
+
+    # ---- tables -----------------------------------------------------------------------------------------------------
+
+    def _tables(self) -> list[dict[str, Any]]:
+        of = self._of
+        transactions = [
+            ("number", NUMBER), ("time", SECONDS), ("packets", SHORT), ("from → to", TEXT), ("answer", DURATION),
+            ("function", TEXT), ("what", TEXT),
+        ]  # fmt: skip
+        listed = len(of.connections)
+        return [
+            self._table("failed", "Failed transactions", transactions, of.failed, of.failed_in_all),
+            self._table("slowest", "Slowest transactions", transactions, of.slowest(), int(of.analysis.answered)),
+            self._table(
+                "connections",
+                "Connections",
+                [
+                    ("number", NUMBER), ("time", SECONDS), ("client", TEXT), ("server", TEXT), ("protocol", TEXT),
+                    ("TSAPs", TEXT),
+                    ("PDUs", NUMBER), ("answered", NUMBER), ("with errors", NUMBER), ("no answer", NUMBER), ("bytes", SIZE),
+                    ("end", TEXT),
+                ],
+                of.connections,
+                listed + int(of.analysis.connections_not_listed),
+            ),
+            self._table(
+                "operations",
+                "Operations",
+                [
+                    ("number", NUMBER), ("time", SECONDS), ("took", DURATION), ("kind", TEXT), ("what", TEXT),
+                    ("from → to", TEXT), ("bytes", SIZE), ("result", TEXT),
+                ],
+                of.operations,
+                len(of.operations) + of.operations_not_listed,
+            ),
+            self._functions(),
+            self._requests(),
+            self._variables(),
+        ]  # fmt: skip
+
+    def _table(
+        self, name: str, title: str, columns: list[tuple[str, str]], rows: list[dict[str, Any]], total: int
+    ) -> dict[str, Any]:
+        """Return a table; absolute times become seconds after the start."""
+        times = [number for number, (_, kind) in enumerate(columns) if kind == SECONDS]
+        made = []
+        for row in rows:
+            cells = list(row["cells"])
+            for number in times:
+                cells[number] = self._seconds(cells[number])
+            made.append({**row, "cells": cells})
+        return {"name": name, "title": title, "columns": columns, "rows": made, "total": max(total, len(rows))}
+
+    def _functions(self) -> dict[str, Any]:
+        rows: list[dict[str, Any]] = []
+        for (host, function), spread in sorted(self._of.spreads.items(), key=lambda entry: -entry[1].times.count):
+            times = spread.times
+            rows.append(
+                {
+                    "key": f"f{len(rows) + 1}",
+                    "cells": [
+                        self._of.rows.host(host), function, times.count, spread.errors, spread.missed,
+                        times.quantile(0.5) if times.count else None, times.quantile(0.95) if times.count else None,
+                        times.largest if times.count else None,
+                    ],
+                    "show": self._of.rows.command(f"transactions -Y 'server == {host}'"),
+                    "filter": f"s7comm && {host_filter(host, host).partition(' && ')[0]}",
+                }
+            )  # fmt: skip
+        columns = [
+            ("PLC", TEXT), ("function", TEXT), ("answered", NUMBER), ("with errors", NUMBER), ("no answer", NUMBER),
+            ("median", DURATION), ("95 %", DURATION), ("longest", DURATION),
+        ]  # fmt: skip
+        return self._table("functions", "Functions by PLC", columns, rows, len(rows) + self._of.spreads_not_told_apart)
+
+    def _requests(self) -> dict[str, Any]:
+        found = self._of.requests.polls()
+        rows = [
+            {
+                "key": f"p{number}",
+                "cells": [
+                    int(known.connection.number),
+                    self._of.rows.host(known.connection.server.host),
+                    shortened(known.subject, _TEXT),
+                    known.count,
+                    known.errors,
+                    known.missed,
+                    known.periods.quantile(0.5),
+                    known.periods.smallest,
+                    known.periods.largest,
+                    known.periods.deviation,
+                ],
+                "show": self._of.rows.command(f"transactions --connection {known.connection.number}"),
+                "filter": host_filter(known.connection.client.host, known.connection.server.host),
+            }
+            for number, known in enumerate(found[:_REQUESTS], 1)
+        ]
+        columns = [
+            ("connection", NUMBER), ("PLC", TEXT), ("request", TEXT), ("times", NUMBER), ("with errors", NUMBER),
+            ("no answer", NUMBER), ("period", DURATION), ("shortest", DURATION), ("longest", DURATION), ("jitter", DURATION),
+        ]  # fmt: skip
+        return self._table("polls", "Repeated requests", columns, rows, len(found))
+
+    def _variables(self) -> dict[str, Any]:
+        found = self._of.requests.variables()
+        order = sorted(
+            found.items(), key=lambda entry: (-entry[1].refused, -entry[1].read - entry[1].written, entry[0])
+        )
+        rows = [
+            {
+                "key": f"v{number}",
+                "cells": [
+                    self._of.rows.host(host),
+                    shortened(address, _TEXT),
+                    variable.read,
+                    variable.written,
+                    variable.refused,
+                    variable.why,
+                    ", ".join([self._of.rows.host(client) for client in sorted(variable.clients)[:3]])
+                    + (f" and {len(variable.clients) - 3} more" if len(variable.clients) > 3 else ""),
+                ],
+                "show": self._of.rows.command(f"transactions -Y 'address == \"{address}\"'")
+                if printable(address) == address
+                else "",
+                "filter": f"s7comm && {host_filter(host, host).partition(' && ')[0]}",
+            }
+            for number, ((host, address), variable) in enumerate(order[:_VARIABLES], 1)
+        ]
+        columns = [
+            ("PLC", TEXT), ("address", TEXT), ("reads", NUMBER), ("writes", NUMBER), ("refused", NUMBER), ("why", TEXT),
+            ("clients", TEXT),
+        ]  # fmt: skip
+        return self._table("variables", "Variables", columns, rows, len(found))
+
+
+def findings_of(gathered: Gathered) -> list[dict[str, Any]]:
+    """Return the findings by weight, for the part of the page that needs no script."""
+    counts = gathered.analysis.finding_counts
+    details: dict[str, list[Any]] = {}
+    for finding in gathered.analysis.findings:
+        details.setdefault(finding.slug, []).append(finding)
+    told = []
+    for rule in by_weight(gathered.analysis):
+        shown = sorted(details.get(rule.slug, []), key=lambda one: int(one.time_ns))[:_DETAILS]
+        rows = []
+        for one in shown:
+            show, display = gathered.rows.packets(list(one.frames))
+            rows.append(
+                {
+                    "time": gathered.rows.clock.moment(int(one.time_ns)),
+                    "connection": int(one.connection),
+                    "packets": gathered.rows.places.phrase(one.frames),
+                    "detail": shortened(one.detail, _DETAIL),
+                    "show": show,
+                    "filter": display,
+                }
+            )
+        told.append(
+            {
+                "rule": CATALOGUE[rule.slug],
+                "count": counts[rule.slug],
+                "times": words.count(counts[rule.slug], "time"),
+                "rows": rows,
+                "techniques": ", ".join([str(technique) for technique in rule.techniques]),
+            }
+        )
+    return told
+
+
+#: Findings of a kind that are shown one by one, and characters of one.
+_DETAILS: Final = 25
+_DETAIL: Final = 400

@@ -1,0 +1,317 @@
+"""Everything that a report shows, gathered in one pass over the packets and in bounded memory.
+
+`Gathered` is an observer that adds up by time what `dissect.report.analysis` adds up over the whole run, which it holds as
+`analysis`. What it leaves out it counts, and the report says so.
+"""
+
+from __future__ import annotations
+
+import heapq
+from typing import Any, Final
+
+from dissect.engine.observer import Observer
+from dissect.findings.reporter import Finding
+from dissect.page.bins import Bins, Spread, bucket
+from dissect.page.polls import Requests
+from dissect.page.rows import ERROR, MISSED, OK, Rows, outcome_of, time_of
+from dissect.page.tag_steps import Tags
+from dissect.page.talks import Talks
+from dissect.report.analysis import Analysis
+from dissect.s7.tables import GROUP_MODE
+from dissect.session import CONTINUES_NS
+from dissect.source.packet import SourceFile
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import CONNECT, Operation
+from dissect.transactions.transaction import Transaction
+from dissect.variables.wanted import WantedSet
+
+#: Rows of each table.
+MAX_SLOWEST: Final = 300
+MAX_FAILED: Final = 500
+MAX_OPERATIONS: Final = 1000
+#: Pairs of PLC and function whose answer times are told apart.
+MAX_SPREADS: Final = 200
+#: Gaps drawn, and changes of the operating mode.
+MAX_GAPS: Final = 1000
+MAX_MODES: Final = 1000
+#: Answer times by time: doublings are cut into this many bands.
+BANDS: Final = 4
+#: What says that packets of any connection may be missing; bytes that are missing of one show in its streams.
+_GAPS: Final = frozenset(("capture.dropped", "capture.damaged"))
+
+#: Findings that report the operating mode of a CPU that speaks S7comm-plus, which has no message of its own for it.
+_MODES: Final = {"security.stopped": "STOP", "security.mode_changed": "RUN"}
+
+
+class Gap:
+    """A time of which something is missing: of one connection, or of all (0)."""
+
+    __slots__ = ("begin_ns", "connection", "end_ns", "why")
+
+    def __init__(self, begin_ns: int, end_ns: int, connection: int, why: str) -> None:
+        self.begin_ns = begin_ns
+        self.end_ns = end_ns
+        self.connection = connection
+        self.why = why
+
+
+class Heard:
+    """When a connection was heard last, and how many of its bytes were missing by then."""
+
+    __slots__ = ("connection", "missing", "time_ns")
+
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
+        self.time_ns = int(connection.tcp.first_ns)
+        self.missing = 0
+
+
+class Mode:
+    """A PLC reported its operating mode."""
+
+    __slots__ = ("frame", "host", "text", "time_ns")
+
+    def __init__(self, time_ns: int, host: str, text: str, frame: int) -> None:
+        self.time_ns = time_ns
+        self.host = host
+        self.text = text
+        self.frame = frame
+
+
+class Span:
+    """When an operation went on, at which PLC."""
+
+    __slots__ = ("begin_ns", "end_ns", "host", "kind", "number", "result")
+
+    def __init__(self, begin_ns: int, end_ns: int, host: str, kind: str, number: int, result: str) -> None:
+        self.begin_ns = begin_ns
+        self.end_ns = end_ns
+        self.host = host
+        self.kind = kind
+        self.number = number
+        self.result = result
+
+
+class SpreadOf:
+    """The answer times of one function of one PLC, and what else became of its requests."""
+
+    __slots__ = ("errors", "missed", "times")
+
+    def __init__(self) -> None:
+        self.times = Spread()
+        self.errors = 0
+        self.missed = 0
+
+
+class Gathered(Observer):
+    """What a report shows of a run. ``rows`` writes the rows of its tables, ``tags`` are those to be plotted, None for none.
+
+    ``files`` are those that are being read: it grows, and is set before the first packet.
+    """
+
+    def __init__(self, rows: Rows, tags: WantedSet | None = None) -> None:
+        super().__init__()
+        self.analysis = Analysis()
+        self.rows = rows
+        self.rates = Bins()
+        self.answer_times = Bins()
+        self.spreads: dict[tuple[str, str], SpreadOf] = {}
+        self.spreads_not_told_apart = 0
+        self.requests = Requests()
+        self.talks = Talks()
+        self.tags = Tags(tags)
+        self.gaps: list[Gap] = []
+        self.gaps_not_drawn = 0
+        self.modes: list[Mode] = []
+        self.modes_not_drawn = 0
+        self.operations: list[dict[str, Any]] = []
+        self.spans: list[Span] = []
+        self.operations_not_listed = 0
+        self.connections: list[dict[str, Any]] = []
+        self.failed: list[dict[str, Any]] = []
+        self.failed_in_all = 0
+        #: When the first request failed, 0 for never.
+        self.first_failure_ns = 0
+        self._slowest: list[tuple[int, int, dict[str, Any]]] = []
+        self._slow_floor = -1
+        self.files: list[SourceFile] = []
+        self._spans_of_files: list[tuple[int, int]] = []
+        self._last_ns = 0
+        self._heard: dict[int, Heard] = {}
+
+    # ---- observer ---------------------------------------------------------------------------------------------------
+
+    def connection_opened(self, connection: Connection) -> None:
+        """Remember a connection, for the gaps that are found on it."""
+        self._at(int(connection.tcp.first_ns))
+        self._heard[int(connection.number)] = Heard(connection)
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Take a connection for the table and the graph."""
+        analysis = self.analysis
+        listed = len(analysis.connections)
+        analysis.connection_closed(connection)
+        if len(analysis.connections) > listed:
+            self.connections.append(self.rows.connection(connection))
+        self.talks.over(connection)
+        self.tags.closed(connection)
+        self._look_for_gap(connection, int(connection.tcp.last_ns))
+        self._heard.pop(int(connection.number), None)
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Take a transaction for all plots it belongs to."""
+        self.analysis.transaction(transaction)
+        now = time_of(transaction)
+        self._at(now)
+        self._look_for_gap(transaction.connection, now)
+        self._last_ns = now
+        outcome = outcome_of(transaction)
+        self.rates.add(now, outcome)
+        latency = transaction.latency_ns
+        if latency is not None:
+            self.answer_times.add(now, bucket(latency) // (32 // BANDS))
+            if latency > self._slow_floor:
+                self._keep_slow(latency, transaction)
+        if latency is not None or outcome in {ERROR, MISSED}:
+            self._spread(transaction, latency, outcome)
+        if outcome in {ERROR, MISSED}:
+            self._failure(transaction, now)
+        userdata = transaction.parameters.userdata
+        if userdata is not None and userdata.group == GROUP_MODE:
+            host = transaction.connection.tcp.ends[1 - transaction.asked_by].host
+            text = transaction.function_name.rpartition(": ")[2]
+            self._mode(now, host, text, int(transaction.response_frame or transaction.request_frame))
+        self.requests.take(transaction)
+        self.tags.take(transaction)
+
+    def operation(self, operation: Operation) -> None:
+        """Take an operation; set-ups of connections are only counted, they have a table of their own."""
+        self.analysis.operation(operation)
+        if operation.kind == CONNECT:
+            return
+        if len(self.operations) >= MAX_OPERATIONS:
+            self.operations_not_listed += 1
+            return
+        self.operations.append(self.rows.operation(operation))
+        host = operation.connection.server.host
+        self.spans.append(
+            Span(operation.begin_ns, operation.end_ns, host, operation.kind, operation.number, operation.result)
+        )
+
+    def finding(self, finding: Finding) -> None:
+        """Take a finding; of one that says that something is missing, also the time it is missing of."""
+        self.analysis.finding(finding)
+        number = int(finding.connection)
+        self._at(int(finding.time_ns))
+        if number:
+            self.talks.finding(number, finding.severity)
+        heard = self._heard.get(number)
+        if finding.slug in _MODES and heard is not None and heard.connection.plus is not None:
+            host = heard.connection.server.host
+            self._mode(int(finding.time_ns), host, _MODES[finding.slug], finding.frames[-1] if finding.frames else 0)
+        if finding.slug in _GAPS:
+            self._gap(Gap(self._last_ns, max(self._last_ns, int(finding.time_ns)), 0, finding.rule.sentence))
+
+    def list_open(self) -> None:
+        """Take the connections that go on, where a report is of a part of the time: as they are now."""
+        for heard in list(self._heard.values()):
+            self.connection_closed(heard.connection)
+
+    # ---- what is kept -----------------------------------------------------------------------------------------------
+
+    def slowest(self) -> list[dict[str, Any]]:
+        """Return the rows of the slowest transactions, slowest first."""
+        return [row for _, _, row in sorted(self._slowest, key=lambda entry: (-entry[0], -entry[1]))]
+
+    def _at(self, time_ns: int) -> None:
+        """Take a time at which something happened, as part of the file that is being read."""
+        number = max(0, len(self.files) - 1)
+        if number == len(self._spans_of_files):
+            self._spans_of_files.append((time_ns, time_ns))
+            self.tags.gap(0)
+            return
+        begin, end = self._spans_of_files[-1]
+        self._spans_of_files[-1] = (min(begin, time_ns), max(end, time_ns))
+
+    @property
+    def start_ns(self) -> int:
+        """When the first thing happened, 0 when nothing did."""
+        return min([begin for begin, _ in self._spans_of_files], default=0)
+
+    @property
+    def end_ns(self) -> int:
+        """When the last thing happened."""
+        return max([end for _, end in self._spans_of_files], default=0)
+
+    def between_files(self) -> list[Gap]:
+        """Return the times that no file covers."""
+        found = []
+        known_to = 0
+        for begin, end in sorted(self._spans_of_files):
+            if known_to and begin - known_to > CONTINUES_NS:
+                found.append(Gap(known_to, begin, 0, "Nothing was captured between two of the files."))
+            known_to = max(known_to, end)
+        return found
+
+    def _look_for_gap(self, connection: Connection, now: int) -> None:
+        """See whether bytes of a connection went missing since it was heard last."""
+        heard = self._heard.get(int(connection.number))
+        one, other = connection.tcp.streams
+        missing = int(one.position - one.octets + other.position - other.octets)
+        if heard is None:  # it was open before this period of a line began
+            heard = self._heard.setdefault(int(connection.number), Heard(connection))
+            heard.missing = missing
+        if missing != heard.missing:
+            self._gap(
+                Gap(
+                    min(heard.time_ns, now), now, int(connection.number), f"{missing - heard.missing} bytes are missing"
+                )
+            )
+            heard.missing = missing
+        heard.time_ns = now
+
+    def _gap(self, gap: Gap) -> None:
+        self.requests.gap(gap.connection)
+        self.tags.gap(gap.connection)
+        if len(self.gaps) < MAX_GAPS:
+            self.gaps.append(gap)
+        else:
+            self.gaps_not_drawn += 1
+
+    def _spread(self, transaction: Transaction, latency: int | None, outcome: int) -> None:
+        key = (transaction.connection.tcp.ends[1 - transaction.asked_by].host, transaction.function_name)
+        spread = self.spreads.get(key)
+        if spread is None:
+            if len(self.spreads) >= MAX_SPREADS:
+                self.spreads_not_told_apart += 1
+                return
+            spread = self.spreads.setdefault(key, SpreadOf())
+        if latency is not None:
+            spread.times.add(latency)
+        if outcome != OK:
+            if outcome == ERROR:
+                spread.errors += 1
+            else:
+                spread.missed += 1
+
+    def _failure(self, transaction: Transaction, now: int) -> None:
+        self.failed_in_all += 1
+        self.first_failure_ns = min(self.first_failure_ns or now, now)
+        if len(self.failed) < MAX_FAILED:
+            self.failed.append(self.rows.transaction(transaction))
+
+    def _mode(self, now: int, host: str, text: str, frame: int) -> None:
+        if len(self.modes) >= MAX_MODES:
+            self.modes_not_drawn += 1
+        else:
+            self.modes.append(Mode(now, host, text, frame))
+
+    def _keep_slow(self, latency: int, transaction: Transaction) -> None:
+        if len(self._slowest) < MAX_SLOWEST:
+            entry = (latency, -int(transaction.number), self.rows.transaction(transaction))
+            heapq.heappush(self._slowest, entry)
+        elif latency > self._slowest[0][0]:
+            entry = (latency, -int(transaction.number), self.rows.transaction(transaction))
+            heapq.heapreplace(self._slowest, entry)
+        if len(self._slowest) == MAX_SLOWEST:
+            self._slow_floor = self._slowest[0][0]

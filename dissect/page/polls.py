@@ -1,0 +1,177 @@
+"""What is requested again and again: how often, how evenly, and which variables that is about."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.page.bins import Spread
+from dissect.page.rows import ERROR, MISSED, PUSHED, outcome_of, time_of
+from dissect.report import facets, words
+from dissect.s7.items import Item
+from dissect.s7.parameters import Parameters
+from dissect.s7.tables import GROUP_CPU, READ_VAR, WRITE_VAR
+from dissect.s7plus.parameters import PLUS
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import PUSH, Transaction
+from dissect.wire.text import titled
+
+#: Distinct requests that are followed; beyond that those are dropped that came only once or twice.
+MAX_REQUESTS: Final = 2000
+#: Times a request has to come to be a poll.
+REPEATED: Final = 4
+#: Refused transactions whose items are looked at one by one.
+_MAX_LOOKED: Final = 20_000
+_READ_SZL: Final = (GROUP_CPU, 1)
+
+
+class Request:
+    """A request of one connection that may come again: ``periods`` are the times from one to the next.
+
+    ``parameters`` is the first one's parameter block. A time across a gap of the capture is not counted.
+    """
+
+    __slots__ = ("connection", "count", "errors", "last_ns", "missed", "parameters", "periods", "pushed", "subject")
+
+    def __init__(self, connection: Connection, parameters: Parameters, pushed: bool) -> None:
+        self.connection = connection
+        self.parameters = parameters
+        self.pushed = pushed
+        self.subject = ""
+        self.count = 0
+        self.errors = 0
+        self.missed = 0
+        self.last_ns = -1
+        self.periods = Spread()
+
+    @property
+    def items(self) -> list[Item]:
+        """The variables it names."""
+        return self.parameters.items
+
+
+def _subject(transaction: Transaction) -> str:
+    request = transaction.request
+    if transaction.parameters.userdata is None:
+        return transaction.parameters.subject
+    if request is None:
+        return titled(transaction.function_name, facets.gist(transaction))
+    return titled(transaction.function_name, words.body_notes(request))
+
+
+class Variable:
+    """What happened to one address of one PLC."""
+
+    __slots__ = ("clients", "read", "refused", "why", "written")
+
+    def __init__(self) -> None:
+        self.read = 0
+        self.written = 0
+        self.refused = 0
+        self.why = ""
+        self.clients: set[str] = set()
+
+
+class Requests:
+    """The distinct requests of a run. S7comm-plus, which numbers every request, has its polling among the operations."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[int, bool, bytes], Request] = {}
+        self._refused: dict[tuple[str, str], tuple[int, str]] = {}
+        self._looked = 0
+        self.not_followed = 0
+
+    def take(self, transaction: Transaction) -> None:
+        """Count a transaction."""
+        parameters = transaction.parameters
+        userdata = parameters.userdata
+        if transaction.rosctr >= PLUS:
+            return
+        if userdata is not None:
+            if (
+                not (transaction.outcome == PUSH or (userdata.group, userdata.subfunction) == _READ_SZL)
+                or userdata.continues
+            ):
+                return
+        elif parameters.function not in {READ_VAR, WRITE_VAR}:
+            return
+        outcome = outcome_of(transaction)
+        connection = transaction.connection
+        octets = parameters.octets
+        if userdata is not None and transaction.request_size:
+            octets = transaction.request_octets[10:]  # what is asked for stands in its data
+        elif outcome == PUSHED:
+            octets = transaction.response_octets[:22]  # its head; what it carries changes
+        key = (int(connection.number), outcome == PUSHED, octets)
+        known = self._known.get(key)
+        if known is None:
+            if len(self._known) >= MAX_REQUESTS and not self._make_room():
+                self.not_followed += 1
+                return
+            known = self._known.setdefault(key, Request(connection, parameters, outcome == PUSHED))
+            known.subject = _subject(transaction)
+        known.count += 1
+        now = time_of(transaction)
+        if known.last_ns >= 0 and now > known.last_ns:
+            known.periods.add(now - known.last_ns)
+        known.last_ns = now
+        if outcome == ERROR:
+            known.errors += 1
+            self._look(transaction)
+        elif outcome == MISSED:
+            known.missed += 1
+
+    def gap(self, connection: int) -> None:
+        """Bytes of a connection are missing: the next period on it is not one; 0: on all of them."""
+        for (number, _, _), known in self._known.items():
+            if connection in {0, number}:
+                known.last_ns = -1
+
+    def polls(self) -> list[Request]:
+        """Return what came again, the most frequent first."""
+        found = [known for known in self._known.values() if known.periods.count >= REPEATED - 1]
+        return sorted(found, key=lambda known: (-known.count, int(known.connection.number), known.subject))
+
+    def variables(self) -> dict[tuple[str, str], Variable]:
+        """Return the addresses that were read or written, by host of the PLC and address."""
+        found: dict[tuple[str, str], Variable] = {}
+        for known in self._known.values():
+            if known.parameters.userdata is not None:
+                continue
+            server, client = known.connection.server.host, known.connection.client.host
+            for item in known.items:
+                variable = found.setdefault((server, item.label), Variable())
+                variable.clients.add(client)
+                if known.parameters.function == WRITE_VAR:
+                    variable.written += known.count
+                else:
+                    variable.read += known.count
+        for place, (count, why) in self._refused.items():
+            if place in found:
+                found[place].refused, found[place].why = count, why
+        return found
+
+    @property
+    def looked_at_all(self) -> bool:
+        """False when more transactions were refused than could be looked at."""
+        return self._looked <= _MAX_LOOKED
+
+    def _look(self, transaction: Transaction) -> None:
+        """Count which items were refused."""
+        self._looked += 1
+        if self._looked > _MAX_LOOKED:
+            return
+        server = transaction.connection.server.host
+        for error in transaction.errors:
+            results = transaction.results()
+            item = results[error.item - 1].item if 0 < error.item <= len(results) else None
+            if item is not None and (len(self._refused) < 4 * MAX_REQUESTS or (server, item.label) in self._refused):
+                count, _ = self._refused.get((server, item.label), (0, ""))
+                self._refused[server, item.label] = (count + 1, error.name)
+
+    def _make_room(self) -> bool:
+        """Forget requests that came too seldom to be polls; False where all are."""
+        seldom = [key for key, known in self._known.items() if known.count < REPEATED]
+        for key in seldom:
+            del self._known[key]
+        self.not_followed += len(seldom)
+        return bool(seldom)

@@ -1,0 +1,162 @@
+"""The page itself: template, style, script and data in one file, under a policy that lets nothing else run or load."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import importlib.util
+import json
+from importlib.resources import files
+from typing import Any, Final
+
+from dissect.page.data import Data, findings_of
+from dissect.page.gathered import Gathered
+from dissect.page.rows import file_title
+from dissect.page.verdict import verdict
+from dissect.report import words
+from dissect.report.text import completeness
+from dissect.wire.text import printable
+
+#: What to do where the template engine is missing.
+NEEDS: Final = "reports need jinja2: pip install 's7dissect[report]'"
+#: Differences of two sessions that are listed.
+MAX_DIFFERENCES: Final = 200
+
+
+def is_installed() -> bool:
+    """Return whether what a report needs is installed."""
+    return importlib.util.find_spec("jinja2") is not None
+
+
+class Side:
+    """One session of a page: what was gathered, and the files it is of."""
+
+    def __init__(self, gathered: Gathered, names: list[str]) -> None:
+        self.gathered = gathered
+        self.names = names
+
+    @property
+    def title(self) -> str:
+        """The name of the file, of several the first and how many more."""
+        return file_title(self.names)
+
+    def template_values(self, letter: str, prefix: str) -> dict[str, Any]:
+        """Return what the template shows of it without a script."""
+        gathered = self.gathered
+        said = verdict(gathered)
+        show, display = gathered.rows.packets(list(said.finding.frames)) if said.finding is not None else ("", "")
+        return {
+            "letter": letter,
+            "prefix": prefix,
+            "name": self.title,
+            "about": self._about(),
+            "verdict": said,
+            "show": show,
+            "filter": display,
+            "findings": findings_of(gathered),
+            "completeness": list(self._completeness()),
+        }
+
+    def _about(self) -> str:
+        pipeline = self.gathered.analysis.pipeline
+        if pipeline is None or not pipeline.frames:
+            return "no packets"
+        clock = self.gathered.rows.clock
+        first, last = int(pipeline.first_ns), int(pipeline.now_ns)
+        analysis = self.gathered.analysis
+        parts = [
+            f"from {clock.moment(first)} to {clock.moment(last)}",
+            words.count(int(pipeline.frames), "packet"),
+            words.count(len(analysis.connections) + int(analysis.connections_not_listed), "connection"),
+            words.count(int(analysis.total), "transaction"),
+        ]
+        if analysis.part is not None:
+            parts.append(f"selected by {printable(analysis.part.where)}")
+        return ", ".join(parts)
+
+    def _completeness(self) -> list[str]:
+        gathered = self.gathered
+        analysis = gathered.analysis
+        told: list[str] = []
+        for file in analysis.files:
+            told.append(f"{printable(file.name)}: {words.count(file.packets, 'packet')}, {words.size(file.octets)}")
+            if file.damage:
+                told.append(f"DAMAGED: {printable(file.damage)}")
+            told += [printable(note) for note in file.notes[:10]]
+        if analysis.pipeline is not None:
+            told += [text for text, _ in completeness(analysis.pipeline)]
+        limits = (
+            (gathered.gaps_not_drawn, "gap that is not drawn", "gaps that are not drawn"),
+            (
+                gathered.spreads_not_told_apart,
+                "answer of further functions, in no distribution",
+                "answers of further functions, in no distribution",
+            ),
+            (
+                gathered.requests.not_followed,
+                "request of too many distinct ones, not followed as a poll",
+                "requests of too many distinct ones, not followed as polls",
+            ),
+            (
+                gathered.talks.not_told_apart,
+                "connection of further pairs of hosts, not in the graph",
+                "connections of further pairs of hosts, not in the graph",
+            ),
+        )
+        told += [words.count(number, one, many) for number, one, many in limits if number]
+        if not gathered.requests.looked_at_all:
+            told.append("too many transactions were refused: which variables is known of the first 20000 only")
+        return told
+
+
+def render(sides: list[Side], version: str, differences: list[str] | None = None, left_out: int = 0) -> str:
+    """Return the page of one session, or of two with their ``differences``, of which ``left_out`` more are not listed.
+
+    Raises ImportError with a hint when the template engine is missing.
+    """
+    if not is_installed():
+        raise ImportError(NEEDS)
+    import jinja2
+    from markupsafe import Markup
+
+    folder = files("dissect.page")
+    style = folder.joinpath("page.css").read_text(encoding="utf-8")
+    script = folder.joinpath("page.js").read_text(encoding="utf-8")
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    template = environment.from_string(folder.joinpath("page.html.j2").read_text(encoding="utf-8"))
+    several = len(sides) > 1
+    letters = "AB" if several else [""]
+    values = [
+        side.template_values(letter, f"{letter.lower()}-" if several else "")
+        for side, letter in zip(sides, letters, strict=True)
+    ]
+    data = {"sessions": [Data(side.gathered, side.title).as_dict() for side in sides]}
+    return template.render(
+        title=" and ".join([side.title for side in sides]),
+        sides=values,
+        differences=differences,
+        differences_left_out=left_out,
+        version=version,
+        policy=policy(style, script),
+        # Both are ours and hold no end tag; the data are text from the wire, of which nothing may end the element.
+        style=Markup(style),  # noqa: S704 - see above
+        script=Markup(script),  # noqa: S704
+        data=Markup(embedded(data)),  # noqa: S704
+    )
+
+
+def policy(style: str, script: str) -> str:
+    """Return the Content-Security-Policy: exactly this style and this script, and nothing from anywhere else."""
+    return f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; base-uri 'none'; form-action 'none'"
+
+
+def _hash(text: str) -> str:
+    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
+
+
+def embedded(data: object) -> str:
+    """Return data as JSON that can stand in a script element: no character in it can end that, or begin a comment."""
+    text = json.dumps(data, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026").replace("\x7f", "\\u007f")

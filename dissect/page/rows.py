@@ -1,0 +1,181 @@
+"""Rows of the tables of a report: one transaction, operation or connection, with the commands that show it."""
+
+from __future__ import annotations
+
+import ipaddress
+import shlex
+from collections.abc import Mapping
+from typing import Any, Final
+
+from dissect.report import endings, facets, words
+from dissect.report.operations import NAMES as KINDS
+from dissect.report.operations import result as result_of
+from dissect.report.words import Places
+from dissect.tcp.stream import Endpoint
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import Operation
+from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
+from dissect.wire.text import Clock, encodable, printable, shortened
+
+#: Characters of a cell.
+_CELL: Final = 240
+#: Characters that the names of all files may take in a command.
+_NAMES: Final = 160
+#: Packets that a Wireshark filter names.
+_FRAMES: Final = 20
+
+
+def host_filter(one: str, other: str) -> str:
+    """Return the Wireshark display filter for what two hosts exchange."""
+    return " && ".join([f"{_family(host)}.addr == {host}" for host in (one, other)])
+
+
+def _family(host: str) -> str:
+    try:
+        return "ipv6" if ipaddress.ip_address(host).version == 6 else "ip"
+    except ValueError:
+        return "ip"
+
+
+class Rows:
+    """Writes rows. ``files`` are the inputs as the user named them, none for a line; ``hosts`` names for addresses.
+
+    ``places`` names packets; it is set once the files are known, before the first packet.
+    """
+
+    def __init__(self, files: list[str], clock: Clock, hosts: Mapping[str, str]) -> None:
+        self._files = [printable(name) for name in files]
+        self.places = Places([], len(files) > 1, hosts)
+        self.clock = clock
+        self._hosts = hosts
+
+    def host(self, address: str) -> str:
+        """Return a host for a person: its name of the settings, else its address."""
+        return printable(self._hosts.get(address, address))
+
+    def end(self, end: Endpoint) -> str:
+        """Return an end of a connection, with the name of its host."""
+        return self.places.end(end)
+
+    # ---- how to see it elsewhere ------------------------------------------------------------------------------------
+
+    def command(self, what: str, frame: int = 0) -> str:
+        """Return an `s7dissect` command on the file that holds packet ``frame``; 0: on all files; empty without a file."""
+        if not self._files:
+            return ""
+        if frame and self.places.several:
+            name, number = self.places.locate(frame)
+            return f"s7dissect {what.replace(f'--frame {frame}', f'--frame {number}')} {shlex.quote(printable(name))}"
+        names = " ".join([shlex.quote(name) for name in self._files])
+        return f"s7dissect {what} {names if len(names) <= _NAMES else 'FILE…'}"
+
+    def packets(self, frames: list[int]) -> tuple[str, str]:
+        """Return (`show` command, Wireshark filter) for packets; both empty for none."""
+        known = sorted({frame for frame in frames if frame})
+        if not known or not self._files:
+            return "", ""
+        shown = " || ".join([f"frame.number == {self.places.number(frame)}" for frame in known[:_FRAMES]])
+        return self.command(f"show -V --frame {known[0]}", known[0]), shown
+
+    # ---- rows -------------------------------------------------------------------------------------------------------
+
+    def transaction(self, transaction: Transaction) -> dict[str, Any]:
+        """Return a transaction."""
+        frames = [int(transaction.request_frame), int(transaction.response_frame)]
+        show, display = self.packets(frames)
+        ends = transaction.connection.tcp.ends
+        said = [words.outcome(transaction), facets.gist(transaction)]
+        return {
+            "key": f"t{transaction.number}",
+            "cells": [
+                int(transaction.number),
+                time_of(transaction),
+                self.places.pair(*frames),
+                f"{self.host(ends[transaction.asked_by].host)} → {self.host(ends[1 - transaction.asked_by].host)}",
+                transaction.latency_ns,
+                transaction.function_name,
+                shortened("  ".join([part for part in said if part]), _CELL),
+            ],
+            "show": show,
+            "filter": display,
+        }
+
+    def operation(self, operation: Operation) -> dict[str, Any]:
+        """Return an operation."""
+        ends = operation.connection.tcp.ends
+        show, display = self.packets([operation.first_frame, operation.last_frame])
+        return {
+            "key": f"o{operation.number}",
+            "cells": [
+                operation.number,
+                operation.begin_ns,
+                operation.duration_ns,
+                KINDS[operation.kind],
+                shortened(operation.subject, _CELL),
+                f"{self.host(ends[operation.asked_by].host)} → {self.host(ends[1 - operation.asked_by].host)}",
+                operation.octets or None,
+                result_of(operation),
+            ],
+            "show": show,
+            "filter": display,
+        }
+
+    def connection(self, connection: Connection) -> dict[str, Any]:
+        """Return a connection."""
+        client, server = connection.client, connection.server
+        calling, called = connection.tsap_calling, connection.tsap_called
+        siemens = connection.protocol in {"", "s7comm", "s7comm_plus"}
+        said = words.tsaps(calling, called, siemens) if calling is not None or called is not None else ""
+        return {
+            "key": f"c{connection.number}",
+            "cells": [
+                int(connection.number),
+                int(connection.tcp.first_ns),
+                self.end(client),
+                self.end(server),
+                words.named(connection),
+                said,
+                int(connection.pdus),
+                int(connection.answered),
+                int(connection.errors),
+                int(connection.missed),
+                sum([int(stream.octets) for stream in connection.tcp.streams]),
+                connection.refused
+                or (endings.phrase(connection, self.places) if connection.ending is not None else "open"),
+            ],
+            "show": self.command(f"transactions --connection {connection.number}"),
+            "filter": f"{host_filter(client.host, server.host)} && tcp.port == {client.port} && tcp.port == {server.port}",
+        }
+
+
+def time_of(transaction: Transaction) -> int:
+    """Return when a transaction began: its request, or what came without one."""
+    return int(transaction.request_ns if transaction.request_frame else transaction.response_ns)
+
+
+# What became of a transaction, for the plots.
+OK: Final = 0
+ERROR: Final = 1
+MISSED: Final = 2
+PUSHED: Final = 3
+OTHER: Final = 4
+#: What people call these.
+OUTCOME_NAMES: Final = ("answered", "with errors", "no answer", "push", "other")
+
+
+def outcome_of(transaction: Transaction) -> int:
+    """Return what became of a transaction: one of the numbers above."""
+    if transaction.has_errors:
+        return ERROR
+    outcome = transaction.outcome
+    if outcome == ANSWERED:
+        return OK
+    if outcome == PUSH:
+        return PUSHED
+    return MISSED if transaction.missed else OTHER
+
+
+def file_title(files: list[str]) -> str:
+    """Return what the report is of, for its title."""
+    names = [encodable(name).rpartition("/")[2] for name in files]
+    return printable(names[0]) if len(names) == 1 else f"{printable(names[0])} and {len(names) - 1} more"

@@ -1,0 +1,195 @@
+"""What a report says first: what broke, since when, and who is concerned, with the packets that show it."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.findings.catalogue import (
+    CAPTURE,
+    CATALOGUE,
+    ERROR,
+    FUNCTION,
+    NEGOTIATION,
+    NOTE,
+    OPERATION,
+    PROTOCOL,
+    SECURITY,
+    SEVERITIES,
+    Rule,
+)
+from dissect.findings.reporter import Finding
+from dissect.page.gathered import Gathered
+from dissect.report import words
+from dissect.report.analysis import Analysis
+from dissect.report.words import PROTOCOLS
+from dissect.wire.text import duration_text, shortened
+
+#: Of findings that weigh the same, which kind says best what broke.
+_KINDS: Final = (FUNCTION, OPERATION, NEGOTIATION, PROTOCOL, SECURITY, CAPTURE)
+#: Characters of what was seen, and pairs of hosts that are named.
+_DETAIL: Final = 160
+_PAIRS: Final = 3
+
+
+class Verdict:
+    """Three sentences. ``severity`` is that of the heaviest finding, empty for none; ``finding`` the one they are about."""
+
+    def __init__(self, severity: str, sentences: list[str], finding: Finding | None = None) -> None:
+        self.severity = severity
+        self.sentences = sentences
+        self.finding = finding
+
+
+def by_weight(analysis: Analysis) -> list[Rule]:
+    """Return the rules that applied, the heaviest first; of those that weigh the same the most frequent, then the earliest."""
+    counts = analysis.finding_counts
+    rules = [CATALOGUE[slug] for slug in counts]
+    first: dict[str, int] = {}
+    for finding in analysis.findings:
+        first[finding.slug] = min(first.get(finding.slug, int(finding.time_ns)), int(finding.time_ns))
+    return sorted(
+        rules,
+        key=lambda rule: (
+            SEVERITIES.index(rule.severity),
+            _KINDS.index(rule.kind),
+            -counts[rule.slug],
+            first.get(rule.slug, 0),
+            rule.slug,
+        ),
+    )
+
+
+def verdict(gathered: Gathered) -> Verdict:
+    """Return the verdict on a run."""
+    analysis = gathered.analysis
+    rules = [rule for rule in by_weight(analysis) if rule.severity != NOTE]
+    if not analysis.total and not any([rule.kind != CAPTURE for rule in rules]):
+        return Verdict(rules[0].severity if rules else "", _nothing(gathered))
+    if not rules:
+        return Verdict("", _sound(gathered))
+    rule = rules[0]
+    found = sorted([finding for finding in analysis.findings if finding.slug == rule.slug], key=_time)
+    count = analysis.finding_counts[rule.slug]
+    if not found:
+        return Verdict(
+            rule.severity, [f"{rule.sentence} This was counted {words.count(count, 'time')}.", *_sound(gathered)[1:]]
+        )
+    first, last = found[0], found[-1]
+    return Verdict(
+        rule.severity,
+        [_what(gathered, rule, first), _since(gathered, first, last, count), _who(gathered, found, rules)],
+        first,
+    )
+
+
+def _time(finding: Finding) -> tuple[int, int]:
+    return int(finding.time_ns), finding.frames[0] if finding.frames else 0
+
+
+def _what(gathered: Gathered, rule: Rule, first: Finding) -> str:
+    """What broke, with the packets that show it."""
+    detail = shortened(first.detail, _DETAIL).rstrip(".")
+    shown = gathered.rows.places.phrase(first.frames)
+    said = f"{rule.sentence} {detail} ({shown})." if detail else f"{rule.sentence[:-1]} ({shown})."
+    answered = int(gathered.analysis.answered)
+    if rule.kind in {SECURITY, CAPTURE} and not gathered.failed_in_all and answered:
+        return f"No request failed, {words.count(answered, 'answer')} came. What stands out: {said}"
+    return said
+
+
+def _since(gathered: Gathered, first: Finding, last: Finding, count: int) -> str:
+    """Since when, and how often."""
+    moment = gathered.rows.clock.moment(int(first.time_ns))
+    after = duration_text(max(0, int(first.time_ns) - gathered.start_ns))
+    if count == 1:
+        return f"It happened once, at {moment}, {after} after the capture began."
+    spread = int(last.time_ns) - int(first.time_ns)
+    until = f", the last {duration_text(spread)} later" if spread > 0 else ""
+    return f"It happened {count} times: the first at {moment}, {after} after the capture began{until}."
+
+
+def _who(gathered: Gathered, found: list[Finding], rules: list[Rule]) -> str:
+    """Who is concerned, and what else there is."""
+    named: dict[str, None] = {}
+    ends = {int(connection.number): connection for connection in gathered.analysis.connections}
+    for finding in found:
+        connection = ends.get(int(finding.connection))
+        if connection is not None:
+            host = gathered.rows.host
+            named[f"{host(connection.client.host)} → {host(connection.server.host)}"] = None
+    pairs = list(named)
+    if pairs:
+        more = f" and {len(pairs) - _PAIRS} more pairs" if len(pairs) > _PAIRS else ""
+        said = f"It concerns {', '.join(pairs[:_PAIRS])}{more}"
+    else:
+        said = "It concerns the capture as a whole"
+    others = len(rules) - 1
+    errors = sum([1 for rule in rules[1:] if rule.severity == ERROR])
+    if not others:
+        return f"{said}; there is no other error or warning."
+    kinds = f", {words.count(errors, 'error')} among them" if errors else ""
+    return f"{said}; there {'are' if others > 1 else 'is'} {words.count(others, 'more kind')} of finding below{kinds}.".replace(
+        "more kinds of finding", "more kinds of findings"
+    )
+
+
+def _sound(gathered: Gathered) -> list[str]:
+    """Nothing broke: how much was seen, how fast it was, between whom."""
+    analysis = gathered.analysis
+    times = analysis.latencies
+    pairs = list(gathered.talks.pairs)
+    fast = (
+        f"Half of the answers came within {words.duration(times.quantile(0.5))}, the slowest after "
+        f"{words.duration(int(times.largest))}."
+        if times.count
+        else "No answer time could be measured."
+    )
+    host = gathered.rows.host
+    between = (
+        f"{host(pairs[0][0])} talked to {host(pairs[0][1])}."
+        if len(pairs) == 1
+        else f"{words.count(len(pairs), 'pair')} of hosts talked to each other."
+    )
+    return [
+        f"Nothing broke: {words.count(int(analysis.answered), 'request')} answered, no error and no warning.",
+        fast,
+        between,
+    ]
+
+
+def _nothing(gathered: Gathered) -> list[str]:
+    """A capture without S7: what was there instead."""
+    pipeline = gathered.analysis.pipeline
+    if pipeline is None or not pipeline.frames:
+        return [
+            "The capture holds no packet.",
+            "There is nothing to report.",
+            "Check the capture filter and the interface.",
+        ]
+    counts = pipeline.counters.packet_counts()
+    instead = []
+    for name, said in (
+        ("other_protocol", "of TCP connections without ISO-on-TCP"),
+        ("not_tcp", "of IP without TCP"),
+        ("not_ip", "without IP"),
+        ("no_payload", "of TCP without data"),
+        ("link_type", "of an unsupported link type"),
+    ):
+        if counts[name]:
+            instead.append(f"{counts[name]} {said}")
+    others = [
+        f"{count} {PROTOCOLS[name]}"
+        for name, count in carried(gathered).items()
+        if count and name not in {"s7comm", "s7comm_plus", "scd", "empty"}
+    ]
+    return [
+        f"There is no S7 communication in this capture of {words.count(int(pipeline.frames), 'packet')}.",
+        f"It holds instead: {', '.join(instead + others) or 'nothing that could be read'}.",
+        "S7 is recognised on any TCP port: capture at a mirror port that carries the traffic of the PLC.",
+    ]
+
+
+def carried(gathered: Gathered) -> dict[str, int]:
+    """Return how many messages of each protocol ISO-on-TCP carried."""
+    counted: dict[str, int] = gathered.analysis.sections().get("tsdus", {})
+    return counted

@@ -1,0 +1,77 @@
+"""Draw the pictures of the README from shipped captures: ``python scripts/pictures.py``; it takes chromium and its driver."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Final
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+DOCS: Final = ROOT / "docs"
+PLANT: Final = ROOT / "captures" / "crafted" / "plus-plant.pcapng"
+#: What is shown of the page, and how much smaller.
+WIDTH: Final = 1280
+HEIGHT: Final = 2330
+SCALE: Final = 0.7
+
+
+def report(target: Path) -> None:
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if chromium is None or driver is None:
+        sys.exit("pictures: chromium and chromedriver are needed (scripts/install-browser.sh)")
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for argument in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu", "--hide-scrollbars"):
+        options.add_argument(argument)
+    with tempfile.TemporaryDirectory() as folder:
+        page = Path(folder, "report.html")
+        plots = ["--plot", 'DB1."level"', "--plot", 'DB1."setpoint"']
+        subprocess.run(
+            [sys.executable, "-m", "dissect", "report", PLANT.relative_to(ROOT), *plots, "-o", page],
+            cwd=ROOT,
+            check=True,
+        )
+        browser = webdriver.Chrome(options=options, service=Service(driver))
+        try:
+            size = {"width": WIDTH, "height": HEIGHT, "deviceScaleFactor": SCALE, "mobile": False}
+            browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+            browser.get(page.as_uri())
+            browser.save_screenshot(str(target))
+        finally:
+            browser.quit()
+
+
+def screens(target: Path) -> None:
+    from dissect.engine.pipeline import Options
+    from dissect.live.session import Session
+    from dissect.monitor.app import MonitorApp
+    from dissect.source.files import open_capture
+
+    session = Session(lambda: open_capture(str(PLANT)), Options(), name=PLANT.name)
+    app = MonitorApp(session)
+
+    async def drawn() -> str:
+        async with app.run_test(size=(130, 32)) as pilot:
+            await pilot.pause(1.5)
+            return app.export_screenshot(title="s7dissect monitor")
+
+    session.start()
+    try:
+        picture = asyncio.run(drawn())
+    finally:
+        session.close()
+    # The fonts it names are on the network; every system has one of its own.
+    target.write_text(re.sub(r"@font-face \{.*?\}\s*", "", picture, flags=re.DOTALL), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    report(DOCS / "report.png")
+    screens(DOCS / "monitor.svg")

@@ -1,0 +1,140 @@
+"""`s7dissect export`: what it refuses, what it leaves behind, and what it says."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from tests.cli.support import run
+from tests.report.support import ROOT
+
+Capture = pytest.CaptureFixture[bytes]
+ERRORS: Final = ROOT / "captures" / "item-errors.pcapng"
+
+
+def test_an_output_is_not_overwritten_unless_forced(capfdbinary: Capture, tmp_path: Path) -> None:
+    for out in (tmp_path / "a.csv", tmp_path / "a.sqlite"):
+        assert run(capfdbinary, "export", ERRORS, "-o", out).code == 0
+        ran = run(capfdbinary, "export", ERRORS, "-o", out)
+        assert (ran.code, "exists; --force overwrites it" in ran.err) == (2, True)
+        assert run(capfdbinary, "export", ERRORS, "-o", out, "--force").code == 0
+    other = tmp_path / "other.csv"
+    other.mkdir()
+    assert run(capfdbinary, "export", ERRORS, "-o", other).code == 0  # an empty folder is no loss
+    (other / "s7dissect.json").unlink()
+    ran = run(capfdbinary, "export", ERRORS, "-o", other, "--force")
+    assert (ran.code, "holds files that no export wrote" in ran.err) == (2, True)
+    assert (other / "items.csv").exists()
+
+
+def test_what_cannot_be_an_output(capfdbinary: Capture, tmp_path: Path) -> None:
+    copy = tmp_path / "a.db"
+    copy.write_bytes(ERRORS.read_bytes())
+    for words, told in (
+        ((copy, "-o", copy, "--force"), "both input and output"),
+        ((ERRORS, "-o", f"csv:{copy}", "--force"), "is a file, and this export writes a folder"),
+        ((ERRORS, "-o", f"sqlite:{tmp_path}"), "is a folder, and this export writes a file"),
+        ((ERRORS, "-o", "sqlite:/dev/null"), "device or pipe"),
+        ((ERRORS, "-o", tmp_path / "a.xlsx"), "form of"),
+        ((ERRORS, "-o", tmp_path / "a.csv", "--only", "finding"), "Did you mean findings?"),
+        ((ERRORS, "-o", tmp_path / "none" / "a.csv"), "No such file or directory"),
+        ((ERRORS, "-o", tmp_path / "none" / "a.db"), "unable to open database file"),
+        ((ERRORS, "-o", tmp_path / "b.csv", "-Y", "hots == 1"), "host"),
+    ):
+        ran = run(capfdbinary, "export", *words)
+        assert (ran.code, told in ran.err) == (2, True), ran
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.db"]
+    assert copy.read_bytes() == ERRORS.read_bytes()
+
+
+def test_a_selection_and_tags(capfdbinary: Capture, tmp_path: Path) -> None:
+    out = tmp_path / "items.csv"
+    tags = ROOT / "captures" / "tags" / "valve.csv"
+    capture = ROOT / "captures" / "nodes7-write.pcapng"
+    ran = run(capfdbinary, "export", capture, "-o", out, "--only", "items", "-Y", "function == write", "--tags", tags)
+    assert (ran.code, ran.out) == (0, "")
+    lines = out.read_text(encoding="utf-8").splitlines()
+    assert f"{len(lines) - 1} items written to" in ran.err
+    assert any(",write,Valve.pressure,DB," in line for line in lines)
+    assert not any(",read," in line for line in lines)
+
+
+@pytest.mark.parametrize(("package", "form"), [("pyarrow", "parquet"), ("pyarrow", "arrow"), ("duckdb", "duckdb")])
+def test_a_missing_library_is_named_with_what_to_type(
+    capfdbinary: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str, form: str
+) -> None:
+    for name in [name for name in sys.modules if name.partition(".")[0] == package]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, package, None)
+    ran = run(capfdbinary, "export", ERRORS, "-o", tmp_path / f"a.{form}")
+    assert ran.code == 2
+    assert f"this export needs {package}: pip install 's7dissect[data]'" in ran.err
+    assert not list(tmp_path.iterdir())
+    ran = run(capfdbinary, "sql", "SELECT 1 FROM items", ERRORS)
+    assert (ran.code, f"needs {package}: pip install 's7dissect[data]'" in ran.err) == (2, True)
+
+
+def test_csv_and_sqlite_need_no_library(tmp_path: Path) -> None:
+    code = (
+        "import sys\nfor name in ('pyarrow', 'duckdb'): sys.modules[name] = None\nfrom dissect.cli.main import _run\n"
+    )
+    calls = [["export", str(ERRORS), "-o", str(tmp_path / out)] for out in ("a.csv", "a.sqlite")]
+    ran = subprocess.run(
+        [sys.executable, "-c", f"{code}sys.exit(sum(map(_run, {calls!r})))"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr
+
+
+@pytest.mark.parametrize("form", ["csv", "sqlite", "parquet"])
+def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path, form: str) -> None:
+    """A limit on the size of files stands for a disk without room."""
+    capture = ROOT / "captures" / "transfer.pcapng"
+
+    def limited() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
+
+    ran = subprocess.run(
+        [sys.executable, "-m", "dissect", "export", capture, "-o", tmp_path / f"out.{form}"],
+        preexec_fn=limited, capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert ran.returncode in {2, 5}, ran.stderr
+    assert len(ran.stderr.splitlines()) == 1, ran.stderr
+    assert f"out.{form}" in ran.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_killed_run_leaves_nothing_under_the_final_name(tmp_path: Path) -> None:
+    fifo = tmp_path / "in.pcapng"
+    os.mkfifo(fifo)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "dissect", "export", fifo, "-o", tmp_path / "out.csv"], stderr=subprocess.DEVNULL
+    )
+    with fifo.open("wb") as feed:
+        feed.write(ERRORS.read_bytes())
+        feed.flush()
+        process.kill()
+        assert process.wait(30) == -signal.SIGKILL
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_what_is_written_is_said(capfdbinary: Capture, tmp_path: Path) -> None:
+    out = tmp_path / "a.csv"
+    ran = run(capfdbinary, "export", ERRORS, "-o", out, "--only", "findings", "--only", "connections")
+    told = json.loads((out / "s7dissect.json").read_text(encoding="utf-8"))
+    assert told["schema"] == "s7dissect.export/1"
+    assert list(told["rows"]) == ["connections", "findings"]
+    assert ran.err.startswith(
+        f"s7dissect: {told['rows']['connections']} connections, {told['rows']['findings']} findings"
+    )

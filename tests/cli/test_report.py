@@ -1,0 +1,134 @@
+"""`s7dissect report`: what it refuses, what it writes, and that nothing is lost by it."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from dissect.page import rendering
+from tests.cli.support import run, simple
+from tests.page.support import data_of, session_of
+from tests.report.schemas import ROOT
+from tests.report.support import saved
+
+Capture = pytest.CaptureFixture[bytes]
+OWN = ROOT / "captures"
+
+
+def test_a_page_is_written_once_unless_forced(capfdbinary: Capture, tmp_path: Path) -> None:
+    capture, out = simple(tmp_path / "a.pcapng"), tmp_path / "a.html"
+    assert run(capfdbinary, "report", capture, "-o", out) == (0, "", "")
+    page = out.read_text(encoding="utf-8")
+    assert session_of(page)["name"] == "a.pcapng"
+    ran = run(capfdbinary, "report", capture, "-o", out)
+    assert (ran.code, "exists; --force overwrites it" in ran.err) == (2, True)
+    assert run(capfdbinary, "report", capture, "-o", out, "--force").code == 0
+    assert out.read_text(encoding="utf-8") == page
+    before = capture.read_bytes()
+    ran = run(capfdbinary, "report", capture, "-o", capture, "--force")
+    assert (ran.code, "is both input and output" in ran.err) == (2, True)
+    assert capture.read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.html", "a.pcapng"]
+
+
+def test_the_page_goes_to_standard_output(capfdbinary: Capture, tmp_path: Path) -> None:
+    ran = run(capfdbinary, "report", simple(tmp_path / "a.pcapng"), "-o", "-")
+    assert ran.code == 0
+    assert ran.out.startswith("<!DOCTYPE html>")
+    assert ran.out.rstrip().endswith("</html>")
+
+
+def test_wrong_use_is_told(capfdbinary: Capture, tmp_path: Path) -> None:
+    capture = simple(tmp_path / "a.pcapng")
+    for words, said in (
+        (("-o", tmp_path / "o.html"), "missing FILE (or --diff A B)"),
+        ((capture, "--diff", capture, capture, "-o", tmp_path / "o.html"), "give either FILE or --diff A B"),
+        (("--diff", capture, capture, "-Y", "failed", "-o", tmp_path / "o.html"), "--diff compares whole captures"),
+    ):
+        ran = run(capfdbinary, "report", *words)
+        assert (ran.code, said in ran.err) == (2, True), ran.err
+    assert not (tmp_path / "o.html").exists()
+
+
+def test_what_is_missing_is_named(capfdbinary: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rendering, "is_installed", lambda: False)
+    ran = run(capfdbinary, "report", simple(tmp_path / "a.pcapng"), "-o", tmp_path / "o.html")
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err == "Error: reports need jinja2: pip install 's7dissect[report]'\n"
+
+
+def test_each_row_shows_itself_by_its_command(capfdbinary: Capture, tmp_path: Path) -> None:
+    """What a row says to type runs, and shows something."""
+    out = tmp_path / "o.html"
+    assert run(capfdbinary, "report", OWN / "transfer.pcapng", "-o", out).code == 0
+    tables = {table["name"]: table for table in session_of(out.read_text(encoding="utf-8"))["tables"]}
+    assert {name for name, table in tables.items() if table["rows"]} >= {
+        "slowest",
+        "connections",
+        "operations",
+        "functions",
+    }
+    for name, table in tables.items():
+        for row in table["rows"][:2]:
+            ran = run(capfdbinary, *shlex.split(row["show"])[1:])
+            assert ran.code == 0, (name, row, ran.err)
+            assert ran.out, (name, row)
+
+
+def test_files_as_one_capture_name_their_packets(capfdbinary: Capture, tmp_path: Path) -> None:
+    one, other = simple(tmp_path / "one.pcapng"), simple(tmp_path / "other.pcapng", 5)
+    out = tmp_path / "o.html"
+    assert run(capfdbinary, "report", one, other, "-o", out).code == 0
+    session = session_of(out.read_text(encoding="utf-8"))
+    assert session["name"] == "one.pcapng and 1 more"
+    (failed,) = [table for table in session["tables"] if table["name"] == "failed"]
+    assert [row["show"].rpartition("/")[2] for row in failed["rows"]] == ["one.pcapng", "other.pcapng"]
+    assert {row["show"].split()[4] for row in failed["rows"]} == {"10"}
+
+
+def test_a_selection_says_what_it_is_of(capfdbinary: Capture, tmp_path: Path) -> None:
+    out = tmp_path / "o.html"
+    assert run(capfdbinary, "report", simple(tmp_path / "a.pcapng"), "-Y", "failed", "-o", out).code == 0
+    page = out.read_text(encoding="utf-8")
+    assert "selected by failed" in page
+    assert sum([sum(one[1:]) for one in session_of(page)["rates"]["bins"]]) == 1
+
+
+def test_two_sessions_and_what_changed(capfdbinary: Capture, tmp_path: Path) -> None:
+    out = tmp_path / "o.html"
+    ran = run(
+        capfdbinary, "report", "--diff", OWN / "nodes7-poll.pcapng", OWN / "nodes7-poll-missing.pcapng", "-o", out
+    )
+    assert ran == (0, "", "")
+    page = out.read_text(encoding="utf-8")
+    assert len(data_of(page)["sessions"]) == 2
+    assert "<li>transaction 4, READ " in page
+    same = tmp_path / "same.html"
+    assert run(capfdbinary, "report", "--diff", OWN / "szl.pcapng", OWN / "szl.pcapng", "-o", same).code == 0
+    assert "The two sessions request the same" in same.read_text(encoding="utf-8")
+
+
+def test_a_tag_of_which_nothing_was_seen_is_named(capfdbinary: Capture, tmp_path: Path) -> None:
+    out = tmp_path / "o.html"
+    capture = simple(tmp_path / "a.pcapng", 5)
+    assert run(capfdbinary, "report", capture, "--plot", "DB10.DBW4", "--plot", "DB9.DBD0", "-o", out).code == 0
+    tags = session_of(out.read_text(encoding="utf-8"))["tags"]
+    assert tags["missing"] == ["DB9.DBD0"]
+    (series,) = tags["series"]
+    assert series["steps"][0][1] == 1234
+
+
+def test_a_capture_without_s7_gives_a_report(capfdbinary: Capture, tmp_path: Path) -> None:
+    out = tmp_path / "o.html"
+    assert run(capfdbinary, "report", saved(tmp_path / "a.pcapng", []), "-o", out).code == 0
+    assert "The capture holds no packet." in out.read_text(encoding="utf-8")
+
+
+def test_a_damaged_capture_says_so_in_the_page(capfdbinary: Capture, tmp_path: Path) -> None:
+    out = tmp_path / "o.html"
+    ran = run(capfdbinary, "report", OWN / "crafted" / "cut-pcapng.pcapng", "-o", out)
+    assert (ran.code, "cut off" in ran.err) == (3, True)
+    assert re.search(r"<li>DAMAGED: cut off", out.read_text(encoding="utf-8"))

@@ -1,0 +1,74 @@
+"""Data frames of pandas and polars."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import Any, Final
+
+import pytest
+
+import dissect
+from dissect.export.tables import TABLES
+from tests.export.support import rows_of
+from tests.report.support import ROOT
+
+ERRORS: Final = ROOT / "captures" / "item-errors.pcapng"
+WRITE: Final = ROOT / "captures" / "nodes7-write.pcapng"
+
+
+def test_frames_hold_the_rows_of_the_tables() -> None:
+    expected = rows_of(ERRORS)
+    panda, polar = dissect.frames(ERRORS), dissect.frames(ERRORS, library="polars")
+    assert list(panda) == list(polar) == list(TABLES)
+    for name, rows in expected.items():
+        assert len(panda[name]) == polar[name].height == len(rows)
+        assert list(panda[name].columns) == [column.name for column in TABLES[name].columns]
+    transactions = panda.transactions
+    assert str(transactions["latency_ns"].dtype) == "int64[pyarrow]"  # nulls or not
+    assert transactions["latency_ns"].tolist() == [row["latency_ns"] for row in expected["transactions"]]
+    assert polar["transactions"]["ts_ns"].to_list() == [row["ts_ns"] for row in expected["transactions"]]
+    assert dissect.frames(ERRORS, library="arrow")["items"].num_rows == len(expected["items"])
+    assert "transactions: " in repr(panda)
+    assert len(panda) == len(TABLES)
+
+
+def test_only_what_is_wanted() -> None:
+    frames = dissect.frames(
+        WRITE, tables=["items"], where="function == write", tags=ROOT / "captures" / "tags" / "valve.csv"
+    )
+    assert list(frames) == ["items"]
+    assert set(frames.items["operation"]) == {"write"}
+    assert "Valve.pressure" in set(frames.items["name"].dropna())
+
+
+def test_wrong_names_and_missing_libraries(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ValueError, match="did you mean pandas"):
+        dissect.frames(ERRORS, library="panda")
+    with pytest.raises(ValueError, match="Did you mean items"):
+        dissect.frames(ERRORS, tables=["item"])
+    with pytest.raises(AttributeError, match="did you mean items"):
+        _ = dissect.frames(ERRORS, tables=["items"]).item
+    monkeypatch.setitem(sys.modules, "polars", None)
+    with pytest.raises(ImportError, match=r"dissect\.frames needs polars: pip install polars"):
+        dissect.frames(ERRORS, library="polars")
+
+
+def test_every_cell_of_the_notebook_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    notebook = json.loads((ROOT / "docs" / "frames.ipynb").read_text(encoding="utf-8"))
+    cells = ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert len(cells) >= 7
+    assert all(not cell["outputs"] for cell in notebook["cells"] if cell["cell_type"] == "code")
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    names: dict[str, Any] = {}
+    for number, cell in enumerate(cells):
+        exec(compile(cell, f"cell {number}", "exec"), names)
+    assert names["latency_ms"].min() > 0
+    assert len(names["latency_ms"]) == len(names["answered"]) > 0
+    pressure = names["pressure"]
+    assert set(pressure["operation"]) == {"write"}
+    assert set(pressure["number"]) == {12.5}
+    assert names["by_hour"].to_numpy().sum() == len(names["writes"]) > 0
+    assert list(names["by_function"].index)
+    assert names["slow"].collect().height > 0

@@ -1,0 +1,101 @@
+"""What the tests of the report share: pages made of packets, their data, and a capture whose every name is hostile."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from dissect.engine.pipeline import Options
+from dissect.page.gathered import Gathered
+from dissect.page.rendering import Side, render
+from dissect.page.rows import Rows
+from dissect.report.words import Places
+from dissect.session import Run
+from dissect.variables.choosing import Known, choose
+from dissect.wire.text import Clock
+from tests.properties import messages
+from tests.properties.messages import Item, dt
+from tests.properties.packets import Flow, Packet, Talk
+from tests.report.support import read
+
+#: What has broken pages, shells, spreadsheets and terminals before.
+NAUGHTY: Final = (
+    "</script><script>window.hacked=1</script>",
+    "<script>window.hacked=1</script>",
+    "<img src=x onerror=window.hacked=1>",
+    '"><svg/onload=window.hacked=1>',
+    "'onmouseover='window.hacked=1",
+    "<!-- <script>",
+    "]]><![CDATA[",
+    "{{ 7 * 7 }}{% raw %}",
+    "javascript:window.hacked=1",
+    "<iframe src='//example.invalid'></iframe>",
+    "<style>*{display:none}</style>",
+    "<base href='//example.invalid/'>",
+    "<meta http-equiv=refresh content=0>",
+    "\u202egnp.exe",
+    "line\u2028break\u2029",
+    "\x00\x07\x1b[31m",
+    "=cmd|' /C calc'!A0",
+    "' OR 1=1 --",
+    "%s%n%x",
+    "Ω≈ç√∫µ≤ 田中 🙈",
+    "W" * 3000,
+)
+
+
+def gathered_of(paths: Sequence[Path], tags: Sequence[str] = (), options: Options | None = None) -> Gathered:
+    """Return what a report gathers of captures."""
+    rows = Rows([path.name for path in paths], Clock(), {})
+    gathered = Gathered(rows, choose(tags, Known(None)) if tags else None)
+    run = Run(paths, gathered, options or Options(strict=True))
+    rows.places = Places(run.files, len(paths) > 1)
+    gathered.files = run.files
+    while run.step():
+        pass
+    gathered.analysis.take(run.pipeline, run.files)
+    return gathered
+
+
+def page_of(*paths: Path, tags: Sequence[str] = ()) -> str:
+    """Return the page of a capture; of two with no differences between them."""
+    sides = [Side(gathered_of([path], tags), [path.name]) for path in paths]
+    return render(sides, "0", None if len(sides) == 1 else ["one difference"])
+
+
+def data_of(page: str) -> dict[str, Any]:
+    """Return the data that a page holds."""
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    data: dict[str, Any] = json.loads(found[1])
+    return data
+
+
+def session_of(page: str) -> dict[str, Any]:
+    """Return the data of the only session of a page."""
+    (session,) = data_of(page)["sessions"]
+    assert isinstance(session, dict)
+    return session
+
+
+def naughty_packets() -> list[Packet]:
+    """Return a capture in which each of `NAUGHTY` stands wherever a name can: as TSAP, as name of a block, as a value."""
+    packets: list[Packet] = []
+    for number, text in enumerate(NAUGHTY):
+        octets = text.encode()[:120]
+        talk = Talk(Flow(ports=(40000 + number, 102))).handshake()
+        talk.send(0, messages.connect(0xE0, called=octets[:100])).send(1, messages.connect(0xD0, called=octets[:100]))
+        talk.send(0, dt(messages.setup(messages.JOB, 0))).send(1, dt(messages.setup(messages.ACK_DATA, 0)))
+        item = Item(0x02, len(octets), 7, 0x84, 0)
+        talk.send(0, dt(messages.write_job(1, [item], [octets])))
+        talk.send(1, dt(messages.write_answer(1, [0x0A])))
+        name = octets[:60]
+        block = bytes((0x1D, 0, 0, 0, 0, 0, 0, 0, len(name))) + name
+        talk.send(0, dt(b"\x32\x01\x00\x00\x00\x02" + len(block).to_bytes(2, "big") + b"\x00\x00" + block))
+        talk.send(1, dt(b"\x32\x03\x00\x00\x00\x02\x00\x01\x00\x00\xd2\x09\x1d"))
+        read(talk, 3, item, octets)
+        packets += talk.packets()
+    return packets

@@ -1,0 +1,313 @@
+"""The report in a real browser: it draws what it holds, sorts, searches and links, asks the network for nothing, and text from
+the wire neither runs nor breaks its layout."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import pytest
+
+from tests.page.support import NAUGHTY, data_of, naughty_packets, page_of
+from tests.properties.packets import EPOCH_NS, MS, Flow
+from tests.report.schemas import ROOT
+from tests.report.support import WORD, begun, read, saved
+
+if TYPE_CHECKING:
+    from selenium.webdriver.chrome.webdriver import WebDriver
+
+OWN: Final = ROOT / "captures"
+PLANT: Final = OWN / "crafted" / "plus-plant.pcapng"
+WIDTHS: Final = (390, 1024, 1920)
+#: Where screenshots go that somebody wants to look at.
+SHOTS: Final = os.environ.get("S7DISSECT_SCREENSHOTS")
+
+
+class Browser:
+    """Chromium, with what a test of a page asks of it."""
+
+    def __init__(self, driver: WebDriver) -> None:
+        self.driver = driver
+
+    def open(self, page: Path, width: int = 1280, fragment: str = "") -> None:
+        """Open a page from the disk, in a window of this width."""
+        self.driver.execute_cdp_cmd(
+            "Emulation.setDeviceMetricsOverride",
+            {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False},
+        )
+        self.driver.get("about:blank")
+        self.driver.get_log("browser")
+        self.driver.get_log("performance")
+        self.driver.get(page.as_uri() + fragment)
+        assert self.run("return document.documentElement.dataset.ready") == "yes", self.console()
+
+    def run(self, script: str, *arguments: object) -> Any:
+        """Return what a script returns."""
+        return self.driver.execute_script(script, *arguments)
+
+    def count(self, selector: str) -> int:
+        """Return how many elements there are."""
+        return int(self.run("return document.querySelectorAll(arguments[0]).length", selector))
+
+    def texts(self, selector: str) -> list[str]:
+        """Return the text of each element."""
+        found: list[str] = self.run(
+            "return [...document.querySelectorAll(arguments[0])].map((one) => one.textContent)", selector
+        )
+        return found
+
+    def click(self, selector: str) -> None:
+        """Click on an element."""
+        self.run(
+            "document.querySelector(arguments[0]).dispatchEvent(new MouseEvent('click', {bubbles: true}))", selector
+        )
+
+    def console(self) -> list[str]:
+        """Return what the console holds: errors of scripts, violations of the policy."""
+        return [str(entry["message"]) for entry in self.driver.get_log("browser")]
+
+    def requests(self) -> list[str]:
+        """Return the addresses that were asked for since the page was opened."""
+        told = [json.loads(entry["message"])["message"] for entry in self.driver.get_log("performance")]
+        return [one["params"]["request"]["url"] for one in told if one["method"] == "Network.requestWillBeSent"]
+
+    def overflow(self) -> int:
+        """Return by how much the page is wider than its window."""
+        return int(self.run("return document.documentElement.scrollWidth - innerWidth"))
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """One browser for all of these tests."""
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if chromium is None or driver is None:
+        pytest.skip("chromium or its driver is not installed (scripts/install-browser.sh)")
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for argument in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu", "--hide-scrollbars"):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    started = webdriver.Chrome(options=options, service=Service(driver))
+    try:
+        yield Browser(started)
+    finally:
+        started.quit()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("pages")
+
+
+def written(folder: Path, name: str, page: str) -> Path:
+    path = folder / f"{name}.html"
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def busy(folder: Path) -> tuple[Path, dict[str, Any]]:
+    """A page with everything: errors, a gap, two PLCs, polls, more rows than are shown at once."""
+    talk = begun()
+    for ref in range(1, 60):
+        read(talk, ref, WORD, 0x0A if ref % 7 == 0 else ref.to_bytes(2, "big"))
+        if ref == 30:
+            talk.skip(1, 200)
+    other = begun(Flow("10.0.0.9", "10.0.0.77", (40001, 102)))
+    for ref in range(1, 8):
+        read(other, ref)
+    packets = sorted([*talk.packets(step_ns=20 * MS), *other.packets(start_ns=EPOCH_NS + 5 * MS, step_ns=50 * MS)])
+    page = page_of(saved(folder / "busy.pcapng", packets), tags=["DB10.DBW4"])
+    return written(folder, "busy", page), data_of(page)["sessions"][0]
+
+
+def test_every_plot_has_its_data(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
+    path, data = busy
+    browser.open(path)
+    filled = sum([1 for one in data["rates"]["bins"] for count in one[1:] if count])
+    assert filled > 20
+    assert browser.count("#plot-rates rect.bar") == filled
+    assert browser.count("#plot-times rect.cell") == len(data["times"]["cells"]) > 20
+    assert browser.count("#plot-times circle.point") == len(data["points"]) >= 5
+    assert browser.count("#plot-spreads a.hit") == len(data["spreads"]["rows"]) == 4
+    assert browser.count("#plot-polls a.hit") == len(data["polls"]["rows"]) == 2
+    assert browser.count("#plot-talks path.edge") == len(data["talks"]["pairs"]) == 2
+    assert browser.count("#plot-talks path.edge.warning") == 1
+    assert len(data["gaps"]) == 1
+    for plot in ("rates", "times", "tag-1"):
+        assert browser.count(f"#plot-{plot} svg.timed rect.gap") == 1, plot
+    assert {one["host"] for one in data["tags"]["series"]} == {"10.0.0.77", data["talks"]["pairs"][0]["server"]}
+    path_of_steps = browser.run(
+        "return document.querySelector('#plot-tag-2 path.line, #plot-tag-1 path.line').getAttribute('d')"
+    )
+    assert path_of_steps.startswith("M")
+    assert browser.count("#plot-rates a[href='#f-transaction.item_error']") >= 1
+    browser.open(written(path.parent, "plant", page_of(PLANT, tags=['DB1."setpoint"'])))
+    assert browser.count("#plot-lanes svg.timed rect.span") == 7
+    assert browser.texts("#plot-lanes g text") == ["STOP", "RUN"]
+    assert browser.count("#plot-tag-1 g.writer") == 1
+
+
+def test_a_step_is_not_drawn_across_a_gap(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
+    path, data = busy
+    browser.open(path)
+    (series,) = [one for one in data["tags"]["series"] if any([step[5] for step in one["steps"]])]
+    number = data["tags"]["series"].index(series) + 1
+    drawn = browser.run(f"return document.querySelector('#plot-tag-{number} path.line').getAttribute('d')")
+    assert drawn.count("M") == 2
+
+
+def test_tables_sort_search_and_show_more(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
+    path, _ = busy
+    browser.open(path)
+    table = "#table-slowest"
+    assert browser.count(f"{table} tbody tr:not(.how)") == 25
+    browser.click(f"{table} > button")
+    assert browser.count(f"{table} tbody tr:not(.how)") > 60
+    numbers = f"{table} tbody tr:not(.how) td:nth-child(2)"
+    browser.click(f"{table} th:nth-child(2) button")
+    found = [int(text) for text in browser.texts(numbers)]
+    assert found == sorted(found)
+    assert (
+        browser.run(f"return document.querySelector('{table} th:nth-child(2)').getAttribute('aria-sort')")
+        == "ascending"
+    )
+    browser.click(f"{table} th:nth-child(2) button")
+    assert [int(text) for text in browser.texts(numbers)] == found[::-1]
+    search = "const box = document.querySelector(arguments[0]); box.value = arguments[1]; box.dispatchEvent(new Event('input'))"
+    browser.run(search, f"{table} input", "10.0.0.77 Setup")
+    assert browser.count(f"{table} tbody tr:not(.how)") == 1
+    browser.click(f"{table} tbody button")
+    assert browser.texts(f"{table} tr.how code")[0].startswith("s7dissect show -V --frame ")
+    assert browser.texts(f"{table} tr.how code")[1].startswith("Wireshark: frame.number == ")
+
+
+def test_plots_rows_and_findings_lead_to_each_other(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
+    path, data = busy
+    browser.open(path)
+    key = data["points"][-1][2]
+    browser.run("location.hash = arguments[0]; dispatchEvent(new HashChangeEvent('hashchange'))", f"#{key}")
+    assert browser.run("return document.querySelector('tr.found').id") == key
+    browser.run("location.hash = arguments[0]; dispatchEvent(new HashChangeEvent('hashchange'))", f"#pt-{key}")
+    assert browser.run("return document.activeElement.id") == f"pt-{key}"
+    assert browser.count("#plot-times a.found") == 1
+    browser.open(path, fragment="#f-transaction.item_error")
+    assert browser.run("return document.getElementById('f-transaction.item_error').open")
+    browser.click("#plot-talks a.hit")
+    pair = data["talks"]["pairs"][0]
+    assert (
+        browser.run("return document.querySelector('#table-connections input').value")
+        == f"{pair['client']} {pair['server']}"
+    )
+    assert browser.count("#table-connections tbody tr:not(.how)") == 1
+
+
+def test_time_can_be_zoomed(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
+    path, _ = busy
+    browser.open(path)
+    every = browser.count("#plot-rates rect.bar")
+    browser.click("#zoom button[aria-label='Zoom in']")
+    assert 0 < browser.count("#plot-rates rect.bar") < every
+    browser.click("#zoom button[aria-label='Show all of the time']")
+    assert browser.count("#plot-rates rect.bar") == every
+
+
+def test_it_is_used_by_keyboard(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+
+    path, _ = busy
+    browser.open(path)
+    head = browser.driver.find_element(By.CSS_SELECTOR, "#table-failed th:nth-child(2) button")
+    head.send_keys(Keys.ENTER)
+    assert head.find_element(By.XPATH, "..").get_attribute("aria-sort") == "ascending"
+    point = browser.driver.find_element(By.CSS_SELECTOR, "#plot-times a.hit")
+    browser.run("arguments[0].focus()", point)
+    assert "Read Var" in browser.texts("#tip")[0] or "Setup" in browser.texts("#tip")[0]
+    point.send_keys(Keys.ENTER)
+    assert browser.count("tr.found") == 1
+
+
+def test_nothing_leaves_the_page_and_nothing_overflows(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
+    path, _ = busy
+    for width in WIDTHS:
+        browser.open(path, width)
+        assert browser.requests() == [path.as_uri()]
+        assert browser.console() == []
+        assert browser.overflow() <= 0, width
+        shot(browser, f"busy-{width}")
+    told = browser.driver.execute_async_script(
+        "const done = arguments[0]; fetch('http://127.0.0.1:9/').then(() => done('sent'), (error) => done(String(error)));"
+    )
+    assert "Failed to fetch" in told
+    assert any("Content Security Policy" in line for line in browser.console())
+
+
+def test_it_prints_without_controls(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
+    browser.open(busy[0])
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    try:
+        for hidden in ("nav", "#zoom", "#table-failed input"):
+            assert (
+                browser.run("return getComputedStyle(document.querySelector(arguments[0])).display", hidden) == "none"
+            )
+    finally:
+        browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+
+
+def test_text_from_the_wire_neither_runs_nor_breaks_the_layout(browser: Browser, folder: Path) -> None:
+    name = "<img src=x onerror=window.hacked=1>.pcapng"
+    page = page_of(saved(folder / name, naughty_packets()))
+    path = written(folder, "hostile", page)
+    for width in WIDTHS:
+        browser.open(path, width)
+        assert browser.run("return window.hacked") is None
+        assert browser.overflow() <= 0, width
+        shot(browser, f"hostile-{width}")
+    assert browser.console() == []
+    assert browser.requests() == [path.as_uri()]
+    assert browser.count("script") == 2
+    assert browser.count("iframe, base, img, meta[http-equiv=refresh]") == 0
+    assert browser.count("#table-connections tbody tr:not(.how)") == len(NAUGHTY)
+    shown = " ".join(browser.texts("#table-connections td"))
+    assert "<script>window.hacked=1</script>" in shown
+    assert "\u202e" not in browser.run("return document.documentElement.textContent")
+
+
+def test_two_sessions_are_overlaid(browser: Browser, folder: Path) -> None:
+    path = written(folder, "both", page_of(OWN / "nodes7-poll.pcapng", OWN / "nodes7-poll-missing.pcapng"))
+    browser.open(path)
+    assert browser.count("#plot-rates path.line.s0") == browser.count("#plot-rates path.line.s1") == 2
+    assert browser.count("#plot-times path.line") == 2
+    assert browser.count("#plot-a-talks") == browser.count("#plot-b-talks") == 1
+    assert browser.texts("#differences li") == ["one difference"]
+    assert browser.count("#a-table-connections tbody tr:not(.how)") == 1
+    browser.open(path, 390, "#b-c1")
+    assert browser.run("return document.querySelector('tr.found').id") == "b-c1"
+    assert browser.overflow() <= 0
+    assert browser.console() == []
+
+
+def test_a_capture_without_s7_opens_too(browser: Browser, folder: Path) -> None:
+    path = written(folder, "none", page_of(saved(folder / "none.pcapng", [])))
+    browser.open(path)
+    assert browser.console() == []
+    assert browser.texts("#lists p") == ["There is nothing to list."]
+
+
+def shot(browser: Browser, name: str) -> None:
+    """Keep a picture of the whole page where somebody asked for them."""
+    if SHOTS:
+        height = min(8000, int(browser.run("return document.documentElement.scrollHeight")))
+        width = int(browser.run("return innerWidth"))
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        browser.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        Path(SHOTS).mkdir(parents=True, exist_ok=True)
+        browser.driver.save_screenshot(str(Path(SHOTS, f"{name}.png")))

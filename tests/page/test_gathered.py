@@ -1,0 +1,123 @@
+"""What a report gathers in one pass: polls, gaps that nothing bridges, values of tags, who talked to whom, and bounds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dissect.page import gathered as room
+from dissect.page import tag_steps
+from tests.page.support import gathered_of
+from tests.properties import messages
+from tests.properties.messages import dt
+from tests.properties.packets import EPOCH_NS, MS, Flow, Packet, Talk
+from tests.report.schemas import ROOT
+from tests.report.support import WORD, begun, read, saved
+
+
+def polled(values: list[int], ports: int = 40000) -> Talk:
+    """Return a connection that reads DB10.DBW4 again and again."""
+    talk = begun(Flow(ports=(ports, 102)))
+    for ref, value in enumerate(values, 1):
+        read(talk, ref, WORD, value.to_bytes(2, "big"))
+    return talk
+
+
+def test_a_poll_has_its_period_and_its_jitter(tmp_path: Path) -> None:
+    found = gathered_of([saved(tmp_path / "a.pcapng", polled([1, 1, 2, 3, 3, 3]).packets(step_ns=10 * MS))])
+    (poll,) = found.requests.polls()
+    assert (poll.count, poll.periods.count, poll.periods.smallest, poll.periods.largest) == (6, 5, 20 * MS, 20 * MS)
+    assert (poll.subject, poll.periods.deviation) == ("Read Var DB10.DBW4", 0)
+    ((place, variable),) = found.requests.variables().items()
+    assert (place[1], variable.read, variable.written, variable.refused) == ("DB10.DBW4", 6, 0, 0)
+
+
+def test_equal_values_are_one_step_and_writes_have_their_writer(tmp_path: Path) -> None:
+    talk = polled([5, 5, 5, 7])
+    talk.send(0, dt(messages.write_job(9, [WORD], [b"\x00\x09"]))).send(1, dt(messages.write_answer(9, [0xFF])))
+    talk.send(0, dt(messages.write_job(10, [WORD], [b"\x00\x63"]))).send(1, dt(messages.write_answer(10, [0x05])))
+    found = gathered_of([saved(tmp_path / "a.pcapng", talk.packets())], ["db10.dbw4", "DB99.DBX0.0"])
+    ((key, steps),) = found.tags.found.items()
+    assert key[0] == "DB10.DBW4"
+    assert [step.first for step in steps.steps] == [5, 7, 9]
+    assert [write.value for write in steps.writes] == [9]
+    assert found.tags.refused() == ["DB10.DBW4"]
+    assert {write.writer for write in steps.writes} == {found.analysis.connections[0].client.host}
+    assert found.tags.missing() == ["DB99.DBX0.0"]
+
+
+def test_many_values_are_gathered_in_bins_and_keep_their_extremes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tag_steps, "_EXACT", 50)
+    steps = tag_steps.TagSteps()
+    for number in range(5000):
+        steps.take(EPOCH_NS + number * 7 * MS, number % 97, None)
+    assert len(steps.steps) <= 50
+    assert steps.width_ns > 0
+    assert (min([step.smallest for step in steps.steps]), max([step.largest for step in steps.steps])) == (0, 96)
+    assert sum([step.count for step in steps.steps]) == steps.values == 5000
+    assert steps.steps[-1].last == 4999 % 97
+
+
+def test_nothing_is_bridged_across_a_gap(tmp_path: Path) -> None:
+    talk = polled([1, 1, 1])
+    talk.skip(1, 400)
+    for ref in (20, 21, 22):
+        read(talk, ref, WORD, b"\x00\x02")
+    path = saved(tmp_path / "a.pcapng", talk.packets(step_ns=10 * MS))
+    found = gathered_of([path], ["DB10.DBW4"])
+    assert [gap.why for gap in found.gaps] == ["400 bytes are missing"]
+    (gap,) = found.gaps
+    assert 0 <= gap.end_ns - gap.begin_ns <= 40 * MS
+    (steps,) = found.tags.found.values()
+    assert [(step.first, step.broken) for step in steps.steps] == [(1, False), (2, True)]
+    (poll,) = found.requests.polls()
+    assert (poll.count, poll.periods.count) == (6, 4)
+
+
+def test_files_apart_leave_a_gap_of_all(tmp_path: Path) -> None:
+    first = saved(tmp_path / "a.pcapng", polled([1]).packets())
+    later = saved(tmp_path / "b.pcapng", polled([2], 40001).packets(start_ns=EPOCH_NS + 3600 * 10**9))
+    found = gathered_of([first, later])
+    (gap,) = found.between_files()
+    assert gap.connection == 0
+    assert 3599 < (gap.end_ns - gap.begin_ns) / 1e9 < 3600
+    assert gathered_of([first]).between_files() == []
+
+
+def test_who_talks_to_whom_with_the_worst_finding(tmp_path: Path) -> None:
+    talk = begun()
+    read(talk, 1, WORD, 0x0A)
+    found = gathered_of([saved(tmp_path / "a.pcapng", talk.close().packets())])
+    ((_, pair),) = found.talks.pairs.items()
+    assert (pair.connections, pair.errors, pair.worst) == (1, 1, "warning")
+    assert pair.octets > 60
+    (variable,) = found.requests.variables().values()
+    assert (variable.refused, variable.why) == (1, "Object does not exist")
+
+
+def test_tables_are_bounded_and_count_what_they_leave_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(room, "MAX_SLOWEST", 3)
+    monkeypatch.setattr(room, "MAX_FAILED", 2)
+    monkeypatch.setattr(room, "MAX_SPREADS", 1)
+    talk = begun()
+    for ref in range(1, 10):
+        read(talk, ref, WORD, 0x0A if ref > 4 else b"\x00\x01")
+    found = gathered_of([saved(tmp_path / "a.pcapng", talk.packets())])
+    assert (len(found.slowest()), len(found.failed), found.failed_in_all) == (3, 2, 5)
+    assert found.spreads_not_told_apart == 9
+    latencies = [row["cells"][4] for row in found.slowest()]
+    assert latencies == sorted(latencies, reverse=True)
+
+
+def test_modes_and_operations_of_a_plant_are_on_its_lane() -> None:
+    found = gathered_of([ROOT / "captures" / "crafted" / "plus-plant.pcapng"])
+    assert [(mode.host, mode.text) for mode in found.modes] == [("192.0.2.20", "STOP"), ("192.0.2.20", "RUN")]
+    assert {span.kind for span in found.spans} >= {"control", "download", "session"}
+    assert {span.host for span in found.spans} == {"192.0.2.20"}
+
+
+def test_an_empty_capture_gathers_nothing(tmp_path: Path) -> None:
+    empty: list[Packet] = []
+    found = gathered_of([saved(tmp_path / "a.pcapng", empty)])
+    assert (found.start_ns, found.end_ns, found.rates.rows, found.gaps) == (0, 0, {}, [])

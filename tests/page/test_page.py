@@ -1,0 +1,100 @@
+"""The page as a file: its policy is true, nothing in it points outside, and its colours can be told apart and read."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import json
+import re
+from importlib.resources import files
+
+from dissect.page.rendering import embedded
+from tests.page.support import NAUGHTY, data_of, page_of
+from tests.report.schemas import ROOT
+
+STYLE = files("dissect.page").joinpath("page.css").read_text(encoding="utf-8")
+SCRIPT = files("dissect.page").joinpath("page.js").read_text(encoding="utf-8")
+PAGE = page_of(ROOT / "captures" / "nodes7-poll-missing.pcapng")
+#: WCAG 2: text, and graphics.
+TEXT, GRAPHIC = 4.5, 3.0
+
+
+def hash_of(text: str) -> str:
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def test_the_policy_lets_run_what_is_there_and_nothing_else() -> None:
+    found = re.search(r'http-equiv="Content-Security-Policy" content="(.*?)"', PAGE)
+    assert found is not None
+    rules = dict([rule.strip().split(" ", 1) for rule in html.unescape(found[1]).split(";")])
+    (style,) = re.findall(r"<style>(.*?)</style>", PAGE, re.DOTALL)
+    (script,) = re.findall(r"<script>(.*?)</script>", PAGE, re.DOTALL)
+    assert rules == {
+        "default-src": "'none'",
+        "script-src": f"'{hash_of(script)}'",
+        "style-src": f"'{hash_of(style)}'",
+        "base-uri": "'none'",
+        "form-action": "'none'",
+    }
+    assert PAGE.index("Content-Security-Policy") < PAGE.index("<style>") < PAGE.index("<script")
+
+
+def test_nothing_points_outside_or_stands_in_an_attribute_that_runs() -> None:
+    markup = re.sub(r"<(style|script)[^>]*>.*?</\1>", "", PAGE, flags=re.DOTALL)
+    assert re.findall(r"\b(?:src|action|formaction|srcset|ping)=", markup) == []
+    assert [target for target in re.findall(r'href="(.*?)"', markup) if not target.startswith("#")] == []
+    assert re.findall(r'\s(?:on\w+|style)="', markup) == []
+    assert "url(" not in STYLE
+    assert "@import" not in STYLE
+    for word in (
+        "innerHTML",
+        "outerHTML",
+        "insertAdjacentHTML",
+        "document.write",
+        "eval(",
+        "Function(",
+        "fetch(",
+        "XMLHttp",
+    ):
+        assert word not in SCRIPT, word
+    assert re.findall(r"https?://(?!www\.w3\.org/2000/svg)", SCRIPT) == []
+
+
+def test_data_cannot_end_their_element() -> None:
+    text = embedded(list(NAUGHTY))
+    assert json.loads(text) == list(NAUGHTY)
+    assert set(text) & set("<>&\u2028\u2029\x7f") == set()
+    assert text.isascii()
+    assert data_of(PAGE)["sessions"][0]["name"] == "nodes7-poll-missing.pcapng"
+
+
+def luminance(colour: str) -> float:
+    """Return the relative luminance of #rrggbb (WCAG 2.2)."""
+    channels = [int(colour[at : at + 2], 16) / 255 for at in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def contrast(one: str, other: str) -> float:
+    light, dark = sorted([luminance(one), luminance(other)], reverse=True)
+    return (light + 0.05) / (dark + 0.05)
+
+
+def test_contrast_is_enough_in_light_and_dark() -> None:
+    light, dark = [
+        dict(re.findall(r"--(\w+): (#[0-9a-f]{6})", block))
+        for block in re.findall(r":root \{(.*?)\}", STYLE, re.DOTALL)[:2]
+    ]
+    assert light.keys() == dark.keys()
+    for colours in (light, dark):
+        for ground in (colours["ground"], colours["panel"]):
+            for name in ("text", "quiet", "link", "error", "missed", "ok"):  # the last three as badges
+                assert contrast(colours[name], ground) >= TEXT, name
+            for name in ("push", "other", "mark", "focus", "heat", "second"):
+                assert contrast(colours[name], ground) >= GRAPHIC, name
+
+
+def test_a_page_is_small() -> None:
+    assert len(SCRIPT) + len(STYLE) < 60_000
+    assert len(PAGE) < 120_000

@@ -1,0 +1,69 @@
+"""The verdict: what broke, since when, who; and what a capture without S7 holds instead."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from dissect.page.verdict import by_weight, verdict
+from tests.page.support import gathered_of
+from tests.properties import messages
+from tests.properties.messages import dt
+from tests.properties.packets import Flow, Talk
+from tests.report.schemas import ROOT
+from tests.report.support import WORD, begun, read, saved
+
+OWN = ROOT / "captures"
+#: The beginning of a session of MMS.
+MMS = bytes.fromhex("0db205061302010016010214020002330200013402")
+
+
+def test_what_broke_since_when_and_who() -> None:
+    said = verdict(gathered_of([OWN / "nodes7-poll-missing.pcapng"]))
+    assert said.severity == "warning"
+    what, since, who = said.sentences
+    assert what == "An item of a read or write was refused. Read Var DB2.DBB400: 0x05 Invalid address (packets 10, 11)."
+    assert since.startswith("It happened 4 times: the first at 2026-11-21 01:31:15.5")
+    assert who == "It concerns 127.0.0.1 → 127.0.0.1; there is no other error or warning."
+    assert said.finding is not None
+    assert said.finding.frames == [10, 11]
+
+
+def test_nothing_broke(tmp_path: Path) -> None:
+    talk = begun()
+    read(talk, 1, WORD)
+    said = verdict(gathered_of([saved(tmp_path / "a.pcapng", talk.close().packets())]))
+    assert (said.severity, said.finding) == ("", None)
+    assert said.sentences[0] == "Nothing broke: 2 requests answered, no error and no warning."
+
+
+def test_without_a_failure_what_stands_out_is_no_breakdown() -> None:
+    said = verdict(gathered_of([OWN / "crafted" / "plus-plant.pcapng"]))
+    assert said.severity == "error"
+    assert said.sentences[0].startswith("No request failed, 16 answers came. What stands out: A client sent a PLC stop")
+
+
+def test_a_capture_without_s7_says_what_was_there(tmp_path: Path) -> None:
+    web = Talk(Flow(ports=(40000, 80))).handshake()
+    web.send(0, b"GET / HTTP/1.1\r\n\r\n").send(1, b"HTTP/1.1 204 No Content\r\n\r\n")
+    said = verdict(gathered_of([saved(tmp_path / "a.pcapng", web.close().packets())]))
+    assert said.sentences[0].startswith("There is no S7 communication in this capture of ")
+    assert "of TCP connections without ISO-on-TCP" in said.sentences[1]
+    talk = Talk().handshake()
+    talk.send(0, messages.connect(0xE0)).send(1, messages.connect(0xD0))
+    talk.send(0, dt(MMS)).send(1, dt(MMS))
+    said = verdict(gathered_of([saved(tmp_path / "b.pcapng", talk.packets())]))
+    assert said.sentences[0].startswith("There is no S7 communication")
+    assert "2 unknown protocol" in said.sentences[1] or "2 MMS" in said.sentences[1]
+
+
+def test_an_empty_capture(tmp_path: Path) -> None:
+    said = verdict(gathered_of([saved(tmp_path / "a.pcapng", [])]))
+    assert said.sentences[0] == "The capture holds no packet."
+
+
+def test_the_heaviest_finding_comes_first() -> None:
+    rules = by_weight(gathered_of([OWN / "crafted" / "plus-plant.pcapng"]).analysis)
+    assert [rule.severity for rule in rules] == sorted(
+        [rule.severity for rule in rules], key=["error", "warning", "note"].index
+    )
+    assert rules[0].slug == "security.plc_stop"
