@@ -78,6 +78,7 @@ COLD: Final = (
     "dissect/findings/catalogue.py",
     "dissect/findings/mitre.py",
     "dissect/findings/operation_rules.py",
+    "dissect/findings/station_rules.py",
     "dissect/findings/tls_rules.py",
     "dissect/iso/foreign.py",
     "dissect/s7/alarms.py",

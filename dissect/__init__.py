@@ -19,6 +19,7 @@ __version__: Final = "0.1.0"
 _PUBLIC: Final = {
     "CaptureError": "dissect.source.packet",
     "Connection": "dissect.transactions.connection",
+    "Device": "dissect.inventory.model",
     "Finding": "dissect.findings.reporter",
     "Observer": "dissect.engine.observer",
     "Operation": "dissect.transactions.operation",
@@ -38,6 +39,7 @@ _PUBLIC: Final = {
     "analyze": "dissect.session",
     "frames": "dissect.export.frames",
     "blocks": "dissect.carve.reading",
+    "devices": "dissect.session",
     "open": "dissect.session",
     "value_tables": "dissect.variables.reading",
     "values": "dissect.variables.reading",
@@ -50,6 +52,7 @@ if TYPE_CHECKING:
     from dissect.engine.pipeline import Pipeline as Pipeline
     from dissect.export.frames import frames as frames
     from dissect.findings.reporter import Finding as Finding
+    from dissect.inventory.model import Device as Device
     from dissect.program.carved import CarvedBlock as CarvedBlock
     from dissect.report.analysis import Analysis as Analysis
     from dissect.s7.message import Pdu as Pdu
@@ -58,6 +61,7 @@ if TYPE_CHECKING:
     from dissect.select.where import Where as Where
     from dissect.session import Run as Run
     from dissect.session import analyze as analyze
+    from dissect.session import devices as devices
     from dissect.session import open as open
     from dissect.source.packet import CaptureError as CaptureError
     from dissect.transactions.connection import Connection as Connection

@@ -29,6 +29,7 @@ from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
 
 if TYPE_CHECKING:
+    from dissect.inventory.model import Device
     from dissect.scd.dictionary import Dictionary
     from dissect.select import Where
     from dissect.select.sieve import Sieve
@@ -323,3 +324,29 @@ def analyze(
     if sieve is not None:
         analysis.part = sieve.part(run.pipeline)
     return analysis
+
+
+def devices(
+    path: str | os.PathLike[str],
+    *more: str | os.PathLike[str],
+    checksums: bool = False,
+    where: str | Where | None = None,
+    tls_keys: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
+    tags: Tags = None,
+) -> Iterator[Device]:
+    """Iterate the devices of one capture or several, the CPUs first: what each is, and by which packets (docs/devices.md).
+
+    They come when everything was read. `dissect.inventory.collector.Inventory` is an observer that does the same in a run of
+    yours, and holds who talked to whom. ``checksums``, ``tls_keys``, ``tags`` and ``where`` as for `open`. Raises
+    `CaptureError` when a file cannot be read at all; damage inside one ends what is read of it.
+    """
+    from dissect.inventory.collector import Inventory
+
+    inventory = Inventory()
+    options = Options(checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags))
+    sieve = sieved(inventory, where, options)
+    run = _run([path, *more], inventory, sieve, options)
+    while run.step():
+        pass
+    inventory.take(run.pipeline, run.files)
+    yield from inventory.devices

@@ -94,7 +94,13 @@ def entry_point(root: Path, found: dict[str, str], user: str) -> None:
         print(f"  not as {user}: {trial.stderr.decode().strip() or 'setpriv failed'}")
         setpriv = []
     ran = subprocess.run(
-        [*setpriv, *words, "--duration", "1"], cwd=state, capture_output=True, text=True, check=False, timeout=60
+        [*setpriv, *words, "--duration", "1"],
+        cwd=state,
+        env={**os.environ, "HOME": "/"},  # as it is for a user whom nobody has entered
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
     )
     print(ran.stderr, end="")
     if ran.returncode:

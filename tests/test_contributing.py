@@ -405,8 +405,7 @@ class MarkdownWriter(Writer):
         """Add a row."""
         self.lines.append(f"| {transaction.number} | {transaction.function_name} | {transaction.outcome_name} |")
 '''
-CSV_ROW: Final = """            ("dissect.variables.writers:ValueCsv", (VALUES,)),
-        ),
+LAST_ROW: Final = """        _row("junit", "JUnit XML", ("dissect.report.writers.junit:junit_outcome", (DIFFERENCES,))),
 """
 MARKDOWN_ROW: Final = """        _row(
             "markdown", "a Markdown table", ("dissect.report.writers.markdown:MarkdownWriter", (TRANSACTIONS,))
@@ -416,7 +415,7 @@ MARKDOWN_ROW: Final = """        _row(
 
 def test_to_add_an_output(tree: Tree) -> None:
     tree.write("dissect/report/writers/markdown.py", WRITER)
-    tree.replace("dissect/report/formats.py", CSV_ROW, CSV_ROW + MARKDOWN_ROW)
+    tree.replace("dissect/report/formats.py", LAST_ROW, LAST_ROW + MARKDOWN_ROW)
     assert {name.replace("markdown", "NAME") for name in tree.touched()} == listed("To add an output")
     told = tree.python("-m", "dissect", "transactions", "-T", "markdown", "captures/item-errors.pcapng").splitlines()
     expected = [

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dissect.cli.configuration import hosts
 from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.gate import fail_on_option, gate
-from dissect.cli.look import clock
+from dissect.cli.look import clock, write_lines
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
@@ -22,7 +23,7 @@ from dissect.cli.run import (
     files_argument,
     slow_option,
 )
-from dissect.report.formats import ANALYSIS, Format
+from dissect.report.formats import ANALYSIS, Format, formats_for
 
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
@@ -33,6 +34,10 @@ if TYPE_CHECKING:
 @click.command("analyze", epilog=EXIT_CODES)
 @files_argument
 @format_option(ANALYSIS)
+@click.option(
+    "--brief", is_flag=True, help="At most 40 lines: findings, a row for each PLC, a line for each connection."
+)
+@click.option("--per-file", is_flag=True, help="One row for each file instead of the report.")
 @slow_option
 @select_options()
 @checksums_option
@@ -43,6 +48,8 @@ if TYPE_CHECKING:
 def command(
     files: tuple[str, ...],
     format_: Format,
+    brief: bool,
+    per_file: bool,
     slow_ns: int,
     checksums: bool,
     fail_on: frozenset[str],
@@ -61,17 +68,28 @@ def command(
     """
     from dissect.engine.pipeline import Options
     from dissect.report.analysis import Analysis
+    from dissect.report.per_file import PerFile
     from dissect.report.summary import Summary
     from dissect.session import Run
 
+    if (brief or per_file) and format_ is not formats_for(ANALYSIS)[0]:
+        raise click.UsageError(f"{'--brief' if brief else '--per-file'} is for text, not for -T {format_.name}.")
+    if brief and per_file:
+        raise click.UsageError("--brief and --per-file are two reports: choose one.")
     analysis = Analysis()
-    observer = chosen.sieve(analysis)
+    rows = PerFile()
+    observer = chosen.sieve(rows if per_file else analysis)
     options = Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
     run = Run(files, observer, chosen.narrow(options))
+    rows.files = run.files
     chosen.begin(run, files)
     code = drive(run, files)
+    if per_file:
+        write_lines(rows.lines())
+        complain(run, code)
+        return gate(run, fail_on, code, chosen.findings)
     analysis.take(run.pipeline, run.files)
     analysis.part = chosen.part(run)
-    write_outcome(format_, ANALYSIS, Summary(analysis, code == EXIT_INTERRUPTED, clock()))
+    write_outcome(format_, ANALYSIS, Summary(analysis, code == EXIT_INTERRUPTED, clock(), hosts(), brief))
     complain(run, code)
     return gate(run, fail_on, code, chosen.findings)

@@ -8,6 +8,8 @@ from typing import Final
 EXAMPLES: Final = {
     "analyze": (
         "s7dissect analyze trace.pcapng",
+        "s7dissect analyze --brief trace.pcapng",
+        "s7dissect analyze --per-file ring_*.pcapng",
         "s7dissect analyze --fail-on 'security.*' ring_*.pcapng",
         "ssh gateway cat trace.pcap.gz | s7dissect analyze -T json -",
     ),
@@ -37,6 +39,11 @@ EXAMPLES: Final = {
         "s7dissect blocks trace.pcapng -o blocks --tags plc_tags.xlsx",
         "s7dissect blocks --code trace.pcapng",
         "s7dissect blocks --diff trace.pcapng",
+    ),
+    "devices": (
+        "s7dissect devices trace.pcapng",
+        "s7dissect devices -T csv ring_*.pcapng > devices.csv",
+        "s7dissect devices --tags plc_tags.xlsx -Y 'port == 102' trace.pcapng",
     ),
     "index": (
         "s7dissect index captures",

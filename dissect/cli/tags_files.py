@@ -19,6 +19,7 @@ from dissect.wire.saving import save
 from dissect.wire.text import encodable, printable, shortened
 
 if TYPE_CHECKING:
+    from dissect.s7plus.program import Symbol
     from dissect.tags.coverage import Coverage
     from dissect.tags.loading import TagSet
     from dissect.tags.model import Tag
@@ -129,6 +130,8 @@ def _summary(file: TagFile) -> str:
     said = [kind, words.count(len(file.tags), "tag")]
     if file.blocks:
         said.append(words.count(len(file.blocks), "block"))
+    if file.programs:
+        said.append(words.count(sum([one.count for one in file.programs.values()]), "variable") + " of S7comm-plus")
     for what, count in file.skipped.items():
         said.append(f"{count} {what}" if what == "repeated" else f"{count} {what} without an address")
     if file.encoding:
@@ -210,7 +213,11 @@ def _coverage_json(coverage: Coverage, tags: int) -> dict[str, object]:
 @format_option(OUTCOME)
 @tag_reading_options
 def list_command(files: tuple[str, ...], format_: Format, encoding: str, numbers: dict[str, int]) -> int:
-    """List tags in the order of their addresses: address, type, name, unit, comment, and what is not certain."""
+    """List tags in the order of their addresses: address, type, name, unit, comment, and what is not certain.
+
+    A capture is a file of tags as well, where declarations of S7comm-plus passed in it: its variables are listed last, each
+    with the address it has in transactions.
+    """
     write_outcome(format_, OUTCOME, _Listed(load(files, encoding, numbers)))
     return EXIT_OK
 
@@ -224,6 +231,7 @@ class _Listed(Outcome):
 
     def __init__(self, found: TagSet) -> None:
         self._tags = _ordered(found)
+        self._symbols = [(host, one) for host, program in found.programs.items() for one in program.symbols()]
 
     def text(self) -> Iterator[Line]:
         """Return a line for each tag."""
@@ -235,10 +243,24 @@ class _Listed(Outcome):
             rest = "  ".join([printable(text) for text in said if text])
             line = f"{address.ljust(widths[0])}  {type_.ljust(widths[1])}  {name.ljust(widths[2])}  {rest}"
             yield Line(line.rstrip(), PLAIN, 4)
+        for host, one in self._symbols:
+            yield Line(f"{host}  {one.address}  {one.declared}  {shortened(one.name, _NAME)}", PLAIN, 4)
 
     def as_dict(self) -> dict[str, object]:
         """Return the tags as values."""
-        return {"schema": _LIST_SCHEMA, "tags": [_tag_json(tag) for tag in self._tags]}
+        symbols = [_symbol_json(host, one) for host, one in self._symbols]
+        return {"schema": _LIST_SCHEMA, "tags": [_tag_json(tag) for tag in self._tags], "symbols": symbols}
+
+
+def _symbol_json(host: str, one: Symbol) -> dict[str, object]:
+    crc = one.variable.crc
+    return {
+        "host": host,
+        "name": encodable(one.name),
+        "address": one.address,
+        "type": one.declared,
+        "crc": f"0x{crc:08x}" if crc else None,
+    }
 
 
 def _name(tag: Tag) -> str:
@@ -278,7 +300,12 @@ def convert_command(files: tuple[str, ...], output: str, encoding: str, numbers:
     """Write the tags of all files as one CSV table (address, type, name, unit, scale, comment) that every command reads."""
     from dissect.tags.converting import table_lines
 
-    lines = list(table_lines(_ordered(load(files, encoding, numbers))))
+    found = load(files, encoding, numbers)
+    if found.programs and not found.tags:
+        raise click.ClickException(
+            "the captures name variables of S7comm-plus, which have no address for a table: see 's7dissect tags list'"
+        )
+    lines = list(table_lines(_ordered(found)))
     if output == "-":
         write(lines)
     else:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dissect.live.session import Event, Session, Status
     from dissect.report.styled import Line
 
-_TOPICS: Final = ("connections", "transactions", "operations", "findings", "scd")
+_TOPICS: Final = ("connections", "transactions", "operations", "findings", "devices", "scd")
 
 #: How long a poll waits for something to happen, in seconds, and how much it takes.
 POLL_S: Final = 0.2

@@ -184,6 +184,7 @@ class Connections:
             connection.naming = self._exchange.naming.of(connection)
         protocol.begin(side, at_start)
         self._exchange.observer.connection_opened(connection)
+        self._exchange.watch.opened(connection)
 
     def begin_anew(self, side: Side) -> None:
         """A connection that is not read is over, because another transport connection begins on the same TCP connection."""

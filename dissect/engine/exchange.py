@@ -21,9 +21,12 @@ from dissect.findings.plus_rules import PlusWatch
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SAMPLED, SecurityWatch
 from dissect.findings.session_rules import judge_grant
+from dissect.findings.station_rules import StationWatch
 from dissect.findings.transaction_rules import judge_transaction, judge_unanswered
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
+from dissect.stations.evidence import TELLING
+from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.dialogue import Dialogue
 from dissect.transactions.naming import Naming
@@ -96,11 +99,20 @@ class Watch:
         self.security = SecurityWatch(judge)
         self.plus = PlusWatch(judge, self.security, self.operations)
         self._blocks: BlockWatch | None = None
+        self.stations = StationWatch(judge)
+
+    def opened(self, connection: Connection) -> None:
+        """A connection was recognised."""
+        if connection.tcp.macs:
+            self._facts(self.stations.opened(connection))
 
     def take(self, transaction: Transaction) -> None:
         """Take a transaction that is neither a read nor a write."""
         if transaction.is_plus:
             self.plus.take(transaction)
+            session = transaction.connection.plus
+            if session is not None and session.identity.told:
+                self._facts(self.stations.identified(session.identity, transaction))
             self._tell()
             return
         self.operations.take(transaction)
@@ -108,6 +120,9 @@ class Watch:
         if transaction.flags:
             judge_strays(self._judge, transaction)
         self.security.take(transaction)
+        head = transaction.parameters.userdata
+        if head is not None and head.group in TELLING:
+            self._facts(self.stations.take(transaction))
         self._tell()
 
     def end(self, connection: Connection, reason: str) -> None:
@@ -128,6 +143,12 @@ class Watch:
             if operation.content and operation.kind in TRANSFERS:
                 self._look_at_block(operation)
             self._observer.operation(operation)
+            if operation.content_head is not None:
+                self._facts(self.stations.joined(operation))
+
+    def _facts(self, facts: list[Fact]) -> None:
+        for fact in facts:
+            self._observer.fact(fact)
 
     def _look_at_block(self, operation: Operation) -> None:
         if self._blocks is None:

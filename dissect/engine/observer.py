@@ -5,6 +5,7 @@ from __future__ import annotations
 from mypy_extensions import i64, mypyc_attr
 
 from dissect.findings.reporter import Finding
+from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
@@ -49,6 +50,9 @@ class Observer:
 
     def finding(self, finding: Finding) -> None:
         """Something deserves attention."""
+
+    def fact(self, fact: Fact) -> None:
+        """A station said something of itself, new or not; behind the transaction or connection that it was said in."""
 
     def comment(self, frame: i64, text: str) -> None:
         """The capture holds a comment about a packet."""

@@ -165,6 +165,7 @@ class Pipeline(PacketSink):
         self._checksums: bool = chosen.checksums
         self._room: Room = Room(chosen.memory)
         self._taken: i64 = 0  # octets captured since it was last looked what is kept of them
+        self._link: bytes = b""  # the Ethernet addresses of a packet that may open a connection
 
     # ---- where it stands --------------------------------------------------------------------------------------------
 
@@ -309,6 +310,7 @@ class Pipeline(PacketSink):
             return self._slow_frame(buf, start, end, link_type)
         side = self.table.sides.get(key)
         if side is None or word & 7:  # SYN, FIN, RST
+            self._link = buf[start : start + 12]
             return self._lifecycle(side, key, 0, seq, ack, word & 0x3F, buf[data:stop], 0)
         return self._segment(side, seq, ack, word, buf[data:stop], 0)
 
@@ -325,6 +327,7 @@ class Pipeline(PacketSink):
         side = self.table.sides.get(found.key)
         if side is None or found.word & 7:
             flags: i64 = found.word & 0x3F
+            self._link = buf[start : start + 12] if link_type == 1 else b""
             return self._lifecycle(
                 side, found.key, found.vlan, found.seq, found.ack, flags, found.octets, found.missing
             )
@@ -341,7 +344,7 @@ class Pipeline(PacketSink):
             if flags & SYN and not flags & ACK and not octets:
                 self.silent.end(key)
                 evicted: i64 = self.table.half_open_evicted
-                self.table.note_syn(key, seq, self.counters.frames, self.counters.now_ns)
+                self.table.note_syn(key, seq, self.counters.frames, self.counters.now_ns, self._link)
                 if self.table.half_open_evicted > evicted:
                     self.counters.note("stream.half_open_evicted")
                 return accounts.NO_PAYLOAD
@@ -398,13 +401,17 @@ class Pipeline(PacketSink):
         """A connect request far from where the stream is, or S7 after something else: another connection."""
         ack: i64 = side.last_ack
         self._give_way(side)
+        macs: bytes = side.tcp.macs
+        self._link = macs[6:] + macs[:6] if side.index == 0 else macs
         fresh = self._open(side.key, side.tcp.vlan)
         return self._segment(fresh, seq, ack, ACK if ack >= 0 else 0, octets, missing)
 
     def _open(self, key: bytes, vlan: i64) -> Side:
         for idle in self.table.overflow():
             self._evict(idle, "")
-        return self.table.open(key, vlan, self.counters.frames, self.counters.now_ns)
+        side = self.table.open(key, vlan, self.counters.frames, self.counters.now_ns)
+        side.tcp.note_link(side.index, self._link)
+        return side
 
     # ---- segment → octets in order ----------------------------------------------------------------------------------
 

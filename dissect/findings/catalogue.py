@@ -356,6 +356,17 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "A client without pauses, or an attempt to keep the PLC busy: identify the program that sends them.", "denial_of_service"),
     ("security.tsap_scan", WARNING, SECURITY, "A client tries one TSAP after another: a scan for racks and slots.",
      "Inventory and engineering tools also scan: suspicious if you run none from this host. Identify it.", "system_discovery"),
+    # Devices: what stays the same as long as it is the same device.
+    ("device.order_number_changed", WARNING, SECURITY, "A device gives a different order number from before.",
+     "A different device answers at this address, or a different module in its rack. If nobody replaced it, identify it.",
+     "rogue_master"),
+    ("device.serial_changed", WARNING, SECURITY, "A device gives a different serial number from before.",
+     "The device was replaced, or two devices share the address. If neither is planned, identify it.", "rogue_master"),
+    ("device.firmware_changed", WARNING, SECURITY, "A device gives a different firmware version from before.",
+     "The firmware was updated, or a different device answers. Compare with your maintenance log.", "system_firmware"),
+    ("device.mac_changed", WARNING, SECURITY, "An IP address is used by a different network card from before.",
+     "The device was replaced, or a second host uses its address (duplicate address, ARP spoofing): identify both cards.",
+     "adversary_in_the_middle"),
     # Ourselves.
     ("internal.bug", ERROR, CAPTURE, "The analyzer failed on a packet.",
      "The packet was skipped and the analysis continued. Please report it with the packet.", ""),

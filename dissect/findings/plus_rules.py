@@ -124,6 +124,9 @@ class PlusWatch:
             if len(self._cpus) >= MAX_CPUS:
                 del self._cpus[next(iter(self._cpus))]
             known = (Program(), Identity())
+            declared = connection.naming.program(host) if connection.naming is not None else None
+            if declared is not None:
+                known[0].adopt(declared)
             self._cpus[host] = known
         session = PlusSession(known[0], known[1])
         connection.plus = session
@@ -155,6 +158,10 @@ class PlusWatch:
             return
         self._security.tell(slug, transaction, shortened(event.text, _TEXT))
         self._security.writer(transaction)
+
+    def programs(self) -> dict[str, Program]:
+        """Return what passed of the programs of CPUs, by their hosts; those of which nothing did are left out."""
+        return {host: program for host, (program, _) in self._cpus.items() if program.count}
 
     def end(self, connection: Connection) -> None:
         """A connection is over: a client that explored and subscribed to nothing looked around."""

@@ -17,6 +17,7 @@ from dissect.report.operations import operation_json
 from dissect.report.styled import Line
 from dissect.report.words import Places
 from dissect.report.writers.jsonl import PduLines, TransactionLines
+from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
@@ -61,6 +62,8 @@ class JsonLines:
             return self._event(event.kind, event.time_ns, "connection", facts)
         if isinstance(what, Finding):
             return self._event(event.kind, event.time_ns, "finding", finding_as_dict(what, self._places))
+        if isinstance(what, Fact):
+            return self._event(event.kind, event.time_ns, "device", _stated(what))
         return self._event(event.kind, event.time_ns, "text", encodable(what))
 
     def lost(self, now_ns: int, counts: dict[str, int]) -> str:
@@ -85,3 +88,16 @@ class JsonLines:
     def _event(self, kind: str, time_ns: int, key: str, value: object) -> str:
         told = {"schema": EVENT_SCHEMA, "event": kind, "time": self._clock.iso(time_ns), key: value}
         return json.dumps(told, separators=(",", ":")).replace("\x7f", "\\u007f")
+
+
+def _stated(fact: Fact) -> dict[str, object]:
+    return {
+        "address": fact.host,
+        "module": fact.module or None,
+        "kind": encodable(fact.key),
+        "value": encodable(fact.value),
+        "before": encodable(fact.before) or None,
+        "source": fact.source,
+        "connection": fact.connection,
+        "frames": fact.frames,
+    }

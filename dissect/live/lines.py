@@ -6,12 +6,13 @@ from collections.abc import Collection, Iterable
 from typing import Final
 
 from dissect.findings.reporter import Finding
-from dissect.live.session import CLOSED, FINDING, OPENED, OPERATION, PROBLEM, SCD, TRANSACTION, Event, Status
+from dissect.live.session import CLOSED, DEVICE, FINDING, OPENED, OPERATION, PROBLEM, SCD, TRANSACTION, Event, Status
 from dissect.report import endings, words
 from dissect.report.operations import operation_line
 from dissect.report.styled import FAILED, HANG, PLAIN, Line
 from dissect.report.words import Places, named
 from dissect.report.writers.text import scd_line, transaction_line
+from dissect.stations.facts import KEYS, Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import DONE, RUNNING, Operation
 from dissect.transactions.transaction import Transaction
@@ -23,6 +24,7 @@ TOPICS: Final = {
     "transactions": (TRANSACTION,),
     "operations": (OPERATION,),
     "findings": (FINDING,),
+    "devices": (DEVICE,),
     "scd": (SCD,),
 }
 #: Characters of a finding's detail that are shown.
@@ -72,6 +74,8 @@ class PlainLines:
             return f"{begun}  {self._connection(event.kind, what)}"
         if isinstance(what, Finding):
             return f"{begun}  {self._finding(what)}"
+        if isinstance(what, Fact):
+            return f"{begun}  {self._device(what)}"
         return f"{begun}  PROBLEM {printable(what)}"
 
     def lost(self, now_ns: int, counts: dict[str, int]) -> str:
@@ -93,6 +97,13 @@ class PlainLines:
         if connection.errors:
             counts.append(f"{connection.errors} with errors")
         return f"{who}{name}  {endings.phrase(connection, self._places)}{refused}  ({', '.join(counts)})"
+
+    def _device(self, fact: Fact) -> str:
+        name = shortened(f"{fact.host} {fact.module}".rstrip(), _DETAIL)
+        kind = KEYS.get(fact.key, fact.key)
+        before = f", before {shortened(fact.before, _DETAIL)}" if fact.before else ""
+        place = self._places.phrase(fact.frames)
+        return f"DEVICE  {name}  {printable(kind)} {shortened(fact.value, _DETAIL)}{before}  ({fact.source}, {place})"
 
     def _finding(self, finding: Finding) -> str:
         where = [f"connection {finding.connection}"] if finding.connection else []

@@ -19,6 +19,7 @@ from dissect.engine.pipeline import Options, Pipeline
 from dissect.findings.reporter import Finding
 from dissect.source.live.reader import Drops, LiveReader
 from dissect.source.packet import PacketSink, Reader, SourceFile
+from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
@@ -106,6 +107,10 @@ class Fanout(Observer):
     def operation(self, operation: Operation) -> None:
         """Hand it on."""
         self._each(lambda one: one.operation(operation), self._observers)
+
+    def fact(self, fact: Fact) -> None:
+        """Hand it on."""
+        self._each(lambda one: one.fact(fact), self._observers)
 
     def finding(self, finding: Finding) -> None:
         """Hand it on."""

@@ -10,6 +10,7 @@ from dissect.live.session import CLOSED, Event
 from dissect.select import Where
 from dissect.select.sieve import Sieve
 from dissect.select.things import MESSAGE, Message
+from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
@@ -29,6 +30,9 @@ class _Told(Observer):
         self.hit = True
 
     def finding(self, finding: Finding) -> None:
+        self.hit = True
+
+    def fact(self, fact: Fact) -> None:
         self.hit = True
 
     def connection_opened(self, connection: Connection) -> None:
@@ -61,6 +65,8 @@ class SelectedEvents:
             self._sieve.operation(what)
         elif isinstance(what, Finding):
             self._sieve.finding(what)
+        elif isinstance(what, Fact):
+            self._sieve.fact(what)
         elif isinstance(what, Connection):
             if event.kind == CLOSED:
                 self._sieve.connection_closed(what)

@@ -27,6 +27,7 @@ from dissect.report.contract import connection_as_dict
 from dissect.report.words import Places
 from dissect.source.live.reader import Drops, LiveReader
 from dissect.source.packet import Reader
+from dissect.stations.facts import BLOCK, MAC, Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
@@ -40,6 +41,7 @@ TRANSACTION: Final = "transaction"
 OPERATION: Final = "operation"
 FINDING: Final = "finding"
 SCD: Final = "scd"
+DEVICE: Final = "device"
 PROBLEM: Final = "problem"
 
 #: Events that wait to be taken; and how many more of those that are not transactions.
@@ -58,7 +60,7 @@ class Event(NamedTuple):
 
     kind: str
     time_ns: int
-    what: Connection | Transaction | Operation | Finding | tuple[ScdMessage, Connection] | str
+    what: Connection | Transaction | Operation | Finding | Fact | tuple[ScdMessage, Connection] | str
     facts: dict[str, object] | None = None
 
 
@@ -121,6 +123,11 @@ class _Collector(Observer):
 
     def finding(self, finding: Finding) -> None:
         self.fresh.append(Event(FINDING, int(finding.time_ns), finding))
+
+    def fact(self, fact: Fact) -> None:
+        # What is new; of the card behind an address only that it is a different one now, and not every block by name.
+        if fact.fresh and fact.key != BLOCK and (fact.before or fact.key != MAC):
+            self.fresh.append(Event(DEVICE, int(fact.time_ns), fact))
 
     def scd(self, frame: int, time_ns: int, side: Side, found: ScdMessage) -> None:
         self.fresh.append(Event(SCD, int(time_ns), (found, side.connection)))

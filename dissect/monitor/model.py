@@ -13,6 +13,7 @@ from dissect.monitor.filter import Wanted, is_slow
 from dissect.monitor.lists import ConnectionFacts, ConnectionList, FindingFacts, FindingList
 from dissect.monitor.watched import Watched
 from dissect.select import Where
+from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.variables.wanted import WantedSet
@@ -66,6 +67,8 @@ class Model:
                 self._findings.note(what)
             elif isinstance(what, str):
                 self.problems.append(what)
+            elif isinstance(what, Fact):
+                continue  # its lines are those of the plain form
             elif not isinstance(what, tuple) or not what[0].message.phase:  # SCD with a phase is in a transaction
                 fresh.append((event.time_ns, what))
         if self.watched is not None:

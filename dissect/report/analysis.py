@@ -17,6 +17,7 @@ from dissect.report.words import Places
 from dissect.s7.parameters import Parameters
 from dissect.s7plus.parameters import PlusParameters
 from dissect.source.packet import SourceFile
+from dissect.stations.facts import Book, Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
@@ -237,6 +238,7 @@ class Analysis(Observer):
         self.connections_not_listed: i64 = 0
         self.findings: list[Finding] = []
         self.operations: dict[str, dict[str, int]] = {}  # by kind: how many ended with which result
+        self.stations: Book = Book()  # what stations state of themselves
         self.failed: list[Transaction] = []
         self._slowest: list[tuple[int, int, Transaction]] = []
         self._slow_floor: i64 = -1
@@ -331,6 +333,10 @@ class Analysis(Observer):
         """Count an operation by its kind and result."""
         results = self.operations.setdefault(operation.kind, {})
         results[operation.result] = results.get(operation.result, 0) + 1
+
+    def fact(self, fact: Fact) -> None:
+        """Keep what a station stated."""
+        self.stations.note(fact)
 
     def finding(self, finding: Finding) -> None:
         """Keep a detailed finding."""

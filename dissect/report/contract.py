@@ -13,6 +13,7 @@ from dissect.report import words
 from dissect.report.analysis import Analysis, FunctionStatistics
 from dissect.report.endings import ending_as_dict
 from dissect.report.facets import facet_of_row
+from dissect.report.stations import station_as_dict, stations_that_state
 from dissect.report.tls import tls_as_dict
 from dissect.report.words import Places
 from dissect.report.writers.jsonl import TransactionLines
@@ -52,6 +53,7 @@ def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str,
         "connections_not_listed": analysis.connections_not_listed,
         **described,
         "scd": described.get("scd"),
+        "devices": [station_as_dict(station) for station in stations_that_state(analysis.stations)],
         "transactions": {
             "total": analysis.total,
             "answered": analysis.answered,

@@ -35,10 +35,24 @@ DIFFERENCES: Final = "differences"
 OUTCOME: Final = "outcome"
 #: Rows of a query.
 ROWS: Final = "rows"
-#: Blocks of a program.
+#: Blocks of a program, and stations.
 BLOCKS: Final = "blocks"
+DEVICES: Final = "devices"
 
-KINDS: Final = (TRANSACTIONS, PDUS, OPERATIONS, VALUES, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, ROWS, BLOCKS)
+KINDS: Final = (
+    TRANSACTIONS,
+    PDUS,
+    OPERATIONS,
+    VALUES,
+    EVENTS,
+    ANALYSIS,
+    ALERTS,
+    DIFFERENCES,
+    OUTCOME,
+    ROWS,
+    BLOCKS,
+    DEVICES,
+)
 
 
 class Format(NamedTuple):
@@ -82,7 +96,7 @@ FORMATS: Final[dict[str, Format]] = {
             ("dissect.report.writers.text:TextWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
             ("dissect.variables.writers:ValueText", (VALUES,)),
             ("dissect.live.lines:PlainLines", (EVENTS,)),
-            ("dissect.report.outcome:text_outcome", (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, ROWS, BLOCKS)),
+            ("dissect.report.outcome:text_outcome", (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, ROWS, BLOCKS, DEVICES)),
             verbose=True,
             piecewise=True,
         ),
@@ -102,9 +116,12 @@ FORMATS: Final[dict[str, Format]] = {
             ("dissect.variables.writers:ValueCsv", (VALUES,)),
             ("dissect.export.result_lines:csv_lines", (ROWS,)),
             ("dissect.report.outcome:csv_outcome", (BLOCKS,)),
+            ("dissect.inventory.rows:csv_outcome", (DEVICES,)),
         ),
         _row(
-            "json", "one JSON object", ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME, BLOCKS))
+            "json",
+            "one JSON object",
+            ("dissect.report.outcome:json_outcome", (ANALYSIS, DIFFERENCES, OUTCOME, BLOCKS, DEVICES)),
         ),
         _row(
             "fields",

@@ -11,18 +11,34 @@ from dissect.wire.text import Clock
 
 
 class Summary(Outcome):
-    """An analysis. ``interrupted``: reading was broken off; ``clock`` writes times for a person, by default in UTC."""
+    """An analysis. ``interrupted``: reading was broken off; ``clock`` writes times for a person, by default in UTC.
 
-    def __init__(self, analysis: Analysis, interrupted: bool = False, clock: Clock | None = None) -> None:
+    ``hosts`` are names of hosts by address, for text. ``brief``: the text is the short form.
+    """
+
+    def __init__(
+        self,
+        analysis: Analysis,
+        interrupted: bool = False,
+        clock: Clock | None = None,
+        hosts: Mapping[str, str] | None = None,
+        brief: bool = False,
+    ) -> None:
         self.analysis = analysis
         self.interrupted = interrupted
         self.clock = clock or Clock()
+        self.hosts = hosts
+        self.brief = brief
 
     def text(self) -> Iterable[str | Line]:
         """Return the report."""
+        if self.brief:
+            from dissect.report.brief import brief_lines
+
+            return brief_lines(self.analysis, self.interrupted, self.clock, self.hosts)
         from dissect.report.text import analysis_lines  # late: values do without it, and it without the contract
 
-        return analysis_lines(self.analysis, self.interrupted, self.clock)
+        return analysis_lines(self.analysis, self.interrupted, self.clock, self.hosts)
 
     def as_dict(self) -> Mapping[str, object]:
         """Return the object of the JSON contract."""

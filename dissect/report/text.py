@@ -5,7 +5,7 @@ Completeness is what became of the packets and bytes of a run: what was used, wh
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from dissect.engine.pipeline import Pipeline
@@ -14,10 +14,12 @@ from dissect.findings.reporter import Finding
 from dissect.report import endings, facets, words
 from dissect.report.analysis import MAX_CONNECTIONS, Analysis, Part
 from dissect.report.operations import NAMES, shouted
+from dissect.report.stations import TOLD, stations_that_state
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.tls import tls_lines
 from dissect.report.words import PROTOCOLS, Places, named
 from dissect.source.packet import SourceFile
+from dissect.stations.facts import KEYS
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import CONNECT, RESULTS
@@ -87,20 +89,28 @@ _DETAILS: Final = 3
 _MORE_FRAMES: Final = 8
 _CONNECTIONS: Final = 20
 _FAILED: Final = 10
+_DEVICES: Final = 20
+_CELL: Final = 40
 _SLOWEST: Final = 5
 _NOTES: Final = 10
 _DETAIL_SIZE: Final = 400
 
 
-def analysis_lines(analysis: Analysis, interrupted: bool = False, clock: Clock | None = None) -> Iterator[Line]:
-    """Yield the report line by line. ``interrupted`` says that reading was broken off, ``clock`` writes times."""
-    places = Places(analysis.files, len(analysis.files) > 1)
+def analysis_lines(
+    analysis: Analysis, interrupted: bool = False, clock: Clock | None = None, hosts: Mapping[str, str] | None = None
+) -> Iterator[Line]:
+    """Yield the report line by line. ``interrupted`` says that reading was broken off, ``clock`` writes times.
+
+    ``hosts`` are names of hosts by address.
+    """
+    places = Places(analysis.files, len(analysis.files) > 1, hosts)
     yield from _files(analysis, places, clock or Clock())
     if interrupted:
         yield Line("  INTERRUPTED: this report covers the packets read until then", "error")
     if analysis.part is not None:
         yield from _part(analysis, analysis.part)
     yield from _connections(analysis, places)
+    yield from _devices(analysis, places)
     yield from _transactions(analysis)
     yield from _scd(analysis)
     yield from _operations(analysis)
@@ -212,7 +222,7 @@ def _connections(analysis: Analysis, places: Places) -> Iterator[Line]:
         yield Line(
             f"Connections ({_CONNECTIONS} of {total}: those with most errors, then the busiest, by number)", HEADING
         )
-        connections = sorted(sorted(connections, key=_trouble)[:_CONNECTIONS], key=_number)
+        connections = sorted(sorted(connections, key=trouble)[:_CONNECTIONS], key=_number)
     for connection in connections:
         yield from connection_lines(connection, places)
     if total > _CONNECTIONS:
@@ -223,7 +233,8 @@ def _number(connection: Connection) -> int:
     return int(connection.number)
 
 
-def _trouble(connection: Connection) -> tuple[int, int, int]:
+def trouble(connection: Connection) -> tuple[int, int, int]:
+    """Return what sorts connections with trouble to the front, then the busiest."""
     trouble = connection.missed + connection.errors + (1 if connection.refused else 0)
     return -int(trouble), -int(connection.pdus), int(connection.number)
 
@@ -236,7 +247,10 @@ def connection_lines(connection: Connection, places: Places) -> Iterator[Line]:
     protocol = "" if connection.protocol == "s7comm" else f", {named(connection) or 'no data'}"
     over = " UDP" if connection.udp else ""
     yield Line(
-        f"  {connection.number}  {connection.client} {arrow} {connection.server}{over}{vlan}{protocol}", PLAIN, 5
+        f"  {connection.number}  {places.end(connection.client)} {arrow} {places.end(connection.server)}"
+        f"{over}{vlan}{protocol}",
+        PLAIN,
+        5,
     )
     calling, called = connection.tsap_calling, connection.tsap_called
     if calling is not None or called is not None:
@@ -277,6 +291,26 @@ def _counts(connection: Connection) -> str:
     if connection.errors:
         parts.append(f"{connection.errors} with errors")
     return ", ".join(parts)
+
+
+# ---- devices --------------------------------------------------------------------------------------------------------
+
+
+def _devices(analysis: Analysis, places: Places) -> Iterator[Line]:
+    """What stations state of themselves; nothing where none does."""
+    found = stations_that_state(analysis.stations)
+    if not found:
+        return
+    yield Line("")
+    yield Line("Devices", HEADING)
+    keys = [key for key in TOLD if any([station.latest(key) for station in found[:_DEVICES]])]
+    rows = [
+        [places.name(station.host), *[shortened(station.latest(key), _CELL) or "." for key in keys]]
+        for station in found[:_DEVICES]
+    ]
+    yield from table([["address", *[KEYS[key] for key in keys]], *rows], frozenset())
+    if len(found) > _DEVICES:
+        yield Line(f"  and {len(found) - _DEVICES} more; `s7dissect devices` lists them", DIM)
 
 
 # ---- transactions ---------------------------------------------------------------------------------------------------

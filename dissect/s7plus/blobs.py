@@ -24,6 +24,11 @@ _COST: Final = 128
 #: Even a few octets may become this many.
 _LEAST: Final = 4096
 
+#: A stream this long may become more than `MAX_INFLATED`: deflate makes at most 1032 octets of one.
+_LARGE: Final = MAX_INFLATED // 1032
+#: Octets whose even bits are all the same, or whose odd ones are.
+_ALTERNATING: Final = bytes([octet for octet in range(256) if {octet & 0x55, octet & 0xAA} & {0, 0x55, 0xAA}])
+
 # Why a blob stays closed; the first two are reasons of `Malformed`.
 BAD: Final = "bad_compression"
 TOO_LARGE: Final = "too_large"
@@ -94,6 +99,17 @@ def _start(octets: bytes) -> int:
             if method & 0x0F == zlib.DEFLATED and method >> 4 < 8 and (method << 8 | flags) % 31 == 0:
                 return at
     return -1
+
+
+def may_swell(octets: bytes) -> bool:
+    """Return False for a blob that cannot become `MAX_RATIO` times its size, nor `MAX_INFLATED`, whatever dictionary it needs.
+
+    Deflate comes near its limit of 1032 only by matches of 258 octets in two bits each, of which one is the same in all: in
+    such a run every other bit is constant. Whatever else stands between two runs makes at most two octets look otherwise, and
+    costs 129 octets or more. So where half of the octets look otherwise, at least one part in 32 is lost.
+    """
+    size = len(octets)
+    return size >= _LARGE or 2 * len(octets.translate(None, _ALTERNATING)) < size
 
 
 def check_blob(octets: bytes, allowed: int = MAX_INFLATED) -> Opened:

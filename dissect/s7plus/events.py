@@ -18,6 +18,8 @@ from dissect.s7plus.session import (
     CPU_EXEC_UNIT,
     CPU_PROXY,
     IDENTIFICATION,
+    IN_VARIABLE,
+    OPERATING_MODE,
     OPERATING_STATE,
     REFERENCE_LIST,
     SERVER_SESSION,
@@ -229,9 +231,7 @@ def _may_matter(session: PlusSession, function: int, octets: bytes) -> bool:
     if function in _ALWAYS:
         return True
     if function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED:
-        if _STATE_MARK in octets:
-            return True
-        return not session.identity.serial_number and _IDENTIFICATION_MARK in octets
+        return _STATE_MARK in octets or _IDENTIFICATION_MARK in octets
     if function not in {SET_VARIABLE, SET_VAR_SUBSTREAMED, SET_MULTI_VARIABLES}:
         return False
     at = _HEADER + _REQUEST_SIZE + (_INTEGRITY if octets[1] == V3 else 0)
@@ -408,6 +408,7 @@ def _state(session: PlusSession, facts: Facts, value: Value) -> None:
     """Note the operating state of the CPU; an event where it is a different one from before."""
     state = value.content if isinstance(value.content, int) else -1
     before, session.identity.state = session.identity.state, state
+    session.identity.tell(OPERATING_MODE, OPERATING_STATES.name(state) if state in _STATES else "", IN_VARIABLE)
     if state in _STATES and before >= 0 and state != before:
         facts.events.append(Event(_STATES[state], f"operating state {OPERATING_STATES.name(state)}"))
 

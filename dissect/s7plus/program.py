@@ -17,6 +17,8 @@ from dissect.s7plus.variables import NameList, Variable, VariableList
 TYPE_INFO: Final = 511
 #: Variables that are remembered of one CPU; when there are more, those that came first are forgotten.
 MAX_VARIABLES: Final = 200_000
+#: Structures inside each other whose members are listed.
+_LEVELS: Final = 8
 #: First octet of the id of the type information of areas, and the areas by the octet behind it (one source only).
 _AREA_TYPES: Final = 0x90
 _AREA_ORDER: Final[dict[int, int]] = {1: 80, 2: 81, 3: 82, 4: 83, 5: 84}
@@ -74,6 +76,47 @@ class Program:
             self._count += told.count
             while self._count > MAX_VARIABLES and len(self._types) > 1:
                 self._forget(next(iter(self._types)))
+
+    @property
+    def count(self) -> int:
+        """Variables that are remembered, those of types included."""
+        return self._count
+
+    def adopt(self, other: Program) -> None:
+        """Take over what another program knows and this one does not."""
+        for rid, told in other._types.items():
+            if rid not in self._types:
+                self._types[rid] = told
+                self._count += told.count
+
+    def symbols(self) -> list[Symbol]:
+        """Return the variables of blocks and areas, with the members of structures, at most `MAX_VARIABLES`."""
+        found: list[Symbol] = []
+        for rid in sorted(self._types):
+            kind = TYPE_KINDS.get(rid >> 24)
+            place = (
+                f"{kind}{rid & 0xFFFF}"
+                if kind == "DB"
+                else AREAS.get(_area(rid), "")
+                if rid >> 24 == _AREA_TYPES
+                else ""
+            )
+            if place:
+                self._list(found, rid, place, "", "", 0)
+        return found
+
+    def _list(self, found: list[Symbol], type_id: int, place: str, path: str, lids: str, depth: int) -> None:
+        known = self._known(type_id)
+        if known is None or depth > _LEVELS:
+            return
+        for lid, (name, variable) in known.items():
+            if len(found) >= MAX_VARIABLES:
+                return
+            inner = f"{path}.{name}" if path else f'"{name}"'
+            where = f"{lids}.{lid}" if lids else str(lid)
+            found.append(Symbol(f"{place}.{inner}", f"{place} LID {where}", variable))
+            if variable.type_id and not variable.is_array:
+                self._list(found, variable.type_id, place, inner, where, depth + 1)
 
     def _forget(self, type_id: int) -> None:
         told = self._types.pop(type_id, None)
@@ -157,6 +200,24 @@ class Program:
 def _changed(address: Address, variable: Variable) -> bool:
     """Tell whether the symbol of an address is not the one that was declared. Of members the rule is not known."""
     return address.crc != 0 and len(address.lids) == 1 and variable.crc != 0 and address.crc != variable.crc
+
+
+class Symbol:
+    """A variable by its ``name`` and its ``address``, as both stand in transactions."""
+
+    __slots__ = ("address", "name", "variable")
+
+    def __init__(self, name: str, address: str, variable: Variable) -> None:
+        self.name = name
+        self.address = address
+        self.variable = variable
+
+    @property
+    def declared(self) -> str:
+        """Its type in the program: ``Real``, ``Array[0..9] of Int``."""
+        variable = self.variable
+        bounds = ",".join([f"{low}..{low + count - 1}" for low, count in reversed(variable.dimensions)])
+        return f"Array[{bounds}] of {variable.datatype_name}" if bounds else variable.datatype_name
 
 
 class Found:

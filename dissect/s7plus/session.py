@@ -43,16 +43,37 @@ IM0_HEAD: Final = bytes.fromhex("002000380100")
 IM0_SIZE: Final = 60
 
 
-class Identity:
-    """Order number, firmware and serial number of a CPU, empty where they did not pass; its latest operating state, else -1."""
+#: What a CPU says of itself (`Identity.told`), and where.
+ORDER_NUMBER: Final = "order_number"
+HARDWARE: Final = "hardware"
+FIRMWARE: Final = "firmware"
+SERIAL_NUMBER: Final = "serial_number"
+OPERATING_MODE: Final = "operating_mode"
+IN_SESSION: Final = "S7comm-plus session"
+IN_RECORD: Final = "I&M0 record"
+IN_VARIABLE: Final = "operating state variable"
+_MAX_TOLD: Final = 16
 
-    __slots__ = ("firmware", "order_number", "serial_number", "state")
+
+class Identity:
+    """Order number, firmware and serial number of a CPU, empty where they did not pass; its latest operating state, else -1.
+
+    ``told`` is what was said since somebody took it: (name of the above, value, where it was said).
+    """
+
+    __slots__ = ("firmware", "order_number", "serial_number", "state", "told")
 
     def __init__(self) -> None:
         self.order_number = ""
         self.firmware = ""
         self.serial_number = ""
         self.state = -1
+        self.told: list[tuple[str, str, str]] = []
+
+    def tell(self, key: str, value: str, where: str) -> None:
+        """Note what the CPU says of itself."""
+        if value and len(self.told) < _MAX_TOLD:
+            self.told.append((key, value, where))
 
 
 class PlusSession:
@@ -160,6 +181,8 @@ class PlusSession:
         if len(words) == 3 and words[2].startswith("V"):
             self.identity.order_number = words[1].strip()
             self.identity.firmware = words[2].strip()
+            self.identity.tell(ORDER_NUMBER, self.identity.order_number, IN_SESSION)
+            self.identity.tell(FIRMWARE, self.identity.firmware, IN_SESSION)
 
     def identified(self, value: Value) -> None:
         """Take the identification record of the CPU (I&M0, as IEC 61158-6-10 lays it out)."""
@@ -171,6 +194,10 @@ class PlusSession:
         self.identity.serial_number = octets[28:44].decode("latin-1").strip(" \0")
         prefix, major, minor, patch = octets[46:50]
         self.identity.firmware = f"{chr(prefix)}{major}.{minor}.{patch}"
+        self.identity.tell(ORDER_NUMBER, self.identity.order_number, IN_RECORD)
+        self.identity.tell(SERIAL_NUMBER, self.identity.serial_number, IN_RECORD)
+        self.identity.tell(HARDWARE, str(int.from_bytes(octets[44:46], "big") or ""), IN_RECORD)
+        self.identity.tell(FIRMWARE, self.identity.firmware, IN_RECORD)
 
     def repeats(self, writes: bool, sequence: int, integrity_id: int) -> bool:
         """Take the integrity id of a request; True when it is not as far ahead of an earlier one as its sequence number.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dissect.s7plus.blobs import COMPRESSED, PLAIN_KEYS, check_blob, is_compressed
+from dissect.s7plus.blobs import COMPRESSED, PLAIN_KEYS, check_blob, is_compressed, may_swell
 from dissect.s7plus.ids import id_name
 from dissect.s7plus.layouts import LIST_END, MEMBER, PACKED, PACKED_TWICE, ROW
 from dissect.s7plus.value_showing import value_said
@@ -159,6 +159,8 @@ def _look_into_blobs(walk: Walk, value: Value) -> None:
             continue
         begin = one.end - len(one.octets)
         walk.blobs.append((begin, one.end))
+        if walk.hurried and not may_swell(one.octets):
+            continue
         opened = check_blob(one.octets, walk.inflating)
         walk.inflating = max(0, walk.inflating - opened.size)
         if opened.fault:

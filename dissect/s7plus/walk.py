@@ -39,7 +39,8 @@ class Walk:
 
     ``parts`` are cut only with ``shown``. Values, objects and elements of arrays count against a ``budget``: by default more
     than the octets can hold, so that only elements without octets are stopped; with ``most`` the walk ends there, which is no
-    fault of its sender. ``blobs`` are (offset, end) of the compressed ones, ``faults`` what does not stop the walk.
+    fault of its sender; such a walk is ``hurried``, and compressed blobs are inflated only where they may swell (`may_swell`).
+    ``blobs`` are (offset, end) of these blobs, ``faults`` what does not stop the walk.
     """
 
     __slots__ = (
@@ -50,6 +51,7 @@ class Walk:
         "depth",
         "end",
         "faults",
+        "hurried",
         "inflating",
         "octets",
         "parts",
@@ -69,6 +71,7 @@ class Walk:
         self.faults: list[FormatError] = []
         self.inflating = MAX_INFLATED  # octets that blobs may yet become
         self.budget = 3 * len(octets) + 1024
+        self.hurried = most > 0
         self.bounded = 0 < most < self.budget
         if self.bounded:
             self.budget = most

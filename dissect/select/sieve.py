@@ -20,6 +20,7 @@ from dissect.report.words import Places
 from dissect.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION, Message
 from dissect.select.where import PLURALS, Where
 from dissect.source.packet import SourceFile
+from dissect.stations.facts import MAC, Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
@@ -76,6 +77,7 @@ class Sieve(Observer):
         self._numbers = Numbers()
         self._frames = Numbers()
         self._waiting: dict[int, list[Finding]] = {}
+        self._passing = False  # what was looked at last was selected
         self._by_itself = {kind: where.knows(kind) for kind in PLURALS}
 
     def begin(self, pipeline: Pipeline, files: Sequence[SourceFile], several: bool) -> None:
@@ -120,7 +122,8 @@ class Sieve(Observer):
 
     def transaction(self, transaction: Transaction) -> None:
         """Tell of a transaction that is selected."""
-        if not self._wanted(transaction):
+        self._passing = bool(self._wanted(transaction))
+        if not self._passing:
             self.left_out[TRANSACTION] += 1
             return
         self.passed[TRANSACTION] += 1
@@ -140,6 +143,7 @@ class Sieve(Observer):
             wanted = self._where.operation(operation)
         else:
             wanted = any([number in self._numbers for number in operation.transactions])
+        self._passing = wanted
         self._count(OPERATION, wanted)
         if wanted:
             self._observer.operation(operation)
@@ -154,6 +158,11 @@ class Sieve(Observer):
             self._waiting.setdefault(int(finding.connection), []).append(
                 finding
             )  # the reporter bounds how many there are
+
+    def fact(self, fact: Fact) -> None:
+        """Tell of what a station said in the transaction or operation at hand, and of the addresses of its network card."""
+        if self._passing or fact.key == MAC:
+            self._observer.fact(fact)
 
     def _shows_selected(self, finding: Finding) -> bool:
         return any([int(frame) in self._frames for frame in finding.frames])

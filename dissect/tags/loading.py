@@ -11,6 +11,8 @@ from typing import Final
 
 from dissect.config.hints import close_to
 from dissect.s7.tables import DB
+from dissect.s7plus.program import Program
+from dissect.tags.captures import read_capture
 from dissect.tags.csv_tables import looks_like_table, read_csv
 from dissect.tags.declarations import Block, Shape, essence, looks_like_source, read_declarations
 from dissect.tags.decoding import EncodingError, decode_text
@@ -35,6 +37,7 @@ _FOREIGN: Final = (
     (b"\x1f\x8b", "a file compressed with gzip"),
     (b"%PDF", "a PDF document"),
 )
+_MAGIC: Final = 4
 _CAPTURES: Final = (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x4d\x3c\xb2\xa1", b"\x0a\x0d\x0d\x0a")
 
 
@@ -59,9 +62,21 @@ class TagSet:
         self.sizes: dict[int, int] = {}
         self.names: dict[int, str] = {}
 
-    def naming(self) -> TagNaming:
-        """Return what names values by these tags."""
-        return TagNaming(self.tags)
+    def naming(self, host: str = "") -> TagNaming:
+        """Return what names values by these tags; a single program that a capture tells is that of ``host``, if it is given."""
+        programs = self.programs
+        if host and len(programs) == 1:
+            programs = {host: next(iter(programs.values()))}
+        return TagNaming(self.tags, programs)
+
+    @property
+    def programs(self) -> dict[str, Program]:
+        """The variables of S7comm-plus that captures among the files tell, by the host of their CPU."""
+        found: dict[str, Program] = {}
+        for file in self.files:
+            for host, program in file.programs.items():
+                found.setdefault(host, Program()).adopt(program)
+        return found
 
     @property
     def problems(self) -> list[Problem]:
@@ -107,7 +122,11 @@ def read_tags(
 def _read(path: str, encoding: str) -> TagFile:
     file = TagFile(path)
     with Path(path).open("rb") as stream:
-        octets = stream.read(MAX_FILE + 1)
+        octets = stream.read(_MAGIC)
+        if octets in _CAPTURES:
+            read_capture(file)
+            return file
+        octets += stream.read(MAX_FILE + 1 - _MAGIC)
     if len(octets) > MAX_FILE:
         file.problems.error(0, f"more than {MAX_FILE >> 20} MB: not a file of tags")
     elif not octets.strip():
@@ -131,9 +150,6 @@ def _dispatch(octets: bytes, file: TagFile, encoding: str) -> None:
         if octets.startswith(begin):
             file.problems.error(0, f"is {what}: not a file of tags; export the tags or the source of the block")
             return
-    if octets.startswith(_CAPTURES):
-        file.problems.error(0, "is a capture, not a file of tags")
-        return
     body = octets.lstrip(b"\xef\xbb\xbf \t\r\n")
     try:
         if body.startswith(_XML):

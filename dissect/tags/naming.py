@@ -8,6 +8,7 @@ from mypy_extensions import i64
 
 from dissect.s7.items import Item
 from dissect.s7.tables import BIT, NUMBERED_AREAS
+from dissect.s7plus.program import Program
 from dissect.tags.index import Cover, Part, TagIndex
 from dissect.tags.model import NUMBERED_BITS, Tag, place_text
 from dissect.tags.values import decode_part
@@ -22,10 +23,15 @@ _MAX_REMEMBERED: Final = 4096
 class TagNaming(Naming):
     """Names by tags, of every CPU."""
 
-    def __init__(self, tags: list[Tag]) -> None:
+    def __init__(self, tags: list[Tag], programs: dict[str, Program] | None = None) -> None:
         self.tags: list[Tag] = tags
         self.index: TagIndex = TagIndex(tags)
+        self._programs: dict[str, Program] = programs if programs is not None else {}
         self._remembered: dict[tuple[bytes, bytes], list[NamedValue]] = {}
+
+    def program(self, host: str) -> Program | None:
+        """Return what a capture among the files says of the variables of a CPU."""
+        return self._programs.get(host)
 
     def cover(self, item: Item, size: i64) -> Cover | None:
         """Return the tags of an item of which ``size`` octets are there, None for none of them."""

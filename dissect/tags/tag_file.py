@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Final, NamedTuple
 
+from dissect.s7plus.program import Program
 from dissect.tags.address import AddressError, TagAddress, block_number, fitted, language, parse_tag_address
 from dissect.tags.declarations import Block
 from dissect.tags.model import Tag
@@ -70,6 +71,7 @@ class TagFile:
         self.symbols: list[Symbol] = []
         self.placed: list[Placed] = []
         self.constants: dict[str, int] = {}
+        self.programs: dict[str, Program] = {}  # of a capture, by the host of the CPU
         self.skipped: Counter[str] = Counter()
         self._languages: dict[str, tuple[str, int]] = {}
 

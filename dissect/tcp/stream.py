@@ -383,7 +383,9 @@ class TcpConnection:
     ``initiator`` is the side that sent the SYN, -1 when it was not captured. ``ended`` is empty while the connection is
     open, then ``fin``, ``reset``, ``reused`` (a new connection took its addresses) or ``evicted``: what came first.
     ``ended_by`` is the side that began to close, -1 when nobody did. ``reset_by``, ``reset_frame`` and ``reset_ns`` are side,
-    packet and time of the first RST, which may follow a FIN (-1, 0 and 0 for none).
+    packet and time of the first RST, which may follow a FIN (-1, 0 and 0 for none). ``macs`` are the Ethernet addresses of both
+    sides at its beginning, six octets each, empty where the link has none; ``heard`` has a bit for each side that sent with
+    its own, and was not only sent to.
     """
 
     __slots__ = (
@@ -395,9 +397,11 @@ class TcpConnection:
         "fin_seen",
         "first_frame",
         "first_ns",
+        "heard",
         "initiator",
         "last_frame",
         "last_ns",
+        "macs",
         "packets",
         "reset_by",
         "reset_frame",
@@ -424,6 +428,23 @@ class TcpConnection:
         self.reset_by: i64 = -1
         self.reset_frame: i64 = 0
         self.reset_ns: i64 = 0
+        self.macs: bytes = b""
+        self.heard: i64 = 0
+
+    def note_link(self, side: i64, addresses: bytes) -> None:
+        """Take the Ethernet addresses of a packet that ``side`` sent: that of its receiver in front, as on the wire."""
+        if len(addresses) != 12:
+            return
+        sender, receiver = addresses[6:], addresses[:6]
+        if self.heard & (2 >> side):
+            receiver = self.macs[6 - 6 * side : 12 - 6 * side]
+        self.macs = sender + receiver if side == 0 else receiver + sender
+        self.heard |= 1 << side
+
+    def mac(self, side: i64) -> bytes:
+        """Return the Ethernet address of a side; empty where it is not known, or stands for no station or for many."""
+        found = self.macs[6 * side : 6 * side + 6]
+        return found if found and found != bytes(6) and not found[0] & 1 else b""
 
     @property
     def has_holes(self) -> bool:

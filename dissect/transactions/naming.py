@@ -12,6 +12,7 @@ from mypy_extensions import i64, mypyc_attr
 
 from dissect.s7.tables import WRITE_VAR
 from dissect.s7.values import Value
+from dissect.s7plus.program import Program
 
 if TYPE_CHECKING:
     from dissect.transactions.connection import Connection
@@ -75,6 +76,10 @@ class Naming:
     def of(self, connection: Connection) -> Naming | None:
         """Return who knows names on a connection, None when nobody does."""
         return self
+
+    def program(self, host: str) -> Program | None:
+        """Return the variables that are known of the CPU at ``host`` for S7comm-plus, None for none."""
+        return None
 
     def named(self, result: ItemResult) -> list[NamedValue]:
         """Return the values of an item in the order of its octets, those without a name included; empty for no name at all."""

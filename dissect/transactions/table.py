@@ -200,9 +200,10 @@ class Side:
 
 
 class _Syn:
-    __slots__ = ("frame", "seq", "time_ns")
+    __slots__ = ("frame", "link", "seq", "time_ns")
 
-    def __init__(self, seq: i64, frame: i64, time_ns: i64) -> None:
+    def __init__(self, seq: i64, frame: i64, time_ns: i64, link: bytes) -> None:
+        self.link: bytes = link
         self.seq: i64 = seq
         self.frame: i64 = frame
         self.time_ns: i64 = time_ns
@@ -246,12 +247,12 @@ class ConnectionTable:
         self.evicted: i64 = 0
         self.half_open_evicted: i64 = 0
 
-    def note_syn(self, key: bytes, seq: i64, frame: i64, time_ns: i64) -> None:
-        """Remember a connection attempt until the other side answers or data follows."""
+    def note_syn(self, key: bytes, seq: i64, frame: i64, time_ns: i64, link: bytes = b"") -> None:
+        """Remember a connection attempt until the other side answers or data follows; ``link`` as `TcpConnection.note_link`."""
         known = self._half_open.get(key)
         if known is not None and known.seq == seq:
             return  # sent again; another number is another attempt, and that is the one an answer counts from
-        self._half_open[key] = _Syn(seq, frame, time_ns)
+        self._half_open[key] = _Syn(seq, frame, time_ns, link)
         if len(self._half_open) > MAX_HALF_OPEN:
             self._half_open.popitem(last=False)
             self.half_open_evicted += 1
@@ -275,6 +276,7 @@ class ConnectionTable:
             tcp.initiator = 0
             tcp.streams[0].start((syn.seq + 1) & MASK)
             tcp.packets += 1
+            tcp.note_link(0, syn.link)
         connection = Connection(0, tcp)
         side0 = Side(0, first, tcp, connection, self._first)
         side1 = Side(1, reverse_key(first), tcp, connection, self._first)

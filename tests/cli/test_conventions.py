@@ -36,6 +36,8 @@ report TRANSFER -o -
 blocks TRANSFER
 blocks TRANSFER -T csv
 blocks --code TRANSFER
+devices TRANSFER
+devices TRANSFER -T csv
 show TRANSFER -V
 show TRANSFER -T jsonl
 cut TRANSFER -o -
@@ -74,6 +76,7 @@ transactions MISSING -T jsonl
 values MISSING -T jsonl
 operations MISSING -T jsonl
 report MISSING -o -
+devices MISSING -T json
 show MISSING -T jsonl
 monitor MISSING -T jsonl
 diff TRANSFER MISSING -T json

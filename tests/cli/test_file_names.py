@@ -35,6 +35,7 @@ blocks MISSING
 blocks NONSENSE
 blocks GOOD -o NOWHERE
 blocks --diff GOOD MISSING
+devices MISSING
 show MISSING
 cut MISSING -o OUT
 cut GOOD -o NOWHERE

@@ -110,7 +110,7 @@ def test_a_damaged_file_is_told(capfdbinary: pytest.CaptureFixture[bytes], tmp_p
         (["-i", "lo", "--duration", "x"], "expected seconds, got 'x'"),
         (
             ["-i", "lo", "--only", "nothing"],
-            "expected connections, transactions, operations, findings, scd, got 'nothing'",
+            "expected connections, transactions, operations, findings, devices, scd, got 'nothing'",
         ),
         (["-i", "lo", "-b", "files:3"], "files:N sets"),
         (["-i", "lo", "-b", "filesize:3"], "need -w, where"),

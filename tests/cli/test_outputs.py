@@ -121,6 +121,16 @@ def test_blocks_of_every_capture(capfdbinary: Capture) -> None:
         object_of(run(capfdbinary, "blocks", "--diff", first, second, "-T", "json"), (0, 1))
 
 
+def test_devices_of_every_capture(capfdbinary: Capture) -> None:
+    told = [object_of(run(capfdbinary, "devices", path, "-T", "json")) for path in WHOLE]
+    assert {device["role"] for one in told for device in one["devices"]} >= {"CPU", "engineering", "panel", "unknown"}
+    assert sum(len(device["modules"]) for one in told for device in one["devices"]) > 20
+    pair = object_of(run(capfdbinary, "devices", *WHOLE[:2], "-T", "json"))
+    assert all("first_file" in device for device in pair["devices"])
+    part = object_of(run(capfdbinary, "devices", WHOLE[0], "-T", "json", "-Y", "function == read"))
+    assert part["selection"]["where"] == "function == read"
+
+
 def test_diffs_of_captures_with_the_next(capfdbinary: Capture) -> None:
     kinds = set()
     for first, second in pairwise(WHOLE):

@@ -18,7 +18,14 @@ from dissect.tcp import ip
 from dissect.transactions.table import MAX_CONNECTIONS, MAX_HALF_OPEN
 from dissect.transactions.transaction import Transaction
 from tests.cases import each
-from tests.findings import block_scenarios, operation_scenarios, plus_scenarios, scd_scenarios, security_scenarios
+from tests.findings import (
+    block_scenarios,
+    operation_scenarios,
+    plus_scenarios,
+    scd_scenarios,
+    security_scenarios,
+    station_scenarios,
+)
 from tests.findings.registry import SILENT, SPEAKS, silent, speaks
 from tests.ibh import packets as ibh
 from tests.s7plus import bodies
@@ -62,7 +69,7 @@ IPV4: Final = bytes(12) + bytes.fromhex("0800 45000028 0001 0000 40060000 0a0000
 ENGINE: Final = frozenset(("findings", "bindings", "engine"))
 #: Rooms whose findings are written in the source as "room.what".
 SLUG: Final = re.compile(
-    r"(capture|ip|stream|tpkt|ibh|cotp|s7|s7plus|session|transaction|function|security|scd|operation|block|internal)\.[a-z_0-9]+"
+    r"(capture|ip|stream|tpkt|ibh|cotp|s7|s7plus|session|transaction|function|security|scd|operation|block|device|internal)\.[a-z_0-9]+"
 )
 
 
@@ -1120,6 +1127,7 @@ def test_every_rule_has_both() -> None:
         plus_scenarios.__name__,
         scd_scenarios.__name__,
         security_scenarios.__name__,
+        station_scenarios.__name__,
     }  # importing them entered theirs
     assert set(SPEAKS) == set(SILENT) == set(CATALOGUE)
 

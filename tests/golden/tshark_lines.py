@@ -31,7 +31,8 @@ from tests.golden.tshark_names import (
     TYPES,
     WRITE,
 )
-from tests.golden.tshark_view import Deal, Pdu, Shown, Tree, inner, listed, number, raws
+from tests.golden.tshark_view import Deal, Pdu, Shown, inner, listed, number, raws
+from tests.tshark import Tree
 
 GOOD: Final = 0xFF
 _ITEM: Final = "s7comm.param.item"

@@ -30,6 +30,8 @@ CALLS: Final = [
     ["operations", "-T", "jsonl", str(ONE)],
     ["values", "-T", "jsonl", str(TWO)],
     ["values", "--summary", str(TWO)],
+    ["devices", str(ONE), str(TWO)],
+    ["devices", "-T", "csv", str(TWO)],
     ["show", "-V", str(ONE)],
     ["golden", str(ONE), str(TWO)],
     ["golden", "--with", "time,addresses,refs,latency", str(TWO)],

@@ -43,6 +43,10 @@ CASES: Final = """
 1 blocks --diff BLOCKS GOOD
 2 blocks MISSING
 3 blocks CUT
+0 devices GOOD
+1 devices GOOD --fail-on note
+2 devices MISSING
+3 devices CUT
 0 show GOOD
 1 show GOOD --fail-on note
 2 show MISSING
@@ -135,6 +139,7 @@ transactions FILE
 values FILE
 operations FILE
 blocks FILE
+devices FILE
 show FILE
 cut FILE -o OUT
 anonymize FILE -o OUT

@@ -24,6 +24,7 @@ NAMES: Final = (
     "blocks-references",
     "transaction",
     "operation",
+    "devices",
     "pdu",
     "event",
     "alert",

@@ -19,6 +19,7 @@ from dissect.s7plus.blobs import (
     SoundBlobs,
     check_blob,
     is_compressed,
+    may_swell,
     open_blob,
 )
 from dissect.s7plus.bodies import parse_contents
@@ -160,7 +161,8 @@ def test_a_lying_blob_is_told_with_its_place_and_hides_nothing(blob: bytes, reas
     assert found.whole
     facts = take(PlusSession(Program(), Identity()), CREATE_OBJECT, octets, b"")
     assert facts is not None
-    assert [(one.reason, octets[one.offset : one.offset + 4]) for one in facts.malformed] == [(reason, blob[:4])]
+    swells = [(reason, blob[:4])] if reason == TOO_LARGE else []  # on the way only these are inflated
+    assert [(one.reason, octets[one.offset : one.offset + 4]) for one in facts.malformed] == swells
     assert facts.events
 
 
@@ -190,3 +192,43 @@ def test_a_blob_that_was_sound_once_keeps_to_what_is_allowed_now() -> None:
     assert (first.size, first.fault, first.dictionary) == (again.size, again.fault, again.dictionary) == (5004, "", -1)
     assert check_blob(blob, 5003).fault == TOO_LARGE
     assert check_blob(blob[:-1]).fault == BAD
+
+
+# ---- what is judged on the way --------------------------------------------------------------------------------------
+
+
+def test_a_blob_that_cannot_swell_is_not_inflated_on_the_way() -> None:
+    """Its ratio is bounded by its octets; that it ends too early is seen by whoever looks into it."""
+    blob = VERSION + compressed(b"".join([zlib.crc32(bytes((one,))).to_bytes(4, "big") for one in range(200)]))[:-3]
+    octets = download((INTERFACE, one(blob)))
+    assert [fact.reason for fact in parse_contents(parse_plus(octets)).malformed] == [BAD]
+    facts = take(PlusSession(Program(), Identity()), CREATE_OBJECT, octets, b"")
+    assert facts is not None
+    assert facts.malformed == []
+
+
+@given(
+    st.lists(st.tuples(st.binary(min_size=1, max_size=40), st.integers(1, 40_000)), min_size=1, max_size=8),
+    st.sampled_from([zlib.Z_DEFAULT_STRATEGY, zlib.Z_HUFFMAN_ONLY, zlib.Z_RLE, zlib.Z_FIXED]),
+    st.integers(1, 9),
+)
+def test_what_swells_is_always_looked_into(runs: list[tuple[bytes, int]], strategy: int, level: int) -> None:
+    stream = zlib.compressobj(level, zlib.DEFLATED, 15, 9, strategy)
+    text = b"".join([pattern * (1 + size // len(pattern)) for pattern, size in runs])
+    blob = stream.compress(text) + stream.flush()
+    assert may_swell(blob) or len(text) <= blobs.MAX_RATIO * len(blob)
+
+
+def test_bombs_may_swell() -> None:
+    for pattern in (b"\0", b"ab", b"pump"):
+        text = pattern * (3_000_000 // len(pattern))
+        blob = VERSION + compressed(text)
+        assert may_swell(blob) or len(text) < 1000 * len(blob)
+    assert may_swell(bomb(3_000_000))
+
+
+def test_large_blobs_are_always_looked_into() -> None:
+    """What is longer than 32 KiB may become more than is allowed by a smaller ratio as well."""
+    noise = b"".join([zlib.crc32(number.to_bytes(4, "big")).to_bytes(4, "big") for number in range(10_000)])
+    assert may_swell(noise)
+    assert not may_swell(noise[:30_000])

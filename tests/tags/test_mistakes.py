@@ -118,7 +118,7 @@ CASES: Final[dict[str, tuple[str, str | bytes, str, int, str]]] = {
         "main.xml", '<Document><Engineering version="V17"/><SW.Blocks.OB ID="0"/></Document>',
         "error", 1, "SW.Blocks.OB has no variables with addresses",
     ),
-    "24 a capture": ("trace.db", b"\x0a\x0d\x0d\x0a" + bytes(100), "error", 0, "is a capture, not a file of tags"),
+    "24 a capture": ("trace.db", b"\x0a\x0d\x0d\x0a" + bytes(100), "error", 0, "not a capture file (pcap or pcapng"),
     "24 another text": ("notes.csv", "Dear all,\nthe tags\n", "error", 1, "the header is 'Dear all': expected columns"),
     "a type that is none": ("tags.csv", HEAD + "MW0,INTT,a\n", "error", 2, "type 'INTT' is not a type of S7; close to it: INT"),
     "a type in German": ("tags.csv", HEAD + "MD0,Gleitpunktzahl,a\n", "error", 2, "close to it: REAL"),

@@ -97,7 +97,7 @@ def naming_of(paths: Sequence[str], encoding: str, numbers: dict[str, int]) -> N
     for path in paths:
         host, name = split_host(path)
         by_host.setdefault(host, []).append(name)
-    found = {host: load(names, encoding, numbers).naming() for host, names in by_host.items()}
+    found = {host: load(names, encoding, numbers).naming(host) for host, names in by_host.items()}
     rest = found.pop("", None)
     return HostNaming(found, rest) if found else rest
 

@@ -1,0 +1,79 @@
+"""What stations say of themselves over time: it is remembered, and a contradiction is a finding."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.findings.reporter import Reporter
+from dissect.s7plus.session import Identity
+from dissect.stations.evidence import Evidence, made
+from dissect.stations.facts import FIRMWARE, KEYS, LASTING, MAC, ORDER_NUMBER, SERIAL_NUMBER, Book, Fact
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import Operation
+from dissect.transactions.transaction import Transaction
+from dissect.wire.text import printable
+
+#: The finding when a fact contradicts the one before it.
+_SLUGS: Final[dict[str, str]] = {
+    ORDER_NUMBER: "device.order_number_changed",
+    FIRMWARE: "device.firmware_changed",
+    SERIAL_NUMBER: "device.serial_changed",
+    MAC: "device.mac_changed",
+}
+
+
+class StationWatch:
+    """Reads facts, keeps them in ``book`` and judges them; what it returns is for the observer. One for a whole analysis."""
+
+    def __init__(self, judge: Reporter) -> None:
+        self.book = Book()
+        self._judge = judge
+        self._evidence = Evidence()
+
+    def opened(self, connection: Connection) -> list[Fact]:
+        """Take the Ethernet addresses that the ends of a connection sent with, when it is recognised.
+
+        One that was only sent to says nothing: a redundant router is sent to by a shared address and sends by its own.
+        """
+        tcp = connection.tcp
+        found = []
+        for side in (0, 1):
+            mac = tcp.mac(side)
+            if mac and tcp.heard >> side & 1:
+                place = (int(connection.number), [int(tcp.last_frame)], int(tcp.last_ns))
+                found.append(Fact(str(tcp.ends[side].host), "", MAC, mac.hex(":"), "Ethernet", *place))
+        return self._noted(found)
+
+    def take(self, transaction: Transaction) -> list[Fact]:
+        """Take a transaction of S7comm userdata."""
+        return self._noted(self._evidence.of_transaction(transaction))
+
+    def joined(self, operation: Operation) -> list[Fact]:
+        """Take an answer in parts that is whole."""
+        return self._noted(self._evidence.of_operation(operation))
+
+    def identified(self, identity: Identity, transaction: Transaction) -> list[Fact]:
+        """Take what a CPU said of itself in S7comm-plus."""
+        told, identity.told = identity.told, []
+        frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
+        time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
+        found = []
+        for key, value, where in told:
+            found += made(transaction.connection, int(transaction.asked_by), [(key, value)], where, frames, time_ns)
+        return self._noted(found)
+
+    def _noted(self, found: list[Fact]) -> list[Fact]:
+        for fact in found:
+            self.book.note(fact)
+            if fact.before and fact.key in LASTING:
+                self._contradicts(fact)
+        return found
+
+    def _contradicts(self, fact: Fact) -> None:
+        slug = _SLUGS[fact.key]
+        if self._judge.wants(slug, fact.connection):
+            where = f"{fact.host}, {fact.module}" if fact.module else fact.host
+            detail = (
+                f"{where}: {KEYS[fact.key]} {printable(fact.value)}, before {printable(fact.before)} ({fact.source})"
+            )
+            self._judge.detail(slug, fact.connection, list(fact.frames), fact.time_ns, detail)

@@ -1,0 +1,379 @@
+"""Puts devices together from the events of a run: facts, transactions, operations, connections.
+
+Bounded: `MAX_DEVICES` devices, `MAX_TALKS` pairs of client and server, `MAX_TARGETS` different requests whose addresses are
+looked at. What has no room is counted by the `Inventory`. A transaction costs a look-up or two; what it reads is looked at
+once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Pipeline
+from dissect.inventory.model import Area, Device, Names, Talk
+from dissect.inventory.roles import LISTS_BLOCKS, judge_client, judge_server
+from dissect.report.analysis import Latencies, Part
+from dissect.s7.items import Item
+from dissect.s7.tables import AREA_LETTERS, DB_AREAS, GROUP_BLOCKS, JOB, NUMBERED_AREAS, READ_VAR, USERDATA, WRITE_VAR
+from dissect.s7plus.ids import AREAS, BLOCK_KINDS
+from dissect.s7plus.items import READS, WRITES
+from dissect.s7plus.tables import V3
+from dissect.source.packet import SourceFile
+from dissect.stations.facts import MAC, Book, Fact
+from dissect.transactions.connection import Connection
+from dissect.transactions.naming import named_items
+from dissect.transactions.operation import DELETE, DOWNLOAD, FAILED, REFUSED, UPLOAD, Operation
+from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
+
+MAX_DEVICES: Final = 4096
+MAX_TALKS: Final = 16_384
+MAX_TARGETS: Final = 65_536
+MAX_BLOCKS: Final = 1024
+
+_VARIABLES: Final = frozenset((READ_VAR, WRITE_VAR))
+#: What became of a block.
+_BLOCKS: Final = {DOWNLOAD: "loaded", UPLOAD: "read out", DELETE: "deleted"}
+#: Where the body of an S7comm-plus request begins, and how much further in version 3; it ends with the object qualifier.
+_BODY: Final = 18
+_DIGEST: Final = 33
+_QUALIFIER: Final = b"\x00\x00\x04\xe8"
+
+
+class Target:
+    """What requests with the same parameters are about, and how many there were; ``refused`` counts apart."""
+
+    __slots__ = ("count", "places", "refused", "tags", "writes")
+
+    def __init__(self, writes: bool) -> None:
+        self.writes = writes
+        self.count = 0
+        self.refused = 0
+        self.places: list[tuple[str, int, int]] = []  # area, first and last byte
+        self.tags: list[tuple[str, str]] = []  # area and tag
+
+
+class Traffic:
+    """What passed on a connection that is open. Lists have an entry for each side."""
+
+    __slots__ = (
+        "answer_frames",
+        "answered",
+        "errors",
+        "latencies",
+        "lists_blocks",
+        "missed",
+        "operations",
+        "pushes",
+        "targets",
+        "transactions",
+    )
+
+    def __init__(self, latencies: list[Latencies | None]) -> None:
+        self.latencies = latencies
+        self.transactions = 0
+        self.answered = 0
+        self.errors = 0
+        self.missed = 0
+        self.pushes = 0
+        self.answer_frames = [0, 0]  # the first answer of each side
+        self.lists_blocks = 0  # a packet that asks which blocks there are
+        self.targets: dict[tuple[int, bytes], Target] = {}
+        self.operations: dict[str, tuple[int, int]] = {}  # by kind: how many, and the first packet
+
+
+class Inventory(Observer):
+    """Devices of a run. Fill it through a pipeline, then `take` it.
+
+    ``devices`` are sorted, the CPUs first; ``talks`` are in the order of their ends. The other numbers count what had no room.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.devices: list[Device] = []
+        self.talks: list[Talk] = []
+        self.files: list[SourceFile] = []
+        self.part: Part | None = None
+        self.pipeline: Pipeline | None = None
+        self.devices_not_listed = 0
+        self.talks_not_listed = 0
+        self.requests_not_looked_at = 0
+        self.facts_not_kept = 0
+        self._book = Book()
+        self._found: dict[str, Device] = {}
+        self._talks: dict[tuple[str, str], Talk] = {}
+        self._open: dict[int, Traffic] = {}
+        self._targets = 0
+
+    def __repr__(self) -> str:
+        return f"Inventory({len(self.devices)} devices, {len(self.talks)} talks)"
+
+    def take(self, pipeline: Pipeline, files: list[SourceFile]) -> None:
+        """Take over the files that were read, when the run is over, and put the devices in order."""
+        self.pipeline = pipeline
+        self.files = files
+        self.facts_not_kept = self._book.not_kept
+        for address, device in self._found.items():
+            if device.sent_to is not None and not any(key == MAC for _, key in self._facts_of(address)):
+                self._book.note(device.sent_to)
+            station = self._book.stations.get(address)
+            if station is not None:
+                device.station = station
+                self.facts_not_kept += station.not_kept
+            judge_server(device)
+        self.devices = sorted(self._found.values(), key=lambda device: device.sort_key)
+        order = {device.address: place for place, device in enumerate(self.devices)}
+        self.talks = sorted(
+            self._talks.values(), key=lambda talk: (order.get(talk.client, 0), order.get(talk.server, 0))
+        )
+        for talk in self.talks:
+            self._found[talk.client].asks.append(talk)
+            self._found[talk.server].asked_by.append(talk)
+
+    def _facts_of(self, address: str) -> Iterable[tuple[str, str]]:
+        station = self._book.stations.get(address)
+        return station.facts if station is not None else ()
+
+    # ---- observer ---------------------------------------------------------------------------------------------------
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Count a transaction, and look at what it reads or writes when that is new."""
+        traffic = self._open.get(transaction.connection.number)
+        if traffic is None:
+            traffic = self._begin(transaction.connection)
+        traffic.transactions += 1
+        outcome = transaction.outcome
+        if outcome == ANSWERED:
+            traffic.answered += 1
+            answering = 1 - transaction.asked_by
+            latencies = traffic.latencies[answering]
+            if latencies is not None:
+                latencies.add(transaction.response_ns - transaction.request_ns)
+            if not traffic.answer_frames[answering]:
+                traffic.answer_frames[answering] = transaction.response_frame
+        elif outcome == PUSH:
+            traffic.pushes += 1
+        elif transaction.missed:
+            traffic.missed += 1
+        if transaction.has_errors:
+            traffic.errors += 1
+        function = transaction.parameters.function
+        if transaction.rosctr == JOB:
+            if function not in _VARIABLES:
+                return
+            key = transaction.asked_by, transaction.parameters.octets
+        elif transaction.rosctr == USERDATA:
+            head = transaction.parameters.userdata
+            if head is not None and head.group == GROUP_BLOCKS and not traffic.lists_blocks:
+                traffic.lists_blocks = transaction.request_frame
+            return
+        elif transaction.is_plus and (transaction.function in READS or transaction.function in WRITES):
+            key = transaction.asked_by, _plus_body(transaction)
+        else:
+            return
+        target = traffic.targets.get(key)
+        if target is None:
+            if self._targets >= MAX_TARGETS:
+                self.requests_not_looked_at += 1
+                return
+            target = self._target(transaction)
+            traffic.targets[key] = target
+        if transaction.has_errors:
+            target.refused += 1
+        else:
+            target.count += 1
+
+    def operation(self, operation: Operation) -> None:
+        """Count an operation, and take the block that it loads, reads out or deletes."""
+        traffic = self._open.get(operation.connection.number)
+        if traffic is None:
+            traffic = self._begin(operation.connection)
+        count, frame = traffic.operations.get(operation.kind, (0, operation.first_frame))
+        traffic.operations[operation.kind] = count + 1, frame
+        done = _BLOCKS.get(operation.kind)
+        if done is None or operation.result in {REFUSED, FAILED}:
+            return
+        device = self._device(str(operation.connection.tcp.ends[1 - operation.asked_by].host))
+        name = operation.subject.removeprefix("block ")
+        if operation.connection.plus is None:
+            name = name.partition(",")[0]  # active or passive: it is the same block
+        if device is None or not name:
+            return
+        if name in device.blocks or len(device.blocks) < MAX_BLOCKS:
+            device.blocks.setdefault(name, Names()).add(done)
+        else:
+            device.more_blocks += 1
+
+    def fact(self, fact: Fact) -> None:
+        """Keep what a station said of itself."""
+        self._book.note(fact)
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Add a connection to the talk of its ends, and to what both of them are."""
+        traffic = self._open.pop(connection.number, None)
+        if traffic is None:
+            traffic = self._begin(connection, keep=False)
+        self._targets -= len(traffic.targets)
+        client_side = int(connection.client_side)
+        client, server = (self._device(str(end.host)) for end in (connection.client, connection.server))
+        if client is None or server is None:
+            self.devices_not_listed += 1
+            return
+        tcp = connection.tcp
+        for device, side in ((client, client_side), (server, 1 - client_side)):
+            mac = tcp.mac(side)
+            if mac and (device.sent_to is None or (device.sent_to.time_ns > tcp.first_ns)):
+                place = (int(connection.number), [int(tcp.first_frame)], int(tcp.first_ns))
+                device.sent_to = Fact(device.address, "", MAC, mac.hex(":"), "Ethernet, as receiver", *place)
+            device.seen((int(tcp.first_frame), int(tcp.first_ns)), (int(tcp.last_frame), int(tcp.last_ns)))
+        talk = self._talk(client.address, server.address)
+        if talk is None:
+            self.talks_not_listed += 1
+        else:
+            _add(talk, connection, traffic)
+            self._add_areas(talk, traffic, client_side)
+        _negotiated(connection, client, server)
+        deeds = {kind: frame for kind, (_, frame) in traffic.operations.items()}
+        if traffic.lists_blocks:
+            deeds[LISTS_BLOCKS] = traffic.lists_blocks
+        judge_client(client, server, connection, deeds, traffic.answer_frames)
+
+    # ---- parts ------------------------------------------------------------------------------------------------------
+
+    def _begin(self, connection: Connection, keep: bool = True) -> Traffic:
+        found = [self._device(str(end.host)) for end in connection.tcp.ends]
+        traffic = Traffic([device.latencies if device is not None else None for device in found])
+        if keep:
+            self._open[int(connection.number)] = traffic
+        return traffic
+
+    def _device(self, address: str) -> Device | None:
+        device = self._found.get(address)
+        if device is None:
+            if len(self._found) >= MAX_DEVICES:
+                return None
+            device = self._found[address] = Device(address)
+        return device
+
+    def _talk(self, client: str, server: str) -> Talk | None:
+        talk = self._talks.get((client, server))
+        if talk is None and len(self._talks) < MAX_TALKS:
+            talk = self._talks[client, server] = Talk(client, server)
+        return talk
+
+    def _target(self, transaction: Transaction) -> Target:
+        """Look at what a request reads or writes; it is the first of its kind on its connection."""
+        self._targets += 1
+        if transaction.is_plus:
+            return _plus_target(transaction)
+        target = Target(transaction.function == WRITE_VAR)
+        named = named_items(transaction)
+        for number, result in enumerate(transaction.results()):
+            item = result.item
+            if item is None:
+                continue
+            for one in item.areas or [item]:
+                target.places.append(_place(one))
+            if named:
+                area = target.places[-1][0]
+                target.tags += [(area, value.name) for value in named[number] if value.name]
+        return target
+
+    def _add_areas(self, talk: Talk, traffic: Traffic, client_side: int) -> None:
+        """Add what was read and written, to the talk of who asked."""
+        for (asked_by, _), target in traffic.targets.items():
+            whose: Talk | None = talk
+            if asked_by != client_side:
+                whose = self._talk(talk.server, talk.client)
+            if whose is None or not target.places:
+                continue
+            if target.writes:
+                whose.writes += target.count + target.refused
+            else:
+                whose.reads += target.count + target.refused
+            areas: dict[str, Area] = {}
+            for name, low, high in target.places:
+                area = whose.area(name)
+                if area is not None:
+                    areas[name] = area
+                    if low >= 0:
+                        area.reach(low, high)
+            for name, tag in target.tags:
+                if name in areas:
+                    areas[name].tag(tag)
+            for area in areas.values():
+                if target.writes:
+                    area.writes += target.count
+                else:
+                    area.reads += target.count
+                area.refused += target.refused
+
+
+def _place(item: Item) -> tuple[str, int, int]:
+    """Return the area of an item with its first and last byte, or timer or counter; -1 where they are not known."""
+    area = int(item.area)
+    if area < 0:
+        return item.address.partition(" ")[0], -1, -1
+    name = f"DB{item.db}" if area in DB_AREAS else AREA_LETTERS.get(area, f"area 0x{area:02x}")
+    if area in NUMBERED_AREAS:
+        return name, int(item.start_bit), int(item.start_bit) + max(1, int(item.count)) - 1
+    first = int(item.start_bit) // 8
+    return name, first, first + max(1, int(item.size)) - 1
+
+
+def _plus_body(transaction: Transaction) -> bytes:
+    """Return of a request what is the same when the same is asked again: its function and body without numbers and ids."""
+    octets = transaction.request_octets
+    at = _BODY + (_DIGEST if octets[1:2] == bytes((V3,)) else 0)
+    end = octets.find(_QUALIFIER, at)
+    return transaction.function.to_bytes(2, "big") + octets[at : end if end >= 0 else None]
+
+
+def _plus_target(transaction: Transaction) -> Target:
+    target = Target(transaction.function in WRITES)
+    for item in transaction.plus_items():
+        address = item.address
+        if address is None or (address.area not in AREAS and address.area >> 16 not in BLOCK_KINDS):
+            continue  # an object of the CPU itself, such as its session
+        label = item.label
+        area = label.partition(".")[0]
+        target.places.append((area, -1, -1))
+        if area != label:
+            target.tags.append((area, label))
+    return target
+
+
+def _add(talk: Talk, connection: Connection, traffic: Traffic) -> None:
+    tcp = connection.tcp
+    talk.connections += 1
+    talk.protocols.add(connection.protocol)
+    talk.transactions += traffic.transactions
+    talk.answered += traffic.answered
+    talk.errors += traffic.errors
+    talk.missed += traffic.missed
+    talk.pushes += traffic.pushes
+    for kind, (count, _) in traffic.operations.items():
+        talk.operations[kind] = talk.operations.get(kind, 0) + count
+    if not talk.first_frame or tcp.first_frame < talk.first_frame:
+        talk.first_frame, talk.first_ns = int(tcp.first_frame), int(tcp.first_ns)
+    if tcp.last_frame > talk.last_frame:
+        talk.last_frame, talk.last_ns = int(tcp.last_frame), int(tcp.last_ns)
+
+
+def _negotiated(connection: Connection, client: Device, server: Device) -> None:
+    """Keep what was agreed on with the server, and the TSAPs by which both ends were called."""
+    granted = connection.granted
+    if granted is not None:
+        server.pdu_lengths.add(str(granted.pdu_length))
+        server.parallel_jobs.add(str(connection.jobs_allowed(connection.client_side)))
+    if connection.tsap_calling is not None:
+        client.tsaps.add(connection.tsap_calling.describe(False))
+    if connection.tsap_called is not None:
+        server.tsaps.add(connection.tsap_called.describe())
+
+
+def talks_between(talks: Sequence[Talk], clients: Sequence[str], servers: Sequence[str]) -> list[list[int]]:
+    """Return how many transactions each of ``clients`` had with each of ``servers``: a row a client."""
+    known = {(talk.client, talk.server): talk.transactions for talk in talks}
+    return [[known.get((client, server), 0) for server in servers] for client in clients]

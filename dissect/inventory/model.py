@@ -1,0 +1,233 @@
+"""What `devices` says: a device, whom it talks to, what is read and written there, and why it is taken for what it is."""
+
+from __future__ import annotations
+
+from bisect import insort
+from ipaddress import ip_address
+from typing import Final
+
+from dissect.report.analysis import Latencies
+from dissect.stations import facts
+from dissect.stations.facts import Fact, Station, Stretch
+
+# Roles.
+CPU: Final = "CPU"
+ENGINEERING: Final = "engineering"
+OPC: Final = "OPC"
+PANEL: Final = "panel"
+UNKNOWN: Final = "unknown"
+#: In the order in which one is preferred where the evidence weighs the same.
+ROLES: Final = (CPU, ENGINEERING, OPC, PANEL, UNKNOWN)
+
+# How sure a role is: the device says so itself; it does what only such a device does; its TSAP is one of such a device.
+STATED: Final = "stated"
+BEHAVIOUR: Final = "behaviour"
+TSAP: Final = "tsap"
+#: In the order of their weight.
+CERTAINTIES: Final = (STATED, BEHAVIOUR, TSAP)
+
+MAX_REASONS: Final = 32
+MAX_AREAS: Final = 128
+MAX_TAGS: Final = 64
+MAX_NAMES: Final = 16
+
+
+class Names:
+    """A few distinct texts in order; ``more`` counts those beyond `MAX_NAMES`."""
+
+    __slots__ = ("more", "texts")
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+        self.more = 0
+
+    def add(self, text: str) -> None:
+        """Take a text, once."""
+        if not text or text in self.texts:
+            return
+        if len(self.texts) < MAX_NAMES:
+            insort(self.texts, text)
+        else:
+            self.more += 1
+
+
+class Reason:
+    """Why a device is taken for a role: how sure that makes it, in a few words, and a packet that shows it."""
+
+    __slots__ = ("certainty", "count", "frame", "role", "text")
+
+    def __init__(self, role: str, certainty: str, text: str, frame: int) -> None:
+        self.role = role
+        self.certainty = certainty
+        self.text = text
+        self.frame = frame
+        self.count = 1
+
+    @property
+    def weight(self) -> tuple[int, int, str]:
+        """What is preferred comes first."""
+        return CERTAINTIES.index(self.certainty), ROLES.index(self.role), self.text
+
+
+class Area:
+    """A data block or another area at a device: how often it was read and written, from which byte to which, and as which tags.
+
+    ``low`` and ``high`` are -1 where no byte is known (symbols of S7comm-plus). ``refused`` requests are counted in neither.
+    """
+
+    __slots__ = ("high", "low", "more_tags", "name", "reads", "refused", "tags", "writes")
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.reads = 0
+        self.writes = 0
+        self.refused = 0
+        self.low = -1
+        self.high = -1
+        self.tags: list[str] = []
+        self.more_tags = 0
+
+    def reach(self, low: int, high: int) -> None:
+        """Bytes ``low`` to ``high`` belong to it as well."""
+        self.low = low if self.low < 0 else min(self.low, low)
+        self.high = max(self.high, high)
+
+    def tag(self, name: str) -> None:
+        """A tag lies in it."""
+        if name in self.tags:
+            return
+        if len(self.tags) < MAX_TAGS:
+            self.tags.append(name)
+        else:
+            self.more_tags += 1
+
+
+class Talk:
+    """What a client and a server had to do with each other, over all their connections."""
+
+    __slots__ = (
+        "answered", "areas", "client", "connections", "errors", "first_frame", "first_ns", "last_frame", "last_ns", "missed",
+        "more_areas", "operations", "protocols", "pushes", "reads", "server", "transactions", "writes",
+    )  # fmt: skip
+
+    def __init__(self, client: str, server: str) -> None:
+        self.client = client
+        self.server = server
+        self.connections = 0
+        self.protocols = Names()
+        self.transactions = 0
+        self.reads = 0
+        self.writes = 0
+        self.answered = 0
+        self.errors = 0
+        self.missed = 0
+        self.pushes = 0
+        self.operations: dict[str, int] = {}
+        self.areas: dict[str, Area] = {}
+        self.more_areas = 0
+        self.first_frame = 0
+        self.first_ns = 0
+        self.last_frame = 0
+        self.last_ns = 0
+
+    def area(self, name: str) -> Area | None:
+        """Return an area by its name, made where there is room."""
+        found = self.areas.get(name)
+        if found is None:
+            if len(self.areas) >= MAX_AREAS:
+                self.more_areas += 1
+                return None
+            found = self.areas[name] = Area(name)
+        return found
+
+
+class Device:
+    """One station.
+
+    ``station`` holds its facts, each with source, packets and times; ``reasons`` why it has its role; ``latencies`` the answer
+    times of what it was asked, in nanoseconds. ``asked_by`` are the talks in which it is the server, ``asks`` those in which
+    it is the client. ``sessions`` are what it said of itself as a client of S7comm-plus. Texts are from the wire, not escaped.
+    """
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self.station = Station(address)
+        self.reasons: dict[tuple[str, str], Reason] = {}
+        self.latencies = Latencies()
+        self.asked_by: list[Talk] = []
+        self.asks: list[Talk] = []
+        self.sessions = Names()
+        self.sent_to: Fact | None = None  # the network card that packets for it go to, where none of its own was seen
+        self.tsaps = Names()
+        self.pdu_lengths = Names()
+        self.parallel_jobs = Names()
+        self.blocks: dict[str, Names] = {}
+        self.more_blocks = 0
+        self.first_frame = 0
+        self.first_ns = 0
+        self.last_frame = 0
+        self.last_ns = 0
+
+    def __repr__(self) -> str:
+        return f"Device({self.address!r}, {self.role!r}, {self.get(facts.ORDER_NUMBER)!r})"
+
+    @property
+    def sort_key(self) -> tuple[int, int, int]:
+        """The CPUs come first, and within a role the addresses by their number."""
+        address = ip_address(self.address)
+        return ROLES.index(self.role), address.version, int(address)
+
+    @property
+    def role(self) -> str:
+        """What it is, as far as there is evidence."""
+        return self._best.role if self.reasons else UNKNOWN
+
+    @property
+    def certainty(self) -> str:
+        """How sure the role is, empty for an unknown one."""
+        return self._best.certainty if self.reasons else ""
+
+    @property
+    def _best(self) -> Reason:
+        return min(self.reasons.values(), key=lambda reason: reason.weight)
+
+    def because(self, role: str, certainty: str, text: str, frame: int) -> None:
+        """Take a piece of evidence for a role."""
+        known = self.reasons.get((role, text))
+        if known is not None:
+            known.count += 1
+        elif len(self.reasons) < MAX_REASONS:
+            self.reasons[role, text] = Reason(role, certainty, text, frame)
+
+    def seen(self, first: tuple[int, int], last: tuple[int, int]) -> None:
+        """It was seen from one packet to another, each with its time."""
+        if not self.first_frame or first < (self.first_frame, self.first_ns):
+            self.first_frame, self.first_ns = first
+        self.last_frame, self.last_ns = max((self.last_frame, self.last_ns), last)
+
+    def history(self, key: str) -> list[Stretch]:
+        """Return the values of a kind of fact one after another, of all modules."""
+        found = [stretch for (_, own), stretches in self.station.facts.items() if own == key for stretch in stretches]
+        return sorted(found, key=lambda stretch: (stretch.first_frame, stretch.first_ns))
+
+    def get(self, key: str) -> str:
+        """Return the latest value of a kind of fact, empty where there is none; keys are those of `dissect.stations.facts`."""
+        return self.station.latest(key)
+
+    @property
+    def modules(self) -> list[str]:
+        """Racks and slots that were asked; an empty one stands for facts without."""
+        return sorted({module for module, _ in self.station.facts})
+
+    @property
+    def clock_offset_ns(self) -> int | None:
+        """How far its clock is ahead of the capture's, nanoseconds; None where nobody asked. It has no zone: taken as UTC."""
+        text = self.get(facts.CLOCK)
+        return int(text) if text else None
+
+    @property
+    def block_counts(self) -> dict[str, int]:
+        """How many blocks it said to have, by type."""
+        begun = f"{facts.BLOCKS} "
+        counts = {key: int(found[-1].value) for (_, key), found in self.station.facts.items() if key.startswith(begun)}
+        return {key.removeprefix(begun): count for key, count in sorted(counts.items())}

@@ -1,0 +1,39 @@
+"""What `devices` came to, for the formats: as cards with a table of who talks to whom, as values, as rows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from dissect.inventory.collector import Inventory
+from dissect.report.outcome import Outcome
+from dissect.report.styled import Line
+from dissect.report.words import Places
+from dissect.wire.text import Clock
+
+
+class Devices(Outcome):
+    """An inventory. ``interrupted``: reading was broken off; ``hosts`` are names of hosts by address, for text and CSV."""
+
+    def __init__(
+        self,
+        inventory: Inventory,
+        interrupted: bool = False,
+        clock: Clock | None = None,
+        hosts: Mapping[str, str] | None = None,
+    ) -> None:
+        self.inventory = inventory
+        self.interrupted = interrupted
+        self.clock = clock or Clock()
+        self.places = Places(inventory.files, len(inventory.files) > 1, hosts)
+
+    def text(self) -> Iterable[str | Line]:
+        """Return the cards and the matrix."""
+        from dissect.inventory.text import device_lines  # late: values and rows do without it
+
+        return device_lines(self)
+
+    def as_dict(self) -> Mapping[str, object]:
+        """Return the object of the JSON contract."""
+        from dissect.inventory.contract import inventory_as_dict
+
+        return inventory_as_dict(self.inventory, self.interrupted)

@@ -1,0 +1,306 @@
+"""Devices for a person: a card for each, and a matrix of who talks to whom. What has no room is counted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from dissect.inventory.collector import Inventory, talks_between
+from dissect.inventory.model import BEHAVIOUR, STATED, TSAP, Area, Device, Names, Reason, Talk
+from dissect.inventory.outcome import Devices
+from dissect.inventory.vendors import vendor
+from dissect.report import words
+from dissect.report.operations import NAMES
+from dissect.report.styled import DIM, HEADING, PLAIN, Line
+from dissect.report.text import table
+from dissect.report.words import PROTOCOLS, Places
+from dissect.stations import facts
+from dissect.stations.facts import KEYS, Stretch
+from dissect.transactions.operation import CONNECT
+from dissect.wire.text import Clock, duration_text, printable, shortened
+
+#: Cards, talks of one device, areas of a talk, tags of an area, values over time, rows and columns of the matrix.
+_CARDS: Final = 50
+_TALKS: Final = 8
+_AREAS: Final = 8
+_TAGS: Final = 4
+_VALUES: Final = 6
+_ROWS: Final = 40
+_COLUMNS: Final = 8
+_NAMES: Final = 8
+_HANG: Final = 14
+_TEXT: Final = 100
+
+#: Facts that a module's line names, in this order.
+_OF_MODULE: Final = (
+    facts.ORDER_NUMBER, facts.HARDWARE, facts.FIRMWARE, facts.SERIAL_NUMBER, facts.MODULE_TYPE, facts.CARD_SERIAL,
+)  # fmt: skip
+_OF_NAMES: Final = (facts.STATION_NAME, facts.MODULE_NAME, facts.PLANT, facts.LOCATION)
+_SHORT: Final = {
+    facts.ORDER_NUMBER: "",
+    facts.HARDWARE: "hardware",
+    facts.FIRMWARE: "firmware",
+    facts.SERIAL_NUMBER: "serial number",
+    facts.MODULE_TYPE: "type",
+    facts.CARD_SERIAL: "memory card",
+    facts.STATION_NAME: "station",
+    facts.MODULE_NAME: "module",
+    facts.PLANT: "plant",
+    facts.LOCATION: "location",
+}
+_HOW_SURE: Final = {STATED: "", BEHAVIOUR: "", TSAP: " (by its TSAP alone)"}
+
+
+def device_lines(outcome: Devices) -> Iterator[Line]:
+    """Yield the cards and the matrix."""
+    inventory = outcome.inventory
+    if outcome.interrupted:
+        yield Line("INTERRUPTED: what follows covers what was read before", "warning")
+    if inventory.part is not None:
+        yield Line(f"SELECTION: {printable(inventory.part.where)}", "warning", 4)
+    if not inventory.devices:
+        yield Line("No device: no ISO-on-TCP connection in what was read.", HEADING)
+        return
+    cards = inventory.devices[:_CARDS]
+    for number, device in enumerate(cards):
+        if number:
+            yield Line("")
+        yield from card(device, outcome.places, outcome.clock)
+    if len(inventory.devices) > _CARDS:
+        yield Line("")
+        yield Line(f"and {len(inventory.devices) - _CARDS} more devices; -T json and -T csv list them all", DIM)
+    yield from matrix(inventory, outcome.places)
+    yield from _not_kept(inventory)
+
+
+def card(device: Device, places: Places, clock: Clock) -> Iterator[Line]:
+    """Yield what is known of a device."""
+    what = [
+        device.role + _HOW_SURE.get(device.certainty, ""),
+        *[device.get(key) for key in (facts.ORDER_NUMBER, facts.FIRMWARE)],
+    ]
+    yield Line(f"{_host(device.address, places)}  {'  '.join([printable(text) for text in what if text])}", HEADING)
+    for title, said in _card(device, places, clock):
+        yield Line(f"  {title:<12}{said}", PLAIN, _HANG)
+
+
+def _card(device: Device, places: Places, clock: Clock) -> Iterator[tuple[str, str]]:
+    reasons = sorted(device.reasons.values(), key=lambda reason: reason.weight)
+    if reasons:
+        yield "role", "; ".join([_reason(reason, device.role, places) for reason in reasons])
+    for stretch in device.history(facts.MAC):
+        made = vendor(stretch.value)
+        yield (
+            "MAC",
+            f"{stretch.value}{f' ({printable(made)})' if made else ''}, packet {places.mark(stretch.first_frame)}",
+        )
+    for module in device.modules:
+        for title, keys in (("module", _OF_MODULE), ("names", _OF_NAMES)):
+            said = _said(device, module, keys, places)
+            if said:
+                yield title, f"{module}: {said}" if module else said
+    yield from _state(device, places, clock)
+    yield from _agreed(device)
+    yield from _blocks(device)
+    if device.sessions.texts:
+        yield "sessions", _some(device.sessions)
+    if device.asked_by:
+        yield "answers", _answers(device)
+    asks = [talk for talk in device.asks if talk.server != talk.client]  # to itself: shown as asked by itself
+    for title, talks, client in (("asked by", device.asked_by, True), ("asks", asks, False)):
+        for talk in talks[:_TALKS]:
+            yield title, f"{_host(talk.client if client else talk.server, places)}: {_talk(talk)}"
+        if len(talks) > _TALKS:
+            yield title, f"and {len(talks) - _TALKS} more"
+    first, last = places.mark(device.first_frame), places.mark(device.last_frame)
+    yield "seen", f"{clock.moment(device.first_ns)} to {clock.moment(device.last_ns)}, packets {first} to {last}"
+
+
+def _reason(reason: Reason, role: str, places: Places) -> str:
+    times = f", {reason.count} times" if reason.count > 1 else ""
+    other = f"{reason.role}? " if reason.role != role else ""
+    return f"{other}{shortened(reason.text, _TEXT)} (packet {places.mark(reason.frame)}{times})"
+
+
+def _said(device: Device, module: str, keys: tuple[str, ...], places: Places) -> str:
+    """Return facts of a module with the packet that the first of them stands in; what changed shows each value."""
+    said = []
+    packets: list[int] = []
+    for key in keys:
+        stretches = device.station.facts.get((module, key), [])
+        if stretches:
+            values = " → ".join([shortened(stretch.value, _TEXT) for stretch in stretches[-_VALUES:]])
+            said.append(f"{_SHORT[key]} {values}".lstrip())
+            packets += [stretch.first_frame for stretch in stretches[-_VALUES:]]
+    return f"{', '.join(said)} ({places.phrase(sorted(set(packets)))})" if said else ""
+
+
+def _state(device: Device, places: Places, clock: Clock) -> Iterator[tuple[str, str]]:
+    for key in (facts.OPERATING_MODE, facts.MODE_SWITCH, facts.PROTECTION, facts.INTERFACE):
+        stretches = device.history(key)
+        if stretches:
+            dropped = len(stretches) - _VALUES
+            more = f"{dropped} earlier values, " if dropped > 0 else ""
+            yield (
+                _TITLES.get(key, KEYS[key]),
+                more + " → ".join([_held(one, places, clock) for one in stretches[-_VALUES:]]),
+            )
+    offset = device.clock_offset_ns
+    if offset is not None:
+        way = "ahead of" if offset >= 0 else "behind"
+        stretch = device.history(facts.CLOCK)[-1]
+        packet = places.mark(stretch.last_frame)
+        yield (
+            "clock",
+            f"{duration_text(abs(offset))} {way} the capture in UTC, its time zone included (packet {packet})",
+        )
+
+
+_TITLES: Final = {facts.OPERATING_MODE: "mode", facts.MODE_SWITCH: "switch", facts.PROTECTION: "protection"}
+
+
+def _held(stretch: Stretch, places: Places, clock: Clock) -> str:
+    times = f", {stretch.count} times" if stretch.count > 1 else ""
+    at = clock.time_of_day(stretch.first_ns)
+    return f"{shortened(stretch.value, _TEXT)} ({at}, packet {places.mark(stretch.first_frame)}{times})"
+
+
+def _agreed(device: Device) -> Iterator[tuple[str, str]]:
+    most = [
+        f"{title} {shortened(device.get(key), _TEXT)}"
+        for key, title in ((facts.MAX_PDU, "PDU length"), (facts.MAX_CONNECTIONS, "connections"))
+        if device.get(key)
+    ]
+    if most:
+        yield "at most", ", ".join(most)
+    if device.pdu_lengths.texts:
+        lengths, jobs = [
+            ", ".join(sorted(names.texts, key=int)) for names in (device.pdu_lengths, device.parallel_jobs)
+        ]
+        yield "negotiated", f"PDU length {lengths}, parallel jobs {jobs}"
+    if device.tsaps.texts:
+        yield "TSAP", _some(device.tsaps)
+
+
+def _blocks(device: Device) -> Iterator[tuple[str, str]]:
+    counts = [f"{count} {printable(kind)}" for kind, count in device.block_counts.items() if count]
+    listed = sorted(device.station.blocks, key=_natural)
+    said = []
+    if counts:
+        said.append(", ".join(counts))
+    if listed:
+        more = f" and {len(listed) - _NAMES} more" if len(listed) > _NAMES else ""
+        said.append(f"listed: {', '.join([printable(name) for name in listed[:_NAMES]])}{more}")
+    changed = [
+        f"{shortened(name, _TEXT)} {' and '.join(how.texts)}"
+        for name, how in sorted(device.blocks.items(), key=lambda pair: _natural(pair[0]))
+    ]
+    if changed:
+        more = f" and {len(changed) - _NAMES} more" if len(changed) > _NAMES else ""
+        said.append(f"{', '.join(changed[:_NAMES])}{more}")
+    if said:
+        yield "blocks", "; ".join(said)
+
+
+def _natural(name: str) -> tuple[str, int, str]:
+    """Return what sorts "DB 10" behind "DB 9"."""
+    kind, _, number = name.partition(" ")
+    return kind, int(number) if number.isdecimal() and len(number) < 10 else 0, name
+
+
+def _answers(device: Device) -> str:
+    talks = device.asked_by
+    times = device.latencies
+    answered = sum(talk.answered for talk in talks)
+    said = [f"{answered} answered"]
+    missed = sum(talk.missed for talk in talks)
+    errors = sum(talk.errors for talk in talks)
+    if missed:
+        said.append(f"{missed} unanswered")
+    if errors:
+        said.append(f"{errors} with errors")
+    if times.count:
+        said.append(f"median {words.duration(times.quantile(0.5))}, 95 % {words.duration(times.quantile(0.95))}")
+    return ", ".join(said)
+
+
+def _talk(talk: Talk) -> str:
+    """Return what passed between two, in a line."""
+    protocols = [PROTOCOLS.get(name, name) for name in talk.protocols.texts]
+    said = [
+        words.count(talk.connections, "connection") if talk.connections else "its own requests on the same connection"
+    ]
+    if protocols:
+        said[0] += f" ({printable(', '.join(protocols))})"
+    areas = sorted(talk.areas.values(), key=lambda area: (-area.reads - area.writes - area.refused, area.name))
+    for number, verb in ((talk.reads, "reads"), (talk.writes, "writes")):
+        if number:
+            mine = [area for area in areas if (area.reads if verb == "reads" else area.writes)]
+            refused = [area for area in areas if area.refused and not area.reads and not area.writes]
+            names = ", ".join([_area(area) for area in (mine or refused)[:_AREAS]])
+            more = len(mine) - _AREAS + talk.more_areas
+            said.append(f"{words.count(number, verb[:-1])}: {names}{f' and {more} more areas' if more > 0 else ''}")
+    others = [f"{NAMES[kind]} ({count})" for kind, count in sorted(talk.operations.items()) if kind != CONNECT]
+    if others:
+        said.append(", ".join(others))
+    if talk.errors:
+        said.append(f"{talk.errors} with errors")
+    return "; ".join(said)
+
+
+def _area(area: Area) -> str:
+    if area.tags:
+        more = len(area.tags) - _TAGS + area.more_tags
+        names = ", ".join([shortened(tag.removeprefix(f"{area.name}."), _TEXT) for tag in area.tags[:_TAGS]])
+        return f"{printable(area.name)} {{{names}{f' and {more} more' if more > 0 else ''}}}"
+    if area.low < 0:
+        return shortened(area.name, _TEXT)
+    reach = str(area.low) if area.low == area.high else f"{area.low}..{area.high}"
+    return f"{printable(area.name)}[{reach}]"
+
+
+def _host(address: str, places: Places) -> str:
+    """Return an address, with the name that the settings give it in front."""
+    name = places.name(address)
+    return f"{name} ({address})" if name != address else address
+
+
+def _some(names: Names) -> str:
+    shown = [shortened(text, _TEXT) for text in names.texts[:_NAMES]]
+    more = len(names.texts) - len(shown) + names.more
+    return ", ".join(shown) + (f" and {more} more" if more else "")
+
+
+def matrix(inventory: Inventory, places: Places) -> Iterator[Line]:
+    """Yield who talks to whom: a row for each client, a column for each server, transactions in the cells."""
+    talks = [talk for talk in inventory.talks if talk.connections]
+    if not talks:
+        return
+    busy: dict[str, int] = {}
+    for talk in talks:
+        busy[talk.server] = busy.get(talk.server, 0) + talk.transactions + 1
+    order = {device.address: place for place, device in enumerate(inventory.devices)}
+    servers = sorted(sorted(busy, key=lambda server: (-busy[server], order[server]))[:_COLUMNS], key=order.__getitem__)
+    everybody = sorted({talk.client for talk in talks}, key=order.__getitem__)
+    clients = everybody[:_ROWS]
+    yield Line("")
+    yield Line("Who talks to whom (transactions; clients in rows, servers in columns)", HEADING)
+    rows = [["", *[places.name(server) for server in servers]]]
+    for client, counts in zip(clients, talks_between(talks, clients, servers), strict=True):
+        rows.append([places.name(client), *[str(count) if count else "." for count in counts]])
+    yield from table(rows, frozenset(range(1, len(servers) + 1)))
+    for left, kind in ((len(everybody) - len(clients), "client"), (len(busy) - len(servers), "server")):
+        if left > 0:
+            yield Line(f"  and {words.count(left, f'more {kind}')}; -T json lists them", DIM)
+
+
+def _not_kept(inventory: Inventory) -> Iterator[Line]:
+    losses = {
+        "connections of devices without a card: too many devices": inventory.devices_not_listed,
+        "connections without an entry: too many pairs of client and server": inventory.talks_not_listed,
+        "requests whose addresses were not looked at: too many different ones at once": inventory.requests_not_looked_at,
+        "facts without room: too many of one station, or too many stations": inventory.facts_not_kept,
+    }
+    for what, count in losses.items():
+        if count:
+            yield Line(f"{what}: {count}", "warning")

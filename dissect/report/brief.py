@@ -1,0 +1,154 @@
+"""`analyze --brief`: findings first, one row a PLC, one line a connection; at most `MOST` lines, whatever the capture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+from dissect.findings.catalogue import CATALOGUE, SEVERITIES
+from dissect.report import words
+from dissect.report.analysis import Analysis
+from dissect.report.styled import DIM, HEADING, PLAIN, Line
+from dissect.report.text import completeness, table, trouble
+from dissect.report.words import Places, named
+from dissect.stations import facts
+from dissect.transactions.connection import Connection
+from dissect.wire.text import Clock, printable, shortened
+
+#: Lines of the whole, and of each part; what has no room is counted in a line of its own.
+MOST: Final = 40
+_FILES: Final = 3
+_FINDINGS: Final = 11
+_PLCS: Final = 6
+_CONNECTIONS: Final = 8
+_TEXT: Final = 120
+
+
+class Plc:
+    """A server: how much it was asked, and what became of that."""
+
+    def __init__(self) -> None:
+        self.connections = 0
+        self.pdus = 0
+        self.answered = 0
+        self.errors = 0
+        self.missed = 0
+
+
+def brief_lines(
+    analysis: Analysis, interrupted: bool = False, clock: Clock | None = None, hosts: Mapping[str, str] | None = None
+) -> Iterator[Line]:
+    """Yield the report in at most `MOST` lines. ``hosts`` are names of hosts by address."""
+    places = Places(analysis.files, len(analysis.files) > 1, hosts)
+    yield from _files(analysis, interrupted, clock or Clock())
+    yield from _findings(analysis, places)
+    yield from _plcs(analysis, places)
+    yield from _connections(analysis, places)
+    if analysis.pipeline is not None:
+        said = [sentence for sentence, style in completeness(analysis.pipeline) if style]
+        used = next(sentence for sentence, _ in completeness(analysis.pipeline))
+        yield Line(shortened("; ".join([used, *said]), 400), "warning" if said else DIM, 2)
+
+
+def _files(analysis: Analysis, interrupted: bool, clock: Clock) -> Iterator[Line]:
+    files = analysis.files
+    for file in files[:_FILES]:
+        damage = f"  DAMAGED: {shortened(file.damage, _TEXT)}" if file.damage else ""
+        size = f"{words.count(file.packets, 'packet')}, {words.size(file.octets)}"
+        yield Line(f"{printable(file.name)}: {size}{damage}", "error" if damage else HEADING, 2)
+    rest = files[_FILES:]
+    if rest:
+        damaged = sum([1 for file in rest if file.damage])
+        packets = words.count(sum([file.packets for file in rest]), "packet")
+        yield Line(f"and {len(rest)} more files: {packets}{f', {damaged} damaged' if damaged else ''}", DIM, 2)
+    pipeline = analysis.pipeline
+    said = []
+    if interrupted:
+        said.append("INTERRUPTED")
+    if analysis.part is not None:
+        said.append(f"SELECTION: {shortened(analysis.part.where, _TEXT)}")
+    if pipeline is not None and pipeline.frames:
+        said.append(f"from {clock.moment(int(pipeline.first_ns))} to {clock.moment(int(pipeline.now_ns))}")
+    counts = [
+        (analysis.total, "transactions"),
+        (analysis.with_errors, "with errors"),
+        (analysis.unanswered - analysis.still_open, "unanswered"),
+    ]
+    said.append(", ".join([f"{number} {what}" for number, what in counts if number or what == "transactions"]))
+    yield Line(f"  {'; '.join(said)}", "warning" if interrupted or analysis.part is not None else PLAIN, 4)
+
+
+def _findings(analysis: Analysis, places: Places) -> Iterator[Line]:
+    counts = analysis.finding_counts
+    yield Line("Findings" if counts else "Findings: none", HEADING)
+    details: dict[str, str] = {}
+    for finding in analysis.findings:
+        details.setdefault(finding.slug, f"{places.phrase(finding.frames[:2])}: {finding.detail}".rstrip(": "))
+    rules = sorted(
+        [CATALOGUE[slug] for slug in counts],
+        key=lambda rule: (SEVERITIES.index(rule.severity), -counts[rule.slug], rule.slug),
+    )
+    for rule in rules[:_FINDINGS]:
+        detail = shortened(details.get(rule.slug, ""), _TEXT)
+        times = f" ({counts[rule.slug]})" if counts[rule.slug] > 1 else ""
+        yield Line(f"  {rule.severity:<7}  {rule.slug}{times}: {detail or rule.sentence}", rule.severity, 11)
+    if len(rules) > _FINDINGS:
+        yield Line(f"  and {len(rules) - _FINDINGS} more kinds of findings", DIM)
+
+
+def _plcs(analysis: Analysis, places: Places) -> Iterator[Line]:
+    found: dict[str, Plc] = {}
+    for connection in analysis.connections:
+        if connection.pdus:
+            plc = found.setdefault(str(connection.server.host), Plc())
+            plc.connections += 1
+            plc.pdus += int(connection.pdus)
+            plc.answered += int(connection.answered)
+            plc.errors += int(connection.errors)
+            plc.missed += int(connection.missed)
+    if not found:
+        return
+    yield Line("PLCs", HEADING)
+    stations = analysis.stations.stations
+    rows = [["", "", "", "", "connections", "PDUs", "answered", "errors", "no answer"]]
+    order = sorted(found, key=lambda host: (-found[host].missed - found[host].errors, -found[host].pdus, host))
+    for host in order[:_PLCS]:
+        plc, station = found[host], stations.get(host)
+        told = [
+            shortened(station.latest(key), 30) if station is not None else ""
+            for key in (facts.ORDER_NUMBER, facts.FIRMWARE, facts.OPERATING_MODE)
+        ]
+        numbers = (plc.connections, plc.pdus, plc.answered, plc.errors, plc.missed)
+        rows.append([places.name(host), *told, *[str(number) if number else "." for number in numbers]])
+    yield from table(rows, frozenset(range(4, 9)))
+    if len(order) > _PLCS:
+        yield Line(f"  and {len(order) - _PLCS} more; `s7dissect devices` lists them", DIM)
+
+
+def _connections(analysis: Analysis, places: Places) -> Iterator[Line]:
+    total = len(analysis.connections) + int(analysis.connections_not_listed)
+    yield Line(f"Connections: {total}", HEADING)
+    chosen = sorted(analysis.connections, key=trouble)[:_CONNECTIONS]
+    rows = [_row(connection, places) for connection in sorted(chosen, key=_number)]
+    yield from table(rows, frozenset((0,)))
+    if total > len(chosen):
+        yield Line(f"  and {total - len(chosen)} more", DIM)
+
+
+def _number(connection: Connection) -> int:
+    return int(connection.number)
+
+
+def _row(connection: Connection, places: Places) -> list[str]:
+    said = [words.count(int(connection.pdus), "PDU")]
+    if connection.errors:
+        said.append(f"{connection.errors} with errors")
+    if connection.missed:
+        said.append(f"{connection.missed} unanswered")
+    if connection.refused:
+        said.append(f"REFUSED: {connection.refused}")
+    elif connection.tcp.ended:
+        said.append(f"closed ({connection.tcp.ended})")
+    arrow = "→" if connection.client_known else "↔"
+    ends = f"{places.end(connection.client)} {arrow} {places.end(connection.server)}"
+    return [str(connection.number), ends, shortened(named(connection) or "no data", 40), ", ".join(said)]

@@ -1,0 +1,92 @@
+"""`analyze --per-file`: one row a file. What happens in a run is counted for the file that its first packet is in."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from dissect.engine.observer import Observer
+from dissect.findings.catalogue import SEVERITIES
+from dissect.findings.reporter import Finding
+from dissect.report.styled import DIM, HEADING, PLAIN, Line
+from dissect.report.text import table
+from dissect.source.packet import SourceFile
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import Transaction
+from dissect.wire.text import shortened
+
+_NAME: Final = 60
+
+
+class FileCounts:
+    """What was counted for one file; ``findings`` by severity."""
+
+    __slots__ = ("connections", "errors", "findings", "missed", "transactions")
+
+    def __init__(self) -> None:
+        self.connections = 0
+        self.transactions = 0
+        self.errors = 0
+        self.missed = 0
+        self.findings = dict.fromkeys(SEVERITIES, 0)
+
+
+class PerFile(Observer):
+    """Counts by file. ``files`` are those of the run, and may still grow; all findings are counted of which details came."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.files: Sequence[SourceFile] = []
+        self._counts: dict[int, FileCounts] = {}
+
+    def of(self, index: int) -> FileCounts:
+        """Return what was counted for the file of this index."""
+        return self._counts.setdefault(index, FileCounts())
+
+    def _at(self, frame: int) -> FileCounts:
+        return self.of(max(0, bisect_right(self.files, frame, key=lambda file: int(file.first_frame)) - 1))
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Count a transaction."""
+        counts = self._at(transaction.request_frame or transaction.response_frame)
+        counts.transactions += 1
+        if transaction.has_errors:
+            counts.errors += 1
+        if transaction.missed:
+            counts.missed += 1
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Count a connection for the file that it begins in."""
+        self._at(connection.tcp.first_frame).connections += 1
+
+    def finding(self, finding: Finding) -> None:
+        """Count a finding; one that names no packet is about the latest file."""
+        counts = self._at(finding.frames[0]) if finding.frames else self.of(max(0, len(self.files) - 1))
+        counts.findings[finding.severity] += 1
+
+    def lines(self) -> Iterator[Line]:
+        """Yield the rows, and the sum where there are several."""
+        total = FileCounts()
+        rows = [["file", "packets", "connections", "transactions", "errors", "no answer", *SEVERITIES, ""]]
+        packets = 0
+        for index, file in enumerate(self.files):
+            counts = self.of(index)
+            rows.append(_row(shortened(file.name, _NAME), int(file.packets), counts, file.damage))
+            packets += int(file.packets)
+            for name in ("connections", "transactions", "errors", "missed"):
+                setattr(total, name, getattr(total, name) + getattr(counts, name))
+            for severity in SEVERITIES:
+                total.findings[severity] += counts.findings[severity]
+        if len(self.files) > 1:
+            rows.append(_row(f"{len(self.files)} files", packets, total, ""))
+        for number, line in enumerate(table(rows, frozenset(range(1, 9)))):
+            damaged = 0 < number <= len(self.files) and self.files[number - 1].damage
+            yield Line(line.text, HEADING if not number else "error" if damaged else PLAIN, line.hang)
+        yield Line("  findings by severity; each counts for the file of its first packet", DIM)
+
+
+def _row(name: str, packets: int, counts: FileCounts, damage: str) -> list[str]:
+    numbers = [counts.connections, counts.transactions, counts.errors, counts.missed, *counts.findings.values()]
+    cells = [str(number) if number else "." for number in numbers]
+    return [name, str(packets), *cells, f"DAMAGED: {shortened(damage, 80)}" if damage else ""]

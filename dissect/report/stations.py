@@ -1,0 +1,39 @@
+"""What stations state of themselves, in short: rows for `analyze`."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.stations import facts
+from dissect.stations.facts import Book, Station
+from dissect.wire.text import encodable
+
+#: What is told of each, in this order; docs/devices.md says what they are.
+TOLD: Final = (
+    facts.ORDER_NUMBER,
+    facts.FIRMWARE,
+    facts.HARDWARE,
+    facts.SERIAL_NUMBER,
+    facts.STATION_NAME,
+    facts.MODULE_NAME,
+    facts.OPERATING_MODE,
+    facts.PROTECTION,
+)
+
+
+def stations_that_state(book: Book) -> list[Station]:
+    """Return the stations that stated any of `TOLD`, by address."""
+    found = [station for station in book.stations.values() if any([station.latest(key) for key in TOLD])]
+    return sorted(found, key=_host)
+
+
+def _host(station: Station) -> str:
+    return station.host
+
+
+def station_as_dict(station: Station) -> dict[str, object]:
+    """Return what a station stated last, null for what it did not."""
+    told: dict[str, object] = {"address": station.host}
+    for key in TOLD:
+        told[key] = encodable(station.latest(key)) or None
+    return told

@@ -1,0 +1,239 @@
+"""Facts about stations in S7comm transactions: SZL, clock, blocks and modes (reference sections 4.5, 4.6 and 4.12).
+
+What S7comm-plus says of a CPU is read in `dissect.s7plus.events`, which leaves it at `Identity.told`.
+"""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Final
+
+from dissect.s7.blocks import BLOCK_COUNT, INFO, LISTED_BLOCK, TYPE_WANTED, header_text
+from dissect.s7.clock import CLOCK as CLOCK_LAYOUT
+from dissect.s7.clock import SETTING
+from dissect.s7.message import Pdu
+from dissect.s7.parameters import UserdataHead
+from dissect.s7.szl import SZL_HEAD
+from dissect.s7.szl_communication import CAPABILITY_RECORDS, PROTECTION
+from dissect.s7.szl_records import BLANK, COMPONENT_RECORDS, ETHERNET, IDENTIFICATION, OPERATING_MODE, version_text
+from dissect.s7.tables import (
+    GROUP_BLOCKS,
+    GROUP_CPU,
+    GROUP_MODE,
+    GROUP_TIME,
+    READ_SZL,
+    USERDATA,
+)
+from dissect.stations import facts
+from dissect.stations.facts import Fact
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import Operation
+from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
+from dissect.wire.part import Part
+
+#: Groups of userdata that say something of a station.
+TELLING: Final = frozenset((GROUP_MODE, GROUP_BLOCKS, GROUP_CPU, GROUP_TIME))
+#: Partial lists that do; a panel may poll others for hours.
+_LISTS: Final = frozenset((0x11, 0x1C, 0x24, 0x31, 0x32, 0x37))
+#: Answers whose facts are remembered, because the same answer to a poll says the same.
+MAX_ANSWERS: Final = 512
+
+#: Components of list 0x1C by their number.
+_COMPONENTS: Final[dict[int, str]] = {
+    0x01: facts.STATION_NAME,
+    0x02: facts.MODULE_NAME,
+    0x03: facts.PLANT,
+    0x05: facts.SERIAL_NUMBER,
+    0x07: facts.MODULE_TYPE,
+    0x08: facts.CARD_SERIAL,
+    0x0B: facts.LOCATION,
+}
+_COMPONENT_LAYOUTS: Final = frozenset([id(layout) for layout in COMPONENT_RECORDS.values()])
+_GENERAL: Final = CAPABILITY_RECORDS[0x01]
+#: What list 0x11 identifies, by index.
+_MODULE: Final = 0x0001
+_HARDWARE: Final = 0x0006
+_FIRMWARE: Final = 0x0007
+_NS: Final = 1_000_000_000
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+
+#: Key and value of a fact.
+Said = tuple[str, str]
+
+
+class Evidence:
+    """Reads facts from transactions. One for a whole analysis."""
+
+    def __init__(self) -> None:
+        self._answers: dict[tuple[int, int, bytes, bytes], list[Said]] = {}
+
+    def of_transaction(self, transaction: Transaction) -> list[Fact]:
+        """Return what the station that answered or pushed says of itself; empty for everything else."""
+        head = transaction.parameters.userdata
+        if head is None or transaction.rosctr != USERDATA:
+            return []
+        if transaction.outcome == PUSH:
+            if head.group != GROUP_MODE or transaction.request_frame:
+                return []
+            said = [(facts.OPERATING_MODE, head.subfunction_name)]
+            return _facts(transaction, said, "mode transition")
+        if transaction.has_errors or not transaction.response_frame:
+            return []
+        if head.group == GROUP_TIME:
+            return _clock(transaction, head)
+        if head.group == GROUP_CPU and head.subfunction == READ_SZL:
+            return self._szl(transaction)
+        if head.group == GROUP_BLOCKS:
+            return self._blocks(transaction)
+        return []
+
+    def of_operation(self, operation: Operation) -> list[Fact]:
+        """Return what an answer in parts says that is whole now."""
+        head = operation.content_head
+        if head is None or not operation.content:
+            return []
+        wanted = operation.subject if head.group == GROUP_BLOCKS else ""
+        source = "block functions"
+        if head.group == GROUP_CPU and head.subfunction == READ_SZL:
+            szl_id = int.from_bytes(operation.content[:2], "big")
+            if szl_id & 0xFF not in _LISTS:
+                return []
+            source = f"SZL 0x{szl_id:04x}"
+        elif head.group != GROUP_BLOCKS:
+            return []
+        said = said_by(operation.content_parts(), wanted)
+        frames = [operation.first_frame, operation.last_frame]
+        return made(operation.connection, operation.asked_by, said, source, frames, operation.end_ns)
+
+    def _szl(self, transaction: Transaction) -> list[Fact]:
+        answer = transaction.response
+        if answer is None or len(answer.data) < 4 + SZL_HEAD.size or answer.data[5] not in _LISTS:
+            return []
+        szl_id = int.from_bytes(answer.data[4:6], "big")
+        return _facts(transaction, self._said(transaction, answer), f"SZL 0x{szl_id:04x}")
+
+    def _blocks(self, transaction: Transaction) -> list[Fact]:
+        answer = transaction.response
+        return _facts(transaction, self._said(transaction, answer), "block functions") if answer is not None else []
+
+    def _said(self, transaction: Transaction, answer: Pdu) -> list[Said]:
+        head = answer.parameters.userdata
+        if head is None or head.error_code or head.data_unit_ref or head.last_data_unit:
+            return []  # refused, or a part of an answer
+        asked = transaction.request
+        request = asked.data if asked is not None and head.group == GROUP_BLOCKS else b""
+        key = (head.group, head.subfunction, request, answer.data)
+        said = self._answers.get(key)
+        if said is None:
+            wanted = ""
+            if asked is not None and request:
+                part = asked.body.find(TYPE_WANTED)
+                wanted = part.note if part is not None else ""
+            said = said_by(answer.body.parts, wanted)
+            if len(self._answers) >= MAX_ANSWERS:
+                del self._answers[next(iter(self._answers))]
+            self._answers[key] = said
+        return said
+
+
+def said_by(parts: list[Part], wanted: str = "") -> list[Said]:
+    """Return what the parts of an answer say; ``wanted`` is the type of the blocks that are listed."""
+    said: list[Said] = []
+    for part in parts:
+        layout = part.layout
+        if layout is IDENTIFICATION:
+            said += _identification(part)
+        elif id(layout) in _COMPONENT_LAYOUTS:
+            key = _COMPONENTS.get(part.number("index") & 0xFF, "")
+            if key:
+                said.append((key, part.text("text").strip()))
+        elif layout is OPERATING_MODE:
+            said.append((facts.OPERATING_MODE, part.text("mode")))
+        elif layout is PROTECTION:
+            said.append((facts.PROTECTION, _with_number(part, "level")))
+            said.append((facts.MODE_SWITCH, part.text("switch")))
+        elif layout is _GENERAL:
+            said.append((facts.MAX_PDU, str(max(0, part.number("pdu_length")) or "")))
+            said.append((facts.MAX_CONNECTIONS, str(max(0, part.number("connections")) or "")))
+        elif layout is ETHERNET:
+            said.append((facts.INTERFACE, f"{part.text('ip_address')} {part.text('mac_address')}"))
+        elif layout is BLOCK_COUNT and part.text("block_type"):
+            said.append((f"{facts.BLOCKS} {part.text('block_type')}", str(part.number("block_count"))))
+        elif layout is LISTED_BLOCK and wanted:
+            said.append((facts.BLOCK, f"{wanted} {part.number('block_number')}"))
+        elif layout is INFO:
+            said.append((facts.BLOCK, header_text(part)))
+    return [(key, value) for key, value in said if value]
+
+
+def _identification(part: Part) -> list[Said]:
+    """Read a record of list 0x11: the order number, and the version of what its index names."""
+    index, version, release = part.number("index"), part.number("version"), part.number("release")
+    said: list[Said] = []
+    order = part.text("order_number").strip()
+    if index == _MODULE and order:
+        said.append((facts.ORDER_NUMBER, order))
+    letter = version_text(version) if version > 0 else ""
+    if index == _FIRMWARE and letter and release >= 0:
+        said.append((facts.FIRMWARE, f"{letter}.{release >> 8}.{release & 0xFF}"))
+    elif index == _HARDWARE and not letter and version not in {-1, 0, BLANK}:
+        said.append((facts.HARDWARE, str(version)))  # its release is that of a file of the programming device
+    return said
+
+
+def _with_number(part: Part, name: str) -> str:
+    number = part.number(name)
+    return f"{number} ({part.text(name)})" if part.text(name) else str(number)
+
+
+def _clock(transaction: Transaction, head: UserdataHead) -> list[Fact]:
+    """Read a clock: what the station answers, or what it accepts to be set to."""
+    setting = head.subfunction in SETTING
+    if transaction.outcome != ANSWERED:
+        return []
+    pdu = transaction.request if setting else transaction.response
+    part = pdu.body.find(CLOCK_LAYOUT) if pdu is not None else None
+    clock_ns = clock_time(part.text("time")) if part is not None else None
+    if clock_ns is None:
+        return []
+    at_ns = int(transaction.request_ns if setting else transaction.response_ns)
+    return _facts(transaction, [(facts.CLOCK, str(clock_ns - at_ns))], "set clock" if setting else "read clock")
+
+
+def clock_time(text: str) -> int | None:
+    """Return a DATE_AND_TIME ("DT#2026-11-21-01:31:15.556") as nanoseconds since 1970, None for anything else.
+
+    It has no zone: it is taken as UTC.
+    """
+    try:
+        found = datetime.strptime(text, "DT#%Y-%m-%d-%H:%M:%S.%f").replace(tzinfo=UTC)
+    except ValueError:
+        return None
+    since = found - _EPOCH
+    return (since.days * 86_400 + since.seconds) * _NS + since.microseconds * 1000
+
+
+def module_asked(connection: Connection, asked_by: int) -> str:
+    """Return the rack and slot that ``asked_by`` asks: those of the called TSAP. Empty where it has none."""
+    tsap = connection.tsap_called
+    if tsap is None or tsap.rack < 0 or asked_by != connection.client_side:
+        return ""
+    return f"rack {tsap.rack} slot {tsap.slot}"
+
+
+def made(
+    connection: Connection, asked_by: int, said: list[Said], source: str, frames: list[int], time_ns: int
+) -> list[Fact]:
+    """Return what was said as facts about the side that ``asked_by`` asked."""
+    if not said:
+        return []
+    host = str(connection.tcp.ends[1 - asked_by].host)
+    module = module_asked(connection, asked_by)
+    number = int(connection.number)
+    return [Fact(host, module, key, value, source, number, frames, time_ns) for key, value in said]
+
+
+def _facts(transaction: Transaction, said: list[Said], source: str) -> list[Fact]:
+    frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
+    time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
+    return made(transaction.connection, int(transaction.asked_by), said, source, frames, time_ns)

@@ -1,0 +1,216 @@
+"""Facts about stations, and the book that keeps them: what is known of an address, since when, and by which packets.
+
+Bounded throughout: `MAX_STATIONS` stations, of each `MAX_KEYS` kinds of facts with `MAX_STRETCHES` values one after another,
+and `MAX_BLOCKS` names of blocks. What has no room is counted.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.s7plus import session
+
+# Keys of facts. They are the names that JSON and CSV have (docs/devices.md).
+ORDER_NUMBER: Final = session.ORDER_NUMBER
+HARDWARE: Final = session.HARDWARE
+FIRMWARE: Final = session.FIRMWARE
+SERIAL_NUMBER: Final = session.SERIAL_NUMBER
+OPERATING_MODE: Final = session.OPERATING_MODE
+CARD_SERIAL: Final = "memory_card_serial"
+MODULE_TYPE: Final = "module_type"
+STATION_NAME: Final = "station_name"
+MODULE_NAME: Final = "module_name"
+PLANT: Final = "plant"
+LOCATION: Final = "location"
+MODE_SWITCH: Final = "mode_switch"
+PROTECTION: Final = "protection_level"
+MAX_PDU: Final = "max_pdu_length"
+MAX_CONNECTIONS: Final = "max_connections"
+INTERFACE: Final = "interface"
+MAC: Final = "mac"
+CLOCK: Final = "clock"
+BLOCKS: Final = "blocks"
+BLOCK: Final = "block"
+
+#: Every key with what it is, in the order in which a person reads them.
+KEYS: Final[dict[str, str]] = {
+    ORDER_NUMBER: "order number",
+    HARDWARE: "hardware version",
+    FIRMWARE: "firmware version",
+    SERIAL_NUMBER: "serial number",
+    CARD_SERIAL: "serial number of the memory card",
+    MODULE_TYPE: "module type",
+    STATION_NAME: "name of the station",
+    MODULE_NAME: "name of the module",
+    PLANT: "plant designation",
+    LOCATION: "location designation",
+    OPERATING_MODE: "operating mode",
+    MODE_SWITCH: "mode switch",
+    PROTECTION: "protection level",
+    MAX_PDU: "largest PDU length",
+    MAX_CONNECTIONS: "connection resources",
+    INTERFACE: "Ethernet interface",
+    MAC: "MAC address",
+    CLOCK: "clock",
+    BLOCKS: "number of blocks",
+    BLOCK: "block",
+}
+#: What a device keeps as long as it is the same device with the same firmware: a change is a finding.
+LASTING: Final = frozenset((ORDER_NUMBER, FIRMWARE, SERIAL_NUMBER, MAC))
+
+MAX_STATIONS: Final = 4096
+MAX_KEYS: Final = 64
+MAX_STRETCHES: Final = 32
+MAX_BLOCKS: Final = 1024
+#: Characters of a value.
+MAX_VALUE: Final = 120
+
+
+class Fact:
+    """Something that a station said of itself, or was seen with, in the packets ``frames``.
+
+    ``host`` is its address, ``module`` the rack and slot that were asked ("rack 0 slot 2"), empty where none were. ``key`` is
+    one of `KEYS`, ``value`` a text from the wire that is not escaped, ``source`` what said so ("SZL 0x0011"). ``before`` is the
+    value that it had until now, empty for none, and ``fresh`` says that it is a different one. ``connection`` is the number of
+    one.
+    """
+
+    __slots__ = ("before", "connection", "frames", "fresh", "host", "key", "module", "source", "time_ns", "value")
+
+    def __init__(
+        self,
+        host: str,
+        module: str,
+        key: str,
+        value: str,
+        source: str,
+        connection: int,
+        frames: list[int],
+        time_ns: int,
+    ) -> None:
+        self.host = host
+        self.module = module
+        self.key = key
+        self.value = value[:MAX_VALUE]
+        self.source = source
+        self.connection = connection
+        self.frames = frames
+        self.time_ns = time_ns
+        self.before = ""
+        self.fresh = False
+
+    def __repr__(self) -> str:
+        return f"Fact({self.host!r}, {self.module!r}, {self.key!r}, {self.value!r})"
+
+
+class Stretch:
+    """A value and how long it was the same: by ``count`` facts, the first and the last with packet and time."""
+
+    __slots__ = ("count", "first_frame", "first_ns", "last_frame", "last_ns", "source", "value")
+
+    def __init__(self, value: str, source: str, frame: int, time_ns: int) -> None:
+        self.value = value
+        self.source = source
+        self.count = 1
+        self.first_frame = frame
+        self.first_ns = time_ns
+        self.last_frame = frame
+        self.last_ns = time_ns
+
+    def __repr__(self) -> str:
+        return f"Stretch({self.value!r}, {self.count})"
+
+    def again(self, frame: int, time_ns: int) -> None:
+        """The same once more."""
+        self.count += 1
+        self.last_frame = frame
+        self.last_ns = time_ns
+
+
+class Station:
+    """What is known of one address.
+
+    ``facts`` are the values of each kind, one after another, by module and key; ``blocks`` the blocks that were named.
+    ``not_kept`` counts facts that had no room.
+    """
+
+    __slots__ = ("blocks", "facts", "host", "not_kept")
+
+    def __init__(self, host: str) -> None:
+        self.host = host
+        self.facts: dict[tuple[str, str], list[Stretch]] = {}
+        self.blocks: dict[str, Stretch] = {}
+        self.not_kept = 0
+
+    def latest(self, key: str) -> str:
+        """Return the latest value of a kind, of whichever module spoke last; empty where there is none."""
+        found = [stretches[-1] for (_, own), stretches in self.facts.items() if own == key]
+        return max(found, key=lambda stretch: stretch.last_ns).value if found else ""
+
+    def note(self, fact: Fact) -> None:
+        """Take a fact; its ``before`` and ``fresh`` are filled in."""
+        frame = fact.frames[-1] if fact.frames else 0
+        if fact.key == BLOCK:
+            self._note_block(fact, frame)
+            return
+        stretches = self.facts.get((fact.module, fact.key))
+        if stretches is None:
+            fact.fresh = True
+            if len(self.facts) >= MAX_KEYS:
+                self.not_kept += 1
+                return
+            self.facts[fact.module, fact.key] = [Stretch(fact.value, fact.source, frame, fact.time_ns)]
+            return
+        last = stretches[-1]
+        if fact.key == CLOCK:  # runs on: the latest counts
+            last.value = fact.value
+            last.source = fact.source
+            last.again(frame, fact.time_ns)
+        elif agree(fact.key, last.value, fact.value):
+            last.value = max(last.value, fact.value, key=len)
+            last.again(frame, fact.time_ns)
+        else:
+            fact.before = last.value
+            fact.fresh = True
+            stretches.append(Stretch(fact.value, fact.source, frame, fact.time_ns))
+            if len(stretches) > MAX_STRETCHES:
+                del stretches[1]  # the first says what it was in the beginning
+                self.not_kept += 1
+
+    def _note_block(self, fact: Fact, frame: int) -> None:
+        known = self.blocks.get(fact.value)
+        if known is not None:
+            known.again(frame, fact.time_ns)
+        elif len(self.blocks) >= MAX_BLOCKS:
+            self.not_kept += 1
+        else:
+            fact.fresh = True
+            self.blocks[fact.value] = Stretch(fact.value, fact.source, frame, fact.time_ns)
+
+
+class Book:
+    """Stations by address. ``not_kept`` counts facts about stations there was no room for."""
+
+    def __init__(self) -> None:
+        self.stations: dict[str, Station] = {}
+        self.not_kept = 0
+
+    def note(self, fact: Fact) -> None:
+        """Take a fact (`Station.note`)."""
+        station = self.stations.get(fact.host)
+        if station is None:
+            if len(self.stations) >= MAX_STATIONS:
+                self.not_kept += 1
+                return
+            station = Station(fact.host)
+            self.stations[fact.host] = station
+        station.note(fact)
+
+
+def agree(key: str, one: str, other: str) -> bool:
+    """Return whether two values can be of the same thing: "V4.3" and "V4.3.1" are, one source says more than the other."""
+    if one == other:
+        return True
+    if key == FIRMWARE:
+        return one.startswith(f"{other}.") or other.startswith(f"{one}.")
+    return False

@@ -1,0 +1,115 @@
+"""Cards and matrix: what is shown of much, what the settings name, and that nothing of the wire steers a terminal."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable
+
+import pytest
+
+from dissect.inventory import text as cards
+from dissect.inventory.collector import Inventory
+from dissect.inventory.outcome import Devices
+from dissect.inventory.rows import COLUMNS, csv_outcome, device_row
+from tests.inventory.support import inventory_of
+from tests.report.support import UNSAFE
+from tests.stations.answers import components, identification, mode, szl
+from tests.transactions.talk import Talk, dbw, read, words
+
+EVIL = "\x1b[31mred\u202e=cmd()"
+
+
+def shown(inventory: Inventory, hosts: dict[str, str] | None = None) -> list[str]:
+    return [line.text if hasattr(line, "text") else str(line) for line in Devices(inventory, hosts=hosts).text()]
+
+
+def host(number: int, servers: tuple[int, ...] = (2,)) -> list[Callable[[Talk], None]]:
+    """A client reads from servers."""
+
+    def scene_of(server: int) -> Callable[[Talk], None]:
+        def scene(talk: Talk) -> None:
+            talk.hosts = [number, server]
+            talk.open()
+            talk.ask(read(1, dbw(1, 0)))
+            talk.tell(words(1, 5))
+
+        return scene
+
+    return [scene_of(server) for server in servers]
+
+
+def test_a_card() -> None:
+    def online(talk: Talk) -> None:
+        talk.open()
+        szl(talk, 1, identification("6ES7 315-2EH14-0AB0", (3, 2, 6)))
+        szl(talk, 2, components("S C-1", "Station", plant="Hall 3"))
+        for number, code in enumerate((8, 8, 4), 3):
+            szl(talk, number, mode(code))
+
+    lines = shown(inventory_of(online), {"10.0.0.2": "Press"})
+    assert lines[0] == "Press (10.0.0.2)  CPU  6ES7 315-2EH14-0AB0  V3.2.6"
+    assert lines[1].startswith(
+        "  role        states its order number (SZL 0x0011) (packet 9); answers S7comm requests (packet 7)"
+    )
+    assert lines[2] == (
+        "  module      rack 0 slot 2: 6ES7 315-2EH14-0AB0, hardware 1, firmware V3.2.6, serial number S C-1 (packets 9, 11)"
+    )
+    assert lines[3] == "  names       rack 0 slot 2: station Station, plant Hall 3 (packet 11)"
+    assert lines[4] == "  mode        RUN (12:26:40.013000, packet 13, 2 times) → STOP (12:26:40.017000, packet 17)"
+    assert "  asked by    10.0.0.1: 1 connection (S7comm)" in lines
+    assert lines[-2:] == ["            Press", "  10.0.0.1      6"]
+
+
+def test_the_matrix() -> None:
+    scenes = [*host(1, (20, 21)), *host(2, (20,)), *host(3, (21,))]
+    lines = shown(inventory_of(*scenes))
+    begin = next(at for at, line in enumerate(lines) if line.startswith("Who talks to whom"))
+    assert [line.split() for line in lines[begin + 1 :]] == [
+        ["10.0.0.20", "10.0.0.21"],
+        ["10.0.0.1", "2", "2"],
+        ["10.0.0.2", "2", "."],
+        ["10.0.0.3", ".", "2"],
+    ]
+
+
+def test_much_is_shown_in_part_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cards, "_CARDS", 3)
+    monkeypatch.setattr(cards, "_TALKS", 2)
+    monkeypatch.setattr(cards, "_ROWS", 4)
+    monkeypatch.setattr(cards, "_COLUMNS", 1)
+    scenes = [scene for number in range(10, 16) for scene in host(number, (2, 3))]
+    lines = shown(inventory_of(*scenes))
+    assert "and 5 more devices; -T json and -T csv list them all" in lines
+    assert "  asked by    and 4 more" in lines
+    assert lines[-2:] == ["  and 2 more clients; -T json lists them", "  and 1 more server; -T json lists them"]
+
+
+def test_nothing_on_the_wire_steers_a_terminal_or_a_spreadsheet() -> None:
+    name = EVIL.replace("\u202e", "")
+
+    def scene(talk: Talk) -> None:
+        talk.open()
+        szl(talk, 1, identification("=1+1", (3, 2, 6)))
+        szl(talk, 2, components(name, name, "@x", "+cmd"))
+
+    inventory = inventory_of(scene)
+    assert not any(UNSAFE.search(line) for line in shown(inventory, {"10.0.0.1": EVIL}))
+    outcome = Devices(inventory, hosts={"10.0.0.1": "=2+3"})
+    rows = list(csv.reader(io.StringIO("\n".join(str(line) for line in csv_outcome(outcome)))))
+    assert tuple(rows[0]) == COLUMNS
+    first = dict(zip(rows[0], rows[1], strict=True))
+    assert (first["order_number"], first["module_name"], first["plant"]) == ("'=1+1", "'@x", "'+cmd")
+    assert "\x1b" not in first["serial_number"]
+    assert rows[2][1] == "'=2+3"
+    assert device_row(inventory.devices[0], outcome.places)["order_number"] == "=1+1"  # made safe where it is written
+
+
+def test_no_device() -> None:
+    assert shown(inventory_of(lambda talk: talk.hello())) == ["No device: no ISO-on-TCP connection in what was read."]
+
+
+def test_an_interruption_is_said() -> None:
+    outcome = Devices(inventory_of(*host(1)), interrupted=True)
+    assert str(next(iter(outcome.text()))).startswith("Line(text='INTERRUPTED")
+    assert outcome.as_dict()["interrupted"] is True

@@ -1,0 +1,136 @@
+"""`analyze --brief` and `--per-file`: findings first, everything counted, and never more lines than promised."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from pathlib import Path
+
+import pytest
+
+from dissect.engine.pipeline import Options, Pipeline
+from dissect.findings.catalogue import CATALOGUE
+from dissect.findings.reporter import Finding
+from dissect.report.analysis import Analysis
+from dissect.report.brief import MOST, brief_lines
+from dissect.report.per_file import PerFile
+from dissect.report.text import analysis_lines
+from dissect.session import Run
+from dissect.source.packet import SourceFile
+from tests.cli.support import run
+from tests.report.schemas import ROOT
+from tests.report.support import OWN, UNSAFE
+from tests.stations.answers import components, identification, mode, szl
+from tests.transactions.talk import Talk, dbw, read
+
+Capture = pytest.CaptureFixture[bytes]
+CAPTURES = ROOT / "captures"
+
+
+def many(clients: int, servers: int) -> Analysis:
+    """Every client asks every server twice, once without an answer; each server says who it is; every finding was made."""
+    analysis = Analysis()
+    pipeline = Pipeline(analysis, Options(strict=True))
+    talks = [Talk()]
+    talks[0].pipeline = pipeline
+    for number, (client, server) in enumerate(itertools.product(range(clients), range(servers))):
+        talk = talks[0] if not number else Talk(50000 + number, beside=talks[0])
+        talk.hosts = [10 + client, 100 + server]
+        talk.open()
+        szl(talk, 1, identification(f"6ES7 {server}", (3, 2, 6)))
+        szl(talk, 2, components(station=f"\x1b[31m{server}"))
+        szl(talk, 3, mode(8))
+        talk.ask(read(4, dbw(1, 0)))
+    pipeline.finish()
+    for slug in CATALOGUE:
+        pipeline.finding_counts[slug] = 7
+        analysis.finding(Finding(CATALOGUE[slug], 1, [1, 2], 0, "what " * 100))
+    files = [SourceFile(f"file{number}.pcapng\x1b", 1) for number in range(30)]
+    for file in files[3:]:
+        file.damage = "cut off"
+    analysis.take(pipeline, files)
+    return analysis
+
+
+def test_it_never_has_more_lines_than_promised() -> None:
+    analysis = many(6, 9)
+    lines = [line.text for line in brief_lines(analysis, interrupted=True)]
+    assert len(lines) <= MOST == 40
+    assert not any(UNSAFE.search(line) for line in lines)
+    assert "and 27 more files: 0 packets, 27 damaged" in lines
+    assert f"  and {len(CATALOGUE) - 11} more kinds of findings" in lines
+    assert "  and 3 more; `s7dissect devices` lists them" in lines
+    assert lines[-2] == "  and 46 more"
+    assert any("INTERRUPTED" in line for line in lines)
+    assert lines.index("Findings") < lines.index("PLCs") < lines.index("Connections: 54")
+
+
+def test_a_row_a_plc_and_a_line_a_connection() -> None:
+    analysis = many(2, 1)
+    lines = [line.text for line in brief_lines(analysis, hosts={"10.0.0.100": "Press"})]
+    at = lines.index("PLCs")
+    assert lines[at + 1].split() == ["connections", "PDUs", "answered", "errors", "no", "answer"]
+    assert lines[at + 2].split() == ["Press", "6ES7", "0", "V3.2.6", "RUN", "2", "18", "8", ".", "."]
+    begin = lines.index("Connections: 2")
+    assert lines[begin + 1].startswith("  1  10.0.0.10:50000 → Press:102")
+
+
+def test_the_report_lists_devices_that_say_what_they_are() -> None:
+    lines = [line.text for line in analysis_lines(many(1, 2), hosts={"10.0.0.100": "Press"})]
+    at = lines.index("Devices")
+    assert lines[at + 1].split("  ")[1] == "address"
+    assert lines[at + 2].split()[:4] == ["Press", "6ES7", "0", "V3.2.6"]
+    assert lines[at + 3].split()[:4] == ["10.0.0.101", "6ES7", "1", "V3.2.6"]
+    assert any("10.0.0.10:50000 → Press:102" in line for line in lines)
+    assert not any(UNSAFE.search(line) for line in lines)
+
+
+def test_nobody_says_what_it_is(capfdbinary: Capture) -> None:
+    out = run(capfdbinary, "analyze", CAPTURES / "item-errors.pcapng").out
+    assert "Devices" not in out.splitlines()
+    told = json.loads(run(capfdbinary, "analyze", CAPTURES / "item-errors.pcapng", "-T", "json").out)
+    assert told["devices"] == []
+    told = json.loads(run(capfdbinary, "analyze", CAPTURES / "szl.pcapng", "-T", "json").out)
+    assert [(one["address"], one["serial_number"]) for one in told["devices"]] == [("127.0.0.1", "S C-C2UR28922012")]
+
+
+def test_a_row_a_file_adds_up(capfdbinary: Capture) -> None:
+    files = OWN[:12]
+    out = run(capfdbinary, "analyze", "--per-file", *files).out.splitlines()
+    rows = [line.split() for line in out[1:-2]]
+    assert len(rows) == len(files)
+    told = json.loads(run(capfdbinary, "analyze", *files, "-T", "json").out)
+    names = out[0].replace("no answer", "no_answer").split()[1:]
+    total = dict(zip(names, [0 if cell == "." else int(cell) for cell in out[-2].split()[2:]], strict=False))
+    assert total["packets"] == told["packets"]["read"]
+    assert total["transactions"] == told["transactions"]["total"]
+    assert total["errors"] == told["transactions"]["with_errors"]
+    assert total["connections"] == len(told["connections"])
+    assert total["error"] + total["warning"] + total["note"] == len(told["finding_details"])
+
+
+def test_what_happens_in_a_file_is_counted_there() -> None:
+    paths = [CAPTURES / name for name in ("szl.pcapng", "item-errors.pcapng")]
+    rows = PerFile()
+    both = Run(paths, rows)
+    rows.files = both.files
+    while both.step():
+        pass
+    for index, path in enumerate(paths):
+        alone = PerFile()
+        one = Run([path], alone)
+        alone.files = one.files
+        while one.step():
+            pass
+        for name in ("connections", "transactions", "errors", "missed", "findings"):
+            assert getattr(rows.of(index), name) == getattr(alone.of(0), name)
+
+
+def test_forms_that_exclude_each_other(capfdbinary: Capture) -> None:
+    path: Path = CAPTURES / "szl.pcapng"
+    for options in (("--brief", "-T", "json"), ("--per-file", "-T", "json"), ("--brief", "--per-file")):
+        ran = run(capfdbinary, "analyze", path, *options)
+        assert (ran.code, ran.out) == (2, "")
+        assert options[0] in ran.err
+    assert run(capfdbinary, "analyze", path, "--brief", "--fail-on", "note").code == 1
+    assert run(capfdbinary, "analyze", path, "--per-file", "--fail-on", "note").code == 1

@@ -1,0 +1,200 @@
+"""What is read from transactions as facts about the station that was asked: one case for each rule."""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+import pytest
+
+from dissect.s7plus.program import Program
+from dissect.s7plus.session import Identity, PlusSession
+from dissect.s7plus.value_tables import BLOB
+from dissect.s7plus.values import Blob, Value
+from dissect.stations import facts
+from dissect.stations.evidence import clock_time
+from dissect.stations.facts import Fact
+from tests.findings import events
+from tests.findings.plus_scenarios import begun, opened
+from tests.stations.answers import (
+    answered,
+    capability,
+    components,
+    identification,
+    listed,
+    mode,
+    protection,
+    szl,
+)
+from tests.transactions.talk import START_NS, Talk, head, userdata
+
+MODULE: Final = "rack 0 slot 2"
+ORDER: Final = "6ES7 315-2EH14-0AB0"
+
+
+class Told(Talk):
+    """A talk that keeps the facts."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.facts: list[Fact] = []
+
+    def fact(self, fact: Fact) -> None:
+        self.facts.append(fact)
+
+    def said(self) -> list[tuple[str, str]]:
+        return [(fact.key, fact.value) for fact in self.facts]
+
+
+def told() -> Told:
+    talk = Told()
+    talk.open()
+    return talk
+
+
+def test_module_identification() -> None:
+    talk = told()
+    frame = szl(talk, 1, identification(ORDER, (3, 2, 6), 5))
+    assert talk.said() == [(facts.ORDER_NUMBER, ORDER), (facts.HARDWARE, "5"), (facts.FIRMWARE, "V3.2.6")]
+    fact = talk.facts[0]
+    assert (fact.host, fact.module, fact.source, fact.connection) == ("10.0.0.2", MODULE, "SZL 0x0011", 1)
+    assert (fact.frames, fact.fresh) == ([frame - 1, frame], True)
+
+
+def test_components() -> None:
+    talk = told()
+    szl(talk, 1, components("S C-X1", "Station 1", "PLC_1", "Plant A"))
+    assert talk.said() == [
+        (facts.STATION_NAME, "Station 1"),
+        (facts.MODULE_NAME, "PLC_1"),
+        (facts.PLANT, "Plant A"),
+        (facts.SERIAL_NUMBER, "S C-X1"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (mode(8), [(facts.OPERATING_MODE, "RUN")]),
+        (mode(4), [(facts.OPERATING_MODE, "STOP")]),
+        (protection(3), [(facts.PROTECTION, "3 (read and write protection)"), (facts.MODE_SWITCH, "RUN-P")]),
+        (capability(480, 32), [(facts.MAX_PDU, "480"), (facts.MAX_CONNECTIONS, "32")]),
+        (
+            listed(
+                0x0037, 0, struct.pack(">H", 1) + bytes((10, 0, 0, 2)) + bytes(8) + b"\x00\x1b\x1b\1\2\3" + bytes(28)
+            ),
+            [(facts.INTERFACE, "10.0.0.2 00:1b:1b:01:02:03")],
+        ),
+        (listed(0x0019, 0, bytes(4)), []),
+        (struct.pack(">HHHH", 0x0F11, 0, 28, 3), []),
+    ],
+    ids=["run", "stop", "protection", "capability", "Ethernet", "LEDs", "head only"],
+)
+def test_lists(content: bytes, said: list[tuple[str, str]]) -> None:
+    talk = told()
+    szl(talk, 1, content)
+    assert talk.said() == said
+
+
+def test_an_answer_in_parts_says_the_same() -> None:
+    whole = identification(ORDER, (3, 2, 6))
+    talk = told()
+    more, last = bytes.fromhex("0001120812840105 07010000"), bytes.fromhex("0001120812840105 07000000")
+    talk.ask(userdata(1, head(1, 4, 1), b"\xff\x09\x00\x04" + whole[:4]))
+    talk.tell(userdata(1, more, b"\xff\x09" + struct.pack(">H", 40) + whole[:40]))
+    again = bytes((0, 1, 0x12, 8, 0x12, 0x44, 1, 5, 7, 1, 0, 0))
+    talk.ask(userdata(2, again, b"\x0a\x00\x00\x00"))
+    rest = whole[40:]
+    frame = talk.tell(userdata(2, last, b"\xff\x09" + struct.pack(">H", len(rest)) + rest))
+    assert talk.said() == [(facts.ORDER_NUMBER, ORDER), (facts.HARDWARE, "1"), (facts.FIRMWARE, "V3.2.6")]
+    assert talk.facts[0].frames[-1] == frame
+
+
+def test_a_refusal_and_a_question_say_nothing() -> None:
+    talk = told()
+    talk.ask(userdata(1, head(1, 4, 1), b"\xff\x09\x00\x04\x00\x11\x00\x00"))
+    talk.tell(userdata(1, head(2, 4, 1, 0, 0xD401), b"\x0a\x00\x00\x00"))
+    talk.ask(userdata(2, head(1, 4, 1), b"\xff\x09\x00\x04\x00\x11\x00\x00"))
+    talk.close()
+    assert talk.facts == []
+
+
+def test_a_clock_that_is_read_and_one_that_is_set() -> None:
+    talk = told()
+    seconds = int(START_NS // 10**9)
+    clock = "0019" + "20091312264500" + "01"  # 2020-09-13 12:26:45.000
+    answered(talk, 1, 7, 1, b"", bytes.fromhex(clock))
+    at_ns = talk.now_ns
+    (fact,) = talk.facts
+    assert int(fact.value) == (seconds + 5) * 10**9 - at_ns
+    assert (fact.key, fact.source) == (facts.CLOCK, "read clock")
+    talk.ask(userdata(2, head(1, 7, 2), b"\xff\x09\x00\x0a" + bytes.fromhex(clock)))
+    asked_ns = talk.now_ns
+    talk.tell(userdata(2, head(2, 7, 2, 0, 0), b"\x0a\x00\x00\x00"))
+    assert (int(talk.facts[1].value), talk.facts[1].source) == ((seconds + 5) * 10**9 - asked_ns, "set clock")
+
+
+@pytest.mark.parametrize("text", ["", "DT#2020-02-30-00:00:00.000", "no time", "DT#2020-01-01"])
+def test_what_is_no_time(text: str) -> None:
+    assert clock_time(text) is None
+
+
+def test_blocks() -> None:
+    talk = told()
+    answered(talk, 1, 3, 1, b"", b"08\x00\x02" + b"0A\x00\x07")
+    answered(talk, 2, 3, 2, b"0A", struct.pack(">HBBHBB", 1, 0x22, 5, 9, 0x22, 5))
+    answered(talk, 3, 3, 2, b"08", struct.pack(">HBB", 1, 0x22, 1))
+    assert talk.said() == [
+        ("blocks OB", "2"),
+        ("blocks DB", "7"),
+        ("block", "DB 1"),
+        ("block", "DB 9"),
+        ("block", "OB 1"),
+    ]
+
+
+def test_a_mode_transition_is_said_unasked() -> None:
+    talk = told()
+    frame = talk.tell(events.mode(0))
+    (fact,) = talk.facts
+    assert (fact.host, fact.key, fact.value, fact.frames) == ("10.0.0.2", facts.OPERATING_MODE, "STOP", [frame])
+
+
+def test_a_session_of_s7comm_plus() -> None:
+    talk = Told()
+    begun(talk)
+    opened(talk)
+    assert talk.said() == [(facts.ORDER_NUMBER, "6ES7 215-1AG40-0XB0"), (facts.FIRMWARE, "V4.3")]
+    assert {fact.source for fact in talk.facts} == {"S7comm-plus session"}
+
+
+def test_an_identification_record() -> None:
+    record = bytes.fromhex("002000380100002a") + b"6ES7 511-1AK01-0AB0 " + b"S C-X123".ljust(16) + b"\0\3V\2\5\1"
+    session = PlusSession(Program(), Identity())
+    session.identified(Value(0, BLOB, Blob(0, record.ljust(60, b"\0"))))
+    assert [(key, value) for key, value, _ in session.identity.told] == [
+        (facts.ORDER_NUMBER, "6ES7 511-1AK01-0AB0"),
+        (facts.SERIAL_NUMBER, "S C-X123"),
+        (facts.HARDWARE, "3"),
+        (facts.FIRMWARE, "V2.5.1"),
+    ]
+
+
+def test_network_cards() -> None:
+    talk = Told()
+    talk.macs = [bytes.fromhex("001b1b000001"), bytes.fromhex("001b1b000002")]
+    talk.open()
+    assert [(fact.host, fact.value) for fact in talk.facts] == [
+        ("10.0.0.1", "00:1b:1b:00:00:01"),
+        ("10.0.0.2", "00:1b:1b:00:00:02"),
+    ]
+    bare = told()
+    bare.close()
+    assert bare.facts == []  # no card has an address of zeros
+
+
+def test_an_old_answer_is_not_read_again_but_said_again() -> None:
+    talk = told()
+    for number in range(3):
+        szl(talk, number + 1, mode(8))
+    assert [fact.fresh for fact in talk.facts] == [True, False, False]

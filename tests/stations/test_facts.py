@@ -1,0 +1,88 @@
+"""The book of facts: values one after another, what counts as the same, and its bounds."""
+
+from __future__ import annotations
+
+import pytest
+
+from dissect.stations import facts
+from dissect.stations.facts import Book, Fact
+
+
+def said(book: Book, key: str, value: str, frame: int = 1, host: str = "10.0.0.2", module: str = "") -> Fact:
+    fact = Fact(host, module, key, value, "SZL 0x0011", 1, [frame - 1, frame], frame * 1000)
+    book.note(fact)
+    return fact
+
+
+def test_the_same_again_is_one_value() -> None:
+    book = Book()
+    first, again = said(book, facts.FIRMWARE, "V3.2", 2), said(book, facts.FIRMWARE, "V3.2", 8)
+    assert (first.fresh, first.before, again.fresh, again.before) == (True, "", False, "")
+    (stretch,) = book.stations["10.0.0.2"].facts["", facts.FIRMWARE]
+    assert (stretch.count, stretch.first_frame, stretch.last_frame, stretch.last_ns) == (2, 2, 8, 8000)
+
+
+def test_a_change_begins_a_new_value_and_going_back_another() -> None:
+    book = Book()
+    for frame, mode in enumerate(("RUN", "STOP", "STOP"), 1):
+        said(book, facts.OPERATING_MODE, mode, frame)
+    last = said(book, facts.OPERATING_MODE, "RUN", 4)
+    values = [stretch.value for stretch in book.stations["10.0.0.2"].facts["", facts.OPERATING_MODE]]
+    assert values == ["RUN", "STOP", "RUN"]
+    assert (last.fresh, last.before) == (True, "STOP")
+    assert book.stations["10.0.0.2"].latest(facts.OPERATING_MODE) == "RUN"
+    assert book.stations["10.0.0.2"].latest(facts.FIRMWARE) == ""
+
+
+@pytest.mark.parametrize(
+    ("key", "one", "other", "same"),
+    [
+        (facts.FIRMWARE, "V4.3", "V4.3.1", True),
+        (facts.FIRMWARE, "V4.3.1", "V4.3", True),
+        (facts.FIRMWARE, "V4.3", "V4.31", False),
+        (facts.SERIAL_NUMBER, "S1", "S1.2", False),
+        (facts.ORDER_NUMBER, "6ES7", "6ES7", True),
+    ],
+)
+def test_what_can_be_the_same(key: str, one: str, other: str, same: bool) -> None:
+    book = Book()
+    said(book, key, one)
+    assert said(book, key, other).fresh is not same
+    if same:
+        assert book.stations["10.0.0.2"].latest(key) == max(one, other, key=len)
+
+
+def test_modules_of_a_rack_do_not_contradict_each_other() -> None:
+    book = Book()
+    said(book, facts.SERIAL_NUMBER, "A", module="rack 0 slot 2")
+    assert said(book, facts.SERIAL_NUMBER, "B", module="rack 0 slot 3").before == ""
+
+
+def test_a_clock_runs_on() -> None:
+    book = Book()
+    said(book, facts.CLOCK, "100")
+    assert not said(book, facts.CLOCK, "200", 5).fresh
+    (stretch,) = book.stations["10.0.0.2"].facts["", facts.CLOCK]
+    assert (stretch.value, stretch.count, stretch.last_frame) == ("200", 2, 5)
+
+
+def test_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(facts, "MAX_STATIONS", 2)
+    monkeypatch.setattr(facts, "MAX_KEYS", 3)
+    monkeypatch.setattr(facts, "MAX_STRETCHES", 4)
+    monkeypatch.setattr(facts, "MAX_BLOCKS", 5)
+    book = Book()
+    for number in range(10):
+        said(book, facts.OPERATING_MODE, str(number), number + 1)
+        said(book, f"{facts.BLOCKS} {number}", "1")
+        said(book, facts.BLOCK, f"DB {number}")
+        said(book, facts.BLOCK, "DB 0")
+        said(book, facts.MAC, "m", host=f"10.0.1.{number}")
+    station = book.stations["10.0.0.2"]
+    values = [stretch.value for stretch in station.facts["", facts.OPERATING_MODE]]
+    assert values == ["0", "7", "8", "9"]
+    assert len(station.facts) == 3
+    assert sorted(station.blocks) == [f"DB {number}" for number in range(5)]
+    assert station.not_kept == 6 + 8 + 5
+    assert (len(book.stations), book.not_kept) == (2, 9)
+    assert len(said(book, facts.PLANT, "x" * 500).value) == facts.MAX_VALUE
