@@ -20,7 +20,6 @@ from dissect.live.export import ExportCompanion
 from dissect.live.run import LiveRun
 from dissect.source.files import open_capture
 from dissect.source.live.reader import Drops
-from dissect.transactions.transaction import Transaction
 from tests.cli.support import run
 from tests.report.support import ROOT
 
@@ -71,8 +70,8 @@ def test_files_get_their_names_when_their_time_is_over(tmp_path: Path) -> None:
     companion.close()
 
 
-def reading_transactions() -> list[Transaction]:
-    return [event for event in dissect.open(TRANSFER, pdus=False) if isinstance(event, Transaction)]
+def reading_transactions() -> list[dissect.Transaction]:
+    return [event for event in dissect.open(TRANSFER, pdus=False) if isinstance(event, dissect.Transaction)]
 
 
 def test_a_killed_run_leaves_whole_files_only(tmp_path: Path) -> None:
