@@ -343,9 +343,7 @@ def devices(
     from dissect.inventory.collector import Inventory
 
     inventory = Inventory()
-    options = Options(checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags))
-    sieve = sieved(inventory, where, options)
-    run = _run([path, *more], inventory, sieve, options)
+    run = prepared_run([path, *more], inventory, Options(checksums=checksums), where, tags, tls_keys)
     while run.step():
         pass
     inventory.take(run.pipeline, run.files)

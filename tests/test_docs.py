@@ -35,7 +35,7 @@ OUTPUTS = re.findall(r"```\n\$ s7dissect (.*?)\n(.*?)```", README, re.DOTALL)
 
 
 def test_the_readme_shows_output() -> None:
-    assert len(OUTPUTS) == 12
+    assert len(OUTPUTS) == 16
 
 
 def test_the_page_of_tables_is_their_definition() -> None:

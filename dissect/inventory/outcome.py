@@ -32,6 +32,12 @@ class Devices(Outcome):
 
         return device_lines(self)
 
+    def rows(self) -> Iterable[list[str]]:
+        """Return a row for each device, the heading first."""
+        from dissect.inventory.rows import device_rows
+
+        return device_rows(self.inventory.devices, self.places)
+
     def as_dict(self) -> Mapping[str, object]:
         """Return the object of the JSON contract."""
         from dissect.inventory.contract import inventory_as_dict

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Final
 
 from dissect.inventory.model import Device
-from dissect.inventory.outcome import Devices
 from dissect.inventory.vendors import vendor
-from dissect.report.styled import Line
 from dissect.report.words import Places
 from dissect.stations import facts
 from dissect.wire.text import Clock, cell
@@ -70,19 +66,13 @@ def device_row(device: Device, places: Places) -> dict[str, str]:
     return row
 
 
-def csv_outcome(outcome: Devices) -> Iterator[str | Line]:
-    """Yield devices as lines of CSV, the names of the columns first."""
-    columns = COLUMNS + FILE_COLUMNS if outcome.places.several else COLUMNS
-    yield _line(columns)
-    for device in outcome.inventory.devices:
-        row = device_row(device, outcome.places)
-        yield _line([cell(row[column]) for column in columns])
-
-
-def _line(cells: list[str] | tuple[str, ...]) -> str:
-    out = io.StringIO()
-    csv.writer(out, lineterminator="").writerow(cells)
-    return out.getvalue()
+def device_rows(devices: Iterable[Device], places: Places) -> Iterator[list[str]]:
+    """Yield devices as rows of cells that are safe for spreadsheets, the names of the columns first."""
+    columns = COLUMNS + FILE_COLUMNS if places.several else COLUMNS
+    yield list(columns)
+    for device in devices:
+        row = device_row(device, places)
+        yield [cell(row[column]) for column in columns]
 
 
 def _number(value: int | None) -> str:

@@ -40,19 +40,8 @@ BLOCKS: Final = "blocks"
 DEVICES: Final = "devices"
 
 KINDS: Final = (
-    TRANSACTIONS,
-    PDUS,
-    OPERATIONS,
-    VALUES,
-    EVENTS,
-    ANALYSIS,
-    ALERTS,
-    DIFFERENCES,
-    OUTCOME,
-    ROWS,
-    BLOCKS,
-    DEVICES,
-)
+    TRANSACTIONS, PDUS, OPERATIONS, VALUES, EVENTS, ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, ROWS, BLOCKS, DEVICES,
+)  # fmt: skip
 
 
 class Format(NamedTuple):
@@ -115,8 +104,7 @@ FORMATS: Final[dict[str, Format]] = {
             ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,)),
             ("dissect.variables.writers:ValueCsv", (VALUES,)),
             ("dissect.export.result_lines:csv_lines", (ROWS,)),
-            ("dissect.report.outcome:csv_outcome", (BLOCKS,)),
-            ("dissect.inventory.rows:csv_outcome", (DEVICES,)),
+            ("dissect.report.outcome:csv_outcome", (BLOCKS, DEVICES)),
         ),
         _row(
             "json",
@@ -128,6 +116,7 @@ FORMATS: Final[dict[str, Format]] = {
             "the fields named with -e",
             ("dissect.select.columns:FieldsWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
         ),
+        _row("html", "a page to read and print", ("dissect.carve.page:html_outcome", (BLOCKS,))),
         _row("junit", "JUnit XML", ("dissect.report.writers.junit:junit_outcome", (DIFFERENCES,))),
     )
 }

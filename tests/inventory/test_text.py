@@ -11,7 +11,8 @@ import pytest
 from dissect.inventory import text as cards
 from dissect.inventory.collector import Inventory
 from dissect.inventory.outcome import Devices
-from dissect.inventory.rows import COLUMNS, csv_outcome, device_row
+from dissect.inventory.rows import COLUMNS, device_row
+from dissect.report.outcome import csv_outcome
 from tests.inventory.support import inventory_of
 from tests.report.support import UNSAFE
 from tests.stations.answers import components, identification, mode, szl

@@ -21,7 +21,7 @@ from dissect.source.live.opening import ENGINES
 from dissect.transactions import ending, operation
 from tests.report.schemas import ROOT, load
 
-EVENTS = {session.OPENED, session.CLOSED, session.FINDING, session.PROBLEM}
+EVENTS = {session.OPENED, session.CLOSED, session.FINDING, session.DEVICE, session.PROBLEM}
 ENDINGS = {
     ending.FIN,
     ending.RESET,

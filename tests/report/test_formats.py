@@ -168,7 +168,7 @@ def test_what_a_made_format_lacks_is_refused(capfdbinary: Capture, tmp_path: Pat
         ("transactions", "CSV", "Did you mean csv?"),
         ("show", "jsnl", "Did you mean jsonl?"),
         ("analyze", "jsonn", "Did you mean json?"),
-        ("show", "csv", "csv is for transactions, values, rows."),
+        ("show", "csv", "csv is for transactions, values, rows, blocks, devices."),
         ("operations", "zzz", "'zzz' is not one of 'text', 'jsonl', 'fields'."),
     ],
 )
