@@ -110,14 +110,53 @@ COLD: Final = (
     "dissect/wire/saving.py",
 )
 
+#: Of what is compiled, what a packet or a transaction of any protocol passes through: where the time is. A fast build optimizes
+#: these and compiles the rest as it stands, which halves the C compiler's work on it
+#: (docs/decisions/0002-one-source-compiled-by-mypyc.md).
+BUSY: Final = (
+    "dissect/wire/*.py",
+    "dissect/source/*.py",
+    "dissect/tcp/*.py",
+    "dissect/iso/*.py",
+    "dissect/ibh/framer.py",
+    "dissect/s7/items.py",
+    "dissect/s7/message.py",
+    "dissect/s7/parameters.py",
+    "dissect/s7/values.py",
+    "dissect/s7plus/message.py",
+    "dissect/s7plus/skipping.py",
+    "dissect/s7plus/value_reading.py",
+    "dissect/s7plus/walk.py",
+    "dissect/transactions/connection.py",
+    "dissect/transactions/dialogue.py",
+    "dissect/transactions/pairing.py",
+    "dissect/transactions/results.py",
+    "dissect/transactions/table.py",
+    "dissect/transactions/transaction.py",
+    "dissect/findings/transaction_rules.py",
+    "dissect/engine/exchange.py",
+    "dissect/engine/iso.py",
+    "dissect/engine/pipeline.py",
+    "dissect/engine/plus.py",
+    "dissect/engine/s7.py",
+    "dissect/report/facet.py",
+    "dissect/report/facets.py",
+    "dissect/report/words.py",
+    "dissect/report/writer.py",
+    "dissect/report/writers/*.py",
+)
+
 #: The commands that need the extensions; metadata and editable installs do not (a compiled copy would hide later edits).
 BUILDING: Final = frozenset(("bdist", "bdist_wheel", "build", "build_ext", "install"))
 
 #: How many C compilers run side by side.
 JOBS: Final = os.cpu_count() or 1
 
-#: The C files of a fast build: enough for the processors of a desk, and few, as each reads the same long headers.
-PARTS: Final = 8
+#: The C files of a fast build, of optimized and of other modules: enough for the processors of a desk, and few, as each reads
+#: the same long headers.
+PARTS: Final = (5, 3)
+#: How the names of the others begin.
+PLAIN: Final = "plain"
 
 
 def interpreted(reason: str) -> list[Extension]:
@@ -152,15 +191,21 @@ def compiler_trouble() -> str:
     return ""
 
 
-def united(sources: list[str]) -> list[str]:
-    """Return C files that include the sources, in `PARTS` parts of about the same size, the same for every build."""
-    parts: list[list[str]] = [[] for _ in range(PARTS)]
-    sizes = [0] * PARTS
+def is_busy(source: str) -> bool:
+    """Return whether a C file is to be optimized: that of a module of `BUSY`, or of mypyc's own library."""
+    module = Path(source).name.removeprefix("__native_").removesuffix(".c").replace("___", "/") + ".py"
+    return not module.startswith("dissect/") or any([Path(module).match(pattern) for pattern in BUSY])
+
+
+def united(sources: list[str], name: str, count: int) -> list[str]:
+    """Return C files that include the sources, ``count`` of about the same size, the same for every build."""
+    parts: list[list[str]] = [[] for _ in range(count)]
+    sizes = [0] * count
     for source in sorted(sources, key=lambda name: (-Path(name).stat().st_size, name)):
         smallest = sizes.index(min(sizes))
         sizes[smallest] += Path(source).stat().st_size
         parts[smallest].append(source)
-    files = [Path(sources[0]).with_name(f"part_{number}.c") for number in range(PARTS)]
+    files = [Path(sources[0]).with_name(f"{name}_{number}.c") for number in range(count)]
     for file, part in zip(files, parts, strict=True):
         lines = [f'#include "{Path(source).relative_to(file.parent).as_posix()}"\n' for source in sorted(part)]
         file.write_text("".join(lines), encoding="utf-8")
@@ -181,7 +226,14 @@ def extensions() -> list[Extension]:
         compiled = mypycify(
             # No configuration file and no complaint about modules that are only looked at: what mypy demands of the code
             # is asked in the tests, with everything installed; a build needs the types alone.
-            ["--config-file=", f"--cache-dir={os.devnull}", "--follow-imports=silent", *hot_modules()],
+            # Nor does it depend on what else is installed.
+            [
+                "--config-file=",
+                f"--cache-dir={os.devnull}",
+                "--follow-imports=silent",
+                "--no-site-packages",
+                *hot_modules(),
+            ],
             opt_level="3" if release else "1",
             debug_level="0",
             multi_file=not release,
@@ -191,12 +243,14 @@ def extensions() -> list[Extension]:
         return interpreted(f"mypyc failed ({type(exc).__name__}: {exc}; what it printed is above)")
     for extension in compiled:
         extension.optional = True
-        if len(extension.sources) > PARTS:
-            extension.sources = united(extension.sources)
+        if len(extension.sources) > sum(PARTS):
+            busy = [source for source in extension.sources if is_busy(source)]
+            plain = [source for source in extension.sources if not is_busy(source)]
+            extension.sources = united(busy, "part", PARTS[0]) + united(plain, PLAIN, PARTS[1])
         if new_compiler().compiler_type == "unix":
             # Without this the engine's functions could be replaced from outside, so that none of them may be inlined
             # into another.
-            extension.extra_compile_args.append("-fno-semantic-interposition")
+            extension.extra_compile_args = [*extension.extra_compile_args, "-fno-semantic-interposition"]
     return compiled
 
 
@@ -226,7 +280,15 @@ class SideBySide:
     def __call__(self, sources: list[str], **options: Any) -> list[str]:
         """Compile; the objects come in the order of the sources, so that the library is the same each time."""
         with ThreadPoolExecutor(JOBS) as pool:
-            return [objects[0] for objects in pool.map(lambda source: self.compile_all([source], **options), sources)]
+            return [objects[0] for objects in pool.map(lambda source: self._compile(source, options), sources)]
+
+    def _compile(self, source: str, options: dict[str, Any]) -> list[str]:
+        if Path(source).name.startswith(f"{PLAIN}_"):
+            # Glibc's checks of buffers want an optimizing compiler, and complain of any other.
+            last = [*(options.get("extra_postargs") or []), "-U_FORTIFY_SOURCE", "-O0"]
+            options = {**options, "extra_postargs": last}
+        objects: list[str] = self.compile_all([source], **options)
+        return objects
 
 
 class WithManual(build_py):

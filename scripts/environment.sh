@@ -45,10 +45,29 @@ if ! "$venv/bin/python" -c 'import pip' 2>/dev/null; then
 fi
 pip=("$venv/bin/python" -m pip --disable-pip-version-check --no-input -q)
 
+# What the named table of pyproject.toml requires: "build", or the package with an extra (none: "").
 requirements() {
-  "$venv/bin/python" -c 'import tomllib
+  "$venv/bin/python" - "$1" <<'PROGRAM'
+import re, sys, tomllib
+
 with open("pyproject.toml", "rb") as file:
-    print("\n".join(tomllib.load(file)["project"]["dependencies"]))'
+    said = tomllib.load(file)
+project = said["project"]
+
+
+def needed(extra):
+    for line in project["optional-dependencies"][extra]:
+        own = re.fullmatch(rf"{project['name']}\[(.*)\]", line)
+        if own is None:
+            yield line
+        else:
+            for other in own[1].split(","):
+                yield from needed(other)
+
+
+lines = said["build-system"]["requires"] if sys.argv[1] == "build" else project["dependencies"]
+print("\n".join([*lines, *(needed(sys.argv[1]) if sys.argv[1] not in {"", "build"} else [])]))
+PROGRAM
 }
 
 print=$(fingerprint)
@@ -57,10 +76,14 @@ if [ "$(cat "$wheels/built" 2>/dev/null)" != "$print" ]; then
   # Never pack what an earlier build left behind.
   rm -rf build s7dissect.egg-info "$wheels"
   mkdir -p "$wheels"
+  requirements build >"$wheels/build-requirements.txt"
+  # Their bytecode is hardly ever wanted: mypy is compiled otherwise.
+  "${pip[@]}" install --no-compile -r "$wheels/build-requirements.txt" </dev/null
   # What the package needs comes meanwhile: a good part of the build keeps one processor busy. What fails here fails again below.
-  requirements >"$wheels/requirements.txt"
+  requirements "$extra" >"$wheels/requirements.txt"
   "${pip[@]}" install -r "$wheels/requirements.txt" </dev/null >"$wheels/requirements.log" 2>&1 &
-  if ! "$venv/bin/python" -m pip --disable-pip-version-check --no-input -v wheel --no-deps --wheel-dir "$wheels" . \
+  # An environment of its own for the build would install the compiler a second time.
+  if ! "$venv/bin/python" -m pip --disable-pip-version-check --no-input -v wheel --no-deps --no-build-isolation --wheel-dir "$wheels" . \
     >"$wheels/build.log" 2>&1 </dev/null; then
     cat "$wheels/build.log" >&2
     exit 1

@@ -131,8 +131,8 @@ def test_the_parts_hold_every_source_once_and_are_alike(setup: ModuleType, tmp_p
         path = tmp_path / f"module_{number}.c"
         path.write_text("/* */" * (number * number), encoding="ascii")
         sources.append(str(path))
-    parts = setup.united(sources)
-    assert len(parts) == setup.PARTS
+    parts = setup.united(sources, "part", 8)
+    assert [Path(part).name for part in parts] == [f"part_{number}.c" for number in range(8)]
     included = [line for part in parts for line in Path(part).read_text("ascii").splitlines()]
     assert sorted(included) == sorted(f'#include "module_{number}.c"' for number in range(50))
     sizes = [
@@ -141,13 +141,35 @@ def test_the_parts_hold_every_source_once_and_are_alike(setup: ModuleType, tmp_p
     ]
     assert max(sizes) < 1.5 * min(sizes)
     before = [Path(part).read_bytes() for part in parts]
-    assert setup.united(sources[::-1]) == parts
+    assert setup.united(sources[::-1], "part", 8) == parts
     assert [Path(part).read_bytes() for part in parts] == before
 
 
 def test_compilers_side_by_side_give_their_objects_in_order(setup: ModuleType) -> None:
     compile_all = setup.SideBySide(lambda sources, suffix: [f"{source}{suffix}" for source in sources])
     assert compile_all([str(number) for number in range(20)], suffix=".o") == [f"{number}.o" for number in range(20)]
+
+
+def test_what_a_packet_passes_through_is_optimized_and_the_rest_is_not(setup: ModuleType) -> None:
+    compiled = setup.hot_modules()
+    for name in ("wire/octets", "tcp/stream", "engine/pipeline", "transactions/results", "report/writers/jsonl"):
+        assert f"dissect/{name}.py" in compiled
+        assert setup.is_busy(f"build/__native_dissect___{name.replace('/', '___')}.c")
+    assert setup.is_busy("/lib-rt/str_ops.c")
+    assert setup.is_busy("build/__native_s7dissect.c")
+    assert not setup.is_busy("build/__native_dissect___s7plus___variables.c")
+    names = [f"build/__native_{name.removesuffix('.py').replace('/', '___')}.c" for name in compiled]
+    assert 0.3 < sum(setup.is_busy(name) for name in names) / len(names) < 0.7
+    assert [pattern for pattern in setup.BUSY if not any(Path(name).match(pattern) for name in compiled)] == []
+
+    asked: list[tuple[str, list[str]]] = []
+
+    def compile_all(sources: list[str], extra_postargs: list[str]) -> list[str]:
+        asked.append((sources[0], extra_postargs))
+        return sources
+
+    setup.SideBySide(compile_all)(["part_0.c", "plain_0.c"], extra_postargs=["-O1"])
+    assert sorted(asked) == [("part_0.c", ["-O1"]), ("plain_0.c", ["-O1", "-U_FORTIFY_SOURCE", "-O0"])]
 
 
 def test_a_compiler_that_fails_is_not_overlooked(setup: ModuleType) -> None:

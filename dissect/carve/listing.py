@@ -137,7 +137,7 @@ def _value_lines(block: CarvedBlock) -> Iterator[Line]:
 class BlockChanges(Outcome):
     """What changed from one set of blocks to another; ``first`` and ``second`` are what they are called.
 
-    ``details`` tells of a changed block what changed in its code, interface and values, as far as these can be read.
+    ``details`` says of a changed block what changed in its code, interface and values, as far as these can be read.
     """
 
     layout = WIDE_PAGE
@@ -152,13 +152,13 @@ class BlockChanges(Outcome):
         self.changes = changes
         self.first = first
         self.second = second
-        self._details = details
+        self.details = details
 
     def text(self) -> Iterator[Line]:
         """Yield a line for each block that changed, and below it what changed in it."""
         for change in self.changes:
-            yield Line(_change_line(change), PLAIN, HANG)
-            details = self._details(change)
+            yield Line(change_line(change), PLAIN, HANG)
+            details = self.details(change)
             for text in change_lines(change.block.label, details) if details else ():
                 yield Line(f"    {text}", PLAIN, HANG)
             for called, was, now in change.facts if not details or change.block.plus is not None else ():
@@ -171,7 +171,7 @@ class BlockChanges(Outcome):
             "a": self.first,
             "b": self.second,
             "same": not self.changes,
-            "changes": [_change_record(change, self._details(change)) for change in self.changes],
+            "changes": [_change_record(change, self.details(change)) for change in self.changes],
         }
 
     def rows(self) -> Iterator[Sequence[str]]:
@@ -182,7 +182,7 @@ class BlockChanges(Outcome):
         for change in self.changes:
             block, was, now = change.block, change.was, change.now
             facts = "; ".join([f"{called}: {before} → {after}" for called, before, after in change.facts])
-            details = "; ".join(change_lines(block.label, found)) if (found := self._details(change)) else ""
+            details = "; ".join(change_lines(block.label, found)) if (found := self.details(change)) else ""
             texts = (
                 change.state, block.kind, _number(block), _number(was), block.name, ", ".join(change.parts), facts, details,
                 "true" if change.comparable else "false", _size(was), _size(now), _digest(was), _digest(now),
@@ -202,7 +202,8 @@ def _digest(block: CarvedBlock | None) -> str:
     return digest(block) if block is not None else ""
 
 
-def _change_line(change: BlockChange) -> str:
+def change_line(change: BlockChange) -> str:
+    """Return what became of a block on one line. Text of the wire is escaped."""
     title = _title(change.block)
     if change.state == NEW:
         return f"new      {title}: {words.count(len(change.block.octets), 'byte')}"

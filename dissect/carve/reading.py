@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
 from dissect.program.carved import CarvedBlock, carve
-from dissect.session import Run, read_tls_keys
+from dissect.session import Run, Tags, keys_of, naming_of
 from dissect.transactions.operation import TRANSFERS, Operation
 
 if TYPE_CHECKING:
@@ -67,16 +67,16 @@ def blocks(
     where: str | Where | None = None,
     tls_keys: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
     checksums: bool = False,
+    tags: Tags = None,
 ) -> list[CarvedBlock]:
     """Return every block that was downloaded or uploaded in one capture or several, in the order of their packets.
 
-    A block of which a part is missing is there as well, and its ``missing`` says what it lacks. ``where`` selects operations,
-    ``tls_keys`` and ``checksums`` are as for `dissect.open`. Raises `CaptureError` when a file cannot be read at all,
-    `SelectError` for a wrong expression, and what `read_tls_keys` raises.
+    A block of which a part is missing is there as well, and its ``missing`` says what it lacks. ``where`` selects operations;
+    ``tls_keys``, ``checksums`` and ``tags`` are as for `dissect.open`: with tags `dissect.carve.contents.block_values` names
+    the values of a data block. Raises `CaptureError` when a file cannot be read at all, `SelectError` for a wrong expression,
+    `dissect.tags.TagError` for files of tags, and what `read_tls_keys` raises.
     """
-    options = Options(checksums=checksums)
-    if tls_keys is not None:
-        options.tls_keys = read_tls_keys([tls_keys] if isinstance(tls_keys, (str, os.PathLike)) else tls_keys)
+    options = Options(checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags))
     chosen = None
     if where is not None:
         from dissect.select import Where

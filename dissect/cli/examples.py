@@ -162,6 +162,10 @@ EXAMPLES: Final = {
         "s7dissect schema",
         "s7dissect schema analysis > analysis.schema.json",
     ),
+    "completion": (
+        "s7dissect completion bash > s7dissect.bash",
+        "s7dissect completion fish | head",
+    ),
     "help": (
         "s7dissect help live",
         "s7dissect help findings | grep security",

@@ -53,8 +53,8 @@ _EXIT_CODES = (
     "only",
     multiple=True,
     metavar="TABLE",
-    help="Only this table (see `s7dissect help tables`) or log. Repeatable. One table alone is written to a file, several are "
-    "files in the folder OUT.",
+    help="Only this table (`s7dissect help tables`) or log. Repeatable. One table alone is a file, several are files in the "
+    "folder OUT.",
 )
 @click.option(
     "--zeek-compat",
@@ -86,8 +86,8 @@ def command(
 ) -> int:
     """Write tables and logs for other tools: Parquet, DuckDB, SQLite, CSV, Arrow, Zeek, Elastic, STIX.
 
-    The tables are connections, transactions, items, values, operations, findings and pdus, with the same columns in every form
-    (`s7dissect help tables`). Parquet, Arrow and DuckDB need the extra [data].
+    The tables are connections, transactions, items, values, operations, findings, devices and pdus, with the same columns in
+    every form (`s7dissect help tables`). Parquet, Arrow and DuckDB need the extra [data].
 
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. With several files Parquet is
     divided into folders by day. OUT appears when all is written, or not at all.

@@ -42,7 +42,7 @@ _NAMED: Final = 3
 @click.argument("folder", type=click.Path(file_okay=False), metavar="DIR")
 @where_option(help="Only the names of the files from which this expression can select something, one on each line.")
 @format_option(OUTCOME)
-@click.option("-0", "--null", is_flag=True, help="With -Y: end each name with a NUL byte, for xargs -0.")
+@click.option("-0", "--null", is_flag=True, help="With -Y: the names alone, each ended by a NUL byte, for xargs -0.")
 @click.option("--no-update", is_flag=True, help="Use what the index knows; look at no file.")
 @click.option(
     "--file",
@@ -76,14 +76,11 @@ def command(
         with Store(path, __version__) as store:
             changes = None if no_update else _updated(store, place)
             code = _complain(changes)
-            if possible is None:
-                write_outcome(format_, OUTCOME, Listing(folder, list(store.files()), changes, clock()))
-                return code
-            fitting = [facts for facts in store.files() if possible(facts)]
-            if format_.name == "text":
-                _write_names(folder, fitting, null)
+            files = [facts for facts in store.files() if possible is None or possible(facts)]
+            if null:
+                _write_raw(folder, files)
             else:
-                write_outcome(format_, OUTCOME, Listing(folder, fitting, changes, clock()))
+                write_outcome(format_, OUTCOME, Listing(folder, files, changes, clock(), possible is not None))
             return code
     except StoreError as error:
         if error.full:
@@ -130,28 +127,35 @@ def _complain(changes: Changes | None) -> int:
     return EXIT_DAMAGED if changes.unreadable or changes.damaged else EXIT_OK
 
 
-def _write_names(folder: str, files: list[FileFacts], null: bool) -> None:
-    names = [os.path.join(folder, facts.name) for facts in files]  # noqa: PTH118 - as the user wrote the folder
-    if null:
-        sys.stdout.buffer.write(b"".join([os.fsencode(name) + b"\0" for name in names]))
-        sys.stdout.buffer.flush()
-        return
-    from dissect.cli.run import write
+def _write_raw(folder: str, files: list[FileFacts]) -> None:
+    """Write the names as they are, each ended by a NUL."""
+    sys.stdout.buffer.write(b"".join([os.fsencode(_path(folder, facts)) + b"\0" for facts in files]))
+    sys.stdout.buffer.flush()
 
-    write([printable(name) for name in names])
+
+def _path(folder: str, facts: FileFacts) -> str:
+    """Return the path of a file, its folder as the user wrote it."""
+    return os.path.join(folder, facts.name)  # noqa: PTH118
 
 
 class Listing(Outcome):
-    """Files of an index, and what bringing it up to date changed, None where that was not done."""
+    """Files of an index, and what bringing it up to date changed, None where that was not done; as text ``names`` alone."""
 
-    def __init__(self, folder: str, files: list[FileFacts], changes: Changes | None, clock: Clock) -> None:
+    def __init__(
+        self, folder: str, files: list[FileFacts], changes: Changes | None, clock: Clock, names: bool = False
+    ) -> None:
+        self._names = names
         self._folder = folder
         self._files = files
         self._changes = changes
         self._clock = clock
 
     def text(self) -> Iterator[Line]:
-        """Return a line or two for each file, and what changed."""
+        """Return a line or two for each file, and what changed; or the names."""
+        if self._names:
+            for facts in self._files:
+                yield Line(printable(_path(self._folder, facts)), PLAIN)
+            return
         for facts in self._files:
             yield Line(printable(facts.name), HEADING, 4)
             yield Line(f"  {_contents(facts, self._clock)}", PLAIN, 6)

@@ -57,6 +57,7 @@ COMMANDS: Final = {
     "fields": "List the fields of -Y expressions and -T fields.",
     "tags": "Names for addresses: check, list, convert tags.",
     "schema": "JSON Schemas of the machine-readable outputs.",
+    "completion": "Completion for bash, zsh or fish.",
     "help": "Show the manual page of a command or topic.",
 }
 #: Commands whose output shows times.
@@ -83,7 +84,7 @@ _WORDS: Final = {"version": "--version"}
 _FULL: Final = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
 
 #: Set by the shell when it asks for completions.
-_COMPLETION: Final = "_S7DISSECT_COMPLETE"
+COMPLETION: Final = "_S7DISSECT_COMPLETE"
 
 
 class LazyGroup(click.Group):
@@ -141,15 +142,17 @@ class _Main(LazyGroup):
     """The whole command line: words that are used in the place of options, and a file in the place of a command."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Take ``s7dissect version`` for ``s7dissect --version``."""
+        """Take ``s7dissect version`` for ``--version``, and a file, or ``-r FILE`` as tshark has it, for ``analyze FILE``."""
+        if args and args[0] == "-r":
+            args = ["analyze", *args[1:]]
+        elif args and args[0] not in COMMANDS and os.path.isfile(args[0]):  # noqa: PTH113 - any text may be asked for
+            args = ["analyze", *args]
         return super().parse_args(ctx, [_WORDS.get(args[0], args[0]), *args[1:]] if args else args)
 
     def hint(self, name: str) -> str:
-        """Return what may have been meant; a file is probably to be analyzed."""
-        if os.path.exists(name):  # noqa: PTH110 - a name that no path can have is simply not there
-            from dissect.wire.text import printable  # late, as above
-
-            return f" It is a file: s7dissect analyze {printable(name)}"
+        """Return what may have been meant; a folder is probably to be searched through."""
+        if os.path.isdir(name):  # noqa: PTH112 - a name that no path can have is simply not there
+            return f" It is a folder: s7dissect index {printable(name)}"
         return super().hint(name)
 
 
@@ -193,7 +196,7 @@ def _run(arguments: list[str] | None) -> int:
         click.echo("s7dissect: standard output is closed", err=True)
         return EXIT_OUTPUT
     try:
-        result = group.main(arguments, prog_name="s7dissect", complete_var=_COMPLETION, standalone_mode=False)
+        result = group.main(arguments, prog_name="s7dissect", complete_var=COMPLETION, standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as exc:
         _show(exc, sys.argv[1:] if arguments is None else arguments)
@@ -204,7 +207,7 @@ def _run(arguments: list[str] | None) -> int:
     except OSError as exc:
         return _system_refused(exc)
     except SystemExit:
-        if _COMPLETION in os.environ:
+        if COMPLETION in os.environ:
             raise
         # In this mode click ends the process by itself for a closed pipe only, and with the code of a failed gate.
         return _system_refused(BrokenPipeError(errno.EPIPE, "Broken pipe"))

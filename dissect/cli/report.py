@@ -160,7 +160,7 @@ def _read(
     gathered.files = run.files
     chosen.begin(run, files)
     code = drive(run, files)
-    gathered.analysis.take(run.pipeline, run.files)
+    gathered.take(run.pipeline, run.files)
     gathered.analysis.part = chosen.part(run)
     if code != EXIT_INTERRUPTED:
         complain(run, code)

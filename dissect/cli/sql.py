@@ -52,8 +52,8 @@ def command(
 ) -> int:
     """Query captures in SQL (DuckDB), without a file in between.
 
-    QUERY is SQL over the tables connections, transactions, items, values, operations, findings and pdus (`s7dissect help
-    tables`), or the name of a question, such as slowest. Only tables that it names are made. Needs the extra [data].
+    QUERY is SQL over the tables connections, transactions, items, values, operations, findings, devices and pdus (`s7dissect
+    help tables`), or the name of a question, such as slowest. Only tables that it names are made. Needs the extra [data].
 
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input.
     """
@@ -78,7 +78,7 @@ def command(
         chosen.begin(run, files)
         feed.begin(run.files)
         code = drive(run, files)
-        feed.flush()
+        feed.finish(run.pipeline, run.files)
         write_outcome(format_, ROWS, QueryOutcome(asked.run(sink.tables())))
     except (SqlError, MissingLibraryError) as error:
         raise click.ClickException(str(error)) from None

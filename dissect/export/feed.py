@@ -7,12 +7,15 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Pipeline
 from dissect.export.rows import Rows
-from dissect.export.tables import CONNECTIONS, FINDINGS, ITEMS, OPERATIONS, PDUS, TRANSACTIONS, VALUES, Table
+from dissect.export.tables import CONNECTIONS, DEVICES, FINDINGS, ITEMS, OPERATIONS, PDUS, TRANSACTIONS, VALUES, Table
 from dissect.export.transaction_rows import Row
 from dissect.findings.reporter import Finding
+from dissect.inventory.collector import Inventory
 from dissect.select.things import Context
 from dissect.source.packet import SourceFile
+from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
@@ -36,7 +39,8 @@ class Sink(ABC):
 class TableFeed(Observer):
     """Makes rows of ``tables`` and hands them to ``sink``; ``counts`` are the rows of each table so far.
 
-    `begin` names the files of the run before the first packet, `flush` hands on what waits, at the latest after the last one.
+    `begin` names the files of the run before the first packet, `flush` hands on what waits, and `finish` does so after the last
+    one, with the rows that only then are known.
     """
 
     def __init__(self, tables: Iterable[Table], sink: Sink) -> None:
@@ -57,6 +61,8 @@ class TableFeed(Observer):
         self._pdus = self._waiting.get(PDUS.name)
         self._values = self._waiting.get(VALUES.name)
         self._collector = Collector()
+        self._devices = self._waiting.get(DEVICES.name)
+        self._inventory = Inventory()
         self._bytes = 0
 
     def begin(self, files: Sequence[SourceFile]) -> None:
@@ -73,6 +79,13 @@ class TableFeed(Observer):
                 rows.clear()
         self._bytes = 0
 
+    def finish(self, pipeline: Pipeline, files: Sequence[SourceFile]) -> None:
+        """Hand on the rest, when ``pipeline`` has read ``files`` to their end."""
+        if self._devices is not None:
+            self._inventory.take(pipeline, list(files))
+            self._devices += [self._made.device(device) for device in self._inventory.devices]
+        self.flush()
+
     def connection_opened(self, connection: Connection) -> None:
         """Remember a connection for its findings."""
         if self._findings is not None:
@@ -80,7 +93,10 @@ class TableFeed(Observer):
 
     def connection_closed(self, connection: Connection) -> None:
         """Add the row of a connection."""
-        self._collector.connection_closed(connection)
+        if self._values is not None:
+            self._collector.connection_closed(connection)
+        if self._devices is not None:
+            self._inventory.connection_closed(connection)
         if self._findings is not None:
             self._context.closed(connection)
         if self._connections is not None:
@@ -89,6 +105,8 @@ class TableFeed(Observer):
     def transaction(self, transaction: Transaction) -> None:
         """Add the rows of a transaction and of its items."""
         items = self._items
+        if self._devices is not None:
+            self._inventory.transaction(transaction)
         if self._values is not None:
             self._collector.transaction(transaction)
             self._values += [self._made.value(row) for row in self._collector.take()]
@@ -109,8 +127,15 @@ class TableFeed(Observer):
 
     def operation(self, operation: Operation) -> None:
         """Add the row of an operation."""
+        if self._devices is not None:
+            self._inventory.operation(operation)
         if self._operations is not None:
             self._add(self._operations, self._made.operation(operation))
+
+    def fact(self, fact: Fact) -> None:
+        """Take what a device said of itself."""
+        if self._devices is not None:
+            self._inventory.fact(fact)
 
     def finding(self, finding: Finding) -> None:
         """Add the row of a finding."""

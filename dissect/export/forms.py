@@ -103,6 +103,7 @@ class TableExport(Export):
     def __init__(self, request: Request, sink: Any) -> None:
         self.observer: TableFeed = TableFeed(chosen_tables(request.parts), cast("Sink", sink))
         self.sink = sink
+        self._run: Run | None = None
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -111,6 +112,7 @@ class TableExport(Export):
 
     def begin(self, run: Run) -> None:
         """Name packets by the files of the run."""
+        self._run = run
         self.observer.begin(run.files)
 
     def flush(self) -> None:
@@ -119,7 +121,8 @@ class TableExport(Export):
 
     def close(self) -> None:
         """Write the rest."""
-        self.observer.flush()
+        if self._run is not None:
+            self.observer.finish(self._run.pipeline, self._run.files)
         self.sink.close()
 
     def abandon(self) -> None:

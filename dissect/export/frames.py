@@ -94,7 +94,7 @@ def frames(
     feed.begin(run.files)
     while run.step():
         pass
-    feed.flush()
+    feed.finish(run.pipeline, run.files)
     return Frames(sink.tables(), library)
 
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 from dissect.export.keys import connection_community_id, connection_uid
+from dissect.export.tables import DEVICES, INT, Column
 from dissect.export.transaction_rows import Row, TransactionRows
 from dissect.findings.reporter import Finding
+from dissect.inventory.model import Device
+from dissect.inventory.rows import device_row
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.report.operations import error_codes
-from dissect.report.words import vlans
+from dissect.report.words import Places, vlans
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
@@ -190,6 +193,20 @@ class Rows:
             [technique.name for technique in rule.techniques],
         )
 
+    def device(self, device: Device) -> Row:
+        """Return the row of a device."""
+        said = device_row(device, Places([], False))
+        file, first = self._hot.files.locate(device.first_frame)
+        _, last = self._hot.files.locate(device.last_frame)
+        known = {
+            "file": file,
+            "first_frame": first,
+            "last_frame": last,
+            "ts_ns": device.first_ns,
+            "end_ns": device.last_ns,
+        }
+        return tuple([_device_cell(column, known, said) for column in DEVICES.stored])
+
     def pdu(self, frame: int, time_ns: int, connection: Connection, side: int, octets: bytes, cut: bool) -> Row:
         """Return the row of an S7 PDU."""
         pdu = parse_pdu(octets, frame, time_ns, int(connection.number), side, cut)
@@ -226,6 +243,15 @@ class Rows:
             *self._hot.ends(connection),
             side == connection.client_side,
         )
+
+
+def _device_cell(column: Column, known: dict[str, Any], said: dict[str, str]) -> Any:
+    if column.name in known:
+        return known[column.name]
+    text = said[column.name]
+    if column.type == INT:
+        return int(text) if text else None
+    return encodable(text) or None
 
 
 def _shown(value: object) -> tuple[float | None, str | None]:

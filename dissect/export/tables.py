@@ -255,6 +255,45 @@ FINDINGS: Final = Table(
     ),
 )
 
+DEVICES: Final = Table(
+    "devices",
+    "station: what it is and said of itself (docs/devices.md); rows come when everything was read",
+    (
+        Column("address", WORD, "", "IP address", "Device.address"),
+        Column("role", WORD, "", "what it is, as far as there is evidence", "Device.role"),
+        Column("certainty", WORD, "", "how sure the role is", "Device.certainty"),
+        Column("host_name", WORD, "", "name of the host, from the settings", "dissect.inventory.rows"),
+        Column("mac", WORD, "", "address of its network card", "dissect.inventory.rows"),
+        Column("vendor", WORD, "", "maker of the network card", "dissect.inventory.rows"),
+        Column("order_number", WORD, "", "order number (MLFB)", "dissect.inventory.rows"),
+        Column("hardware", WORD, "", "hardware version", "dissect.inventory.rows"),
+        Column("firmware", WORD, "", "firmware version", "dissect.inventory.rows"),
+        Column("serial_number", WORD, "", "serial number", "dissect.inventory.rows"),
+        Column("station_name", WORD, "", "name of the automation system", "dissect.inventory.rows"),
+        Column("module_name", WORD, "", "name of the module", "dissect.inventory.rows"),
+        Column("module_type", WORD, "", "type of the module", "dissect.inventory.rows"),
+        Column("plant", WORD, "", "plant designation", "dissect.inventory.rows"),
+        Column("location", WORD, "", "location designation", "dissect.inventory.rows"),
+        Column("operating_mode", WORD, "", "operating mode, the latest", "dissect.inventory.rows"),
+        Column("protection_level", WORD, "", "protection level, the latest", "dissect.inventory.rows"),
+        Column("pdu_lengths", WORD, "", "PDU lengths granted, the latest last", "dissect.inventory.rows"),
+        Column("asked_by", WORD, "", "addresses that asked it", "dissect.inventory.rows"),
+        Column("asks", WORD, "", "addresses that it asked", "dissect.inventory.rows"),
+        Column("connections", INT, "", "connections in which it was the server", "Talk.connections"),
+        Column("transactions", INT, "", "transactions of these", "Talk.transactions"),
+        Column("answered", INT, "", "requests that it answered", "Talk.answered"),
+        Column("unanswered", INT, "", "requests without the answer that was due", "Talk.missed"),
+        Column("with_errors", INT, "", "transactions with an error", "Talk.errors"),
+        Column("median_ns", INT, "ns", "median of its response times", "Device.latencies"),
+        Column("p95_ns", INT, "ns", "their 95th percentile", "Device.latencies"),
+        _FILE,
+        Column("first_frame", INT, "packet of its file", "first packet", "Device.first_frame"),
+        Column("last_frame", INT, "packet of its file", "last packet", "Device.last_frame"),
+        *_time("ts", "time of the first packet", "Device.first_ns"),
+        *_time("end", "time of the last packet", "Device.last_ns"),
+    ),
+)
+
 PDUS: Final = Table(
     "pdus",
     "message of S7comm, S7comm-plus or SCD, paired or not",
@@ -283,7 +322,7 @@ PDUS: Final = Table(
 
 #: Every table by its name, in the order in which they are listed.
 TABLES: Final[dict[str, Table]] = {
-    table.name: table for table in (CONNECTIONS, TRANSACTIONS, ITEMS, VALUES, OPERATIONS, FINDINGS, PDUS)
+    table.name: table for table in (CONNECTIONS, TRANSACTIONS, ITEMS, VALUES, OPERATIONS, FINDINGS, DEVICES, PDUS)
 }
 
 

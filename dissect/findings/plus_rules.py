@@ -90,7 +90,7 @@ class PlusWatch:
         session = connection.plus
         if session is None:
             session = self._begin(connection)
-        if transaction.function < 0 and session.subscriptions:
+        if transaction.function < 0 and (session.subscriptions or connection.mid_stream):
             self._operations.notified(subscription_of(transaction.response_octets), transaction)
         self._sessions.take(session, transaction)
         if transaction.function == GET_MULTI_VARIABLES and transaction.outcome == ANSWERED:

@@ -13,6 +13,7 @@ from dissect.findings.reporter import Finding
 from dissect.live.run import Companion
 from dissect.source.live.reader import Drops
 from dissect.source.packet import SourceFile
+from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
@@ -33,14 +34,17 @@ class ExportCompanion(Companion):
         super().__init__()
         self._sink = RotatingSink(folder, TABLES.values(), metadata_of(version, [source]))
         self._feed = TableFeed(TABLES.values(), self._sink)
-        self._feed.begin([SourceFile(source, 1)])
+        self._files = [SourceFile(source, 1)]
+        self._feed.begin(self._files)
+        self._pipeline: Pipeline | None = None
         self._every_ns = every_ns
         self._due_ns = 0
         self._now_ns = 0
         self.wants_pdus = self._feed.wants_pdus
 
     def begin(self, pipeline: Pipeline) -> None:
-        """Nothing is to be known of the pipeline."""
+        """Keep the pipeline, for what is known at the end only."""
+        self._pipeline = pipeline
 
     def tick(self, now_ns: int, drops: Drops) -> None:
         """Hand on the rows, and begin new files where it is time."""
@@ -56,6 +60,8 @@ class ExportCompanion(Companion):
         """Write the rest; what cannot be written leaves nothing behind."""
         try:
             self._feed.flush()
+            if self._pipeline is not None:
+                self._feed.finish(self._pipeline, self._files)
             self._sink.rotate(self._now_ns)
         finally:
             self._sink.abandon()
@@ -75,6 +81,10 @@ class ExportCompanion(Companion):
     def operation(self, operation: Operation) -> None:
         """Hand it on."""
         self._feed.operation(operation)
+
+    def fact(self, fact: Fact) -> None:
+        """Hand it on."""
+        self._feed.fact(fact)
 
     def finding(self, finding: Finding) -> None:
         """Hand it on."""

@@ -105,7 +105,7 @@ class ReportCompanion(Companion):
         gathered, self._gathered = self._gathered, self._fresh()
         begin_ns, end_ns = self._period * self._every_ns, (self._period + 1) * self._every_ns
         gathered.list_open()
-        gathered.analysis.take(self._pipeline, [])
+        gathered.take(self._pipeline, [])
         counts = dict(self._pipeline.finding_counts)
         part = Part(f"time in {{{self._clock.iso(begin_ns)[:19]}..{self._clock.iso(end_ns)[:19]}}}")
         part.finding_counts = {

@@ -9,6 +9,7 @@ import time
 from typing import Any, Final
 
 from dissect.findings.catalogue import CATALOGUE
+from dissect.inventory.rows import device_row
 from dissect.page.bins import lower_end
 from dissect.page.gathered import BANDS, Gap, Gathered
 from dissect.page.rows import OUTCOME_NAMES, host_filter
@@ -31,6 +32,17 @@ _TAGS: Final = 12
 #: Rows of tables.
 _VARIABLES: Final = 1000
 _REQUESTS: Final = 500
+#: What a device says of itself, as columns of its table (`dissect.inventory.rows`).
+_DEVICE_TEXTS: Final = (
+    "role",
+    "order_number",
+    "firmware",
+    "station_name",
+    "module_name",
+    "operating_mode",
+    "vendor",
+    "asks",
+)
 #: Marks of findings on the plot of rates.
 _MARKS: Final = 400
 _TEXT: Final = 160
@@ -292,6 +304,18 @@ class Data:
                 of.operations,
                 len(of.operations) + of.operations_not_listed,
             ),
+            self._table(
+                "blocks",
+                "Blocks that were loaded or read out",
+                [
+                    ("block", TEXT), ("name", TEXT), ("time", SECONDS), ("direction", TEXT), ("from → to", TEXT),
+                    ("bytes", SIZE),
+                    ("state", TEXT), ("language", TEXT), ("author", TEXT), ("version", TEXT), ("code changed", TEXT),
+                ],
+                of.blocks,
+                of.blocks_in_all,
+            ),
+            self._devices(),
             self._functions(),
             self._requests(),
             self._variables(),
@@ -310,6 +334,29 @@ class Data:
             made.append({**row, "cells": cells})
         return {"name": name, "title": title, "columns": columns, "rows": made, "total": max(total, len(rows))}
 
+    def _devices(self) -> dict[str, Any]:
+        inventory = self._of.inventory
+        rows = []
+        for number, device in enumerate(inventory.devices, 1):
+            told = device_row(device, self._of.rows.places)
+            said = [shortened(told[column], _TEXT) for column in _DEVICE_TEXTS]
+            rows.append(
+                {
+                    "key": f"d{number}",
+                    "cells": [
+                        self._of.rows.host(device.address), *said, int(told["connections"]), int(told["transactions"]),
+                        int(told["median_ns"]) if told["median_ns"] else None, device.first_ns,
+                    ],
+                    "show": self._of.rows.command(f"devices -Y 'host == {device.address}'"),
+                    "filter": host_filter(device.address),
+                }
+            )  # fmt: skip
+        columns = [
+            ("device", TEXT), *[(name.replace("_", " "), TEXT) for name in _DEVICE_TEXTS], ("connections", NUMBER),
+            ("transactions", NUMBER), ("median answer", DURATION), ("first seen", SECONDS),
+        ]  # fmt: skip
+        return self._table("devices", "Devices", columns, rows, len(rows) + inventory.devices_not_listed)
+
     def _functions(self) -> dict[str, Any]:
         rows: list[dict[str, Any]] = []
         for (host, function), spread in sorted(self._of.spreads.items(), key=lambda entry: -entry[1].times.count):
@@ -323,7 +370,7 @@ class Data:
                         times.largest if times.count else None,
                     ],
                     "show": self._of.rows.command(f"transactions -Y 'server == {host}'"),
-                    "filter": f"s7comm && {host_filter(host, host).partition(' && ')[0]}",
+                    "filter": f"s7comm && {host_filter(host)}",
                 }
             )  # fmt: skip
         columns = [
@@ -381,7 +428,7 @@ class Data:
                 "show": self._of.rows.command(f"transactions -Y 'address == \"{address}\"'")
                 if printable(address) == address
                 else "",
-                "filter": f"s7comm && {host_filter(host, host).partition(' && ')[0]}",
+                "filter": f"s7comm && {host_filter(host)}",
             }
             for number, ((host, address), variable) in enumerate(order[:_VARIABLES], 1)
         ]

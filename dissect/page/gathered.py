@@ -10,16 +10,20 @@ import heapq
 from typing import Any, Final
 
 from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
+from dissect.inventory.collector import Inventory
 from dissect.page.bins import Bins, Spread, bucket
 from dissect.page.polls import Requests
 from dissect.page.rows import ERROR, MISSED, OK, Rows, outcome_of, time_of
 from dissect.page.tag_steps import Tags
 from dissect.page.talks import Talks
+from dissect.program.carved import carve
 from dissect.report.analysis import Analysis
 from dissect.s7.tables import GROUP_MODE
 from dissect.session import CONTINUES_NS
 from dissect.source.packet import SourceFile
+from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import CONNECT, Operation
 from dissect.transactions.transaction import Transaction
@@ -29,6 +33,7 @@ from dissect.variables.wanted import WantedSet
 MAX_SLOWEST: Final = 300
 MAX_FAILED: Final = 500
 MAX_OPERATIONS: Final = 1000
+MAX_BLOCKS: Final = 500
 #: Pairs of PLC and function whose answer times are told apart.
 MAX_SPREADS: Final = 200
 #: Gaps drawn, and changes of the operating mode.
@@ -112,6 +117,7 @@ class Gathered(Observer):
     def __init__(self, rows: Rows, tags: WantedSet | None = None) -> None:
         super().__init__()
         self.analysis = Analysis()
+        self.inventory = Inventory()
         self.rows = rows
         self.rates = Bins()
         self.answer_times = Bins()
@@ -125,6 +131,8 @@ class Gathered(Observer):
         self.modes: list[Mode] = []
         self.modes_not_drawn = 0
         self.operations: list[dict[str, Any]] = []
+        self.blocks: list[dict[str, Any]] = []
+        self.blocks_in_all = 0
         self.spans: list[Span] = []
         self.operations_not_listed = 0
         self.connections: list[dict[str, Any]] = []
@@ -155,12 +163,14 @@ class Gathered(Observer):
             self.connections.append(self.rows.connection(connection))
         self.talks.over(connection)
         self.tags.closed(connection)
+        self.inventory.connection_closed(connection)
         self._look_for_gap(connection, int(connection.tcp.last_ns))
         self._heard.pop(int(connection.number), None)
 
     def transaction(self, transaction: Transaction) -> None:
         """Take a transaction for all plots it belongs to."""
         self.analysis.transaction(transaction)
+        self.inventory.transaction(transaction)
         now = time_of(transaction)
         self._at(now)
         self._look_for_gap(transaction.connection, now)
@@ -187,6 +197,11 @@ class Gathered(Observer):
     def operation(self, operation: Operation) -> None:
         """Take an operation; set-ups of connections are only counted, they have a table of their own."""
         self.analysis.operation(operation)
+        self.inventory.operation(operation)
+        for block in carve(operation):
+            self.blocks_in_all += 1
+            if len(self.blocks) < MAX_BLOCKS:
+                self.blocks.append(self.rows.block(block, operation, self.blocks_in_all))
         if operation.kind == CONNECT:
             return
         if len(self.operations) >= MAX_OPERATIONS:
@@ -197,6 +212,10 @@ class Gathered(Observer):
         self.spans.append(
             Span(operation.begin_ns, operation.end_ns, host, operation.kind, operation.number, operation.result)
         )
+
+    def fact(self, fact: Fact) -> None:
+        """Take what a station said of itself."""
+        self.inventory.fact(fact)
 
     def finding(self, finding: Finding) -> None:
         """Take a finding; of one that says that something is missing, also the time it is missing of."""
@@ -216,6 +235,11 @@ class Gathered(Observer):
         """Take the connections that go on, where a report is of a part of the time: as they are now."""
         for heard in list(self._heard.values()):
             self.connection_closed(heard.connection)
+
+    def take(self, pipeline: Pipeline, files: list[SourceFile]) -> None:
+        """Take over what the pipeline counted, when the run or the period is over."""
+        self.analysis.take(pipeline, files)
+        self.inventory.take(pipeline, files)
 
     # ---- what is kept -----------------------------------------------------------------------------------------------
 

@@ -27,7 +27,7 @@
 
   // ---- numbers in words ---------------------------------------------------------------------------------------------
 
-  const integer = (number) => Math.round(number).toLocaleString("en-US");
+  const integer = (number) => String(Math.round(number)).replace(/\B(?=(\d{3})+$)/g, ",");
   function duration(ns) {
     if (ns === null || ns === undefined) return "–";
     const size = Math.abs(ns);
@@ -272,13 +272,23 @@
         return;
       }
       const most = session.times.cells.reduce((all, cell) => Math.max(all, cell[3]), 1);
-      for (const [seconds, from, to, count] of session.times.cells) {
+      const shades = ["", "", "", "", ""], drawnCells = [];
+      for (const one of session.times.cells) {
+        const [seconds, from, to, count] = one;
         if (!inside(seconds, seconds + w)) continue;
         const begin = Math.max(left, x(seconds)), end = Math.min(right, x(seconds + w));
-        const shade = 1 + Math.min(4, Math.floor((4.99 * Math.log(count + 1)) / Math.log(most + 1)));
-        root.append(svg("rect", { class: `cell heat h${shade}`, x: at(begin), width: at(Math.max(2, end - begin)), y: at(y(to)), height: at(Math.max(2, y(from) - y(to))),
-          "data-tip": `${integer(count)} answers in ${duration(from)} to ${duration(to)}\n${moment(session, seconds)}, ${duration(w * 1e9)}` }));
+        const shade = Math.min(4, Math.floor((4.99 * Math.log(count + 1)) / Math.log(most + 1)));
+        const box = [at(begin), at(y(to)), at(Math.max(2, end - begin)), at(Math.max(2, y(from) - y(to)))];
+        shades[shade] += `M${box[0]} ${box[1]}h${box[2]}v${box[3]}h${-box[2]}Z`;
+        drawnCells.push([...box, one]);
       }
+      shades.forEach((path, shade) => { if (path) root.append(svg("path", { class: `cells heat h${shade + 1}`, d: path })); });
+      root.tipAt = (px, py) => {
+        const found = drawnCells.find((box) => px >= box[0] && px <= box[0] + box[2] && py >= box[1] && py <= box[1] + box[3]);
+        if (!found) return "";
+        const [seconds, from, to, count] = found[4];
+        return `${integer(count)} answers in ${duration(from)} to ${duration(to)}\n${moment(session, seconds)}, ${duration(w * 1e9)}`;
+      };
       for (const [seconds, ns, key, what] of session.points) {
         if (!inside(seconds, seconds)) continue;
         root.append(hit(prefixes[side], key, `${what}\n${duration(ns)} at ${moment(session, seconds)}`, svg("circle", { class: "point", cx: at(x(seconds)), cy: at(y(ns)), r: 3.5 })));
@@ -478,7 +488,11 @@
     const count = html("span", { class: "quiet", role: "status" });
     const box = html("input", { type: "search", placeholder: "search these rows", "aria-label": `Search ${table.title}`, oninput: () => { state.words = box.value.toLowerCase().split(/\s+/).filter(Boolean); state.most = FIRST; show(); } });
     const heads = table.columns.map(([name], number) => html("th", { scope: "col", "aria-sort": "none" }, html("button", { type: "button", text: name, title: "sort", onclick: () => sort(number) })));
-    table.rows.forEach((row) => { row.text = row.cells.map((value, number) => cell(session, table.columns[number][1], value)).join(" ").toLowerCase(); });
+    /** What a search looks at; made when something is searched for, because most tables never are. */
+    function textOf(row) {
+      if (row.text === undefined) row.text = row.cells.map((value, number) => cell(session, table.columns[number][1], value)).join(" ").toLowerCase();
+      return row.text;
+    }
     let order = table.rows;
     function sort(number) {
       const kind = table.columns[number][1];
@@ -495,11 +509,15 @@
       show();
     }
     function line(row) {
-      const how = html("tr", { class: "how", hidden: true }, html("td", { colspan: table.columns.length + 1 },
-        row.show && html("code", { text: row.show }), row.filter && html("code", { text: `Wireshark: ${row.filter}` }),
-        onPlot.has(prefix + row.key) && html("a", { href: `#pt-${prefix}${row.key}`, text: "on the plot" })));
+      let how = null;
       const opener = html("button", { type: "button", "aria-expanded": "false", "aria-label": `How to see ${row.cells[0]}`, text: "▸", onclick: () => {
-        how.hidden = !how.hidden; opener.textContent = how.hidden ? "▸" : "▾"; opener.setAttribute("aria-expanded", String(!how.hidden));
+        if (how) { how.remove(); how = null; } else {
+          how = html("tr", { class: "how" }, html("td", { colspan: table.columns.length + 1 },
+            row.show && html("code", { text: row.show }), row.filter && html("code", { text: `Wireshark: ${row.filter}` }),
+            onPlot.has(prefix + row.key) && html("a", { href: `#pt-${prefix}${row.key}`, text: "on the plot" })));
+          head.after(how);
+        }
+        opener.textContent = how ? "▾" : "▸"; opener.setAttribute("aria-expanded", String(Boolean(how)));
       } });
       const head = html("tr", { id: lists.get(prefix + table.name) && rowsByKey.get(prefix + row.key) === table.name ? prefix + row.key : null },
         html("td", {}, opener),
@@ -507,14 +525,14 @@
           const kind = table.columns[number][1];
           return html("td", { class: kind === "text" ? "text" : kind === "seconds" || kind === "short" ? "short" : "figure", text: cell(session, kind, value) });
         }));
-      return [head, how];
+      return head;
     }
     function matching() {
-      return state.words.length ? order.filter((row) => state.words.every((word) => row.text.includes(word))) : order;
+      return state.words.length ? order.filter((row) => state.words.every((word) => textOf(row).includes(word))) : order;
     }
     function show() {
       const found = matching();
-      body.replaceChildren(...found.slice(0, state.most).flatMap(line));
+      body.replaceChildren(...found.slice(0, state.most).map(line));
       const kept = table.total > table.rows.length ? ` The report holds ${integer(table.rows.length)} of ${integer(table.total)}.` : "";
       count.textContent = `${state.words.length ? `${integer(found.length)} of ${integer(table.rows.length)} rows match.` : `${integer(table.rows.length)} rows.`}${kept}`;
       more.hidden = found.length <= state.most;
@@ -612,10 +630,16 @@
   const tip = document.getElementById("tip");
   function tell(event) {
     const from = event.target.closest && event.target.closest("[data-tip]");
-    if (!from) { tip.hidden = true; return; }
-    tip.textContent = from.dataset.tip;
+    const plot = !from && event.target.closest && event.target.closest("svg.timed");
+    let said = from ? from.dataset.tip : "";
+    if (plot && plot.tipAt && event.clientX !== undefined) {  // thousands of cells in a few elements
+      const frame = plot.getBoundingClientRect(), ratio = plot.viewBox.baseVal.width / frame.width;
+      said = plot.tipAt((event.clientX - frame.left) * ratio, (event.clientY - frame.top) * ratio);
+    }
+    if (!said) { tip.hidden = true; return; }
+    tip.textContent = said;
     tip.hidden = false;
-    const box = from.getBoundingClientRect();
+    const box = (from || plot).getBoundingClientRect();
     const x = event.clientX || box.left + box.width / 2, y = event.clientY || box.bottom;
     const left = Math.max(4, Math.min(x + 14, innerWidth - tip.offsetWidth - 8));
     const top = y + tip.offsetHeight + 20 > innerHeight ? y - tip.offsetHeight - 12 : y + 16;

@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Mapping
 from typing import Any, Final
 
+from dissect.program.carved import CarvedBlock
 from dissect.report import endings, facets, words
 from dissect.report.operations import NAMES as KINDS
 from dissect.report.operations import result as result_of
@@ -25,9 +26,9 @@ _NAMES: Final = 160
 _FRAMES: Final = 20
 
 
-def host_filter(one: str, other: str) -> str:
-    """Return the Wireshark display filter for what two hosts exchange."""
-    return " && ".join([f"{_family(host)}.addr == {host}" for host in (one, other)])
+def host_filter(*hosts: str) -> str:
+    """Return the Wireshark display filter for what these hosts exchange."""
+    return " && ".join([f"{_family(host)}.addr == {host}" for host in hosts])
 
 
 def _family(host: str) -> str:
@@ -115,6 +116,31 @@ class Rows:
                 f"{self.host(ends[operation.asked_by].host)} → {self.host(ends[1 - operation.asked_by].host)}",
                 operation.octets or None,
                 result_of(operation),
+            ],
+            "show": show,
+            "filter": display,
+        }
+
+    def block(self, block: CarvedBlock, operation: Operation, number: int) -> dict[str, Any]:
+        """Return a block that was loaded or read out, as far as it passed."""
+        ends = operation.connection.tcp.ends
+        show, display = self.packets([operation.first_frame, operation.last_frame])
+        texts = (block.label, block.name, block.language, block.author, block.version, block.code_time)
+        label, name, language, author, version, changed = [shortened(text, _CELL) for text in texts]
+        return {
+            "key": f"b{number}",
+            "cells": [
+                label,
+                name,
+                operation.begin_ns,
+                operation.kind,
+                f"{self.host(ends[operation.asked_by].host)} → {self.host(ends[1 - operation.asked_by].host)}",
+                len(block.octets),
+                "complete" if block.complete else f"incomplete: {shortened(block.missing, _CELL)}",
+                language,
+                author,
+                version,
+                changed,
             ],
             "show": show,
             "filter": display,

@@ -116,6 +116,7 @@ FORMATS: Final[dict[str, Format]] = {
             "the fields named with -e",
             ("dissect.select.columns:FieldsWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
         ),
+        _row("html", "a page to read and print", ("dissect.carve.page:html_outcome", (BLOCKS,))),
         _row("junit", "JUnit XML", ("dissect.report.writers.junit:junit_outcome", (DIFFERENCES,))),
     )
 }

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.s7plus.alarms import ALARM
 from dissect.s7plus.events import (
     CHANGED,
     DELETED,
@@ -51,6 +52,8 @@ _MAX_SUBJECT: Final = 200
 #: Reads of the same variables that make it polling, and different ones that are remembered.
 _POLLED: Final = 3
 MAX_POLLS: Final = 1024
+#: Operations that go on, after which those that are over are sought.
+_MANY: Final = 1024
 #: Where the body of a request begins, how much further in version 3, and what ends the addresses in it.
 _BODY: Final = 18
 _DIGEST: Final = 33
@@ -85,6 +88,7 @@ class PlusOperations:
     def __init__(self, book: OperationBook) -> None:
         self._book = book
         self._open: dict[tuple[int, int], Operation] = {}  # by connection and object
+        self._most = _MANY
         self._polls: dict[tuple[int, bytes], Poll] = {}  # by connection and what is read
 
     def take(self, event: Event, session: PlusSession, transaction: Transaction) -> None:
@@ -114,7 +118,7 @@ class PlusOperations:
         elif event.kind not in _LASTING or transaction.outcome != ANSWERED or transaction.error_code >= 0x8000:
             self._book.settle(operation, transaction, DONE, REFUSED)
         else:
-            self._open[int(transaction.connection.number), event.object_id] = operation
+            self._remember(event.object_id, transaction, operation)
 
     def _delete(self, event: Event, transaction: Transaction) -> None:
         operation = self._open.pop((int(transaction.connection.number), event.object_id), None)
@@ -125,10 +129,34 @@ class PlusOperations:
     def notified(self, subscription: int, transaction: Transaction) -> None:
         """Count a notification for its subscription."""
         operation = self._open.get((int(transaction.connection.number), subscription))
-        if operation is not None and not operation.result:
+        if operation is None:
+            operation = self._begun_before(subscription, transaction)
+        elif not operation.result:
             operation.add(transaction)
+        if operation is not None and not operation.result:
             operation.pushes += 1
             operation.octets += int(transaction.response_size)
+
+    def _begun_before(self, subscription: int, transaction: Transaction) -> Operation | None:
+        """Begin an operation with the first notification of a subscription that was made before the capture began."""
+        connection = transaction.connection
+        if not connection.mid_stream or subscription < 0 or len(connection.operations.these) >= kinds.MAX_OPEN:
+            return None
+        told = transaction.plus_halves()[1]
+        alarms = told is not None and any([one.class_id == ALARM for one in told.contents.objects])
+        subject = f"subscription 0x{subscription:08x} from before the capture"
+        kind = kinds.MESSAGES if alarms else kinds.CYCLIC
+        operation = self._book.begin(kind, str(subscription), transaction, subject)
+        operation.asked_by = int(connection.client_side)
+        self._remember(subscription, transaction, operation)
+        return operation
+
+    def _remember(self, object_id: int, transaction: Transaction, operation: Operation) -> None:
+        """Keep an operation until its object is deleted. What the book has closed by itself leaves when there are many."""
+        if len(self._open) >= self._most:
+            self._open = {key: one for key, one in self._open.items() if not one.result}
+            self._most = max(_MANY, 2 * len(self._open))
+        self._open[int(transaction.connection.number), object_id] = operation
 
     def polled(self, session: PlusSession, transaction: Transaction) -> None:
         """Take a read of variables: the third of the same ones, each soon after the other, begins an operation."""

@@ -7,6 +7,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.transactions.connection import Connection
 from dissect.variables.model import ValueRow
 
 #: Distinct values that are told apart; of more only that there are more.
@@ -61,6 +62,10 @@ class Statistics:
 
     __slots__ = (
         "_bucket_ns",
+        "_link",
+        "_pace",
+        "_side",
+        "_writes",
         "changes",
         "count",
         "distinct",
@@ -97,6 +102,10 @@ class Statistics:
         self.others: i64 = 0
         self.trend: list[float] = []
         self._bucket_ns: i64 = _BUCKET_NS
+        self._pace: Pace | None = None
+        self._link: Connection | None = None
+        self._side: i64 = 0
+        self._writes: bool = False
 
     def add(self, row: ValueRow) -> None:
         """Add a value."""
@@ -126,6 +135,9 @@ class Statistics:
         elif isinstance(value, int):
             number: int = int(value)
             self._number(number, float(number), time_ns)
+        if self._pace is not None and row.link is self._link and row.side == self._side and row.writes == self._writes:
+            self._pace.add(time_ns)  # the same client as before: its address need not be written again
+            return
         clients = self.writers if row.writes else self.readers
         host = row.host
         pace = clients.get(host)
@@ -135,6 +147,10 @@ class Statistics:
                 return
             pace = Pace()
             clients[host] = pace
+        self._pace = pace
+        self._link = row.link
+        self._side = row.side
+        self._writes = row.writes
         pace.add(time_ns)
 
     @property

@@ -6,10 +6,10 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.tables import BYTE, DB_AREAS, NUMBERED_AREAS
+from dissect.s7.tables import BYTE, DB_AREAS, NUMBERED_AREAS, TRANSPORT_SIZES
 from dissect.s7.values import decode_value
 from dissect.tags.index import Part
-from dissect.tags.model import UNLETTERED, Tag, place_text
+from dissect.tags.model import NUMBERED_BITS, UNLETTERED, Tag, place_text
 from dissect.tags.naming import TagNaming, part_name
 from dissect.tags.values import decode_part
 from dissect.variables.model import Variable
@@ -17,6 +17,10 @@ from dissect.variables.model import Variable
 #: Transport sizes by bits, for a place of which nothing tells the type.
 _BY_BITS: Final[dict[int, int]] = {8: BYTE, 16: 0x04, 32: 0x06, 64: 0x30}
 _BY_NAME: Final[dict[int, str]] = {8: "BYTE", 16: "WORD", 32: "DWORD"}
+
+
+#: The areas of timers and counters whose values are of the transport size with the same number.
+_COUNTING: Final = frozenset((0x1C, 0x1D))
 
 
 def place_key(area: i64, db: i64) -> i64:
@@ -91,6 +95,8 @@ class Image:
         self.part: Part | None = wanted.part
         if self.part is None and naming is not None:
             self.part = _tag_at(wanted, naming)
+        if self.part is None and wanted.area in _COUNTING and wanted.bits == NUMBERED_BITS:
+            self.transport_size = wanted.area  # of timers and counters both numbers are the same
 
     def take(self, data: bytes, start: i64, bits: i64) -> bool:
         """Take octets from bit ``start`` on; return whether they were all of the place."""
@@ -149,6 +155,8 @@ class Image:
             bits: i64 = wanted.bits
             if bits == 1:
                 return wanted.address, "BOOL", "", ""
+            if not typed and self.transport_size >= 0:
+                typed = TRANSPORT_SIZES.name(self.transport_size)
             return wanted.address, typed or _BY_NAME.get(bits, f"{bits // 8} x BYTE"), "", ""
         tag = part.tag
         address = place_text(wanted.area, wanted.db, wanted.start, 8 if tag.kind in UNLETTERED else tag.size)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import json
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
@@ -12,7 +11,7 @@ from dissect.report import words
 from dissect.report.styled import HANG, PLAIN, Line
 from dissect.report.words import Places
 from dissect.report.writer import Writer
-from dissect.report.writers.csv import plain_cell
+from dissect.report.writers.csv import plain_cell, quoted
 from dissect.report.writers.jsonl import json_text, value_text
 from dissect.variables.model import ValueRow, Variable
 from dissect.wire.text import Clock, cell, shortened
@@ -206,61 +205,66 @@ class ValueCsv(ValueWriter):
 
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
-        self._csv: Any = csv.writer(_Sink(self), lineterminator="")
         self._begun: bool = False
+        self._names: dict[Variable, str] = {}
+        self._ends: dict[int, str] = {}
 
     def values(self, rows: list[ValueRow]) -> None:
         """Add the rows; the first time with the names of the columns in front, also where there are none."""
         if not self._begun:
             self._begun = True
-            self._csv.writerow(self.columns())
-        self._csv.writerows([self.row(each) for each in rows])
+            self.lines.append(",".join(self.columns()))
+        for row in rows:
+            self.lines.append(self._row(row))
 
     def summary(self, summary: Summary) -> None:
         """Add a row for each variable."""
         from dissect.variables.summary import csv_rows
 
-        self._csv.writerows(csv_rows(summary))
+        self.lines += [",".join([quoted(text) for text in row]) for row in csv_rows(summary)]
 
     def columns(self) -> list[str]:
         """Return the names of the columns."""
         return [*CSV_COLUMNS[:2], FILE_COLUMN, *CSV_COLUMNS[2:]] if self.places.several else list(CSV_COLUMNS)
 
-    def row(self, row: ValueRow) -> list[str]:
-        """Return the cells of a row."""
+    def _row(self, row: ValueRow) -> str:
+        """Return the line of a row. Numbers, times and addresses are safe as they are."""
         variable = row.variable
         data = row.data
-        cells = [self.clock.iso(row.time_ns), str(self.places.number(int(row.frame)))]
+        frame = str(row.frame)
         if self.places.several:
-            cells.append(cell(self.places.locate(int(row.frame))[0]))
-        cells += [
-            str(row.link.number),
-            row.host,
-            str(variable.plc),
-            row.how,
-            cell(variable.address),
-            cell(variable.tag),
-            cell(variable.type),
-            value_cell(variable, row.value, data),
-            cell(row.text),
-            cell(variable.unit),
-            value_cell(variable, row.previous, row.before),
-            "" if row.first else "true" if row.changed else "false",
-            data.hex() if data is not None else "",
-            PIECED if row.pieced else cell(row.remark),
-        ]
-        return cells
+            name, number = self.places.locate(int(row.frame))
+            frame = f"{number},{quoted(cell(name))}"
+        value = quoted(value_cell(variable, row.value, data))
+        was = quoted(value_cell(variable, row.previous, row.before)) if row.changed else value
+        changed = "" if row.first else "true" if row.changed else "false"
+        unit = quoted(cell(variable.unit)) if variable.unit else ""
+        text = quoted(cell(row.text)) if row.text else ""
+        remark = PIECED if row.pieced else quoted(cell(row.remark)) if row.remark else ""
+        return (
+            f"{self.clock.iso(row.time_ns)},{frame},{self._who(row)},{row.how},{self._named(variable)},{value},{text},{unit}"
+            f",{was},{changed},{data.hex() if data is not None else ''},{remark}"
+        )
 
+    def _named(self, variable: Variable) -> str:
+        """Return the cells of a variable, which are the same in all of its rows."""
+        found = self._names.get(variable)
+        if found is None:
+            if len(self._names) >= _MAX_CACHED:
+                self._names.clear()
+            found = ",".join([quoted(cell(text)) for text in (variable.address, variable.tag, variable.type)])
+            self._names[variable] = found
+        return found
 
-class _Sink:
-    """The file of `csv`, which writes a row at once."""
-
-    def __init__(self, writer: ValueCsv) -> None:
-        self._writer: ValueCsv = writer
-
-    def write(self, line: str) -> None:
-        """Take a row."""
-        self._writer.lines.append(line)
+    def _who(self, row: ValueRow) -> str:
+        key: i64 = row.link.number * 2 + row.side
+        found = self._ends.get(key)
+        if found is None:
+            if len(self._ends) >= _MAX_CACHED:
+                self._ends.clear()
+            found = f"{row.link.number},{row.host},{row.variable.plc}"
+            self._ends[key] = found
+        return found
 
 
 def value_cell(variable: Variable, value: object, data: bytes | None) -> str:

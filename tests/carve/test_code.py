@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+import dissect
 from captures.craft.mc7 import DB2, OB1, OB1_CHANGED, Network, code_block
 from dissect.carve.code import CodeListing, Programs, References, details_of
-from dissect.carve.contents import tag_names
+from dissect.carve.contents import block_values, tag_names
 from dissect.program.carved import CarvedBlock, block_of
 from dissect.program.compare import compare
 from dissect.report.words import Places
@@ -95,3 +96,13 @@ def test_what_is_too_much_is_not_decoded(monkeypatch: pytest.MonkeyPatch) -> Non
     assert len([line for line in lines(told) if line.startswith("NETWORK")]) == 4
     assert lines(told)[-1].startswith("  not decoded: the blocks of this run")
     assert told.as_dict()["not_read"] == ["OB1"]
+
+
+def test_from_python_with_tags() -> None:
+    program = ROOT / "captures" / "crafted" / "program.pcapng"
+    found = dissect.blocks(program, tags=VALVE, where="kind == upload")
+    assert [block.label for block in found] == ["OB1", "DB2", "OB1", "DB2"]
+    values = {value.name: value.value for value in block_values(found[1]) if value.name}
+    assert (values["Valve.pressure"], values["Valve.name"]) == (12.5, "V-3")
+    assert block_values(found[0]) == []
+    assert block_values(dissect.blocks(program)[1]) == []

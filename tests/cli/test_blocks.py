@@ -181,3 +181,22 @@ def test_a_change_in_the_words_of_the_code(capfdbinary: Capture) -> None:
     assert "    OB1 network 1: L S5T#35S → S5T#10S" in run(capfdbinary, "blocks", "--diff", PROGRAM).out.splitlines()
     german = run(capfdbinary, "blocks", "--diff", "--code", "AWL", PROGRAM)
     assert (german.code, "    OB1 network 1: L S5T#35S → S5T#10S" in german.out.splitlines()) == (1, True)
+
+
+def test_a_page_of_the_comparison(capfdbinary: Capture, tmp_path: Path) -> None:
+    ran = run(capfdbinary, "blocks", "--diff", PROGRAM, "-T", "html")
+    assert ran.code == 1
+    assert (
+        '<tr><td>network 1</td><td class="was">L S5T#35S</td><td class="now">L S5T#10S</td></tr>'
+        in ran.out.splitlines()
+    )
+    assert "default-src 'none'" in ran.out
+    evil = tmp_path / "evil.mc7"
+    evil.write_bytes(OB1[:-36] + b"<script>" + OB1[-28:])
+    ran = run(capfdbinary, "blocks", "--diff", tmp_path / "evil.mc7", PROGRAM, "-T", "html")
+    assert "&lt;script&gt;" in ran.out
+    assert "<script" not in ran.out
+    ran = run(capfdbinary, "blocks", evil, "-T", "html")
+    assert ran.out.startswith("<!DOCTYPE html>")
+    assert "author &lt;script&gt;" in ran.out
+    assert "No differences" in run(capfdbinary, "blocks", "--diff", PROGRAM, PROGRAM, "-T", "html").out

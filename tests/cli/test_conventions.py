@@ -24,6 +24,7 @@ SZL: Final = str(ROOT / "captures" / "szl.pcapng")
 PLANT: Final = str(ROOT / "captures" / "scd" / "plant.toml")
 #: A call of every command that writes something to standard output.
 WRITING: Final = """
+completion fish
 help live
 analyze TRANSFER
 analyze TRANSFER -T json

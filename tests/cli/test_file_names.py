@@ -105,6 +105,7 @@ analyze GOOD --tls-keys MISSING
 transactions GOOD -Y WORD
 fields WORD
 schema WORD
+completion WORD
 help WORD
 WORD
 """

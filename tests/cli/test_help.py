@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 from dissect.cli.help import page, pages
 from dissect.cli.main import COMMANDS
-from tests.cli.support import on_terminal, run
+from tests.cli.support import on_terminal, run, simple
 from tests.report.schemas import ROOT
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def test_an_unknown_topic_is_wrong_use(capfdbinary: Capture) -> None:
         (["analyz"], "Did you mean analyze?"),
         (["trans"], "Did you mean transactions?"),
         (["scd", "chek"], "Did you mean check?"),
-        (["README.md"], "It is a file: s7dissect analyze README.md"),
+        (["docs"], "It is a folder: s7dissect index docs"),
     ],
 )
 def test_a_wrong_command_is_answered_by_the_right_one(
@@ -87,6 +88,17 @@ def test_a_wrong_command_is_answered_by_the_right_one(
     ran = run(capfdbinary, *words)
     assert (ran.code, ran.out) == (2, "")
     assert said in ran.err
+
+
+def test_a_file_alone_is_analyzed(s7dissect: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    capture = simple(tmp_path / "a.pcapng")
+    real = s7dissect("analyze", capture, "-T", "json")
+    assert real.returncode == 0
+    assert s7dissect(capture, "-T", "json").stdout == real.stdout
+    assert s7dissect("-r", capture, "-T", "json").stdout == real.stdout
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "help").write_bytes(capture.read_bytes())
+    assert s7dissect("help").stdout != s7dissect("analyze", "help").stdout  # a command keeps its name
 
 
 def test_version_is_a_word(s7dissect: Command) -> None:

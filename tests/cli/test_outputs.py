@@ -266,7 +266,7 @@ def commands() -> dict[str, click.Command]:
 
 def test_formats_are_called_the_same_everywhere() -> None:
     asked = {name: formats(command) for name, command in commands().items()}
-    assert set().union(*asked.values()) == {"text", "json", "jsonl", "csv", "junit", "fields"}
+    assert set().union(*asked.values()) == {"text", "json", "jsonl", "csv", "junit", "html", "fields"}
     for name, names in asked.items():
         assert "text" in names or not names, name
         assert not {"json", "jsonl"} <= names, name

@@ -70,6 +70,8 @@ def test_each_row_shows_itself_by_its_command(capfdbinary: Capture, tmp_path: Pa
         "connections",
         "operations",
         "functions",
+        "devices",
+        "blocks",
     }
     for name, table in tables.items():
         for row in table["rows"][:2]:

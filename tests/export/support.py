@@ -33,7 +33,7 @@ def rows_of(*paths: Path, options: Options | None = None) -> dict[str, list[dict
     feed.begin(run.files)
     while run.step():
         pass
-    feed.flush()
+    feed.finish(run.pipeline, run.files)
     return {
         name: [dict(zip([column.name for column in TABLES[name].stored], row, strict=True)) for row in rows]
         for name, rows in kept.rows.items()

@@ -40,6 +40,8 @@ _HOLDS: Final = {
     WORDS: list,
 }
 CAPTURES: Final = ROOT / "captures"
+#: Columns that none of our captures has a value of.
+RARE: Final = {"name", "vlans", "announced_bytes", "unit", "remark", "host_name", "location", "plant", "vendor"}
 
 
 def test_columns_are_named_once_and_have_known_types() -> None:
@@ -67,7 +69,7 @@ def test_rows_of_every_capture_keep_to_their_types() -> None:
                         seen[name].add(column)
     for name, columns in seen.items():  # each column has a value somewhere
         missing = {column.name for column in TABLES[name].stored} - columns
-        assert missing <= {"name", "vlans", "announced_bytes", "unit", "remark"}, (name, missing)
+        assert missing <= RARE, (name, missing)
 
 
 def test_counts_are_those_of_analyze() -> None:
@@ -120,6 +122,14 @@ def test_values_are_those_of_the_command_and_follow_each_other() -> None:
     pressures = [row for row in polled if row["name"] == "Valve.pressure"]
     assert {(row["number"], row["unit"], row["type"], row["operation"]) for row in pressures} == {(3.5, "bar", "REAL", "read")}
     assert [row["changed"] for row in pressures] == [True, False, False, False, False]
+
+
+def test_devices_are_those_of_the_command() -> None:
+    path = CAPTURES / "crafted" / "plus-plant.pcapng"
+    rows, devices = rows_of(path)["devices"], list(dissect.devices(path))
+    assert [(row["address"], row["role"]) for row in rows] == [(device.address, device.role) for device in devices]
+    assert [row["firmware"] for row in rows if row["order_number"]] == ["V4.3"]
+    assert all(row["ts_ns"] <= row["end_ns"] for row in rows)
 
 
 def test_several_files_count_packets_of_their_own() -> None:

@@ -39,7 +39,7 @@ def test_rows_fill_their_width_and_nothing_in_them_is_unsafe(name: str) -> None:
             assert sum([cell_len(text) for text, _ in pieces]) == width
             assert UNSAFE.search(rows.joined(pieces)) is None
         for one in connections:
-            text = "".join([text for text, _ in rows.connection_row(one, width, rows.sparks())])
+            text = "".join([text for text, _ in rows.connection_row(one, width, rows.Look(rows.sparks()))])
             assert cell_len(text) == width
             assert cell_len(rows.connection_heads("x", width)) == cell_len(text) - 1
 
@@ -84,7 +84,7 @@ def test_a_plain_terminal_gets_digits(term: str, glyphs: str, monkeypatch: pytes
     session = of_capture("nodes7-poll-missing")
     (one,) = model_of(session).connections(session.status().now_ns)
     assert isinstance(one, ConnectionFacts)
-    assert f"{glyphs[0]} " in rows.joined(rows.connection_row(one, 80, glyphs))
+    assert f"{glyphs[0]} " in rows.joined(rows.connection_row(one, 80, rows.Look(glyphs)))
 
 
 def test_saving_never_overwrites_and_follows_no_link(tmp_path, monkeypatch) -> None:  # type: ignore[no-untyped-def]

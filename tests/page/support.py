@@ -56,7 +56,7 @@ def gathered_of(paths: Sequence[Path], tags: Sequence[str] = (), options: Option
     gathered.files = run.files
     while run.step():
         pass
-    gathered.analysis.take(run.pipeline, run.files)
+    gathered.take(run.pipeline, run.files)
     return gathered
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -134,7 +135,20 @@ def test_every_plot_has_its_data(browser: Browser, busy: tuple[Path, dict[str, A
     filled = sum([1 for one in data["rates"]["bins"] for count in one[1:] if count])
     assert filled > 20
     assert browser.count("#plot-rates rect.bar") == filled
-    assert browser.count("#plot-times rect.cell") == len(data["times"]["cells"]) > 20
+    drawn = "".join(
+        browser.run(
+            "return [...document.querySelectorAll('#plot-times path.cells')].map((one) => one.getAttribute('d'))"
+        )
+    )
+    assert drawn.count("M") == len(data["times"]["cells"]) > 20
+    box = re.search(r"M([0-9.]+) ([0-9.]+)h", drawn)
+    assert box is not None
+    hover = """const root = document.querySelector('#plot-times svg.timed'), frame = root.getBoundingClientRect();
+        const ratio = frame.width / root.viewBox.baseVal.width;
+        root.querySelector('.ground').dispatchEvent(new PointerEvent('pointermove', {bubbles: true,
+            clientX: frame.left + (arguments[0] + 1) * ratio, clientY: frame.top + (arguments[1] + 1) * ratio}));
+        return document.getElementById('tip').textContent;"""
+    assert re.match(r"\d+ answers in ", browser.run(hover, float(box[1]), float(box[2])))
     assert browser.count("#plot-times circle.point") == len(data["points"]) >= 5
     assert browser.count("#plot-spreads a.hit") == len(data["spreads"]["rows"]) == 4
     assert browser.count("#plot-polls a.hit") == len(data["polls"]["rows"]) == 2

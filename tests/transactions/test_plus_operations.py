@@ -13,6 +13,7 @@ from dissect.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, GET_MULTI_VARIABLES, SET_VAR_SUBSTREAMED, SET_VARIABLE
 from dissect.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UDINT, WSTRING
 from dissect.s7plus.values import Blob, Struct, Value, build_value
+from dissect.transactions.operation import MAX_OPEN
 from dissect.transactions.plus_operations import MAX_POLLS
 from tests.findings.test_plus_rules import DENIED, NOTHING, begun, block, do, explore
 from tests.s7plus import bodies
@@ -91,6 +92,38 @@ def test_a_subscription_with_its_notifications() -> None:
         5,
         3,
     )
+
+
+def test_a_subscription_from_before_the_capture() -> None:
+    """What it is about did not pass; that it is there, and how often it is served, did."""
+    talk = Talk()
+    for number in (1, 2, 3):
+        notify(talk, number)
+    notify(talk, 4, LIST_ID + 1)
+    assert told_of(talk) == [
+        ("cyclic", f"subscription 0x{LIST_ID:08x} from before the capture", "running", 3, 3),
+        ("cyclic", f"subscription 0x{LIST_ID + 1:08x} from before the capture", "running", 1, 1),
+    ]
+    assert {one.connection.tcp.ends[one.asked_by].port for one in talk.operations} == {50000}
+    assert talk.operations[0].duration_ns == 2 * MS
+
+
+def test_subscriptions_from_before_the_capture_are_bounded() -> None:
+    talk = Talk()
+    for number in range(1, 100):
+        notify(talk, number % 256, LIST_ID + number)
+    assert len(talk.pipeline.exchange.watch.plus._operations._open) == MAX_OPEN
+    assert len(told_of(talk)) == MAX_OPEN
+
+
+def test_what_the_book_closed_does_not_stay() -> None:
+    """A client that subscribes without end: its oldest subscriptions give way, and nothing is kept of them."""
+    talk = begun()
+    for number in range(1, 1200):
+        made = PlusObject(211, 1001, 0, 0, 0, [Attribute(1049, Value(0, UDINT, 1000))])
+        request = bodies.create_object(285, NOTHING, made, integrity_id=number)
+        do(talk, number, CREATE_OBJECT, request, b"\0\1" + bodies.number(LIST_ID + number))
+    assert len(talk.pipeline.exchange.watch.plus._operations._open) <= 1024
 
 
 def test_nothing_is_kept_of_a_connection_that_is_over() -> None:
@@ -174,7 +207,7 @@ def test_a_password() -> None:
         ("S7-1200-Uploading-OB1-TIAV12.pcap", {"download": 1, "session": 1, "polling": 1}),
         ("yeni_onlineyapilmis_upload.pcapng", {"upload": 1, "session": 2, "cyclic": 5, "messages": 1, "polling": 5}),
         ("plc.pcap", {"download": 4, "session": 3}),
-        ("online_stop_yeni_yeni.pcapng", {"control": 1, "polling": 2}),
+        ("online_stop_yeni_yeni.pcapng", {"control": 1, "cyclic": 2, "messages": 2, "polling": 2}),
         ("S7-1511_db2_var1_HMI.pcap", {"session": 1, "polling": 1}),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Final
 
 from mypy_extensions import i64
@@ -244,6 +245,8 @@ def _number(value: Value) -> str:
         return "true"
     if value is False:
         return "false"
+    if isinstance(value, float) and math.isfinite(value):
+        return repr(value)  # what the encoder does, in a fraction of the time
     return str(value) if isinstance(value, int) else _JSON.encode(value)
 
 

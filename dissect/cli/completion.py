@@ -1,0 +1,28 @@
+"""`s7dissect completion`: what a shell loads to complete commands, options, fields and files."""
+
+from __future__ import annotations
+
+import click
+from click.shell_completion import ShellComplete, get_completion_class
+
+from dissect.cli.main import COMPLETION, EXIT_OK, group
+from dissect.cli.run import write
+
+_SHELLS = ("bash", "zsh", "fish")
+
+
+@click.command(
+    "completion",
+    epilog="Exit code: 0 success, 2 wrong use, 5 the output could not be written.",
+)
+@click.argument("shell", type=click.Choice(_SHELLS), metavar="[bash|zsh|fish]")
+def command(shell: str) -> int:
+    """Write the completion script of a shell, to be loaded where the shell starts.
+
+    It completes commands, options, values of options, and the fields of -Y expressions.
+    """
+    found = get_completion_class(shell)
+    assert found is not None
+    # Not the class's own `source`: it starts bash to ask for its version.
+    write(ShellComplete.source(found(group, {}, "s7dissect", COMPLETION)).strip("\n").split("\n"))
+    return EXIT_OK
