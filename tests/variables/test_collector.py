@@ -89,7 +89,7 @@ def test_only_changes_and_only_so_often() -> None:
     times = [row.time_ns for row in rows_of(talk)]
     every = 2 * (times[1] - times[0])
     thinned = rows_of(talk, every_ns=every)
-    kept = []
+    kept: list[int] = []
     for row in rows_of(talk):
         if not kept or row.time_ns // every != kept[-1] // every:
             kept.append(row.time_ns)
