@@ -44,8 +44,6 @@ if ! "$venv/bin/python" -c 'import pip' 2>/dev/null; then
   "$python" -m venv "$venv"
 fi
 pip=("$venv/bin/python" -m pip --disable-pip-version-check --no-input -q)
-# Python compiles what is imported when it is; of most packages that is little.
-install=("${pip[@]}" install --no-compile)
 
 # What the named table of pyproject.toml requires: "build", or the package with an extra (none: "").
 requirements() {
@@ -79,10 +77,11 @@ if [ "$(cat "$wheels/built" 2>/dev/null)" != "$print" ]; then
   rm -rf build s7dissect.egg-info "$wheels"
   mkdir -p "$wheels"
   requirements build >"$wheels/build-requirements.txt"
-  "${install[@]}" -r "$wheels/build-requirements.txt" </dev/null
+  # Their bytecode is hardly ever wanted: mypy is compiled otherwise.
+  "${pip[@]}" install --no-compile -r "$wheels/build-requirements.txt" </dev/null
   # What the package needs comes meanwhile: a good part of the build keeps one processor busy. What fails here fails again below.
   requirements "$extra" >"$wheels/requirements.txt"
-  "${install[@]}" -r "$wheels/requirements.txt" </dev/null >"$wheels/requirements.log" 2>&1 &
+  "${pip[@]}" install -r "$wheels/requirements.txt" </dev/null >"$wheels/requirements.log" 2>&1 &
   # An environment of its own for the build would install the compiler a second time.
   if ! "$venv/bin/python" -m pip --disable-pip-version-check --no-input -v wheel --no-deps --no-build-isolation --wheel-dir "$wheels" . \
     >"$wheels/build.log" 2>&1 </dev/null; then
@@ -101,9 +100,9 @@ if [ ! -e "$wheels/installed-$extra" ]; then
   echo "environment: installing it${extra:+ with what the ${extra}s need}"
   # The same version is not the same build: pip would leave an earlier one where it is.
   if [ -e "$venv/bin/s7dissect" ]; then
-    "${install[@]}" --force-reinstall --no-deps "$wheel" </dev/null
+    "${pip[@]}" install --force-reinstall --no-deps "$wheel" </dev/null
   fi
-  "${install[@]}" "$wheel${extra:+[$extra]}" </dev/null
+  "${pip[@]}" install "$wheel${extra:+[$extra]}" </dev/null
   touch "$wheels/installed-" "$wheels/installed-$extra"
 fi
 "$venv/bin/s7dissect" --version

@@ -20,7 +20,8 @@ Callee = Callable[[str, int], "Block | None"]
 #: The most facts of one kind about one block; the last of them counts the others.
 MAX_ALIKE: Final = 8
 
-#: Facts that say a programming tool did not write the block as it is: the finding `block.inconsistent`.
+#: Facts that say a programming tool did not write the block as it is: the finding `block.inconsistent`. Bytes that are no known
+#: instruction are none of them, as it may be this table that lacks one; nor is a callee, which may be another version.
 TAMPERED: Final = frozenset(
     (
         "lengths",
@@ -36,7 +37,6 @@ TAMPERED: Final = frozenset(
         "parameter",
         "parameter_type",
         "parameter_list",
-        "unknown_instruction",
     )
 )
 

@@ -35,7 +35,7 @@ def write(capfdbinary: Capture, *words: str | Path) -> None:
 
 def sqlite_rows(path: Path, table: str) -> list[tuple[Any, ...]]:
     with sqlite3.connect(path) as database:
-        return list(database.execute(f"SELECT * FROM {table} ORDER BY rowid"))
+        return list(database.execute(f'SELECT * FROM "{table}" ORDER BY rowid'))
 
 
 def test_all_forms_hold_the_same_rows(capfdbinary: Capture, tmp_path: Path) -> None:
@@ -47,7 +47,7 @@ def test_all_forms_hold_the_same_rows(capfdbinary: Capture, tmp_path: Path) -> N
         parquet = tmp_path / "out.parquet" / f"{name}.parquet"
         counts = {
             len(expected[name]),
-            database.execute(f"SELECT count(*) FROM {name}").fetchone()[0],
+            database.execute(f'SELECT count(*) FROM "{name}"').fetchone()[0],
             database.execute(f"SELECT count(*) FROM '{parquet}'").fetchone()[0],
             len(sqlite_rows(tmp_path / "out.sqlite", name)),
             len(pandas.read_parquet(parquet)),
@@ -61,7 +61,7 @@ def test_all_forms_hold_the_same_rows(capfdbinary: Capture, tmp_path: Path) -> N
         assert pyarrow.parquet.read_schema(parquet).names == columns
         again = polars.read_parquet(parquet).select([column.name for column in table.stored]).rows(named=True)
         assert again == expected[name]
-        described = database.execute(f"DESCRIBE {name}").fetchall()
+        described = database.execute(f'DESCRIBE "{name}"').fetchall()
         assert [row[0] for row in described] == columns
         assert {row[1] for row in described if table.columns[columns.index(row[0])].type == TIME} <= {"TIMESTAMP_NS"}
     assert len(expected["transactions"]) == analysis.total > 0

@@ -23,9 +23,9 @@ VECTORS = (
 @each(("one", "port", "other", "other_port", "wanted"), VECTORS)
 def test_community_id(one: str, port: int, other: str, other_port: int, wanted: str) -> None:
     ends = Endpoint(bytes.fromhex(one), port), Endpoint(bytes.fromhex(other), other_port)
-    assert community_id(*ends) == community_id(*reversed(ends)) == wanted
-    assert community_id(*ends, seed=1) != wanted
-    assert community_id(*ends, 17) != wanted
+    assert community_id(ends[0], ends[1]) == community_id(ends[1], ends[0]) == wanted
+    assert community_id(ends[0], ends[1], seed=1) != wanted
+    assert community_id(ends[0], ends[1], 17) != wanted
 
 
 def test_a_uid_is_the_same_in_each_run_and_of_one_connection_only() -> None:

@@ -177,9 +177,9 @@ def test_naughty_strings_do_no_harm(tmp_path: Path) -> None:
         told = list(lines)
         assert len(told) == 3001
         assert not [line for line in told if UNSAFE.search(line)]
-    told = [json.loads(line) for line in json_lines(QueryOutcome(query.run(sink.tables())))]
+    rows = [json.loads(line) for line in json_lines(QueryOutcome(query.run(sink.tables())))]
     real = set(sink.tables()["operations"]["subject"].to_pylist())
-    assert {row["subject"] for row in told} <= real
+    assert {row["subject"] for row in rows} <= real
 
 
 def test_questions_are_listed_with_their_sql(capfdbinary: Capture) -> None:

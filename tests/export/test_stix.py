@@ -86,5 +86,5 @@ def test_naughty_strings_and_a_capture_without_findings(
 def test_the_command(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:
     out = tmp_path / "findings.stix.json"
     ran = run(capfdbinary, "export", TRANSFER, "-o", out)
-    assert (ran.code, "8 findings, " in ran.err) == (0, True), ran.err
+    assert (ran.code, f"{len(analyze(TRANSFER).findings)} findings, " in ran.err) == (0, True), ran.err
     assert stix2.parse(out.read_text(encoding="ascii")).type == "bundle"

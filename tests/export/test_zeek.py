@@ -135,11 +135,11 @@ def test_both_protocols_in_a_cooked_capture(corpus: Path, tmp_path: Path) -> Non
         assert row["source_h"] == ("192.168.0.1" if letter in "Ngm" else "192.168.0.3")
     jobs: list[tuple[str, ...]] = []
     for number in range(17):
-        name = ("0xf0", "Setup Communication") if not number else ("0x04", "Read Variable")
+        function = ("0xf0", "Setup Communication") if not number else ("0x04", "Read Variable")
         if number and number % 2 == 0:
-            name = ("0x05", "Write Variable")
-        jobs.append(("T", "1", "Job-Request", str(number), *name, *UNSET, *UNSET))
-        jobs.append(("F", "3", "ACK-Data", str(number), *name, *UNSET, *OK))
+            function = ("0x05", "Write Variable")
+        jobs.append(("T", "1", "Job-Request", str(number), *function, *UNSET, *UNSET))
+        jobs.append(("F", "3", "ACK-Data", str(number), *function, *UNSET, *OK))
     assert picked(found["s7comm"], "is_orig", *[name for name, _ in LOGS["s7comm"]]) == jobs
     codes = picked(found["cotp"], "pdu_code", "pdu_name")
     assert codes.count(("0x0f", "DT Data")) == 155

@@ -12,7 +12,7 @@ from dissect.metrics.counters import Metrics
 from dissect.metrics.exposition import Exposition
 from dissect.monitor.details import connection_details, entry_lines, finding_details
 from dissect.monitor.model import Model
-from dissect.monitor.rows import connection_row, entry_line, entry_row, finding_row, joined, sparks
+from dissect.monitor.rows import Look, connection_row, entry_line, entry_row, finding_row, joined, sparks
 from dissect.wire.text import Clock
 from tests.fuzz.checks import check_json, check_line, check_lines
 
@@ -45,7 +45,7 @@ def check_screens(events: Iterable[Event], pipeline: Pipeline) -> None:
         for width in (40, 120):
             check_line(joined(entry_row(entry, width, clock)))
     for connection in model.connections(int(pipeline.now_ns)):
-        check_line(joined(connection_row(connection, 100, sparks())))
+        check_line(joined(connection_row(connection, 100, Look(sparks()))))
         for line in connection_details(connection, model.entries):
             check_line(line.text)
     for finding in model.findings(pipeline.finding_counts):

@@ -12,6 +12,7 @@ from typing import Final
 import duckdb
 import pytest
 
+import dissect
 from dissect import analyze
 from dissect.engine.observer import Observer
 from dissect.export.tables import TABLES
@@ -69,9 +70,7 @@ def test_files_get_their_names_when_their_time_is_over(tmp_path: Path) -> None:
     companion.close()
 
 
-def reading_transactions() -> list[object]:
-    import dissect
-
+def reading_transactions() -> list[dissect.Transaction]:
     return [event for event in dissect.open(TRANSFER, pdus=False) if isinstance(event, dissect.Transaction)]
 
 

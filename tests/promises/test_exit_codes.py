@@ -118,6 +118,7 @@ CASES: Final = """
 #: What takes a peer, tshark, or a signal in the middle of a run, and is tested where that is at hand.
 ELSEWHERE: Final = {
     ("index", "130"): "tests/cli/test_index.py::test_interrupted_it_keeps_what_was_read_and_goes_on_there",
+    ("export", "5"): "tests/cli/test_export.py::test_a_full_disk_is_one_line_and_leaves_nothing",
     ("verify", "0"): "tests/cli/test_verify.py::test_all_is_explained",
     ("verify", "1"): "tests/cli/test_verify.py::test_what_is_not_explained_is_told",
     ("verify", "2"): "tests/cli/test_verify.py::test_an_unreadable_file",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import runpy
 from typing import Final
 
@@ -48,3 +49,14 @@ def test_the_page_has_the_table() -> None:
     page = (ROOT / "docs" / "select.md").read_text(encoding="utf-8")
     assert made["document"](page) == page, "PYTHONPATH=. python scripts/select_doc.py"
     assert page.count("\n| `") > len(FIELDS)
+
+
+def test_what_stands_for_tshark_and_zeek_can_be_asked_for() -> None:
+    page = (ROOT / "docs" / "select.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\|.*\|$", page.split("| an expression here |\n")[1], re.MULTILINE)
+    told = [expression for row in rows for expression in re.findall(r"`(.*?)`", row.rstrip("|").rsplit("|", 1)[1])]
+    assert len(told) > 15
+    for expression in told:
+        assert Where(expression).predicate("transaction") is not None, expression
+    named = {row.split("`")[1].split(" ")[0] for row in rows if row.startswith("| `s7comm.")}
+    assert named & WIRESHARK.keys(), "the names that -Y takes for Wireshark's"
