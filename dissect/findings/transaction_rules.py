@@ -61,6 +61,7 @@ from dissect.transactions.transaction import (
     TABLE_FULL,
     UNANSWERED,
     Transaction,
+    TransactionError,
 )
 from dissect.wire.text import distance_text, duration_text
 
@@ -291,6 +292,13 @@ def _judge_errors(judge: Reporter, transaction: Transaction) -> None:
                 transaction.connection.number,
                 _frames(transaction),
                 transaction.response_ns,
-                f"{transaction.function_name} {item_subject(transaction, error.item, error.address) or error.where}: "
-                f"0x{error.code:02x} {error.name}",
+                f"{transaction.function_name} {_about(transaction, error)}: 0x{error.code:02x} {error.name}",
             )
+
+
+def _about(transaction: Transaction, error: TransactionError) -> str:
+    """Return what an item is about: its tags where it has some, its address, or where it stands."""
+    address = error.address
+    if transaction.connection.naming is not None:
+        address = item_subject(transaction, error.item, error.address)
+    return address or error.where
