@@ -130,7 +130,9 @@ def command(
     except MissingLibraryError as error:
         raise click.ClickException(str(error)) from None
     complain(run, code)
-    counts = ", ".join([f"{count} {name}" for name, count in export.counts.items()])
+    counts = ", ".join(
+        [f"{count} {name if count != 1 else name.removesuffix('s')}" for name, count in export.counts.items()]
+    )
     click.echo(f"s7dissect: {counts} written to {printable(target.path)}", err=True)
     return code
 

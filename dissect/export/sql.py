@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
+from dissect.config.hints import close_names
 from dissect.export.arrow import Batches
 from dissect.export.extras import needed
 from dissect.export.feed import Sink
@@ -13,6 +14,9 @@ from dissect.export.tables import TABLES, Table
 from dissect.export.transaction_rows import Row
 
 _WORD: Final = re.compile(r"\w+")
+#: What DuckDB says of a table that is not there, and which one it guesses was meant.
+_MISSING: Final = re.compile(r"Table with name (\S+) does not exist!")
+_OTHERS: Final = re.compile(r'Did you mean "[^"]*"\?')
 #: Rows of a result that are fetched together.
 _FETCH: Final = 8192
 
@@ -102,7 +106,14 @@ def _settings(files: bool) -> dict[str, str]:
 
 
 def _said(error: Exception) -> str:
-    return str(error).replace("\t", "    ").strip("\n")
+    """Return what DuckDB says; of a table that is not there the nearest of ours, where it names one of its own."""
+    text = str(error).replace("\t", "    ").strip("\n")
+    missing = _MISSING.search(text)
+    if missing is None:
+        return text
+    near = close_names(missing[1].lower(), TABLES)
+    hint = f"Did you mean {' or '.join(near)}?" if near else f"There are {', '.join(TABLES)}."
+    return _OTHERS.sub(hint, text, count=1) if _OTHERS.search(text) else f"{text}\n{hint}"
 
 
 class Result:

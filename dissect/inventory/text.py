@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from dissect.inventory.collector import Inventory, talks_between
@@ -62,10 +63,11 @@ def device_lines(outcome: Devices) -> Iterator[Line]:
         yield Line("No device: no ISO-on-TCP connection in what was read.", HEADING)
         return
     cards = inventory.devices[:_CARDS]
+    shared = _shared(inventory.devices)
     for number, device in enumerate(cards):
         if number:
             yield Line("")
-        yield from card(device, outcome.places, outcome.clock)
+        yield from card(device, outcome.places, outcome.clock, shared)
     if len(inventory.devices) > _CARDS:
         yield Line("")
         yield Line(f"and {len(inventory.devices) - _CARDS} more devices; -T json and -T csv list them all", DIM)
@@ -73,26 +75,36 @@ def device_lines(outcome: Devices) -> Iterator[Line]:
     yield from _not_kept(inventory)
 
 
-def card(device: Device, places: Places, clock: Clock) -> Iterator[Line]:
-    """Yield what is known of a device."""
+def _shared(devices: Sequence[Device]) -> Mapping[str, int]:
+    """Return the MAC addresses that several stations send with, and how many do."""
+    counts = Counter([mac for device in devices for mac in {stretch.value for stretch in device.history(facts.MAC)}])
+    return {mac: count for mac, count in counts.items() if count > 1}
+
+
+def card(device: Device, places: Places, clock: Clock, shared: Mapping[str, int] | None = None) -> Iterator[Line]:
+    """Yield what is known of a device. ``shared`` counts the stations behind a MAC address that has several."""
     what = [
         device.role + _HOW_SURE.get(device.certainty, ""),
         *[device.get(key) for key in (facts.ORDER_NUMBER, facts.FIRMWARE)],
     ]
     yield Line(f"{_host(device.address, places)}  {'  '.join([printable(text) for text in what if text])}", HEADING)
-    for title, said in _card(device, places, clock):
+    for title, said in _card(device, places, clock, shared or {}):
         yield Line(f"  {title:<12}{said}", PLAIN, _HANG)
 
 
-def _card(device: Device, places: Places, clock: Clock) -> Iterator[tuple[str, str]]:
+def _card(device: Device, places: Places, clock: Clock, shared: Mapping[str, int]) -> Iterator[tuple[str, str]]:
     reasons = sorted(device.reasons.values(), key=lambda reason: reason.weight)
     if reasons:
         yield "role", "; ".join([_reason(reason, device.role, places) for reason in reasons])
     for stretch in device.history(facts.MAC):
         made = vendor(stretch.value)
+        count = shared.get(stretch.value, 0)
+        router = (
+            f"; {count} stations send with it: a router on the way, or one card with several addresses" if count else ""
+        )
         yield (
             "MAC",
-            f"{stretch.value}{f' ({printable(made)})' if made else ''}, packet {places.mark(stretch.first_frame)}",
+            f"{stretch.value}{f' ({printable(made)})' if made else ''}, packet {places.mark(stretch.first_frame)}{router}",
         )
     for module in device.modules:
         for title, keys in (("module", _OF_MODULE), ("names", _OF_NAMES)):

@@ -135,6 +135,11 @@ def test_a_mistake_is_told_in_the_words_of_duckdb_before_anything_is_read(capfdb
     assert "               ^^^" in ran.err.splitlines()[-1]
     ran = run(capfdbinary, "sql", "SELEC 1", ERRORS)
     assert "^^^^^" in ran.err
+    ran = run(capfdbinary, "sql", "SELECT * FROM transaktions", ERRORS)
+    assert "Did you mean transactions" in ran.err
+    assert "duckdb_" not in ran.err
+    ran = run(capfdbinary, "sql", "SELECT * FROM nonsense9", ERRORS)
+    assert "There are connections, transactions, items," in ran.err
     ran = run(capfdbinary, "sql", "slowst", ERRORS)
     assert "Did you mean slowest?" in ran.err
     ran = run(capfdbinary, "sql", "SELECT function_name::INT FROM transactions", ERRORS)  # wrong in its values only

@@ -13,8 +13,9 @@ from dissect.inventory.collector import Inventory
 from dissect.inventory.outcome import Devices
 from dissect.inventory.rows import COLUMNS, device_row
 from dissect.report.outcome import csv_outcome
+from dissect.session import Run
 from tests.inventory.support import inventory_of
-from tests.report.support import UNSAFE
+from tests.report.support import ROOT, UNSAFE
 from tests.stations.answers import components, identification, mode, szl
 from tests.transactions.talk import Talk, dbw, read, words
 
@@ -60,6 +61,22 @@ def test_a_card() -> None:
     assert lines[4] == "  mode        RUN (12:26:40.013000, packet 13, 2 times) → STOP (12:26:40.017000, packet 17)"
     assert "  asked by    10.0.0.1: 1 connection (S7comm)" in lines
     assert lines[-2:] == ["            Press", "  10.0.0.1      6"]
+
+
+def test_a_card_that_several_stations_send_with_is_said_to_be_so() -> None:
+    """A router on the way hides whose it is."""
+    inventory = Inventory()
+    run = Run([str(ROOT / "captures" / "crafted" / "plus-plant.pcapng")], inventory)
+    while run.step():
+        pass
+    inventory.take(run.pipeline, run.files)
+    cards_of = [line.strip() for line in shown(inventory) if line.startswith("  MAC ")]
+    clients = "02:00:00:00:00:01 (locally administered), packet"
+    assert len(cards_of) == 3
+    assert [
+        line for line in cards_of if clients in line and "; 2 stations send with it: a router on the way" in line
+    ] == [line for line in cards_of if clients in line]
+    assert len([line for line in cards_of if "stations send with it" in line]) == 2
 
 
 def test_the_matrix() -> None:
