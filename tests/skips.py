@@ -18,9 +18,11 @@ REASONS: Final = (
     # the build under test
     "compiled functions cannot be traced",
     "lines of compiled code cannot be counted",
+    "compiled constants cannot be changed",
     "memory is promised for the compiled build",
     # the rights of the user, and what the kernel gives
     "only root ",
+    "root may write anywhere",
     "no device nodes in this folder",
     "no packet socket here",
     "dumpcap cannot capture here",

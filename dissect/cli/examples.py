@@ -90,7 +90,7 @@ EXAMPLES: Final = {
     ),
     "sql": (
         "s7dissect sql slowest trace.pcapng",
-        "s7dissect sql 'SELECT outcome, count(*) FROM transactions GROUP BY 1' trace.pcapng",
+        "s7dissect sql 'SELECT count(*) FROM transactions' trace.pcapng",
         "s7dissect sql -T csv off-shift ring_*.pcapng",
     ),
     "golden": (

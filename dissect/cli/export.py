@@ -182,5 +182,5 @@ def saved(target: Target) -> Iterator[Path]:
 
 def write_mark(folder: Path, form: str, counts: object, files: Sequence[str]) -> None:
     """Write into a folder who made it, of which captures, and how many rows it has."""
-    told = {"schema": "s7dissect.export/1", "version": __version__, "form": form, "files": list(files), "rows": counts}
+    told = {"schema": "s7dissect-export/1", "version": __version__, "form": form, "files": list(files), "rows": counts}
     (folder / MARK).write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")

@@ -26,7 +26,7 @@ def command(name: str | None) -> int:
 
     NAME is a name from the list, or the value of "schema" in an output (s7dissect.analysis/1). The schema is self-contained.
     """
-    names = [path.name.removesuffix(_SUFFIX) for path in sorted(FOLDER.glob(f"*{_SUFFIX}"))]
+    names = sorted([path.name.removesuffix(_SUFFIX) for path in FOLDER.glob(f"*{_SUFFIX}")])
     if name is None:
         width = max(map(len, names))
         write([f"{each.ljust(width)}  {_load(each)['title']}" for each in names])

@@ -36,7 +36,9 @@ class StationWatch:
         One that was only sent to says nothing: a redundant router is sent to by a shared address and sends by its own.
         """
         tcp = connection.tcp
-        found = []
+        found: list[Fact] = []
+        if tcp.ends[0].address == tcp.ends[1].address:
+            return found  # a machine that talks to itself has no card; who captured it may have given each side one
         for side in (0, 1):
             mac = tcp.mac(side)
             if mac and tcp.heard >> side & 1:

@@ -101,6 +101,7 @@ class GoldenCheck:
 
     def _session(self, what: object, where: str | None) -> Session:
         """Return what was recorded, or of it what is selected."""
+        __tracebackhide__ = True
         if not isinstance(what, Session):
             return read_session(path_of(what, self._captures), where=where)
         if where is not None:

@@ -36,6 +36,8 @@ DIFFER: Final = {
     "cut-pcapng.pcapng": {"capture.damaged"},
     "look-alikes.pcapng": {"tpkt.garbage", "cotp.malformed", "session.foreign_on_102"},  # what they look like is gone
     "rdp-proprietary-encryption.pcap": {"tpkt.garbage", "cotp.malformed", "cotp.bad_start"},
+    "program.pcapng": {"block.inconsistent", "block.system_call"},  # the code of blocks is zeros, which is no code
+    "program-python.pcapng": {"block.inconsistent"},
     "netlink-faults.pcapng": {"ibh.malformed", "transaction.unanswered"},  # see `GARBAGE`
     "s7-lengths.pcapng": {"transaction.size_mismatch"},
     "s7commplus-tls.pcapng": {"security.write", "transaction.item_error", "session.encrypted"},  # keys are dropped

@@ -133,8 +133,8 @@ def test_what_is_written_is_said(capfdbinary: Capture, tmp_path: Path) -> None:
     out = tmp_path / "a.csv"
     ran = run(capfdbinary, "export", ERRORS, "-o", out, "--only", "findings", "--only", "connections")
     told = json.loads((out / "s7dissect.json").read_text(encoding="utf-8"))
-    assert told["schema"] == "s7dissect.export/1"
+    assert told["schema"] == "s7dissect-export/1"
     assert list(told["rows"]) == ["connections", "findings"]
     assert ran.err.startswith(
-        f"s7dissect: {told['rows']['connections']} connections, {told['rows']['findings']} findings"
+        f"s7dissect: {told['rows']['connections']} connection, {told['rows']['findings']} findings"
     )

@@ -37,7 +37,7 @@ from dissect.layers import (
 )
 from dissect.layers.fields import scapy_name
 from dissect.layers.parts import CLASSES
-from dissect.s7 import layouts, pbc
+from dissect.s7 import blocks, layouts, pbc
 from dissect.s7plus import layouts as plus_layouts
 from dissect.wire import part as wire_part
 from dissect.wire.layout import Layout
@@ -54,6 +54,7 @@ ELSEWHERE: Final = {
     layouts.USERDATA_EXTENDED,
     layouts.MODE_TRANSITION,
     pbc.USEND_HEAD,
+    blocks.FOOTER,  # of a whole block, which no PDU holds
     plus_layouts.HEADER,
     plus_layouts.KEEP_ALIVE,
     plus_layouts.INTEGRITY,

@@ -46,7 +46,9 @@ WITHHELD: Final = {
 }
 #: Jobs of the PLC that are answered: recorded downloads.
 SERVED: Final = {"transfer.pcapng": 5}
-PLAYED: Final = [name for name in NAMES if name not in NOTHING]
+#: Uploads at the same time on one connection: the server gives them new ids and cannot tell them apart (docs/serve.md).
+MIXED: Final = {"crafted/program.pcapng"}
+PLAYED: Final = [name for name in NAMES if name not in NOTHING and name not in MIXED]
 
 
 def round_trip(path: Path, name: str) -> None:
@@ -264,6 +266,7 @@ DEPENDS: Final = {
     "crafted/reference-examples.pcapng": "the same",
     "transfer.pcapng": "a download that is refused ends it (test_download.py)",
     "transfer-refused.pcapng": "the same",
+    "program-python.pcapng": "the same",
     "crafted/coverage-userdata.pcapng": "the server goes on with messages that want no answer",
     "step7_s300_rwVarTab.pcapng": "the same",
     "step7_s300_stop.pcapng": "the same",
@@ -288,7 +291,11 @@ def one_bit(path: Path) -> None:
     assert transaction.request == mask_s7(step.request)
 
 
-@pytest.mark.parametrize("name", [name for name in PLAYED if name not in MUTE])
+#: The last answer of this one is the request of a download: another octet of it ends that (test_download.py).
+ENDS: Final = {"program-python.pcapng"}
+
+
+@pytest.mark.parametrize("name", [name for name in PLAYED if name not in MUTE | ENDS])
 def test_one_bit_changed_in_a_served_capture_is_exactly_that_difference(name: str) -> None:
     one_bit(CAPTURES / name)
 
