@@ -92,8 +92,8 @@ def command(
     """List the values of variables, one row for each that was read, written or pushed.
 
     A row gives the time and packet of the value, who read or wrote it, how (read, write, push, modify, force, notification,
-    pdo), address, tag, type, the value, and the one before it where that was different. What was refused is no value; --summary
-    counts it.
+    pdo), address, tag, type, the value, and the one before it where that was different. A refused read or write has no value;
+    --summary counts it.
 
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. ADDRESS (DB10.DBD4,
     DB10.DBD4:REAL, MW20, I0.1, 0x6041:0) and TAG (a name of the files of --tags, an element, or a structure for all of its

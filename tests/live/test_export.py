@@ -112,7 +112,7 @@ def test_what_is_wrong_is_told_before_anything_is_watched(capfdbinary: Capture, 
     for words, told in (
         (("--export", "csv:x"), "only Parquet is written live"),
         (("--export", "parket:x"), "Did you mean parquet"),
-        (("--export", f"parquet:{file}"), "is no folder"),
+        (("--export", f"parquet:{file}"), "is not a folder"),
         (("--export", "parquet:x", "--export-every", "0s"), "expected a time"),
     ):
         ran = run(capfdbinary, "monitor", "--plain", TRANSFER, *words)

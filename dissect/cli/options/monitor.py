@@ -93,7 +93,7 @@ def _export_folder(ctx: click.Context, param: click.Parameter, value: str | None
             f"only Parquet is written live, as parquet:FOLDER, not {target.form.name}.", ctx, param
         )
     if Path(target.path).exists() and not Path(target.path).is_dir():
-        raise click.BadParameter(f"{printable(target.path)} is no folder.", ctx, param)
+        raise click.BadParameter(f"{printable(target.path)} is not a folder.", ctx, param)
     return Path(target.path)
 
 
