@@ -61,6 +61,7 @@ test-environment:
 	scripts/install-tshark.sh
 	scripts/install-browser.sh
 	scripts/install-sandbox.sh
+	scripts/install-servers.sh
 
 lint:
 	$(BIN)/ruff check .
