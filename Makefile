@@ -60,6 +60,7 @@ test-environment:
 	scripts/install-nodes7.sh
 	scripts/install-tshark.sh
 	scripts/install-browser.sh
+	scripts/install-groff.sh
 	scripts/install-sandbox.sh
 
 lint:
