@@ -57,7 +57,13 @@ def public(module: str) -> list[str]:
     """Return the public names of a module, in their order there."""
     tree = source_of(module)
     for node in tree.body:
-        target = node.target if isinstance(node, ast.AnnAssign) else node.targets[0] if isinstance(node, ast.Assign) else None
+        target = (
+            node.target
+            if isinstance(node, ast.AnnAssign)
+            else node.targets[0]
+            if isinstance(node, ast.Assign)
+            else None
+        )
         if isinstance(target, ast.Name) and target.id in {"__all__", "_PUBLIC"}:
             listed = getattr(node, "value", None)
             if isinstance(listed, ast.Dict):
@@ -80,7 +86,9 @@ def groups() -> list[tuple[str, list[tuple[str, str]]]]:
 
 def on_config(config: Any) -> Any:
     """Give the site the order of docs/index.md, behind it the API, the decisions and the pages of the root."""
-    decisions = sorted(path.relative_to(ROOT / "docs").as_posix() for path in (ROOT / "docs" / "decisions").glob("*.md"))
+    decisions = sorted(
+        path.relative_to(ROOT / "docs").as_posix() for path in (ROOT / "docs" / "decisions").glob("*.md")
+    )
     config.nav = [
         {"Documentation": "index.md"},
         *[{title: [{name: page} for name, page in pages]} for title, pages in groups()],

@@ -59,10 +59,7 @@ def groups() -> dict[str, dict[str, str]]:
     """Return the groups of topics in the order of the list, each with its topics and what they are about."""
     path = _folder() / f"{_LIST}{_SUFFIX}"
     _, *pieces = _GROUP.split(path.read_text(encoding="utf-8") if path.is_file() else "")
-    return {
-        title: dict(_LISTED.findall(body))
-        for title, body in zip(pieces[::2], pieces[1::2], strict=True)
-    }
+    return {title: dict(_LISTED.findall(body)) for title, body in zip(pieces[::2], pieces[1::2], strict=True)}
 
 
 def page(topic: str) -> str:
