@@ -123,7 +123,7 @@ def _codes(epilog: str) -> Iterator[str]:
 
 def _table(title: str) -> Iterator[str]:
     """Give the rows of a table of the page of commands."""
-    section = COMMANDS_PAGE.read_text(encoding="utf-8").split(f"\n## {title}\n", 1)[1].split("\n## ", 1)[0]
+    section = COMMANDS_PAGE.read_text(encoding="utf-8").split(f"\n## {title}\n", 1)[1].split("\n##", 1)[0]
     rows = re.findall(r"^\| (`?\w+`?) \| (.*) \|$", section, re.MULTILINE)
     assert rows, title
     for term, meaning in rows:
