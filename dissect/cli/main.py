@@ -230,12 +230,27 @@ def _say(text: str) -> None:
 
 def _show(exc: click.ClickException, arguments: list[str]) -> None:
     """Write what click says of wrong use, with nothing in it that a name could do to a terminal."""
+    exc.message += _meant(exc, arguments)
     for word in arguments:
         if not word.isprintable():  # click breaks its own lines; a name must not
             vars(exc)["message"] = exc.message.replace(word, printable(word))
     said = io.StringIO()
     exc.show(file=said)
     click.echo("\n".join([printable(line) for line in said.getvalue().rstrip("\n").split("\n")]), err=True)
+
+
+def _meant(exc: click.ClickException, arguments: list[str]) -> str:
+    """Return what may have been meant where click does not say it: a value of a list, an option before its command."""
+    if isinstance(exc, click.BadParameter) and exc.param is not None and isinstance(exc.param.type, click.Choice):
+        from dissect.config.hints import close_names
+
+        words = [word.rpartition("=")[2] for word in arguments]
+        near = [close_names(word, list(exc.param.type.choices)) for word in words if repr(word) in exc.message]
+        return f" Did you mean {' or '.join(near[0])}?" if near and near[0] else ""
+    if isinstance(exc, click.NoSuchOption) and exc.ctx is not None and exc.ctx.parent is None and not exc.possibilities:
+        command = next((word for word in arguments if word in COMMANDS), None)
+        return f" Options follow their command: s7dissect {command} {exc.option_name}" if command else ""
+    return ""
 
 
 def _system_refused(exc: OSError) -> int:
