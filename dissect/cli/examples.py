@@ -9,8 +9,7 @@ EXAMPLES: Final = {
     "analyze": (
         "s7dissect analyze trace.pcapng",
         "s7dissect analyze --brief trace.pcapng",
-        "s7dissect analyze --per-file ring_*.pcapng",
-        "s7dissect analyze --fail-on 'security.*' ring_*.pcapng",
+        "s7dissect analyze --fail-on 'security.*' --per-file ring_*.pcapng",
         "ssh gateway cat trace.pcap.gz | s7dissect analyze -T json -",
     ),
     "transactions": (
