@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 _EXIT_CODES: Final = (
     "Exit code: 0 success, also when Wireshark stops the capture, 2 wrong use, or a source that cannot be opened, 3 a damaged "
-    "or truncated file or a source that failed, 5 the output could not be written, 130 interrupted."
+    "or truncated file or a source that failed, 5 the output could not be written."
 )
 #: As `dissect.source.live.opening` has it, which is imported only when something is opened.
 _BUFFER_MIB: Final = 32
@@ -184,7 +184,7 @@ def _writing(fifo: str, live: bool) -> Iterator[PcapngWriter]:
     try:
         yield writer
     except BrokenPipeError:
-        sys.exit(EXIT_OK)
+        return
     finally:
         writer.abandon()
 
@@ -202,8 +202,8 @@ def _from_file(file: str | None, where: str | None, expression: str, writer: Pca
     check_files([file], writer.path, force=True)
     selection = Selection(Wanted())
     run, code, packets = read_first([file], selection, where, options)
-    if code == EXIT_INTERRUPTED:
-        return code
+    if code == EXIT_INTERRUPTED:  # so Wireshark stops it
+        return EXIT_OK
     complain(run, code)
     choice = selection.choice(-(2**63), 2**63)
     if packets is not None:
