@@ -239,7 +239,7 @@ def _live(interface: str | None, expression: str, writer: PcapngWriter, options:
 
 
 def _is_closed(writer: PcapngWriter) -> bool:
-    """Return whether nobody reads the pipe any more, which on a silent line no write would show."""
+    """Return whether the reader of the pipe is gone, which on a silent line no write would show."""
     if not hasattr(select, "poll") or writer.closed:
         return writer.closed
     poll = select.poll()
@@ -248,7 +248,7 @@ def _is_closed(writer: PcapngWriter) -> bool:
 
 
 def _tell(run: LiveRun, stream: CommentedStream) -> None:
-    """Say on stderr, which Wireshark shows, what no packet could carry any more."""
+    """Say on stderr, which Wireshark shows, what came too late for any packet."""
     told = [*stream.late, *[f"s7dissect: {failure}" for failure in run.failures]]
     if stream.dropped:
         told.append(f"s7dissect: {stream.dropped} more findings came after the last packet")

@@ -26,7 +26,7 @@ class CommentedStream(Companion):
     """Writes every packet to ``writer``, ``hold_ns`` after it passed.
 
     ``error`` is what writing failed with, None while it works; nothing is written after that. ``late`` are comments for which
-    no packet came any more, ``dropped`` counts those that were too many.
+    no further packet came, ``dropped`` counts those that were too many.
     """
 
     name = "the stream of packets with comments"
