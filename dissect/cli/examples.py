@@ -72,6 +72,15 @@ EXAMPLES: Final = {
         "s7dissect cut trace.pcapng -o part.pcapng --connection 1",
         "s7dissect cut trace.pcapng -o bad.pcapng --finding warning --around 2s",
     ),
+    "open": (
+        "s7dissect open trace.pcapng",
+        "s7dissect open -Y 'slug == security.program_change' --around 2s trace.pcapng",
+        "s7dissect open --frame 12 trace.pcapng -o marked.pcapng",
+    ),
+    "extcap": (
+        "s7dissect extcap --install",
+        "s7dissect extcap --install wireshark/extcap",
+    ),
     "anonymize": (
         "s7dissect anonymize trace.pcapng -o shared.pcapng",
         "s7dissect anonymize trace.pcapng -o shared.pcapng --key plant.key",
