@@ -28,11 +28,12 @@ from dissect.engine.exchange import Exchange, PayloadDecoder
 from dissect.engine.ibh import IbhNetLink
 from dissect.engine.iso import IsoOnTcp
 from dissect.engine.observer import Observer
+from dissect.engine.order import AFTERWARDS, CLOSED, CROWDED, OPEN, OVER, PACKET, ROOM, Order
 from dissect.engine.payload import PayloadStream
 from dissect.engine.plus import S7Plus
 from dissect.engine.s7 import S7
 from dissect.engine.silent import SilentConnections, note_idle
-from dissect.engine.timers import FAR_FUTURE, TICK_NS, Timers
+from dissect.engine.timers import FAR_FUTURE, Timers, next_tick
 from dissect.engine.tls import Tls
 from dissect.engine.udp import Datagrams
 from dissect.iso.recognition import is_connect_request
@@ -88,7 +89,7 @@ class Options:
     ``checksums``: TCP segments and UDP datagrams with a wrong checksum are left out, as their receiver did.
     ``tls_keys`` open TLS, beside those that a capture itself holds. ``naming`` knows names for addresses.
     ``only`` tells of a connection, once it is recognised and has its number, whether it is to be read: of others nothing is
-    read and nothing reported, but they keep their numbers.
+    read and nothing reported, but they keep their numbers. ``order`` is told where the run stands.
     """
 
     def __init__(
@@ -102,6 +103,7 @@ class Options:
         tls_keys: KeyLog | None = None,
         only: Callable[[Connection], bool] | None = None,
         naming: Naming | None = None,
+        order: Order | None = None,
     ) -> None:
         self.slow_ns: i64 = slow_ns
         self.overdue_ns: i64 = overdue_ns
@@ -112,6 +114,7 @@ class Options:
         self.tls_keys: KeyLog | None = tls_keys
         self.only: Callable[[Connection], bool] | None = only
         self.naming: Naming | None = naming
+        self.order: Order | None = order
 
 
 def _silent(side: Side) -> bool:
@@ -141,7 +144,8 @@ class Pipeline(PacketSink):
         self.exchange.naming = chosen.naming
         self.counters: Counters = Counters(self.exchange.reporter)
         self.silent: SilentConnections = SilentConnections(self.counters)
-        self.timers: Timers = Timers(self.counters, self.exchange, chosen.overdue_ns)
+        self.order: Order | None = chosen.order
+        self.timers: Timers = Timers(self.counters, self.exchange, chosen.overdue_ns, chosen.order)
         self.connections: Connections = Connections(self.exchange, chosen.only)
         self.s7: S7 = S7(self.exchange)
         self.plus: S7Plus = S7Plus(self.exchange)
@@ -226,6 +230,8 @@ class Pipeline(PacketSink):
         """Take one packet (see `PacketSink.frame`)."""
         counters = self.counters
         counters.frames += 1
+        if self.order is not None:
+            self.order.packet(counters.frames, self.exchange.dialogue.count)
         self._taken += end - start
         if self._taken >= LOOK_OCTETS:
             self._taken = 0
@@ -263,10 +269,21 @@ class Pipeline(PacketSink):
         """Connections that keep too much in sum have to leave, those that hold most first: a few with each packet."""
         for held, side in self._room.step():
             self.table.evicted += 1
+            self._stand(ROOM, side.tcp.first_frame)
             self._evict(side, f"it held {held} bytes")
+        if self.order is not None:
+            self.order.room = max(self.order.room, self._room.total)
+            self._stand(PACKET, 0)
+
+    def _stand(self, phase: i64, key: i64) -> None:
+        """Say what is done next with the packet at hand."""
+        if self.order is not None:
+            self.order.at(phase, key, self.exchange.dialogue.count)
 
     def _evict(self, side: Side, detail: str) -> None:
         side.tcp.ended = side.tcp.ended or "evicted"
+        if self.order is not None:
+            self.order.left.append(int(side.tcp.first_frame))
         if side.connection.followed:
             self.counters.note("stream.evicted", detail, side.connection.number)
         self._finish(side, CONNECTION_EVICTED)
@@ -277,7 +294,7 @@ class Pipeline(PacketSink):
         if counters.now_ns - time_ns > _DISORDER_NS:
             counters.note("capture.time_backwards", f"by {duration_text(int(counters.now_ns - time_ns))}")
         if timers.deadline_ns != FAR_FUTURE:
-            timers.deadline_ns = min(timers.deadline_ns, time_ns + TICK_NS)
+            timers.deadline_ns = min(timers.deadline_ns, next_tick(time_ns))
 
     def _packet(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
         if link_type != 1 or end - start < _FUSED_SIZE or self._checksums:
@@ -382,8 +399,11 @@ class Pipeline(PacketSink):
             if not side.tcp.note_fin(side.index, end_seq, self.counters.frames, self.counters.now_ns):
                 self.counters.note_ignored(side, "FIN")
         if side.tcp.closed and not was_closed:
+            side.closed_frame = self.counters.frames
+            if self.order is not None:
+                self.order.ended += [int(side.tcp.first_frame), int(self.counters.frames)]
             self.table.linger(side)
-            self._forget_closed()  # not only when time passes: in some captures it stands still
+            self._forget_closed(AFTERWARDS)  # not only when time passes: in some captures it stands still
         self.timers.wake()
         return category
 
@@ -407,8 +427,12 @@ class Pipeline(PacketSink):
         return self._segment(fresh, seq, ack, ACK if ack >= 0 else 0, octets, missing)
 
     def _open(self, key: bytes, vlan: i64) -> Side:
-        for idle in self.table.overflow():
+        crowded = self.table.overflow()
+        for idle in crowded:
+            self._stand(CROWDED, idle.tcp.first_frame)
             self._evict(idle, "")
+        if crowded:
+            self._stand(PACKET, 0)
         side = self.table.open(key, vlan, self.counters.frames, self.counters.now_ns)
         side.tcp.note_link(side.index, self._link)
         return side
@@ -516,26 +540,28 @@ class Pipeline(PacketSink):
         self._tick()
         counters.now_ns = packet_ns
         if self.timers.deadline_ns != FAR_FUTURE:
-            self.timers.deadline_ns = packet_ns + TICK_NS
+            self.timers.deadline_ns = next_tick(packet_ns)
         if self.exchange.reporter.fresh:
             self.exchange.report_findings()
 
     def _tick(self) -> None:
         """Time has passed: give up what waited too long, forget connections that are over."""
         timers = self.timers
-        timers.deadline_ns = self.counters.now_ns + TICK_NS
+        timers.deadline_ns = next_tick(self.counters.now_ns)
         try:
             timers.give_up_waiting()
-            self._forget_closed()
+            self._forget_closed(OVER)
             timers.look_overdue()
         except Exception as bug:
             if self._strict:
                 raise
             self.exchange.note_bug(bug, self.counters.frames, self.counters.now_ns)
         timers.settle(self.table.lingering)
+        self._stand(PACKET, 0)
 
-    def _forget_closed(self) -> None:
+    def _forget_closed(self, phase: i64) -> None:
         for side in self.table.closed(self.counters.now_ns):
+            self._stand(phase, side.closed_frame)
             self._finish(side, CONNECTION_CLOSED)
 
     # ---- the end ----------------------------------------------------------------------------------------------------
@@ -577,8 +603,10 @@ class Pipeline(PacketSink):
     def finish(self) -> None:
         """The capture ends: every connection still open is closed, everything held is reported."""
         for side in self.table.closed(self.counters.now_ns, True):
+            self._stand(CLOSED, side.closed_frame)
             self._finish(side, CONNECTION_CLOSED)
         for side in self.table.all_open():
+            self._stand(OPEN, side.tcp.first_frame)
             self._finish(side, CAPTURE_ENDED)
         self.silent.finish()
         if self.datagrams is not None:

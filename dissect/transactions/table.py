@@ -124,6 +124,7 @@ class Side:
 
     __slots__ = (
         "assembler",
+        "closed_frame",
         "connection",
         "end_seq",
         "framer",
@@ -146,6 +147,7 @@ class Side:
         "tcp",
         "told_overdue",
         "waiting",
+        "waiting_frame",
         "watched",
     )
 
@@ -171,6 +173,8 @@ class Side:
         self.missing: i64 = 0  # octets in holes
         self.hole_frame: i64 = 0  # packet at which the latest hole was given up
         self.waiting: bool = False  # in the pipeline's list of sides to look at when time passes
+        self.waiting_frame: i64 = 0  # packet since which it is
+        self.closed_frame: i64 = 0  # packet that closed its connection
         self.watched: bool = False  # of those whose requests are watched for being overdue
         self.told_overdue: i64 = 0  # number of its latest request that was told to be
         self.garbage: bool = False  # inside a stretch that was already told
