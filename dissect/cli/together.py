@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import gc
 import os
-import sys
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from dissect.jobs.parts import End, Piece, Row, Rows
     from dissect.jobs.share import Key, Share
     from dissect.report.styled import Line
-    from dissect.session import Run
 
 #: Makes the observer of a worker.
 MakeRows = Callable[..., "Rows"]
@@ -88,15 +87,15 @@ def work(channel: Any, arguments: list[str], index: int, count: int) -> None:
 
     global _worker  # noqa: PLW0603 - a process is a worker or it is not
     _worker = Worker(channel.send, index, count)
-    sys.stderr = sys.stdout = Path(os.devnull).open("w", encoding="utf-8")
-    try:
-        group.main(arguments, prog_name="s7dissect", standalone_mode=False)
-    except BrokenPipeError:
-        pass  # nobody listens any more
-    except Exception as error:  # noqa: BLE001 - it would be lost
-        channel.send(Refused(f"{type(error).__name__}: {error}"))
-    finally:
-        channel.close()
+    with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
+        try:
+            group.main(arguments, prog_name="s7dissect", standalone_mode=False)
+        except BrokenPipeError:
+            pass  # nobody listens any more
+        except Exception as error:  # noqa: BLE001 - it would be lost
+            channel.send(Refused(f"{type(error).__name__}: {error}"))
+        finally:
+            channel.close()
 
 
 class Output:
@@ -144,7 +143,7 @@ def together(
     anew. Raises `CaptureError` for a file that cannot be read, and ClickException when a worker was lost.
     """
     from dissect.jobs.merging import DiffersError, Merger
-    from dissect.jobs.parts import End, Piece
+    from dissect.jobs.parts import End
     from dissect.jobs.team import Team, WorkerError
 
     check_captures(files)

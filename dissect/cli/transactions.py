@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
@@ -100,7 +99,9 @@ def command(
         why = alone_because(files, chosen, [(fail_on, "--fail-on counts findings"), (decoder, "--scd")])
         if why:
             alone(why)
-        elif (code := _together(files, writer, jobs, output, _NUMBER_WIDTH if format_.name == "text" else 0)) is not None:
+        elif (
+            code := _together(files, writer, jobs, output, _NUMBER_WIDTH if format_.name == "text" else 0)
+        ) is not None:
             return code
         writer = chosen.writer(format_, TRANSACTIONS, clock())
     feed = TransactionFeed(writer, choice)
@@ -111,9 +112,8 @@ def command(
         run, files, lambda: output.write(feed.take(int(run.pipeline.timers.oldest_held()))), lambda: chosen.full
     )
     complain(run, code)
-    pipeline = run.pipeline
-    if not pipeline.exchange.dialogue.count and not pipeline.connections.left_out:
-        _say_what_else(pipeline.frames, pipeline.counters.packet_counts(), feed.protocols)
+    if not run.pipeline.exchange.dialogue.count and not run.pipeline.connections.left_out:
+        click.echo(f"s7dissect: no S7 transaction: {_instead(run, feed.protocols)}", err=True)
     return gate(run, fail_on, code, chosen.findings)
 
 
@@ -130,29 +130,22 @@ def _together(files: Sequence[str], writer: Writer, jobs: int, output: Output, w
         output.write(feed.take(held))
 
     done = together(files, jobs, merged)
-    if done is None:
+    # What there is in the place of transactions can only be counted where all packets are looked at.
+    if done is None or (done[1] and not any([end.transactions or end.unwanted for end in done[1]])):
         output.again()
         return None
     code, ends = done
     output.write(feed.take(0))
     complain_of(ends[0].files if ends else [], code)
-    if ends and not any([end.transactions or end.unwanted for end in ends]):
-        spoken: Counter[str] = Counter()
-        for end in ends:
-            spoken.update(end.protocols)
-        _say_what_else(ends[0].packets, ends[0].ignored, spoken)
     return code
 
 
-def _say_what_else(packets: int, ignored: Mapping[str, int], spoken: Mapping[str, int]) -> None:
-    """Say that there was no transaction, and what there was."""
-    click.echo(f"s7dissect: no S7 transaction: {_instead(packets, ignored, spoken)}", err=True)
-
-
-def _instead(count: int, ignored: Mapping[str, int], spoken: Mapping[str, int]) -> str:
+def _instead(run: Run, spoken: Mapping[str, int]) -> str:
     """Return what there was in captures without S7: packets, and connections by their protocol."""
+    pipeline = run.pipeline
+    ignored = pipeline.counters.packet_counts()
     parts = [f"{ignored[name]} {text}" for name, text in _NOT_S7.items() if ignored[name]]
-    packets = f"{count} packets" + (f" ({', '.join(parts)})" if parts else "")
+    packets = f"{pipeline.frames} packets" + (f" ({', '.join(parts)})" if parts else "")
     said = [f"{number} {PROTOCOLS.get(name, 'ISO-on-TCP')}" for name, number in sorted(spoken.items())]
     return f"{packets}; connections: {', '.join(said)}" if said else packets
 

@@ -119,7 +119,11 @@ def command(
         return worker.rows(captures, options, chosen, by_service, lambda *of: ValueRows(*of, writer, collector))
     output = Output()
     if jobs > 1:
-        reasons = [(fail_on, "--fail-on counts findings"), (decoder, "--scd"), (summary, "--summary adds up all values")]
+        reasons = [
+            (fail_on, "--fail-on counts findings"),
+            (decoder, "--scd"),
+            (summary, "--summary adds up all values"),
+        ]
         why = alone_because(captures, chosen, reasons)
         if why:
             alone(why)
@@ -151,6 +155,7 @@ def _together(
 ) -> int | None:
     """Have ``jobs`` processes do it; return the exit code, None when one process has to begin anew."""
     writer.begin(Places([], len(files) > 1, hosts()))
+    writer.values([])  # what the output begins with
     output.write(writer.take())
 
     def merged(rows: Sequence[Row], _held: int) -> None:

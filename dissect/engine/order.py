@@ -3,7 +3,7 @@
 Each of those runs reads every packet and analyses some of the connections (`Options.only`). A packet may end what waited on
 other connections than its own, so its number alone does not say what came first. A stamp does: packet, then `phase`, then a
 key that all runs agree on, because it is the number of an earlier packet. Two runs never have the same stamp; if they do,
-nothing says what came first, and whoever merges them has to do without (docs/decisions/0061).
+nothing says what came first, and whoever merges them has to do without (docs/decisions/0015-processes-share-connections.md).
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ ROOM: Final = 0
 SEGMENTS: Final = 1
 RESPONSES: Final = 2
 OVER: Final = 3
-#: A connection that has to leave because too many are open; key: its first packet.
+#: A connection that has to leave because too many are open; key: the packet that opened it.
 CROWDED: Final = 4
 #: The packet itself …
 PACKET: Final = 5
 #: … and connections that it lets go; key: since which packet they are closed.
 AFTERWARDS: Final = 6
-#: The capture ends: connections that are over, then those that are open; key: their first packet.
+#: The capture ends: connections that are over, then those that are open; key: the packet that closed or opened them.
 CLOSED: Final = 7
 OPEN: Final = 8
 

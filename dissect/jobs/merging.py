@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from operator import itemgetter
 from typing import Final
 
-from dissect.engine.pipeline import MEMORY
+from dissect.engine.options import MEMORY
 from dissect.jobs.parts import Piece, Row
 from dissect.transactions.pairing import MAX_OPEN_ALL
 from dissect.variables.tracker import MAX_KEPT, MAX_VARIABLES
@@ -84,7 +84,10 @@ class Merger:
             raise DiffersError("so many requests are open at once that some have to be given up")
         if sum([piece.sessions > 0 for piece in pieces]) > 1:
             raise DiffersError("several connections use TLS")
-        if sum([piece.variables for piece in pieces]) >= MAX_VARIABLES or sum([piece.kept for piece in pieces]) >= MAX_KEPT:
+        if (
+            sum([piece.variables for piece in pieces]) >= MAX_VARIABLES
+            or sum([piece.kept for piece in pieces]) >= MAX_KEPT
+        ):
             raise DiffersError("there are more variables than are remembered")
         for known, piece in zip(self._variables, pieces, strict=True):
             known.update(piece.plcs)

@@ -32,9 +32,9 @@ class Piece(NamedTuple):
     """What a run of a share found in a stretch of packets; the stretches of all runs are the same.
 
     ``begun``, ``ended``, ``left`` as `dissect.engine.order.Order` has them, ``opened`` as `Share`. ``unshown`` are numbers of
-    transactions without a row. ``held`` is the first packet that is held back, ``room``, ``requests``, ``variables`` and
-    ``kept`` (octets of their values) are what runs share the bounds of, ``plcs`` the stations whose variables are known here. ``file`` is the one that is read,
-    ``octets`` how far all of them.
+    transactions without a row. ``held`` is the first packet that is held back. Of ``room``, ``requests``, ``variables`` and
+    ``kept`` (octets of their values) all connections of a run share the bounds. ``plcs`` are the stations whose variables are
+    known here. ``file`` is the one that is read, ``octets`` how far all of them.
     """
 
     begun: list[int]
@@ -56,14 +56,15 @@ class Piece(NamedTuple):
 
 
 class End(NamedTuple):
-    """What a run of a share came to. ``losses`` are its files with what is wrong with them."""
+    """What a run of a share came to.
+
+    ``files`` with what is wrong with each, ``unwanted`` the connections of the share that a selection ruled out, ``found`` the
+    texts of the variables that were asked for and seen.
+    """
 
     files: list[tuple[str, str]]
     transactions: int
     unwanted: int
-    packets: int
-    ignored: dict[str, int]
-    protocols: dict[str, int]
     found: list[str]
 
 
@@ -77,17 +78,12 @@ class Rows(Observer):
         self.variables = 0
         self.kept = 0
         self.plcs: list[str] = []
-        self.protocols: dict[str, int] = {}
         self.found: set[str] = set()
         self._share = share
 
     def connection_opened(self, connection: Connection) -> None:
         """Note a connection that took the place of another one."""
         self._share.note(connection)
-
-    def connection_closed(self, connection: Connection) -> None:
-        """Count what a connection spoke."""
-        self.protocols[connection.protocol] = self.protocols.get(connection.protocol, 0) + 1
 
     def begin(self, places: Places) -> None:
         """The run begins; its packets are named with ``places``."""
@@ -110,14 +106,10 @@ def pieces(run: Run, rows: Rows, share: Share, order: Order) -> Iterator[Piece |
         yield _piece(run, rows, share, order)
     run.finish()
     yield _piece(run, rows, share, order)
-    pipeline = run.pipeline
     yield End(
         [(file.name, file.loss) for file in run.files],
-        int(pipeline.exchange.dialogue.count),
+        int(run.pipeline.exchange.dialogue.count),
         share.unwanted,
-        pipeline.frames,
-        pipeline.counters.packet_counts(),
-        rows.protocols,
         sorted(rows.found),
     )
 

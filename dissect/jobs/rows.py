@@ -62,6 +62,7 @@ class ValueRows(Rows):
     def begin(self, places: Places) -> None:
         """Name packets with ``places``. What the output begins with is written once, by whoever merges."""
         self._writer.begin(places)
+        self._writer.values([])
         self._writer.take()
 
     def transaction(self, transaction: Transaction) -> None:
@@ -74,7 +75,6 @@ class ValueRows(Rows):
 
     def connection_closed(self, connection: Connection) -> None:
         """Let the collector forget a connection."""
-        super().connection_closed(connection)
         self._collector.connection_closed(connection)
 
     def gather(self) -> None:

@@ -124,7 +124,6 @@ class Side:
 
     __slots__ = (
         "assembler",
-        "closed_frame",
         "connection",
         "end_seq",
         "framer",
@@ -146,6 +145,7 @@ class Side:
         "stream",
         "tcp",
         "told_overdue",
+        "turn_frame",
         "waiting",
         "waiting_frame",
         "watched",
@@ -174,7 +174,7 @@ class Side:
         self.hole_frame: i64 = 0  # packet at which the latest hole was given up
         self.waiting: bool = False  # in the pipeline's list of sides to look at when time passes
         self.waiting_frame: i64 = 0  # packet since which it is
-        self.closed_frame: i64 = 0  # packet that closed its connection
+        self.turn_frame: i64 = 0  # packet that opened its connection, or closed it
         self.watched: bool = False  # of those whose requests are watched for being overdue
         self.told_overdue: i64 = 0  # number of its latest request that was told to be
         self.garbage: bool = False  # inside a stretch that was already told
