@@ -24,13 +24,14 @@ from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.cli.options.select import Chosen
+    from dissect.engine.order import Order
     from dissect.engine.pipeline import Options
     from dissect.jobs.parts import End, Piece, Row, Rows
     from dissect.jobs.share import Key, Share
     from dissect.report.styled import Line
 
 #: Makes the observer of a worker.
-MakeRows = Callable[..., "Rows"]
+MakeRows = Callable[["Share", "Order"], "Rows"]
 
 
 class Refused:
@@ -41,14 +42,15 @@ class Refused:
 
 
 class Worker:
-    """What a command is in a worker: the part that does a share of the run."""
+    """What a command is in a worker: the part that does a share of the run over ``files``."""
 
-    def __init__(self, send: Callable[[Any], None], index: int, count: int) -> None:
+    def __init__(self, send: Callable[[Any], None], files: Sequence[str], index: int, count: int) -> None:
         self._send = send
+        self._files = files
         self._index = index
         self._count = count
 
-    def rows(self, files: Sequence[str], options: Options, chosen: Chosen, key: Key, make: MakeRows) -> int:
+    def rows(self, options: Options, chosen: Chosen, key: Key, make: MakeRows) -> int:
         """Do the share, with the observer that ``make(share, order)`` returns; send what is found."""
         from dissect.engine.order import Order
         from dissect.jobs.parts import pieces
@@ -60,9 +62,9 @@ class Worker:
         options.only = share
         options.order = order
         rows = make(share, order)
-        run = Run(files, rows, options)
-        chosen.begin(run, files)
-        rows.begin(places_of(run, files))
+        run = Run(self._files, rows, options)
+        chosen.begin(run, self._files)
+        rows.begin(places_of(run, self._files))
         gc.disable()  # as in `dissect.cli.run.drive`
         try:
             for piece in pieces(run, rows, share, order):
@@ -81,12 +83,15 @@ def working() -> Worker | None:
     return _worker
 
 
-def work(channel: Any, arguments: list[str], index: int, count: int) -> None:
-    """Be a worker: run the command line ``arguments``. What is to be said is said by whoever started it."""
+def work(channel: Any, arguments: list[str], files: Sequence[str], index: int, count: int) -> None:
+    """Be a worker: run the command line ``arguments``, with the files that its names stood for when all workers were started.
+
+    What is to be said is said by whoever started it.
+    """
     from dissect.cli.main import group
 
     global _worker  # noqa: PLW0603 - a process is a worker or it is not
-    _worker = Worker(channel.send, index, count)
+    _worker = Worker(channel.send, files, index, count)
     with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
         try:
             group.main(arguments, prog_name="s7dissect", standalone_mode=False)
@@ -151,7 +156,7 @@ def together(
     ends: list[End] = []
     arguments = click.get_current_context().meta[ARGUMENTS]
     try:
-        with Signals() as interruption, Bar(files, True) as bar, Team(work, (arguments,), jobs) as team:
+        with Signals() as interruption, Bar(files, True) as bar, Team(work, (arguments, tuple(files)), jobs) as team:
             for said in team.rounds(lambda: interruption.asked):
                 for one in said:
                     if isinstance(one, Refused):

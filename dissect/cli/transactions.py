@@ -93,7 +93,7 @@ def command(
     choice = chosen.choice("transaction", _choice(failed, slow_ns))
     worker = working()
     if worker is not None:
-        return worker.rows(files, options, chosen, by_pair, lambda *of: TransactionRows(*of, writer, choice))
+        return worker.rows(options, chosen, by_pair, lambda share, order: TransactionRows(share, order, writer, choice))
     output = Output()
     if jobs > 1:
         why = alone_because(files, chosen, [(fail_on, "--fail-on counts findings"), (decoder, "--scd")])

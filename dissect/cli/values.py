@@ -20,7 +20,7 @@ from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.options.variables import wanted_of
-from dissect.cli.run import EXIT_CODES, checksums_option, complain, complain_of, drive, places_of
+from dissect.cli.run import EXIT_CODES, checksums_option, complain, complain_of, drive, files_meant, places_of
 from dissect.cli.together import Output, alone, alone_because, lines_of, together, working
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Options
@@ -116,7 +116,7 @@ def command(
     options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
     worker = working()
     if worker is not None:
-        return worker.rows(captures, options, chosen, by_service, lambda *of: ValueRows(*of, writer, collector))
+        return worker.rows(options, chosen, by_service, lambda share, order: ValueRows(share, order, writer, collector))
     output = Output()
     if jobs > 1:
         reasons = [
@@ -175,9 +175,9 @@ def _split(
     words: Sequence[str], naming: Naming | None, decoder: PayloadDecoder | None
 ) -> tuple[list[str], WantedSet | None]:
     """Return the files among the arguments, and what the others choose; the first is a file, whatever it is called."""
-    captures = [word for at, word in enumerate(words) if at == 0 or _is_file(word)]
+    captures = files_meant([word for at, word in enumerate(words) if at == 0 or _is_file(word)])
     names = [word for at, word in enumerate(words) if at > 0 and not _is_file(word)]
-    return captures, wanted_of(names, naming, decoder)
+    return list(captures), wanted_of(names, naming, decoder)
 
 
 def _is_file(word: str) -> bool:

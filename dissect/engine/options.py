@@ -24,7 +24,8 @@ class Options:
     before it is known what becomes of it; 0 for never, as in a file what becomes of it is known.
 
     ``memory`` bounds the octets that all connections together keep of unfinished packets, PDUs and transactions, within
-    `dissect.engine.pipeline.LOOK_OCTETS`: when they keep more, those that hold most are given up and reported (`stream.evicted`).
+    `dissect.engine.pipeline.LOOK_OCTETS`: when they keep more, those that hold most are given up and reported
+    (`stream.evicted`).
     ``checksums``: TCP segments and UDP datagrams with a wrong checksum are left out, as their receiver did.
     ``tls_keys`` open TLS, beside those that a capture itself holds. ``naming`` knows names for addresses.
     ``only`` tells of a connection, once it is recognised and has its number, whether it is to be read: of others nothing is

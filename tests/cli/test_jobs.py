@@ -13,6 +13,7 @@ from typing import Final
 import pytest
 
 from dissect.cli import together
+from dissect.jobs.parts import Piece, Row
 from tests.cases import each
 from tests.cli.support import Ran, run
 from tests.jobs.support import HereTeam, lossy, work_here
@@ -120,7 +121,7 @@ def test_nothing_is_written_twice_when_one_process_begins_anew(
     merge = merging.Merger.merge
     calls = []
 
-    def disagree(self: merging.Merger, pieces: list[merging.Piece], numbered: bool = True) -> list[merging.Row]:
+    def disagree(self: merging.Merger, pieces: list[Piece], numbered: bool = True) -> list[Row]:
         calls.append(len(pieces))
         if len(calls) == 2:
             raise merging.DiffersError("of this test")
@@ -219,7 +220,7 @@ def test_a_worker_sends_its_trouble(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdout", sys.stdout)
     monkeypatch.setattr(sys, "stderr", sys.stderr)
     monkeypatch.setattr(together, "_worker", None)
-    together.work(channel, ["transactions", "/no/such.pcap"], 0, 2)
+    together.work(channel, ["transactions", "/no/such.pcap"], ["/no/such.pcap"], 0, 2)
     refused, end = channel.said
     assert isinstance(refused, together.Refused)
     assert "/no/such.pcap" in refused.text

@@ -24,7 +24,7 @@ class HereTeam:
         self._said: list[list[Any]] = []
         for index in range(count):
             said: list[Any] = []
-            together._worker = together.Worker(said.append, index, count)
+            together._worker = together.Worker(said.append, arguments[1], index, count)
             try:
                 group.main(list(arguments[0]), prog_name="s7dissect", standalone_mode=False)
             finally:
