@@ -85,6 +85,9 @@ _WORDS: Final = {"version": "--version"}
 #: What the system says when an output has no room, whatever its name is.
 _FULL: Final = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
 
+#: Under this the context keeps the arguments of the whole command line.
+ARGUMENTS: Final = "dissect.cli.main.arguments"
+
 #: Set by the shell when it asks for completions.
 COMPLETION: Final = "_S7DISSECT_COMPLETE"
 
@@ -149,7 +152,9 @@ class _Main(LazyGroup):
             args = ["analyze", *args[1:]]
         elif args and args[0] not in COMMANDS and os.path.isfile(args[0]):  # noqa: PTH113 - any text may be asked for
             args = ["analyze", *args]
-        return super().parse_args(ctx, [_WORDS.get(args[0], args[0]), *args[1:]] if args else args)
+        args = [_WORDS.get(args[0], args[0]), *args[1:]] if args else args
+        ctx.meta[ARGUMENTS] = list(args)
+        return super().parse_args(ctx, args)
 
     def hint(self, name: str) -> str:
         """Return what may have been meant; a folder is probably to be searched through."""
