@@ -104,7 +104,7 @@ def real_repr(octets: bytes) -> str:
 
 
 def _shortest(word: i64) -> i64:
-    """Return the digits of the shortest decimal of a single and its exponent, packed; `_UNDECIDED` where doubles cannot tell."""
+    """Return the digits of the shortest decimal of a single and its exponent, packed; `_UNDECIDED` where doubles do not."""
     exponent: i64 = (word >> 23) & 0xFF
     if exponent == 0 or exponent == 255:
         return _UNDECIDED

@@ -29,26 +29,30 @@ def number_texts(transport_size: i64, octets: bytes, as_json: bool, most: i64) -
     if step == 0 or size % step:
         return texts
     end: i64 = min(size, most * step)
-    if transport_size == REAL:
-        for at in range(0, end, step):
-            single = octets if size == 4 else octets[at : at + 4]
-            texts.append(real_json(single) if as_json else real_repr(single))
-        return texts
-    if not COMPILED:
+    if transport_size != REAL and not COMPILED:
         return [str(number) for number in struct.unpack_from(f">{end // step}{_LETTERS[transport_size]}", octets)]
-    number: i64
-    if step == 1:
-        return [SHORT[octets[at]] for at in range(end)]
-    if step == 2:
-        for at in range(0, end, step):
-            number = u16(octets, at)
-            if transport_size == INT and number >= 0x8000:
-                number -= 0x10000
-            texts.append(decimal(number))
-    else:
-        for at in range(0, end, step):
-            number = u32(octets, at)
-            if transport_size == DINT and number >= 0x80000000:
-                number -= 0x100000000
-            texts.append(decimal(number))
+    at: i64 = 0
+    if transport_size == BYTE:
+        while at < end:
+            texts.append(SHORT[octets[at]])
+            at += 1
+    while at < end:
+        texts.append(_element(transport_size, octets, at, as_json))
+        at += step
     return texts
+
+
+def _element(transport_size: i64, octets: bytes, at: i64, as_json: bool) -> str:
+    if transport_size == REAL:
+        single = octets if len(octets) == 4 else octets[at : at + 4]
+        return real_json(single) if as_json else real_repr(single)
+    number: i64
+    if transport_size == WORD or transport_size == INT:
+        number = u16(octets, at)
+        if transport_size == INT and number >= 0x8000:
+            number -= 0x10000
+        return decimal(number)
+    number = u32(octets, at)
+    if transport_size == DINT and number >= 0x80000000:
+        number -= 0x100000000
+    return decimal(number)
