@@ -70,6 +70,7 @@ test-environment:
 	scripts/install-groff.sh
 	scripts/install-valgrind.sh
 	scripts/install-sandbox.sh
+	scripts/install-servers.sh
 
 lint:
 	$(BIN)/ruff check .
