@@ -123,6 +123,8 @@ BUSY: Final = (
     "dissect/s7/items.py",
     "dissect/s7/message.py",
     "dissect/s7/parameters.py",
+    "dissect/s7/singles.py",
+    "dissect/s7/value_texts.py",
     "dissect/s7/values.py",
     "dissect/s7plus/message.py",
     "dissect/s7plus/skipping.py",
