@@ -89,7 +89,9 @@ class Walk:
         "wanted",
     )
 
-    def __init__(self, octets: bytes, at: int, end: int, shown: bool, most: int = 0, wanted: Wanted | None = None) -> None:
+    def __init__(
+        self, octets: bytes, at: int, end: int, shown: bool, most: int = 0, wanted: Wanted | None = None
+    ) -> None:
         self.octets = octets
         self.wanted = wanted
         self.at = at
