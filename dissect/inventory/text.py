@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
+from dissect.inventory.code import code_lines
 from dissect.inventory.collector import Inventory, talks_between
 from dissect.inventory.model import BEHAVIOUR, STATED, TSAP, Area, Device, Names, Reason, Talk
 from dissect.inventory.outcome import Devices
@@ -31,6 +33,7 @@ _COLUMNS: Final = 8
 _NAMES: Final = 8
 _HANG: Final = 14
 _TEXT: Final = 100
+_NUMBERED: Final = re.compile(r"([A-Za-z]+) ?([0-9]{1,9})\b")
 
 #: Facts that a module's line names, in this order.
 _OF_MODULE: Final = (
@@ -114,6 +117,12 @@ def _card(device: Device, places: Places, clock: Clock, shared: Mapping[str, int
     yield from _state(device, places, clock)
     yield from _agreed(device)
     yield from _blocks(device)
+    for said in code_lines(device):
+        yield "code", said
+    if device.more_code:
+        more = device.more_code
+        verb = "was" if more == 1 else "were"
+        yield "code", f"{words.count(more, 'more block')} {verb} not looked at: all code together is too large"
     if device.sessions.texts:
         yield "sessions", _some(device.sessions)
     if device.asked_by:
@@ -215,9 +224,9 @@ def _blocks(device: Device) -> Iterator[tuple[str, str]]:
 
 
 def _natural(name: str) -> tuple[str, int, str]:
-    """Return what sorts "DB 10" behind "DB 9"."""
-    kind, _, number = name.partition(" ")
-    return kind, int(number) if number.isdecimal() and len(number) < 10 else 0, name
+    """Return what sorts "DB 10" behind "DB 9", and "DB10 'Tank'" behind "DB9 'Pump'"."""
+    found = _NUMBERED.match(name)
+    return (found[1], int(found[2]), name) if found is not None else (name, 0, name)
 
 
 def _answers(device: Device) -> str:
