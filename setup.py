@@ -143,6 +143,7 @@ BUSY: Final = (
     "dissect/s7plus/walk.py",
     "dissect/transactions/connection.py",
     "dissect/transactions/dialogue.py",
+    "dissect/transactions/operation.py",
     "dissect/transactions/pairing.py",
     "dissect/transactions/plus_operations.py",
     "dissect/transactions/results.py",
