@@ -46,6 +46,7 @@ ORDER: Final = (
     "carve",
     "index",
     "variables",
+    "jobs",
     "export",
     "page",
     "golden",
