@@ -112,6 +112,7 @@ CLOCK_CALLS: Final = frozenset(("now", "today", "utcnow"))
 LOCKED: Final = {
     "cryptography": "tls",
     "duckdb": "export",
+    "fsspec": "source",
     "jinja2": "page",
     "markupsafe": "page",
     "scapy": "layers",
@@ -432,6 +433,7 @@ def test_importing_is_cheap(statement: str) -> None:
         "lark",
         "pyshark",
         "asyncio",
+        "fsspec",
         "logging",
         "dissect.session",
         "dissect.engine.pipeline",

@@ -17,6 +17,7 @@ import click
 
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
 from dissect.source import files as reading
+from dissect.source import remote
 from dissect.source.packet import CaptureError
 from dissect.wire.text import printable
 
@@ -34,8 +35,28 @@ _GROWS: Final = 10
 #: Lines that are joined and written together; many more cost fresh memory each time.
 _PIECE: Final = 64
 
-#: The files to read: `-` is standard input.
-files_argument = click.argument("files", nargs=-1, required=True, type=click.Path(), metavar="FILE...")
+#: What stands in names that are patterns, ranges of days, or of another machine.
+_NOT_PLAIN: Final = ("://", "*", "?", "[", "{")
+
+
+def files_meant(files: Iterable[str]) -> tuple[str, ...]:
+    """Return the files that names stand for. `CaptureError` where a pattern finds none, or a range of days is none."""
+    names = tuple(files)
+    if not any([mark in name for name in names for mark in _NOT_PLAIN]):
+        return names
+    return tuple(remote.expand(names))
+
+
+def _files(_ctx: click.Context, _param: click.Parameter, files: tuple[str, ...]) -> tuple[str, ...]:
+    return files_meant(files)
+
+
+#: The files to read: `-` is standard input, a pattern or a range of days what it finds.
+files_argument = click.argument("files", nargs=-1, required=True, type=click.Path(), metavar="FILE...", callback=_files)
+#: The same where a command does without.
+files_if_any: Final[Callable[[Any], Any]] = click.argument(
+    "files", nargs=-1, type=click.Path(), metavar="FILE...", callback=_files
+)
 
 
 #: Packets that their receiver dropped are no part of what was said; the command gets ``checksums``.
@@ -210,9 +231,9 @@ class _Interruption(Signals):
 
 
 def _in_source(frame: FrameType | None) -> bool:
-    """Return whether a signal struck where octets are fetched: in the module that reads files, or below it."""
+    """Return whether a signal struck where octets are fetched: in the modules that read files, or below them."""
     while frame is not None:
-        if frame.f_code.co_filename == reading.__file__:
+        if frame.f_code.co_filename in {reading.__file__, remote.__file__}:
             return True
         frame = frame.f_back
     return False

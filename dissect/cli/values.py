@@ -18,7 +18,7 @@ from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.options.variables import wanted_of
-from dissect.cli.run import EXIT_CODES, checksums_option, complain, drive, places_of
+from dissect.cli.run import EXIT_CODES, checksums_option, complain, drive, files_meant, places_of
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Options
 from dissect.report.formats import VALUES, Format
@@ -129,9 +129,9 @@ def _split(
     words: Sequence[str], naming: Naming | None, decoder: PayloadDecoder | None
 ) -> tuple[list[str], WantedSet | None]:
     """Return the files among the arguments, and what the others choose; the first is a file, whatever it is called."""
-    captures = [word for at, word in enumerate(words) if at == 0 or _is_file(word)]
+    captures = files_meant([word for at, word in enumerate(words) if at == 0 or _is_file(word)])
     names = [word for at, word in enumerate(words) if at > 0 and not _is_file(word)]
-    return captures, wanted_of(names, naming, decoder)
+    return list(captures), wanted_of(names, naming, decoder)
 
 
 def _is_file(word: str) -> bool:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from dissect.cli.help import page, pages
+from dissect.cli.help import formatted, groups, page, pages, unfolded
 from dissect.cli.main import COMMANDS
 from tests.cli.support import on_terminal, run, simple
 from tests.report.schemas import ROOT
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from tests.conftest import Command
 
 Capture = pytest.CaptureFixture[bytes]
-DOCS = sorted((ROOT / "docs").glob("*.md"))
+DOCS = [path for path in sorted((ROOT / "docs").glob("*.md")) if path.stem != "index"]  # which lists them
 
 
 def test_every_page_of_the_docs_is_a_topic() -> None:
@@ -62,6 +62,8 @@ def test_without_a_topic_everything_is_listed(capfdbinary: Capture) -> None:
     told = run(capfdbinary, "help").out
     for name in (*COMMANDS, *pages()):
         assert f"\n  {name} " in told
+    titles = [f"\n{title}:\n  {next(iter(topics))} " for title, topics in groups().items()]
+    assert [told.index(title) for title in titles] == sorted(told.index(title) for title in titles)
     assert max(map(len, told.splitlines())) <= 80
 
 
@@ -115,3 +117,36 @@ def test_messages_point_to_topics_that_are_there() -> None:
     assert {topic for _, topic in named} >= {"findings", "live"}
     for file, topic in named:
         assert topic in {*pages(), *COMMANDS}, file
+
+
+# ---- tables ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("topic", ["findings", "tags", "metrics", "select", "config"])
+def test_no_word_of_a_page_is_cut_off_on_a_terminal(topic: str) -> None:
+    text = page(topic)
+    shown = formatted(unfolded(text, 80), 80)
+    assert shown.count("…") == text.count("…")
+    assert max(map(len, shown.splitlines())) <= 80
+    said = re.sub(r"\s", "", shown)
+    for slug in re.findall(r"^\| `([^`|]+)`", text, re.MULTILINE):
+        assert re.sub(r"\s", "", slug) in said, slug
+
+
+def test_a_table_that_does_not_fit_is_a_list_and_one_that_fits_stays_one() -> None:
+    small = "| a | b |\n|---|---|\n| 1 | 2 |\n"
+    assert unfolded(small, 80) == small
+    wide = f"| name | what | note |\n|---|---|---|\n| `x` | {'long ' * 20}| {'w' * 70} |\n| `y\\|z` | short | |\n"
+    told = unfolded(f"before\n\n{wide}\nafter\n", 80)
+    assert told.startswith(f"before\n\n**`x`**\n\n- what: {'long ' * 20}".rstrip())
+    assert f"\n- note: {'w' * 70}\n" in told
+    assert "\n**`y|z`**\n\n- what: short\n\n" in told  # an empty cell says nothing
+    assert told.endswith("\nafter\n")
+
+
+def test_every_row_of_a_table_has_as_many_cells_as_its_head() -> None:
+    """What is left over would be shown nowhere."""
+    for path in DOCS:
+        for head, rows in re.findall(r"^(\|.+)\n\|[-:| ]+\|\n((?:\|.+\n?)*)", path.read_text("utf-8"), re.MULTILINE):
+            borders = [len(re.findall(r"(?<!\\)\|", row)) for row in (head, *rows.splitlines())]
+            assert len(set(borders)) == 1, (path.name, head)
