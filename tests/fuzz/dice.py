@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from tests.fuzz.failures import SUSPECT_SECONDS, Failures, Target
+from tests.fuzz.failures import Failures, Target
 from tests.fuzz.mutations import mutated
 
 #: Inputs between two looks at the clock.
@@ -49,7 +49,7 @@ def throw(
 
     What fails is kept in ``artifacts``, the first of each kind. The same ``begun`` and ``seed`` give the same inputs.
     """
-    rng = random.Random(seed)  # noqa: S311 - nothing secret
+    rng = random.Random(seed)
     pool = [octets for octets in begun if len(octets) <= most] or [b""]
     fixed = len(pool)
     failures = Failures(name, target, artifacts)
