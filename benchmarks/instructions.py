@@ -79,7 +79,7 @@ def measure(folder: Path) -> dict[str, int]:
     capture, short = folder / "capture.pcap", folder / "short.pcap"
     generate(capture, PACKETS)
     generate(short, FEW)
-    analyze = ["-m", "dissect", "analyze", short]
+    analyze: list[str | Path] = ["-m", "dissect", "analyze", short]
     # Once uncounted, so that the bytecode of all modules is there.
     for arguments in (["analyze", short], ["transactions", "-T", "jsonl", short]):
         _ran([sys.executable, "-m", "dissect", *map(str, arguments)])
