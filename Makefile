@@ -65,12 +65,7 @@ environment:
 test-environment:
 	$(COMPILED) scripts/environment.sh test
 	scripts/install-nodes7.sh
-	scripts/install-tshark.sh
-	scripts/install-browser.sh
-	scripts/install-groff.sh
-	scripts/install-valgrind.sh
-	scripts/install-sandbox.sh
-	scripts/install-servers.sh
+	scripts/install-tools.sh
 
 lint:
 	$(BIN)/ruff check .

@@ -119,7 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--record", action="store_true", help="keep the numbers as those to compare with")
     options = parser.parse_args(arguments)
     if shutil.which("valgrind") is None:
-        print("valgrind is not installed (scripts/install-valgrind.sh)", file=sys.stderr)
+        print("valgrind is not installed (scripts/install-tools.sh)", file=sys.stderr)
         return 2
     if not combination():
         print("the engine is not compiled by gcc here, its instructions are not recorded", file=sys.stderr)

@@ -17,7 +17,7 @@ def test_the_engine_runs_no_more_instructions_than_recorded(tmp_path: Path) -> N
     if not COMPILED:
         pytest.skip("instructions are counted of the compiled build: its run of this test does")
     if shutil.which("valgrind") is None:
-        pytest.skip("valgrind is not installed (scripts/install-valgrind.sh)")
+        pytest.skip("valgrind is not installed (scripts/install-tools.sh)")
     known = recorded()
     if not known or abs(interpreter() / known["interpreter"] - 1) > SAME:
         pytest.skip(f"no instructions are recorded for {combination() or 'this compiler'} with this Python")

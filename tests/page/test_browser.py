@@ -88,7 +88,7 @@ def browser() -> Iterator[Browser]:
     """One browser for all of these tests."""
     chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if chromium is None or driver is None:
-        pytest.skip("chromium or its driver is not installed (scripts/install-browser.sh)")
+        pytest.skip("chromium or its driver is not installed (scripts/install-tools.sh)")
     from selenium import webdriver
     from selenium.webdriver.chrome.service import Service
 
