@@ -237,7 +237,7 @@ def _say(text: str) -> None:
 
 def _show(exc: click.ClickException, arguments: list[str]) -> None:
     """Write what click says of wrong use, with nothing in it that a name could do to a terminal."""
-    exc.message += _meant(exc, arguments)
+    vars(exc)["message"] = exc.message + _meant(exc, arguments)
     for word in arguments:
         if not word.isprintable():  # click breaks its own lines; a name must not
             vars(exc)["message"] = exc.message.replace(word, printable(word))
