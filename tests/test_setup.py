@@ -157,7 +157,7 @@ def test_what_a_packet_passes_through_is_optimized_and_the_rest_is_not(setup: Mo
         assert setup.is_busy(f"build/__native_dissect___{name.replace('/', '___')}.c")
     assert setup.is_busy("/lib-rt/str_ops.c")
     assert setup.is_busy("build/__native_s7dissect.c")
-    assert not setup.is_busy("build/__native_dissect___s7plus___variables.c")
+    assert not setup.is_busy("build/__native_dissect___s7plus___alarms.c")
     names = [f"build/__native_{name.removesuffix('.py').replace('/', '___')}.c" for name in compiled]
     assert 0.3 < sum(setup.is_busy(name) for name in names) / len(names) < 0.7
     assert [pattern for pattern in setup.BUSY if not any(Path(name).match(pattern) for name in compiled)] == []
