@@ -68,6 +68,7 @@ test-environment:
 	scripts/install-tshark.sh
 	scripts/install-browser.sh
 	scripts/install-groff.sh
+	scripts/install-valgrind.sh
 	scripts/install-sandbox.sh
 	scripts/install-servers.sh
 

@@ -46,6 +46,7 @@ ORDER: Final = (
     "carve",
     "index",
     "variables",
+    "jobs",
     "export",
     "page",
     "golden",
@@ -457,6 +458,7 @@ def test_version_and_help_are_cheap(option: str) -> None:
         "dissect.cli.main",
         "dissect.wire",
         "dissect.wire.build",
+        "dissect.wire.digits",
         "dissect.wire.text",
     }
 

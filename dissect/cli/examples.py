@@ -9,15 +9,14 @@ EXAMPLES: Final = {
     "analyze": (
         "s7dissect analyze trace.pcapng",
         "s7dissect analyze --brief trace.pcapng",
-        "s7dissect analyze --per-file ring_*.pcapng",
-        "s7dissect analyze --fail-on 'security.*' ring_*.pcapng",
+        "s7dissect analyze --fail-on 'security.*' --per-file ring_*.pcapng",
         "ssh gateway cat trace.pcap.gz | s7dissect analyze -T json -",
     ),
     "transactions": (
         "s7dissect transactions --failed trace.pcapng",
         "s7dissect transactions -Y 'port == 102 and not failed' -c 5 trace.pcapng",
-        "s7dissect transactions -T csv trace.pcapng > trace.csv",
         "s7dissect transactions --tls-keys session.keys trace.pcapng",
+        "s7dissect transactions -j auto -T csv trace.pcapng > trace.csv",
     ),
     "values": (
         "s7dissect values press.pcapng DB2.DBD16:REAL MW20",
@@ -72,6 +71,15 @@ EXAMPLES: Final = {
     "cut": (
         "s7dissect cut trace.pcapng -o part.pcapng --connection 1",
         "s7dissect cut trace.pcapng -o bad.pcapng --finding warning --around 2s",
+    ),
+    "open": (
+        "s7dissect open trace.pcapng",
+        "s7dissect open -Y 'slug == security.program_change' --around 2s trace.pcapng",
+        "s7dissect open --frame 12 trace.pcapng -o marked.pcapng",
+    ),
+    "extcap": (
+        "s7dissect extcap --install",
+        "s7dissect extcap --install wireshark/extcap",
     ),
     "anonymize": (
         "s7dissect anonymize trace.pcapng -o shared.pcapng",

@@ -31,6 +31,8 @@ _PAGES: Final = {
     "show": "commands",
     "verify": "commands",
     "cut": "evidence",
+    "open": "wireshark",
+    "extcap": "wireshark",
     "baseline": "alerts",
     "diff": "golden",
     "fields": "select",

@@ -131,16 +131,17 @@ def drive(
     reported, and the exit code says so. Raises `CaptureError` before anything is read if one of ``files`` is not a capture.
     """
     code = EXIT_OK
-    _check(files)
+    if len(files) > 1:
+        check_captures(files)
     # The engine makes no cycles, so nothing waits for the collector; its walks over thousands of open connections would
     # only make pauses.
     gc.disable()
     try:
-        with _Interruption() as interruption, _Bar(files, each is not None) as bar:
+        with _Interruption() as interruption, Bar(files, each is not None) as bar:
             while not interruption.asked and run.step():
                 if each is not None:
                     each()
-                bar.show(run)
+                bar.show(sum([file.octets for file in run.files]))
                 if done is not None and done():
                     break
             if interruption.asked:
@@ -161,17 +162,22 @@ def drive(
 
 def complain(run: Run, code: int) -> None:
     """Say on stderr what the results alone do not show: damaged files, an interruption."""
-    for file in run.files:
-        if file.loss:
-            click.echo(f"s7dissect: {printable(file.name)}: {printable(file.loss)}", err=True)
+    complain_of([(file.name, file.loss) for file in run.files], code)
+
+
+def complain_of(losses: Iterable[tuple[str, str]], code: int) -> None:
+    """The same of files with what is wrong with them, nothing where they are sound."""
+    for name, loss in losses:
+        if loss:
+            click.echo(f"s7dissect: {printable(name)}: {printable(loss)}", err=True)
     if code == EXIT_INTERRUPTED:
         click.echo("s7dissect: interrupted; the results cover what was read so far", err=True)
 
 
-def _check(files: Sequence[str]) -> None:
+def check_captures(files: Sequence[str]) -> None:
     """Look at every file before the first is analysed, so that a wrong one is told at once and not after an hour."""
-    for file in files if len(files) > 1 else []:
-        if file == "-" or _gives_once(file):
+    for file in files:
+        if file == "-" or gives_once(file):
             continue
         try:
             reading.open_capture(file).close()
@@ -179,7 +185,7 @@ def _check(files: Sequence[str]) -> None:
             raise _safe(error) from None
 
 
-def _gives_once(file: str) -> bool:
+def gives_once(file: str) -> bool:
     """Return whether a file can be read only once, as pipes can."""
     path = Path(file)
     try:
@@ -242,7 +248,7 @@ def _in_source(frame: FrameType | None) -> bool:
 # ---- progress -------------------------------------------------------------------------------------------------------
 
 
-class _Bar:
+class Bar:
     """A progress bar on stderr: on a terminal only, only for files worth one, and never among lines of results."""
 
     def __init__(self, files: Sequence[str], streaming: bool) -> None:
@@ -283,10 +289,10 @@ class _Bar:
         if self._progress is not None:
             self._progress.stop()
 
-    def show(self, run: Run) -> None:
-        """Show how far ``run`` has come."""
+    def show(self, octets: int) -> None:
+        """Show that so many octets of the files were read."""
         if self._progress is not None and self._task is not None:
-            self._progress.update(self._task, completed=float(sum(file.octets for file in run.files)))
+            self._progress.update(self._task, completed=float(octets))
 
 
 def _goes_to_file() -> bool:

@@ -64,7 +64,7 @@ class Tracker:
         self._every_ns: i64 = every_ns
         self._sums: bool = sums
         self._ends: dict[int, Plc] = {}
-        self._kept: i64 = 0
+        self.kept: i64 = 0
 
     def forget(self, connection: Connection) -> None:
         """Forget which PLC a connection has."""
@@ -97,7 +97,7 @@ class Tracker:
     def variable(self, plc: Plc, key: str, address: str, type_: str, tag: str, unit: str) -> Variable:
         """Return a new variable, remembered where there is room."""
         variable = Variable(plc.end, address, type_, tag, unit)
-        if self.count < self.most and self._kept < MAX_KEPT:
+        if self.count < self.most and self.kept < MAX_KEPT:
             self.count += 1
             plc.variables[key] = variable
             if self._sums:
@@ -161,7 +161,7 @@ class Tracker:
             data = row.data
             if data is not None:
                 before = variable.data
-                self._kept += len(data) - (len(before) if before is not None else 0)
+                self.kept += len(data) - (len(before) if before is not None else 0)
             variable.data = data
             variable.value = row.value
             variable.seen = True

@@ -6,11 +6,13 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
 import pytest
 
 from dissect.cli.help import formatted, groups, page, pages, unfolded
 from dissect.cli.main import COMMANDS
 from tests.cli.support import on_terminal, run, simple
+from tests.cli.test_outputs import commands
 from tests.report.schemas import ROOT
 
 if TYPE_CHECKING:
@@ -87,6 +89,50 @@ def test_a_wrong_command_is_answered_by_the_right_one(
     capfdbinary: Capture, monkeypatch: pytest.MonkeyPatch, words: list[str], said: str
 ) -> None:
     monkeypatch.chdir(ROOT)
+    ran = run(capfdbinary, *words)
+    assert (ran.code, ran.out) == (2, "")
+    assert said in ran.err
+
+
+def slips(option: str) -> list[str]:
+    """Return three ways to mistype an option: two letters swapped, one missing, one twice."""
+    at = len(option) // 2
+    return [
+        option[:at] + option[at + 1] + option[at] + option[at + 2 :],
+        option[:at] + option[at + 1 :],
+        option[:at] + option[at] + option[at:],
+    ]
+
+
+def test_a_wrong_option_is_answered_by_the_right_one() -> None:
+    """Of every option of every command."""
+    count = 0
+    for name, command in commands().items():
+        known = {opt for option in command.params if isinstance(option, click.Option) for opt in option.opts}
+        for right in [opt for opt in known if opt.startswith("--")]:
+            for wrong in {slip for slip in slips(right) if slip not in known}:
+                with pytest.raises(click.NoSuchOption) as told:
+                    command.make_context(name, [wrong])
+                assert right in told.value.format_message(), (name, wrong)
+                count += 1
+    assert count > 700
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--fail-on", "note", "analyze", "x"], "Options follow their command: s7dissect analyze --fail-on"),
+        (["operations", "--kind", "uplod", "x"], "Did you mean upload?"),
+        (["operations", "--kind=uplod", "x"], "Did you mean upload?"),
+        (["completion", "bsh"], "Did you mean bash or zsh?"),
+        (["schema", "analisys"], "Did you mean analysis"),
+        (["transactions", "-T", "jsno", "x"], "Did you mean jsonl?"),
+        (["fields", "latncy"], "Did you mean latency"),
+        (["sql", "slowst", "x"], "Did you mean slowest?"),
+        (["export", "x", "-o", "x.parqet"], "Did you mean .parquet?"),
+    ],
+)
+def test_a_wrong_value_is_answered_by_the_right_one(capfdbinary: Capture, words: list[str], said: str) -> None:
     ran = run(capfdbinary, *words)
     assert (ran.code, ran.out) == (2, "")
     assert said in ran.err

@@ -33,10 +33,12 @@ from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.results import ItemResult
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import PUSH, Transaction
+from dissect.wire.digits import decimal
 from dissect.wire.text import Clock, shortened
 
 #: Characters of a packet comment that are shown.
 _COMMENT: Final = 1000
+_BLANKS: Final[list[str]] = [" " * count for count in range(13)]
 _KINDS: Final = ("push", "request", "response", "type 3")
 
 
@@ -49,12 +51,23 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> 
     if transaction.outcome == PUSH and facet.pushes_both_ways():
         asked, answered = answered, asked  # shown as it went
     frames = places.pair(int(transaction.request_frame), int(transaction.response_frame))
-    parts = [part for part in (words.outcome(transaction), facet.subject(transaction)) if part]
-    said = f"  {'  '.join(parts)}" if parts else ""
+    ending = words.outcome(transaction)
+    subject = facet.subject(transaction)
+    said = f"  {ending}" if ending else ""
+    if subject:
+        said += f"  {subject}"
+    number = decimal(transaction.number)
+    latency = words.duration(transaction.latency_ns)
     return (
-        f"{clock.moment(begun)}  #{transaction.number:<5} {frames:<12} {places.end(asked)} → {places.end(answered)}"
-        f"  {words.duration(transaction.latency_ns):>8}  {transaction.function_name}{said}"
+        f"{clock.moment(begun)}  #{number}{_blanks(5 - len(number))} {frames}{_blanks(12 - len(frames))}"
+        f" {places.end(asked)} → {places.end(answered)}"
+        f"  {_blanks(8 - len(latency))}{latency}  {transaction.function_name}{said}"
     )
+
+
+def _blanks(count: i64) -> str:
+    """Return what fills a column that has room for so many characters more, which may be less than none."""
+    return _BLANKS[count] if count > 0 else ""
 
 
 def styled_transaction(transaction: Transaction, clock: Clock, places: Places) -> Line:
