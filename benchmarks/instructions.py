@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from benchmarks.generate import generate
+from benchmarks.multiply import multiply
 from benchmarks.tables import columns
 
 if TYPE_CHECKING:
@@ -32,9 +33,10 @@ RECORDED: Final = Path(__file__).with_name("instructions.json")
 MOST: Final = {"analyze": 1.05, "transactions": 1.05, "start": 1.10}
 #: Python itself may differ by so much from the one that was recorded.
 SAME: Final = 0.02
-#: Packets of the capture that is read, and of the one that stands for a start.
-PACKETS: Final = 6000
-FEW: Final = 20
+#: Packets of the capture that is read, and how often they are there in the longer one.
+PACKETS: Final = 3000
+COPIES: Final = 3
+COMMANDS: Final = {"analyze": ["analyze"], "transactions": ["transactions", "-T", "jsonl"]}
 
 _COUNTED: Final = re.compile(rb"I\s+refs:\s+([\d,]+)")
 _COMPILER: Final = re.compile(rb"GCC: \([^)]*\) (\d+)")
@@ -75,21 +77,23 @@ def interpreter() -> int:
 
 
 def measure(folder: Path) -> dict[str, int]:
-    """Return the instructions for a packet of each command, and of a start less Python; captures go to ``folder``."""
-    capture, short = folder / "capture.pcap", folder / "short.pcap"
-    generate(capture, PACKETS)
-    generate(short, FEW)
-    analyze: list[str | Path] = ["-m", "dissect", "analyze", short]
-    # Once uncounted, so that the bytecode of all modules is there.
-    for arguments in (["analyze", short], ["transactions", "-T", "jsonl", short]):
-        _ran([sys.executable, "-m", "dissect", *map(str, arguments)])
-    start = instructions(analyze)
-    whole = {
-        "analyze": instructions(["-m", "dissect", "analyze", capture]),
-        "transactions": instructions(["-m", "dissect", "transactions", "-T", "jsonl", capture]),
-    }
-    told = {name: (count - start) // (PACKETS - FEW) for name, count in whole.items()}
-    return {**told, "start": start - instructions(["-c", "pass"])}
+    """Return the instructions for a packet of each command, and of a start less Python; captures go to ``folder``.
+
+    What the first packets cost (modules that are imported when they are needed, requests that are parsed for the first time)
+    belongs to the start: it is what the same capture takes once, and a packet what its copies take, between other hosts.
+    """
+    made, once, often = (folder / f"{name}.pcap" for name in ("made", "once", "often"))
+    generate(made, PACKETS)
+    multiply(made, 1, once)
+    multiply(made, COPIES, often)
+    told: dict[str, int] = {}
+    begun: dict[str, int] = {}
+    for name, arguments in COMMANDS.items():
+        _ran([sys.executable, "-m", "dissect", *arguments, str(once)])  # so that the bytecode of all modules is there
+        begun[name] = instructions(["-m", "dissect", *arguments, once])
+        whole = instructions(["-m", "dissect", *arguments, often])
+        told[name] = (whole - begun[name]) // ((COPIES - 1) * PACKETS)
+    return {**told, "start": begun["analyze"] - instructions(["-c", "pass"])}
 
 
 def recorded() -> dict[str, int]:
