@@ -12,7 +12,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.tables import BIT, CHAR, ELEMENT_OCTETS, WCHAR
+from dissect.s7.tables import BIT, BYTE, CHAR, ELEMENT_OCTETS, WCHAR
 from dissect.wire.octets import u16, u32
 from dissect.wire.text import civil
 
@@ -31,6 +31,20 @@ _FIRST_DIGITS: Final = bytes(
         for exponent, step in enumerate(_HALF_STEP)
     ]
 )
+#: Powers of ten with which the product of a single is exact in a double (24 bits and 2.33 for each power, of 53).
+_TENS: Final = [10.0**power for power in range(13)]
+#: Added to a double below 2**51 and taken away again, it leaves the nearest whole number, ties to even.
+_TO_WHOLE: Final = 6755399441055744.0  # 1.5 * 2**52
+#: By exponent field, the power of ten that leaves the smallest single of it seven digits before the point.
+_SHIFT: Final = bytes(
+    [
+        min(max(6 - math.floor(math.log10(2.0 ** (exponent - 127))), 0), 255) if exponent < 255 else 255
+        for exponent in range(256)
+    ]
+)
+#: Singles whose digits `_shortest` finds: all that seven to nine digits show with powers of `_TENS`.
+_LEAST_SCALED: Final = 1e-4
+_MOST_SCALED: Final = 1e7
 _MS_PER_DAY: Final = 86_400_000
 #: Fewer characters than these may be a chance.
 LEAST_TEXT: Final = 4
@@ -49,6 +63,8 @@ def decode_value(transport_size: i64, octets: bytes) -> Value:
         return None
     if total == size:
         return _element(transport_size, octets)
+    if transport_size == BYTE:
+        return list(octets)
     values: list[bool | int | float | str | None] = []
     at: i64 = 0
     while at < total:
@@ -115,35 +131,57 @@ def spelled(octets: bytes) -> str:
 
 
 def real(octets: bytes) -> float:
-    """Return an IEEE 754 single as the shortest decimal that reads back to the same four octets."""
-    return float(real_text(octets))
+    """Return an IEEE 754 single as the shortest decimal that reads back to the same four octets.
+
+    A double less than half a step of single precision from the exact value reads back to it, however ties are rounded.
+    """
+    exact: float = _FLOAT.unpack(octets)[0]
+    if not _LEAST_SCALED <= abs(exact) < _MOST_SCALED:
+        return float(_text(exact, octets))
+    # What %g and float() would say of so many digits, by arithmetic that is exact: a single times a small power of ten has
+    # no more bits than a double, and the quotient of two whole numbers that doubles hold is rounded once.
+    exponent: i64 = (u16(octets, 0) >> 7) & 0xFF
+    half_step: float = _half_step(octets, exponent)
+    power: i64 = _SHIFT[exponent]
+    if abs(exact) * _TENS[power] >= _MOST_SCALED:
+        power -= 1
+    power -= 7 - _FIRST_DIGITS[exponent]
+    last: i64 = power + 3
+    while power < last:
+        if power >= 0:
+            scale: float = _TENS[power]
+            number: float = (exact * scale + _TO_WHOLE - _TO_WHOLE) / scale
+            if abs(number - exact) < half_step:
+                return number
+        power += 1
+    return float(_text(exact, octets))
 
 
 def real_text(octets: bytes) -> str:
-    """Return an IEEE 754 single as the text of `real`, for example ``123.456``, ``1e+20``, ``inf`` or ``nan``.
+    """Return an IEEE 754 single as the text of `real`, for example ``123.456``, ``1e+20``, ``inf`` or ``nan``."""
+    return _text(_FLOAT.unpack(octets)[0], octets)
 
-    A double less than half a step of single precision from the exact value reads back to it, however ties are rounded; %g
-    drops the zeros of numbers with fewer digits than asked for, and nine digits always do.
-    """
-    exact: float = _FLOAT.unpack(octets)[0]
-    exponent: i64 = (u16(octets, 0) >> 7) & 0xFF
-    if exponent == 255:
-        return repr(exact)
+
+def _half_step(octets: bytes, exponent: i64) -> float:
+    """Return half the distance from a single to its nearest neighbour."""
     half_step: float = _HALF_STEP[exponent]
     if exponent > 1 and octets[1] & 0x7F == 0 and octets[2] == 0 and octets[3] == 0:
         half_step *= 0.5  # below a power of two the steps are half as wide
+    return half_step
+
+
+def _text(exact: float, octets: bytes) -> str:
+    """Return `real_text`: %g drops the zeros of numbers with fewer digits than asked for, and nine digits always do."""
+    exponent: i64 = (u16(octets, 0) >> 7) & 0xFF
+    if exponent == 255:
+        return repr(exact)
+    half_step: float = _half_step(octets, exponent)
     digits: i64 = _FIRST_DIGITS[exponent]
-    while digits < 7:
+    while digits < 9:
         text = f"{exact:.{digits}g}"
         if abs(float(text) - exact) < half_step:
             return text
         digits += 1
-    text = f"{exact:.7g}"
-    if abs(float(text) - exact) < half_step:
-        return text
-    text = f"{exact:.8g}"
-    if abs(float(text) - exact) < half_step:
-        return text
     return f"{exact:.9g}"
 
 

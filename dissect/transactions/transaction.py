@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64
 
 from dissect.s7.errors import ERROR_CODES
-from dissect.s7.items import DataItem, parse_data_items
+from dissect.s7.items import DATA_HEAD, DataItem, data_size_within, parse_data_items
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, Parameters
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, USERDATA, WRITE_VAR
@@ -20,6 +20,9 @@ from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.transactions.results import (
+    BAD_DATA,
+    COUNT_MISMATCH,
+    SIZE_MISMATCH,
     STILL_OPEN,
     UNCONFIRMED,
     ItemResult,
@@ -29,6 +32,7 @@ from dissect.transactions.results import (
     userdata_results,
     write_results,
 )
+from dissect.wire.octets import u16
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -358,6 +362,42 @@ class Transaction:
         if self.error_code and at >= end:
             return []  # refused as a whole: no items come back
         return parse_data_items(self.response_buf, at, end, answer.item_count, True, [])
+
+    def sound_answers(self) -> list[bytes] | None:
+        """Return the octets of each item of a read that was answered as asked, without an object for each; else None.
+
+        That is: nothing refused, an answer for each item, of its size, and no other octets in the data block.
+        """
+        answer = self.response_parameters
+        if (
+            answer is None
+            or self.rosctr != JOB
+            or self.has_errors
+            or self.flags & (COUNT_MISMATCH | SIZE_MISMATCH | BAD_DATA)
+            or self.response_rosctr != ACK_DATA
+            or answer.function != READ_VAR
+            or answer.item_count != len(self.parameters.items)
+            or self.parameters.function != READ_VAR
+        ):
+            return None
+        buf = self.response_buf
+        at: i64 = self.response_offset
+        size: i64 = len(answer.octets)
+        # Of a PDU whose lengths do not add up the flags say nothing.
+        if u16(buf, at + 6) != size or ACK_HEADER_SIZE + size + u16(buf, at + 8) != self.response_size:
+            return None
+        found: list[bytes] = []
+        end: i64 = at + self.response_size
+        at += ACK_HEADER_SIZE + size + DATA_HEAD
+        for item in self.parameters.items:
+            if item.areas is not None:
+                return None
+            size = item.size
+            if size < 0:
+                size = data_size_within(buf[at - 3], u16(buf, at - 2), end - at)
+            found.append(buf[at : at + size])
+            at += size + (size & 1) + DATA_HEAD
+        return found
 
     def written_items(self) -> list[DataItem]:
         """Return the data items of a write request; their offsets are within the buffer."""
