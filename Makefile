@@ -1,5 +1,6 @@
 # make demo    a fresh machine: environment, install, analysis of a shipped capture, result on screen
 # make test    everything that has to hold, the engine both compiled and interpreted
+# make docs    the documentation as a web site with an API reference, in build/docs
 #
 # make wheels  the files of a release for this machine, each built and tried (docs/release.md)
 #
@@ -32,7 +33,7 @@ export VENV
 # what it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test checks wheels container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz properties record clean
+.PHONY: demo test checks docs wheels container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz properties record clean
 .NOTPARALLEL:
 
 demo: environment
@@ -52,6 +53,12 @@ checks:
 wheels:
 	scripts/wheels.sh
 
+# Needs no network once the environment is there. What it warns of is an error: a link that leads nowhere, a page in no group.
+docs:
+	$(COMPILED) scripts/environment.sh docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@echo "make docs: build/docs/index.html"
+
 environment:
 	$(COMPILED) scripts/environment.sh
 
@@ -60,6 +67,7 @@ test-environment:
 	scripts/install-nodes7.sh
 	scripts/install-tshark.sh
 	scripts/install-browser.sh
+	scripts/install-groff.sh
 	scripts/install-sandbox.sh
 
 lint:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import subprocess
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
@@ -297,12 +298,28 @@ class SideBySide:
         return objects
 
 
+def man_pages() -> list[str]:
+    """Return the pages of `man`, made from the commands; none, and say why, where what that takes is missing."""
+    folder = Path("build", "man1")
+    shutil.rmtree(folder, ignore_errors=True)
+    # In a process of its own, from the sources: what is installed may be older.
+    path = os.pathsep.join([name for name in (str(Path.cwd()), os.environ.get("PYTHONPATH")) if name])
+    program = [sys.executable, "scripts/man_pages.py", str(folder)]
+    ran = subprocess.run(program, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False)
+    if ran.returncode:
+        reason = (ran.stderr.strip() or "no reason given").rsplit("\n", 1)[-1]
+        print(f"s7dissect: the pages of man are NOT built: {reason}", file=sys.stderr)
+        return []
+    return sorted(page.as_posix() for page in folder.glob("*.1"))
+
+
 class WithManual(build_py):
-    """Packs the pages of docs/ into the package, where `s7dissect help` finds them."""
+    """Packs the pages of docs/ into the package, where `s7dissect help` finds them, and adds the pages of `man`."""
 
     def run(self) -> None:
         """Build the package, then add the pages."""
         super().run()
+        self.distribution.data_files = [("share/man/man1", man_pages())]
         if self.editable_mode:
             return  # the pages are found where they are
         folder = Path(self.build_lib, "dissect", "help")

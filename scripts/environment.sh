@@ -31,7 +31,8 @@ switches = [os.environ.get(name) for name in ("CC", "CFLAGS", "S7DISSECT_COMPILE
 seen = hashlib.sha256(repr((sys.version, switches)).encode())
 files = [path for path in pathlib.Path("dissect").rglob("*") if path.is_file() and path.suffix != ".pyc"]
 files += pathlib.Path("docs").glob("*.md")  # packed as the pages of `s7dissect help`
-for path in [*sorted(files), *map(pathlib.Path, ("setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"))]:
+single = ("setup.py", "scripts/man_pages.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE")
+for path in [*sorted(files), *map(pathlib.Path, single)]:
     seen.update(repr((str(path), path.read_bytes())).encode())
 print(seen.hexdigest())
 PROGRAM
@@ -89,7 +90,7 @@ if [ "$(cat "$wheels/built" 2>/dev/null)" != "$print" ]; then
     exit 1
   fi
   # pip keeps to itself what the build said; what mypyc objected to, and the line that tells of the fallback, matter.
-  grep -E 's7dissect: the engine (is NOT|cannot be) compiled|^ *dissect/[^ ]*\.py:[0-9]+: error' "$wheels/build.log" | sed 's/^ *//' || true
+  grep -E 's7dissect: the (engine (is NOT|cannot be) compiled|pages of man are NOT built)|^ *dissect/[^ ]*\.py:[0-9]+: error' "$wheels/build.log" | sed 's/^ *//' || true
   rm -rf build s7dissect.egg-info
   echo "$print" >"$wheels/built"
 fi

@@ -18,7 +18,7 @@ import pytest
 import dissect
 
 ROOT: Final = Path(__file__).resolve().parent.parent
-SOURCES: Final = ("dissect", "setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "docs")
+SOURCES: Final = ("dissect", "setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "docs", "scripts")
 
 #: The namespace of another project that responders to incidents have installed too.
 FOREIGN: Final = "dissect.util"
@@ -142,8 +142,12 @@ def test_wheel_holds_the_package_and_nothing_else(wheel: Path) -> None:
     assert {name for name in names if name.endswith(".json")} == schemas
     pages = {f"dissect/help/{path.name}" for path in (ROOT / "docs").glob("*.md")}
     assert {name for name in names if name.endswith(".md")} == pages
+    release = f"s7dissect-{dissect.__version__}"
     tops = {name.split("/")[0] for name in names if "/" in name}
-    assert tops == {"dissect", f"s7dissect-{dissect.__version__}.dist-info"}
+    assert tops == {"dissect", f"{release}.dist-info", f"{release}.data"}
+    manual = f"{release}.data/data/share/man/man1"
+    assert {f"{manual}/s7dissect.1", f"{manual}/s7dissect-analyze.1", f"{manual}/s7dissect-scd-encode.1"} <= names
+    assert [name for name in names if ".data/" in name and not name.startswith(f"{manual}/s7dissect")] == []
     assert {name for name in names if "/" not in name and not name.startswith("s7dissect__mypyc.")} == set()
 
 

@@ -178,3 +178,16 @@ def test_a_compiler_that_fails_is_not_overlooked(setup: ModuleType) -> None:
 
     with pytest.raises(ValueError, match="first"):
         setup.SideBySide(fail)(["first", "second"])
+
+
+def test_a_build_without_what_makes_the_pages_of_man_says_so(
+    setup: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scripts").mkdir()
+    (tmp_path / "scripts" / "man_pages.py").write_text("import no_such_library\n", encoding="ascii")
+    assert setup.man_pages() == []
+    told = capfd.readouterr().err
+    assert told == (
+        "s7dissect: the pages of man are NOT built: ModuleNotFoundError: No module named 'no_such_library'\n"
+    )

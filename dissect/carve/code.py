@@ -271,7 +271,7 @@ class References(Outcome):
             if plc:
                 yield Line(plc, HEADING)
             for text in cross_reference_lines(programs):
-                yield Line(f"  {text}" if plc else text, PLAIN, HANG)
+                yield Line(f"  {text}" if plc and text else text, PLAIN, HANG)
 
     def as_dict(self) -> dict[str, object]:
         """Return uses and calls as values."""

@@ -18,6 +18,11 @@ _PACKAGE: Final = Path(__file__).resolve().parent.parent
 #: Where the pages are in an installed package, and in the source tree.
 _FOLDERS: Final = (_PACKAGE / "help", _PACKAGE.parent / "docs")
 _SUFFIX: Final = ".md"
+#: The list of the pages, in groups: what `s7dissect help` shows, what the order in README and on the site is.
+_LIST: Final = "index"
+#: A group of that list, and a page in it.
+_GROUP: Final = re.compile(r"^## (.+)$", re.MULTILINE)
+_LISTED: Final = re.compile(r"^- \[[^\]]+\]\((\S+)\.md\): (.+)$", re.MULTILINE)
 #: Commands that are described together, and the page.
 _PAGES: Final = {
     "analyze": "commands",
@@ -41,10 +46,20 @@ _PICTURE: Final = re.compile(r"^!\[[^\]]*\]\([^)]*\)\n\n?", re.MULTILINE)
 _WIDEST: Final = 110
 
 
+def _folder() -> Path:
+    return next((folder for folder in _FOLDERS if folder.is_dir()), _FOLDERS[0])
+
+
 def pages() -> dict[str, Path]:
     """Return each topic and the file that holds its page."""
-    folder = next((folder for folder in _FOLDERS if folder.is_dir()), None)
-    return {path.stem: path for path in sorted(folder.glob(f"*{_SUFFIX}"))} if folder is not None else {}
+    return {path.stem: path for path in sorted(_folder().glob(f"*{_SUFFIX}")) if path.stem != _LIST}
+
+
+def groups() -> dict[str, dict[str, str]]:
+    """Return the groups of topics in the order of the list, each with its topics and what they are about."""
+    path = _folder() / f"{_LIST}{_SUFFIX}"
+    _, *pieces = _GROUP.split(path.read_text(encoding="utf-8") if path.is_file() else "")
+    return {title: dict(_LISTED.findall(body)) for title, body in zip(pieces[::2], pieces[1::2], strict=True)}
 
 
 def page(topic: str) -> str:
@@ -91,9 +106,12 @@ def command(ctx: click.Context, topic: str | None) -> int:
 
 
 def _topics() -> list[str]:
-    titles = {name: path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ") for name, path in pages().items()}
-    width = max(map(len, titles), default=0)
-    return [f"  {name.ljust(width)}  {title}" for name, title in titles.items()]
+    listed = groups()
+    width = max([len(topic) for topics in listed.values() for topic in topics], default=0)
+    lines = []
+    for title, topics in listed.items():
+        lines += ["", f"{title}:", *[f"  {topic.ljust(width)}  {about}" for topic, about in topics.items()]]
+    return lines
 
 
 def _show(text: str) -> None:

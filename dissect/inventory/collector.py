@@ -14,6 +14,8 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.inventory.model import Area, Device, Names, Talk
 from dissect.inventory.roles import LISTS_BLOCKS, judge_client, judge_server
+from dissect.mc7.block import CODE_BLOCKS
+from dissect.program.carved import carve
 from dissect.report.analysis import Latencies, Part
 from dissect.s7.items import Item
 from dissect.s7.tables import AREA_LETTERS, DB_AREAS, GROUP_BLOCKS, JOB, NUMBERED_AREAS, READ_VAR, USERDATA, WRITE_VAR
@@ -24,13 +26,15 @@ from dissect.source.packet import SourceFile
 from dissect.stations.facts import MAC, Book, Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import named_items
-from dissect.transactions.operation import DELETE, DOWNLOAD, FAILED, REFUSED, UPLOAD, Operation
+from dissect.transactions.operation import DELETE, DOWNLOAD, FAILED, REFUSED, TRANSFERS, UPLOAD, Operation
 from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 
 MAX_DEVICES: Final = 4096
 MAX_TALKS: Final = 16_384
 MAX_TARGETS: Final = 65_536
 MAX_BLOCKS: Final = 1024
+#: Bytes of the blocks of all devices whose code is looked at.
+MAX_CODE: Final = 1024 * 1024
 
 _VARIABLES: Final = frozenset((READ_VAR, WRITE_VAR))
 #: What became of a block.
@@ -105,6 +109,7 @@ class Inventory(Observer):
         self._talks: dict[tuple[str, str], Talk] = {}
         self._open: dict[int, Traffic] = {}
         self._targets = 0
+        self._code = 0
 
     def __repr__(self) -> str:
         return f"Inventory({len(self.devices)} devices, {len(self.talks)} talks)"
@@ -195,6 +200,8 @@ class Inventory(Observer):
         if done is None or operation.result in {REFUSED, FAILED}:
             return
         device = self._device(str(operation.connection.tcp.ends[1 - operation.asked_by].host))
+        if device is not None and operation.content and operation.kind in TRANSFERS:
+            self._take_code(device, operation)
         name = operation.subject.removeprefix("block ")
         if operation.connection.plus is None:
             name = name.partition(",")[0]  # active or passive: it is the same block
@@ -204,6 +211,16 @@ class Inventory(Observer):
             device.blocks.setdefault(name, Names()).add(done)
         else:
             device.more_blocks += 1
+
+    def _take_code(self, device: Device, operation: Operation) -> None:
+        for block in carve(operation):
+            if block.classic is None or block.kind not in CODE_BLOCKS or not block.complete:
+                continue
+            if self._code + len(block.octets) > MAX_CODE:
+                device.more_code += 1
+            else:
+                self._code += len(block.octets)
+                device.code.append(block)
 
     def fact(self, fact: Fact) -> None:
         """Keep what a station said of itself."""

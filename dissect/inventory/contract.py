@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.inventory.code import code_as_dict
 from dissect.inventory.collector import Inventory
 from dissect.inventory.model import Area, Device, Names, Talk
 from dissect.inventory.vendors import vendor
@@ -156,6 +157,7 @@ def _blocks(device: Device) -> dict[str, object]:
             for name in names
         ],
         "not_listed": device.more_blocks,
+        "references": code_as_dict(device),
     }
 
 

@@ -6,6 +6,7 @@ from bisect import insort
 from ipaddress import ip_address
 from typing import Final
 
+from dissect.program.carved import CarvedBlock
 from dissect.report.analysis import Latencies
 from dissect.stations import facts
 from dissect.stations.facts import Fact, Station, Stretch
@@ -163,6 +164,8 @@ class Device:
         self.parallel_jobs = Names()
         self.blocks: dict[str, Names] = {}
         self.more_blocks = 0
+        self.code: list[CarvedBlock] = []  # blocks with instructions, each as it was loaded or read out
+        self.more_code = 0
         self.first_frame = 0
         self.first_ns = 0
         self.last_frame = 0

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
+from dissect.inventory.code import code_lines
 from dissect.inventory.collector import Inventory, talks_between
 from dissect.inventory.model import BEHAVIOUR, STATED, TSAP, Area, Device, Names, Reason, Talk
 from dissect.inventory.outcome import Devices
@@ -114,6 +115,12 @@ def _card(device: Device, places: Places, clock: Clock, shared: Mapping[str, int
     yield from _state(device, places, clock)
     yield from _agreed(device)
     yield from _blocks(device)
+    for said in code_lines(device):
+        yield "code", said
+    if device.more_code:
+        more = device.more_code
+        verb = "was" if more == 1 else "were"
+        yield "code", f"{words.count(more, 'more block')} {verb} not looked at: all code together is too large"
     if device.sessions.texts:
         yield "sessions", _some(device.sessions)
     if device.asked_by:

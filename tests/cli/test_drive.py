@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import fcntl
 import gzip
-import importlib
 import io
 import json
 import os
@@ -510,7 +509,7 @@ def test_every_style_has_a_colour(monkeypatch: pytest.MonkeyPatch, capfdbinary: 
 #: Options that `dissect.cli.main` gives to all commands; they are described once.
 SHARED = ("color", "local_time")
 #: The section of docs/commands.md with the options of several commands.
-COMMON = "Selecting, names and keys"
+COMMON = "Options of several commands"
 
 
 def test_the_shared_options_are_in_the_document() -> None:
@@ -570,8 +569,7 @@ def test_local_time_in_lines_and_utc_for_programs(
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_option_is_in_the_document(name: str) -> None:
     text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
-    command: click.Command = importlib.import_module(f"dissect.cli.{name}").command
-    options = [each for each in command.params if isinstance(each, click.Option) and each.name not in SHARED]
+    options = [each for each in equipped(name).params if isinstance(each, click.Option) and each.name not in SHARED]
     written = [[*option.opts, *([option.metavar] if option.metavar else [])] for option in options]
     of_several = option_rows(text, COMMON)
     assert option_rows(text, name) == [words for words in written if words not in of_several]
@@ -582,11 +580,18 @@ def test_the_options_of_several_commands_are_in_the_document() -> None:
     there = [
         [*option.opts, *([option.metavar] if option.metavar else [])]
         for name in COMMANDS
-        for option in importlib.import_module(f"dissect.cli.{name}").command.params
+        for option in equipped(name).params
         if isinstance(option, click.Option)
     ]
     for words in option_rows(text, COMMON):
         assert there.count(words) > 1, words
+
+
+def equipped(name: str) -> click.Command:
+    """Return a command with the options that `dissect.cli.main` gives to all."""
+    command = group.get_command(click.Context(group), name)
+    assert command is not None
+    return command
 
 
 def option_rows(text: str, section: str) -> list[list[str]]:

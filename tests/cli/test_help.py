@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from dissect.cli.help import page, pages
+from dissect.cli.help import groups, page, pages
 from dissect.cli.main import COMMANDS
 from tests.cli.support import on_terminal, run, simple
 from tests.report.schemas import ROOT
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from tests.conftest import Command
 
 Capture = pytest.CaptureFixture[bytes]
-DOCS = sorted((ROOT / "docs").glob("*.md"))
+DOCS = [path for path in sorted((ROOT / "docs").glob("*.md")) if path.stem != "index"]  # which lists them
 
 
 def test_every_page_of_the_docs_is_a_topic() -> None:
@@ -62,6 +62,8 @@ def test_without_a_topic_everything_is_listed(capfdbinary: Capture) -> None:
     told = run(capfdbinary, "help").out
     for name in (*COMMANDS, *pages()):
         assert f"\n  {name} " in told
+    titles = [f"\n{title}:\n  {next(iter(topics))} " for title, topics in groups().items()]
+    assert [told.index(title) for title in titles] == sorted(told.index(title) for title in titles)
     assert max(map(len, told.splitlines())) <= 80
 
 
