@@ -69,6 +69,7 @@ test-environment:
 	scripts/install-browser.sh
 	scripts/install-groff.sh
 	scripts/install-sandbox.sh
+	scripts/install-servers.sh
 
 lint:
 	$(BIN)/ruff check .

@@ -21,6 +21,7 @@ from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.source.files import open_capture
 from dissect.source.packet import PacketSink, Reader, SourceFile
+from dissect.source.remote import shown
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
 from dissect.transactions.operation import Operation
@@ -95,7 +96,7 @@ class Run:
             reader = open_capture(path)
             self._reader = reader
             self._joined = not self.files
-            self.files.append(SourceFile("stdin" if path == "-" else path, self.pipeline.frames + 1))
+            self.files.append(SourceFile("stdin" if path == "-" else shown(path), self.pipeline.frames + 1))
         more = reader.step(self.pipeline if self._joined and reader.packets else _Joint(self))
         file = self.files[-1]
         file.packets = reader.packets

@@ -46,6 +46,7 @@ ORDER: Final = (
     "carve",
     "index",
     "variables",
+    "jobs",
     "export",
     "page",
     "golden",
@@ -112,6 +113,7 @@ CLOCK_CALLS: Final = frozenset(("now", "today", "utcnow"))
 LOCKED: Final = {
     "cryptography": "tls",
     "duckdb": "export",
+    "fsspec": "source",
     "jinja2": "page",
     "markupsafe": "page",
     "scapy": "layers",
@@ -432,6 +434,7 @@ def test_importing_is_cheap(statement: str) -> None:
         "lark",
         "pyshark",
         "asyncio",
+        "fsspec",
         "logging",
         "dissect.session",
         "dissect.engine.pipeline",

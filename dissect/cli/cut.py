@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -10,17 +9,16 @@ import click
 
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
-from dissect.cli.options.select import read_where, where_option
+from dissect.cli.options.select import where_option
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
-from dissect.cli.run import complain, drive, files_argument, places_of
-from dissect.cli.second_pass import check_files, name_of, written_whole
+from dissect.cli.run import complain, files_argument
+from dissect.cli.second_pass import around_option, check_files, name_of, read_again, read_first, tell_cut, written_whole
 from dissect.report.slugs import slugs_of
 
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
-    from dissect.engine.observer import Observer
-    from dissect.recording.cutter import Around, Cutter
+    from dissect.recording.cutter import Around
     from dissect.recording.selection import Choice
     from dissect.recording.window import Window
     from dissect.tls.key_log import KeyLog
@@ -30,9 +28,6 @@ _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, or nothing to write, 3 a damaged or truncated file "
     "(what could be read was written), 5 the output could not be written (disk full), 130 interrupted (nothing written)."
 )
-
-
-_AROUND = re.compile(r"([0-9]{1,9})(ms|s)?")
 
 
 def _findings(
@@ -59,22 +54,6 @@ def _window(ctx: click.Context, param: click.Parameter, value: str | None) -> Wi
         return parse_window(value) if value is not None else None
     except ValueError as error:
         raise click.BadParameter(f"{error}.", ctx, param) from None
-
-
-def _around(ctx: click.Context, param: click.Parameter, value: str | None) -> Around:
-    from dissect.recording.cutter import Around
-
-    if value is None:
-        return Around()
-    found = _AROUND.fullmatch(value)
-    if not found:
-        raise click.BadParameter(
-            f"expected a number of packets or a time such as 500ms or 2s, got {value!r}.", ctx, param
-        )
-    number = int(found[1])
-    if found[2] is None:
-        return Around(packets=number)
-    return Around(ns=number * (1_000_000 if found[2] == "ms" else 1_000_000_000))
 
 
 def _numbers(name: str, what: str) -> Callable[[Any], Any]:
@@ -116,12 +95,7 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
     help="Only packets within this time range: HH:MM:SS or YYYY-MM-DDTHH:MM:SS in UTC, optionally with a fraction, or seconds "
     "from the first packet; either end may be omitted.",
 )
-@click.option(
-    "--around",
-    callback=_around,
-    metavar="N|MS",
-    help="Also N packets before and after each, or all within a time such as 500ms or 2s.",
-)
+@around_option
 @click.option(
     "--context",
     is_flag=True,
@@ -161,24 +135,14 @@ def command(
     Several files are read as one capture and written to one OUT.
     """
     from dissect.engine.pipeline import Options
-    from dissect.live.run import Fanout
     from dissect.recording.selection import Selection, Wanted
-    from dissect.select.packets import PacketSelection
-    from dissect.session import Run
 
     check_files(files, output, force)
     wanted = Wanted(connection, transaction, *findings)
     if context and not transaction:
         raise click.UsageError("--context needs --transaction.")
     selection = Selection(wanted, comments=not plain, context=context)
-    chosen = read_where(where, kinds=("packet", "transaction", "finding"))
-    packets = PacketSelection(chosen) if chosen is not None else None
-    observer = Fanout([selection, packets], _failed) if packets is not None else selection
-    run = Run(files, observer, Options(decoder=decoder, tls_keys=tls_keys, naming=naming))
-    if chosen is not None:
-        chosen.context.start = lambda: int(run.pipeline.first_ns)
-        chosen.context.number = places_of(run, files).number
-    code = drive(run, files)
+    run, code, packets = read_first(files, selection, where, Options(decoder=decoder, tls_keys=tls_keys, naming=naming))
     if code == EXIT_INTERRUPTED:
         click.echo(f"s7dissect: interrupted; {name_of(output)} was not written", err=True)
         return code
@@ -198,46 +162,14 @@ def command(
     return _write(files, output, choice, around) or code
 
 
-def _failed(_observer: Observer, error: Exception) -> None:
-    """Let an error of one of two observers be told as that of one alone is."""
-    raise error
-
-
 def _write(files: Sequence[str], output: str, choice: Choice, around: Around) -> int:
     """Read the files again, write what is wanted, and tell how much that was."""
     from dissect.recording.cutter import Cutter
-    from dissect.source.files import open_capture
 
     with written_whole(output) as writer:
         cutter = Cutter(choice, writer, around)
-        for file in files:
-            reader = open_capture(file)
-            try:
-                cutter.read_all(reader)
-            finally:
-                reader.close()
+        read_again(files, cutter)
         if not cutter.chosen:
             raise click.ClickException("no packet matches; nothing was written.")
-    _tell(cutter, output, choice.context)
+    tell_cut(cutter, output, choice.context)
     return 0
-
-
-def _tell(cutter: Cutter, output: str, context: int) -> None:
-    """Say on stderr what was written."""
-    written = cutter.chosen + cutter.beside
-    beside = f", {cutter.beside} of them for being near" if cutter.beside else ""
-    if context:
-        beside = f", {context} of them open or close connections{beside}"
-    commented = f", {cutter.commented} with findings as comments" if cutter.commented else ""
-    click.echo(
-        f"s7dissect: {written} of {cutter.frames} packets written to {name_of(output)}{beside}{commented}", err=True
-    )
-    if cutter.secrets_kept:
-        count = cutter.secrets_kept
-        blocks = "1 block of TLS session keys" if count == 1 else f"{count} blocks of TLS session keys"
-        click.echo(f"s7dissect: {name_of(output)} keeps {blocks}: it can be decrypted without other keys", err=True)
-    if cutter.shortened:
-        click.echo(
-            f"s7dissect: {cutter.shortened} packets left memory before --around could select them; some may be missing",
-            err=True,
-        )

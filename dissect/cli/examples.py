@@ -18,6 +18,7 @@ EXAMPLES: Final = {
         "s7dissect transactions -Y 'port == 102 and not failed' -c 5 trace.pcapng",
         "s7dissect transactions -T csv trace.pcapng > trace.csv",
         "s7dissect transactions --tls-keys session.keys trace.pcapng",
+        "s7dissect transactions -j auto -T jsonl trace.pcapng > trace.jsonl",
     ),
     "values": (
         "s7dissect values press.pcapng DB2.DBD16:REAL MW20",
@@ -72,6 +73,15 @@ EXAMPLES: Final = {
     "cut": (
         "s7dissect cut trace.pcapng -o part.pcapng --connection 1",
         "s7dissect cut trace.pcapng -o bad.pcapng --finding warning --around 2s",
+    ),
+    "open": (
+        "s7dissect open trace.pcapng",
+        "s7dissect open -Y 'slug == security.program_change' --around 2s trace.pcapng",
+        "s7dissect open --frame 12 trace.pcapng -o marked.pcapng",
+    ),
+    "extcap": (
+        "s7dissect extcap --install",
+        "s7dissect extcap --install wireshark/extcap",
     ),
     "anonymize": (
         "s7dissect anonymize trace.pcapng -o shared.pcapng",

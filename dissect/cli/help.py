@@ -31,6 +31,8 @@ _PAGES: Final = {
     "show": "commands",
     "verify": "commands",
     "cut": "evidence",
+    "open": "wireshark",
+    "extcap": "wireshark",
     "baseline": "alerts",
     "diff": "golden",
     "fields": "select",
@@ -42,6 +44,11 @@ _PAGES: Final = {
 _LINK: Final = re.compile(r"\[([^\]]+)\]\((?!https?:)([^)#]*)(?:#[^)]*)?\)")
 #: A picture, which a terminal does not show.
 _PICTURE: Final = re.compile(r"^!\[[^\]]*\]\([^)]*\)\n\n?", re.MULTILINE)
+#: A table: its head, the line below that, its rows. And the border between two cells.
+_TABLE: Final = re.compile(r"^(\|.+)\n\|[-:| ]+\|\n((?:\|.+\n?)*)", re.MULTILINE)
+_BORDER: Final = re.compile(r"(?<!\\)\|")
+#: Columns of long texts that stand well beside each other.
+_TEXTS: Final = 2
 #: Columns beyond which text is hard to read.
 _WIDEST: Final = 110
 
@@ -66,6 +73,35 @@ def page(topic: str) -> str:
     """Return a page as Markdown, its links as what to type; raises KeyError for an unknown topic."""
     text = _PICTURE.sub("", pages()[topic].read_text(encoding="utf-8"))
     return _LINK.sub(_typed, text)
+
+
+def unfolded(text: str, columns: int) -> str:
+    """Return a page whose tables fit so many columns: what would not fit is a list, each row a term and what is said of it."""
+    return _TABLE.sub(lambda table: table[0] if _fits(table, columns) else _rows(table), text)
+
+
+def _fits(table: re.Match[str], columns: int) -> bool:
+    """Return whether a table can be read in so many columns: no word is cut off, and texts have room for a few words a line."""
+    rows = [_cells(line) for line in (table[1], *table[2].splitlines())]
+    texts = sum(max(map(len, column)) > columns // 2 for column in zip(*rows, strict=True))
+    return (texts < _TEXTS or len(rows[0]) <= _TEXTS + 1) and formatted(table[0], columns).count("…") == table[0].count(
+        "…"
+    )
+
+
+def _rows(table: re.Match[str]) -> str:
+    _, *names = _cells(table[1])
+    lines = []
+    for row in table[2].splitlines():
+        term, *others = [cell.replace("\\|", "|") for cell in _cells(row)]
+        lines += [f"**{term or '-'}**", ""]
+        lines += [f"- {f'{name}: ' if name else ''}{cell}" for name, cell in zip(names, others, strict=True) if cell]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _cells(line: str) -> list[str]:
+    return [cell.strip() for cell in _BORDER.split(line.strip().strip("|"))]
 
 
 def _typed(link: re.Match[str]) -> str:
@@ -118,14 +154,19 @@ def _show(text: str) -> None:
     if not sys.stdout.isatty():
         write([text.rstrip("\n")])
         return
+    width = min(shutil.get_terminal_size().columns, _WIDEST)
+    colours = coloured(True)
+    click.echo_via_pager(formatted(unfolded(text, width), width, colours), color=colours)
+
+
+def formatted(text: str, columns: int, colours: bool = False) -> str:
+    """Return Markdown as a terminal of so many columns shows it."""
     from rich.console import Console
     from rich.markdown import Markdown
 
-    colours = coloured(True)
-    width = min(shutil.get_terminal_size().columns, _WIDEST)
     console = Console(
-        width=width, force_terminal=colours, no_color=not colours, color_system="standard" if colours else None
+        width=columns, force_terminal=colours, no_color=not colours, color_system="standard" if colours else None
     )
     with console.capture() as captured:
         console.print(Markdown(text, hyperlinks=False))
-    click.echo_via_pager(captured.get(), color=colours)
+    return captured.get()

@@ -40,6 +40,7 @@ COMMANDS: Final = {
     "devices": "List devices: what each is, and who talks to whom.",
     "show": "List S7 PDUs, or dissect them field by field.",
     "cut": "Extract part of a capture, findings as packet comments.",
+    "open": "Open it in Wireshark, findings as packet comments.",
     "anonymize": "Replace addresses, names and values for sharing.",
     "baseline": "Learn what is normal, or report what is not.",
     "export": "Tables and logs for other tools: Parquet, SQL, Zeek …",
@@ -49,6 +50,7 @@ COMMANDS: Final = {
     "verify": "Compare our dissection with Wireshark's.",
     "index": "Index a folder of captures: which can answer a question.",
     "monitor": "Watch live S7 traffic.",
+    "extcap": "Capture in Wireshark with findings as comments.",
     "interfaces": "List interfaces and what can capture on them.",
     "proxy": "TCP relay in front of a PLC that reports what passes.",
     "serve": "Fake PLC that answers like a recorded one.",
@@ -82,6 +84,9 @@ _WORDS: Final = {"version": "--version"}
 
 #: What the system says when an output has no room, whatever its name is.
 _FULL: Final = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
+
+#: Under this the context keeps the arguments of the whole command line.
+ARGUMENTS: Final = "dissect.cli.main.arguments"
 
 #: Set by the shell when it asks for completions.
 COMPLETION: Final = "_S7DISSECT_COMPLETE"
@@ -147,7 +152,9 @@ class _Main(LazyGroup):
             args = ["analyze", *args[1:]]
         elif args and args[0] not in COMMANDS and os.path.isfile(args[0]):  # noqa: PTH113 - any text may be asked for
             args = ["analyze", *args]
-        return super().parse_args(ctx, [_WORDS.get(args[0], args[0]), *args[1:]] if args else args)
+        args = [_WORDS.get(args[0], args[0]), *args[1:]] if args else args
+        ctx.meta[ARGUMENTS] = list(args)
+        return super().parse_args(ctx, args)
 
     def hint(self, name: str) -> str:
         """Return what may have been meant; a folder is probably to be searched through."""
@@ -230,12 +237,27 @@ def _say(text: str) -> None:
 
 def _show(exc: click.ClickException, arguments: list[str]) -> None:
     """Write what click says of wrong use, with nothing in it that a name could do to a terminal."""
+    exc.message += _meant(exc, arguments)
     for word in arguments:
         if not word.isprintable():  # click breaks its own lines; a name must not
             vars(exc)["message"] = exc.message.replace(word, printable(word))
     said = io.StringIO()
     exc.show(file=said)
     click.echo("\n".join([printable(line) for line in said.getvalue().rstrip("\n").split("\n")]), err=True)
+
+
+def _meant(exc: click.ClickException, arguments: list[str]) -> str:
+    """Return what may have been meant where click does not say it: a value of a list, an option before its command."""
+    if isinstance(exc, click.BadParameter) and exc.param is not None and isinstance(exc.param.type, click.Choice):
+        from dissect.config.hints import close_names
+
+        words = [word.rpartition("=")[2] for word in arguments]
+        near = [close_names(word, list(exc.param.type.choices)) for word in words if repr(word) in exc.message]
+        return f" Did you mean {' or '.join(near[0])}?" if near and near[0] else ""
+    if isinstance(exc, click.NoSuchOption) and exc.ctx is not None and exc.ctx.parent is None and not exc.possibilities:
+        command = next((word for word in arguments if word in COMMANDS), None)
+        return f" Options follow their command: s7dissect {command} {exc.option_name}" if command else ""
+    return ""
 
 
 def _system_refused(exc: OSError) -> int:

@@ -18,7 +18,8 @@ from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.options.variables import wanted_of
-from dissect.cli.run import checksums_option, complain, drive, places_of, slow_option
+from dissect.cli.run import checksums_option, complain, drive, files_if_any, places_of, slow_option
+from dissect.source.remote import shown
 from dissect.wire.saving import save
 from dissect.wire.text import printable
 
@@ -56,7 +57,7 @@ def check_output(output: str, files: Sequence[str], force: bool) -> None:
 
 
 @click.command("report", epilog=_EXIT_CODES)
-@click.argument("files", nargs=-1, type=click.Path(), metavar="FILE...")
+@files_if_any
 @click.option(
     "-o", "--output", "output", required=True, metavar="OUT", help="The HTML file to write; - is standard output."
 )
@@ -151,7 +152,7 @@ def _read(
     from dissect.page.rows import Rows
     from dissect.session import Run
 
-    names = ["stdin" if file == "-" else file for file in files]
+    names = ["stdin" if file == "-" else shown(file) for file in files]
     rows = Rows(names, clock(), hosts())
     gathered = Gathered(rows, plots)
     observer = gathered if beside is None else Fanout([gathered, beside], _failed)

@@ -1,4 +1,4 @@
-"""How `s7dissect monitor` opens an interface, and what it gives up then: hostile packets are parsed without any rights."""
+"""How `monitor` and `extcap` open an interface, and what they give up then: hostile packets are parsed without any rights."""
 
 from __future__ import annotations
 
@@ -29,24 +29,25 @@ def check_user(user: str, engine: str) -> None:
         raise click.UsageError("-Z USER needs --engine ring: dumpcap started as root can only be stopped by root.")
 
 
-def _relinquish(beside: Beside, become: User | None, on_screens: bool) -> None:
+def _relinquish(beside: Beside | None, become: User | None, on_screens: bool) -> None:
     """Give up all rights, and see that what has to be written and read afterwards can be."""
     from dissect.source.live import privileges
 
     if become is not None:
         _import_all()
-        privileges.give(beside.made, become)
+        if beside is not None:
+            privileges.give(beside.made, become)
     privileges.relinquish(become)
-    for directory in beside.directories:
+    for directory in beside.directories if beside is not None else ():
         privileges.check_writable(directory, become)
     if on_screens and not privileges.program_readable():
         raise privileges.unreadable(become)
 
 
 def open_interface(
-    interface: str, expression: str, engine: str, user: str, beside: Beside, on_screens: bool, buffer_mib: int
+    interface: str, expression: str, engine: str, user: str, beside: Beside | None, on_screens: bool, buffer_mib: int
 ) -> LiveReader:
-    """Open an interface and give up all rights, as far as the engine allows that.
+    """Open an interface and give up all rights, as far as the engine allows that; ``beside`` goes on writing without them.
 
     Root reads by the ring where it can: whoever started a dumpcap as root must stay root to end it.
     """

@@ -17,6 +17,7 @@ import click
 
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
 from dissect.source import files as reading
+from dissect.source import remote
 from dissect.source.packet import CaptureError
 from dissect.wire.text import printable
 
@@ -34,8 +35,28 @@ _GROWS: Final = 10
 #: Lines that are joined and written together; many more cost fresh memory each time.
 _PIECE: Final = 64
 
-#: The files to read: `-` is standard input.
-files_argument = click.argument("files", nargs=-1, required=True, type=click.Path(), metavar="FILE...")
+#: What stands in names that are patterns, ranges of days, or of another machine.
+_NOT_PLAIN: Final = ("://", "*", "?", "[", "{")
+
+
+def files_meant(files: Iterable[str]) -> tuple[str, ...]:
+    """Return the files that names stand for. `CaptureError` where a pattern finds none, or a range of days is none."""
+    names = tuple(files)
+    if not any([mark in name for name in names for mark in _NOT_PLAIN]):
+        return names
+    return tuple(remote.expand(names))
+
+
+def _files(_ctx: click.Context, _param: click.Parameter, files: tuple[str, ...]) -> tuple[str, ...]:
+    return files_meant(files)
+
+
+#: The files to read: `-` is standard input, a pattern or a range of days what it finds.
+files_argument = click.argument("files", nargs=-1, required=True, type=click.Path(), metavar="FILE...", callback=_files)
+#: The same where a command does without.
+files_if_any: Final[Callable[[Any], Any]] = click.argument(
+    "files", nargs=-1, type=click.Path(), metavar="FILE...", callback=_files
+)
 
 
 #: Packets that their receiver dropped are no part of what was said; the command gets ``checksums``.
@@ -110,16 +131,17 @@ def drive(
     reported, and the exit code says so. Raises `CaptureError` before anything is read if one of ``files`` is not a capture.
     """
     code = EXIT_OK
-    _check(files)
+    if len(files) > 1:
+        check_captures(files)
     # The engine makes no cycles, so nothing waits for the collector; its walks over thousands of open connections would
     # only make pauses.
     gc.disable()
     try:
-        with _Interruption() as interruption, _Bar(files, each is not None) as bar:
+        with _Interruption() as interruption, Bar(files, each is not None) as bar:
             while not interruption.asked and run.step():
                 if each is not None:
                     each()
-                bar.show(run)
+                bar.show(sum([file.octets for file in run.files]))
                 if done is not None and done():
                     break
             if interruption.asked:
@@ -140,17 +162,22 @@ def drive(
 
 def complain(run: Run, code: int) -> None:
     """Say on stderr what the results alone do not show: damaged files, an interruption."""
-    for file in run.files:
-        if file.loss:
-            click.echo(f"s7dissect: {printable(file.name)}: {printable(file.loss)}", err=True)
+    complain_of([(file.name, file.loss) for file in run.files], code)
+
+
+def complain_of(losses: Iterable[tuple[str, str]], code: int) -> None:
+    """The same of files with what is wrong with them, nothing where they are sound."""
+    for name, loss in losses:
+        if loss:
+            click.echo(f"s7dissect: {printable(name)}: {printable(loss)}", err=True)
     if code == EXIT_INTERRUPTED:
         click.echo("s7dissect: interrupted; the results cover what was read so far", err=True)
 
 
-def _check(files: Sequence[str]) -> None:
+def check_captures(files: Sequence[str]) -> None:
     """Look at every file before the first is analysed, so that a wrong one is told at once and not after an hour."""
-    for file in files if len(files) > 1 else []:
-        if file == "-" or _gives_once(file):
+    for file in files:
+        if file == "-" or gives_once(file):
             continue
         try:
             reading.open_capture(file).close()
@@ -158,7 +185,7 @@ def _check(files: Sequence[str]) -> None:
             raise _safe(error) from None
 
 
-def _gives_once(file: str) -> bool:
+def gives_once(file: str) -> bool:
     """Return whether a file can be read only once, as pipes can."""
     path = Path(file)
     try:
@@ -210,9 +237,9 @@ class _Interruption(Signals):
 
 
 def _in_source(frame: FrameType | None) -> bool:
-    """Return whether a signal struck where octets are fetched: in the module that reads files, or below it."""
+    """Return whether a signal struck where octets are fetched: in the modules that read files, or below them."""
     while frame is not None:
-        if frame.f_code.co_filename == reading.__file__:
+        if frame.f_code.co_filename in {reading.__file__, remote.__file__}:
             return True
         frame = frame.f_back
     return False
@@ -221,7 +248,7 @@ def _in_source(frame: FrameType | None) -> bool:
 # ---- progress -------------------------------------------------------------------------------------------------------
 
 
-class _Bar:
+class Bar:
     """A progress bar on stderr: on a terminal only, only for files worth one, and never among lines of results."""
 
     def __init__(self, files: Sequence[str], streaming: bool) -> None:
@@ -262,10 +289,10 @@ class _Bar:
         if self._progress is not None:
             self._progress.stop()
 
-    def show(self, run: Run) -> None:
-        """Show how far ``run`` has come."""
+    def show(self, octets: int) -> None:
+        """Show that so many octets of the files were read."""
         if self._progress is not None and self._task is not None:
-            self._progress.update(self._task, completed=float(sum(file.octets for file in run.files)))
+            self._progress.update(self._task, completed=float(octets))
 
 
 def _goes_to_file() -> bool:

@@ -10,6 +10,7 @@ import click
 
 from dissect.cli.main import EXIT_OK
 from dissect.cli.run import write
+from dissect.config.hints import close_names
 
 #: Where the schemas are, in the package: `NAME.schema.json`.
 FOLDER: Final = Path(__file__).resolve().parent.parent / "schema"
@@ -33,7 +34,9 @@ def command(name: str | None) -> int:
         return EXIT_OK
     found = [each for each in names if name in {each, _id(each)}]
     if not found:
-        raise click.UsageError(f"no schema {name!r}; available: {', '.join(names)}.")
+        near = close_names(name, names)
+        hint = f" Did you mean {' or '.join(near)}?" if near else ""
+        raise click.UsageError(f"no schema {name!r}; available: {', '.join(names)}.{hint}")
     write([json.dumps(bundled(found[0]), indent=1)])
     return EXIT_OK
 

@@ -2,22 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from dissect.cli.options.select import read_where
+from dissect.cli.run import drive, places_of
 from dissect.source.pcapng_writer import CAPTURE_MODE
 from dissect.wire.saving import Saving
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
+    from dissect.engine.observer import Observer
+    from dissect.engine.pipeline import Options
+    from dissect.recording.cutter import Around, Cutter
+    from dissect.recording.selection import Selection
+    from dissect.select.packets import PacketSelection
+    from dissect.session import Run
     from dissect.source.pcapng_writer import PcapngWriter
 
+_AROUND: Final = re.compile(r"([0-9]{1,9})(ms|s)?")
 #: Octets that are gathered before they are written.
 _BATCH: Final = 262_144
+
+
+def _around(ctx: click.Context, param: click.Parameter, value: str | None) -> Around:
+    from dissect.recording.cutter import Around
+
+    if value is None:
+        return Around()
+    found = _AROUND.fullmatch(value)
+    if not found:
+        raise click.BadParameter(
+            f"expected a number of packets or a time such as 500ms or 2s, got {value!r}.", ctx, param
+        )
+    number = int(found[1])
+    if found[2] is None:
+        return Around(packets=number)
+    return Around(ns=number * (1_000_000 if found[2] == "ms" else 1_000_000_000))
+
+
+#: ``--around``; the command's argument is called ``around``.
+around_option: Final[Callable[[Any], Any]] = click.option(
+    "--around",
+    callback=_around,
+    metavar="N|MS",
+    help="Also N packets before and after each, or all within a time such as 500ms or 2s.",
+)
 
 
 def check_files(files: Sequence[str], output: str, force: bool) -> None:
@@ -29,6 +64,40 @@ def check_files(files: Sequence[str], output: str, force: bool) -> None:
             raise click.UsageError(f"{printable(output)} is both input and output; choose another OUT.")
     if output != "-" and Path(output).is_file() and not force:
         raise click.UsageError(f"{printable(output)} exists; --force overwrites it.")
+
+
+def read_first(
+    files: Sequence[str], selection: Selection, where: str | None, options: Options
+) -> tuple[Run, int, PacketSelection | None]:
+    """Read a capture for the first time, watched by ``selection``; give the run, its exit code and what ``where`` selects."""
+    from dissect.live.run import Fanout
+    from dissect.select.packets import PacketSelection
+    from dissect.session import Run
+
+    chosen = read_where(where, kinds=("packet", "transaction", "finding"))
+    packets = PacketSelection(chosen) if chosen is not None else None
+    run = Run(files, Fanout([selection, packets], _failed) if packets is not None else selection, options)
+    if chosen is not None:
+        chosen.context.start = lambda: int(run.pipeline.first_ns)
+        chosen.context.number = places_of(run, files).number
+    return run, drive(run, files), packets
+
+
+def _failed(_observer: Observer, error: Exception) -> None:
+    """Let an error of one of two observers be told as that of one alone is."""
+    raise error
+
+
+def read_again(files: Sequence[str], cutter: Cutter) -> None:
+    """Read a capture for the second time, to be written by ``cutter``."""
+    from dissect.source.files import open_capture
+
+    for file in files:
+        reader = open_capture(file)
+        try:
+            cutter.read_all(reader)
+        finally:
+            reader.close()
 
 
 def name_of(output: str) -> str:
@@ -60,3 +129,24 @@ def written_whole(output: str, command: str = "") -> Iterator[PcapngWriter]:
             if error.filename != saving.path:
                 raise
             raise OSError(error.errno, error.strerror, output) from None
+
+
+def tell_cut(cutter: Cutter, output: str, context: int = 0) -> None:
+    """Say on stderr what was written; ``context`` packets of it only open or close connections."""
+    written = cutter.chosen + cutter.beside
+    beside = f", {cutter.beside} of them for being near" if cutter.beside else ""
+    if context:
+        beside = f", {context} of them open or close connections{beside}"
+    commented = f", {cutter.commented} with findings as comments" if cutter.commented else ""
+    click.echo(
+        f"s7dissect: {written} of {cutter.frames} packets written to {name_of(output)}{beside}{commented}", err=True
+    )
+    if cutter.secrets_kept:
+        count = cutter.secrets_kept
+        blocks = "1 block of TLS session keys" if count == 1 else f"{count} blocks of TLS session keys"
+        click.echo(f"s7dissect: {name_of(output)} keeps {blocks}: it can be decrypted without other keys", err=True)
+    if cutter.shortened:
+        click.echo(
+            f"s7dissect: {cutter.shortened} packets left memory before --around could select them; some may be missing",
+            err=True,
+        )

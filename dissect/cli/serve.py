@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK
+from dissect.cli.run import files_argument
 from dissect.cli.watching import Interruption
 from dissect.wire.text import printable
 
@@ -57,7 +58,7 @@ def _faults(ctx: click.Context, param: click.Parameter, values: tuple[str, ...])
 
 
 @click.command("serve", epilog=_EXIT_CODES)
-@click.argument("files", nargs=-1, required=True, type=click.Path(), metavar="FILE...")
+@files_argument
 @click.option(
     "--listen",
     callback=_listen,

@@ -12,7 +12,7 @@ from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
-from dissect.cli.run import checksums_option, complain, drive, write
+from dissect.cli.run import checksums_option, complain, drive, files_if_any, write
 from dissect.report.formats import ROWS, Format
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ _EXIT_CODES = (
 
 @click.command("sql", epilog=_EXIT_CODES)
 @click.argument("query", metavar="QUERY", required=False)
-@click.argument("files", nargs=-1, type=click.Path(), metavar="FILE...")
+@files_if_any
 @format_option(ROWS)
 @click.option("--questions", is_flag=True, help="List the questions that can be asked by name, with their SQL.")
 @click.option("--allow-files", is_flag=True, help="Let the SQL read and write files and use the network.")

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Final
 
 import click
 
-from dissect.cli.formats import format_option, write_out
+from dissect.cli.configuration import hosts
+from dissect.cli.formats import format_option
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
+from dissect.cli.options.jobs import jobs_option
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
@@ -17,20 +20,30 @@ from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
     complain,
+    complain_of,
     drive,
     files_argument,
     nanoseconds,
     places_of,
 )
+from dissect.cli.together import Output, alone, alone_because, lines_of, together, working
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Options
+from dissect.jobs.rows import TransactionRows
+from dissect.jobs.share import by_pair
 from dissect.report.formats import TRANSACTIONS, Format
-from dissect.report.words import PROTOCOLS
-from dissect.report.writer import Choice, TransactionFeed
+from dissect.report.words import PROTOCOLS, Places
+from dissect.report.writer import Choice, TransactionFeed, Writer
 from dissect.session import Run
 from dissect.tls.key_log import KeyLog
 from dissect.transactions.naming import Naming
 from dissect.transactions.transaction import Transaction
+
+if TYPE_CHECKING:
+    from dissect.jobs.parts import Row
+
+#: Characters that a number takes at least in text.
+_NUMBER_WIDTH: Final = 5
 
 
 @click.command("transactions", epilog=EXIT_CODES)
@@ -50,6 +63,7 @@ from dissect.transactions.transaction import Transaction
 @scd_options
 @tag_options
 @tls_option
+@jobs_option
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -61,6 +75,7 @@ def command(
     chosen: Chosen,
     naming: Naming | None,
     tls_keys: KeyLog | None,
+    jobs: int,
 ) -> int:
     """List requests with their answers, one line each.
 
@@ -75,15 +90,54 @@ def command(
     if slow_ns is not None:
         options.slow_ns = slow_ns
     writer = chosen.writer(format_, TRANSACTIONS, clock())
-    feed = TransactionFeed(writer, chosen.choice("transaction", _choice(failed, slow_ns)))
+    choice = chosen.choice("transaction", _choice(failed, slow_ns))
+    worker = working()
+    if worker is not None:
+        return worker.rows(options, chosen, by_pair, lambda share, order: TransactionRows(share, order, writer, choice))
+    output = Output()
+    if jobs > 1:
+        why = alone_because(files, chosen, [(fail_on, "--fail-on counts findings"), (decoder, "--scd")])
+        if why:
+            alone(why)
+        elif (
+            code := _together(files, writer, jobs, output, _NUMBER_WIDTH if format_.name == "text" else 0)
+        ) is not None:
+            return code
+        writer = chosen.writer(format_, TRANSACTIONS, clock())
+    feed = TransactionFeed(writer, choice)
     run = Run(files, chosen.sieve(feed) if fail_on else feed, chosen.narrow(options))
     chosen.begin(run, files)
     writer.begin(places_of(run, files))
-    code = drive(run, files, lambda: write_out(feed.take(int(run.pipeline.timers.oldest_held()))), lambda: chosen.full)
+    code = drive(
+        run, files, lambda: output.write(feed.take(int(run.pipeline.timers.oldest_held()))), lambda: chosen.full
+    )
     complain(run, code)
     if not run.pipeline.exchange.dialogue.count and not run.pipeline.connections.left_out:
         click.echo(f"s7dissect: no S7 transaction: {_instead(run, feed.protocols)}", err=True)
     return gate(run, fail_on, code, chosen.findings)
+
+
+def _together(files: Sequence[str], writer: Writer, jobs: int, output: Output, width: int) -> int | None:
+    """Have ``jobs`` processes do it; return the exit code, None when one process has to begin anew."""
+    feed = TransactionFeed(writer)
+    writer.begin(Places([], len(files) > 1, hosts()))
+    feed.settle()
+
+    def merged(rows: Sequence[Row], held: int) -> None:
+        for row in rows:
+            writer.lines += lines_of(row, width)
+            feed.place(row.packet)
+        output.write(feed.take(held))
+
+    done = together(files, jobs, merged)
+    # What there is in the place of transactions can only be counted where all packets are looked at.
+    if done is None or (done[1] and not any([end.transactions or end.unwanted for end in done[1]])):
+        output.again()
+        return None
+    code, ends = done
+    output.write(feed.take(0))
+    complain_of(ends[0].files if ends else [], code)
+    return code
 
 
 def _instead(run: Run, spoken: Mapping[str, int]) -> str:

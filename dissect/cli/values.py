@@ -4,24 +4,30 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
 
+from dissect.cli.configuration import hosts
 from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
+from dissect.cli.options.jobs import jobs_option
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.options.variables import wanted_of
-from dissect.cli.run import EXIT_CODES, checksums_option, complain, drive, places_of
+from dissect.cli.run import EXIT_CODES, checksums_option, complain, complain_of, drive, files_meant, places_of
+from dissect.cli.together import Output, alone, alone_because, lines_of, together, working
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Options
+from dissect.jobs.rows import ValueRows
+from dissect.jobs.share import by_service
 from dissect.report.formats import VALUES, Format
+from dissect.report.words import Places
 from dissect.session import Run
 from dissect.tls.key_log import KeyLog
 from dissect.transactions.naming import Naming
@@ -30,6 +36,7 @@ from dissect.variables.summary import Summary, limits_text
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
+    from dissect.jobs.parts import Row
     from dissect.variables.wanted import WantedSet
     from dissect.variables.writers import ValueWriter
 
@@ -76,6 +83,7 @@ def _interval(ctx: click.Context, param: click.Parameter, value: str | None) -> 
 @scd_options
 @tag_options
 @tls_option
+@jobs_option
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -88,6 +96,7 @@ def command(
     chosen: Chosen,
     naming: Naming | None,
     tls_keys: KeyLog | None,
+    jobs: int,
 ) -> int:
     """List the values of variables, one row for each that was read, written or pushed.
 
@@ -105,13 +114,29 @@ def command(
     writer: ValueWriter = chosen.writer(format_, VALUES, clock())  # type: ignore[assignment]  # the kind says so
     collector = Collector(wanted, changes, every_ns, summary, chosen.choice("transaction"))
     options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
+    worker = working()
+    if worker is not None:
+        return worker.rows(options, chosen, by_service, lambda share, order: ValueRows(share, order, writer, collector))
+    output = Output()
+    if jobs > 1:
+        reasons = [
+            (fail_on, "--fail-on counts findings"),
+            (decoder, "--scd"),
+            (summary, "--summary adds up all values"),
+        ]
+        why = alone_because(captures, chosen, reasons)
+        if why:
+            alone(why)
+        elif (code := _together(captures, writer, jobs, output, wanted)) is not None:
+            return code
+        writer = chosen.writer(format_, VALUES, clock())  # type: ignore[assignment]
     run = Run(captures, chosen.sieve(collector) if fail_on else collector, chosen.narrow(options))
     chosen.begin(run, captures)
     writer.begin(places_of(run, captures))
 
     def write() -> None:
         writer.values(collector.take())
-        write_out(writer.take())
+        output.write(writer.take())
 
     code = drive(run, captures, None if summary else write)
     if summary:
@@ -121,17 +146,38 @@ def command(
         if text := limits_text(made):
             click.echo(f"s7dissect: {text}", err=True)
     complain(run, code)
-    _miss(wanted, collector)
+    _miss(wanted, collector.found)
     return gate(run, fail_on, code, chosen.findings)
+
+
+def _together(
+    files: Sequence[str], writer: ValueWriter, jobs: int, output: Output, wanted: WantedSet | None
+) -> int | None:
+    """Have ``jobs`` processes do it; return the exit code, None when one process has to begin anew."""
+    writer.begin(Places([], len(files) > 1, hosts()))
+    writer.values([])  # what the output begins with
+    output.write(writer.take())
+
+    def merged(rows: Sequence[Row], _held: int) -> None:
+        output.write([line for row in rows for line in lines_of(row)])
+
+    done = together(files, jobs, merged, numbered=False)
+    if done is None:
+        output.again()
+        return None
+    code, ends = done
+    complain_of(ends[0].files if ends else [], code)
+    _miss(wanted, {text for end in ends for text in end.found})
+    return code
 
 
 def _split(
     words: Sequence[str], naming: Naming | None, decoder: PayloadDecoder | None
 ) -> tuple[list[str], WantedSet | None]:
     """Return the files among the arguments, and what the others choose; the first is a file, whatever it is called."""
-    captures = [word for at, word in enumerate(words) if at == 0 or _is_file(word)]
+    captures = files_meant([word for at, word in enumerate(words) if at == 0 or _is_file(word)])
     names = [word for at, word in enumerate(words) if at > 0 and not _is_file(word)]
-    return captures, wanted_of(names, naming, decoder)
+    return list(captures), wanted_of(names, naming, decoder)
 
 
 def _is_file(word: str) -> bool:
@@ -141,11 +187,11 @@ def _is_file(word: str) -> bool:
         return False  # no path can have such a name
 
 
-def _miss(wanted: WantedSet | None, collector: Collector) -> None:
+def _miss(wanted: WantedSet | None, found: Collection[str]) -> None:
     """Say which of the chosen variables had neither a value nor a refusal."""
     if wanted is None:
         return
-    missing = [printable(one.text) for one in wanted.all if one.text not in collector.found]
+    missing = [printable(one.text) for one in wanted.all if one.text not in found]
     if missing:
         more = f" and {len(missing) - _LISTED} more" if len(missing) > _LISTED else ""
         click.echo(f"s7dissect: no value of {', '.join(missing[:_LISTED])}{more} in what was read", err=True)

@@ -15,6 +15,7 @@ from dissect.cli.run import files_argument
 from dissect.report.formats import OUTCOME, Format
 from dissect.report.outcome import Outcome, plain
 from dissect.report.styled import Line
+from dissect.source.remote import is_remote
 from dissect.tls.key_log import KeyLog
 from dissect.wire.text import printable
 
@@ -55,7 +56,7 @@ def command(
     from dissect.oracle.verification import Verification
 
     for file in files:
-        if file == "-" or (Path(file).exists() and not Path(file).is_file()):
+        if file == "-" or is_remote(file) or (Path(file).exists() and not Path(file).is_file()):
             raise click.UsageError(f"{printable(file)}: a regular file is needed, because it is read several times.")
     try:
         verification = Verification(version(), every)

@@ -17,22 +17,23 @@ does speak (`Protocol`): every connection begins with `Recognition`, and another
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
 from typing import Final
 
 from mypy_extensions import i64
 
 from dissect.engine.connections import Connections, Recognition, on_102
 from dissect.engine.counters import Counters
-from dissect.engine.exchange import Exchange, PayloadDecoder
+from dissect.engine.exchange import Exchange
 from dissect.engine.ibh import IbhNetLink
 from dissect.engine.iso import IsoOnTcp
 from dissect.engine.observer import Observer
+from dissect.engine.options import Options
+from dissect.engine.order import AFTERWARDS, CLOSED, CROWDED, OPEN, OVER, PACKET, ROOM, Order
 from dissect.engine.payload import PayloadStream
 from dissect.engine.plus import S7Plus
 from dissect.engine.s7 import S7
 from dissect.engine.silent import SilentConnections, note_idle
-from dissect.engine.timers import FAR_FUTURE, TICK_NS, Timers
+from dissect.engine.timers import FAR_FUTURE, Timers, next_tick
 from dissect.engine.tls import Tls
 from dissect.engine.udp import Datagrams
 from dissect.iso.recognition import is_connect_request
@@ -41,11 +42,9 @@ from dissect.source.packet import PacketSink
 from dissect.tcp import stream
 from dissect.tcp.ip import UDP
 from dissect.tcp.stream import ACK, FIN, RST, SYN
-from dissect.tls.key_log import KeyLog
 from dissect.transactions import accounts
-from dissect.transactions.connection import FOREIGN, ISO, ISO_TSAP_PORT, LEFT_OUT, PROBING, Connection
+from dissect.transactions.connection import FOREIGN, ISO, ISO_TSAP_PORT, LEFT_OUT, PROBING
 from dissect.transactions.memory_limit import Room
-from dissect.transactions.naming import Naming
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import ConnectionTable, Side, endpoints
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
@@ -69,49 +68,8 @@ _AFTER_RESET: Final = 65536
 _NO_PROBE: Final = SYN | FIN | RST
 
 
-#: Octets that all connections together may keep of what is unfinished.
-MEMORY: Final = 128 * 1024 * 1024
-
-
 #: What is kept is added up whenever so many octets were captured; it cannot have grown by more in between.
 LOOK_OCTETS: Final = 32 * 1024 * 1024
-
-
-class Options:
-    """What a user can set. ``slow_ns``: an answer later than this is slow. ``strict``: a bug of ours raises.
-
-    ``decoder`` looks for another protocol in what passes. ``overdue_ns``: a request still open after this is reported at once,
-    before it is known what becomes of it; 0 for never, as in a file what becomes of it is known.
-
-    ``memory`` bounds the octets that all connections together keep of unfinished packets, PDUs and transactions, within
-    `LOOK_OCTETS`: when they keep more, those that hold most are given up and reported (`stream.evicted`).
-    ``checksums``: TCP segments and UDP datagrams with a wrong checksum are left out, as their receiver did.
-    ``tls_keys`` open TLS, beside those that a capture itself holds. ``naming`` knows names for addresses.
-    ``only`` tells of a connection, once it is recognised and has its number, whether it is to be read: of others nothing is
-    read and nothing reported, but they keep their numbers.
-    """
-
-    def __init__(
-        self,
-        slow_ns: int = 1_000_000_000,
-        strict: bool = False,
-        decoder: PayloadDecoder | None = None,
-        overdue_ns: int = 0,
-        memory: int = MEMORY,
-        checksums: bool = False,
-        tls_keys: KeyLog | None = None,
-        only: Callable[[Connection], bool] | None = None,
-        naming: Naming | None = None,
-    ) -> None:
-        self.slow_ns: i64 = slow_ns
-        self.overdue_ns: i64 = overdue_ns
-        self.memory: i64 = memory
-        self.checksums: bool = checksums
-        self.strict: bool = strict
-        self.decoder: PayloadDecoder | None = decoder
-        self.tls_keys: KeyLog | None = tls_keys
-        self.only: Callable[[Connection], bool] | None = only
-        self.naming: Naming | None = naming
 
 
 def _silent(side: Side) -> bool:
@@ -141,7 +99,8 @@ class Pipeline(PacketSink):
         self.exchange.naming = chosen.naming
         self.counters: Counters = Counters(self.exchange.reporter)
         self.silent: SilentConnections = SilentConnections(self.counters)
-        self.timers: Timers = Timers(self.counters, self.exchange, chosen.overdue_ns)
+        self.order: Order | None = chosen.order
+        self.timers: Timers = Timers(self.counters, self.exchange, chosen.overdue_ns, chosen.order)
         self.connections: Connections = Connections(self.exchange, chosen.only)
         self.s7: S7 = S7(self.exchange)
         self.plus: S7Plus = S7Plus(self.exchange)
@@ -226,6 +185,8 @@ class Pipeline(PacketSink):
         """Take one packet (see `PacketSink.frame`)."""
         counters = self.counters
         counters.frames += 1
+        if self.order is not None:
+            self.order.packet(counters.frames, self.exchange.dialogue.count)
         self._taken += end - start
         if self._taken >= LOOK_OCTETS:
             self._taken = 0
@@ -263,10 +224,21 @@ class Pipeline(PacketSink):
         """Connections that keep too much in sum have to leave, those that hold most first: a few with each packet."""
         for held, side in self._room.step():
             self.table.evicted += 1
+            self._stand(ROOM, side.turn_frame)
             self._evict(side, f"it held {held} bytes")
+        if self.order is not None:
+            self.order.room = max(self.order.room, self._room.total)
+            self._stand(PACKET, 0)
+
+    def _stand(self, phase: i64, key: i64) -> None:
+        """Say what is done next with the packet at hand."""
+        if self.order is not None:
+            self.order.at(phase, key, self.exchange.dialogue.count)
 
     def _evict(self, side: Side, detail: str) -> None:
         side.tcp.ended = side.tcp.ended or "evicted"
+        if self.order is not None:
+            self.order.left.append(int(side.tcp.first_frame))
         if side.connection.followed:
             self.counters.note("stream.evicted", detail, side.connection.number)
         self._finish(side, CONNECTION_EVICTED)
@@ -277,7 +249,7 @@ class Pipeline(PacketSink):
         if counters.now_ns - time_ns > _DISORDER_NS:
             counters.note("capture.time_backwards", f"by {duration_text(int(counters.now_ns - time_ns))}")
         if timers.deadline_ns != FAR_FUTURE:
-            timers.deadline_ns = min(timers.deadline_ns, time_ns + TICK_NS)
+            timers.deadline_ns = min(timers.deadline_ns, next_tick(time_ns))
 
     def _packet(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
         if link_type != 1 or end - start < _FUSED_SIZE or self._checksums:
@@ -382,8 +354,11 @@ class Pipeline(PacketSink):
             if not side.tcp.note_fin(side.index, end_seq, self.counters.frames, self.counters.now_ns):
                 self.counters.note_ignored(side, "FIN")
         if side.tcp.closed and not was_closed:
+            side.turn_frame = self.counters.frames
+            if self.order is not None:
+                self.order.ended += [int(side.tcp.first_frame), int(self.counters.frames)]
             self.table.linger(side)
-            self._forget_closed()  # not only when time passes: in some captures it stands still
+            self._forget_closed(AFTERWARDS)  # not only when time passes: in some captures it stands still
         self.timers.wake()
         return category
 
@@ -407,9 +382,16 @@ class Pipeline(PacketSink):
         return self._segment(fresh, seq, ack, ACK if ack >= 0 else 0, octets, missing)
 
     def _open(self, key: bytes, vlan: i64) -> Side:
-        for idle in self.table.overflow():
+        crowded = self.table.overflow()
+        for idle in crowded:
+            self._stand(CROWDED, idle.turn_frame)
             self._evict(idle, "")
+        if crowded:
+            self._stand(PACKET, 0)
         side = self.table.open(key, vlan, self.counters.frames, self.counters.now_ns)
+        side.turn_frame = self.counters.frames
+        if side.peer is not None:
+            side.peer.turn_frame = self.counters.frames
         side.tcp.note_link(side.index, self._link)
         return side
 
@@ -516,26 +498,28 @@ class Pipeline(PacketSink):
         self._tick()
         counters.now_ns = packet_ns
         if self.timers.deadline_ns != FAR_FUTURE:
-            self.timers.deadline_ns = packet_ns + TICK_NS
+            self.timers.deadline_ns = next_tick(packet_ns)
         if self.exchange.reporter.fresh:
             self.exchange.report_findings()
 
     def _tick(self) -> None:
         """Time has passed: give up what waited too long, forget connections that are over."""
         timers = self.timers
-        timers.deadline_ns = self.counters.now_ns + TICK_NS
+        timers.deadline_ns = next_tick(self.counters.now_ns)
         try:
             timers.give_up_waiting()
-            self._forget_closed()
+            self._forget_closed(OVER)
             timers.look_overdue()
         except Exception as bug:
             if self._strict:
                 raise
             self.exchange.note_bug(bug, self.counters.frames, self.counters.now_ns)
         timers.settle(self.table.lingering)
+        self._stand(PACKET, 0)
 
-    def _forget_closed(self) -> None:
+    def _forget_closed(self, phase: i64) -> None:
         for side in self.table.closed(self.counters.now_ns):
+            self._stand(phase, side.turn_frame)
             self._finish(side, CONNECTION_CLOSED)
 
     # ---- the end ----------------------------------------------------------------------------------------------------
@@ -577,8 +561,10 @@ class Pipeline(PacketSink):
     def finish(self) -> None:
         """The capture ends: every connection still open is closed, everything held is reported."""
         for side in self.table.closed(self.counters.now_ns, True):
+            self._stand(CLOSED, side.turn_frame)
             self._finish(side, CONNECTION_CLOSED)
         for side in self.table.all_open():
+            self._stand(OPEN, side.turn_frame)
             self._finish(side, CAPTURE_ENDED)
         self.silent.finish()
         if self.datagrams is not None:

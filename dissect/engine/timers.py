@@ -19,6 +19,7 @@ from mypy_extensions import i64
 
 from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
+from dissect.engine.order import RESPONSES, SEGMENTS, Order
 from dissect.findings.reporter import Reporter
 from dissect.transactions.dialogue import Dialogue
 from dissect.transactions.naming import subject
@@ -114,7 +115,8 @@ class OverdueWatch:
             self._judge.detail("transaction.overdue", connection.number, [frame], now_ns, detail)
 
 
-#: How often (capture time) what waits is looked at.
+#: How often (capture time) what waits is looked at: at multiples of this, whatever else waits, so that what is found of a
+#: connection does not depend on the others in the capture.
 TICK_NS: Final = 50_000_000
 #: Sides that wait are sought out of those whose connection is over when the list has grown to this.
 _MANY_WAITING: Final = 4 * MAX_CONNECTIONS
@@ -122,10 +124,16 @@ _MANY_WAITING: Final = 4 * MAX_CONNECTIONS
 FAR_FUTURE: Final = 0x7FFFFFFFFFFFFFFF
 
 
+def next_tick(now_ns: i64) -> i64:
+    """Return when to look next at what waits."""
+    return (now_ns // TICK_NS + 1) * TICK_NS
+
+
 class Timers:
     """Keeps the sides that wait, and passes their octets on when it is time."""
 
-    def __init__(self, counters: Counters, exchange: Exchange, overdue_ns: i64) -> None:
+    def __init__(self, counters: Counters, exchange: Exchange, overdue_ns: i64, order: Order | None = None) -> None:
+        self._order: Order | None = order
         self._counters: Counters = counters
         self._exchange: Exchange = exchange
         self._waiting: list[Side] = []  # sides with held segments or held answers
@@ -175,6 +183,7 @@ class Timers:
         """Look at ``side`` again when time passes or its connection shows another packet."""
         if not side.waiting:
             side.waiting = True
+            side.waiting_frame = self._counters.frames
             self._waiting.append(side)
             if len(self._waiting) > _MANY_WAITING:
                 self._waiting = [one for one in self._waiting if one.waiting]
@@ -183,7 +192,12 @@ class Timers:
     def wake(self) -> None:
         """Something waits from now on."""
         if self.deadline_ns == FAR_FUTURE:
-            self.deadline_ns = self._counters.now_ns + TICK_NS
+            self.deadline_ns = next_tick(self._counters.now_ns)
+
+    def _stand(self, phase: i64, side: Side) -> None:
+        """Say that what waits of ``side`` is looked at next."""
+        if self._order is not None:
+            self._order.at(phase, side.waiting_frame, self._exchange.dialogue.count)
 
     def expire_answers(self, side: Side) -> None:
         """Give up answers of ``side`` that were held for their request long enough."""
@@ -210,10 +224,12 @@ class Timers:
         """Time has passed: give up what waited too long."""
         waiting = list(self._waiting)
         for side in waiting:
+            self._stand(SEGMENTS, side)
             side.stream.expire(self._counters.now_ns)
             if side.stream.ready:
                 self.chunks(side)
         for side in waiting:  # only then the answers: the request one of them waits for may just have come out
+            self._stand(RESPONSES, side)
             self.expire_answers(side)
             asked = side.connection.open_requests[1 - side.index]
             side.waiting = side.stream.time_bound or asked.orphans is not None

@@ -202,15 +202,13 @@ class Inventory(Observer):
         device = self._device(str(operation.connection.tcp.ends[1 - operation.asked_by].host))
         if device is not None and operation.content and operation.kind in TRANSFERS:
             self._take_code(device, operation)
-        name = operation.subject.removeprefix("block ")
-        if operation.connection.plus is None:
-            name = name.partition(",")[0]  # active or passive: it is the same block
-        if device is None or not name:
+        if device is None:
             return
-        if name in device.blocks or len(device.blocks) < MAX_BLOCKS:
-            device.blocks.setdefault(name, Names()).add(done)
-        else:
-            device.more_blocks += 1
+        for name in _blocks_of(operation):
+            if name in device.blocks or len(device.blocks) < MAX_BLOCKS:
+                device.blocks.setdefault(name, Names()).add(done)
+            else:
+                device.more_blocks += 1
 
     def _take_code(self, device: Device, operation: Operation) -> None:
         for block in carve(operation):
@@ -325,6 +323,18 @@ class Inventory(Observer):
                 else:
                     area.reads += target.count
                 area.refused += target.refused
+
+
+def _blocks_of(operation: Operation) -> list[str]:
+    """Return what the blocks of an operation are called; a transfer of S7comm-plus carries several."""
+    name = operation.subject.removeprefix("block ")
+    if operation.connection.plus is None:
+        name = name.partition(",")[0]  # active or passive: it is the same block
+    elif operation.content and operation.kind in TRANSFERS:
+        named = [f"{block.label}{f' {block.name!r}' if block.name else ''}" for block in carve(operation)]
+        if named:
+            return named
+    return [name] if name else []
 
 
 def _place(item: Item) -> tuple[str, int, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
@@ -32,6 +33,7 @@ _COLUMNS: Final = 8
 _NAMES: Final = 8
 _HANG: Final = 14
 _TEXT: Final = 100
+_NUMBERED: Final = re.compile(r"([A-Za-z]+) ?([0-9]{1,9})\b")
 
 #: Facts that a module's line names, in this order.
 _OF_MODULE: Final = (
@@ -222,9 +224,9 @@ def _blocks(device: Device) -> Iterator[tuple[str, str]]:
 
 
 def _natural(name: str) -> tuple[str, int, str]:
-    """Return what sorts "DB 10" behind "DB 9"."""
-    kind, _, number = name.partition(" ")
-    return kind, int(number) if number.isdecimal() and len(number) < 10 else 0, name
+    """Return what sorts "DB 10" behind "DB 9", and "DB10 'Tank'" behind "DB9 'Pump'"."""
+    found = _NUMBERED.match(name)
+    return (found[1], int(found[2]), name) if found is not None else (name, 0, name)
 
 
 def _answers(device: Device) -> str:

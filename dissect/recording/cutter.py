@@ -33,15 +33,18 @@ class Cutter(PacketSink):
 
     ``frames`` counts the packets read, ``chosen`` those wanted, ``beside`` those written for being near one, and ``commented``
     those with a finding as comment; ``shortened`` counts packets near a wanted one that there was no memory to hold.
-    ``secrets_kept`` counts the Decryption Secrets Blocks that were copied.
+    ``secrets_kept`` counts the Decryption Secrets Blocks that were copied. ``numbers`` says which number packets have in what
+    is written: those with a finding, packet ``mark`` (0: none), and as 0 the first one that was wanted.
     """
 
-    def __init__(self, choice: Choice, writer: PcapngWriter, around: Around | None = None) -> None:
+    def __init__(self, choice: Choice, writer: PcapngWriter, around: Around | None = None, mark: int = 0) -> None:
         self.frames = 0
         self.chosen = 0
         self.beside = 0
         self.commented = 0
         self.secrets_kept = 0
+        self.numbers: dict[int, int] = {}
+        self._mark = mark
         self._choice = choice
         self._writer = writer
         around = around if around is not None else Around()
@@ -103,10 +106,13 @@ class Cutter(PacketSink):
             self._recent.clear()
             self._left = self._after.packets
             self._until_ns = packet.time_ns + self._after.ns if self._after.ns else -1
+        self.numbers.setdefault(0, self._writer.packets + 1)
         self._write(packet)
 
     def _write(self, packet: KeptPacket) -> None:
         findings = self._choice.comments.get(packet.frame)
+        if findings or packet.frame == self._mark:
+            self.numbers[packet.frame] = self._writer.packets + 1
         if findings:
             self.commented += 1
             packet.comments.extend(findings)

@@ -270,7 +270,7 @@ class Selection(Observer):
         if self._comments:
             for finding in ordered:
                 text = finding_comment(finding)
-                for frame in set(finding.frames):
+                for frame in sorted(set(finding.frames)):
                     comments.setdefault(int(frame), []).append(text)
         stretches = [_stretch(connection) for connection in self._connections.values()]
         choice = Choice(self._wanted.everything, frozenset(frames), stretches, self._spans, (from_ns, to_ns), comments)
@@ -300,7 +300,7 @@ def key_of(tcp: TcpConnection) -> bytes:
 
 
 class Choice:
-    """Recognises wanted packets. ``comments`` are the findings by the number of the packet they are about.
+    """Recognises wanted packets. ``comments`` are the findings by the number of the packet they are about, heaviest first.
 
     ``context`` counts those taken only because they begin or end the connection of a wanted transaction.
     """

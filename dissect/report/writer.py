@@ -114,14 +114,25 @@ class TransactionFeed(Observer):
         """Hand on a transaction."""
         if self._choose is not None and not self._choose(transaction):
             return
-        packet = self._latest
+        packet = 0
         if transaction.outcome != UNANSWERED:
             packet = int(max(transaction.request_frame, transaction.response_frame))
+        self.settle()
+        self._writer.transaction(transaction)
+        self.place(packet)
+
+    def settle(self) -> None:
+        """What the writer has so far stays where it is: it began with that."""
         lines = self._writer.lines
         packets = self._packets
         while len(packets) < len(lines):
-            packets.append(0)  # what the writer began with
-        self._writer.transaction(transaction)
+            packets.append(0)
+
+    def place(self, packet: int) -> None:
+        """Put the lines that the writer has got since into their place: that of ``packet``, 0 for behind all others."""
+        lines = self._writer.lines
+        packets = self._packets
+        packet = packet or self._latest
         fresh = len(lines) - len(packets)
         if packet >= self._latest:
             self._latest = packet

@@ -71,6 +71,11 @@ class Where:
         return f"Where({self.text!r})"
 
     @property
+    def names(self) -> frozenset[str]:
+        """The fields that are asked about."""
+        return frozenset(self._names)
+
+    @property
     def text(self) -> str:
         """The whole expression."""
         return self.texts[0] if len(self.texts) == 1 else " and ".join([f"({part})" for part in self.texts])

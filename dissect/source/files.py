@@ -1,4 +1,4 @@
-"""Opening a capture: from a path, or standard input, to the reader that fits, by what the file begins with.
+"""Opening a capture: from a path, standard input or another machine, to the reader that fits, by what the file begins with.
 
 Compressed files (gzip, also of several members, and zstd, also of several frames) are decompressed as they are read, a
 bounded piece at a time. A compressed file inside a compressed file is not followed.
@@ -17,6 +17,7 @@ from typing import Final, Protocol, cast
 from dissect.source.packet import CaptureError, Reader
 from dissect.source.pcap import CHUNK, PCAP_MAGICS, OctetSource, PcapReader
 from dissect.source.pcapng import BYTE_ORDER_MAGICS, PCAPNG_MAGIC, PcapngReader
+from dissect.source.remote import is_remote, open_remote, shown
 
 #: The largest window of a zstd frame that is decompressed, in octets: enough for ``zstd --ultra -20`` and all below it.
 MAX_ZSTD_WINDOW: Final = 32 * 1024 * 1024
@@ -45,19 +46,25 @@ _OTHER_MAGICS: Final = (
 
 
 def open_capture(path: str | os.PathLike[str]) -> Reader:
-    """Open the capture at ``path``, or on standard input when that is ``-``, and return its reader.
+    """Open the capture at ``path``, on standard input when that is ``-``, or on another machine, and return its reader.
 
     Its first octets say what it holds, never its name: pcap or pcapng, plain or in gzip or zstd. Raises
     `CaptureError`, with one line for a person, when there is nothing to read: no such file, not a capture, nothing in
     it, or zstd without the package that reads it. Damage further on raises nothing; the reader reports it.
     """
     path = os.fspath(path)
-    source = _open_stdin() if path == "-" else _open_file(path)
+    source = _open(path)
     try:
-        return find_reader(source, "standard input" if path == "-" else path)
+        return find_reader(source, "standard input" if path == "-" else shown(path))
     except BaseException:
         source.close()
         raise
+
+
+def _open(path: str) -> OctetSource:
+    if path == "-":
+        return _open_stdin()
+    return open_remote(path) if is_remote(path) else _open_file(path)
 
 
 def _open_file(path: str) -> PlainSource:

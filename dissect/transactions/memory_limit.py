@@ -58,14 +58,14 @@ class Room:
     `begin` takes one side of each open connection. Each `step` then looks at `LOOK_AT_ONCE` of them; when all were looked at
     and keep more than ``most`` octets in sum, each further step returns up to `LEAVE_AT_ONCE` that have to leave, the fullest
     first (as far as powers of two tell), until half of ``most`` is left. ``busy`` is True until that is done; ``looks`` counts
-    the connections looked at.
+    the connections looked at, and ``total`` are the octets that those of the latest round keep.
     """
 
     def __init__(self, most: int) -> None:
         self.busy: bool = False
         self.looks: i64 = 0
         self._most: i64 = most
-        self._total: i64 = 0
+        self.total: i64 = 0
         self._sides: list[Side] = []
         self._at: i64 = 0
         self._by_size: list[list[Side]] = []
@@ -76,7 +76,7 @@ class Room:
             self.busy = True
             self._sides = sides
             self._at = 0
-            self._total = 0
+            self.total = 0
             self._by_size = [[] for _ in range(_SIZES)]
 
     def step(self) -> list[tuple[int, Side]]:
@@ -87,7 +87,7 @@ class Room:
             for index in range(self._at, end):
                 self._look(self._sides[index])
             self._at = end
-            if end == len(self._sides) and self._total <= self._most:
+            if end == len(self._sides) and self.total <= self._most:
                 self._by_size = []  # there is room
             return gone
         while self._by_size and len(gone) < LEAVE_AT_ONCE:
@@ -100,8 +100,8 @@ class Room:
                 continue  # it ended meanwhile
             held = held_octets(side)
             gone.append((held, side))
-            self._total -= held
-            if self._total <= self._most // 2:
+            self.total -= held
+            if self.total <= self._most // 2:
                 self._by_size = []
         if not self._by_size:
             self.busy = False
@@ -112,5 +112,5 @@ class Room:
         self.looks += 1
         if side.peer is not None:
             held: i64 = held_octets(side)
-            self._total += held
+            self.total += held
             self._by_size[min(int(held).bit_length(), _SIZES - 1)].append(side)

@@ -86,6 +86,21 @@ class Collector(Observer):
         return [variable for plc in self._store.plcs.values() for variable in plc.variables.values()]
 
     @property
+    def plcs(self) -> list[str]:
+        """The ends that hold variables, in the order in which they were first seen."""
+        return list(self._store.plcs)
+
+    @property
+    def known(self) -> int:
+        """How many variables are remembered so far."""
+        return self._store.count
+
+    @property
+    def kept(self) -> int:
+        """Octets of the values that are remembered."""
+        return self._store.kept
+
+    @property
     def untracked(self) -> int:
         """Values of variables that are not remembered."""
         return self._store.untracked

@@ -72,7 +72,7 @@ class Tracker:
         self._sums: bool = sums
         self._adds: bool = sums and not changes and every_ns == 0  # nothing is left out, and nobody wants rows
         self._ends: dict[int, Plc] = {}
-        self._kept: i64 = 0
+        self.kept: i64 = 0
 
     def forget(self, connection: Connection) -> None:
         """Forget which PLC a connection has."""
@@ -105,7 +105,7 @@ class Tracker:
     def variable(self, plc: Plc, key: str, address: str, type_: str, tag: str, unit: str) -> Variable:
         """Return a new variable, remembered where there is room."""
         variable = Variable(plc.end, address, type_, tag, unit)
-        if self.count < self.most and self._kept < MAX_KEPT:
+        if self.count < self.most and self.kept < MAX_KEPT:
             self.count += 1
             plc.variables[key] = variable
             if self._sums:
@@ -216,7 +216,7 @@ class Tracker:
         """Remember the latest value of a variable."""
         if data is not None:
             before = variable.data
-            self._kept += len(data) - (len(before) if before is not None else 0)
+            self.kept += len(data) - (len(before) if before is not None else 0)
         variable.data = data
         variable.value = value
         variable.seen = True

@@ -42,6 +42,7 @@ devices TRANSFER -T csv
 show TRANSFER -V
 show TRANSFER -T jsonl
 cut TRANSFER -o -
+extcap --extcap-interfaces
 anonymize TRANSFER -o -
 baseline TRANSFER
 sql interventions TRANSFER
@@ -90,6 +91,7 @@ sql talkers MISSING
 export MISSING -o csv:OUT
 golden MISSING
 cut MISSING -o -
+open MISSING -o OUT.pcapng
 baseline MISSING
 serve MISSING
 scd check MISSING -T json

@@ -597,7 +597,10 @@ def equipped(name: str) -> click.Command:
 def option_rows(text: str, section: str) -> list[list[str]]:
     """Return the options of a section of docs/commands.md, each as its words."""
     part = text.split(f"\n## {section}\n")[1].split("\n## ", maxsplit=1)[0]
-    return [row.split() for row in re.findall(r"^\| `(.*?)` \|", part.replace("`, `", " "), re.MULTILINE)]
+    return [
+        row.replace("\\|", "|").split()
+        for row in re.findall(r"^\| `(.*?)` \|", part.replace("`, `", " "), re.MULTILINE)
+    ]
 
 
 def test_the_lines_in_the_document_are_real(capfdbinary: Capture) -> None:

@@ -41,6 +41,12 @@ cut MISSING -o OUT
 cut GOOD -o NOWHERE
 cut GOOD -o OUT --finding WORD
 cut GOOD -o OUT --time WORD
+open MISSING -o OUT
+open GOOD -o NOWHERE
+extcap --install NOWHERE
+extcap --capture --extcap-interface s7dissect-file --fifo OUT --file MISSING
+extcap --capture --extcap-interface s7dissect-file --fifo NOWHERE --file GOOD
+extcap --capture --extcap-interface s7dissect --fifo OUT --interface WORD
 anonymize MISSING -o OUT
 anonymize GOOD -o NOWHERE
 anonymize GOOD -o OUT --key MISSING

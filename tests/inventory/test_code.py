@@ -82,3 +82,17 @@ def test_what_has_no_room_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     inventory = inventory_of(PROGRAM)
     assert inventory.devices[0].more_code == 1
     assert card(inventory)[-1] == "  code        1 more block was not looked at: all code together is too large"
+
+
+def test_blocks_of_a_transfer_that_carries_several_are_named_one_by_one(corpus: Path) -> None:
+    inventory = inventory_of(corpus / "s7plus" / "yeni_onlineyapilmis_upload.pcapng")
+    told = {device.address: device for device in inventory.devices}["192.168.41.10"]
+    assert len(told.blocks) == 10
+    assert [name for name in told.blocks if name.startswith("DB1 ")] == ["DB1 'Promo_db'"]
+    (line,) = [
+        line if isinstance(line, str) else line.text
+        for line in Devices(inventory).text()
+        if "'Promo_db'" in (line if isinstance(line, str) else line.text)
+    ]
+    assert line.startswith("  blocks      DB1 'Promo_db' read out, DB2 'Modbus_Config_C_Remote_SendP2' read out, DB3 ")
+    assert line.endswith(" and 2 more")

@@ -54,6 +54,10 @@ CASES: Final = """
 0 cut GOOD -o OUT
 2 cut GOOD -o OUT --connection 77
 3 cut CUT -o OUT
+2 open MISSING -o OUT
+0 extcap --extcap-interfaces
+2 extcap
+3 extcap --capture --extcap-interface s7dissect-file --file CUT --fifo OUT
 0 anonymize GOOD -o OUT
 2 anonymize MISSING -o OUT
 3 anonymize CUT -o OUT
@@ -117,6 +121,10 @@ CASES: Final = """
 """
 #: What takes a peer, tshark, or a signal in the middle of a run, and is tested where that is at hand.
 ELSEWHERE: Final = {
+    ("open", "0"): "tests/cli/test_open.py::test_it_goes_to_the_packet_that_matters_and_leaves_nothing",
+    ("open", "3"): "tests/cli/test_open.py::test_a_damaged_capture_is_shown_as_far_as_it_goes",
+    ("open", "5"): "tests/cli/test_open.py::test_a_full_disk_is_one_line_and_leaves_nothing",
+    ("open", "130"): "tests/cli/test_open.py::test_an_interruption_ends_wireshark_and_leaves_nothing",
     ("index", "130"): "tests/cli/test_index.py::test_interrupted_it_keeps_what_was_read_and_goes_on_there",
     ("export", "5"): "tests/cli/test_export.py::test_a_full_disk_is_one_line_and_leaves_nothing",
     ("verify", "0"): "tests/cli/test_verify.py::test_all_is_explained",

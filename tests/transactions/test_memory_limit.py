@@ -7,7 +7,8 @@ from typing import Final
 
 import pytest
 
-from dissect.engine.pipeline import LOOK_OCTETS, MEMORY, Options
+from dissect.engine.options import MEMORY
+from dissect.engine.pipeline import LOOK_OCTETS, Options
 from dissect.transactions.memory_limit import LEAVE_AT_ONCE, LOOK_AT_ONCE, Room, held_octets
 from dissect.transactions.table import Side
 from tests.engine.test_pipeline import answered, asked, ready

@@ -199,6 +199,20 @@ def compile_filter(expression: str, link_type: int = 1) -> list[Instruction]:
         raise LiveError(f"the capture filter is too long: more than {bpf.MAX_INSTRUCTIONS} instructions") from None
 
 
+def complaint_about(expression: str) -> str:
+    """Return what is wrong with a capture filter, empty where nothing is, or where only whoever captures can tell."""
+    try:
+        compile_filter(expression)
+    except LiveError as error:
+        return str(error)
+    except NotBuiltInError:
+        try:
+            return bpf.complaint_of_libpcap(expression)
+        except LookupError:
+            return ""
+    return ""
+
+
 def _prepare(code: Assembler, link_type: int) -> None:
     """Find IP, the protocol above it and its ports once, for all questions."""
     v4, v6, done = code.label(), code.label(), code.label()

@@ -137,6 +137,7 @@ def _load() -> ctypes.CDLL | None:
             *[ctypes.c_uint] * 2,
         )
         library.pcap_freecode.argtypes = (ctypes.POINTER(_Program),)
+        library.pcap_open_dead.restype = ctypes.c_void_p
     return library
 
 
@@ -167,3 +168,20 @@ def compile_with_libpcap(expression: str, interface: str) -> list[Instruction]:
     finally:
         library.pcap_close(handle)
     return made
+
+
+def complaint_of_libpcap(expression: str, link_type: int = 1) -> str:
+    """Return what libpcap has against ``expression``, empty when it is valid. `LookupError` without libpcap."""
+    library = _load()
+    if library is None:
+        raise LookupError
+    handle = library.pcap_open_dead(link_type, 0xFFFF)
+    program = _Program()
+    try:
+        octets = expression.encode("utf-8", "surrogateescape")
+        if library.pcap_compile(handle, ctypes.byref(program), octets, 1, 0xFFFFFFFF):
+            return str(library.pcap_geterr(handle).decode("utf-8", "backslashreplace"))
+        library.pcap_freecode(ctypes.byref(program))
+    finally:
+        library.pcap_close(handle)
+    return ""

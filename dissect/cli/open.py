@@ -1,0 +1,186 @@
+"""`s7dissect open`: a capture, or a part of it, in Wireshark, with what was found in it as comments of its packets."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.options.scd import scd_options
+from dissect.cli.options.select import where_option
+from dissect.cli.options.tags import tag_options
+from dissect.cli.options.tls import tls_option
+from dissect.cli.run import Signals, complain, files_argument
+from dissect.cli.second_pass import around_option, check_files, name_of, read_again, read_first, tell_cut, written_whole
+from dissect.wire.text import printable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from dissect.engine.exchange import PayloadDecoder
+    from dissect.recording.cutter import Around, Cutter
+    from dissect.recording.selection import Choice
+    from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
+
+_EXIT_CODES: Final = (
+    "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, nothing to show, or no Wireshark, 3 a damaged or "
+    "truncated file (what could be read was shown), 5 the output could not be written (disk full), 130 interrupted."
+)
+
+#: Where Wireshark is when it is not on the path: macOS and Windows install it so.
+_USUAL: Final = (
+    "/Applications/Wireshark.app/Contents/MacOS/Wireshark",
+    r"C:\Program Files\Wireshark\Wireshark.exe",
+)
+
+
+@click.command("open", epilog=_EXIT_CODES)
+@files_argument
+@where_option(
+    "packet",
+    "transaction",
+    "finding",
+    help="Only packets that this expression selects by their own fields, or by those of the transactions they carry (see "
+    "`s7dissect help select`).",
+)
+@around_option
+@click.option(
+    "--frame",
+    "frame",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Go to packet N of FILE (default: the first packet of the most severe finding).",
+)
+@click.option(
+    "-o",
+    "--output",
+    "output",
+    metavar="OUT",
+    help="Keep the file as OUT. Without it, the file is temporary and is deleted when Wireshark ends.",
+)
+@click.option("--force", is_flag=True, help="Overwrite OUT if it exists (never a FILE).")
+@scd_options
+@tag_options
+@tls_option
+def command(
+    files: tuple[str, ...],
+    where: str | None,
+    around: Around,
+    frame: int | None,
+    output: str | None,
+    force: bool,
+    decoder: PayloadDecoder | None,
+    naming: Naming | None,
+    tls_keys: KeyLog | None,
+) -> int:
+    """Open a capture in Wireshark at the packet that matters, with findings as packet comments.
+
+    Wireshark gets a copy of FILE, of which -Y takes only a part; comments that FILE has are kept. Its display filter
+    `frame.comment contains "s7dissect:"` shows the packets with findings.
+
+    Without Wireshark on this machine, -o OUT writes the file and says how to open it elsewhere.
+    """
+    from dissect.engine.pipeline import Options
+    from dissect.recording.selection import Selection, Wanted
+
+    if output == "-":
+        raise click.UsageError("-o -: Wireshark opens a file; `s7dissect cut FILE -o -` writes to standard output.")
+    check_files(files, output or "-", force)
+    program = _program()
+    if program is None and output is None:
+        raise click.ClickException(
+            "Wireshark was not found here; -o OUT writes the file to open it elsewhere, with wireshark -r OUT -g PACKET."
+        )
+    selection = Selection(Wanted())
+    run, code, packets = read_first(files, selection, where, Options(decoder=decoder, tls_keys=tls_keys, naming=naming))
+    if code == EXIT_INTERRUPTED:
+        return code
+    complain(run, code)
+    choice = selection.choice(-(2**63), 2**63)
+    if packets is not None:
+        choice.narrow(packets.test())
+    with _place(output) as path:
+        cutter = _write(files, path, choice, around, frame or 0)
+        if output is not None:
+            tell_cut(cutter, output)
+        number = _target(cutter, choice, frame)
+        if program is None:
+            click.echo(f"s7dissect: open it with: wireshark -r {name_of(path)} -g {number}", err=True)
+            return code
+        return _show(program, path, number) or code
+
+
+def _program() -> str | None:
+    """Return the path of Wireshark, None when it is not installed."""
+    found = shutil.which("wireshark")
+    return found or next((path for path in _USUAL if os.access(path, os.X_OK)), None)
+
+
+@contextmanager
+def _place(output: str | None) -> Iterator[str]:
+    """Give the path to write to: ``output``, or one in a temporary folder that is gone afterwards."""
+    if output is not None:
+        yield output
+        return
+    # Nobody else on the machine can look into this folder: captures hold passwords.
+    with tempfile.TemporaryDirectory(prefix="s7dissect-") as folder:
+        yield str(Path(folder, "s7dissect.pcapng"))
+
+
+def _write(files: Sequence[str], path: str, choice: Choice, around: Around, mark: int) -> Cutter:
+    """Read the files again, and write what is wanted."""
+    from dissect.recording.cutter import Cutter
+
+    with written_whole(path, "open") as writer:
+        cutter = Cutter(choice, writer, around, mark)
+        read_again(files, cutter)
+        if not cutter.chosen:
+            raise click.ClickException("no packet matches; there is nothing to open.")
+        if mark and mark not in cutter.numbers:
+            missing = f"-Y leaves out packet {mark}" if mark <= cutter.frames else f"there is no packet {mark}"
+            raise click.ClickException(f"--frame: {missing}.")
+    return cutter
+
+
+def _target(cutter: Cutter, choice: Choice, frame: int | None) -> int:
+    """Return the number, in what was written, of the packet to go to."""
+    numbers = cutter.numbers
+    if frame is not None:
+        return numbers[frame]
+    return next((numbers[found] for found in choice.comments if found in numbers), numbers[0])
+
+
+class _Waiting(Signals):
+    """Signals while Wireshark runs: it is asked to end as we are, and ends by itself on an interruption from the keyboard."""
+
+    def __init__(self, child: subprocess.Popen[bytes]) -> None:
+        super().__init__()
+        self._child = child
+
+    def react(self, again: bool, frame: object) -> None:
+        """Hand the signal on."""
+        self._child.terminate()
+
+
+def _show(program: str, path: str, number: int) -> int:
+    """Run Wireshark on a file until it is closed; return 130 when it was interrupted."""
+    try:
+        child = subprocess.Popen([program, "-r", os.path.abspath(path), "-g", str(number)], stdout=sys.stderr)  # noqa: PTH100 - a name from the user that begins with - is a file too
+    except OSError as error:
+        raise click.ClickException(f"{printable(program)} cannot be started: {error.strerror}.") from None
+    with _Waiting(child) as waiting:
+        code = child.wait()
+    if waiting.asked:
+        return EXIT_INTERRUPTED
+    if code:
+        raise click.ClickException(f"Wireshark ended with code {code}; its own message, if any, is above.")
+    return 0

@@ -1,0 +1,253 @@
+"""Captures on other machines: ``sftp://HOST/DIR/FILE``, ``https://…``, ``s3://BUCKET/KEY`` and what else fsspec opens.
+
+They are read as a stream, a few MiB ahead, and never stored. Credentials come only from where the transport's own tools keep
+theirs: keys, agent, configuration and known hosts of SSH, the profiles of a cloud. fsspec is imported when a name asks for it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterable, Mapping
+from datetime import date, timedelta
+from pathlib import Path
+from typing import Any, Final, Protocol, TypeVar
+from urllib.parse import urlsplit
+
+from dissect.source.packet import CaptureError
+from dissect.wire.text import printable, shortened
+
+#: Seconds until a machine that does not answer is given up, at the beginning and between two pieces.
+CONNECT_S: Final = 8
+READ_S: Final = 30
+#: Bytes that are asked for at once where a transport reads in pieces.
+_AHEAD: Final = 4 * 1024 * 1024
+#: Days that a range of dates may have.
+MAX_DAYS: Final = 3660
+
+_SCHEME: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
+_PATTERN: Final = re.compile(r"[*?\[]")
+_DAYS: Final = re.compile(r"\{(\d{4}-\d\d-\d\d|\d{8})\.\.(\d{4}-\d\d-\d\d|\d{8})\}")
+#: What of an address in the words of others is not shown: a password, and what may sign a URL.
+_SECRETS: Final = re.compile(r"(?<=//)[^/@\s]*:[^/@\s]*(?=@)|(?<=\?)[^\s'\")]+")
+_REASON: Final = 200
+_NOT_FOUND: Final = 404
+
+T = TypeVar("T")
+
+
+class _Stream(Protocol):
+    def read(self, size: int, /) -> bytes: ...
+
+    def close(self) -> None: ...
+
+
+def is_remote(name: str) -> bool:
+    """Return whether a name is one of another machine."""
+    return _SCHEME.match(name) is not None
+
+
+def shown(name: str) -> str:
+    """Return a name as it may be shown: without the password, and without what behind a question mark signs some URLs."""
+    if not is_remote(name):
+        return name
+    scheme, _, rest = name.partition("://")
+    host, slash, path = rest.partition("/")
+    user, at, machine = host.rpartition("@")
+    path, mark, _ = path.partition("?")
+    return f"{scheme}://{user.partition(':')[0]}{at}{machine}{slash}{path}{'?…' if mark else ''}"
+
+
+class RemoteSource:
+    """The octets of a file on another machine."""
+
+    def __init__(self, stream: _Stream) -> None:
+        self.damage = ""
+        self._stream = stream
+        self._taken = 0
+
+    def read(self, size: int) -> bytes:
+        """Return up to ``size`` octets; none at the end, and none more once the connection was lost (``damage`` says so)."""
+        if self.damage:
+            return b""
+        try:
+            piece = bytes(self._stream.read(size))
+        except Exception as error:  # noqa: BLE001 - each transport has errors of its own
+            self.damage = f"reading failed after byte {self._taken}: {_reason(error)}"
+            return b""
+        self._taken += len(piece)
+        return piece
+
+    def close(self) -> None:
+        """Release the connection. May be called twice."""
+        try:
+            self._stream.close()
+        except Exception:  # noqa: BLE001 - nothing is lost with a connection that ends badly
+            return
+
+
+def open_remote(name: str) -> RemoteSource:
+    """Open a file of another machine. `CaptureError`, with one line that names host and file, when there is nothing to read."""
+    return _asked(name, lambda: RemoteSource(_fetched(name)))
+
+
+def _fetched(name: str) -> _Stream:
+    files, path = _file_system(name)
+    if not name.startswith("http") and files.isdir(path):
+        raise IsADirectoryError
+    # A web server need not give parts: one request for the whole, read as it comes.
+    stream: _Stream = files.open(path, "rb", block_size=0 if name.startswith("http") else _AHEAD)
+    return stream
+
+
+def _file_system(name: str) -> tuple[Any, str]:
+    from fsspec.core import url_to_fs
+
+    found: tuple[Any, str] = url_to_fs(name, **_patience(name.partition("://")[0].lower()))
+    return found
+
+
+def _patience(scheme: str) -> Mapping[str, object]:
+    """Return what tells a transport how long to wait, and SSH to know the host."""
+    if scheme in {"sftp", "ssh"}:
+        return {
+            "known_hosts": (),  # those of the user: an unknown host is refused
+            "connect_timeout": CONNECT_S,
+            "login_timeout": CONNECT_S,
+            "keepalive_interval": READ_S // 3,
+        }
+    if scheme in {"http", "https"}:
+        from aiohttp import ClientTimeout
+
+        return {"client_kwargs": {"timeout": ClientTimeout(total=None, sock_connect=CONNECT_S, sock_read=READ_S)}}
+    if scheme in {"s3", "s3a"}:
+        retries = {"max_attempts": 1}
+        return {"config_kwargs": {"connect_timeout": CONNECT_S / 2, "read_timeout": READ_S, "retries": retries}}
+    return {}
+
+
+def _asked(name: str, ask: Callable[[], T]) -> T:
+    """Return what ``ask`` finds, or raise the `CaptureError` that says in one line why there is none."""
+    from_ = printable(shown(name))
+    try:
+        return ask()
+    except ImportError as error:
+        if (error.name or "").partition(".")[0] in {"fsspec", "aiohttp"}:
+            reason = "a file of another machine, which needs more packages: pip install 's7dissect[remote]'"
+        else:
+            reason = f"needs one more package: {_reason(error)}"
+    except IsADirectoryError:
+        reason = "a directory, not a capture file"
+    except Exception as error:  # noqa: BLE001 - each transport has errors of its own
+        reason = _explained(error)
+    raise CaptureError(f"{from_}: {reason}") from None
+
+
+def _explained(error: Exception) -> str:
+    """Return what stands in the way, and what to do where that is known."""
+    cause = error.__cause__  # what the transport itself said
+    kind = type(cause or error).__name__
+    said = _reason(cause if isinstance(cause, Exception) else error)
+    status = getattr(cause or error, "status", 0)
+    if "HostKey" in kind:
+        return (
+            f"the host is not known, or is not the known one ({said}); connect once with ssh, check its key and keep it"
+        )
+    if kind in {"PermissionDenied", "NoCredentialsError", "ClientError"} or status in {401, 403, 407}:
+        return f"access refused ({said}); credentials are those of the transport's own tools"
+    if isinstance(error, PermissionError):
+        return "no permission to read it"
+    if isinstance(error, FileNotFoundError) and (
+        cause is None or status == _NOT_FOUND or not kind.startswith("Client")
+    ):
+        return "no such file"
+    if isinstance(error, ValueError) and "rotocol" in said:
+        return f"{said}; known ones are https, sftp, s3 and the others of fsspec"
+    return f"cannot be read: {said}"
+
+
+def _reason(error: Exception) -> str:
+    """Return what an error says in one line that cannot steer a terminal; its name where it says nothing."""
+    if isinstance(error, OSError) and error.errno is not None and error.errno > 0:
+        return os.strerror(error.errno)
+    return shortened(_SECRETS.sub("…", " ".join(str(error).split())) or type(error).__name__, _REASON)
+
+
+# ---- several files by one name --------------------------------------------------------------------------------------
+
+
+def expand(names: Iterable[str]) -> list[str]:
+    """Return the files that names stand for: patterns (``*``, ``?``, ``[…]``) and days (``{2026-11-01..2026-11-30}``).
+
+    What a pattern finds is sorted; a local file that has the name itself is that file. Of a range of days those without a file
+    are left out, if any has one. Raises `CaptureError` when a pattern finds nothing, or a range is none.
+    """
+    found: list[str] = []
+    for name in names:
+        days = _days(name)
+        if len(days) == 1:
+            found += _matches(days[0]) or _nothing(name)
+        else:
+            found += [file for day in days for file in _matches(day, must=False)] or _nothing(name)
+    return found
+
+
+def _nothing(name: str) -> list[str]:
+    raise CaptureError(f"{printable(shown(name))}: no file has such a name")
+
+
+def _matches(name: str, must: bool = True) -> list[str]:
+    """Return the files of one pattern; a name that is none stands for itself, if it ``must`` be there or is."""
+    if is_remote(name):
+        if not _PATTERN.search(name.partition("://")[2].partition("?")[0]) or name.startswith("http"):
+            return [name] if must or _exists(name) else []
+        return _asked(name, lambda: _globbed(name))
+    if name == "-" or Path(name).exists():
+        return [name]
+    if not _PATTERN.search(name):
+        return [name] if must else []
+    return _local(name)
+
+
+def _local(name: str) -> list[str]:
+    anchor = Path(name).anchor
+    return sorted(os.fspath(path) for path in Path(anchor).glob(name[len(anchor) :]))
+
+
+def _globbed(name: str) -> list[str]:
+    files, path = _file_system(name)
+    root = (
+        f"{name.partition('://')[0]}://{urlsplit(name).netloc}"
+        if path.startswith("/")
+        else f"{name.partition('://')[0]}://"
+    )
+    return [root + str(found) for found in sorted(files.glob(path))]
+
+
+def _exists(name: str) -> bool:
+    def ask() -> bool:
+        files, path = _file_system(name)
+        return bool(files.exists(path))
+
+    return _asked(name, ask)
+
+
+def _days(name: str) -> list[str]:
+    """Return a name once for each day of the range that it has, in order."""
+    match = _DAYS.search(name)
+    if match is None:
+        return [name]
+    dashed = "-" in match[1]
+    try:
+        first, last = (date.fromisoformat(text) for text in match.groups())
+    except ValueError as error:
+        raise CaptureError(f"{printable(shown(name))}: {error}") from None
+    count = (last - first).days + 1
+    if dashed != ("-" in match[2]) or not 0 < count <= MAX_DAYS:
+        raise CaptureError(
+            f"{printable(shown(name))}: not a range of days: both are written alike, the first is not after the last, "
+            f"and there are at most {MAX_DAYS}"
+        )
+    form = "%Y-%m-%d" if dashed else "%Y%m%d"
+    days = [(first + timedelta(number)).strftime(form) for number in range(count)]
+    return [name[: match.start()] + day + name[match.end() :] for day in days]

@@ -1,0 +1,230 @@
+"""Captures of other machines: names, what stands for several, and reading from OpenSSH, nginx and an object store."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from dissect.source.files import open_capture
+from dissect.source.packet import CaptureError
+from dissect.source.remote import RemoteSource, expand, is_remote, open_remote, shown
+from tests.cli.support import run
+from tests.report.schemas import ROOT
+from tests.source.craft import Recorder, step_to_the_end
+from tests.source.servers import LOOPBACK, free_port, object_store, sftp_server, web_server
+
+SZL: Final = ROOT / "captures" / "szl.pcapng"
+POLL: Final = ROOT / "captures" / "nodes7-poll-missing.pcapng"
+DAYS: Final = ("2026-11-01", "2026-11-03")
+
+Capture = pytest.CaptureFixture[bytes]
+
+
+def packets(name: str | Path) -> list[object]:
+    """Return what a reader delivers of a capture."""
+    recorder = Recorder()
+    reader = open_capture(name)
+    step_to_the_end(reader, recorder)
+    reader.close()
+    assert not reader.damage
+    return list(recorder.frames)
+
+
+def refused(name: str) -> str:
+    with pytest.raises(CaptureError) as caught:
+        open_capture(name)
+    return str(caught.value)
+
+
+# ---- names ----------------------------------------------------------------------------------------------------------
+
+
+def test_what_is_a_name_of_another_machine() -> None:
+    for name in ("sftp://h/x.pcap", "https://h/x.pcap", "s3://bucket/x", "S3://bucket/x"):
+        assert is_remote(name)
+    for name in ("x.pcap", "/a/b.pcap", "-", "a:b", "C:\\x.pcap", "://x", "1a://x"):
+        assert not is_remote(name)
+
+
+def test_passwords_and_signatures_are_not_shown() -> None:
+    assert shown("sftp://ann:secret@h:22/day/x.pcap") == "sftp://ann@h:22/day/x.pcap"
+    assert shown("sftp://ann@h/x.pcap") == "sftp://ann@h/x.pcap"
+    assert shown("https://h/x.pcap?X-Amz-Signature=abc&b=1") == "https://h/x.pcap?…"
+    assert shown("what?.pcap") == "what?.pcap"
+    assert "secret" not in refused(f"sftp://ann:secret@{LOOPBACK}:{free_port()}/x.pcap")
+
+
+def test_days_and_patterns_stand_for_the_files_there(tmp_path: Path) -> None:
+    for name in ("a-20261030.pcap", "a-20261031.pcap", "a-20261102.pcap", "b[1].pcap", "b1.pcap"):
+        (tmp_path / name).write_bytes(b"")
+    under = os.fspath(tmp_path) + os.sep
+    assert expand([under + "a-{20261031..20261105}.pcap"]) == [under + "a-20261031.pcap", under + "a-20261102.pcap"]
+    assert expand([under + "*-{20261030..20261031}.*"]) == [under + "a-20261030.pcap", under + "a-20261031.pcap"]
+    assert expand([under + "b[1].pcap", "-", "gone.pcap"]) == [under + "b[1].pcap", "-", "gone.pcap"]
+    assert expand([under + "b?.pcap"]) == [under + "b1.pcap"]
+
+
+def test_what_finds_nothing_is_said(tmp_path: Path) -> None:
+    for name, why in (
+        ("*.pcap", "no file has such a name"),
+        ("a-{2026-11-01..2026-11-09}.pcap", "no file has such a name"),
+        ("a-{2026-11-09..2026-11-01}.pcap", "not a range of days"),
+        ("a-{2026-11-01..20261109}.pcap", "not a range of days"),
+        ("a-{2000-01-01..2026-11-09}.pcap", "not a range of days"),
+        ("a-{2026-02-01..2026-02-30}.pcap", "day is out of range for month"),
+    ):
+        with pytest.raises(CaptureError, match=why):
+            expand([os.fspath(tmp_path / name)])
+
+
+def test_a_pattern_on_the_command_line(capfdbinary: Capture) -> None:
+    told = run(capfdbinary, "analyze", "--brief", os.fspath(SZL.parent / "sz[l].pcapng"))
+    assert told.out.splitlines()[0].startswith(f"{SZL}: 42 packets")
+    missing = run(capfdbinary, "analyze", os.fspath(SZL.parent / "none-*.pcapng"))
+    assert (missing.code, missing.out) == (2, "")
+    assert missing.err.endswith("none-*.pcapng: no file has such a name\n")
+
+
+# ---- transports -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("day")
+    shutil.copy(SZL, folder)
+    shutil.copy(POLL, folder)
+    return folder
+
+
+@pytest.fixture
+def nobody_connected() -> Iterator[None]:
+    """Forget connections and their credentials, which fsspec keeps for the process."""
+    yield
+    sshfs = sys.modules.get("sshfs")
+    if sshfs is not None:
+        sshfs.SSHFileSystem.clear_instance_cache()
+
+
+def test_openssh(
+    day: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    nobody_connected: None,
+    capfdbinary: Capture,
+) -> None:
+    with sftp_server(tmp_path) as port:
+        monkeypatch.setenv("HOME", os.fspath(tmp_path / "home"))
+        monkeypatch.delenv("SSH_AUTH_SOCK", raising=False)
+        here = f"sftp://{LOOPBACK}:{port}{day}"
+        assert packets(f"{here}/szl.pcapng") == packets(SZL)
+        assert expand([f"{here}/*.pcapng"]) == [f"{here}/{POLL.name}", f"{here}/{SZL.name}"]
+        assert refused(f"{here}/none.pcapng") == f"{here}/none.pcapng: no such file"
+        assert refused(here) == f"{here}: a directory, not a capture file"
+        told = run(capfdbinary, "analyze", "--brief", f"{here}/*.pcapng")
+        assert told.code == 0
+        assert [line.partition(": ")[0] for line in told.out.splitlines()[:2]] == [
+            f"{here}/{POLL.name}",
+            f"{here}/{SZL.name}",
+        ]
+        # A host that is not known, and a key that is not allowed.
+        sys.modules["sshfs"].SSHFileSystem.clear_instance_cache()
+        known = tmp_path / "home" / ".ssh" / "known_hosts"
+        kept = known.read_text()
+        known.write_text("")
+        assert "the host is not known, or is not the known one" in refused(f"{here}/szl.pcapng")
+        known.write_text(kept)
+        (tmp_path / "authorized_keys").write_text("")
+        assert "access refused" in refused(f"{here}/szl.pcapng")
+    assert refused(f"{here}/szl.pcapng") == f"{here}/szl.pcapng: cannot be read: Connection refused"
+
+
+def test_nginx(day: Path, tmp_path: Path) -> None:
+    large = day / "large"
+    with large.open("wb") as file:
+        file.truncate(256 * 1024 * 1024)  # a hole, which takes no room
+    with web_server(tmp_path, day) as port:
+        here = f"http://{LOOPBACK}:{port}"
+        assert packets(f"{here}/szl.pcapng") == packets(SZL)
+        assert packets(f"{here}/plain/szl.pcapng?token=abc") == packets(SZL)  # a server without parts
+        assert refused(f"{here}/none.pcapng") == f"{here}/none.pcapng: no such file"
+        closed = refused(f"{here}/closed/x.pcapng?token=abc")
+        assert closed.startswith(f"{here}/closed/x.pcapng?…: access refused (403")
+        assert "abc" not in closed
+        source = open_remote(f"{here}/large")
+        taken = len(source.read(1000))
+        assert taken == 1000
+    # The server is gone in the middle: what came counts, and the rest is said to be missing.
+    while piece := source.read(1 << 20):
+        taken += len(piece)
+    assert taken < large.stat().st_size
+    assert source.damage.startswith(f"reading failed after byte {taken}: ")
+    assert source.read(1) == b""
+    source.close()
+    source.close()
+    assert refused(f"{here}/szl.pcapng") == f"{here}/szl.pcapng: cannot be read: Connection refused"
+
+
+def test_an_object_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    s3fs = pytest.importorskip("s3fs", reason="no s3fs: pip install 's7dissect[test]'")
+    with object_store(tmp_path) as port:
+        monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://{LOOPBACK}:{port}")
+        monkeypatch.setenv("AWS_ACCESS_KEY_ID", "made")
+        monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "up")
+        monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
+        monkeypatch.setenv("HOME", os.fspath(tmp_path))
+        bucket = f"s7dissect-{port}"
+        store = s3fs.S3FileSystem()
+        store.mkdir(bucket)
+        for name in DAYS:
+            store.put(os.fspath(SZL), f"{bucket}/{name}/szl.pcapng")
+        whole = [f"s3://{bucket}/{name}/szl.pcapng" for name in DAYS]
+        assert packets(whole[0]) == packets(SZL)
+        assert expand([f"s3://{bucket}/{{2026-11-01..2026-11-05}}/*.pcapng"]) == whole
+        assert expand([f"s3://{bucket}/{{2026-11-01..2026-11-05}}/szl.pcapng"]) == whole
+        assert refused(f"s3://{bucket}/none.pcapng") == f"s3://{bucket}/none.pcapng: no such file"
+        with pytest.raises(CaptureError, match="no file has such a name"):
+            expand([f"s3://{bucket}/*.zip"])
+
+
+# ---- what goes wrong elsewhere --------------------------------------------------------------------------------------
+
+
+def test_a_scheme_that_nobody_knows() -> None:
+    assert "Protocol not known: gopher" in refused("gopher://h/x.pcap")
+
+
+def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [name for name in sys.modules if name == "fsspec" or name.startswith("fsspec.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "fsspec", None)
+    told = refused("sftp://h/x.pcap")
+    assert (
+        told == "sftp://h/x.pcap: a file of another machine, which needs more packages: pip install 's7dissect[remote]'"
+    )
+
+
+def test_a_connection_that_breaks_damages_the_file() -> None:
+    class Stream:
+        def __init__(self) -> None:
+            self.closed = 0
+
+        def read(self, size: int) -> bytes:
+            if size == 1:
+                raise ConnectionError("peer\x1b[31m gone, see https://h/x?secret=1")
+            return b"abc"
+
+        def close(self) -> None:
+            self.closed += 1
+            raise OSError("already gone")
+
+    source = RemoteSource(Stream())
+    assert source.read(8) == b"abc"
+    assert source.read(1) == b""
+    assert source.damage == "reading failed after byte 3: peer\\x1b[31m gone, see https://h/x?…"
+    source.close()
