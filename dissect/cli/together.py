@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from dissect.cli.options.select import Chosen
     from dissect.engine.order import Order
     from dissect.engine.pipeline import Options
-    from dissect.jobs.parts import End, Piece, Row, Rows
+    from dissect.jobs.merging import Merger
+    from dissect.jobs.parts import End, Piece, Rows
     from dissect.jobs.share import Key, Share
     from dissect.report.styled import Line
 
@@ -140,19 +141,18 @@ def alone(why: str) -> None:
 
 
 def together(
-    files: Sequence[str], jobs: int, merged: Callable[[Sequence[Row], int], None], numbered: bool = True
+    files: Sequence[str], merger: Merger, jobs: int, merged: Callable[[list[str | Line], list[int], int], None]
 ) -> tuple[int, list[End]] | None:
-    """Have workers do the command at hand; give ``merged`` the rows of each stretch, and the first packet held back.
+    """Have workers do the command at hand; give ``merged`` the lines of each stretch, their packets, and the first held back.
 
     Return the exit code and what each share came to (nothing when it was interrupted); None when one process has to begin
     anew. Raises `CaptureError` for a file that cannot be read, and ClickException when a worker was lost.
     """
-    from dissect.jobs.merging import DiffersError, Merger
+    from dissect.jobs.merging import DiffersError
     from dissect.jobs.parts import End
     from dissect.jobs.team import Team, WorkerError
 
     check_captures(files)
-    merger = Merger(jobs)
     ends: list[End] = []
     arguments = click.get_current_context().meta[ARGUMENTS]
     try:
@@ -165,7 +165,7 @@ def together(
                     ends = said
                     continue
                 found: list[Piece] = said
-                merged(merger.merge(found, numbered), min([piece.held for piece in found if piece.held], default=0))
+                merged(*merger.merge(found), min([piece.held for piece in found if piece.held], default=0))
                 bar.show(min([piece.octets for piece in found]))
     except DiffersError as error:
         alone(str(error))
@@ -175,13 +175,3 @@ def together(
     if not ends:
         return EXIT_INTERRUPTED, ends
     return EXIT_DAMAGED if any([loss for _, loss in ends[0].files]) else EXIT_OK, ends
-
-
-def lines_of(row: Row, width: int = 0) -> list[str | Line]:
-    """Return the lines of a row with the number of its transaction, at least ``width`` characters of it."""
-    from dissect.report.styled import Line
-
-    number = str(row.number).ljust(width)
-    if row.look is None:
-        return [number.join(pieces) for pieces in row.lines]
-    return [Line(number.join(pieces), *row.look) for pieces in row.lines]

@@ -26,9 +26,10 @@ from dissect.cli.run import (
     nanoseconds,
     places_of,
 )
-from dissect.cli.together import Output, alone, alone_because, lines_of, together, working
+from dissect.cli.together import Output, alone, alone_because, together, working
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Options
+from dissect.jobs.merging import Merger
 from dissect.jobs.rows import TransactionRows
 from dissect.jobs.share import by_pair
 from dissect.report.formats import TRANSACTIONS, Format
@@ -40,7 +41,7 @@ from dissect.transactions.naming import Naming
 from dissect.transactions.transaction import Transaction
 
 if TYPE_CHECKING:
-    from dissect.jobs.parts import Row
+    from dissect.report.styled import Line
 
 #: Characters that a number takes at least in text.
 _NUMBER_WIDTH: Final = 5
@@ -121,15 +122,12 @@ def _together(files: Sequence[str], writer: Writer, jobs: int, output: Output, w
     """Have ``jobs`` processes do it; return the exit code, None when one process has to begin anew."""
     feed = TransactionFeed(writer)
     writer.begin(Places([], len(files) > 1, hosts()))
-    feed.settle()
 
-    def merged(rows: Sequence[Row], held: int) -> None:
-        for row in rows:
-            writer.lines += lines_of(row, width)
-            feed.place(row.packet)
+    def merged(lines: list[str | Line], packets: list[int], held: int) -> None:
+        feed.add(lines, packets)
         output.write(feed.take(held))
 
-    done = together(files, jobs, merged)
+    done = together(files, Merger(jobs, width), jobs, merged)
     # What there is in the place of transactions can only be counted where all packets are looked at.
     if done is None or (done[1] and not any([end.transactions or end.unwanted for end in done[1]])):
         output.again()

@@ -21,9 +21,10 @@ from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.options.variables import wanted_of
 from dissect.cli.run import EXIT_CODES, checksums_option, complain, complain_of, drive, files_meant, places_of
-from dissect.cli.together import Output, alone, alone_because, lines_of, together, working
+from dissect.cli.together import Output, alone, alone_because, together, working
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Options
+from dissect.jobs.merging import Merger
 from dissect.jobs.rows import ValueRows
 from dissect.jobs.share import by_service
 from dissect.report.formats import VALUES, Format
@@ -36,7 +37,7 @@ from dissect.variables.summary import Summary, limits_text
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.jobs.parts import Row
+    from dissect.report.styled import Line
     from dissect.variables.wanted import WantedSet
     from dissect.variables.writers import ValueWriter
 
@@ -158,10 +159,10 @@ def _together(
     writer.values([])  # what the output begins with
     output.write(writer.take())
 
-    def merged(rows: Sequence[Row], _held: int) -> None:
-        output.write([line for row in rows for line in lines_of(row)])
+    def merged(lines: list[str | Line], _packets: list[int], _held: int) -> None:
+        output.write(lines)
 
-    done = together(files, jobs, merged, numbered=False)
+    done = together(files, Merger(jobs, numbered=False), jobs, merged)
     if done is None:
         output.again()
         return None

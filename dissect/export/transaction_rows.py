@@ -184,11 +184,10 @@ class TransactionRows:
 
     def items(self, transaction: Transaction) -> list[Row]:
         """Return a row for each item of S7comm, in wire order."""
+        answers = transaction.good_octets()
+        if answers is not None:
+            return self._read(transaction, answers)
         naming = transaction.connection.naming
-        if naming is None:
-            answers = transaction.sound_answers()
-            if answers is not None:
-                return self._read(transaction, answers)
         rows: list[Row] = []
         results = transaction.results()
         if not results:

@@ -7,16 +7,14 @@ Wherever that might make a difference, `DiffersError` says so, and what was merg
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from operator import itemgetter
-from typing import Final
+from collections.abc import Iterable, Sequence
+from itertools import chain
 
 from dissect.engine.options import MEMORY
-from dissect.jobs.parts import Piece, Row
+from dissect.jobs.parts import Piece
+from dissect.report.styled import Line
 from dissect.transactions.pairing import MAX_OPEN_ALL
 from dissect.variables.tracker import MAX_KEPT, MAX_VARIABLES
-
-_STAMP: Final = itemgetter(0)
 
 
 class DiffersError(Exception):
@@ -33,48 +31,74 @@ class Numbers:
 
     def begin(self, begun: Sequence[list[int]]) -> None:
         """Number the transactions that were begun: for each share their stamps, in the order of its own numbers."""
-        stamps = [(stamp, share) for share, found in enumerate(begun) for stamp in found]
-        stamps.sort()
-        for _, share in stamps:
-            self._latest += 1
-            self._own[share] += 1
-            self._known[share][self._own[share]] = self._latest
+        order = _order(begun)
+        numbers = [0] * len(order)
+        for number, at in enumerate(order, self._latest + 1):
+            numbers[at] = number
+        self._latest += len(order)
+        at = 0
+        for share, found in enumerate(begun):
+            own = self._own[share] + 1
+            self._known[share].update(zip(range(own, own + len(found)), numbers[at : at + len(found)], strict=True))
+            self._own[share] += len(found)
+            at += len(found)
 
-    def take(self, share: int, number: int) -> int:
-        """Return the number of a transaction that is over, given that in its share."""
-        return self._known[share].pop(number)
+    def take(self, share: int, numbers: Sequence[int], unshown: Iterable[int]) -> list[int]:
+        """Return the numbers of transactions that are over, given those in their share; ``unshown`` are over as well."""
+        known = self._known[share]
+        found = [known[number] for number in numbers]
+        for number in {*numbers, *unshown}:
+            del known[number]
+        return found
+
+
+def _order(stamps: Sequence[list[int]]) -> list[int]:
+    """Return the places of all stamps of all shares, one share behind the other, in the order of the stamps."""
+    all_ = list(chain.from_iterable(stamps))
+    return sorted(range(len(all_)), key=all_.__getitem__)
 
 
 class Merger:
-    """Takes pieces, one of each of ``count`` shares for the same stretch of packets, and returns their rows in order."""
+    """Takes pieces, one of each of ``count`` shares for the same stretch of packets, and returns their lines in order.
 
-    def __init__(self, count: int) -> None:
-        self.numbers = Numbers(count)
+    Numbers take at least ``width`` characters.
+    """
+
+    def __init__(self, count: int, width: int = 0, numbered: bool = True) -> None:
+        self._numbers = Numbers(count)
+        self._width = width
+        self._numbered = numbered
         self._variables: list[set[str]] = [set() for _ in range(count)]
 
-    def merge(self, pieces: Sequence[Piece], numbered: bool = True) -> list[Row]:
-        """Return the rows of pieces with the numbers of one run (``numbered``), in its order. Raises `DiffersError`."""
+    def merge(self, pieces: Sequence[Piece]) -> tuple[list[str | Line], list[int]]:
+        """Return the lines of pieces as one run has them, and the packet of each. Raises `DiffersError`."""
         self._check(pieces)
-        if not numbered:
-            return sorted([row for piece in pieces for row in piece.rows], key=_STAMP)
-        self.numbers.begin([piece.begun for piece in pieces])
-        rows: list[Row] = []
+        if self._numbered:
+            self._numbers.begin([piece.begun for piece in pieces])
+        made: list[str | Line] = []
+        packets: list[int] = []
         for share, piece in enumerate(pieces):
-            take = self.numbers.take
-            rows += [row._replace(number=take(share, row.number)) for row in piece.rows]
-            for number in piece.unshown:
-                take(share, number)
-        rows.sort(key=_STAMP)
-        return rows
+            lines = piece.lines
+            texts = lines.texts
+            if self._numbered:
+                numbers = self._numbers.take(share, lines.numbers, piece.unshown)
+                mark, width = lines.mark, self._width
+                texts = [
+                    text.replace(mark, str(number).ljust(width)) for text, number in zip(texts, numbers, strict=True)
+                ]
+            made += [Line(text, *look) for text, look in zip(texts, lines.looks, strict=True)] if lines.looks else texts
+            packets += lines.packets
+        order = _order([piece.lines.stamps for piece in pieces])
+        return [made[at] for at in order], [packets[at] for at in order]
 
     def _check(self, pieces: Sequence[Piece]) -> None:
         first = pieces[0]
         for piece in pieces:
-            if piece.tangled or not _ascends(piece.begun) or not _ascends([row.stamp for row in piece.rows]):
+            if piece.tangled or not _ascends(piece.begun) or not _ascends(piece.lines.stamps):
                 raise DiffersError("packets of several connections waited for each other")
             if (piece.opened, piece.ended, piece.left) != (first.opened, first.ended, first.left):
                 raise DiffersError("a connection begins or ends where only its whole content shows it")
-        for stamps in ([piece.begun for piece in pieces], [[row.stamp for row in piece.rows] for piece in pieces]):
+        for stamps in ([piece.begun for piece in pieces], [piece.lines.stamps for piece in pieces]):
             apart = [set(found) for found in stamps]
             if len(set().union(*apart)) != sum([len(found) for found in apart]):
                 raise DiffersError("several connections gave up waiting at the same packet")

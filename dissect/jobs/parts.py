@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Final, NamedTuple
 
 from dissect.engine.observer import Observer
 from dissect.engine.order import Order
@@ -13,19 +13,24 @@ from dissect.report.words import Places
 from dissect.session import Run
 from dissect.transactions.connection import Connection
 
+#: Styles as they were first seen: what is the same object is sent once.
+_LOOKS: Final[dict[tuple[str, int], tuple[str, int]]] = {}
 
-class Row(NamedTuple):
-    """The lines of one result.
 
-    ``stamp`` says when it was found (`dissect.engine.order`), ``packet`` where it stands in the capture. Each of ``lines`` is
-    in pieces: the number of the transaction belongs between them. It counts those of the share only, as ``number`` says.
+class Lines(NamedTuple):
+    """Lines of results, a value for each of them in each list: what is sent is as flat as can be.
+
+    ``stamps`` say when the result was found (`dissect.engine.order`), ``packets`` where it stands in the capture. In ``texts``
+    the number of the transaction is ``mark``; ``numbers`` has it, counted in the share only. ``looks`` are the styles of lines
+    that have one, and where they are continued.
     """
 
-    stamp: int
-    number: int
-    packet: int
-    lines: list[list[str]]
-    look: tuple[str, int] | None
+    stamps: list[int]
+    numbers: list[int]
+    packets: list[int]
+    texts: list[str]
+    looks: list[tuple[str, int]]
+    mark: str
 
 
 class Piece(NamedTuple):
@@ -41,7 +46,7 @@ class Piece(NamedTuple):
     ended: list[int]
     left: list[int]
     opened: list[int]
-    rows: list[Row]
+    lines: Lines
     unshown: list[int]
     held: int
     room: int
@@ -69,11 +74,16 @@ class End(NamedTuple):
 
 
 class Rows(Observer):
-    """Collects ``rows`` of results, and what else `Piece` and `End` want to know of an observer."""
+    """Collects lines of results, and what else `Piece` and `End` want to know of an observer."""
 
     def __init__(self, share: Share) -> None:
         super().__init__()
-        self.rows: list[Row] = []
+        self.mark = ""
+        self._stamps: list[int] = []
+        self._numbers: list[int] = []
+        self._packets: list[int] = []
+        self._texts: list[str] = []
+        self._looks: list[tuple[str, int]] = []
         self.unshown: list[int] = []
         self.variables = 0
         self.kept = 0
@@ -88,16 +98,26 @@ class Rows(Observer):
     def begin(self, places: Places) -> None:
         """The run begins; its packets are named with ``places``."""
 
+    def add(self, stamp: int, number: int, packet: int, lines: list[str | Line]) -> None:
+        """Take the lines of a result."""
+        for line in lines:
+            self._stamps.append(stamp)
+            self._numbers.append(number)
+            self._packets.append(packet)
+            if isinstance(line, Line):
+                self._texts.append(line.text)
+                self._looks.append(_LOOKS.setdefault(line[1:], line[1:]))
+            else:
+                self._texts.append(line)
+
+    def take(self) -> Lines:
+        """Return the lines since the last call."""
+        lines = Lines(self._stamps, self._numbers, self._packets, self._texts, self._looks, self.mark)
+        self._stamps, self._numbers, self._packets, self._texts, self._looks = [], [], [], [], []
+        return lines
+
     def gather(self) -> None:
         """A stretch of packets is over."""
-
-
-def row_of(stamp: int, number: int, packet: int, lines: list[str | Line], mark: str) -> Row:
-    """Return a row of lines in which ``mark`` stands for the number of the transaction; empty for lines without one."""
-    texts = [line.text if isinstance(line, Line) else line for line in lines]
-    first = lines[0] if lines else ""
-    look = (first.style, first.hang) if isinstance(first, Line) else None
-    return Row(stamp, number, packet, [text.split(mark) if mark else [text] for text in texts], look)
 
 
 def pieces(run: Run, rows: Rows, share: Share, order: Order) -> Iterator[Piece | End]:
@@ -119,13 +139,16 @@ def _piece(run: Run, rows: Rows, share: Share, order: Order) -> Piece:
     pipeline = run.pipeline
     dialogue = pipeline.exchange.dialogue
     begun, ended, left = order.take(dialogue.count)
-    piece: dict[str, Any] = {"rows": rows.rows, "unshown": rows.unshown, "plcs": rows.plcs}
-    rows.rows, rows.unshown, rows.plcs = [], [], []
+    unshown, rows.unshown = rows.unshown, []
+    plcs, rows.plcs = rows.plcs, []
     return Piece(
         begun=begun,
         ended=ended,
         left=left,
         opened=share.take(),
+        lines=rows.take(),
+        unshown=unshown,
+        plcs=plcs,
         held=int(pipeline.timers.oldest_held()),
         room=int(order.room),
         requests=int(dialogue.open) + len(begun),
@@ -135,5 +158,4 @@ def _piece(run: Run, rows: Rows, share: Share, order: Order) -> Piece:
         tangled=order.tangled,
         file=run.files[-1].name if run.files else "",
         octets=sum([int(file.octets) for file in run.files]),
-        **piece,
     )

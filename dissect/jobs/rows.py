@@ -8,7 +8,7 @@ from __future__ import annotations
 import secrets
 
 from dissect.engine.order import Order
-from dissect.jobs.parts import Rows, row_of
+from dissect.jobs.parts import Rows
 from dissect.jobs.share import Share
 from dissect.report.words import Places
 from dissect.report.writer import Choice, Writer
@@ -26,8 +26,8 @@ class TransactionRows(Rows):
         self._order = order
         self._writer = writer
         self._choose = choose
-        self._mark = 8 * 10**18 + secrets.randbelow(10**18)
-        self._text = str(self._mark)
+        self._number = 8 * 10**18 + secrets.randbelow(10**18)
+        self.mark = str(self._number)
 
     def begin(self, places: Places) -> None:
         """Name packets with ``places``. What the output begins with is written once, by whoever merges."""
@@ -43,10 +43,10 @@ class TransactionRows(Rows):
         packet = 0
         if transaction.outcome != UNANSWERED:
             packet = int(max(transaction.request_frame, transaction.response_frame))
-        transaction.number = self._mark
+        transaction.number = self._number
         self._writer.transaction(transaction)
         transaction.number = number
-        self.rows.append(row_of(self._order.stamp, number, packet, self._writer.take(), self._text))
+        self.add(self._order.stamp, number, packet, self._writer.take())
 
 
 class ValueRows(Rows):
@@ -71,7 +71,7 @@ class ValueRows(Rows):
         rows = self._collector.take()
         if rows:
             self._writer.values(rows)
-            self.rows.append(row_of(self._order.stamp, 0, 0, self._writer.take(), ""))
+            self.add(self._order.stamp, 0, 0, self._writer.take())
 
     def connection_closed(self, connection: Connection) -> None:
         """Let the collector forget a connection."""

@@ -6,12 +6,12 @@ BCD, a transport size without a known type) gives None: the octets stand beside 
 
 from __future__ import annotations
 
-import math
 import struct
 from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.s7.singles import real
 from dissect.s7.tables import BIT, BYTE, CHAR, ELEMENT_OCTETS, WCHAR
 from dissect.wire.octets import u16, u32
 from dissect.wire.text import civil
@@ -19,32 +19,7 @@ from dissect.wire.text import civil
 #: Decoded value of one item.
 Value = bool | int | float | str | list["bool | int | float | str | None"] | None
 
-_FLOAT: Final = struct.Struct(">f")
 _DOUBLE: Final = struct.Struct(">d")
-#: Half the distance of neighbouring singles, by exponent field (the smallest two share theirs).
-_HALF_STEP: Final = [2.0 ** (max(exponent, 1) - 127 - 24) for exponent in range(256)]
-#: Digits to begin with, by exponent field. Seven print what people write, except where the steps are wider than the seventh
-#: digit (just above a power of two that begins with nine, such as 2**-10 = 0.000976…) and among the subnormal numbers.
-_FIRST_DIGITS: Final = bytes(
-    [
-        1 if exponent == 0 else 6 if 2 * step > 10.0 ** (math.floor(math.log10(2.0 ** (exponent - 127))) - 6) else 7
-        for exponent, step in enumerate(_HALF_STEP)
-    ]
-)
-#: Powers of ten with which the product of a single is exact in a double (24 bits and 2.33 for each power, of 53).
-_TENS: Final = [10.0**power for power in range(13)]
-#: Added to a double below 2**51 and taken away again, it leaves the nearest whole number, ties to even.
-_TO_WHOLE: Final = 6755399441055744.0  # 1.5 * 2**52
-#: By exponent field, the power of ten that leaves the smallest single of it seven digits before the point.
-_SHIFT: Final = bytes(
-    [
-        min(max(6 - math.floor(math.log10(2.0 ** (exponent - 127))), 0), 255) if exponent < 255 else 255
-        for exponent in range(256)
-    ]
-)
-#: Singles whose digits `_shortest` finds: all that seven to nine digits show with powers of `_TENS`.
-_LEAST_SCALED: Final = 1e-4
-_MOST_SCALED: Final = 1e7
 _MS_PER_DAY: Final = 86_400_000
 #: Fewer characters than these may be a chance.
 LEAST_TEXT: Final = 4
@@ -119,8 +94,11 @@ def spelled(octets: bytes) -> str:
     size: i64 = len(octets)
     if size < LEAST_TEXT:
         return ""
+    first: i64 = octets[0]
     present: i64 = octets[1]
-    said: bool = present <= octets[0] and LEAST_TEXT <= present <= size - 2
+    said: bool = present <= first and LEAST_TEXT <= present <= size - 2
+    if not said and (first < 0x20 or first >= 0x7F):
+        return ""  # most octets are no text, and show it at once
     content = octets[2 : 2 + present] if said else octets.rstrip(b"\0 ")
     if len(content) < LEAST_TEXT:
         return ""
@@ -128,61 +106,6 @@ def spelled(octets: bytes) -> str:
         if octet < 0x20 or octet >= 0x7F:
             return ""
     return content.decode("ascii")
-
-
-def real(octets: bytes) -> float:
-    """Return an IEEE 754 single as the shortest decimal that reads back to the same four octets.
-
-    A double less than half a step of single precision from the exact value reads back to it, however ties are rounded.
-    """
-    exact: float = _FLOAT.unpack(octets)[0]
-    if not _LEAST_SCALED <= abs(exact) < _MOST_SCALED:
-        return float(_text(exact, octets))
-    # What %g and float() would say of so many digits, by arithmetic that is exact: a single times a small power of ten has
-    # no more bits than a double, and the quotient of two whole numbers that doubles hold is rounded once.
-    exponent: i64 = (u16(octets, 0) >> 7) & 0xFF
-    half_step: float = _half_step(octets, exponent)
-    power: i64 = _SHIFT[exponent]
-    if abs(exact) * _TENS[power] >= _MOST_SCALED:
-        power -= 1
-    power -= 7 - _FIRST_DIGITS[exponent]
-    last: i64 = power + 3
-    while power < last:
-        if power >= 0:
-            scale: float = _TENS[power]
-            number: float = (exact * scale + _TO_WHOLE - _TO_WHOLE) / scale
-            if abs(number - exact) < half_step:
-                return number
-        power += 1
-    return float(_text(exact, octets))
-
-
-def real_text(octets: bytes) -> str:
-    """Return an IEEE 754 single as the text of `real`, for example ``123.456``, ``1e+20``, ``inf`` or ``nan``."""
-    return _text(_FLOAT.unpack(octets)[0], octets)
-
-
-def _half_step(octets: bytes, exponent: i64) -> float:
-    """Return half the distance from a single to its nearest neighbour."""
-    half_step: float = _HALF_STEP[exponent]
-    if exponent > 1 and octets[1] & 0x7F == 0 and octets[2] == 0 and octets[3] == 0:
-        half_step *= 0.5  # below a power of two the steps are half as wide
-    return half_step
-
-
-def _text(exact: float, octets: bytes) -> str:
-    """Return `real_text`: %g drops the zeros of numbers with fewer digits than asked for, and nine digits always do."""
-    exponent: i64 = (u16(octets, 0) >> 7) & 0xFF
-    if exponent == 255:
-        return repr(exact)
-    half_step: float = _half_step(octets, exponent)
-    digits: i64 = _FIRST_DIGITS[exponent]
-    while digits < 9:
-        text = f"{exact:.{digits}g}"
-        if abs(float(text) - exact) < half_step:
-            return text
-        digits += 1
-    return f"{exact:.9g}"
 
 
 def bcd(*octets: int) -> int | None:

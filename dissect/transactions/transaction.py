@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64
 
 from dissect.s7.errors import ERROR_CODES
-from dissect.s7.items import DATA_HEAD, DataItem, data_size_within, parse_data_items
+from dissect.s7.items import DATA_HEAD, DataItem, data_size_within, item_fill, parse_data_items
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, Parameters
-from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, USERDATA, WRITE_VAR
+from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, SUCCESS, USERDATA, WRITE_VAR
 from dissect.s7plus.hiding import shown_half
 from dissect.s7plus.items import Half, PlusItem, join_items
 from dissect.s7plus.message import PlusPdu, parse_plus
@@ -20,9 +20,6 @@ from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.transactions.results import (
-    BAD_DATA,
-    COUNT_MISMATCH,
-    SIZE_MISMATCH,
     STILL_OPEN,
     UNCONFIRMED,
     ItemResult,
@@ -363,40 +360,41 @@ class Transaction:
             return []  # refused as a whole: no items come back
         return parse_data_items(self.response_buf, at, end, answer.item_count, True, [])
 
-    def sound_answers(self) -> list[bytes] | None:
-        """Return the octets of each item of a read that was answered as asked, without an object for each; else None.
+    def good_octets(self) -> list[bytes] | None:
+        """Return the octets of each item of a read in which all is well, so that no results need to be made; None for others.
 
-        That is: nothing refused, an answer for each item, of its size, and no other octets in the data block.
+        Others are those with tags, and with items that ask for several areas.
         """
         answer = self.response_parameters
         if (
             answer is None
-            or self.rosctr != JOB
             or self.has_errors
-            or self.flags & (COUNT_MISMATCH | SIZE_MISMATCH | BAD_DATA)
-            or self.response_rosctr != ACK_DATA
-            or answer.function != READ_VAR
-            or answer.item_count != len(self.parameters.items)
+            or self.outcome != ANSWERED
             or self.parameters.function != READ_VAR
+            or answer.function != READ_VAR
+            or self.response_rosctr != ACK_DATA
+            or self.rosctr != JOB
+            or not self.request_size
+            or self.connection.naming is not None
         ):
             return None
-        buf = self.response_buf
-        at: i64 = self.response_offset
-        size: i64 = len(answer.octets)
-        # Of a PDU whose lengths do not add up the flags say nothing.
-        if u16(buf, at + 6) != size or ACK_HEADER_SIZE + size + u16(buf, at + 8) != self.response_size:
+        items = self.parameters.items
+        count: i64 = len(items)
+        if answer.item_count != count:
             return None
         found: list[bytes] = []
-        end: i64 = at + self.response_size
-        at += ACK_HEADER_SIZE + size + DATA_HEAD
-        for item in self.parameters.items:
-            if item.areas is not None:
+        buf = self.response_buf
+        at: i64 = self.response_offset + ACK_HEADER_SIZE + len(answer.octets)
+        end: i64 = self.response_offset + self.response_size
+        for index in range(count):
+            if at + DATA_HEAD > end or buf[at] != SUCCESS or items[index].areas is not None:
                 return None
-            size = item.size
-            if size < 0:
-                size = data_size_within(buf[at - 3], u16(buf, at - 2), end - at)
-            found.append(buf[at : at + size])
-            at += size + (size & 1) + DATA_HEAD
+            body: i64 = at + DATA_HEAD
+            size: i64 = data_size_within(buf[at + 1], u16(buf, at + 2), end - body)
+            if body + size > end:
+                return None
+            found.append(buf[body : body + size])
+            at = body + size + item_fill(size, index + 1 == count)
         return found
 
     def written_items(self) -> list[DataItem]:

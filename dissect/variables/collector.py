@@ -154,11 +154,10 @@ class Collector(Observer):
         if transaction.outcome != ANSWERED:
             return
         plc = self._store.plc(transaction, 1 - transaction.asked_by)
-        if transaction.connection.naming is None:
-            answers = transaction.sound_answers()
-            if answers is not None:  # nearly always; each item meets its own answer without an object in between
-                self._answers(transaction, plc, answers)
-                return
+        answers = transaction.good_octets()
+        if answers is not None:  # nearly always; each item meets its own answer without an object in between
+            self._answers(transaction, plc, answers)
+            return
         whole: bool = transaction.error_code != 0
         for result in transaction.results():
             code: i64 = result.return_code

@@ -12,7 +12,7 @@ from dissect.report.styled import HANG, PLAIN, Line
 from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.report.writers.csv import plain_cell, quoted
-from dissect.report.writers.jsonl import SMALL, json_text, value_text
+from dissect.report.writers.jsonl import json_text, value_text
 from dissect.transactions.connection import Connection
 from dissect.variables.model import ValueRow, Variable
 from dissect.wire.text import Clock, cell, shortened
@@ -42,6 +42,8 @@ CSV_COLUMNS: Final[list[str]] = [
     "remark",
 ]
 FILE_COLUMN: Final = "file"
+#: Bytes as JSON, which most lists are made of.
+_SMALL: Final = [str(number) for number in range(256)]
 #: Cached pieces are forgotten together when there are this many.
 _MAX_CACHED: Final = 8192
 _NAME: Final = 100
@@ -288,7 +290,7 @@ def any_text(value: object) -> str:
 def _element_text(element: object) -> str:
     """Return an element of a list as JSON; most are bytes."""
     if isinstance(element, int) and not isinstance(element, bool) and 0 <= element < 256:
-        return SMALL[element]
+        return _SMALL[element]
     return any_text(element)
 
 

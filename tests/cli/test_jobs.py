@@ -13,7 +13,8 @@ from typing import Final
 import pytest
 
 from dissect.cli import together
-from dissect.jobs.parts import Piece, Row
+from dissect.jobs.parts import Piece
+from dissect.report.styled import Line
 from tests.cases import each
 from tests.cli.support import Ran, run
 from tests.jobs.support import HereTeam, lossy, work_here
@@ -121,11 +122,11 @@ def test_nothing_is_written_twice_when_one_process_begins_anew(
     merge = merging.Merger.merge
     calls = []
 
-    def disagree(self: merging.Merger, pieces: list[Piece], numbered: bool = True) -> list[Row]:
+    def disagree(self: merging.Merger, pieces: list[Piece]) -> tuple[list[str | Line], list[int]]:
         calls.append(len(pieces))
         if len(calls) == 2:
             raise merging.DiffersError("of this test")
-        return merge(self, pieces, numbered)
+        return merge(self, pieces)
 
     monkeypatch.setattr(merging.Merger, "merge", disagree)
     assert "of this test" in same(capfdbinary, "transactions", "-T", "jsonl", capture)
