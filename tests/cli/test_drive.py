@@ -24,6 +24,7 @@ import click
 import pytest
 
 from dissect.cli.look import write_lines
+from dissect.cli.main import COMMANDS as ALL_COMMANDS
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE, group
 from dissect.report.styled import Line
 from tests.cli.support import halves, large, on_terminal, run, simple, started
@@ -579,7 +580,7 @@ def test_the_options_of_several_commands_are_in_the_document() -> None:
     text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     there = [
         [*option.opts, *([option.metavar] if option.metavar else [])]
-        for name in COMMANDS
+        for name in ALL_COMMANDS
         for option in equipped(name).params
         if isinstance(option, click.Option)
     ]
